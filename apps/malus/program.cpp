@@ -1,0 +1,150 @@
+#include "program.h"
+
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <mutex>
+#include <new>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace malus::app {
+namespace {
+
+constexpr int kExitInput = 1, kExitUsage = 2, kExitStopped = 130;
+
+volatile std::sig_atomic_t g_stop_requested = 0;
+
+// The second Ctrl-C ends the program at once.
+void request_stop(int signal) {
+  g_stop_requested = 1;
+  std::signal(signal, SIG_DFL);
+}
+
+class TerminalProgress final : public Progress {
+ public:
+  explicit TerminalProgress(bool visible) : visible_(visible) {}
+  ~TerminalProgress() override { erase(); }
+
+  void begin(std::string_view stage, std::int64_t total) override {
+    const std::lock_guard lock(mutex_);
+    erase();
+    stage_ = stage;
+    total_ = total;
+    done_ = 0;
+    start_ = last_ = Clock::now();
+  }
+  void advance(std::int64_t steps) override {
+    const std::lock_guard lock(mutex_);
+    done_ += steps;
+    const auto now = Clock::now();
+    if (!visible_ || now - last_ < std::chrono::milliseconds(100)) return;
+    last_ = now;
+    draw(std::chrono::duration<double>(now - start_).count());
+  }
+  void warn(std::string_view message) override {
+    const std::lock_guard lock(mutex_);
+    erase();
+    app::warn(message);
+  }
+  bool stop_requested() const override { return g_stop_requested != 0; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  void draw(double elapsed_s) {
+    const double part =
+        total_ > 0 ? std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_)) : 0.0;
+    const double left_s = part > 0 ? elapsed_s * (1.0 - part) / part : 0.0;
+    constexpr int kWidth = 28;
+    std::string bar(static_cast<std::size_t>(part * kWidth), '#');
+    bar.resize(kWidth, '.');
+    fmt::print(stderr, "\r{} [{}] {:3.0f} %  {:.0f} s left \033[K", stage_, bar, 100 * part,
+               left_s);
+    std::fflush(stderr);
+    drawn_ = true;
+  }
+  void erase() {
+    if (drawn_) fmt::print(stderr, "\r\033[K");
+    drawn_ = false;
+  }
+
+  bool visible_, drawn_ = false;
+  std::mutex mutex_;
+  std::string stage_;
+  std::int64_t total_ = 0, done_ = 0;
+  Clock::time_point start_, last_;
+};
+
+}  // namespace
+
+CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
+                      const std::string& description, std::function<void()> run) {
+  CLI::App* command = app.add_subcommand(name, description);
+  command->add_flag("--json", common.json, "print one JSON object on stdout");
+  command->add_flag("-q,--quiet", common.quiet, "no progress and no notes");
+  command->add_flag("--force", common.force, "replace existing outputs");
+  command->add_option("--threads", common.threads, "number of threads; 0 = all cores")
+      ->check(CLI::Range(0, 1024));
+  command->add_option("--seed", common.seed, "seed of all random numbers");
+  command->callback([&common, run = std::move(run)] {
+    set_thread_count(common.threads);
+    run();
+  });
+  return command;
+}
+
+void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text) {
+  // Names from files may hold invalid UTF-8: replaced, never a reason to fail.
+  const std::string out =
+      common.json ? json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace)
+                  : std::string(text);
+  std::fwrite(out.data(), 1, out.size(), stdout);
+  if (!out.empty() && out.back() != '\n') std::fputc('\n', stdout);
+  if (std::fflush(stdout) != 0)
+    throw InputError("standard output", "cannot be written",
+                     "check the disk or the pipe it goes to");
+}
+
+void note(const Common& common, std::string_view line) {
+  if (!common.quiet) fmt::print(stderr, "{}\n", line);
+}
+
+void warn(std::string_view line) { fmt::print(stderr, "warning: {}\n", line); }
+
+std::unique_ptr<Progress> make_progress(const Common& common) {
+  std::signal(SIGINT, request_stop);
+  std::signal(SIGTERM, request_stop);
+  return std::make_unique<TerminalProgress>(!common.quiet && isatty(STDERR_FILENO) == 1);
+}
+
+int run_program(CLI::App& app, int argc, char** argv) {
+  try {
+    app.parse(argc, argv);
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    fmt::print(stderr, "malus: {}\nRun with --help for usage.\n", error.what());
+    return kExitUsage;
+  } catch (const InputError& error) {
+    fmt::print(stderr, "malus: {}\n", error.what());
+    return kExitInput;
+  } catch (const Cancelled&) {
+    fmt::print(stderr,
+               "malus: stopped on request; finished outputs are whole, none is half-written\n");
+    return kExitStopped;
+  } catch (const std::bad_alloc&) {
+    fmt::print(stderr,
+               "malus: memory: not enough for this input; lower --memory or --threads, or crop the "
+               "input\n");
+    return kExitInput;
+  }
+}
+
+}  // namespace malus::app

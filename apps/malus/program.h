@@ -1,0 +1,43 @@
+// What all commands share: common flags, output conventions, progress on a terminal, exit codes
+// (interface.md).
+#pragma once
+
+#include "malus/base/progress.h"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+struct Common {
+  bool json = false;       ///< one JSON object on stdout, nothing else there
+  bool quiet = false;      ///< no progress, no notes; warnings and errors stay
+  bool force = false;      ///< existing outputs may be replaced
+  int threads = 0;         ///< 0 = all cores
+  std::uint64_t seed = 0;  ///< 0 is a seed like any other
+};
+
+/// Adds a command with the common flags; run is called after parsing, with threads set.
+CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
+                      const std::string& description, std::function<void()> run);
+
+/// Results: the JSON object under --json, else the text. Both go to stdout.
+void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text);
+/// A line for people on stderr; silent under -q.
+void note(const Common& common, std::string_view line);
+/// A warning on stderr, always.
+void warn(std::string_view line);
+
+/// Progress bar with time left on stderr when that is a terminal; Ctrl-C requests a stop.
+std::unique_ptr<Progress> make_progress(const Common& common);
+
+/// Runs the parsed program; returns the exit code: 0 done, 1 input or environment at fault, 2 wrong
+/// usage, 130 stopped.
+int run_program(CLI::App& app, int argc, char** argv);
+
+}  // namespace malus::app

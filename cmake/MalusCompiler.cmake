@@ -1,0 +1,20 @@
+# Language level, warnings, ccache and the build type that a bare `cmake` gets.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+
+find_program(MALUS_CCACHE ccache)
+if(MALUS_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${MALUS_CCACHE})
+endif()
+
+add_library(malus_warnings INTERFACE)
+target_compile_options(malus_warnings INTERFACE -Wall -Wextra -Wconversion -Wshadow
+                       $<$<BOOL:${MALUS_WERROR}>:-Werror>)
+# Contraction to FMA would make results differ between machines and between scalar and SIMD code.
+add_compile_options(-ffp-contract=off)

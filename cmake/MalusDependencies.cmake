@@ -1,0 +1,13 @@
+# Every outside library, found once. malusConfig.cmake.in repeats this list for users of the installed package.
+find_package(Threads REQUIRED)
+find_package(TBB REQUIRED)
+find_package(fmt REQUIRED)
+find_package(Eigen3 REQUIRED)
+find_package(HWY REQUIRED NAMES HWY hwy)
+find_package(OpenImageIO REQUIRED)
+find_package(tomlplusplus REQUIRED)
+find_package(nlohmann_json REQUIRED)
+find_package(CLI11 REQUIRED)
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(LIBRAW REQUIRED IMPORTED_TARGET libraw_r)
+pkg_check_modules(HDF5 REQUIRED IMPORTED_TARGET hdf5-serial)

@@ -1,0 +1,54 @@
+#include "malus/base/parallel.h"
+
+#include "malus/base/error.h"
+
+#include <memory>
+#include <mutex>
+#include <thread>
+
+#include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
+
+namespace malus {
+namespace {
+
+struct ThreadLimit {
+  std::mutex mutex;
+  std::unique_ptr<tbb::global_control> control;
+};
+
+ThreadLimit& thread_limit() {
+  static ThreadLimit limit;
+  return limit;
+}
+
+}  // namespace
+
+int set_thread_count(int threads) {
+  MALUS_REQUIRE(threads >= 0);
+  auto& limit = thread_limit();
+  const std::lock_guard lock(limit.mutex);
+  limit.control.reset();
+  if (threads > 0)
+    limit.control = std::make_unique<tbb::global_control>(
+        tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+  return thread_count();
+}
+
+int thread_count() {
+  return static_cast<int>(
+      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+}
+
+void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
+                  const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body) {
+  MALUS_REQUIRE(grain > 0);
+  if (end <= begin) return;
+  const std::ptrdiff_t pieces = (end - begin + grain - 1) / grain;
+  tbb::parallel_for(tbb::blocked_range<std::ptrdiff_t>(0, pieces), [&](const auto& range) {
+    const std::ptrdiff_t last = begin + range.end() * grain;
+    body(begin + range.begin() * grain, last < end ? last : end);
+  });
+}
+
+}  // namespace malus

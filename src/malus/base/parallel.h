@@ -1,0 +1,40 @@
+// Parallel loops over oneTBB. Results must not depend on the number of threads: write to disjoint
+// outputs, or reduce through parallel_sum, whose order is fixed by the grain alone.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+namespace malus {
+
+/// Sets the number of threads for the whole process; 0 means all cores. Returns the number in
+/// force.
+int set_thread_count(int threads);
+int thread_count();
+
+/// Calls body(begin, end) on disjoint pieces of [begin, end) whose bounds are multiples of grain
+/// from begin. Exceptions thrown by body reach the caller.
+void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
+                  const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body);
+
+/// Maps each grain-sized piece to a value in parallel and folds them in order: the same bits for
+/// any thread count.
+template <class T, class Map, class Fold>
+T parallel_reduce(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain, T initial,
+                  Map&& map, Fold&& fold) {
+  if (end <= begin) return initial;
+  const std::ptrdiff_t pieces = (end - begin + grain - 1) / grain;
+  std::vector<T> partial(static_cast<std::size_t>(pieces), initial);
+  parallel_for(0, pieces, 1, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (std::ptrdiff_t i = first; i < last; ++i) {
+      const std::ptrdiff_t from = begin + i * grain;
+      partial[static_cast<std::size_t>(i)] = map(from, from + grain < end ? from + grain : end);
+    }
+  });
+  T total = initial;
+  for (const T& part : partial) total = fold(total, part);
+  return total;
+}
+
+}  // namespace malus

@@ -1,0 +1,52 @@
+// The few estimators that several modules share.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace malus {
+
+/// Streaming mean and central moments up to the fourth (Pébay, SAND2008-6212); mergeable in a fixed
+/// order.
+class Moments {
+ public:
+  void add(double x);
+  void merge(const Moments& other);
+  std::int64_t count() const { return count_; }
+  double mean() const { return mean_; }
+  double variance() const;         ///< unbiased; NaN for fewer than two samples
+  double skewness() const;         ///< g1 = m3 / m2^1.5
+  double excess_kurtosis() const;  ///< g2 = m4 / m2² - 3
+  /// Standard error of variance(), from the fourth moment: Var(s²) = (μ4 - σ⁴ (n-3)/(n-1)) / n.
+  double variance_standard_error() const;
+
+ private:
+  std::int64_t count_ = 0;
+  double mean_ = 0, m2_ = 0, m3_ = 0, m4_ = 0;
+};
+
+double mean_of(std::span<const double> values);
+double standard_deviation_of(
+    std::span<const double> values);  ///< unbiased variance's root; NaN below two
+/// Middle value (mean of the two middle ones); the copy is deliberate: inputs stay as they are. NaN
+/// when empty.
+double median_of(std::vector<double> values);
+/// 1.4826 * median |x - median|: the standard deviation of a Gaussian, robust to half of the
+/// values.
+double robust_deviation_of(const std::vector<double>& values);
+
+/// y = intercept + slope x by weighted least squares.
+struct LineFit {
+  double slope = 0, intercept = 0;
+  double slope_standard_error = 0, intercept_standard_error = 0;
+  double residual_deviation = 0;  ///< sqrt(sum w r² / (n-2)) for weights scaled to mean one
+};
+
+/// weights = 1/variance of each y, or empty for equal ones. With known_variances the standard
+/// errors come from the weights alone; otherwise they are scaled by the residuals. Contract: at
+/// least two different x.
+LineFit fit_line(std::span<const double> x, std::span<const double> y,
+                 std::span<const double> weights = {}, bool known_variances = false);
+
+}  // namespace malus

@@ -1,0 +1,16 @@
+// Small helps with names and messages.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace malus {
+
+/// The candidate with the smallest edit distance to name; empty when there are no candidates.
+std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
+
+/// "a, b, c"
+std::string joined(std::span<const std::string> parts, std::string_view separator = ", ");
+
+}  // namespace malus

@@ -1,0 +1,1 @@
+set(calibrate_SOURCES)

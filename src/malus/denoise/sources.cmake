@@ -1,0 +1,1 @@
+set(denoise_SOURCES)

@@ -1,0 +1,1 @@
+set(evaluate_SOURCES)

@@ -1,0 +1,21 @@
+// Mosaic <-> packed planes, one plane per site of the layout's cell.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+namespace malus {
+
+/// Rows (or columns) of the packed planes of a mosaic: ceil(size / cell).
+int packed_size(int mosaic_size, int cell_size);
+
+/// Packs any size: where the mosaic ends inside a cell the missing samples repeat the channel's
+/// last one. Result: layout.channels() planes of packed_size(rows) x packed_size(cols). A channel
+/// with no sample at all (a mosaic smaller than one cell) takes the nearest sample of the mosaic.
+Planes pack(View<const float> mosaic, const SensorLayout& layout);
+
+/// The inverse: writes every mosaic pixel from its channel's plane. Contract: the planes have the
+/// packed size.
+void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic);
+
+}  // namespace malus

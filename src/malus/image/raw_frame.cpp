@@ -1,0 +1,31 @@
+#include "malus/image/raw_frame.h"
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+
+std::string GainSetting::text() const {
+  if (gain_db) return fmt::format("{:g} dB", *gain_db);
+  if (iso) return fmt::format("ISO {:g}", *iso);
+  return "unknown gain";
+}
+
+std::optional<double> GainSetting::decibel() const {
+  if (gain_db) return gain_db;
+  if (iso) return 20.0 * std::log10(*iso / 100.0);
+  return std::nullopt;
+}
+
+void subtract_black(RawFrame& frame) {
+  MALUS_REQUIRE(static_cast<int>(frame.black_dn.size()) == frame.layout.channels());
+  for (int r = 0; r < frame.dn.rows(); ++r) {
+    float* row = frame.dn.row(r);
+    for (int c = 0; c < frame.dn.cols(); ++c) row[c] -= static_cast<float>(frame.black_at(r, c));
+  }
+  frame.white_dn -= frame.black_dn.empty() ? 0.0 : frame.black_dn[0];
+  frame.black_dn.assign(frame.black_dn.size(), 0.0);
+}
+
+}  // namespace malus

@@ -1,0 +1,48 @@
+// A raw mosaic with what is needed to read it as light: black, white, gain, exposure travel with
+// the pixels.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// The camera's amplification as the camera names it; a model keeps the one that was measured.
+struct GainSetting {
+  std::optional<double> gain_db;  ///< industrial cameras
+  std::optional<double> iso;      ///< photo cameras
+  bool operator==(const GainSetting&) const = default;
+  /// "24 dB", "ISO 1600", "unknown gain"
+  std::string text() const;
+  /// The number to sort and interpolate by: dB as they are, ISO as 20 log10(iso/100); empty when
+  /// unknown.
+  std::optional<double> decibel() const;
+};
+
+/// One frame. Pixels are DN as the camera wrote them, black level included, exact in float up to 24
+/// bits.
+struct RawFrame {
+  Image dn;  ///< mosaic, rows x cols
+  SensorLayout layout;
+  std::vector<double> black_dn;  ///< one per channel of the layout
+  double white_dn = 0;           ///< saturation, black level included
+  GainSetting gain;
+  std::optional<double> exposure_s;
+  int bits = 0;  ///< significant bits of integer data; 0 for float data
+  bool black_known = false, white_known = false,
+       layout_known = false;  ///< from file, session or flag, not guessed
+  std::string source;         ///< file name, for messages
+
+  double black_at(int row, int col) const {
+    return black_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
+  }
+};
+
+/// Subtracts the black level in place: afterwards pixels are DN above black. Nothing is clamped.
+void subtract_black(RawFrame& frame);
+
+}  // namespace malus

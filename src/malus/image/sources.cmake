@@ -1,0 +1,1 @@
+set(image_SOURCES layout.cpp pack.cpp raw_frame.cpp)

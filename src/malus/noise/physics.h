@@ -1,0 +1,41 @@
+// The physics noise model at one gain: the parameters that a sampler draws with (000 Eq. 1-4).
+#pragma once
+
+#include "malus/image/layout.h"
+
+#include <vector>
+
+namespace malus {
+
+/// One channel at one gain. Read noise excludes row noise and quantisation.
+struct PhysicsChannel {
+  double gain_dn_per_e = 1.0;  ///< K, overall system gain
+  double lambda = 0.14;        ///< Tukey-lambda shape; 0.14 is close to a Gaussian
+  double mu_dn = 0.0;          ///< mean of dark pixels above the black level
+  double sigma_tl_dn = 0.0;    ///< Tukey-lambda scale
+  double sigma_row_dn = 0.0;   ///< σ_b, sd of the row groups' offsets
+};
+
+/// Components that can be switched off: the rows of 000 Table 2.
+struct PhysicsParts {
+  bool shot = true, read = true, row = true, quantization = true;
+  bool bias = true;  ///< channel means mu; off = zero-mean read noise
+};
+
+/// A realised set of parameters: enough to draw noise for a frame.
+struct PhysicsNoise {
+  SensorLayout layout;
+  std::vector<PhysicsChannel> channels;  ///< one per channel of the layout
+  int row_group = 1;                     ///< mosaic rows that share one draw of row noise
+  double quantization_dn = 1.0;          ///< q: step of the converter; 0 = none
+  PhysicsParts parts;
+};
+
+/// Variance of Tukey-lambda read noise in DN².
+double read_variance_dn2(const PhysicsChannel& channel);
+
+/// Variance of one pixel about its channel's mean without the row part: K s + read + q²/12, in DN².
+/// Negative signals have no shot noise.
+double pixel_variance_dn2(const PhysicsChannel& channel, double signal_dn, double quantization_dn);
+
+}  // namespace malus

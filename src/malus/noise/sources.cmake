@@ -1,0 +1,1 @@
+set(noise_SOURCES physics.cpp profile.cpp tukey_lambda.cpp)

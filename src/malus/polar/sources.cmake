@@ -1,0 +1,1 @@
+set(polar_SOURCES)

@@ -1,0 +1,1 @@
+set(synthesize_SOURCES)
