@@ -1,0 +1,92 @@
+"""The house rules that a compiler does not check: arrows between modules, heavy libraries at the rim, sizes."""
+
+import pathlib
+import re
+import subprocess
+
+from conftest import BUILD, ROOT
+
+SOURCES = ROOT / "src" / "malus"
+HEAVY_IN_HEADERS = ("torch/", "c10/", "cuda", "OpenImageIO/", "libraw/", "hdf5", "H5", "arv", "toml++")
+LONGEST_FILE = 400
+
+
+def modules():
+    declared = {}
+    for line in (BUILD / "modules.txt").read_text().splitlines():
+        name, _, depends = line.partition(":")
+        declared[name] = depends.replace(";", " ").split()
+    return declared
+
+
+def reachable(name, declared):
+    seen, todo = set(), [name]
+    while todo:
+        module = todo.pop()
+        if module not in seen:
+            seen.add(module)
+            todo += declared[module]
+    return seen
+
+
+def own_files(*suffixes):
+    listed = subprocess.run(["git", "ls-files", "src", "apps", "tests", "bench", "fuzz", "python", "cuda"],
+                            cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    return [ROOT / name for name in listed if name.endswith(suffixes) and (ROOT / name).exists()]
+
+
+def test_every_include_follows_a_declared_arrow():
+    declared, wrong = modules(), []
+    for path in SOURCES.rglob("*"):
+        if path.suffix not in (".h", ".cpp", ".cu"):
+            continue
+        module = path.relative_to(SOURCES).parts[0]
+        for target in re.findall(r'#include "malus/(\w+)/', path.read_text()):
+            if target not in reachable(module, declared):
+                wrong.append(f"{path.relative_to(ROOT)} includes {target}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_module_folder_is_declared():
+    folders = {path.parent.name for path in SOURCES.glob("*/sources.cmake")}
+    assert set(modules()) <= folders
+
+
+def test_modules_form_no_cycle():
+    declared = modules()
+    for name, depends in declared.items():
+        for dependency in depends:
+            assert name not in reachable(dependency, declared), f"{name} <-> {dependency}"
+
+
+def test_heavy_libraries_stay_out_of_headers():
+    wrong = []
+    for path in own_files(".h"):
+        if SOURCES not in path.parents or "neural" in path.parts:
+            continue
+        for target in re.findall(r'#include [<"]([^>"]+)[>"]', path.read_text()):
+            if target.startswith(HEAVY_IN_HEADERS):
+                wrong.append(f"{path.relative_to(ROOT)} includes {target}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_nothing_outside_neural_includes_torch():
+    wrong = [str(path) for path in own_files(".h", ".cpp") if "neural" not in str(path)
+             and re.search(r'#include [<"](torch|c10|ATen)/', path.read_text())]
+    assert not wrong, wrong
+
+
+def test_library_code_never_prints_or_exits():
+    wrong = []
+    for path in own_files(".h", ".cpp"):
+        if SOURCES in path.parents:
+            code = re.sub(r"//.*", "", path.read_text())
+            if re.search(r"std::(cout|cerr|exit|abort)\b|\b(f?printf|fmt::print|puts)\s*\(", code):
+                wrong.append(str(path.relative_to(ROOT)))
+    assert not wrong, wrong
+
+
+def test_files_stay_short():
+    long = [f"{path.relative_to(ROOT)}: {lines}" for path in own_files(".h", ".cpp", ".py", ".cu")
+            if (lines := path.read_text().count("\n")) > LONGEST_FILE]
+    assert not long, "\n".join(long)
