@@ -1,0 +1,112 @@
+#include "malus/base/atomic_file.h"
+
+#include "malus/base/error.h"
+
+#include <atomic>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+namespace malus {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path folder_of(const fs::path& path) {
+  return path.parent_path().empty() ? fs::path(".") : path.parent_path();
+}
+
+bool is_device(const fs::path& path) {
+  std::error_code error;
+  const auto type = fs::status(path, error).type();
+  return type == fs::file_type::character || type == fs::file_type::fifo ||
+         type == fs::file_type::socket;
+}
+
+}  // namespace
+
+void check_output(const fs::path& path, bool force) {
+  std::error_code error;
+  if (path.filename().empty() || path.filename() == "." || path.filename() == ".." ||
+      fs::is_directory(path, error))
+    throw InputError(path.string(), "is a folder, not a file name", "name a file to write");
+  if (is_device(path)) return;
+  const fs::path folder = folder_of(path);
+  if (!fs::is_directory(folder, error))
+    throw InputError(path.string(),
+                     fmt::format("the folder {} {}", folder.string(),
+                                 fs::exists(folder, error) ? "is a file" : "does not exist"),
+                     "create the folder or choose another output");
+  if (::access(folder.c_str(), W_OK | X_OK) != 0)
+    throw InputError(
+        path.string(),
+        fmt::format("the folder {} cannot be written: {}", folder.string(), std::strerror(errno)),
+        "change its permissions or choose another output");
+  if (!force && fs::exists(fs::symlink_status(path, error)))
+    throw InputError(path.string(), "exists already", "use --force to replace it");
+}
+
+void make_output_folder(const fs::path& folder) {
+  if (folder.empty()) return;
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (fs::is_directory(folder)) return;
+  throw InputError(folder.string(),
+                   fmt::format("the output folder cannot be made: {}",
+                               error ? error.message() : "a file is in the way"),
+                   "choose another output folder");
+}
+
+AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)) {
+  check_output(path_, force);
+  direct_ = is_device(path_);
+  static std::atomic<unsigned> counter{0};
+  temporary_ = direct_ ? path_
+                       : folder_of(path_) / fmt::format(".{}-{}-{}", ::getpid(), counter++,
+                                                        path_.filename().string());
+}
+
+AtomicFile::~AtomicFile() {
+  std::error_code ignored;
+  if (!direct_ && !committed_) fs::remove(temporary_, ignored);
+}
+
+void AtomicFile::commit() {
+  MALUS_REQUIRE(!committed_);
+  if (!direct_ && std::rename(temporary_.c_str(), path_.c_str()) != 0) fail(std::strerror(errno));
+  committed_ = true;
+}
+
+void AtomicFile::fail(std::string_view detail) const {
+  // Libraries lose the reason of a failed write, so the disk is asked.
+  struct statvfs disk {};
+  constexpr unsigned long kFullBelowBytes = 1 << 16;
+  const bool full =
+      ::statvfs(folder_of(path_).c_str(), &disk) == 0 && disk.f_blocks > 0 &&
+      (disk.f_bavail * disk.f_bsize < kFullBelowBytes || (disk.f_files > 0 && disk.f_favail == 0));
+  throw InputError(
+      path_.string(),
+      full ? "cannot be written: the disk is full"
+           : fmt::format("cannot be written{}{}", detail.empty() ? "" : ": ", detail),
+      full ? "free some space or choose another output" : "check the disk and its permissions");
+}
+
+void write_file(const fs::path& path, std::string_view content, bool force) {
+  AtomicFile file(path, force);
+  std::FILE* stream = std::fopen(file.temporary().c_str(), "wb");
+  if (!stream) file.fail(std::strerror(errno));
+  errno = 0;
+  bool good = std::fwrite(content.data(), 1, content.size(), stream) == content.size();
+  good = std::fflush(stream) == 0 && good;
+  const int reason = errno;
+  good = std::fclose(stream) == 0 && good;
+  if (!good) file.fail(reason ? std::strerror(reason) : "");
+  file.commit();
+}
+
+}  // namespace malus

@@ -1,0 +1,46 @@
+// Outputs appear under their name only when they are whole: written beside it and renamed. Every
+// writer of malus goes through this.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+namespace malus {
+
+/// Fails early, before hours of work: throws InputError when path exists and force is false, is a
+/// folder, or lies in a folder that is missing or cannot be written.
+void check_output(const std::filesystem::path& path, bool force);
+
+/// Makes the folder and its parents where they are missing; throws InputError when that fails or a
+/// file is in the way.
+void make_output_folder(const std::filesystem::path& folder);
+
+/// A file under construction. Without commit() nothing remains of it. An existing device or pipe
+/// (/dev/null, /dev/stdout) is written directly.
+class AtomicFile {
+ public:
+  /// As check_output.
+  AtomicFile(std::filesystem::path path, bool force);
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+
+  /// Where to write: same folder and ending as the final name.
+  const std::filesystem::path& temporary() const { return temporary_; }
+  const std::filesystem::path& path() const { return path_; }
+  /// Gives the file its name; the writer has closed it without error. Throws InputError.
+  void commit();
+  /// The one line for a failed write or close; detail is the library's own message, or empty.
+  /// Names the full disk where that is the cause.
+  [[noreturn]] void fail(std::string_view detail = {}) const;
+
+ private:
+  std::filesystem::path path_, temporary_;
+  bool direct_ = false, committed_ = false;
+};
+
+/// The whole content at once.
+void write_file(const std::filesystem::path& path, std::string_view content, bool force);
+
+}  // namespace malus

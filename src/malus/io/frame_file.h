@@ -1,0 +1,49 @@
+// One raw mosaic from a file: TIFF, PNG, EXR, FITS, .npy, camera raw (LibRaw) or headerless. Pixels
+// are DN exactly as stored: no gamma, no scaling, no black subtraction.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/io/raw_format.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// What the user or a session says about frames; each wins over the file's own metadata.
+struct FrameOptions {
+  std::optional<SensorLayout> layout;  ///< else from the file, else mono
+  std::vector<double> black_dn;    ///< empty: from the file, else 0; one number, or one per channel
+  std::optional<double> white_dn;  ///< else from the file, else 2^bits - 1; float: largest pixel
+  GainSetting gain;                ///< either field set: replaces the file's
+  std::optional<double> exposure_s;
+  std::optional<RawFormat> raw_format;  ///< set: the file is headerless, rows and cols are needed
+  int rows = 0, cols = 0;               ///< 0 = any; otherwise every file must have this size
+};
+
+/// Fills what `options` leaves open from `fallback` (a session's sensor below a command's flags).
+FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback);
+
+/// All but the pixels.
+struct FrameInfo {
+  RawFrame frame;  ///< dn is empty
+  int rows = 0, cols = 0;
+  std::string format;  ///< "png", "tiff", "openexr", "fits", "npy", "camera raw", "mono12p", ...
+  std::string camera;  ///< maker and model, where the file tells
+  std::string sample;  ///< "uint8", "uint16", "half", "float", ...
+};
+
+/// Throws InputError: missing, empty, a folder, truncated, not a mosaic, of an unknown type, too
+/// large (2^31 pixels), of another size than asked for, black >= white. NaN and infinite pixels of
+/// float files are kept: commands decide. Integer data above 24 bits are refused (not exact in
+/// float).
+RawFrame load_frame(const std::filesystem::path& path, const FrameOptions& options = {});
+
+/// The same without reading the pixels, where the format allows it. white_dn of a float file
+/// without metadata is 0.
+FrameInfo probe_frame(const std::filesystem::path& path, const FrameOptions& options = {});
+
+}  // namespace malus

@@ -1,0 +1,49 @@
+// Pictures and planes to and from files; the ending chooses the format: .tif .tiff .png .exr .fits
+// .fit .npy. Every file appears whole or not at all (base/atomic_file.h).
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/image/view.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// Any number of named channels, values as stored (integers unscaled).
+struct Picture {
+  Planes planes;                   ///< [channel, row, column]
+  std::vector<std::string> names;  ///< one per channel: "R", "G", "B", "Y", "R90", ...
+  double white = 0;                ///< largest value of the integer type; 1 for float data
+  int bits = 0;                    ///< of integer data; 0 for float
+};
+
+/// Throws InputError as load_frame does. .npy: 2-D, or 3-D as [channel, row, column]; a last axis
+/// of at most 4 with a longer first axis is taken as [row, column, channel]. FITS: 2-D or
+/// [channel, row, column].
+Picture load_picture(const std::filesystem::path& path);
+
+enum class SampleType { kUint8, kUint16, kHalf, kFloat };
+
+struct SaveOptions {
+  bool force = false;
+  /// Integers: values are rounded to nearest (ties to even) and held to the type's range, NaN
+  /// becomes 0. Unset: float, but 16 bit for .png. Half exists in .exr only; PNG holds no float.
+  std::optional<SampleType> type;
+};
+
+/// names: one per channel, or empty for Y / RGB / RGBA / C00, C01, ... Throws InputError when the
+/// ending is unknown or cannot hold the type or the number of channels (PNG: 1 to 4).
+void save_picture(const std::filesystem::path& path, const Planes& planes,
+                  const std::vector<std::string>& names, const SaveOptions& options = {});
+void save_picture(const std::filesystem::path& path, const Image& image,
+                  const SaveOptions& options = {});
+
+/// A mosaic with layout, black, white, gain and exposure in its description, so that load_frame
+/// gets them back (all endings but .npy).
+void save_frame(const std::filesystem::path& path, const RawFrame& frame,
+                const SaveOptions& options = {});
+
+}  // namespace malus

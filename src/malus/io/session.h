@@ -1,0 +1,64 @@
+// Session files (TOML): which frames were taken how. The input of calibrate and pairs, the output
+// of capture.
+#pragma once
+
+#include "malus/io/frame_file.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace malus {
+
+enum class FrameKind { kBias, kFlat, kBurst, kReference, kShort, kLong };
+
+std::string_view frame_kind_name(FrameKind kind);  ///< "bias", "flat", ...
+std::vector<std::string> frame_kind_names();
+
+struct SensorDescription {
+  std::string name;                    ///< free text; may be empty
+  std::optional<SensorLayout> layout;  ///< a name or [sensor.cell]; unset: the files tell, or mono
+  std::vector<double> black_dn;        ///< empty: the files tell; one number, or one per channel
+  std::optional<double> white_dn;
+  std::optional<int> row_group;         ///< rows that are read out together; unset: detected
+  std::optional<RawFormat> raw_format;  ///< headerless frames
+  int rows = 0, cols = 0;               ///< 0 = any; `size = "2448x2048"`, width first
+};
+
+/// Frames of one setting. A `flat` group is one light level; a `bias` group with an exposure is the
+/// dark set of the flats with the same exposure.
+struct FrameGroup {
+  FrameKind kind = FrameKind::kBias;
+  GainSetting gain;
+  std::optional<double> exposure_s;
+  std::optional<int> level;
+  std::vector<std::filesystem::path>
+      paths;  ///< existing files, absolute or relative to the process
+};
+
+struct Session {
+  SensorDescription sensor;
+  std::vector<FrameGroup> groups;
+  std::filesystem::path source;  ///< the session file, for messages
+};
+
+/// Reads and checks everything that can be checked without opening frames; globs (* ? [..] in any
+/// part of a path) are sorted by number ("f2" before "f10"). Throws InputError that names the key
+/// or pattern: unknown keys and names (with the nearest), wrong types, non-positive or non-finite
+/// numbers, black >= white, both gain_db and iso, no [[frames]], a pattern without a match.
+Session load_session(const std::filesystem::path& path);
+
+/// The same from text; folder is what relative paths start from. With check_files false patterns
+/// are not expanded: paths stay as written.
+Session parse_session(std::string_view toml, const std::filesystem::path& source,
+                      const std::filesystem::path& folder, bool check_files = true);
+
+/// Writes paths relative to the session file where they lie below it.
+void save_session(const std::filesystem::path& path, const Session& session, bool force);
+
+/// What load_frame needs for this group's frames.
+FrameOptions frame_options(const Session& session, const FrameGroup& group);
+
+}  // namespace malus
