@@ -5,7 +5,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "tests/support.h"
+#include "support.h"
 
 namespace malus {
 namespace {
