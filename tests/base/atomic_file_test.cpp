@@ -22,7 +22,7 @@ std::ptrdiff_t files_in(const std::filesystem::path& folder) {
 TEST(AtomicFile, CommitReplacesTheOldContent) {
   const testing::TemporaryFolder folder;
   std::ofstream(folder / "x.h5") << "old";
-  AtomicFile file(folder / "x.h5");
+  AtomicFile file(folder / "x.h5", true);
   std::ofstream(file.temporary()) << "new";
   EXPECT_EQ(content(folder / "x.h5"), "old");
   file.commit();
@@ -33,7 +33,7 @@ TEST(AtomicFile, CommitReplacesTheOldContent) {
 TEST(AtomicFile, WithoutCommitNothingRemains) {
   const testing::TemporaryFolder folder;
   {
-    AtomicFile file(folder / "x.tif");
+    AtomicFile file(folder / "x.tif", true);
     EXPECT_EQ(file.temporary().extension(), ".tif");
     EXPECT_EQ(file.temporary().parent_path(), folder.path());
     std::ofstream(file.temporary()) << "half";
@@ -41,16 +41,23 @@ TEST(AtomicFile, WithoutCommitNothingRemains) {
   EXPECT_EQ(files_in(folder.path()), 0);
 }
 
+TEST(AtomicFile, AnExistingFileNeedsForce) {
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder / "x") << "old";
+  EXPECT_THROW(AtomicFile(folder / "x", false), InputError);
+  EXPECT_EQ(content(folder / "x"), "old");
+}
+
 TEST(AtomicFile, TwoAtOnceDoNotMeet) {
   const testing::TemporaryFolder folder;
-  AtomicFile first(folder / "x"), second(folder / "x");
+  AtomicFile first(folder / "x", false), second(folder / "x", false);
   EXPECT_NE(first.temporary(), second.temporary());
 }
 
 TEST(AtomicFile, RefusesAFolderAndAMissingParent) {
   const testing::TemporaryFolder folder;
-  EXPECT_THROW(AtomicFile(folder.path()), InputError);
-  EXPECT_THROW(AtomicFile(folder / "absent/x"), InputError);
+  EXPECT_THROW(AtomicFile(folder.path(), true), InputError);
+  EXPECT_THROW(AtomicFile(folder / "absent/x", true), InputError);
 }
 
 }  // namespace
