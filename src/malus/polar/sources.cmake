@@ -1,1 +1,1 @@
-set(polar_SOURCES)
+set(polar_SOURCES layout_check.cpp stokes.cpp)
