@@ -1,1 +1,1 @@
-set(denoise_SOURCES)
+set(denoise_SOURCES bm3d.cpp bm3d_parameters.cpp)
