@@ -1,1 +1,1 @@
-set(synthesize_SOURCES)
+set(synthesize_SOURCES exact.cpp)

@@ -1,0 +1,125 @@
+#include "malus/synthesize/exact.h"
+
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/base/random.h"
+#include "malus/noise/tukey_lambda.h"
+#include "malus/synthesize/poisson.h"
+
+#include <cmath>
+#include <string>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+std::uint64_t pixel_index(int row, int col) {
+  return std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | static_cast<std::uint32_t>(col);
+}
+
+// Block 0 of a pixel serves read and quantisation noise; shot noise takes as many more as it needs.
+class ShotUniforms {
+ public:
+  ShotUniforms(const DrawAddress& address, std::uint64_t index)
+      : address_(address), index_(index) {}
+  double operator()() {
+    if (used_ == 4) {
+      block_ = random_block(address_.seed, address_.frame, index_, Draw::kPixel, sub_++);
+      used_ = 0;
+    }
+    used_ += 2;
+    return uniform_open(block_.word[used_ - 2], block_.word[used_ - 1]);
+  }
+
+ private:
+  const DrawAddress& address_;
+  std::uint64_t index_;
+  std::uint32_t sub_ = 1;
+  int used_ = 4;
+  PhiloxBlock block_{};
+};
+
+void check_channel(const PhysicsChannel& channel, const std::string& name) {
+  const auto fail = [&](const char* what, double value) {
+    throw InputError("noise parameters", fmt::format("channel {}: {} is {}", name, what, value),
+                     "check the noise model with `malus model show`");
+  };
+  if (!(channel.gain_dn_per_e > 0 && std::isfinite(channel.gain_dn_per_e)))
+    fail("K", channel.gain_dn_per_e);
+  if (!(channel.lambda > -0.5 && channel.lambda <= 8)) fail("lambda", channel.lambda);
+  if (!std::isfinite(channel.mu_dn)) fail("mu", channel.mu_dn);
+  if (!(channel.sigma_tl_dn >= 0 && std::isfinite(channel.sigma_tl_dn)))
+    fail("sigma_tl", channel.sigma_tl_dn);
+  if (!(channel.sigma_row_dn >= 0 && std::isfinite(channel.sigma_row_dn)))
+    fail("sigma_row", channel.sigma_row_dn);
+}
+
+}  // namespace
+
+void check_physics(const PhysicsNoise& noise) {
+  if (static_cast<int>(noise.channels.size()) != noise.layout.channels())
+    throw InputError("noise parameters",
+                     fmt::format("{} channels for a layout of {}", noise.channels.size(),
+                                 noise.layout.channels()),
+                     "use the model of this sensor");
+  if (noise.row_group < 1)
+    throw InputError("noise parameters", fmt::format("row_group is {}", noise.row_group),
+                     "declare a row group of 1 or more");
+  if (!(noise.quantization_dn >= 0 && std::isfinite(noise.quantization_dn)))
+    throw InputError("noise parameters",
+                     fmt::format("quantization step is {} DN", noise.quantization_dn),
+                     "declare a step of 0 or more");
+  for (int c = 0; c < noise.layout.channels(); ++c)
+    check_channel(noise.channels[static_cast<std::size_t>(c)], noise.layout.channel_name(c));
+}
+
+double row_group_draw(const DrawAddress& address, int row, int row_group) {
+  const auto block = random_block(address.seed, address.frame,
+                                  static_cast<std::uint64_t>(row / row_group), Draw::kRow);
+  return normal_quantile(uniform_open(block.word[0], block.word[1]));
+}
+
+double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn,
+                        const DrawAddress& address, int row, int col) {
+  if (!std::isfinite(signal_dn)) return signal_dn;
+  const PhysicsChannel& p = noise.channels[static_cast<std::size_t>(channel)];
+  const std::uint64_t index = pixel_index(row, col);
+  double value = signal_dn;
+  if (noise.parts.shot && signal_dn > 0) {
+    ShotUniforms uniforms(address, index);
+    value = p.gain_dn_per_e * poisson_draw(signal_dn / p.gain_dn_per_e, uniforms);
+  }
+  if (noise.parts.bias) value += p.mu_dn;
+  const auto block = random_block(address.seed, address.frame, index, Draw::kPixel);
+  if (noise.parts.read)
+    value +=
+        p.sigma_tl_dn * tukey_lambda_quantile(uniform_open(block.word[0], block.word[1]), p.lambda);
+  if (noise.parts.quantization)
+    value += noise.quantization_dn * (uniform_open(block.word[2], block.word[3]) - 0.5);
+  return value;
+}
+
+void add_noise_exact(const PhysicsNoise& noise, View<const float> clean_dn, View<float> noisy_dn,
+                     const DrawAddress& address) {
+  check_physics(noise);
+  MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
+  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  constexpr std::ptrdiff_t kRowsPerPiece = 8;
+  parallel_for(0, clean_dn.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < end; ++r) {
+      const int row = address.row0 + r;
+      const double z = noise.parts.row ? row_group_draw(address, row, noise.row_group) : 0.0;
+      for (int c = 0; c < clean_dn.cols(); ++c) {
+        const int col = address.col0 + c;
+        const int channel = noise.layout.channel_at(row, col);
+        const double pixel =
+            draw_pixel_exact(noise, channel, double{clean_dn(r, c)}, address, row, col);
+        noisy_dn(r, c) = static_cast<float>(
+            pixel + z * noise.channels[static_cast<std::size_t>(channel)].sigma_row_dn);
+      }
+    }
+  });
+}
+
+}  // namespace malus

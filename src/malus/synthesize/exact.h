@@ -1,0 +1,46 @@
+// The plain definition of the physics noise (000 Eq. 1-4), one pixel at a time in double precision.
+// Everything faster is compared with this.
+//
+//   D = K * Poisson(s / K) + mu + TukeyLambda(lambda, sigma_TL) + sigma_b * z(row group) + U(-q/2,
+//   q/2)
+//
+// s is the clean pixel in DN above black, and so is D. Nothing is rounded or clamped: that is the
+// camera's last step (camera_output.h), and where it rounds, rounding is the quantisation noise.
+#pragma once
+
+#include "malus/image/view.h"
+#include "malus/noise/physics.h"
+
+#include <cstdint>
+
+namespace malus {
+
+/// Which frame's noise to draw, and where a view lies in that frame. Every random number is a
+/// function of (seed, frame, row, column): crops and tiles get the noise that the whole frame would
+/// get at their place.
+struct DrawAddress {
+  std::uint64_t seed = 0;
+  std::uint32_t frame = 0;
+  int row0 = 0, col0 = 0;  ///< mosaic position of the view's first pixel; >= 0
+};
+
+/// Throws InputError where parameters cannot be drawn with: a channel too many or too few, K not
+/// positive, lambda outside (-0.5, 8], a negative sigma, anything not finite, row_group < 1.
+void check_physics(const PhysicsNoise& noise);
+
+/// The row group's standard normal deviate, shared by all channels in it (each scales it by its own
+/// sigma_b). row: mosaic row in the frame.
+double row_group_draw(const DrawAddress& address, int row, int row_group);
+
+/// One pixel without its row term. signal_dn <= 0 has no shot noise and keeps its (negative) value;
+/// NaN and infinities stay what they are.
+double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn,
+                        const DrawAddress& address, int row, int col);
+
+/// A whole view, mosaic order by noise.layout, channel of pixel (r, c) that of
+/// (row0 + r, col0 + c). Contract: equal sizes; noisy_dn may be clean_dn. Throws InputError as
+/// check_physics does. Runs on all threads, same bytes for any number of them.
+void add_noise_exact(const PhysicsNoise& noise, View<const float> clean_dn, View<float> noisy_dn,
+                     const DrawAddress& address);
+
+}  // namespace malus
