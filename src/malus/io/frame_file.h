@@ -9,6 +9,8 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 namespace malus {
@@ -26,6 +28,9 @@ struct FrameOptions {
 
 /// Fills what `options` leaves open from `fallback` (a session's sensor below a command's flags).
 FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback);
+
+/// {rows, cols} of "2448x2048" (width first); throws InputError.
+std::pair<int, int> parse_frame_size(std::string_view text);
 
 /// All but the pixels.
 struct FrameInfo {

@@ -1,1 +1,15 @@
-set(io_SOURCES)
+set(io_SOURCES
+  camera_raw.cpp
+  emva_description.cpp
+  file_bytes.cpp
+  fits.cpp
+  frame_file.cpp
+  frame_tags.cpp
+  glob.cpp
+  npy.cpp
+  picture_codec.cpp
+  picture_file.cpp
+  raw_format.cpp
+  session.cpp
+  session_write.cpp
+)

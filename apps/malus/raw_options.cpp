@@ -1,0 +1,74 @@
+#include "raw_options.h"
+
+#include "malus/base/error.h"
+#include "malus/base/text.h"
+
+#include <map>
+#include <tuple>
+
+#include <fmt/format.h>
+
+namespace malus::app {
+
+void RawOptions::add_to(CLI::App& command, bool with_gain) {
+  const std::string group = "Raw input (each wins over the file and the session)";
+  command
+      .add_option("--layout", layout_,
+                  fmt::format("sensor layout: {}", joined(SensorLayout::known_names())))
+      ->group(group);
+  command.add_option("--black", black_dn_, "black level: one number, or one per channel [DN]")
+      ->delimiter(',')
+      ->group(group);
+  command.add_option("--white", white_dn_, "saturation, black level included [DN]")->group(group);
+  if (with_gain) {
+    auto* gain = command.add_option("--gain", gain_db_, "camera gain [dB]")->group(group);
+    command.add_option("--iso", iso_, "camera gain as ISO")
+        ->check(CLI::PositiveNumber)
+        ->excludes(gain)
+        ->group(group);
+  }
+  command.add_option("--exposure", exposure_s_, "exposure time [s]")
+      ->check(CLI::PositiveNumber)
+      ->group(group);
+  command
+      .add_option("--raw-format", raw_format_,
+                  fmt::format("headerless input: {}", joined(raw_format_names())))
+      ->group(group);
+  command.add_option("--size", size_, "WIDTHxHEIGHT; required for headerless input")->group(group);
+  command.add_option("--session", session_, "session file whose [sensor] describes the frames")
+      ->group(group);
+}
+
+FrameOptions RawOptions::resolve() const {
+  FrameOptions options;
+  if (!layout_.empty()) options.layout = SensorLayout::named(layout_);
+  options.black_dn = black_dn_;
+  options.white_dn = white_dn_;
+  options.gain = {gain_db_, iso_};
+  options.exposure_s = exposure_s_;
+  if (!raw_format_.empty()) options.raw_format = raw_format_named(raw_format_);
+  if (!size_.empty()) std::tie(options.rows, options.cols) = parse_frame_size(size_);
+  if (session_.empty()) return options;
+  return merged(options, frame_options(load_session(session_), FrameGroup()));
+}
+
+std::string stem_of(const std::filesystem::path& input) { return input.stem().string(); }
+
+std::vector<std::filesystem::path> output_names(const std::vector<std::filesystem::path>& inputs,
+                                                const std::filesystem::path& folder,
+                                                const std::string& suffix) {
+  std::vector<std::filesystem::path> names;
+  std::map<std::filesystem::path, std::filesystem::path> writer;
+  for (const auto& input : inputs) {
+    const auto name = folder / (stem_of(input) + suffix);
+    if (const auto [other, fresh] = writer.emplace(name, input); !fresh)
+      throw InputError(input.string(),
+                       fmt::format("its output {} would replace that of {}", name.string(),
+                                   other->second.string()),
+                       "rename one of them or run them apart");
+    names.push_back(name);
+  }
+  return names;
+}
+
+}  // namespace malus::app

@@ -1,0 +1,40 @@
+// Flags of every command that takes RAW, and the names of what it writes.
+#pragma once
+
+#include "malus/io/frame_file.h"
+#include "malus/io/session.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+namespace malus::app {
+
+/// --layout --black --white --gain --iso --exposure --raw-format --size --session. Keep the object
+/// alive as long as the command; with_gain = false where the command has its own --gain.
+class RawOptions {
+ public:
+  void add_to(CLI::App& command, bool with_gain = true);
+  /// Flags over the session's [sensor]; throws InputError.
+  FrameOptions resolve() const;
+
+ private:
+  std::string layout_, raw_format_, size_;
+  std::vector<double> black_dn_;
+  std::optional<double> white_dn_, gain_db_, iso_, exposure_s_;
+  std::filesystem::path session_;
+};
+
+/// The name without its last ending: `a/b.raw.png` -> `b.raw`.
+std::string stem_of(const std::filesystem::path& input);
+
+/// One output name per input: folder / (<stem> + suffix), e.g. suffix "_denoised.tif". Throws
+/// InputError when two inputs would write the same file.
+std::vector<std::filesystem::path> output_names(const std::vector<std::filesystem::path>& inputs,
+                                                const std::filesystem::path& folder,
+                                                const std::string& suffix);
+
+}  // namespace malus::app

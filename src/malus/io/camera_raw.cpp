@@ -1,0 +1,135 @@
+#include "malus/io/internal/camera_raw.h"
+
+#include "malus/base/error.h"
+#include "malus/io/internal/file_bytes.h"
+
+#include <bit>
+#include <cmath>
+#include <memory>
+
+#include <fmt/format.h>
+#include <libraw/libraw.h>
+
+namespace malus::internal {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kReadable =
+    "read are TIFF, PNG, EXR, FITS, .npy, camera raw, and headerless files with --raw-format and "
+    "--size";
+
+void check(int code, const fs::path& path) {
+  if (code == LIBRAW_SUCCESS) return;
+  if (code == LIBRAW_FILE_UNSUPPORTED)
+    throw InputError(path.string(), "is not a picture of a known type", kReadable);
+  throw InputError(path.string(),
+                   fmt::format("LibRaw {} cannot read it: {}", LibRaw::version(),
+                               code < 0 ? LibRaw::strerror(code) : "system error"),
+                   "check that the file is whole, or convert it to an uncompressed DNG or TIFF");
+}
+
+[[noreturn]] void not_a_mosaic(const fs::path& path, std::string_view what) {
+  throw InputError(path.string(),
+                   fmt::format("it holds {}, not a Bayer or monochrome mosaic", what),
+                   "use the camera's own undemosaiced raw");
+}
+
+SensorLayout layout_of(LibRaw& raw, const fs::path& path) {
+  const auto& id = raw.imgdata.idata;
+  if (id.filters == 0) {
+    if (id.colors == 1) return SensorLayout::named("mono");
+    not_a_mosaic(path, fmt::format("{} colours in every pixel", id.colors));
+  }
+  if (id.filters == 9) not_a_mosaic(path, "an X-Trans mosaic");
+  if (id.filters < 1000 || raw.imgdata.sizes.raw_width == 0) not_a_mosaic(path, "a rare mosaic");
+  // COLOR counts from the corner of the visible area and gives an index into cdesc ("RGBG").
+  std::string pattern;
+  for (int row = 0; row < 2; ++row)
+    for (int col = 0; col < 2; ++col) {
+      const int color = raw.COLOR(row, col);
+      pattern += color >= 0 && color < 4 ? static_cast<char>(std::tolower(id.cdesc[color])) : '?';
+    }
+  for (const char* known : {"rggb", "bggr", "grbg", "gbrg"})
+    if (pattern == known) return SensorLayout::named(fmt::format("bayer-{}", known));
+  not_a_mosaic(path, fmt::format("the colour pattern {}", pattern));
+}
+
+// The stored black level is a sum of a common part, a part per colour and a repeating pattern, all
+// counted from the corner of the visible area.
+double black_at(LibRaw& raw, int row, int col, bool mosaic) {
+  const auto& color = raw.imgdata.color;
+  double black = color.black;
+  black += color.cblack[mosaic ? raw.COLOR(row, col) : 0];
+  const unsigned rows = color.cblack[4], cols = color.cblack[5];
+  if (rows > 0 && cols > 0)
+    black += color.cblack[6 + static_cast<unsigned>(row) % rows * cols +
+                          static_cast<unsigned>(col) % cols];
+  return black;
+}
+
+void read_metadata(LibRaw& raw, Decoded& decoded, const fs::path& path) {
+  const auto& data = raw.imgdata;
+  decoded.format = "camera raw";
+  decoded.sample = "uint16";
+  decoded.channels = 1;
+  decoded.names = {"Y"};
+  decoded.camera = fmt::format("{} {}", data.idata.make, data.idata.model);
+  decoded.layout = layout_of(raw, path);
+  for (int row = 0; row < decoded.layout->rows(); ++row)
+    for (int col = 0; col < decoded.layout->cols(); ++col)
+      decoded.black_dn.push_back(black_at(raw, row, col, data.idata.filters != 0));
+  if (data.color.maximum > 0) {
+    decoded.white_dn = data.color.maximum;
+    decoded.bits = std::bit_width(data.color.maximum);
+  } else {
+    decoded.bits = 16;
+  }
+  if (data.other.iso_speed > 0 && std::isfinite(data.other.iso_speed))
+    decoded.gain.iso = data.other.iso_speed;
+  if (data.other.shutter > 0 && std::isfinite(data.other.shutter))
+    decoded.exposure_s = data.other.shutter;
+}
+
+}  // namespace
+
+Decoded read_camera_raw(const fs::path& path, bool pixels) {
+  const std::uintmax_t file_bytes = require_file(path);
+  const auto raw = std::make_unique<LibRaw>();  // too large for the stack
+  check(raw->open_file(path.c_str()), path);
+  const auto& sizes = raw->imgdata.sizes;
+  check_picture_size(path, sizes.raw_height, sizes.raw_width, 1);
+  // Lossy raw compression stays far below 1:100; a damaged header asks for more.
+  constexpr std::uintmax_t kMaxPixelsPerByte = 100;
+  if (std::uintmax_t{sizes.raw_width} * sizes.raw_height > kMaxPixelsPerByte * file_bytes)
+    throw InputError(path.string(),
+                     fmt::format("{} bytes cannot hold the {}x{} pixels it declares", file_bytes,
+                                 sizes.raw_width, sizes.raw_height),
+                     "check that the file is whole");
+  check(raw->unpack(), path);  // black levels are final only now
+  const std::uint16_t* mosaic = raw->imgdata.rawdata.raw_image;
+  if (!mosaic) not_a_mosaic(path, "several colours in every pixel");
+  if (raw->imgdata.process_warnings & LIBRAW_WARN_RAWSPEED_PROBLEM)
+    throw InputError(path.string(), "its pixel data are damaged", "copy it again from the camera");
+
+  Decoded decoded;
+  read_metadata(*raw, decoded, path);
+  const int top = sizes.top_margin, left = sizes.left_margin;
+  decoded.rows = sizes.height;
+  decoded.cols = sizes.width;
+  if (decoded.rows < 1 || decoded.cols < 1 || top + decoded.rows > sizes.raw_height ||
+      left + decoded.cols > sizes.raw_width)
+    throw InputError(path.string(), "its visible area lies outside of the sensor",
+                     "the file is damaged or of an unusual sensor");
+  if (!pixels) return decoded;
+  decoded.planes = Planes(1, decoded.rows, decoded.cols);
+  const std::size_t pitch = sizes.raw_pitch / sizeof(std::uint16_t);
+  for (int r = 0; r < decoded.rows; ++r) {
+    const std::uint16_t* source = mosaic + static_cast<std::size_t>(top + r) * pitch + left;
+    float* row = decoded.planes[0].row(r);
+    for (int c = 0; c < decoded.cols; ++c) row[c] = static_cast<float>(source[c]);
+  }
+  return decoded;
+}
+
+}  // namespace malus::internal

@@ -1,0 +1,75 @@
+#include "malus/io/internal/file_bytes.h"
+
+#include "malus/base/error.h"
+#include "malus/io/internal/decoded.h"
+
+#include <cerrno>
+#include <cstdio>
+#include <memory>
+#include <system_error>
+
+#include <fmt/format.h>
+
+namespace malus::internal {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+struct CloseFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using File = std::unique_ptr<std::FILE, CloseFile>;
+
+File open_file(const fs::path& path) {
+  File file(std::fopen(path.c_str(), "rb"));
+  if (!file)
+    throw InputError(path.string(), fmt::format("cannot be opened: {}", std::strerror(errno)),
+                     "check its permissions");
+  return file;
+}
+
+}  // namespace
+
+std::uintmax_t require_file(const fs::path& path) {
+  std::error_code error;
+  const auto status = fs::status(path, error);
+  if (!fs::exists(status))
+    throw InputError(path.string(), "does not exist", "check the name and the folder");
+  if (fs::is_directory(status))
+    throw InputError(path.string(), "is a folder, not a file", "name the files in it");
+  if (!fs::is_regular_file(status))
+    throw InputError(path.string(), "is not a regular file", "copy it to a file first");
+  const std::uintmax_t size = fs::file_size(path, error);
+  if (error)
+    throw InputError(path.string(), fmt::format("cannot be read: {}", error.message()),
+                     "check its permissions");
+  open_file(path);
+  if (size == 0)
+    throw InputError(path.string(), "the file is empty (0 bytes)", "copy or record it again");
+  return size;
+}
+
+std::vector<std::uint8_t> read_bytes(const fs::path& path, std::uintmax_t limit) {
+  const std::uintmax_t size = std::min(require_file(path), limit);
+  const File file = open_file(path);
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
+  if (std::fread(bytes.data(), 1, bytes.size(), file.get()) != bytes.size())
+    throw InputError(path.string(), fmt::format("cannot be read: {}", std::strerror(errno)),
+                     "check the disk");
+  return bytes;
+}
+
+void check_picture_size(const fs::path& path, std::int64_t rows, std::int64_t cols,
+                        std::int64_t channels) {
+  const std::string text = fmt::format("{}x{} pixels and {} channels", cols, rows, channels);
+  if (rows < 1 || cols < 1 || channels < 1)
+    throw InputError(path.string(), fmt::format("it declares {}", text), "the file is damaged");
+  if (rows > kMaxPixels || cols > kMaxPixels || channels > kMaxChannels ||
+      rows > kMaxPixels / cols / channels)
+    throw InputError(path.string(),
+                     fmt::format("it declares {}, more than {} values", text, kMaxPixels),
+                     "crop it, or check that the file is whole");
+}
+
+}  // namespace malus::internal

@@ -1,0 +1,249 @@
+#include "malus/io/internal/fits.h"
+
+#include "malus/base/error.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <string_view>
+
+#include <fmt/format.h>
+
+namespace malus::internal {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kCard = 80, kBlock = 2880;
+constexpr std::size_t kMaxHeader = kBlock * 1024;
+constexpr double kMaxExact = 16777216.0;  // float holds every integer up to here
+
+[[noreturn]] void damaged(const fs::path& path, std::string_view problem) {
+  throw InputError(path.string(), fmt::format("is not a usable FITS image: {}", problem),
+                   "save it again as a plain 2-D FITS image");
+}
+
+std::string_view trimmed(std::string_view text) {
+  const auto first = text.find_first_not_of(' ');
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(' ') - first + 1);
+}
+
+struct Header {
+  std::map<std::string, std::string, std::less<>> values;
+  std::string comment;
+  std::size_t data_offset = 0;
+};
+
+// Standard 4.0, section 4.1: keyword in columns 1-8, "= " in 9-10, then text in quotes or a number,
+// then "/ comment".
+std::string card_value(std::string_view field) {
+  field = trimmed(field);
+  if (field.starts_with('\'')) {
+    const auto end = field.find('\'', 1);
+    return std::string(
+        trimmed(field.substr(1, (end == std::string_view::npos ? field.size() : end) - 1)));
+  }
+  return std::string(trimmed(field.substr(0, field.find('/'))));
+}
+
+Header parse_header(Bytes bytes, const fs::path& path) {
+  Header header;
+  for (std::size_t at = 0;; at += kCard) {
+    if (at + kCard > bytes.size() || at > kMaxHeader)
+      damaged(path, "its header is cut off (no END card)");
+    const std::string_view card(reinterpret_cast<const char*>(bytes.data()) + at, kCard);
+    const std::string_view keyword = trimmed(card.substr(0, 8));
+    if (at == 0 && keyword != "SIMPLE") damaged(path, "it does not begin with SIMPLE");
+    if (keyword == "END") {
+      header.data_offset = (at + kCard + kBlock - 1) / kBlock * kBlock;
+      return header;
+    }
+    if (keyword == "COMMENT")
+      header.comment += card.substr(8);
+    else if (card.substr(8, 2) == "= ")
+      header.values.emplace(keyword, card_value(card.substr(10)));
+  }
+}
+
+std::optional<double> number(const Header& header, std::string_view key) {
+  const auto found = header.values.find(key);
+  if (found == header.values.end()) return std::nullopt;
+  std::string text = found->second;
+  std::replace(text.begin(), text.end(), 'D', 'E');  // Fortran's double exponent
+  const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
+  double value = 0;
+  const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value))
+    return std::nullopt;
+  return value;
+}
+
+std::int64_t required_integer(const Header& header, std::string_view key, const fs::path& path) {
+  const auto value = number(header, key);
+  if (!value || *value != std::floor(*value) || std::abs(*value) > 1e15)
+    damaged(path, fmt::format("{} is missing or not a whole number", key));
+  return static_cast<std::int64_t>(*value);
+}
+
+struct Layout {
+  int bitpix = 0;
+  std::int64_t rows = 0, cols = 0, channels = 1;
+  double zero = 0, scale = 1;
+  std::optional<double> blank;
+  bool bottom_up = false;
+  /// Scaled integers are whole numbers still.
+  bool whole() const { return bitpix > 0 && scale == 1 && zero == std::floor(zero); }
+};
+
+Layout picture_layout(const Header& header, const fs::path& path) {
+  Layout layout;
+  const std::int64_t bitpix = required_integer(header, "BITPIX", path);
+  if (bitpix != 8 && bitpix != 16 && bitpix != 32 && bitpix != 64 && bitpix != -32 && bitpix != -64)
+    damaged(path, fmt::format("BITPIX {} does not exist", bitpix));
+  layout.bitpix = static_cast<int>(bitpix);
+  const std::int64_t axes = required_integer(header, "NAXIS", path);
+  if (axes != 2 && axes != 3)
+    damaged(path, axes == 0 ? "its first image is empty, and extensions are not read"
+                            : fmt::format("it has {} axes; a picture has 2 or 3", axes));
+  layout.cols = required_integer(header, "NAXIS1", path);
+  layout.rows = required_integer(header, "NAXIS2", path);
+  if (axes == 3) layout.channels = required_integer(header, "NAXIS3", path);
+  check_picture_size(path, layout.rows, layout.cols, layout.channels);
+  layout.zero = number(header, "BZERO").value_or(0.0);
+  layout.scale = number(header, "BSCALE").value_or(1.0);
+  if (layout.bitpix > 0) layout.blank = number(header, "BLANK");
+  const auto order = header.values.find("ROWORDER");
+  layout.bottom_up = order != header.values.end() && order->second == "BOTTOM-UP";
+  return layout;
+}
+
+double stored(Bytes bytes, std::size_t offset, int bitpix) {
+  switch (bitpix) {
+    case 8:
+      return bytes[offset];
+    case 16:
+      return load_number<std::int16_t>(bytes, offset, true);
+    case 32:
+      return load_number<std::int32_t>(bytes, offset, true);
+    case 64:
+      return static_cast<double>(load_number<std::int64_t>(bytes, offset, true));
+    case -32:
+      return static_cast<double>(load_number<float>(bytes, offset, true));
+    default:
+      return load_number<double>(bytes, offset, true);
+  }
+}
+
+void read_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, const fs::path& path,
+                 Decoded& decoded) {
+  const std::size_t item = static_cast<std::size_t>(std::abs(layout.bitpix)) / 8;
+  const std::size_t needed =
+      static_cast<std::size_t>(layout.rows * layout.cols * layout.channels) * item;
+  const std::size_t present = bytes.size() > data_offset ? bytes.size() - data_offset : 0;
+  if (present < needed)
+    damaged(path, fmt::format("its size needs {} bytes of data, {} are there", needed, present));
+  decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);
+  std::size_t offset = data_offset;
+  for (Image& plane : decoded.planes)
+    for (int r = 0; r < plane.rows(); ++r) {
+      float* row = plane.row(layout.bottom_up ? plane.rows() - 1 - r : r);
+      for (int c = 0; c < plane.cols(); ++c, offset += item) {
+        const double raw = stored(bytes, offset, layout.bitpix);
+        const double value = layout.zero + layout.scale * raw;
+        if (layout.whole() && std::abs(value) > kMaxExact)
+          throw InputError(path.string(),
+                           fmt::format("it holds the integer {:.0f}, above 2^24", value),
+                           "scale it down or store it as float");
+        row[c] = layout.blank && raw == *layout.blank ? std::numeric_limits<float>::quiet_NaN()
+                                                      : static_cast<float>(value);
+      }
+    }
+}
+
+}  // namespace
+
+Decoded parse_fits(Bytes bytes, const fs::path& path, bool pixels) {
+  const Header header = parse_header(bytes, path);
+  const Layout layout = picture_layout(header, path);
+  Decoded decoded;
+  decoded.format = "fits";
+  decoded.rows = static_cast<int>(layout.rows);
+  decoded.cols = static_cast<int>(layout.cols);
+  decoded.channels = static_cast<int>(layout.channels);
+  if (layout.whole()) {
+    // A signed type is unsigned when BZERO moves its lower end to zero (standard 4.0, table 11).
+    const bool is_unsigned =
+        layout.bitpix == 8 || layout.zero >= std::ldexp(1.0, layout.bitpix - 1);
+    decoded.bits = std::min(layout.bitpix - (is_unsigned ? 0 : 1), 24);
+    decoded.sample = fmt::format("{}int{}", is_unsigned ? "u" : "", layout.bitpix);
+  } else {
+    decoded.sample = layout.bitpix == -64 ? "double" : "float";
+  }
+  decoded.exposure_s = number(header, "EXPTIME");
+  if (!decoded.exposure_s) decoded.exposure_s = number(header, "EXPOSURE");
+  if (const auto camera = header.values.find("INSTRUME"); camera != header.values.end())
+    decoded.camera = camera->second;
+  decoded.description = header.comment;
+  if (pixels) read_pixels(bytes, layout, header.data_offset, path, decoded);
+  return decoded;
+}
+
+Decoded read_fits(const fs::path& path, bool pixels) {
+  if (pixels) return parse_fits(read_bytes(path), path);
+  return parse_fits(read_bytes(path, kMaxHeader + kBlock), path, false);
+}
+
+namespace {
+
+template <class T>
+void append_big_endian(std::string& out, T value) {
+  char raw[sizeof(T)];
+  std::memcpy(raw, &value, sizeof(T));
+  if constexpr (std::endian::native == std::endian::little) std::reverse(raw, raw + sizeof(T));
+  out.append(raw, sizeof(T));
+}
+
+void pad_block(std::string& out, char fill) {
+  out.append((kBlock - out.size() % kBlock) % kBlock, fill);
+}
+
+}  // namespace
+
+std::string fits_content(const Planes& planes, FitsSample sample, const std::string& description,
+                         std::optional<double> exposure_s) {
+  std::string out;
+  const auto card = [&](std::string text) {
+    text.resize(kCard, ' ');
+    out += text;
+  };
+  const int bitpix = sample == FitsSample::kUint8 ? 8 : sample == FitsSample::kUint16 ? 16 : -32;
+  card("SIMPLE  =                    T");
+  card(fmt::format("BITPIX  = {:>20}", bitpix));
+  card(fmt::format("NAXIS   = {:>20}", planes.channels() == 1 ? 2 : 3));
+  card(fmt::format("NAXIS1  = {:>20}", planes.cols()));
+  card(fmt::format("NAXIS2  = {:>20}", planes.rows()));
+  if (planes.channels() > 1) card(fmt::format("NAXIS3  = {:>20}", planes.channels()));
+  if (bitpix == 16) card(fmt::format("BZERO   = {:>20}", 32768));
+  card("ROWORDER= 'TOP-DOWN'");
+  if (exposure_s) card(fmt::format("EXPTIME = {:>20}", *exposure_s));
+  for (std::size_t at = 0; at < description.size(); at += kCard - 8)
+    card("COMMENT " + description.substr(at, kCard - 8));
+  card("END");
+  pad_block(out, ' ');
+  for (const Image& plane : planes)
+    for (const float value : plane.values()) {
+      if (sample == FitsSample::kUint8)
+        out += static_cast<char>(static_cast<std::uint8_t>(value));
+      else if (sample == FitsSample::kUint16)
+        append_big_endian(out, static_cast<std::int16_t>(static_cast<std::int32_t>(value) - 32768));
+      else
+        append_big_endian(out, value);
+    }
+  pad_block(out, '\0');
+  return out;
+}
+
+}  // namespace malus::internal

@@ -1,0 +1,200 @@
+#include "malus/io/frame_file.h"
+
+#include "malus/base/error.h"
+#include "malus/io/internal/camera_raw.h"
+#include "malus/io/internal/decoded.h"
+#include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/fits.h"
+#include "malus/io/internal/frame_tags.h"
+#include "malus/io/internal/npy.h"
+#include "malus/io/internal/picture_codec.h"
+#include "malus/io/internal/read_any.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <string_view>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+namespace fs = std::filesystem;
+using internal::Decoded;
+
+Decoded read_headerless(const fs::path& path, const FrameOptions& options, bool pixels) {
+  const RawFormat format = *options.raw_format;
+  if (options.rows < 1 || options.cols < 1)
+    throw InputError(path.string(), "a headerless file needs its size", "give --size WIDTHxHEIGHT");
+  internal::check_picture_size(path, options.rows, options.cols, 1);
+  const std::uintmax_t present = internal::require_file(path);
+  const std::size_t needed = raw_format_bytes(format, options.rows, options.cols);
+  if (present != needed)
+    throw InputError(path.string(),
+                     fmt::format("it has {} bytes, {}x{} pixels of {} need {}", present,
+                                 options.cols, options.rows, raw_format_name(format), needed),
+                     "check --size and --raw-format");
+  Decoded decoded;
+  decoded.format = raw_format_name(format);
+  decoded.sample = fmt::format("uint{}", raw_format_bits(format));
+  decoded.bits = raw_format_bits(format);
+  decoded.rows = options.rows;
+  decoded.cols = options.cols;
+  decoded.channels = 1;
+  if (!pixels) return decoded;
+  decoded.planes = Planes(1, options.rows, options.cols);
+  decode_raw(format, internal::read_bytes(path), decoded.planes[0]);
+  return decoded;
+}
+
+std::vector<double> per_channel(const std::vector<double>& values, const SensorLayout& layout,
+                                const std::string& source) {
+  const auto channels = static_cast<std::size_t>(layout.channels());
+  if (values.size() == 1) return std::vector<double>(channels, values[0]);
+  if (values.size() != channels)
+    throw InputError(source,
+                     fmt::format("{} black levels for the {} channels of {}", values.size(),
+                                 channels, layout.name()),
+                     "give one number, or one per channel in mosaic order");
+  return values;
+}
+
+// White where nobody tells it: the container's largest value; for floats the largest pixel.
+double assumed_white(const Decoded& decoded) {
+  if (decoded.bits > 0) return std::ldexp(1.0, decoded.bits) - 1.0;
+  if (decoded.planes.channels() == 0) return 0.0;
+  float largest = 0.0f;
+  for (const float value : decoded.planes[0].values())
+    if (std::isfinite(value)) largest = std::max(largest, value);
+  return static_cast<double>(largest);
+}
+
+void check_levels(const RawFrame& frame) {
+  for (const double black : frame.black_dn)
+    if (!std::isfinite(black) || !std::isfinite(frame.white_dn) ||
+        (frame.white_known && black >= frame.white_dn) ||
+        (!frame.white_known && frame.bits > 0 && black >= frame.white_dn))
+      throw InputError(
+          frame.source,
+          fmt::format("black {:g} DN is not below white {:g} DN", black, frame.white_dn),
+          "check --black and --white, or the session file");
+}
+
+// The user's word, then the file's, then the default.
+RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path& path) {
+  RawFrame frame;
+  frame.source = path.string();
+  frame.bits = decoded.bits;
+  frame.layout_known = options.layout || decoded.layout;
+  frame.layout = options.layout ? *options.layout : decoded.layout.value_or(SensorLayout());
+  frame.black_known = !options.black_dn.empty();
+  if (frame.black_known) {
+    frame.black_dn = per_channel(options.black_dn, frame.layout, frame.source);
+  } else if (!decoded.black_dn.empty() &&
+             (decoded.black_dn.size() == 1 || frame.layout == decoded.layout)) {
+    frame.black_dn = per_channel(decoded.black_dn, frame.layout, frame.source);
+    frame.black_known = true;
+  } else {
+    frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
+  }
+  frame.white_known = options.white_dn || decoded.white_dn;
+  frame.white_dn = options.white_dn   ? *options.white_dn
+                   : decoded.white_dn ? *decoded.white_dn
+                                      : assumed_white(decoded);
+  const bool gain_given = options.gain.gain_db || options.gain.iso;
+  frame.gain = gain_given ? options.gain : decoded.gain;
+  frame.exposure_s = options.exposure_s ? options.exposure_s : decoded.exposure_s;
+  check_levels(frame);
+  if (decoded.planes.channels() > 0) frame.dn = std::move(decoded.planes[0]);
+  return frame;
+}
+
+Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixels) {
+  Decoded decoded = options.raw_format ? read_headerless(path, options, pixels)
+                                       : internal::read_any(path, pixels);
+  if (decoded.channels != 1)
+    throw InputError(path.string(),
+                     fmt::format("it has {} channels, a raw mosaic has one", decoded.channels),
+                     "give the camera's raw frame; pictures go through malus simulate");
+  if ((options.rows > 0 && decoded.rows != options.rows) ||
+      (options.cols > 0 && decoded.cols != options.cols))
+    throw InputError(path.string(),
+                     fmt::format("it is {}x{} pixels, {}x{} were declared", decoded.cols,
+                                 decoded.rows, options.cols, options.rows),
+                     "check the file, or the size in the session file or --size");
+  return decoded;
+}
+
+}  // namespace
+
+internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
+  require_file(path);
+  const auto head = read_bytes(path, 10);
+  const auto begins = [&](std::string_view magic) {
+    return head.size() >= magic.size() &&
+           std::equal(magic.begin(), magic.end(), head.begin(),
+                      [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
+  };
+  Decoded decoded;
+  if (const std::string codec = picture_codec(path); !codec.empty())
+    decoded = read_picture(path, codec, pixels);
+  else if (begins("\x93NUMPY"))
+    decoded = read_npy(path, pixels);
+  else if (begins("SIMPLE"))
+    decoded = read_fits(path, pixels);
+  else
+    decoded = read_camera_raw(path, pixels);
+  apply_frame_tags(decoded);
+  return decoded;
+}
+
+std::pair<int, int> parse_frame_size(std::string_view text) {
+  constexpr int kMaxExtent = 1 << 20;
+  int rows = 0, cols = 0;
+  const char* const last = text.data() + text.size();
+  const auto [middle, width_error] = std::from_chars(text.data(), last, cols);
+  bool good = width_error == std::errc() && middle != last && *middle == 'x';
+  if (good) {
+    const auto [end, height_error] = std::from_chars(middle + 1, last, rows);
+    good = height_error == std::errc() && end == last;
+  }
+  if (!good || rows < 1 || cols < 1 || rows > kMaxExtent || cols > kMaxExtent)
+    throw InputError(fmt::format("size \"{}\"", text), "is not WIDTHxHEIGHT",
+                     "write it as 2448x2048");
+  return {rows, cols};
+}
+
+FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback) {
+  FrameOptions result = options;
+  if (!result.layout) result.layout = fallback.layout;
+  if (result.black_dn.empty()) result.black_dn = fallback.black_dn;
+  if (!result.white_dn) result.white_dn = fallback.white_dn;
+  if (!result.gain.gain_db && !result.gain.iso) result.gain = fallback.gain;
+  if (!result.exposure_s) result.exposure_s = fallback.exposure_s;
+  if (!result.raw_format) result.raw_format = fallback.raw_format;
+  if (result.rows == 0 && result.cols == 0) {
+    result.rows = fallback.rows;
+    result.cols = fallback.cols;
+  }
+  return result;
+}
+
+RawFrame load_frame(const fs::path& path, const FrameOptions& options) {
+  Decoded decoded = read_mosaic(path, options, true);
+  return assemble(decoded, options, path);
+}
+
+FrameInfo probe_frame(const fs::path& path, const FrameOptions& options) {
+  Decoded decoded = read_mosaic(path, options, false);
+  FrameInfo info;
+  info.rows = decoded.rows;
+  info.cols = decoded.cols;
+  info.format = decoded.format;
+  info.camera = decoded.camera;
+  info.sample = decoded.sample;
+  info.frame = assemble(decoded, options, path);
+  return info;
+}
+
+}  // namespace malus

@@ -1,0 +1,39 @@
+// Files as bytes, with the checks that every reader needs first.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <span>
+#include <vector>
+
+namespace malus::internal {
+
+using Bytes = std::span<const std::uint8_t>;
+
+/// Size of a regular, readable, non-empty file; throws InputError otherwise.
+std::uintmax_t require_file(const std::filesystem::path& path);
+
+/// The first `limit` bytes, or all of a shorter file.
+std::vector<std::uint8_t> read_bytes(const std::filesystem::path& path,
+                                     std::uintmax_t limit = UINTMAX_MAX);
+
+/// Throws InputError unless 1 <= rows, cols, channels and the picture is within the limits of
+/// decoded.h.
+void check_picture_size(const std::filesystem::path& path, std::int64_t rows, std::int64_t cols,
+                        std::int64_t channels);
+
+/// One stored number; contract: bytes holds sizeof(T) at offset.
+template <class T>
+T load_number(Bytes bytes, std::size_t offset, bool big_endian) {
+  T value;
+  std::uint8_t raw[sizeof(T)];
+  std::memcpy(raw, bytes.data() + offset, sizeof(T));
+  if (big_endian != (std::endian::native == std::endian::big))
+    for (std::size_t i = 0; i < sizeof(T) / 2; ++i) std::swap(raw[i], raw[sizeof(T) - 1 - i]);
+  std::memcpy(&value, raw, sizeof(T));
+  return value;
+}
+
+}  // namespace malus::internal

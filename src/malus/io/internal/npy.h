@@ -1,0 +1,34 @@
+// NumPy's .npy, format versions 1 to 3 (numpy.lib.format): bool, integers, half, float, double, of
+// either byte order, C or Fortran order.
+#pragma once
+
+#include "malus/io/internal/decoded.h"
+#include "malus/io/internal/file_bytes.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace malus::internal {
+
+struct NpyHeader {
+  char kind = 0;  ///< b, u, i, f
+  int item_bytes = 0;
+  bool big_endian = false, fortran_order = false;
+  std::vector<std::int64_t> shape;
+  std::size_t data_offset = 0;
+};
+
+/// Throws InputError; path is for messages.
+NpyHeader parse_npy_header(Bytes bytes, const std::filesystem::path& path);
+/// 2-D, or 3-D as picture_file.h says. Integers beyond 2^24 are refused.
+Decoded parse_npy(Bytes bytes, const std::filesystem::path& path);
+
+/// The file, or its header alone.
+Decoded read_npy(const std::filesystem::path& path, bool pixels);
+
+enum class NpySample { kUint8, kUint16, kFloat };
+/// 2-D for one plane, else [channel, row, column]. Contract: integer samples are already in range.
+std::string npy_content(const Planes& planes, NpySample sample);
+
+}  // namespace malus::internal

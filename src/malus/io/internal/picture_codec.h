@@ -1,0 +1,28 @@
+// TIFF, PNG and EXR through OpenImageIO, values as stored.
+#pragma once
+
+#include "malus/image/view.h"
+#include "malus/io/internal/decoded.h"
+#include "malus/io/picture_file.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus::internal {
+
+/// OpenImageIO's name for the file's type by its first bytes ("tiff", "png", "openexr"), or empty.
+/// TIFF is recognised only with the ending .tif or .tiff: camera raws begin like one.
+std::string picture_codec(const std::filesystem::path& path);
+
+/// Throws InputError when damaged, of several parts or pages, or too large.
+Decoded read_picture(const std::filesystem::path& path, const std::string& codec, bool pixels);
+
+/// Writes to `file`; false and OpenImageIO's message in `error` on failure.
+bool write_picture(const std::filesystem::path& file, const std::string& codec,
+                   const Planes& planes, const std::vector<std::string>& names, SampleType type,
+                   const std::string& description, std::optional<double> exposure_s,
+                   std::string& error);
+
+}  // namespace malus::internal

@@ -1,0 +1,222 @@
+#include "malus/io/internal/picture_codec.h"
+
+#include "malus/base/error.h"
+#include "malus/base/text.h"
+#include "malus/io/internal/file_bytes.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+namespace malus::internal {
+namespace {
+
+namespace fs = std::filesystem;
+using OIIO::TypeDesc;
+
+std::string lower_ending(const fs::path& path) {
+  std::string ending = path.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return ending;
+}
+
+[[noreturn]] void unreadable(const fs::path& path, std::string detail) {
+  while (!detail.empty() && (detail.back() == '\n' || detail.back() == '.')) detail.pop_back();
+  throw InputError(path.string(),
+                   fmt::format("cannot be decoded{}{}", detail.empty() ? "" : ": ", detail),
+                   "the file is damaged or cut off: copy or record it again");
+}
+
+std::string sample_name(TypeDesc type) {
+  switch (type.basetype) {
+    case TypeDesc::UINT8:
+      return "uint8";
+    case TypeDesc::UINT16:
+      return "uint16";
+    case TypeDesc::UINT32:
+      return "uint32";
+    case TypeDesc::HALF:
+      return "half";
+    case TypeDesc::FLOAT:
+      return "float";
+    case TypeDesc::DOUBLE:
+      return "double";
+    default:
+      return {};
+  }
+}
+
+// Deflate cannot shrink by more than 1032, the strongest of the codecs: a file that declares more
+// is damaged, and would only waste memory.
+void check_plausible(const fs::path& path, const OIIO::ImageSpec& spec, std::uintmax_t file_bytes) {
+  check_picture_size(path, spec.height, spec.width, spec.nchannels);
+  constexpr std::uintmax_t kMaxRatio = 1100, kSlack = 1 << 20;
+  if (spec.image_bytes(true) > kMaxRatio * file_bytes + kSlack)
+    throw InputError(path.string(),
+                     fmt::format("{} bytes cannot hold the {}x{} pixels of {} channels it declares",
+                                 file_bytes, spec.width, spec.height, spec.nchannels),
+                     "check that the file is whole");
+}
+
+void check_single(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec) {
+  if (spec.deep) unreadable(path, "it is a deep picture");
+  if (spec.depth > 1) unreadable(path, "it is a volume");
+  if (!input.seek_subimage(1, 0)) {
+    input.geterror();  // there is no second one, as hoped
+    input.seek_subimage(0, 0);
+    return;
+  }
+  throw InputError(path.string(), "it holds several pictures (pages or parts)",
+                   "split it into one file per frame");
+}
+
+template <class T>
+void read_integers(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec,
+                   Decoded& decoded) {
+  const auto channels = static_cast<std::size_t>(spec.nchannels);
+  std::vector<T> stored(spec.image_pixels() * channels);
+  if (!input.read_image(0, 0, 0, spec.nchannels, spec.format, stored.data()))
+    unreadable(path, input.geterror());
+  // Types narrower than their container (10 or 12 bits in TIFF, 1 to 4 in PNG) arrive widened.
+  const int shift = static_cast<int>(8 * sizeof(T)) - decoded.bits;
+  for (std::size_t k = 0; k < channels; ++k) {
+    auto& plane = decoded.planes[static_cast<int>(k)].values();
+    for (std::size_t i = 0; i < plane.size(); ++i)
+      plane[i] = static_cast<float>(stored[i * channels + k] >> shift);
+  }
+}
+
+void read_floats(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec,
+                 Decoded& decoded) {
+  const auto channels = static_cast<std::size_t>(spec.nchannels);
+  std::vector<float> stored(spec.image_pixels() * channels);
+  if (!input.read_image(0, 0, 0, spec.nchannels, TypeDesc::FLOAT, stored.data()))
+    unreadable(path, input.geterror());
+  for (std::size_t k = 0; k < channels; ++k) {
+    auto& plane = decoded.planes[static_cast<int>(k)].values();
+    for (std::size_t i = 0; i < plane.size(); ++i) plane[i] = stored[i * channels + k];
+  }
+}
+
+void read_pixels(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec,
+                 Decoded& decoded) {
+  decoded.planes = Planes(spec.nchannels, spec.height, spec.width);
+  if (decoded.sample == "uint8")
+    read_integers<std::uint8_t>(path, input, spec, decoded);
+  else if (decoded.sample == "uint16")
+    read_integers<std::uint16_t>(path, input, spec, decoded);
+  else
+    read_floats(path, input, spec, decoded);
+}
+
+}  // namespace
+
+std::string picture_codec(const fs::path& path) {
+  const auto head = read_bytes(path, 8);
+  const auto begins = [&](std::initializer_list<std::uint8_t> magic) {
+    return head.size() >= magic.size() && std::equal(magic.begin(), magic.end(), head.begin());
+  };
+  if (begins({0x89, 'P', 'N', 'G'})) return "png";
+  if (begins({0x76, 0x2f, 0x31, 0x01})) return "openexr";
+  const std::string ending = lower_ending(path);
+  if (ending != ".tif" && ending != ".tiff") return {};
+  if (begins({'I', 'I', 42, 0}) || begins({'M', 'M', 0, 42}) || begins({'I', 'I', 43, 0}) ||
+      begins({'M', 'M', 0, 43}))
+    return "tiff";
+  return {};
+}
+
+Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels) {
+  const std::uintmax_t file_bytes = require_file(path);
+  const auto input = OIIO::ImageInput::create(codec);
+  if (!input) unreadable(path, OIIO::geterror());
+  input->threads(1);
+  OIIO::ImageSpec config, spec;
+  config.attribute("oiio:UnassociatedAlpha", 1);  // colours as stored, not times alpha
+  config.attribute("oiio:RawColor", 1);
+  if (!input->open(path.string(), spec, config)) unreadable(path, input->geterror());
+  check_single(path, *input, spec);
+  check_plausible(path, spec, file_bytes);
+
+  Decoded decoded;
+  decoded.format = codec;
+  decoded.rows = spec.height;
+  decoded.cols = spec.width;
+  decoded.channels = spec.nchannels;
+  decoded.names = spec.channelnames;
+  TypeDesc type = spec.format;
+  if (codec == "openexr" && type.basetype == TypeDesc::UINT32) unreadable(path, "uint32 channels");
+  decoded.sample = sample_name(type);
+  if (decoded.sample.empty() || decoded.sample == "uint32")
+    throw InputError(path.string(), fmt::format("samples of type {} are not read", type.c_str()),
+                     "store 8 or 16 bit unsigned integers or floats");
+  if (decoded.sample.starts_with("uint")) {
+    const int container = static_cast<int>(8 * type.size());
+    const int declared = spec.get_int_attribute("oiio:BitsPerSample", container);
+    decoded.bits = declared > 0 && declared < container ? declared : container;
+  }
+  decoded.description = spec.get_string_attribute("ImageDescription");
+  decoded.camera = spec.get_string_attribute("Model");
+  const float exposure_s = spec.get_float_attribute("ExposureTime", 0.0f);
+  if (exposure_s > 0 && std::isfinite(exposure_s)) decoded.exposure_s = exposure_s;
+  if (pixels) read_pixels(path, *input, spec, decoded);
+  input->close();
+  return decoded;
+}
+
+namespace {
+
+template <class T>
+std::vector<T> interleaved(const Planes& planes) {
+  const auto channels = static_cast<std::size_t>(planes.channels());
+  std::vector<T> values(channels * planes[0].size());
+  for (std::size_t k = 0; k < channels; ++k) {
+    const auto& plane = planes[static_cast<int>(k)].values();
+    for (std::size_t i = 0; i < plane.size(); ++i)
+      values[i * channels + k] = static_cast<T>(plane[i]);
+  }
+  return values;
+}
+
+}  // namespace
+
+bool write_picture(const fs::path& file, const std::string& codec, const Planes& planes,
+                   const std::vector<std::string>& names, SampleType type,
+                   const std::string& description, std::optional<double> exposure_s,
+                   std::string& error) {
+  const auto output = OIIO::ImageOutput::create(codec);
+  MALUS_REQUIRE(output != nullptr);
+  const TypeDesc stored = type == SampleType::kUint8    ? TypeDesc::UINT8
+                          : type == SampleType::kUint16 ? TypeDesc::UINT16
+                          : type == SampleType::kHalf   ? TypeDesc::HALF
+                                                        : TypeDesc::FLOAT;
+  OIIO::ImageSpec spec(planes.cols(), planes.rows(), planes.channels(), stored);
+  spec.channelnames = names;
+  // Noise does not shrink: TIFF stays plain, which every tool reads at once.
+  if (codec == "tiff") spec.attribute("compression", "none");
+  if (codec == "openexr") spec.attribute("compression", "zip");
+  if (codec == "png") spec.attribute("png:compressionLevel", 3);
+  if (!description.empty()) spec.attribute("ImageDescription", description);
+  if (exposure_s && codec == "openexr")
+    spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
+  bool good = output->open(file.string(), spec);
+  if (good) {
+    if (type == SampleType::kUint8)
+      good = output->write_image(TypeDesc::UINT8, interleaved<std::uint8_t>(planes).data());
+    else if (type == SampleType::kUint16)
+      good = output->write_image(TypeDesc::UINT16, interleaved<std::uint16_t>(planes).data());
+    else
+      good = output->write_image(TypeDesc::FLOAT, interleaved<float>(planes).data());
+    good = output->close() && good;
+  }
+  if (!good) error = output->geterror();
+  return good;
+}
+
+}  // namespace malus::internal

@@ -1,0 +1,153 @@
+#include "malus/io/picture_file.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/base/text.h"
+#include "malus/io/internal/fits.h"
+#include "malus/io/internal/frame_tags.h"
+#include "malus/io/internal/npy.h"
+#include "malus/io/internal/picture_codec.h"
+#include "malus/io/internal/read_any.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Ending {
+  const char* ending;
+  const char* codec;
+};
+constexpr std::array<Ending, 8> kEndings = {{{".tif", "tiff"},
+                                             {".tiff", "tiff"},
+                                             {".png", "png"},
+                                             {".exr", "openexr"},
+                                             {".fits", "fits"},
+                                             {".fit", "fits"},
+                                             {".fts", "fits"},
+                                             {".npy", "npy"}}};
+
+std::string codec_by_ending(const fs::path& path) {
+  std::string ending = path.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  for (const Ending& e : kEndings)
+    if (ending == e.ending) return e.codec;
+  throw InputError(path.string(), fmt::format("the ending \"{}\" cannot be written", ending),
+                   "use .tif, .png, .exr, .fits or .npy");
+}
+
+SampleType sample_type(const fs::path& path, const std::string& codec, const SaveOptions& options) {
+  const SampleType type =
+      options.type.value_or(codec == "png" ? SampleType::kUint16 : SampleType::kFloat);
+  const bool integer = type == SampleType::kUint8 || type == SampleType::kUint16;
+  if (codec == "png" && !integer)
+    throw InputError(path.string(), "PNG holds no floating-point values",
+                     "use .tif, .exr, .fits or .npy");
+  if (codec == "openexr" && integer)
+    throw InputError(path.string(), "EXR holds no 8 or 16 bit integers", "use .tif or .png");
+  if (codec != "openexr" && type == SampleType::kHalf)
+    throw InputError(path.string(), "half precision exists in EXR only", "use .exr");
+  return type;
+}
+
+std::vector<std::string> channel_names(int channels, const std::vector<std::string>& names) {
+  if (!names.empty()) {
+    MALUS_REQUIRE(static_cast<int>(names.size()) == channels);
+    return names;
+  }
+  if (channels == 1) return {"Y"};
+  if (channels == 3) return {"R", "G", "B"};
+  if (channels == 4) return {"R", "G", "B", "A"};
+  std::vector<std::string> numbered;
+  for (int k = 0; k < channels; ++k) numbered.push_back(fmt::format("C{:02}", k));
+  return numbered;
+}
+
+// The one place where values are rounded and held to an integer type's range.
+Planes rounded(const Planes& planes, float largest) {
+  Planes out = planes;
+  for (Image& plane : out)
+    for (float& value : plane.values())
+      value = std::isnan(value) ? 0.0f : std::clamp(std::nearbyint(value), 0.0f, largest);
+  return out;
+}
+
+void save_described(const fs::path& path, const Planes& planes,
+                    const std::vector<std::string>& given_names, const SaveOptions& options,
+                    const std::string& description, std::optional<double> exposure_s) {
+  MALUS_REQUIRE(planes.channels() > 0 && planes.rows() > 0 && planes.cols() > 0);
+  const std::string codec = codec_by_ending(path);
+  const SampleType type = sample_type(path, codec, options);
+  if (codec == "png" && planes.channels() > 4)
+    throw InputError(path.string(),
+                     fmt::format("PNG holds up to 4 channels, not {}", planes.channels()),
+                     "use .exr, .tif, .fits or .npy");
+  const bool is_8 = type == SampleType::kUint8, is_16 = type == SampleType::kUint16;
+  const Planes integers = is_8 || is_16 ? rounded(planes, is_8 ? 255.0f : 65535.0f) : Planes();
+  const Planes& values = is_8 || is_16 ? integers : planes;
+
+  if (codec == "npy") {
+    using internal::NpySample;
+    write_file(path,
+               internal::npy_content(values, is_8    ? NpySample::kUint8
+                                             : is_16 ? NpySample::kUint16
+                                                     : NpySample::kFloat),
+               options.force);
+  } else if (codec == "fits") {
+    using internal::FitsSample;
+    write_file(path,
+               internal::fits_content(values,
+                                      is_8    ? FitsSample::kUint8
+                                      : is_16 ? FitsSample::kUint16
+                                              : FitsSample::kFloat,
+                                      description, exposure_s),
+               options.force);
+  } else {
+    AtomicFile file(path, options.force);
+    std::string error;
+    if (!internal::write_picture(file.temporary(), codec, values,
+                                 channel_names(values.channels(), given_names), type, description,
+                                 exposure_s, error))
+      file.fail(error);
+    file.commit();
+  }
+}
+
+}  // namespace
+
+Picture load_picture(const fs::path& path) {
+  internal::Decoded decoded = internal::read_any(path, true);
+  Picture picture;
+  picture.names = channel_names(decoded.channels, decoded.names);
+  picture.planes = std::move(decoded.planes);
+  picture.bits = decoded.bits;
+  picture.white = decoded.bits > 0 ? std::ldexp(1.0, decoded.bits) - 1.0 : 1.0;
+  return picture;
+}
+
+void save_picture(const fs::path& path, const Planes& planes, const std::vector<std::string>& names,
+                  const SaveOptions& options) {
+  save_described(path, planes, names, options, {}, {});
+}
+
+void save_picture(const fs::path& path, const Image& image, const SaveOptions& options) {
+  Planes planes(1, 0, 0);
+  planes[0] = image;
+  save_described(path, planes, {}, options, {}, {});
+}
+
+void save_frame(const fs::path& path, const RawFrame& frame, const SaveOptions& options) {
+  Planes planes(1, 0, 0);
+  planes[0] = frame.dn;
+  save_described(path, planes, {}, options, internal::frame_tags(frame), frame.exposure_s);
+}
+
+}  // namespace malus
