@@ -1,1 +1,1 @@
-set(polar_SOURCES layout_check.cpp stokes.cpp)
+set(polar_SOURCES color_map.cpp layout_check.cpp legend.cpp render.cpp stokes.cpp symmetry.cpp uncertainty.cpp)

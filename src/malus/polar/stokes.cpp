@@ -31,21 +31,6 @@ Image map_stokes(const StokesPlanes& stokes, Function value) {
   return out;
 }
 
-// Mean of all channels with this colour and angle.
-Image mean_of_sites(const Planes& packed, const SensorLayout& layout, Color color, int angle_deg) {
-  Image mean(packed.rows(), packed.cols());
-  std::vector<int> sites;
-  for (int k = 0; k < layout.channels(); ++k)
-    if (layout.site(k) == Site{color, angle_deg}) sites.push_back(k);
-  const double scale = 1.0 / static_cast<double>(sites.size());
-  for (std::size_t i = 0; i < mean.size(); ++i) {
-    double sum = 0;
-    for (int k : sites) sum += packed[k].values()[i];
-    mean.values()[i] = static_cast<float>(sum * scale);
-  }
-  return mean;
-}
-
 Image mean_of(const Image& a, const Image& b) {
   Image mean(a.rows(), a.cols());
   for (std::size_t i = 0; i < mean.size(); ++i)
@@ -96,6 +81,22 @@ void require_polarized(const SensorLayout& layout, std::string_view subject) {
       "polar-bayer-rggb");
 }
 
+SiteMean mean_of_sites(const Planes& packed, const SensorLayout& layout, Color color,
+                       int angle_deg) {
+  std::vector<const Image*> sites;
+  for (int k = 0; k < layout.channels(); ++k)
+    if (layout.site(k) == Site{color, angle_deg}) sites.push_back(&packed[k]);
+  if (sites.empty()) return {};
+  if (sites.size() == 1) return {*sites[0], 1};
+  SiteMean mean{Image(packed.rows(), packed.cols()), static_cast<int>(sites.size())};
+  for (std::size_t i = 0; i < mean.image.size(); ++i) {
+    double sum = 0;
+    for (const Image* site : sites) sum += site->values()[i];
+    mean.image.values()[i] = static_cast<float>(sum / mean.sites);
+  }
+  return mean;
+}
+
 std::vector<StokesPlanes> stokes_per_color(const Planes& packed, const SensorLayout& layout) {
   require_polarized(layout, "Stokes parameters");
   MALUS_REQUIRE(packed.channels() == layout.channels());
@@ -103,7 +104,7 @@ std::vector<StokesPlanes> stokes_per_color(const Planes& packed, const SensorLay
   for (Color color : layout.colors()) {
     std::array<Image, 4> angles;
     for (int a = 0; a < 4; ++a)
-      angles[static_cast<std::size_t>(a)] = mean_of_sites(packed, layout, color, 45 * a);
+      angles[static_cast<std::size_t>(a)] = mean_of_sites(packed, layout, color, 45 * a).image;
     all.push_back(stokes_of(AnglePlanes{angles[0], angles[1], angles[2], angles[3]}));
   }
   return all;

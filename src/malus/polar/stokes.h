@@ -8,6 +8,8 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <string>
+#include <string_view>
 #include <vector>
 
 namespace malus {
@@ -63,6 +65,14 @@ Image aolp_deg_of(
 /// layout.colors(). A colour with several sites of one angle takes their mean. Throws InputError
 /// when the layout lacks an angle.
 std::vector<StokesPlanes> stokes_per_color(const Planes& packed, const SensorLayout& layout);
+
+/// Mean over all channels with this colour and angle, and how many there are (0: an empty image).
+struct SiteMean {
+  Image image;
+  int sites = 0;
+};
+SiteMean mean_of_sites(const Planes& packed, const SensorLayout& layout, Color color,
+                       int angle_deg);
 
 /// Stokes parameters for viewing: one per display channel, "R", "G", "B" for colour sensors (G the
 /// mean of the two greens), "" for mono.

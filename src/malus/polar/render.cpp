@@ -1,0 +1,150 @@
+#include "malus/polar/render.h"
+
+#include "malus/base/parallel.h"
+#include "malus/polar/color_map.h"
+#include "malus/polar/legend.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kRowsPerTask = 64;
+
+// color(row, col) for every pixel.
+template <class Function>
+Planes paint(int rows, int cols, Function color) {
+  Planes picture(3, rows, cols);
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
+      for (int c = 0; c < cols; ++c) {
+        const Rgb rgb = color(r, c);
+        picture[0](r, c) = rgb.r;
+        picture[1](r, c) = rgb.g;
+        picture[2](r, c) = rgb.b;
+      }
+  });
+  return picture;
+}
+
+// Value below which `percent` of the finite values lie; 0 when there are none.
+double percentile(std::vector<float> values, double percent) {
+  std::erase_if(values, [](float v) { return !std::isfinite(v); });
+  if (values.empty()) return 0;
+  const auto rank = static_cast<std::ptrdiff_t>(std::min(percent / 100, 1.0) *
+                                                static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + rank, values.end());
+  return values[static_cast<std::size_t>(rank)];
+}
+
+double finite_mean(const Image& image) {
+  double sum = 0;
+  std::size_t count = 0;
+  for (float v : image.values())
+    if (std::isfinite(v)) sum += v, ++count;
+  return count > 0 ? sum / static_cast<double>(count) : 0;
+}
+
+// Grey-world gains for R, G, B: the mean of G for all, within reason for nearly black channels.
+std::array<double, 3> balance(const StokesPicture& picture) {
+  constexpr double kLargest = 8;
+  std::array<double, 3> gains = {1, 1, 1};
+  const double green = finite_mean(picture.planes[1].s0);
+  for (std::size_t i : {std::size_t{0}, std::size_t{2}}) {
+    const double mean = finite_mean(picture.planes[i].s0);
+    if (green > 0 && mean > 0) gains[i] = std::clamp(green / mean, 1 / kLargest, kLargest);
+  }
+  return gains;
+}
+
+Image mean_image(std::span<const StokesPlanes> planes, Image StokesPlanes::*member) {
+  Image mean = planes[0].*member;
+  for (std::size_t p = 1; p < planes.size(); ++p)
+    for (std::size_t i = 0; i < mean.size(); ++i)
+      mean.values()[i] += (planes[p].*member).values()[i];
+  for (float& v : mean.values()) v /= static_cast<float>(planes.size());
+  return mean;
+}
+
+Planes paint_signed(const Image& values, double scale, bool legend) {
+  Planes picture = paint(values.rows(), values.cols(), [&](int r, int c) {
+    const double v = values(r, c);
+    if (!std::isfinite(v)) return undefined_color(r, c);
+    return two_sided_color(scale > 0 ? v / scale : 0);
+  });
+  if (legend)
+    draw_bar(picture, [](double fraction) { return two_sided_color(2 * fraction - 1); },
+             {fmt::format("-{:.3g}", scale), "0", fmt::format("{:.3g}", scale)});
+  return picture;
+}
+
+}  // namespace
+
+StokesPlanes mean_stokes(std::span<const StokesPlanes> planes) {
+  MALUS_REQUIRE(!planes.empty());
+  return {mean_image(planes, &StokesPlanes::s0), mean_image(planes, &StokesPlanes::s1),
+          mean_image(planes, &StokesPlanes::s2)};
+}
+
+Planes render_s0(const StokesPicture& picture, const RenderSettings& settings) {
+  const bool color = picture.names == std::vector<std::string>{"R", "G", "B"};
+  const StokesPlanes grey = color ? StokesPlanes{} : mean_stokes(picture.planes);
+  std::array<const Image*, 3> s0 = {&grey.s0, &grey.s0, &grey.s0};
+  std::array<double, 3> gains = {1, 1, 1};
+  if (color) {
+    for (std::size_t i = 0; i < 3; ++i) s0[i] = &picture.planes[i].s0;
+    if (settings.white_balance) gains = balance(picture);
+  }
+  double white = 0;
+  for (std::size_t i = 0; i < 3; ++i)
+    white = std::max(white, gains[i] * percentile(s0[i]->values(), settings.white_percentile));
+  const double scale = white > 0 ? settings.exposure / white : 0;
+  return paint(s0[0]->rows(), s0[0]->cols(), [&](int r, int c) {
+    std::array<float, 3> rgb;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double v = (*s0[i])(r, c);
+      if (!std::isfinite(v)) return undefined_color(r, c);
+      rgb[i] = srgb_of_linear(v * gains[i] * scale);
+    }
+    return Rgb{rgb[0], rgb[1], rgb[2]};
+  });
+}
+
+SignedPictures render_s1_s2(const StokesPlanes& stokes, const RenderSettings& settings) {
+  constexpr double kScalePercentile = 99.5;
+  std::vector<float> magnitudes = stokes.s1.values();
+  magnitudes.insert(magnitudes.end(), stokes.s2.values().begin(), stokes.s2.values().end());
+  for (float& v : magnitudes) v = std::abs(v);
+  const double scale = percentile(std::move(magnitudes), kScalePercentile);
+  return {paint_signed(stokes.s1, scale, settings.legend),
+          paint_signed(stokes.s2, scale, settings.legend), scale};
+}
+
+Planes render_dolp(const Image& dolp, const RenderSettings& settings) {
+  Planes picture = paint(dolp.rows(), dolp.cols(), [&](int r, int c) {
+    const double v = dolp(r, c);
+    return std::isfinite(v) ? rising_color(v / settings.dolp_max) : undefined_color(r, c);
+  });
+  if (settings.legend)
+    draw_bar(
+        picture, rising_color,
+        {"0", fmt::format("{:g}", settings.dolp_max / 2), fmt::format("{:g}", settings.dolp_max)});
+  return picture;
+}
+
+Planes render_aolp(const Image& aolp_deg, const Image& dolp, const RenderSettings& settings) {
+  MALUS_REQUIRE(aolp_deg.rows() == dolp.rows() && aolp_deg.cols() == dolp.cols());
+  Planes picture = paint(aolp_deg.rows(), aolp_deg.cols(), [&](int r, int c) {
+    const double angle = aolp_deg(r, c), strength = dolp(r, c) / settings.dolp_max;
+    if (!std::isfinite(angle)) return undefined_color(r, c);
+    return aolp_color(angle, settings.aolp_by_dolp ? strength : 1);
+  });
+  if (settings.legend) draw_aolp_wheel(picture);
+  return picture;
+}
+
+}  // namespace malus

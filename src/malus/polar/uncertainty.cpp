@@ -1,0 +1,92 @@
+#include "malus/polar/uncertainty.h"
+
+#include "malus/base/parallel.h"
+
+#include <algorithm>
+#include <array>
+
+namespace malus {
+namespace {
+
+constexpr int kRowsPerTask = 64;
+const double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+// Variance of (S1, S2) across its own direction, in the intensities' unit squared.
+double tangential_variance(const Stokes& s, const StokesCovariance& v) {
+  const double p2 = s.s1 * s.s1 + s.s2 * s.s2;
+  return (s.s2 * s.s2 * v.s1s1 + s.s1 * s.s1 * v.s2s2 - 2 * s.s1 * s.s2 * v.s1s2) / p2;
+}
+
+bool without_direction(const Stokes& s) { return s.s1 == 0 && s.s2 == 0; }
+
+}  // namespace
+
+double dolp_variance(const Stokes& s, const StokesCovariance& v) {
+  if (!(s.s0 > 0)) return kNaN;
+  if (without_direction(s)) return 0.5 * (v.s1s1 + v.s2s2) / (s.s0 * s.s0);
+  const double p = std::hypot(s.s1, s.s2);
+  const double d0 = -p / (s.s0 * s.s0), d1 = s.s1 / (p * s.s0), d2 = s.s2 / (p * s.s0);
+  return d0 * d0 * v.s0s0 + d1 * d1 * v.s1s1 + d2 * d2 * v.s2s2 +
+         2 * (d0 * d1 * v.s0s1 + d0 * d2 * v.s0s2 + d1 * d2 * v.s1s2);
+}
+
+double aolp_variance_deg2(const Stokes& s, const StokesCovariance& v) {
+  if (!(s.s0 > 0)) return kNaN;
+  if (without_direction(s)) return kUnknownAngleVarianceDeg2;
+  constexpr double kHalfRadianDeg = 90.0 / std::numbers::pi;  // AoLP is half the phase
+  const double p2 = s.s1 * s.s1 + s.s2 * s.s2;
+  return std::min(kUnknownAngleVarianceDeg2,
+                  kHalfRadianDeg * kHalfRadianDeg * tangential_variance(s, v) / p2);
+}
+
+double corrected_dolp(const Stokes& s, const StokesCovariance& v) {
+  const double p = dolp_of(s);
+  if (std::isnan(p) || without_direction(s)) return p;
+  const double b2 = tangential_variance(s, v) / (s.s0 * s.s0);
+  if (!(b2 > 0)) return p;
+  return p + b2 * std::expm1(-p * p / b2) / (2 * p);
+}
+
+StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance) {
+  const int rows = stokes.s0.rows(), cols = stokes.s0.cols();
+  for (const auto& plane : {variance.i0, variance.i45, variance.i90, variance.i135})
+    MALUS_REQUIRE(plane.rows() == rows && plane.cols() == cols);
+  const Image blank(rows, cols);
+  StokesUncertainty out{blank, blank, blank, blank, blank, blank};
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
+      for (int c = 0; c < cols; ++c) {
+        const Stokes s{stokes.s0(r, c), stokes.s1(r, c), stokes.s2(r, c)};
+        const StokesCovariance v = stokes_covariance(variance.i0(r, c), variance.i45(r, c),
+                                                     variance.i90(r, c), variance.i135(r, c));
+        out.s0_variance(r, c) = static_cast<float>(v.s0s0);
+        out.s1_variance(r, c) = static_cast<float>(v.s1s1);
+        out.s2_variance(r, c) = static_cast<float>(v.s2s2);
+        out.dolp_sd(r, c) = static_cast<float>(std::sqrt(dolp_variance(s, v)));
+        out.aolp_sd_deg(r, c) = static_cast<float>(std::sqrt(aolp_variance_deg2(s, v)));
+        out.dolp_corrected(r, c) = static_cast<float>(corrected_dolp(s, v));
+      }
+  });
+  return out;
+}
+
+std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,
+                                                     const Planes& packed_variance,
+                                                     const SensorLayout& layout) {
+  const std::vector<Color> colors = layout.colors();
+  MALUS_REQUIRE(stokes.size() == colors.size());
+  std::vector<StokesUncertainty> all;
+  for (std::size_t i = 0; i < colors.size(); ++i) {
+    std::array<Image, 4> variance;
+    for (int a = 0; a < 4; ++a) {
+      const SiteMean mean = mean_of_sites(packed_variance, layout, colors[i], 45 * a);
+      variance[static_cast<std::size_t>(a)] = mean.image;
+      for (float& v : variance[static_cast<std::size_t>(a)].values())
+        v /= static_cast<float>(mean.sites);
+    }
+    all.push_back(propagate(stokes[i], {variance[0], variance[1], variance[2], variance[3]}));
+  }
+  return all;
+}
+
+}  // namespace malus

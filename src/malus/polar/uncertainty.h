@@ -1,0 +1,57 @@
+// How far to trust Stokes parameters, DoLP and AoLP: first-order propagation of the variances of
+// the four intensities, and DoLP with its positive bias removed.
+#pragma once
+
+#include "malus/polar/stokes.h"
+
+namespace malus {
+
+/// Covariance of (S0, S1, S2) of one pixel, in the intensities' unit squared.
+struct StokesCovariance {
+  double s0s0 = 0, s1s1 = 0, s2s2 = 0, s0s1 = 0, s0s2 = 0, s1s2 = 0;
+};
+
+/// Of independent intensities with these variances: S is linear in them, so this is exact.
+inline StokesCovariance stokes_covariance(double v0, double v45, double v90, double v135) {
+  return {0.25 * (v0 + v45 + v90 + v135),
+          v0 + v90,
+          v45 + v135,
+          0.5 * (v0 - v90),
+          0.5 * (v45 - v135),
+          0};
+}
+
+/// First-order variance of DoLP; NaN where DoLP is undefined. Where S1 = S2 = 0 it has no
+/// gradient: there the mean over all directions, (Var S1 + Var S2) / (2 S0²).
+double dolp_variance(const Stokes& s, const StokesCovariance& covariance);
+
+/// Variance of AoLP in deg², to first order and never more than that of an angle that nothing is
+/// known of, 180²/12; NaN where S0 <= 0.
+double aolp_variance_deg2(const Stokes& s, const StokesCovariance& covariance);
+
+inline constexpr double kUnknownAngleVarianceDeg2 = 180.0 * 180.0 / 12.0;
+
+/// DoLP without its positive (Rician) bias: the modified asymptotic estimator
+/// p - b² (1 - exp(-p²/b²)) / (2p), b² the variance of (S1, S2)/S0 across the direction of
+/// polarization; never negative, 0 where DoLP is 0, NaN where it is undefined. (Plaszczynski,
+/// Montier, Levrier, Tristram, MNRAS 439, 4048, 2014, arXiv 1312.0437.)
+double corrected_dolp(const Stokes& s, const StokesCovariance& covariance);
+
+/// Variance planes of one colour, sizes as the Stokes planes.
+struct StokesUncertainty {
+  Image s0_variance, s1_variance, s2_variance;  ///< DN²
+  Image dolp_sd;                                ///< 1
+  Image aolp_sd_deg;
+  Image dolp_corrected;
+};
+
+/// variance: planes of the four intensities' variances in DN², independent between angles.
+StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance);
+
+/// As stokes_per_color, for packed planes of variances: a colour with several sites of one angle
+/// has the variance of their mean.
+std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,
+                                                     const Planes& packed_variance,
+                                                     const SensorLayout& layout);
+
+}  // namespace malus

@@ -1,0 +1,135 @@
+#include "malus/polar/uncertainty.h"
+
+#include "malus/base/random.h"
+#include "malus/base/statistics.h"
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr int kDraws = 40000;
+
+struct Sample {
+  Moments s0, s1, s2, dolp, corrected, aolp_error_deg;
+  int dolp_within = 0, aolp_within = 0;  // truth inside two of the pixel's own standard deviations
+};
+
+// Draws the four intensities of one pixel with Gaussian noise of known standard deviations and
+// judges every estimate against the truth.
+Sample simulate(const Stokes& truth, const std::array<double, 4>& sd) {
+  Sample sample;
+  RandomSequence random(11, 0, Draw::kUser);
+  const double dolp = dolp_of(truth), aolp = aolp_deg_of(truth);
+  const StokesCovariance v =
+      stokes_covariance(sd[0] * sd[0], sd[1] * sd[1], sd[2] * sd[2], sd[3] * sd[3]);
+  for (int i = 0; i < kDraws; ++i) {
+    std::array<double, 4> intensity;
+    for (std::size_t a = 0; a < 4; ++a)
+      intensity[a] =
+          intensity_behind(truth, 45.0 * static_cast<double>(a)) + sd[a] * random.normal();
+    const Stokes s = stokes_of(intensity[0], intensity[1], intensity[2], intensity[3]);
+    sample.s0.add(s.s0), sample.s1.add(s.s1), sample.s2.add(s.s2);
+    sample.dolp.add(dolp_of(s));
+    const double corrected = corrected_dolp(s, v);
+    sample.corrected.add(corrected);
+    const double error = std::remainder(aolp_deg_of(s) - aolp, 180.0);
+    sample.aolp_error_deg.add(error);
+    sample.dolp_within += std::abs(corrected - dolp) < 2 * std::sqrt(dolp_variance(s, v));
+    sample.aolp_within += std::abs(error) < 2 * std::sqrt(aolp_variance_deg2(s, v));
+  }
+  return sample;
+}
+
+// Relative standard error of a variance from kDraws Gaussian samples: sqrt(2/n) = 0.7 %; 4 sigma.
+constexpr double kVarianceTolerance = 0.03;
+
+TEST(Uncertainty, VariancesAgreeWithSimulation) {
+  const std::array<double, 4> sd = {3, 5, 8, 4};
+  for (const Stokes truth :
+       {Stokes{1000, 400, 250}, Stokes{1000, -300, 50}, Stokes{1000, 0, -600}}) {
+    const Sample sample = simulate(truth, sd);
+    const StokesCovariance v = stokes_covariance(9, 25, 64, 16);
+    EXPECT_NEAR(sample.s0.variance() / v.s0s0, 1, kVarianceTolerance);
+    EXPECT_NEAR(sample.s1.variance() / v.s1s1, 1, kVarianceTolerance);
+    EXPECT_NEAR(sample.s2.variance() / v.s2s2, 1, kVarianceTolerance);
+    EXPECT_NEAR(sample.dolp.variance() / dolp_variance(truth, v), 1, kVarianceTolerance);
+    EXPECT_NEAR(sample.aolp_error_deg.variance() / aolp_variance_deg2(truth, v), 1,
+                kVarianceTolerance);
+  }
+}
+
+// From a signal of three standard deviations on, two standard deviations hold the truth about 95 %
+// of the time.
+TEST(Uncertainty, TwoStandardDeviationsHoldTheTruth) {
+  for (double snr : {3.0, 5.0, 20.0}) {
+    const double sd = 10, amplitude = snr * sd * std::sqrt(2.0);  // sd of S1 and S2 is sqrt(2) sd
+    const Sample sample = simulate({4000, 0.6 * amplitude, 0.8 * amplitude}, {sd, sd, sd, sd});
+    EXPECT_NEAR(static_cast<double>(sample.dolp_within) / kDraws, 0.95, 0.02) << snr;
+    EXPECT_NEAR(static_cast<double>(sample.aolp_within) / kDraws, 0.95, 0.03) << snr;
+  }
+}
+
+// The raw DoLP of noise is biased upward. The corrected one has less than 7 % of a standard
+// deviation left at a signal of two standard deviations and nothing measurable from three on. For
+// no signal at all its mean is, in standard deviations, sqrt(pi/2)/2 + sqrt(pi/6)/2: the integral
+// of the estimator over the Rayleigh distribution.
+TEST(Uncertainty, CorrectedDolpLosesTheBias) {
+  const double sd = 10, s0 = 1000, unit = sd * std::sqrt(2.0) / s0;
+  for (const auto& [snr, limit] : {std::pair{2.0, 0.07}, {3.0, 0.035}, {5.0, 0.035}}) {
+    const double dolp = snr * unit;
+    const Sample sample = simulate({s0, dolp * s0, 0}, {sd, sd, sd, sd});
+    EXPECT_GT(sample.dolp.mean() - dolp, 0.08 * unit);
+    EXPECT_LT(std::abs(sample.corrected.mean() - dolp), limit * unit) << snr;
+  }
+  const Sample dark = simulate({s0, 0, 0}, {sd, sd, sd, sd});
+  const double expected = 0.5 * (std::sqrt(std::numbers::pi / 2) + std::sqrt(std::numbers::pi / 6));
+  EXPECT_NEAR(dark.corrected.mean() / unit, expected, 0.02);
+}
+
+TEST(Uncertainty, DirectionOfUnequalNoiseDoesNotMatterForTheCorrection) {
+  const double s0 = 1000, amplitude = 60;
+  for (double turn : {0.0, 0.4, 0.9, 1.4}) {
+    const Stokes truth{s0, amplitude * std::cos(2 * turn), amplitude * std::sin(2 * turn)};
+    const Sample sample = simulate(truth, {16, 8, 16, 8});
+    EXPECT_NEAR(sample.corrected.mean(), amplitude / s0, 0.0015) << turn;
+  }
+}
+
+TEST(Uncertainty, UndefinedAndUnpolarizedPixels) {
+  const StokesCovariance v = stokes_covariance(1, 1, 1, 1);
+  EXPECT_TRUE(std::isnan(dolp_variance({0, 1, 1}, v)));
+  EXPECT_TRUE(std::isnan(aolp_variance_deg2({-1, 1, 1}, v)));
+  EXPECT_TRUE(std::isnan(corrected_dolp({0, 1, 1}, v)));
+  EXPECT_DOUBLE_EQ(corrected_dolp({10, 0, 0}, v), 0);
+  EXPECT_DOUBLE_EQ(dolp_variance({10, 0, 0}, v), 2.0 / 100);
+  EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 0, 0}, v), 2700);
+  EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 1e-6, 0}, v), 2700) << "no more than an unknown angle";
+}
+
+TEST(Uncertainty, PlanesFollowThePixelFormulasAndSharedSitesHalveTheVariance) {
+  const auto layout =
+      SensorLayout::from_sites({{"0", "45", "0", "45"}, {"135", "90", "135", "90"}});
+  Planes intensity(8, 3, 5), variance(8, 3, 5);
+  for (int k = 0; k < 8; ++k)
+    for (std::size_t i = 0; i < 15; ++i) {
+      intensity[k].values()[i] = static_cast<float>(100 + 17 * k % 11 + i);
+      variance[k].values()[i] = static_cast<float>(4 + k % 4);
+    }
+  const auto stokes = stokes_per_color(intensity, layout);
+  const auto u = uncertainty_per_color(stokes, variance, layout);
+  ASSERT_EQ(u.size(), 1u);
+  // The mean of two sites with variances a and b has (a + b) / 4.
+  // 0: k = 0, 2 (4, 6); 45: k = 1, 3 (5, 7); 135: k = 4, 6 (4, 6); 90: k = 5, 7 (5, 7).
+  const StokesCovariance v = stokes_covariance(2.5, 3, 3, 2.5);
+  const Stokes s{stokes[0].s0(2, 4), stokes[0].s1(2, 4), stokes[0].s2(2, 4)};
+  EXPECT_FLOAT_EQ(u[0].s0_variance(2, 4), static_cast<float>(v.s0s0));
+  EXPECT_FLOAT_EQ(u[0].s1_variance(2, 4), 5.5f);
+  EXPECT_FLOAT_EQ(u[0].s2_variance(2, 4), 5.5f);
+  EXPECT_FLOAT_EQ(u[0].dolp_sd(2, 4), static_cast<float>(std::sqrt(dolp_variance(s, v))));
+  EXPECT_FLOAT_EQ(u[0].aolp_sd_deg(2, 4), static_cast<float>(std::sqrt(aolp_variance_deg2(s, v))));
+  EXPECT_FLOAT_EQ(u[0].dolp_corrected(2, 4), static_cast<float>(corrected_dolp(s, v)));
+}
+
+}  // namespace
+}  // namespace malus
