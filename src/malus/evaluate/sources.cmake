@@ -1,1 +1,1 @@
-set(evaluate_SOURCES)
+set(evaluate_SOURCES evaluation.cpp image_metrics.cpp polarization_metrics.cpp)

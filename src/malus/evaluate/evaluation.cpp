@@ -1,0 +1,58 @@
+#include "malus/evaluate/evaluation.h"
+
+#include "malus/evaluate/image_metrics.h"
+#include "malus/evaluate/polarization_metrics.h"
+#include "malus/image/pack.h"
+#include "malus/polar/stokes.h"
+
+namespace malus {
+namespace {
+
+const Undecided kNoAngles{"the layout has no polarizers"};
+
+void append(std::vector<Quantity>& list, const Estimate<double>& value, Quantity quantity) {
+  if (!value) return;
+  quantity.value = {*value};
+  list.push_back(std::move(quantity));
+}
+
+}  // namespace
+
+Evaluation evaluate_planes(const Planes& reference, const Planes& test, double peak_dn) {
+  Evaluation result{psnr_db(reference, test, peak_dn), ssim(reference, test, peak_dn), kNoAngles,
+                    kNoAngles, kNoAngles};
+  for (int k = 0; k < reference.channels(); ++k)
+    result.pixels_left_out +=
+        static_cast<std::int64_t>(reference[k].size()) - squared_error(reference[k], test[k]).count;
+  return result;
+}
+
+Evaluation evaluate_mosaics(View<const float> reference, View<const float> test,
+                            const SensorLayout& layout, double peak_dn) {
+  MALUS_REQUIRE(reference.rows() == test.rows() && reference.cols() == test.cols());
+  const Planes a = pack(reference, layout), b = pack(test, layout);
+  Evaluation result = evaluate_planes(a, b, peak_dn);
+  if (!layout.polarized()) return result;
+  const PolarizationError error =
+      polarization_error(stokes_per_color(a, layout), stokes_per_color(b, layout));
+  result.dolp_psnr_db = dolp_psnr_db(error);
+  result.aolp_psnr_db = aolp_psnr_db(error);
+  result.aolp_circular_deg = aolp_circular_deg(error);
+  return result;
+}
+
+std::vector<Quantity> quantities_of(const Evaluation& e) {
+  std::vector<Quantity> list;
+  append(list, e.image_psnr_db,
+         {"image_psnr", "PSNR", "dB", "peak signal-to-noise ratio over all channels", {}});
+  append(list, e.image_ssim,
+         {"image_ssim", "SSIM", "1", "structural similarity, mean over the channels", {}});
+  append(list, e.dolp_psnr_db, {"dolp_psnr", "PSNR(DoLP)", "dB", "PSNR of DoLP, peak 1", {}});
+  append(list, e.aolp_psnr_db,
+         {"aolp_psnr", "PSNR(AoLP)", "dB", "PSNR of the linear difference of AoLP/180°", {}});
+  append(list, e.aolp_circular_deg,
+         {"aolp_circular", "RMS(AoLP)", "deg", "circular RMS error of AoLP, weighted by DoLP", {}});
+  return list;
+}
+
+}  // namespace malus

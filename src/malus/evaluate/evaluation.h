@@ -1,0 +1,32 @@
+// One picture against its reference: the metrics of 000 Table 1 as quantities.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/base/quantity.h"
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace malus {
+
+struct Evaluation {
+  Estimate<double> image_psnr_db, image_ssim;
+  Estimate<double> dolp_psnr_db, aolp_psnr_db, aolp_circular_deg;  ///< undecided without angles
+  std::int64_t pixels_left_out = 0;  ///< not finite in one of the pictures
+};
+
+/// Planes in DN above black, same channels and sizes; peak_dn is white above black. PSNR and SSIM
+/// over all channels in units of peak, nothing clipped.
+Evaluation evaluate_planes(const Planes& reference, const Planes& test, double peak_dn);
+
+/// Two mosaics in DN above black of one layout and size: packed planes for the image metrics; with
+/// a polarized layout also DoLP and AoLP of every colour at one per cell.
+Evaluation evaluate_mosaics(View<const float> reference, View<const float> test,
+                            const SensorLayout& layout, double peak_dn);
+
+/// The decided ones, named image_psnr, image_ssim, dolp_psnr, aolp_psnr, aolp_circular.
+std::vector<Quantity> quantities_of(const Evaluation& evaluation);
+
+}  // namespace malus

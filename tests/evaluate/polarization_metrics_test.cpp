@@ -1,0 +1,94 @@
+#include "malus/evaluate/polarization_metrics.h"
+
+#include "malus/evaluate/evaluation.h"
+#include "malus/polar/stokes.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+StokesPlanes pixel(double s0, double dolp, double aolp_deg) {
+  const double twice = aolp_deg * std::numbers::pi / 90;
+  return {Image(1, 1, static_cast<float>(s0)),
+          Image(1, 1, static_cast<float>(s0 * dolp * std::cos(twice))),
+          Image(1, 1, static_cast<float>(s0 * dolp * std::sin(twice)))};
+}
+
+PolarizationError error_of(std::vector<StokesPlanes> reference, std::vector<StokesPlanes> test) {
+  return polarization_error(reference, test);
+}
+
+TEST(AxisDistance, LivesOnTheCircleOf180Degrees) {
+  EXPECT_DOUBLE_EQ(axis_distance_deg(179, 1), 2);
+  EXPECT_DOUBLE_EQ(axis_distance_deg(1, 179), 2);
+  EXPECT_DOUBLE_EQ(axis_distance_deg(0, 90), 90);
+  EXPECT_DOUBLE_EQ(axis_distance_deg(10, 120), 70);
+  EXPECT_DOUBLE_EQ(axis_distance_deg(0, 180), 0);
+}
+
+TEST(PolarizationMetrics, LinearPunishesTheWrapCircularDoesNot) {
+  const auto e = error_of({pixel(10, 0.5, 1)}, {pixel(10, 0.5, 179)});
+  EXPECT_NEAR(*aolp_circular_deg(e), 2, 1e-4);
+  EXPECT_NEAR(*aolp_psnr_db(e), -20 * std::log10(178.0 / 180), 1e-4);
+}
+
+TEST(PolarizationMetrics, CircularErrorIsWeightedByTheReferencesDolp) {
+  const auto e =
+      error_of({pixel(10, 0.6, 30), pixel(10, 0.2, 30)}, {pixel(10, 0.9, 40), pixel(10, 0.1, 60)});
+  EXPECT_NEAR(*aolp_circular_deg(e), std::sqrt((0.6 * 100 + 0.2 * 900) / 0.8), 1e-3);
+  EXPECT_NEAR(*aolp_psnr_db(e), -10 * std::log10((100.0 + 900.0) / 2 / (180.0 * 180.0)), 1e-3);
+  EXPECT_NEAR(*dolp_psnr_db(e), -10 * std::log10((0.09 + 0.01) / 2), 1e-4);
+}
+
+TEST(PolarizationMetrics, DolpIsHeldToItsRangeAndLostLightCountsAsZero) {
+  EXPECT_NEAR(*dolp_psnr_db(error_of({pixel(10, 0.5, 0)}, {pixel(10, 7, 0)})),
+              -20 * std::log10(0.5), 1e-5)
+      << "7 counts as 1";
+  const auto dark = error_of({pixel(10, 0.5, 20)}, {pixel(-10, -0.5, 20)});
+  EXPECT_NEAR(*dolp_psnr_db(dark), -20 * std::log10(0.5), 1e-5) << "counts as 0";
+  EXPECT_NEAR(*aolp_circular_deg(dark), 0, 1e-4) << "the direction is still there";
+}
+
+TEST(PolarizationMetrics, PixelsWithoutAReferenceAreLeftOut) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const auto e = error_of({pixel(0, 1, 0), pixel(10, 0.5, 0), pixel(nan, 1, 0)},
+                          {pixel(5, 1, 0), pixel(10, 0.5, 0), pixel(5, 1, 0)});
+  EXPECT_EQ(e.dolp_count, 1);
+  EXPECT_FALSE(dolp_psnr_db(error_of({pixel(-1, 1, 0)}, {pixel(1, 1, 0)})).decided());
+  const auto unpolarized = error_of({pixel(10, 0, 0)}, {pixel(10, 0.3, 50)});
+  EXPECT_FALSE(aolp_psnr_db(unpolarized).decided());
+  EXPECT_FALSE(aolp_circular_deg(unpolarized).decided());
+  EXPECT_NEAR(*dolp_psnr_db(unpolarized), -20 * std::log10(0.3), 1e-5);
+}
+
+// A uniform scene against itself turned by 10 degrees, through mosaics of every layout.
+TEST(EvaluateMosaics, EveryLayout) {
+  for (const auto& name : SensorLayout::known_names()) {
+    const auto layout = SensorLayout::named(name);
+    Image reference(48, 52), test(48, 52);
+    for (int r = 0; r < 48; ++r)
+      for (int c = 0; c < 52; ++c) {
+        const int angle = layout.site(layout.channel_at(r, c)).angle_deg.value_or(0);
+        const auto light = [&](double aolp_deg) {
+          const double twice = aolp_deg * std::numbers::pi / 90;
+          return intensity_behind({1000, 400 * std::cos(twice), 400 * std::sin(twice)}, angle);
+        };
+        reference(r, c) = static_cast<float>(light(20));
+        test(r, c) = static_cast<float>(light(30));
+      }
+    const Evaluation e = evaluate_mosaics(reference, test, layout, 4095);
+    ASSERT_TRUE(e.image_psnr_db.decided() && e.image_ssim.decided()) << name;
+    EXPECT_EQ(e.aolp_circular_deg.decided(), layout.polarized()) << name;
+    EXPECT_EQ(quantities_of(e).size(), layout.polarized() ? 5u : 2u) << name;
+    if (!layout.polarized()) continue;
+    EXPECT_NEAR(*e.aolp_circular_deg, 10, 1e-3) << name;
+    EXPECT_NEAR(*e.aolp_psnr_db, 20 * std::log10(18), 1e-3) << name;
+    EXPECT_GT(*e.dolp_psnr_db, 100) << name;
+  }
+}
+
+}  // namespace
+}  // namespace malus
