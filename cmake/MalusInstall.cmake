@@ -14,5 +14,5 @@ install(EXPORT malusTargets NAMESPACE malus:: DESTINATION ${CMAKE_INSTALL_LIBDIR
 configure_package_config_file(cmake/malusConfig.cmake.in ${CMAKE_BINARY_DIR}/malusConfig.cmake
   INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/malus)
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/malusConfigVersion.cmake COMPATIBILITY SameMinorVersion)
-install(FILES ${CMAKE_BINARY_DIR}/malusConfig.cmake ${CMAKE_BINARY_DIR}/malusConfigVersion.cmake
+install(FILES ${CMAKE_BINARY_DIR}/malusConfig.cmake cmake/MalusOpenImageIO.cmake ${CMAKE_BINARY_DIR}/malusConfigVersion.cmake
         DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/malus)

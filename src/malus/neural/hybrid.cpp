@@ -1,0 +1,151 @@
+#include "malus/neural/layers.h"
+#include "malus/neural/networks.h"
+
+namespace malus {
+namespace {
+
+using namespace torch::nn;
+
+// W-MSTA: window-based multi-shuffled-heads transposed attention (000, 5.2). Inside each window
+// channels attend to channels; a channel shuffle before the split gives every head channels of all
+// groups, so heads mix colours and angles.
+class ShuffledTransposedAttentionImpl : public Module {
+ public:
+  ShuffledTransposedAttentionImpl(std::int64_t dim, std::int64_t heads) : heads_(heads) {
+    temperature_ = register_parameter("temperature", torch::ones({heads, 1, 1}));
+    qkv_ = register_module("qkv", Linear(LinearOptions(dim, 3 * dim).bias(false)));
+    proj_ = register_module("proj", Linear(dim, dim));
+  }
+  // x: [windows, pixels, dim]
+  torch::Tensor forward(const torch::Tensor& x) {
+    const auto windows = x.size(0), pixels = x.size(1), dim = x.size(2);
+    // Channel c goes to head c % heads: the split after a shuffle, without moving memory first.
+    const auto heads = [&](const torch::Tensor& t) {
+      return t.view({windows, pixels, dim / heads_, heads_}).permute({0, 3, 2, 1});
+    };
+    const auto unit = [](const torch::Tensor& t) {
+      return t / t.norm(2, -1, true).clamp_min(1e-6);
+    };
+    const auto parts = qkv_(x).chunk(3, -1);
+    const auto q = unit(heads(parts[0])), k = unit(heads(parts[1])), v = heads(parts[2]);
+    const auto attention = torch::softmax(torch::matmul(q, k.transpose(-2, -1)) * temperature_, -1);
+    const auto mixed =
+        torch::matmul(attention, v).permute({0, 3, 2, 1}).reshape({windows, pixels, dim});
+    return proj_(mixed);
+  }
+
+ private:
+  std::int64_t heads_;
+  torch::Tensor temperature_;
+  Linear qkv_{nullptr}, proj_{nullptr};
+};
+TORCH_MODULE(ShuffledTransposedAttention);
+
+// SW-MA, then W-MSTA, then the locally enhanced MLP, each with its norm and residual; on [batch,
+// rows, cols, channels].
+class HybridBlockImpl : public Module {
+ public:
+  HybridBlockImpl(std::int64_t dim, std::int64_t heads, std::int64_t window, std::int64_t shift)
+      : window_(window), shift_(shift) {
+    norm1_ = register_module("norm1", LayerNorm(LayerNormOptions({dim})));
+    sw_ma_ = register_module("sw_ma", WindowAttention(dim, window, heads));
+    norm2_ = register_module("norm2", LayerNorm(LayerNormOptions({dim})));
+    w_msta_ = register_module("w_msta", ShuffledTransposedAttention(dim, heads));
+    norm3_ = register_module("norm3", LayerNorm(LayerNormOptions({dim})));
+    mlp_ = register_module("mlp", LeFF(dim, 2 * dim));
+  }
+  torch::Tensor forward(torch::Tensor x) {
+    const auto rows = x.size(1), cols = x.size(2);
+    torch::Tensor mask;
+    if (shift_ > 0) {
+      x = torch::roll(x, {-shift_, -shift_}, {1, 2});
+      mask = shift_mask(rows, cols, window_, shift_, x.options().requires_grad(false));
+    }
+    auto windows = to_windows(x, window_);
+    windows = windows + sw_ma_(norm1_(windows), mask);
+    windows = windows + w_msta_(norm2_(windows));
+    x = from_windows(windows, window_, rows, cols);
+    if (shift_ > 0) x = torch::roll(x, {shift_, shift_}, {1, 2});
+    return x + mlp_(norm3_(x));
+  }
+
+ private:
+  std::int64_t window_, shift_;
+  LayerNorm norm1_{nullptr}, norm2_{nullptr}, norm3_{nullptr};
+  WindowAttention sw_ma_{nullptr};
+  ShuffledTransposedAttention w_msta_{nullptr};
+  LeFF mlp_{nullptr};
+};
+TORCH_MODULE(HybridBlock);
+
+class Hybrid final : public Network {
+ public:
+  explicit Hybrid(const nlohmann::json& s) : settings_(s), window_(s.at("window")) {
+    const std::int64_t in = s.at("in_channels"), out = s.at("out_channels"), dim = s.at("dim");
+    const auto stages = static_cast<std::int64_t>(s.at("depths").size());
+    embed_ = register_module("embed", Conv2d(Conv2dOptions(in, dim, 3).padding(1)));
+    for (std::int64_t i = 0; i < stages; ++i) {
+      encoders_.push_back(register_module("encoder_" + std::to_string(i + 1), blocks(dim << i, i)));
+      if (i + 1 < stages)
+        downs_.push_back(
+            register_module("down_" + std::to_string(i + 1),
+                            Conv2d(Conv2dOptions(dim << i, dim << (i + 1), 2).stride(2))));
+    }
+    for (std::int64_t i = stages - 2; i >= 0; --i) {
+      const auto number = std::to_string(i + 1);
+      ups_.push_back(register_module(
+          "up_" + number,
+          ConvTranspose2d(ConvTranspose2dOptions(dim << (i + 1), dim << i, 2).stride(2))));
+      merges_.push_back(register_module("merge_" + number, Linear(dim << (i + 1), dim << i)));
+      decoders_.push_back(register_module("decoder_" + number, blocks(dim << i, i)));
+    }
+    output_ = register_module("output", Conv2d(Conv2dOptions(dim, out, 3).padding(1)));
+  }
+
+  torch::Tensor forward(torch::Tensor input) override {
+    const auto rows = input.size(2), cols = input.size(3);
+    input = pad_to_multiple(input, window_ << (encoders_.size() - 1));
+    auto x = embed_(input).permute({0, 2, 3, 1});
+    std::vector<torch::Tensor> skips;
+    for (std::size_t i = 0; i < encoders_.size(); ++i) {
+      if (i > 0) x = downs_[i - 1](x.permute({0, 3, 1, 2})).permute({0, 2, 3, 1});
+      x = encoders_[i]->forward(x);
+      skips.push_back(x);
+    }
+    for (std::size_t i = 0; i < decoders_.size(); ++i) {
+      const auto up = ups_[i](x.permute({0, 3, 1, 2})).permute({0, 2, 3, 1});
+      x = decoders_[i]->forward(merges_[i](torch::cat({up, skips[skips.size() - 2 - i]}, 3)));
+    }
+    x = output_(x.permute({0, 3, 1, 2}));
+    // Conditioning planes may follow the picture: the residual is on the picture's channels.
+    x = x + input.slice(1, 0, x.size(1));
+    return x.slice(2, 0, rows).slice(3, 0, cols);
+  }
+
+ private:
+  Sequential blocks(std::int64_t dim, std::int64_t stage) {
+    const auto at = static_cast<std::size_t>(stage);
+    const std::int64_t count = settings_.at("depths").at(at);
+    Sequential list;
+    for (std::int64_t i = 0; i < count; ++i)
+      list->push_back(
+          HybridBlock(dim, settings_.at("heads").at(at), window_, i % 2 == 1 ? window_ / 2 : 0));
+    return list;
+  }
+
+  nlohmann::json settings_;
+  std::int64_t window_;
+  Conv2d embed_{nullptr}, output_{nullptr};
+  std::vector<Sequential> encoders_, decoders_;
+  std::vector<Conv2d> downs_;
+  std::vector<ConvTranspose2d> ups_;
+  std::vector<Linear> merges_;
+};
+
+}  // namespace
+
+std::shared_ptr<Network> make_hybrid(const nlohmann::json& settings) {
+  return std::make_shared<Hybrid>(settings);
+}
+
+}  // namespace malus

@@ -1,0 +1,53 @@
+// Pieces that several networks share.
+#pragma once
+
+#include <torch/torch.h>
+
+namespace malus {
+
+/// Pads right and below to a multiple: by reflection where the picture is large enough, else by
+/// repetition of the edge.
+torch::Tensor pad_to_multiple(const torch::Tensor& x, std::int64_t multiple);
+
+/// The same with zeros (NAFNet).
+torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple);
+
+/// [batch, rows, cols, channels] -> [batch * windows, window², channels]; sizes are multiples of
+/// window.
+torch::Tensor to_windows(const torch::Tensor& x, std::int64_t window);
+torch::Tensor from_windows(const torch::Tensor& windows, std::int64_t window, std::int64_t rows,
+                           std::int64_t cols);
+
+/// Additive mask [windows, window², window²] that keeps a shifted window's wrapped parts apart (0
+/// or -100; Swin, Liu et al. ICCV 2021, 3.2).
+torch::Tensor shift_mask(std::int64_t rows, std::int64_t cols, std::int64_t window,
+                         std::int64_t shift, const torch::TensorOptions& options);
+
+/// Multi-head attention inside windows with a relative position bias (Swin). Parameters as in
+/// Uformer: qkv.to_q, qkv.to_kv, relative_position_bias_table, proj.
+class WindowAttentionImpl : public torch::nn::Module {
+ public:
+  WindowAttentionImpl(std::int64_t dim, std::int64_t window, std::int64_t heads);
+  /// x: [batch * windows, window², dim]; mask: undefined or [windows, window², window²].
+  torch::Tensor forward(const torch::Tensor& x, const torch::Tensor& mask);
+
+ private:
+  std::int64_t heads_, head_dim_;
+  torch::Tensor bias_table_, index_;
+  torch::nn::Linear to_q_{nullptr}, to_kv_{nullptr}, proj_{nullptr};
+};
+TORCH_MODULE(WindowAttention);
+
+/// Locally enhanced feed-forward (Uformer, LeFF): linear, GELU, depth-wise 3x3, GELU, linear.
+/// Parameters linear1.0, dwconv.0, linear2.0. Works on [batch, rows, cols, channels].
+class LeFFImpl : public torch::nn::Module {
+ public:
+  LeFFImpl(std::int64_t dim, std::int64_t hidden);
+  torch::Tensor forward(const torch::Tensor& x);
+
+ private:
+  torch::nn::Sequential linear1_{nullptr}, dwconv_{nullptr}, linear2_{nullptr};
+};
+TORCH_MODULE(LeFF);
+
+}  // namespace malus

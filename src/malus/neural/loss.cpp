@@ -1,0 +1,29 @@
+#include "malus/neural/loss.h"
+
+#include "malus/base/error.h"
+
+namespace malus {
+
+torch::Tensor l1_distance(const torch::Tensor& output, const torch::Tensor& target) {
+  return (output - target).abs().mean();
+}
+
+torch::Tensor stokes_planes(const torch::Tensor& planes, const SensorLayout& layout) {
+  MALUS_REQUIRE(layout.polarized() && planes.size(1) == layout.channels());
+  std::vector<torch::Tensor> stokes;
+  for (const Color color : layout.colors()) {
+    const auto plane = [&](int angle) { return planes.select(1, layout.find(color, angle)); };
+    const auto i0 = plane(0), i45 = plane(45), i90 = plane(90), i135 = plane(135);
+    stokes.push_back(0.5 * (i0 + i45 + i90 + i135));  // physics.md: S0 = (I0+I45+I90+I135)/2
+    stokes.push_back(i0 - i90);
+    stokes.push_back(i45 - i135);
+  }
+  return torch::stack(stokes, 1);
+}
+
+torch::Tensor stokes_loss(const torch::Tensor& output, const torch::Tensor& target,
+                          const SensorLayout& layout) {
+  return l1_distance(stokes_planes(output, layout), stokes_planes(target, layout));
+}
+
+}  // namespace malus

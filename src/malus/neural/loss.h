@@ -1,0 +1,22 @@
+// Training losses of 000, section 5.3.
+#pragma once
+
+#include "malus/image/layout.h"
+
+#include <torch/torch.h>
+
+namespace malus {
+
+/// Eq. 8: mean |y - x| over all values.
+torch::Tensor l1_distance(const torch::Tensor& output, const torch::Tensor& target);
+
+/// Eq. 9: over the colours of the layout, the mean L1 distance of (S0, S1, S2). Planes are [batch,
+/// channel, row, col] in the layout's channel order. Contract: layout.polarized() and as many
+/// channels.
+torch::Tensor stokes_loss(const torch::Tensor& output, const torch::Tensor& target,
+                          const SensorLayout& layout);
+
+/// [batch, 3 * colours, row, col]: S0, S1, S2 of each colour of the layout.
+torch::Tensor stokes_planes(const torch::Tensor& planes, const SensorLayout& layout);
+
+}  // namespace malus

@@ -1,0 +1,139 @@
+#include "malus/neural/layers.h"
+#include "malus/neural/networks.h"
+
+#include <algorithm>
+
+namespace malus {
+namespace {
+
+using namespace torch::nn;
+
+// One LeWin block on [batch, rows, cols, channels].
+class LeWinBlockImpl : public Module {
+ public:
+  LeWinBlockImpl(std::int64_t dim, std::int64_t heads, std::int64_t window, std::int64_t shift,
+                 bool modulated)
+      : window_(window), shift_(shift) {
+    if (modulated) modulator_ = register_module("modulator", Embedding(window * window, dim));
+    norm1_ = register_module("norm1", LayerNorm(LayerNormOptions({dim})));
+    attn_ = register_module("attn", WindowAttention(dim, window, heads));
+    norm2_ = register_module("norm2", LayerNorm(LayerNormOptions({dim})));
+    mlp_ = register_module("mlp", LeFF(dim, 4 * dim));
+  }
+  torch::Tensor forward(const torch::Tensor& input) {
+    const auto rows = input.size(1), cols = input.size(2);
+    auto x = norm1_(input);
+    torch::Tensor mask;
+    if (shift_ > 0) {
+      x = torch::roll(x, {-shift_, -shift_}, {1, 2});
+      mask = shift_mask(rows, cols, window_, shift_, x.options().requires_grad(false));
+    }
+    auto windows = to_windows(x, window_);
+    if (!modulator_.is_empty()) windows = windows + modulator_->weight;
+    x = from_windows(attn_(windows, mask), window_, rows, cols);
+    if (shift_ > 0) x = torch::roll(x, {shift_, shift_}, {1, 2});
+    x = input + x;
+    return x + mlp_(norm2_(x));
+  }
+
+ private:
+  std::int64_t window_, shift_;
+  Embedding modulator_{nullptr};
+  LayerNorm norm1_{nullptr}, norm2_{nullptr};
+  WindowAttention attn_{nullptr};
+  LeFF mlp_{nullptr};
+};
+TORCH_MODULE(LeWinBlock);
+
+class Uformer final : public Network {
+ public:
+  explicit Uformer(const nlohmann::json& s) : settings_(s), window_(s.at("win_size")) {
+    const std::int64_t in = s.at("in_chans"), dim = s.at("embed_dim"), size = s.at("img_size");
+    input_proj_ =
+        register_module("input_proj", std::make_shared<Module>())
+            ->register_module(
+                "proj", Sequential(Conv2d(Conv2dOptions(in, dim, 3).padding(1)), LeakyReLU()));
+    for (std::int64_t i = 0; i < kStages; ++i) {
+      stages_.push_back(layer("encoderlayer_" + std::to_string(i), i, dim << i, size >> i));
+      // The spelling is the public implementation's.
+      downs_.push_back(
+          resample("dowsample_" + std::to_string(i), "conv",
+                   Conv2d(Conv2dOptions(dim << i, dim << (i + 1), 4).stride(2).padding(1))));
+    }
+    stages_.push_back(layer("conv", kStages, dim << kStages, size >> kStages));
+    std::int64_t from = dim << kStages;
+    for (std::int64_t i = 0; i < kStages; ++i) {
+      const auto to = dim << (kStages - 1 - i);
+      ups_.push_back(resample("upsample_" + std::to_string(i), "deconv",
+                              ConvTranspose2d(ConvTranspose2dOptions(from, to, 2).stride(2))));
+      stages_.push_back(layer("decoderlayer_" + std::to_string(i), kStages + 1 + i, 2 * to,
+                              size >> (kStages - 1 - i)));
+      from = 2 * to;
+    }
+    output_proj_ =
+        register_module("output_proj", std::make_shared<Module>())
+            ->register_module(
+                "proj", Sequential(Conv2d(Conv2dOptions(2 * dim, s.at("dd_in"), 3).padding(1))));
+  }
+
+  torch::Tensor forward(torch::Tensor input) override {
+    const auto rows = input.size(2), cols = input.size(3);
+    input = pad_to_multiple(input, window_ << kStages);
+    auto x = input_proj_->forward(input).permute({0, 2, 3, 1});
+    std::vector<torch::Tensor> skips;
+    for (std::size_t i = 0; i < kStages; ++i) {
+      x = stages_[i]->forward(x);
+      skips.push_back(x);
+      x = resampled(downs_[i], x);
+    }
+    x = stages_[kStages]->forward(x);
+    for (std::size_t i = 0; i < kStages; ++i) {
+      x = torch::cat({resampled(ups_[i], x), skips[kStages - 1 - i]}, 3);
+      x = stages_[kStages + 1 + i]->forward(x);
+    }
+    x = output_proj_->forward(x.permute({0, 3, 1, 2}));
+    // As in the public implementation the global residual exists for colour pictures only.
+    if (x.size(1) == 3 && input.size(1) == 3) x = x + input;
+    return x.slice(2, 0, rows).slice(3, 0, cols);
+  }
+
+ private:
+  static constexpr std::int64_t kStages = 4;
+
+  // size is the resolution that the network was built for: a stage no larger than a window is not
+  // shifted.
+  Sequential layer(const std::string& name, std::int64_t stage, std::int64_t dim,
+                   std::int64_t size) {
+    const auto at = static_cast<std::size_t>(stage);
+    const std::int64_t count = settings_.at("depths").at(at);
+    const bool modulated = stage > kStages && settings_.at("modulator").get<bool>();
+    Sequential blocks;
+    for (std::int64_t i = 0; i < count; ++i) {
+      const std::int64_t shift = i % 2 == 1 && size > window_ ? window_ / 2 : 0;
+      blocks->push_back(
+          LeWinBlock(dim, settings_.at("num_heads").at(at), window_, shift, modulated));
+    }
+    return register_module(name, std::make_shared<Module>())->register_module("blocks", blocks);
+  }
+  template <class Layer>
+  Sequential resample(const std::string& name, const std::string& part, Layer convolution) {
+    return register_module(name, std::make_shared<Module>())
+        ->register_module(part, Sequential(convolution));
+  }
+  static torch::Tensor resampled(Sequential& layer, const torch::Tensor& x) {
+    return layer->forward(x.permute({0, 3, 1, 2})).permute({0, 2, 3, 1});
+  }
+
+  nlohmann::json settings_;
+  std::int64_t window_;
+  Sequential input_proj_{nullptr}, output_proj_{nullptr};
+  std::vector<Sequential> stages_, downs_, ups_;
+};
+
+}  // namespace
+
+std::shared_ptr<Network> make_uformer(const nlohmann::json& settings) {
+  return std::make_shared<Uformer>(settings);
+}
+
+}  // namespace malus

@@ -1,0 +1,70 @@
+#include "malus/neural/layers.h"
+#include "malus/neural/networks.h"
+
+namespace malus {
+namespace {
+
+using torch::nn::Conv2d;
+using torch::nn::Conv2dOptions;
+using torch::nn::ConvTranspose2d;
+using torch::nn::ConvTranspose2dOptions;
+
+torch::Tensor activated(const torch::Tensor& x) { return torch::leaky_relu(x, 0.2); }
+
+class UNet final : public Network {
+ public:
+  explicit UNet(const nlohmann::json& s) {
+    const std::int64_t in = s.at("in_channels"), out = s.at("out_channels"), width = s.at("width");
+    std::int64_t from = in;
+    for (int level = 1; level <= kLevels; ++level) {
+      const std::int64_t to = width << (level - 1);
+      down_.push_back(make_pair("conv" + std::to_string(level), from, to));
+      from = to;
+    }
+    for (int level = kLevels + 1; level < 2 * kLevels; ++level) {
+      const std::int64_t to = from / 2;
+      up_.push_back(
+          register_module("upv" + std::to_string(level),
+                          ConvTranspose2d(ConvTranspose2dOptions(from, to, 2).stride(2))));
+      merge_.push_back(make_pair("conv" + std::to_string(level), from, to));
+      from = to;
+    }
+    last_ = register_module("conv10_1", Conv2d(Conv2dOptions(from, out, 1)));
+  }
+
+  torch::Tensor forward(torch::Tensor x) override {
+    const auto rows = x.size(2), cols = x.size(3);
+    x = pad_to_multiple(x, 1 << (kLevels - 1));
+    std::vector<torch::Tensor> skips;
+    for (std::size_t level = 0; level < down_.size(); ++level) {
+      if (level > 0) x = torch::max_pool2d(x, 2);
+      x = down_[level].run(x);
+      skips.push_back(x);
+    }
+    for (std::size_t i = 0; i < up_.size(); ++i)
+      x = merge_[i].run(torch::cat({up_[i](x), skips[skips.size() - 2 - i]}, 1));
+    return last_(x).slice(2, 0, rows).slice(3, 0, cols);
+  }
+
+ private:
+  static constexpr int kLevels = 5;
+  struct Pair {
+    Conv2d first{nullptr}, second{nullptr};
+    torch::Tensor run(const torch::Tensor& x) { return activated(second(activated(first(x)))); }
+  };
+  Pair make_pair(const std::string& name, std::int64_t from, std::int64_t to) {
+    return {register_module(name + "_1", Conv2d(Conv2dOptions(from, to, 3).padding(1))),
+            register_module(name + "_2", Conv2d(Conv2dOptions(to, to, 3).padding(1)))};
+  }
+  std::vector<Pair> down_, merge_;
+  std::vector<ConvTranspose2d> up_;
+  Conv2d last_{nullptr};
+};
+
+}  // namespace
+
+std::shared_ptr<Network> make_unet(const nlohmann::json& settings) {
+  return std::make_shared<UNet>(settings);
+}
+
+}  // namespace malus

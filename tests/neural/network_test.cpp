@@ -1,0 +1,154 @@
+#include "malus/neural/network.h"
+
+#include "malus/base/error.h"
+#include "malus/neural/loss.h"
+
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// Outputs of the public PyTorch implementations with random weights: ours agree to 1e-4.
+class Parity : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(Parity, MatchesThePublicImplementation) {
+  const auto path = testing::shared_data() / "parity" / (std::string(GetParam()) + ".safetensors");
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "needs ../shared/data/parity";
+  auto file = load_tensor_file(path);
+  const auto name = file.metadata.at("network");
+  const NetworkDescription description{name.substr(0, name.find('_')),
+                                       nlohmann::json::parse(file.metadata.at("settings"))};
+  const auto network = make_network(description);
+  EXPECT_EQ(std::to_string(parameter_count(*network)), file.metadata.at("parameters"));
+  load_weights(*network, file, "weights.", path.string());
+  network->eval();
+  const torch::NoGradGuard no_gradients;
+  const auto output = network->forward(to_torch(file.tensors.at("input")));
+  const auto expected = to_torch(file.tensors.at("output"));
+  ASSERT_EQ(output.sizes(), expected.sizes());
+  EXPECT_LT((output - expected).abs().max().item<double>(), 1e-4);
+}
+
+INSTANTIATE_TEST_SUITE_P(Networks, Parity,
+                         ::testing::Values("nafnet", "restormer_biasfree", "uformer"));
+
+NetworkDescription small(const std::string& name) {
+  if (name == "unet") return {name, {{"in_channels", 4}, {"out_channels", 4}, {"width", 4}}};
+  if (name == "nafnet")
+    return {name,
+            {{"img_channel", 4},
+             {"width", 4},
+             {"middle_blk_num", 1},
+             {"enc_blk_nums", {1, 1}},
+             {"dec_blk_nums", {1, 1}}}};
+  if (name == "restormer")
+    return {name,
+            {{"inp_channels", 4},
+             {"out_channels", 4},
+             {"dim", 8},
+             {"num_blocks", {1, 1, 1, 1}},
+             {"num_refinement_blocks", 1},
+             {"heads", {1, 1, 1, 1}}}};
+  if (name == "uformer")
+    return {name,
+            {{"in_chans", 4},
+             {"dd_in", 4},
+             {"embed_dim", 4},
+             {"num_heads", {1, 1, 1, 1, 1, 1, 1, 1, 1}}}};
+  return {name,
+          {{"in_channels", 4},
+           {"out_channels", 4},
+           {"dim", 8},
+           {"depths", {2, 1, 1, 1}},
+           {"heads", {1, 1, 2, 2}}}};
+}
+
+TEST(Networks, EveryOneTakesAnySizeAndKeepsIt) {
+  const torch::NoGradGuard no_gradients;
+  for (const auto& name : network_names()) {
+    const auto network = make_network(small(name));
+    for (const auto& [rows, cols] : {std::pair{1, 1}, {17, 40}, {64, 33}}) {
+      const auto y = network->forward(torch::rand({2, 4, rows, cols}));
+      EXPECT_EQ(y.sizes(), torch::IntArrayRef({2, 4, rows, cols})) << name;
+      EXPECT_TRUE(torch::isfinite(y).all().item<bool>()) << name;
+    }
+  }
+}
+
+TEST(Networks, WeightsSurviveTheFile) {
+  const testing::TemporaryFolder folder;
+  for (const auto& name : network_names()) {
+    const auto description = small(name);
+    const auto one = make_network(description), other = make_network(description);
+    save_tensor_file(weights_of(*one, description), folder / "w.safetensors");
+    const auto file = load_tensor_file(folder / "w.safetensors");
+    EXPECT_EQ(file.metadata.at("architecture"), name);
+    load_weights(*other, file, "", "w.safetensors");
+    const torch::NoGradGuard no_gradients;
+    const auto x = torch::rand({1, 4, 32, 32});
+    EXPECT_TRUE(torch::equal(one->forward(x), other->forward(x))) << name;
+  }
+}
+
+// One random direction through all parameters at once: the slope is the sum of gradient times
+// direction.
+TEST(Networks, GradientsAgreeWithFiniteDifferences) {
+  for (const auto& name : network_names()) {
+    torch::manual_seed(3);
+    const auto network = make_network(small(name));
+    network->to(torch::kDouble);
+    const auto x = torch::rand({1, 4, 16, 16}, torch::kDouble);
+    const auto weight = torch::randn({1, 4, 16, 16}, torch::kDouble);
+    const auto value = [&] { return (network->forward(x) * weight).sum(); };
+    value().backward();
+    const torch::NoGradGuard no_gradients;
+    const auto parameters = network->parameters();
+    std::vector<torch::Tensor> direction;
+    double slope = 0;
+    for (const auto& parameter : parameters) {
+      ASSERT_TRUE(parameter.grad().defined()) << name << " has a parameter that nothing uses";
+      direction.push_back(torch::randn_like(parameter));
+      slope += (parameter.grad() * direction.back()).sum().item<double>();
+    }
+    const auto move = [&](double step) {
+      for (std::size_t i = 0; i < parameters.size(); ++i)
+        torch::Tensor(parameters[i]).add_(direction[i], step);
+      return value().item<double>();
+    };
+    constexpr double kStep = 1e-6;
+    const double up = move(kStep), down = move(-2 * kStep);
+    EXPECT_NEAR((up - down) / (2 * kStep), slope, 1e-4 * (1 + std::abs(slope))) << name;
+  }
+}
+
+TEST(Networks, UnknownNamesAndSettingsAreRefused) {
+  EXPECT_THROW(make_network({"restorner", {}}), InputError);
+  EXPECT_THROW(make_network({"unet", {{"widht", 4}}}), InputError);
+  EXPECT_THROW(make_network({"unet", {{"width", "four"}}}), InputError);
+}
+
+TEST(Weights, OfAnotherNetworkAreRefused) {
+  const auto network = make_network(small("unet"));
+  auto file = weights_of(*network, small("unet"));
+  auto missing = file;
+  missing.tensors.erase("conv1_1.weight");
+  EXPECT_THROW(load_weights(*network, missing, "", "f"), InputError);
+  auto extra = file;
+  extra.tensors["stranger"] = file.tensors.at("conv1_1.bias");
+  EXPECT_THROW(load_weights(*network, extra, "", "f"), InputError);
+}
+
+// One pixel that differs by d in I0 alone changes S0 by d/2 and S1 by d: the mean over 3 Stokes
+// values is d/2.
+TEST(StokesLoss, MatchesItsClosedForm) {
+  const auto layout = SensorLayout::named("polar-mono");
+  const auto target = torch::rand({1, 4, 1, 1}, torch::kDouble);
+  auto output = target.clone();
+  output.select(1, layout.find(Color::kMono, 0)) += 0.3;
+  EXPECT_NEAR(stokes_loss(output, target, layout).item<double>(), (0.15 + 0.3) / 3, 1e-12);
+  EXPECT_NEAR(l1_distance(output, target).item<double>(), 0.3 / 4, 1e-12);
+}
+
+}  // namespace
+}  // namespace malus
