@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/denoise/internal/bm3d_parameters.h"
+#include "malus/denoise/internal/bm3d_stage.h"
 #include "malus/denoise/internal/bm3d_transform.h"
 #include "malus/image/view.h"
 
@@ -21,10 +22,6 @@ inline float reflected(const Image& plane, int row, int col) {
     return i < n ? i : 2 * n - 1 - i;
   };
   return plane(fold(row, plane.rows()), fold(col, plane.cols()));
-}
-
-inline int lattice_size(int pixels, int step) {
-  return pixels <= kPatch ? 1 : (pixels - kPatch + step - 1) / step + 1;
 }
 
 using Block = std::vector<double>;  // kPatchPixels values
@@ -63,12 +60,6 @@ struct Offset {
   int row, col;
 };
 
-/// What the matching compares: values in steps of a fraction of sigma, so that the limit on the
-/// summed squares uses most of 16 bits.
-inline double match_scale(double match_limit, double weight_share, double sigma) {
-  return std::sqrt(kMatchFullScale / (kPatchPixels * match_limit) * weight_share) / sigma;
-}
-
 inline std::vector<Offset> match(const Planes& planes, std::span<const double> scale,
                                  const Bm3dStage& stage, int row, int col) {
   struct Candidate {
@@ -81,24 +72,20 @@ inline std::vector<Offset> match(const Planes& planes, std::span<const double> s
                       reflected(planes[c], r, q));
   };
   std::vector<Candidate> found;
-  int index = 0;
-  for (int dy = -stage.range; dy <= stage.range; ++dy)
-    for (int dx = -stage.range; dx <= stage.range; ++dx) {
-      ++index;
-      std::int64_t distance = 0;
-      for (int c = 0; c < planes.channels(); ++c)
-        if (scale[static_cast<std::size_t>(c)] > 0)
-          for (int p = 0; p < kPatchPixels; ++p) {
-            const int r = row + p / kPatch, q = col + p % kPatch;
-            const auto d =
-                std::min<std::int64_t>(std::abs(steps(c, r, q) - steps(c, r + dy, q + dx)), 255);
-            distance += d * d;
-          }
-      if (dy == 0 && dx == 0)
-        found.push_back({-1, 0, {0, 0}});
-      else if (distance < kMatchFullScale)
-        found.push_back({distance, index, {dy, dx}});
-    }
+  const auto order = search_order(stage.range);
+  for (int index = 0; index < static_cast<int>(order.size()); ++index) {
+    const auto [dy, dx] = order[static_cast<std::size_t>(index)];
+    std::int64_t distance = 0;
+    for (int c = 0; c < planes.channels(); ++c)
+      if (scale[static_cast<std::size_t>(c)] > 0)
+        for (int p = 0; p < kPatchPixels; ++p) {
+          const int r = row + p / kPatch, q = col + p % kPatch;
+          const auto d =
+              std::min<std::int64_t>(std::abs(steps(c, r, q) - steps(c, r + dy, q + dx)), 255);
+          distance += d * d;
+        }
+    if (distance < kMatchFullScale) found.push_back({index == 0 ? -1 : distance, index, {dy, dx}});
+  }
   std::sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
     return a.distance != b.distance ? a.distance < b.distance : a.index < b.index;
   });

@@ -1,0 +1,482 @@
+// Collaborative filtering of groups: 2-D transform of each block, Walsh-Hadamard transform along
+// the group, shrinkage, and back. Two blocks lie side by side in a vector of 16 floats, so that a
+// pass along the columns is plain vertical arithmetic; a transposition inside each half gives the
+// other direction. The vectors are the compiler's own: 16 floats on every machine, in as many
+// registers as it needs, so all machines compute the same.
+#include "malus/denoise/internal/bm3d_stage.h"
+#include "malus/denoise/internal/bm3d_transform.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "malus/denoise/bm3d_filter.cpp"
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
+#include <hwy/foreach_target.h>
+// After foreach_target.
+#include <hwy/highway.h>
+
+#ifndef MALUS_BM3D_FILTER_ONCE
+#define MALUS_BM3D_FILTER_ONCE
+namespace malus::internal {
+struct FilterKernelJob {
+  const BlockGroup* groups;
+  std::size_t count;
+  FilterTarget target;
+  const GroupFilter::SizeTables* tables;
+  const float* window;  ///< [row][lane]
+};
+}  // namespace malus::internal
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace malus::internal::HWY_NAMESPACE {
+
+using Floats8 = float __attribute__((vector_size(32)));
+using Floats = float __attribute__((vector_size(64)));
+using Ints = int __attribute__((vector_size(64)));
+
+/// Row r of two blocks: lanes 0-7 of the first, 8-15 of the second.
+struct Pair {
+  Floats row[kPatch];
+};
+
+HWY_INLINE void load_row(const float* first, const float* second, Floats& out) {
+  Floats8 a, b;
+  std::memcpy(&a, first, sizeof(a));
+  std::memcpy(&b, second, sizeof(b));
+  out = __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+HWY_INLINE void load_pair(const float* first, const float* second, std::ptrdiff_t stride,
+                          Pair& pair) {
+  HWY_UNROLL(8)
+  for (int r = 0; r < kPatch; ++r) load_row(first + r * stride, second + r * stride, pair.row[r]);
+}
+
+/// Transposes the 8x8 values in each half.
+HWY_INLINE void transpose(Pair& p) {
+  Floats a[8], b[8];
+  HWY_UNROLL(4)
+  for (int i = 0; i < 4; ++i) {
+    a[2 * i] = __builtin_shufflevector(p.row[2 * i], p.row[2 * i + 1], 0, 16, 1, 17, 4, 20, 5, 21,
+                                       8, 24, 9, 25, 12, 28, 13, 29);
+    a[2 * i + 1] = __builtin_shufflevector(p.row[2 * i], p.row[2 * i + 1], 2, 18, 3, 19, 6, 22, 7,
+                                           23, 10, 26, 11, 27, 14, 30, 15, 31);
+  }
+  HWY_UNROLL(2)
+  for (int i = 0; i < 8; i += 4) {
+    HWY_UNROLL(2)
+    for (int j = 0; j < 2; ++j) {
+      b[i + 2 * j] = __builtin_shufflevector(a[i + j], a[i + j + 2], 0, 1, 16, 17, 4, 5, 20, 21, 8,
+                                             9, 24, 25, 12, 13, 28, 29);
+      b[i + 2 * j + 1] = __builtin_shufflevector(a[i + j], a[i + j + 2], 2, 3, 18, 19, 6, 7, 22, 23,
+                                                 10, 11, 26, 27, 14, 15, 30, 31);
+    }
+  }
+  HWY_UNROLL(4)
+  for (int i = 0; i < 4; ++i) {
+    p.row[i] = __builtin_shufflevector(b[i], b[i + 4], 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24,
+                                       25, 26, 27);
+    p.row[i + 4] = __builtin_shufflevector(b[i], b[i + 4], 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14,
+                                           15, 28, 29, 30, 31);
+  }
+}
+
+/// Biorthogonal 1.5 along the rows, without its scaling (biorthogonal_matrix): every level adds and
+/// subtracts.
+HWY_INLINE void biorthogonal_forward(Pair& p) {
+  constexpr float kCorrection = static_cast<float>(kBiorthogonalCorrection);
+  Floats* x = p.row;
+  Floats s0 = x[0] + x[1], s1 = x[2] + x[3], s2 = x[4] + x[5], s3 = x[6] + x[7];
+  const Floats d0 = x[0] - x[1], d1 = x[2] - x[3], d2 = x[4] - x[5], d3 = x[6] - x[7];
+  const Floats even = kCorrection * (d1 - d3), odd = kCorrection * (d2 - d0);
+  s0 += even;
+  s1 += odd;
+  s2 -= even;
+  s3 -= odd;
+  const Floats low0 = s0 + s1, low1 = s2 + s3;
+  x[0] = low0 + low1;
+  x[1] = low0 - low1;
+  x[2] = s0 - s1;
+  x[3] = s2 - s3;
+  x[4] = d0;
+  x[5] = d1;
+  x[6] = d2;
+  x[7] = d3;
+}
+
+/// Its inverse for coefficients scaled by the squares of the forward norms.
+HWY_INLINE void biorthogonal_inverse(Pair& p) {
+  constexpr float kCorrection = static_cast<float>(kBiorthogonalCorrection);
+  Floats* x = p.row;
+  const Floats low0 = x[0] + x[1], low1 = x[0] - x[1];
+  const Floats d0 = x[4], d1 = x[5], d2 = x[6], d3 = x[7];
+  const Floats even = kCorrection * (d1 - d3), odd = kCorrection * (d2 - d0);
+  const Floats s0 = low0 + x[2] - even, s1 = low0 - x[2] - odd;
+  const Floats s2 = low1 + x[3] + even, s3 = low1 - x[3] + odd;
+  x[0] = s0 + d0;
+  x[1] = s0 - d0;
+  x[2] = s1 + d1;
+  x[3] = s1 - d1;
+  x[4] = s2 + d2;
+  x[5] = s2 - d2;
+  x[6] = s3 + d3;
+  x[7] = s3 - d3;
+}
+
+/// cos(k π / 16) where the fast DCT needs it. Arai, Agui, Nakajima, "A fast DCT-SQ scheme for
+/// images", Trans. IEICE E71, 1988: five products, each output scaled (dct_norm).
+constexpr float kC4 = 0.70710678F, kC6 = 0.38268343F, kC2MinusC6 = 0.54119610F,
+                kC2PlusC6 = 1.30656296F, kRoot2 = 1.41421356F, kTwiceC2 = 1.84775907F,
+                kTwiceC2MinusC6 = 1.08239220F, kTwiceC2PlusC6 = 2.61312593F;
+
+HWY_INLINE void dct_forward(Pair& p) {
+  Floats* x = p.row;
+  const Floats s07 = x[0] + x[7], d07 = x[0] - x[7], s16 = x[1] + x[6], d16 = x[1] - x[6];
+  const Floats s25 = x[2] + x[5], d25 = x[2] - x[5], s34 = x[3] + x[4], d34 = x[3] - x[4];
+  const Floats outer = s07 + s34, outer_d = s07 - s34, inner = s16 + s25, inner_d = s16 - s25;
+  const Floats turn = kC4 * (inner_d + outer_d);
+  x[0] = outer + inner;
+  x[4] = outer - inner;
+  x[2] = outer_d + turn;
+  x[6] = outer_d - turn;
+  const Floats e = d34 + d25, f = d25 + d16, g = d16 + d07;
+  const Floats shared = kC6 * (e - g), z2 = kC2MinusC6 * e + shared, z4 = kC2PlusC6 * g + shared;
+  const Floats z3 = kC4 * f, plus = d07 + z3, minus = d07 - z3;
+  x[5] = minus + z2;
+  x[3] = minus - z2;
+  x[1] = plus + z4;
+  x[7] = plus - z4;
+}
+
+/// Its inverse: for dct_forward's outputs times 1/8.
+HWY_INLINE void dct_inverse(Pair& p) {
+  Floats* x = p.row;
+  const Floats s04 = x[0] + x[4], d04 = x[0] - x[4], s26 = x[2] + x[6];
+  const Floats d26 = kRoot2 * (x[2] - x[6]) - s26;
+  const Floats e0 = s04 + s26, e3 = s04 - s26, e1 = d04 + d26, e2 = d04 - d26;
+  const Floats s53 = x[5] + x[3], d53 = x[5] - x[3], s17 = x[1] + x[7], d17 = x[1] - x[7];
+  const Floats o7 = s17 + s53, turned = kRoot2 * (s17 - s53);
+  const Floats shared = kTwiceC2 * (d53 + d17);
+  const Floats o6 = shared - kTwiceC2PlusC6 * d53 - o7, o5 = turned - o6;
+  const Floats o4 = shared - kTwiceC2MinusC6 * d17 - o5;
+  x[0] = e0 + o7;
+  x[7] = e0 - o7;
+  x[1] = e1 + o6;
+  x[6] = e1 - o6;
+  x[2] = e2 + o5;
+  x[5] = e2 - o5;
+  x[3] = e3 + o4;
+  x[4] = e3 - o4;
+}
+
+/// Unscaled Walsh-Hadamard transform over pairs, then inside each vector between its two blocks
+/// unless there is only one.
+template <int kPairs, bool kSingle>
+HWY_INLINE void hadamard(Floats (&v)[kPairs]) {
+  HWY_UNROLL(4)
+  for (int span = 1; span < kPairs; span *= 2) {
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i)
+      if (!(i & span)) {
+        const Floats a = v[i], b = v[i + span];
+        v[i] = a + b;
+        v[i + span] = a - b;
+      }
+  }
+  if constexpr (!kSingle) {
+    constexpr Floats kSign = {1, 1, 1, 1, 1, 1, 1, 1, -1, -1, -1, -1, -1, -1, -1, -1};
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i)
+      v[i] = v[i] * kSign + __builtin_shufflevector(v[i], v[i], 8, 9, 10, 11, 12, 13, 14, 15, 0, 1,
+                                                    2, 3, 4, 5, 6, 7);
+  }
+}
+
+HWY_INLINE void load_table(const float* table, Floats& out) {
+  std::memcpy(&out, table, sizeof(out));
+}
+
+HWY_INLINE float sum_lanes(const Floats& v, int lanes) {
+  float sum = 0;
+  for (int i = 0; i < lanes; ++i) sum += v[i];
+  return sum;
+}
+
+/// Adds the weighted residual of one block: half of a pair.
+HWY_INLINE void add_row(const Floats8& weighted, float* residual) {
+  Floats8 sum;
+  std::memcpy(&sum, residual, sizeof(sum));
+  sum += weighted;
+  std::memcpy(residual, &sum, sizeof(sum));
+}
+
+HWY_INLINE void aggregate(const Pair& pair, const FilterKernelJob& job, std::int32_t first,
+                          std::int32_t second, float weight, bool single) {
+  const FilterTarget& t = job.target;
+  HWY_UNROLL(8)
+  for (int r = 0; r < kPatch; ++r) {
+    const std::ptrdiff_t row = r * t.stride;
+    Floats window, noisy;
+    load_table(job.window + r * GroupFilter::kLanes, window);
+    load_row(t.noisy + first + row, t.noisy + second + row, noisy);
+    const Floats weighted = (pair.row[r] - noisy) * (window * weight);
+    add_row(__builtin_shufflevector(weighted, weighted, 0, 1, 2, 3, 4, 5, 6, 7),
+            t.residual + first + row);
+    if (!single)
+      add_row(__builtin_shufflevector(weighted, weighted, 8, 9, 10, 11, 12, 13, 14, 15),
+              t.residual + second + row);
+  }
+}
+
+/// Inverse 2-D transforms and aggregation of a whole group.
+template <bool kWiener, int kPairs, bool kSingle>
+HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
+                           const BlockGroup& group, float energy) {
+  constexpr int kBlocks = kSingle ? 1 : 2 * kPairs;
+  const float weight = 1 / energy;
+  for (int i = 0; i < kPairs; ++i) {
+    Pair& pair = pairs[i];
+    if constexpr (kWiener) {
+      dct_inverse(pair);
+      transpose(pair);
+      dct_inverse(pair);
+    } else {
+      biorthogonal_inverse(pair);
+      transpose(pair);
+      biorthogonal_inverse(pair);
+    }
+    aggregate(pair, job, group.position[2 * i], group.position[kSingle ? 0 : 2 * i + 1], weight,
+              kSingle);
+  }
+  for (int i = 0; i < kBlocks; ++i) job.target.weight[group.position[i]] += weight;
+  if (job.target.passed_noise)
+    for (int i = 0; i < kBlocks; ++i)
+      job.target.passed_noise[group.position[i]] += 1.0F / (kBlocks * kPatchPixels);
+}
+
+template <bool kWiener, int kPairs, bool kSingle>
+HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const BlockGroup& group,
+                                Pair (&pairs)[kPairs]) {
+  for (int i = 0; i < kPairs; ++i) {
+    Pair pair;
+    load_pair(plane + group.position[2 * i], plane + group.position[kSingle ? 0 : 2 * i + 1],
+              stride, pair);
+    if constexpr (kWiener) {
+      dct_forward(pair);
+      transpose(pair);
+      dct_forward(pair);
+    } else {
+      biorthogonal_forward(pair);
+      transpose(pair);
+      biorthogonal_forward(pair);
+    }
+    pairs[i] = pair;
+  }
+}
+
+template <int kPairs, bool kSingle>
+void hard_group(const FilterKernelJob& job, const BlockGroup& group,
+                const GroupFilter::SizeTables& table) {
+  Pair pairs[kPairs];
+  transform_group<false, kPairs, kSingle>(job.target.noisy, job.target.stride, group, pairs);
+  Floats kept = {};
+  for (int r = 0; r < kPatch; ++r) {
+    Floats v[kPairs], scale, limit, limit_first;
+    load_table(table.scale[r].data(), scale);
+    load_table(table.limit[r].data(), limit);
+    load_table(table.limit_first[r].data(), limit_first);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
+    hadamard<kPairs, kSingle>(v);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) {
+      const Floats zero = {}, one = zero + 1.0F;
+      const Floats power = v[i] * v[i];
+      const Ints keep = power > (i == 0 ? limit_first : limit);
+      kept += keep ? one : zero;
+      v[i] = keep ? v[i] * scale : zero;
+    }
+    hadamard<kPairs, kSingle>(v);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) pairs[i].row[r] = v[i];
+  }
+  const float energy = sum_lanes(kept, kSingle ? kPatch : 2 * kPatch);
+  write_back<false, kPairs, kSingle>(pairs, job, group, energy);
+}
+
+template <int kPairs, bool kSingle>
+void wiener_group(const FilterKernelJob& job, const BlockGroup& group,
+                  const GroupFilter::SizeTables& table) {
+  Pair pairs[kPairs], pilot[kPairs];
+  transform_group<true, kPairs, kSingle>(job.target.noisy, job.target.stride, group, pairs);
+  transform_group<true, kPairs, kSingle>(job.target.pilot, job.target.stride, group, pilot);
+  Floats energy = {};
+  for (int r = 0; r < kPatch; ++r) {
+    Floats v[kPairs], gain[kPairs], noise, noise_first, scale;
+    load_table(table.limit[r].data(), noise);
+    load_table(table.limit_first[r].data(), noise_first);
+    load_table(table.scale[r].data(), scale);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) gain[i] = pilot[i].row[r];
+    hadamard<kPairs, kSingle>(gain);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) {
+      // A little power everywhere keeps 0/0 away from the mean, whose noise entry is 0.
+      const Floats power = gain[i] * gain[i] + noise * 1e-6F;
+      gain[i] = power / (power + (i == 0 ? noise_first : noise));
+      energy += gain[i] * gain[i];
+    }
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
+    hadamard<kPairs, kSingle>(v);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) v[i] *= gain[i] * scale;
+    hadamard<kPairs, kSingle>(v);
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) pairs[i].row[r] = v[i];
+  }
+  write_back<true, kPairs, kSingle>(pairs, job, group,
+                                    sum_lanes(energy, kSingle ? kPatch : 2 * kPatch));
+}
+
+void hard_groups(const FilterKernelJob& job) {
+  for (std::size_t i = 0; i < job.count; ++i) {
+    const BlockGroup& group = job.groups[i];
+    switch (group.count) {
+      case 1:
+        hard_group<1, true>(job, group, job.tables[0]);
+        break;
+      case 2:
+        hard_group<1, false>(job, group, job.tables[1]);
+        break;
+      case 4:
+        hard_group<2, false>(job, group, job.tables[2]);
+        break;
+      case 8:
+        hard_group<4, false>(job, group, job.tables[3]);
+        break;
+      case 16:
+        hard_group<8, false>(job, group, job.tables[4]);
+        break;
+      default:
+        hard_group<16, false>(job, group, job.tables[5]);
+        break;
+    }
+  }
+}
+
+void wiener_groups(const FilterKernelJob& job) {
+  for (std::size_t i = 0; i < job.count; ++i) {
+    const BlockGroup& group = job.groups[i];
+    switch (group.count) {
+      case 1:
+        wiener_group<1, true>(job, group, job.tables[0]);
+        break;
+      case 2:
+        wiener_group<1, false>(job, group, job.tables[1]);
+        break;
+      case 4:
+        wiener_group<2, false>(job, group, job.tables[2]);
+        break;
+      case 8:
+        wiener_group<4, false>(job, group, job.tables[3]);
+        break;
+      case 16:
+        wiener_group<8, false>(job, group, job.tables[4]);
+        break;
+      default:
+        wiener_group<16, false>(job, group, job.tables[5]);
+        break;
+    }
+  }
+}
+
+}  // namespace malus::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace malus::internal {
+
+HWY_EXPORT(hard_groups);
+HWY_EXPORT(wiener_groups);
+
+namespace {
+
+/// unscaled coefficient * norm = coefficient of the orthonormal DCT (Arai et al.).
+std::array<double, kPatch> dct_norms() {
+  std::array<double, kPatch> norm{};
+  for (int k = 0; k < kPatch; ++k)
+    norm[static_cast<std::size_t>(k)] =
+        1 / (std::sqrt(8.0) * (k == 0 ? 1 : std::sqrt(2.0) * std::cos(k * std::numbers::pi / 16)));
+  return norm;
+}
+
+/// The same for the biorthogonal transform, which has sqrt(1/2) per level.
+std::array<double, kPatch> biorthogonal_norms() {
+  const double finest = std::sqrt(0.5), coarsest = std::sqrt(0.125);
+  return {coarsest, coarsest, 0.5, 0.5, finest, finest, finest, finest};
+}
+
+/// Fills in what depends on the group's size n. power: the limit on a squared coefficient of an
+/// orthonormal transform; back[k]: what a coefficient needs to go back along one direction.
+void fill(std::array<GroupFilter::SizeTables, GroupFilter::kSizes>& tables,
+          const std::array<double, kPatch>& norm, const std::array<double, kPatch>& back,
+          double power, double power_of_mean) {
+  for (int size = 0; size < GroupFilter::kSizes; ++size) {
+    const double n = 1 << size;
+    auto& t = tables[static_cast<std::size_t>(size)];
+    for (std::size_t r = 0; r < kPatch; ++r)
+      for (std::size_t lane = 0; lane < GroupFilter::kLanes; ++lane) {
+        const double f = norm[r] * norm[lane % kPatch];
+        t.limit[r][lane] = static_cast<float>(power * n / (f * f));
+        t.scale[r][lane] = static_cast<float>(back[r] * back[lane % kPatch] / n);
+      }
+    t.limit_first = t.limit;
+    t.limit_first[0][0] = static_cast<float>(power_of_mean);
+  }
+}
+
+void fill_window(GroupFilter::Table& table) {
+  const auto window = kaiser_window();
+  for (std::size_t r = 0; r < kPatch; ++r)
+    for (std::size_t lane = 0; lane < GroupFilter::kLanes; ++lane)
+      table[r][lane] = static_cast<float>(window[r] * window[lane % kPatch]);
+}
+
+}  // namespace
+
+GroupFilter GroupFilter::hard(float sigma, float threshold) {
+  GroupFilter filter;
+  const auto norm = biorthogonal_norms();
+  auto back = norm;
+  for (double& b : back) b *= b;
+  const double limit = double{sigma} * threshold;
+  fill(filter.tables_, norm, back, limit * limit, -1);
+  fill_window(filter.window_);
+  return filter;
+}
+
+GroupFilter GroupFilter::wiener(float sigma) {
+  GroupFilter filter;
+  filter.wiener_ = true;
+  std::array<double, kPatch> back{};
+  back.fill(1.0 / kPatch);
+  fill(filter.tables_, dct_norms(), back, double{sigma} * sigma, 0);
+  fill_window(filter.window_);
+  return filter;
+}
+
+void GroupFilter::run(std::span<const BlockGroup> groups, const FilterTarget& target) const {
+  const FilterKernelJob job{groups.data(), groups.size(), target, tables_.data(),
+                            window_[0].data()};
+  if (wiener_)
+    HWY_DYNAMIC_DISPATCH(wiener_groups)(job);
+  else
+    HWY_DYNAMIC_DISPATCH(hard_groups)(job);
+}
+
+}  // namespace malus::internal
+#endif

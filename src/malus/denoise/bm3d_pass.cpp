@@ -1,0 +1,230 @@
+#include "malus/denoise/internal/bm3d_pass.h"
+
+#include "malus/base/parallel.h"
+#include "malus/denoise/internal/bm3d_stage.h"
+#include "malus/denoise/internal/bm3d_transform.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace malus::internal {
+namespace {
+
+/// Everything that both passes share.
+struct Work {
+  std::vector<int> channels;        ///< the channels with noise
+  std::vector<PaddedPlane> noisy;   ///< one per such channel
+  std::vector<float> sigma;         ///< likewise
+  std::vector<float> match_weight;  ///< likewise, summing to one
+  Progress& progress;
+};
+
+/// Sums of one channel, padded.
+struct Accumulator {
+  Image residual, weight, passed_noise;
+};
+
+std::vector<Tile> tiles_of(int rows, int cols, int step) {
+  const int refs = tile_references(step);
+  const int ref_rows = lattice_size(rows, step), ref_cols = lattice_size(cols, step);
+  std::vector<Tile> tiles;
+  for (int r = 0; r < ref_rows; r += refs)
+    for (int c = 0; c < ref_cols; c += refs)
+      tiles.push_back(
+          {r * step, c * step, std::min(refs, ref_rows - r), std::min(refs, ref_cols - c)});
+  return tiles;
+}
+
+/// Tiles of one class write to places that are `classes` tiles apart and never meet, so a class
+/// runs in parallel straight into the shared sums, and the order of all additions is fixed.
+int tile_classes(const Bm3dStage& stage) {
+  const int side = tile_references(stage.step) * stage.step;
+  const int touched = side + 2 * stage.range + kPatch - stage.step;
+  return (touched + side - 1) / side;
+}
+
+void filter_tile(const Work& work, const std::vector<PaddedPlane>& match_source,
+                 const std::vector<PaddedPlane>* pilot, const Bm3dStage& stage,
+                 const std::vector<Displacement>& order, const std::vector<GroupFilter>& filters,
+                 const Tile& tile, std::vector<Accumulator>& sums) {
+  std::vector<const PaddedPlane*> planes;
+  std::vector<float> scale;
+  for (std::size_t c = 0; c < work.channels.size(); ++c)
+    if (work.match_weight[c] > 0) {
+      planes.push_back(&match_source[c]);
+      scale.push_back(
+          static_cast<float>(match_scale(stage.match_limit, work.match_weight[c], work.sigma[c])));
+    }
+  std::vector<BlockGroup> groups(static_cast<std::size_t>(tile.ref_rows * tile.ref_cols));
+  match_tile({planes, scale}, stage, order, tile, groups);
+  for (std::size_t c = 0; c < work.channels.size(); ++c)
+    filters[c].run(
+        groups,
+        {work.noisy[c].data.values().data(), pilot ? (*pilot)[c].data.values().data() : nullptr,
+         sums[c].residual.values().data(), sums[c].weight.values().data(),
+         sums[c].passed_noise.empty() ? nullptr : sums[c].passed_noise.values().data(),
+         work.noisy[c].stride()});
+}
+
+std::vector<Accumulator> run_tiles(const Work& work, const std::vector<PaddedPlane>* pilot,
+                                   const Bm3dStage& stage, const std::vector<GroupFilter>& filters,
+                                   int rows, int cols, bool with_noise) {
+  const auto& first = work.noisy[0].data;
+  std::vector<Accumulator> sums(work.channels.size());
+  for (auto& sum : sums) {
+    sum.residual = Image(first.rows(), first.cols());
+    sum.weight = Image(first.rows(), first.cols());
+    if (with_noise) sum.passed_noise = Image(first.rows(), first.cols());
+  }
+  const auto order = search_order(stage.range);
+  const auto tiles = tiles_of(rows, cols, stage.step);
+  const int side = tile_references(stage.step) * stage.step, classes = tile_classes(stage);
+  for (int index = 0; index < classes * classes; ++index) {
+    std::vector<Tile> members;
+    for (const Tile& tile : tiles)
+      if (tile.row / side % classes * classes + tile.col / side % classes == index)
+        members.push_back(tile);
+    parallel_for(0, std::ssize(members), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (std::ptrdiff_t i = begin; i < end; ++i) {
+        check_stop(work.progress);
+        filter_tile(work, pilot ? *pilot : work.noisy, pilot, stage, order, filters,
+                    members[static_cast<std::size_t>(i)], sums);
+        work.progress.advance(1);
+      }
+    });
+  }
+  return sums;
+}
+
+/// Spreads block weights, which are stored at the blocks' first pixels, over the blocks' pixels
+/// with the window: rows [first, last) of the unpadded picture.
+void spread(const Image& at_corner, int pad, int row, std::vector<float>& scratch,
+            std::span<float> out) {
+  static const auto window = kaiser_window();
+  std::array<float, kPatch> w{};
+  for (std::size_t i = 0; i < kPatch; ++i) w[i] = static_cast<float>(window[i]);
+  scratch.assign(out.size() + kPatch - 1, 0.0F);
+  for (int r = 0; r < kPatch; ++r) {
+    const float* source = at_corner.row(pad + row - r) + pad - (kPatch - 1);
+    for (std::size_t c = 0; c < scratch.size(); ++c)
+      scratch[c] += w[static_cast<std::size_t>(r)] * source[c];
+  }
+  std::ranges::fill(out, 0.0F);
+  for (std::size_t k = 0; k < kPatch; ++k)
+    for (std::size_t c = 0; c < out.size(); ++c) out[c] += w[k] * scratch[c + kPatch - 1 - k];
+}
+
+/// noisy + weighted mean of the residuals, and the share of noise that is left.
+void finish(const PaddedPlane& noisy, const Accumulator& sum, Image& result, Image* share) {
+  parallel_for(0, result.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    const auto cols = static_cast<std::size_t>(result.cols());
+    std::vector<float> scratch, weight(cols), passed(cols);
+    for (int r = static_cast<int>(begin); r < end; ++r) {
+      spread(sum.weight, noisy.pad, r, scratch, weight);
+      const float* residual = sum.residual.row(noisy.pad + r) + noisy.pad;
+      const float* source = noisy.data.row(noisy.pad + r) + noisy.pad;
+      for (std::size_t c = 0; c < cols; ++c) result.row(r)[c] = source[c] + residual[c] / weight[c];
+      if (!share) continue;
+      spread(sum.passed_noise, noisy.pad, r, scratch, passed);
+      for (std::size_t c = 0; c < cols; ++c) share->row(r)[c] = passed[c] / weight[c];
+    }
+  });
+}
+
+Work prepare(const Planes& noisy, std::span<const float> sigma,
+             std::span<const float> match_weights, int pad, Progress& progress) {
+  Work work{{}, {}, {}, {}, progress};
+  float total = 0;
+  for (int c = 0; c < noisy.channels(); ++c) {
+    const auto i = static_cast<std::size_t>(c);
+    MALUS_REQUIRE(std::isfinite(sigma[i]) && sigma[i] >= 0);
+    if (!(sigma[i] > 0)) continue;
+    work.channels.push_back(c);
+    work.noisy.push_back(padded_by_reflection(noisy[c], pad));
+    work.sigma.push_back(sigma[i]);
+    work.match_weight.push_back(match_weights.empty() ? 1.0F : match_weights[i]);
+    total += work.match_weight.back();
+  }
+  MALUS_REQUIRE(work.channels.empty() || total > 0);
+  for (float& weight : work.match_weight) weight /= total;
+  return work;
+}
+
+}  // namespace
+
+int lattice_size(int pixels, int step) {
+  return pixels <= kPatch ? 1 : (pixels - kPatch + step - 1) / step + 1;
+}
+
+double match_scale(double match_limit, double weight_share, double sigma) {
+  return std::sqrt(kMatchFullScale / (kPatchPixels * match_limit) * weight_share) / sigma;
+}
+
+PaddedPlane padded_by_reflection(const Image& plane, int pad) {
+  const auto fold = [](int i, int n) {
+    i = ((i % (2 * n)) + 2 * n) % (2 * n);
+    return i < n ? i : 2 * n - 1 - i;
+  };
+  PaddedPlane padded{Image(plane.rows() + 2 * pad, plane.cols() + 2 * pad), pad};
+  std::vector<int> from(static_cast<std::size_t>(padded.data.cols()));
+  for (int c = 0; c < padded.data.cols(); ++c)
+    from[static_cast<std::size_t>(c)] = fold(c - pad, plane.cols());
+  for (int r = 0; r < padded.data.rows(); ++r) {
+    const float* source = plane.row(fold(r - pad, plane.rows()));
+    float* out = padded.data.row(r);
+    for (std::size_t c = 0; c < from.size(); ++c) out[c] = source[from[c]];
+  }
+  return padded;
+}
+
+Bm3dReach bm3d_reach(const Bm3dParameters& parameters) {
+  const auto reach = [](const Bm3dStage& s) { return 2 * (s.range + kPatch); };
+  const auto grid = [](const Bm3dStage& s) {
+    return tile_references(s.step) * s.step * tile_classes(s);
+  };
+  return {reach(parameters.hard) + reach(parameters.wiener),
+          std::lcm(grid(parameters.hard), grid(parameters.wiener))};
+}
+
+Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
+                 std::span<const float> sigma, std::span<const float> match_weights,
+                 Progress& progress, Planes* variance_out) {
+  const auto channels = static_cast<std::size_t>(noisy.channels());
+  MALUS_REQUIRE(sigma.size() == channels);
+  MALUS_REQUIRE(match_weights.empty() || match_weights.size() == channels);
+  const int rows = noisy.rows(), cols = noisy.cols();
+  Planes result = noisy;
+  if (variance_out) *variance_out = Planes(noisy.channels(), rows, cols);
+  if (rows == 0 || cols == 0) return result;
+
+  const int pad = std::max(stage_padding(parameters.hard), stage_padding(parameters.wiener));
+  const Work work = prepare(noisy, sigma, match_weights, pad, progress);
+  if (work.channels.empty()) return result;
+  progress.begin("denoise", std::ssize(tiles_of(rows, cols, parameters.hard.step)) +
+                                std::ssize(tiles_of(rows, cols, parameters.wiener.step)));
+
+  std::vector<GroupFilter> filters;
+  for (const float s : work.sigma)
+    filters.push_back(GroupFilter::hard(s, parameters.hard_threshold));
+  auto sums = run_tiles(work, nullptr, parameters.hard, filters, rows, cols, false);
+  std::vector<PaddedPlane> pilot;
+  for (std::size_t c = 0; c < work.channels.size(); ++c) {
+    Image& plane = result[work.channels[c]];
+    finish(work.noisy[c], sums[c], plane, nullptr);
+    pilot.push_back(padded_by_reflection(plane, pad));
+  }
+
+  filters.clear();
+  for (const float s : work.sigma) filters.push_back(GroupFilter::wiener(s));
+  sums = run_tiles(work, &pilot, parameters.wiener, filters, rows, cols, variance_out != nullptr);
+  for (std::size_t c = 0; c < work.channels.size(); ++c) {
+    Image* share = variance_out ? &(*variance_out)[work.channels[c]] : nullptr;
+    finish(work.noisy[c], sums[c], result[work.channels[c]], share);
+    if (share)
+      for (float& value : share->values()) value *= work.sigma[c] * work.sigma[c];
+  }
+  return result;
+}
+
+}  // namespace malus::internal
