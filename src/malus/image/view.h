@@ -91,6 +91,7 @@ class Plane {
   const T& operator()(int r, int c) const { return view()(r, c); }
   std::vector<T>& values() { return values_; }
   const std::vector<T>& values() const { return values_; }
+  bool operator==(const Plane&) const = default;
 
  private:
   int rows_ = 0, cols_ = 0;

@@ -1,0 +1,116 @@
+// What calibration measured at one gain, for every kind of model.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/image/view.h"
+#include "malus/noise/matrix.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// A parameter over the bias frames of one gain: one entry per channel in mosaic order. Fields not
+/// measured are empty.
+struct ChannelStatistics {
+  std::vector<double> mean;
+  std::vector<double> standard_error;  ///< of the mean; NaN where it cannot be told
+  std::vector<double>
+      spread;  ///< sd of the parameter from frame to frame (sampling error of one frame removed)
+  SquareMatrix
+      covariance;  ///< over frames, between channels, sampling error removed; n = 0 if not measured
+  bool operator==(const ChannelStatistics&) const = default;
+};
+
+/// One point of the photon-transfer curve.
+struct PhotonTransferPoint {
+  int channel = 0;
+  double exposure_s = 0;
+  double mean_dn = 0;       ///< signal above dark
+  double variance_dn2 = 0;  ///< temporal variance minus the dark pair's
+  double variance_stderr_dn2 = 0;
+  bool used = false;
+  std::string why_not;  ///< reason when not used, with numbers
+  bool operator==(const PhotonTransferPoint&) const = default;
+};
+
+/// The physics calibration at one gain (000, 3.2).
+struct PhysicsCalibration {
+  GainSetting gain;
+  int bias_frames = 0;
+  int flat_levels = 0;
+  ChannelStatistics K;  ///< DN/e-; standard_error from the photon-transfer fit
+  std::vector<double> K_intercept_dn2, K_intercept_stderr_dn2;  ///< of the photon-transfer line
+  ChannelStatistics mu;                                         ///< DN above black
+  ChannelStatistics sigma_row;                                  ///< DN
+  ChannelStatistics sigma_tl;                                   ///< DN
+  ChannelStatistics lambda;                                     ///< 1
+  ChannelStatistics sigma_column;                               ///< DN; reported, not synthesized
+  std::vector<double> temporal_sd_dark_dn;                      ///< rows, quantisation and all
+  std::vector<double> temporal_sd_dark_stderr_dn;
+  std::vector<double> dsnu_dn,
+      prnu;                      ///< sd of the fixed pattern (DN; relative), sampling error removed
+  SquareMatrix row_correlation;  ///< between the channels' row-group offsets inside a frame
+  std::vector<PhotonTransferPoint> transfer;
+  Image dark_shading_dn;  ///< mosaic: per-pixel mean of the bias frames minus the channel's mean;
+                          ///< may be empty
+  Image prnu_map;         ///< mosaic: relative response, mean 1 per channel; may be empty
+  std::vector<std::string> warnings;
+  bool operator==(const PhysicsCalibration&) const = default;
+};
+
+/// Heteroscedastic Gaussian noise at one gain: variance = max(slope s + offset, 0), s the signal in
+/// DN above black. One entry per channel; row noise and quantisation are part of the offset.
+struct GaussianCalibration {
+  GainSetting gain;
+  int levels = 0;  ///< signal levels that the line was fitted to; 0 when published, not fitted
+  std::vector<double> slope_dn, slope_stderr_dn;
+  std::vector<double> offset_dn2, offset_stderr_dn2;
+  std::vector<double> bias_dn;  ///< mean of dark pixels above the black level; may be empty
+  std::vector<std::string> warnings;
+  bool operator==(const GaussianCalibration&) const = default;
+};
+
+/// One channel of a non-parametric model: the distribution of noisy - clean at rising signal levels
+/// (001, S1-S2). Row noise is kept apart.
+struct NonparametricChannel {
+  std::vector<double> level_dn;          ///< centres, rising, DN above black
+  std::vector<std::int64_t> samples;     ///< per level; borrowed ones included
+  std::vector<double> bin_edges_dn;      ///< rising; common to all levels
+  std::vector<std::vector<double>> pmf;  ///< per level: bin probabilities that add to 1
+  bool operator==(const NonparametricChannel&) const = default;
+};
+
+/// Moments of one level's noise, uniform inside each bin.
+struct LevelMoments {
+  double mean_dn = 0, variance_dn2 = 0;
+};
+LevelMoments level_moments(const NonparametricChannel& channel, std::size_t level);
+
+struct NonparametricCalibration {
+  GainSetting gain;
+  int frames = 0;
+  std::vector<NonparametricChannel> channels;             ///< one per channel of the layout
+  std::vector<double> sigma_row_dn, sigma_row_stderr_dn;  ///< sd of the row groups' offsets
+  std::vector<double> K;  ///< DN/e-, where flats gave it: lets gains be compared; may be empty
+  std::vector<std::string> warnings;
+  bool operator==(const NonparametricCalibration&) const = default;
+};
+
+/// Whole real bias frames of one gain, for dark-frame sampling: mosaics in DN above black.
+struct DarkFrameBank {
+  GainSetting gain;
+  std::vector<Image> frames_dn;  ///< all of one size, a multiple of the layout's cell
+  bool operator==(const DarkFrameBank&) const = default;
+};
+
+/// Mosaic position of a defect pixel and what is wrong with it ("hot", "dead", "noisy", "stuck").
+struct DefectPixel {
+  int row = 0, col = 0;
+  std::string kind;
+  double value = 0;  ///< the statistic that condemned it, in robust sd
+  bool operator==(const DefectPixel&) const = default;
+};
+
+}  // namespace malus

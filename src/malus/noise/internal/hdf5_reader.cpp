@@ -1,0 +1,251 @@
+#include "malus/base/error.h"
+#include "malus/noise/internal/hdf5_archive.h"
+
+#include <algorithm>
+#include <climits>
+
+#include <fmt/format.h>
+#include <hdf5.h>
+
+namespace malus::internal {
+namespace {
+
+int close_file(hid_t id) { return H5Fclose(id); }
+int close_group(hid_t id) { return H5Gclose(id); }
+int close_data(hid_t id) { return H5Dclose(id); }
+int close_space(hid_t id) { return H5Sclose(id); }
+int close_type(hid_t id) { return H5Tclose(id); }
+int close_list(hid_t id) { return H5Pclose(id); }
+int close_attribute(hid_t id) { return H5Aclose(id); }
+
+// deflate cannot shrink by more than this, so a small file cannot ask for much memory.
+constexpr std::size_t kLargestCompression = 1100;
+constexpr std::size_t kFreeBytes = std::size_t{1} << 16;
+
+bool known_filters(hid_t creation) {
+  for (int i = 0, n = H5Pget_nfilters(creation); i < n; ++i) {
+    unsigned flags = 0, settings = 0;
+    std::size_t count = 0;
+    const H5Z_filter_t filter = H5Pget_filter2(creation, static_cast<unsigned>(i), &flags, &count,
+                                               nullptr, 0, nullptr, &settings);
+    if (filter != H5Z_FILTER_DEFLATE && filter != H5Z_FILTER_SHUFFLE &&
+        filter != H5Z_FILTER_FLETCHER32)
+      return false;
+  }
+  return true;
+}
+
+std::string shape_text(const std::vector<std::size_t>& shape) {
+  return shape.empty() ? "a single value" : fmt::format("{}", fmt::join(shape, " x "));
+}
+
+}  // namespace
+
+Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : path_(path.string()) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error))
+    throw InputError(path_, "does not exist",
+                     "check the path, or see `malus model list` for built-in models");
+  if (std::filesystem::is_directory(path, error))
+    throw InputError(path_, "is a folder", "name a noise model file");
+  if (H5Fis_hdf5(path.c_str()) <= 0)
+    throw InputError(path_, "is not an HDF5 file or cannot be read",
+                     "give a noise model that malus calibrate wrote");
+  file_ = {H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), close_file};
+  if (!file_.valid()) fail("the file", "cannot be opened");
+  group_ = {H5Gopen2(file_.id(), "/", H5P_DEFAULT), close_group};
+  if (!group_.valid()) fail("the root group", "cannot be opened");
+}
+
+Hdf5Reader::Hdf5Reader(const Hdf5Reader& parent, Hdf5Handle group, std::string where)
+    : group_(std::move(group)), path_(parent.path_), where_(std::move(where)) {}
+
+void Hdf5Reader::fail(const std::string& name, const std::string& problem) const {
+  throw InputError(path_, fmt::format("{}{} {}", where_, name, problem),
+                   "the file is damaged or no malus noise model: calibrate again or take a copy");
+}
+
+int Hdf5Reader::version() const {
+  if (H5Aexists(group_.id(), "version") <= 0) fail("the version attribute", "is missing");
+  const Hdf5Handle attribute(H5Aopen(group_.id(), "version", H5P_DEFAULT), close_attribute);
+  if (!attribute.valid()) fail("the version attribute", "cannot be read");
+  const Hdf5Handle type(H5Aget_type(attribute.id()), close_type);
+  const Hdf5Handle space(H5Aget_space(attribute.id()), close_space);
+  int number = 0;
+  if (H5Tget_class(type.id()) != H5T_INTEGER || H5Sget_simple_extent_npoints(space.id()) != 1 ||
+      H5Aread(attribute.id(), H5T_NATIVE_INT, &number) < 0)
+    fail("the version attribute", "is not one integer");
+  return number;
+}
+
+std::string Hdf5Reader::number_name(std::size_t i) { return fmt::format("{:03}", i); }
+
+// Only hard links: a soft or external one could lead anywhere.
+bool Hdf5Reader::holds(const std::string& name) const {
+  H5L_info_t info;
+  if (H5Lexists(group_.id(), name.c_str(), H5P_DEFAULT) <= 0) return false;
+  if (H5Lget_info(group_.id(), name.c_str(), &info, H5P_DEFAULT) < 0 || info.type != H5L_TYPE_HARD)
+    fail(name, "is not an ordinary link");
+  return true;
+}
+
+Hdf5Reader Hdf5Reader::group(const std::string& name) const {
+  if (!holds(name)) fail(name, "is missing");
+  Hdf5Handle child(H5Gopen2(group_.id(), name.c_str(), H5P_DEFAULT), close_group);
+  if (!child.valid()) fail(name, "cannot be opened as a group");
+  return {*this, std::move(child), where_ + name + "/"};
+}
+
+std::size_t Hdf5Reader::numbered_groups() const {
+  std::size_t count = 0;
+  while (count < kMaxListItems && holds(number_name(count))) ++count;
+  if (count == kMaxListItems) fail("", fmt::format("holds {} entries or more", kMaxListItems));
+  return count;
+}
+
+Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank,
+                            std::size_t max_values, std::vector<std::size_t>& shape) const {
+  if (!holds(field.name)) return {};
+  Hdf5Handle data(H5Dopen2(group_.id(), field.name.c_str(), H5P_DEFAULT), close_data);
+  if (!data.valid()) fail(field.name, "cannot be opened as a data set");
+  const Hdf5Handle type(H5Dget_type(data.id()), close_type);
+  const Hdf5Handle space(H5Dget_space(data.id()), close_space);
+  const Hdf5Handle creation(H5Dget_create_plist(data.id()), close_list);
+  if (!type.valid() || !space.valid() || !creation.valid()) fail(field.name, "cannot be read");
+  if (H5Tget_class(type.id()) != type_class) fail(field.name, "has the wrong type");
+  if (H5Sget_simple_extent_type(space.id()) == H5S_NULL) fail(field.name, "is empty");
+  const int found = H5Sget_simple_extent_ndims(space.id());
+  if (found != static_cast<int>(rank))
+    fail(field.name, fmt::format("has {} dimensions, not {}", found, rank));
+  std::vector<hsize_t> dims(rank);
+  if (rank > 0 && H5Sget_simple_extent_dims(space.id(), dims.data(), nullptr) < 0)
+    fail(field.name, "has no size");
+  shape.assign(dims.begin(), dims.end());
+  std::size_t values = 1;
+  for (std::size_t n : shape) {
+    if (n == 0 || n > max_values / values)
+      fail(field.name, fmt::format("has an impossible size: {}", shape_text(shape)));
+    values *= n;
+  }
+  if (H5Pget_external_count(creation.id()) != 0 || H5Pget_layout(creation.id()) == H5D_VIRTUAL ||
+      !known_filters(creation.id()))
+    fail(field.name, "is stored in a way that a noise model does not use");
+  const std::size_t item = H5Tget_size(type.id());
+  const std::size_t stored = H5Dget_storage_size(data.id());
+  if (item == 0 || item > kMaxTextBytes ||
+      values > (stored * kLargestCompression + kFreeBytes) / item)
+    fail(field.name, fmt::format("claims {} in {} stored bytes", shape_text(shape), stored));
+  return data;
+}
+
+void Hdf5Reader::read(const Hdf5Handle& data, const Field& field, std::int64_t type,
+                      void* values) const {
+  if (H5Dread(data.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0)
+    fail(field.name, "cannot be read: its checksum or its storage is wrong");
+}
+
+void Hdf5Reader::number(const Field& field, double& value) const {
+  std::vector<std::size_t> shape;
+  if (const Hdf5Handle data = open(field, H5T_FLOAT, 0, 1, shape); data.valid())
+    read(data, field, H5T_NATIVE_DOUBLE, &value);
+}
+
+void Hdf5Reader::integer(const Field& field, int& value) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_INTEGER, 0, 1, shape);
+  if (!data.valid()) return;
+  std::int64_t wide = 0;
+  read(data, field, H5T_NATIVE_INT64, &wide);
+  if (wide < INT_MIN || wide > INT_MAX) fail(field.name, fmt::format("is {}", wide));
+  value = static_cast<int>(wide);
+}
+
+void Hdf5Reader::text(const Field& field, std::string& value) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_STRING, 0, 1, shape);
+  if (!data.valid()) return;
+  const Hdf5Handle type(H5Dget_type(data.id()), close_type);
+  if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
+  value.assign(H5Tget_size(type.id()), '\0');
+  read(data, field, type.id(), value.data());
+  value.resize(std::min(value.find('\0'), value.size()));
+}
+
+void Hdf5Reader::texts(const Field& field, std::vector<std::string>& values) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_STRING, 1, kMaxValues / 256, shape);
+  if (!data.valid()) return;
+  const Hdf5Handle type(H5Dget_type(data.id()), close_type);
+  if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
+  const std::size_t width = H5Tget_size(type.id());
+  std::string packed(width * shape[0], '\0');
+  read(data, field, type.id(), packed.data());
+  values.clear();
+  for (std::size_t i = 0; i < shape[0]; ++i) {
+    const std::string item = packed.substr(i * width, width);
+    values.push_back(item.substr(0, item.find('\0')));
+  }
+}
+
+void Hdf5Reader::numbers(const Field& field, std::vector<double>& values) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_FLOAT, 1, kMaxValues, shape);
+  if (!data.valid()) return;
+  values.resize(shape[0]);
+  read(data, field, H5T_NATIVE_DOUBLE, values.data());
+}
+
+void Hdf5Reader::integers(const Field& field, std::vector<std::int64_t>& values) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_INTEGER, 1, kMaxValues, shape);
+  if (!data.valid()) return;
+  values.resize(shape[0]);
+  read(data, field, H5T_NATIVE_INT64, values.data());
+}
+
+void Hdf5Reader::table(const Field& field, std::vector<std::vector<double>>& rows) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_FLOAT, 2, kMaxValues, shape);
+  if (!data.valid()) return;
+  std::vector<double> flat(shape[0] * shape[1]);
+  read(data, field, H5T_NATIVE_DOUBLE, flat.data());
+  rows.clear();
+  for (auto row = flat.begin(); row != flat.end(); row += static_cast<std::ptrdiff_t>(shape[1]))
+    rows.emplace_back(row, row + static_cast<std::ptrdiff_t>(shape[1]));
+}
+
+void Hdf5Reader::matrix(const Field& field, SquareMatrix& matrix) const {
+  std::vector<std::vector<double>> rows;
+  table(field, rows);
+  if (rows.empty()) return;
+  if (rows.size() != rows[0].size() || rows.size() > kMaxListItems)
+    fail(field.name, fmt::format("is {} x {}, not square", rows.size(), rows[0].size()));
+  matrix = SquareMatrix(static_cast<int>(rows.size()));
+  auto to = matrix.values.begin();
+  for (const auto& row : rows) to = std::copy(row.begin(), row.end(), to);
+}
+
+void Hdf5Reader::image(const Field& field, Image& image) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_FLOAT, 2, kMaxPixels, shape);
+  if (!data.valid()) return;
+  image = Image(static_cast<int>(shape[0]), static_cast<int>(shape[1]));
+  read(data, field, H5T_NATIVE_FLOAT, image.values().data());
+}
+
+void Hdf5Reader::images(const Field& field, std::vector<Image>& images) const {
+  std::vector<std::size_t> shape;
+  const Hdf5Handle data = open(field, H5T_FLOAT, 3, kMaxPixels, shape);
+  if (!data.valid()) return;
+  std::vector<float> stack(shape[0] * shape[1] * shape[2]);
+  read(data, field, H5T_NATIVE_FLOAT, stack.data());
+  images.assign(shape[0], Image(static_cast<int>(shape[1]), static_cast<int>(shape[2])));
+  auto from = stack.begin();
+  for (Image& image : images) {
+    const auto to = from + static_cast<std::ptrdiff_t>(image.size());
+    std::copy(from, to, image.values().begin());
+    from = to;
+  }
+}
+
+}  // namespace malus::internal

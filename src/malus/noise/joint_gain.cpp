@@ -1,0 +1,358 @@
+#include "malus/noise/joint_gain.h"
+
+#include "malus/base/statistics.h"
+#include "malus/noise/tukey_lambda.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Values = std::vector<double>;
+
+double interpolate(std::span<const double> x, std::span<const double> y, double at) {
+  const auto above = std::upper_bound(x.begin(), x.end(), at);
+  if (above == x.begin()) return y.front();
+  if (above == x.end()) return y.back();
+  const auto i = static_cast<std::size_t>(above - x.begin());
+  return y[i - 1] + (at - x[i - 1]) / (x[i] - x[i - 1]) * (y[i] - y[i - 1]);
+}
+
+// One parameter over the knots: values, and standard errors (0 where unknown).
+struct Series {
+  Values value, error;
+};
+
+// 1 - error² / residual², not below zero: what of the residuals is the sensor's own. With unknown
+// errors all of it.
+double real_share(const Values& residual, const Values& error, double degrees) {
+  double residual2 = 0, error2 = 0;
+  for (double r : residual) residual2 += r * r;
+  for (double e : error) error2 += e * e;
+  if (residual2 <= 0 || degrees <= 0) return 0;
+  return std::max(0.0, 1.0 - error2 / static_cast<double>(error.size()) / (residual2 / degrees));
+}
+
+LogLinear constant_law(double value) {
+  LogLinear law;
+  law.signed_linear = value <= 0;
+  law.intercept = law.signed_linear ? value : std::log(value);
+  return law;
+}
+
+// Fits y against x where the mask is set; the other knots take no part and have no residual.
+LogLinear fit_line_law(const Values& x, const Values& y, const Values& error,
+                       const std::vector<bool>& usable) {
+  Values xs, ys, errors;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (usable[i]) {
+      xs.push_back(x[i]);
+      ys.push_back(y[i]);
+      errors.push_back(error[i]);
+    }
+  const LineFit fit = fit_line(xs, ys);
+  LogLinear law;
+  law.slope = fit.slope;
+  law.intercept = fit.intercept;
+  law.residual.assign(x.size(), 0.0);
+  Values kept;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (usable[i]) {
+      law.residual[i] = y[i] - fit.intercept - fit.slope * x[i];
+      kept.push_back(law.residual[i]);
+    }
+  if (xs.size() > 2) {
+    law.slope_stderr = fit.slope_standard_error;
+    law.intercept_stderr = fit.intercept_standard_error;
+    law.residual_sd = fit.residual_deviation;
+    law.residual_weight = real_share(kept, errors, static_cast<double>(xs.size()) - 2.0);
+  }
+  return law;
+}
+
+// Eq. 7 for one parameter. Zero or negative values have no logarithm: with must_be_positive they
+// are left out (variances, where they are sampling error), else the parameter itself is fitted.
+LogLinear fit_law(const Values& log_K, const Series& series, bool must_be_positive) {
+  const std::size_t n = log_K.size();
+  if (n == 1) {
+    LogLinear law = constant_law(series.value[0]);
+    law.residual.assign(1, 0.0);
+    return law;
+  }
+  std::vector<bool> positive(n);
+  for (std::size_t i = 0; i < n; ++i) positive[i] = series.value[i] > 0;
+  const auto count = static_cast<std::size_t>(std::count(positive.begin(), positive.end(), true));
+  if (count == n || (must_be_positive && count >= 2)) {
+    Values y(n, 0.0), error(n, 0.0);
+    for (std::size_t i = 0; i < n; ++i)
+      if (positive[i]) {
+        y[i] = std::log(series.value[i]);
+        error[i] = series.error[i] / series.value[i];
+      }
+    return fit_line_law(log_K, y, error, positive);
+  }
+  if (must_be_positive) {  // at most one positive: no law; its mean over all gains
+    LogLinear law = constant_law(std::max(mean_of(series.value), 0.0));
+    law.residual.assign(n, 0.0);
+    return law;
+  }
+  LogLinear law = fit_line_law(log_K, series.value, series.error, std::vector<bool>(n, true));
+  law.signed_linear = true;
+  return law;
+}
+
+double entry(const Values& values, std::size_t c) {
+  return c < values.size() && std::isfinite(values[c]) ? values[c] : 0.0;
+}
+
+// sd of the sampling error of a standard deviation estimated from n frames.
+double deviation_error(double deviation, int frames) {
+  return frames > 1 ? deviation / std::sqrt(2.0 * (frames - 1)) : 0.0;
+}
+
+double frame_variance(const ChannelStatistics& statistics, std::size_t c) {
+  const int i = static_cast<int>(c);
+  if (statistics.covariance.n > i) return statistics.covariance(i, i);
+  const double spread = entry(statistics.spread, c);
+  return spread * spread;
+}
+
+using Gains = std::vector<const PhysicsCalibration*>;
+
+Series series_of(const Gains& gains,
+                 const std::function<std::pair<double, double>(const PhysicsCalibration&)>& get) {
+  Series series;
+  for (const PhysicsCalibration* gain : gains) {
+    const auto [value, error] = get(*gain);
+    series.value.push_back(value);
+    series.error.push_back(error);
+  }
+  return series;
+}
+
+Series mean_series(const Gains& gains, ChannelStatistics PhysicsCalibration::*parameter,
+                   std::size_t c, double sign = 1.0) {
+  return series_of(gains, [&](const PhysicsCalibration& gain) {
+    const ChannelStatistics& statistics = gain.*parameter;
+    return std::pair(sign * entry(statistics.mean, c), entry(statistics.standard_error, c));
+  });
+}
+
+Series variance_series(const Gains& gains, ChannelStatistics PhysicsCalibration::*parameter,
+                       std::size_t c) {
+  return series_of(gains, [&](const PhysicsCalibration& gain) {
+    const double variance = frame_variance(gain.*parameter, c);
+    return std::pair(variance, 2.0 * deviation_error(variance, gain.bias_frames));
+  });
+}
+
+double mean_K(const PhysicsCalibration& gain) { return mean_of(gain.K.mean); }
+
+Series log_K_series(const Gains& gains) {
+  return series_of(gains, [](const PhysicsCalibration& gain) {
+    double error2 = 0;
+    for (double e : gain.K.standard_error) error2 += std::isfinite(e) ? e * e : 0.0;
+    const double mean = mean_K(gain);
+    const double error = std::sqrt(error2) / static_cast<double>(gain.K.mean.size());
+    return std::pair(std::log(mean), error / mean);
+  });
+}
+
+// The correlation matrix averaged over the gains that have one, projected; says so when that moved
+// an entry visibly.
+SquareMatrix joint_correlation(const Gains& gains, ChannelStatistics PhysicsCalibration::*parameter,
+                               int channels, const char* symbol, std::vector<std::string>& notes) {
+  constexpr double kVisible = 0.01;
+  SquareMatrix mean(channels);
+  int used = 0;
+  for (const PhysicsCalibration* gain : gains) {
+    const SquareMatrix& covariance = (gain->*parameter).covariance;
+    if (covariance.n != channels) continue;
+    const SquareMatrix correlation = correlation_of(covariance);
+    for (std::size_t i = 0; i < mean.values.size(); ++i) mean.values[i] += correlation.values[i];
+    ++used;
+  }
+  if (used == 0) return SquareMatrix::identity(channels);
+  for (double& value : mean.values) value /= used;
+  const SquareMatrix nearest = nearest_correlation(mean);
+  const double moved = largest_difference(mean, nearest);
+  if (moved > kVisible)
+    notes.push_back(fmt::format(
+        "the correlation matrix of {} was not positive semi-definite; the nearest one differs by "
+        "up to {:.3f}",
+        symbol, moved));
+  return nearest;
+}
+
+JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
+  const auto channels = gains[0]->K.mean.size();
+  JointSegment segment;
+  for (const PhysicsCalibration* gain : gains) {
+    segment.knots_db.push_back(*gain->gain.decibel());
+    segment.lambda.push_back(gain->lambda.mean);
+  }
+  const Series log_K = log_K_series(gains);
+  segment.knots_log_K = log_K.value;
+  if (gains.size() > 1)
+    segment.K_of_gain = fit_line_law(segment.knots_db, log_K.value, log_K.error,
+                                     std::vector<bool>(gains.size(), true));
+  else
+    segment.K_of_gain = {.intercept = log_K.value[0], .residual = {0.0}};
+  int signed_channels = 0;
+  for (std::size_t c = 0; c < channels; ++c) {
+    double ratio = 0;
+    for (const PhysicsCalibration* gain : gains) ratio += gain->K.mean[c] / mean_K(*gain);
+    segment.K_ratio.push_back(ratio / static_cast<double>(gains.size()));
+    const auto fit = [&](const Series& series, bool positive) {
+      return fit_law(segment.knots_log_K, series, positive);
+    };
+    using P = PhysicsCalibration;
+    segment.minus_mu.push_back(fit(mean_series(gains, &P::mu, c, -1.0), false));
+    segment.mu_variance.push_back(fit(variance_series(gains, &P::mu, c), true));
+    segment.sigma_row.push_back(fit(mean_series(gains, &P::sigma_row, c), true));
+    segment.sigma_row_variance.push_back(fit(variance_series(gains, &P::sigma_row, c), true));
+    segment.sigma_tl.push_back(fit(mean_series(gains, &P::sigma_tl, c), true));
+    segment.sigma_tl_spread.push_back(
+        fit(series_of(gains,
+                      [&](const P& gain) {
+                        const double spread = entry(gain.sigma_tl.spread, c);
+                        return std::pair(spread, deviation_error(spread, gain.bias_frames));
+                      }),
+            true));
+    signed_channels += segment.minus_mu.back().signed_linear && gains.size() > 1;
+  }
+  if (signed_channels > 0)
+    notes.push_back(
+        fmt::format("-mu is not positive at every gain in {} of {} channels: fitted there as it "
+                    "is, without the logarithm",
+                    signed_channels, channels));
+  const int n = static_cast<int>(channels);
+  segment.mu_correlation = joint_correlation(gains, &PhysicsCalibration::mu, n, "mu", notes);
+  segment.sigma_row_correlation =
+      joint_correlation(gains, &PhysicsCalibration::sigma_row, n, "sigma_row", notes);
+  return segment;
+}
+
+// log of the read noise in DN, averaged over the channels.
+double log_read_noise(const PhysicsCalibration& gain) {
+  double sum = 0;
+  for (std::size_t c = 0; c < gain.sigma_tl.mean.size(); ++c)
+    sum += std::log(std::max(gain.sigma_tl.mean[c], 1e-12)) +
+           0.5 * std::log(tukey_lambda_variance(gain.lambda.mean[c]));
+  return sum / static_cast<double>(gain.sigma_tl.mean.size());
+}
+
+// How far a step lies outside [low, high], which the neighbouring slopes widen.
+double excess(std::span<const double> x, std::span<const double> y, std::size_t i, double low,
+              double high) {
+  const auto slope = [&](std::size_t k) { return (y[k + 1] - y[k]) / (x[k + 1] - x[k]); };
+  if (i > 0) {
+    low = std::min(low, slope(i - 1));
+    high = std::max(high, slope(i - 1));
+  }
+  if (i + 2 < x.size()) {
+    low = std::min(low, slope(i + 1));
+    high = std::max(high, slope(i + 1));
+  }
+  return std::max(low - slope(i), slope(i) - high) * (x[i + 1] - x[i]);
+}
+
+}  // namespace
+
+double LogLinear::law(double log_K) const {
+  const double y = intercept + slope * log_K;
+  return signed_linear ? y : std::exp(y);
+}
+
+double LogLinear::at(double x, std::span<const double> knots_db, double gain_db) const {
+  const double y =
+      intercept + slope * x + residual_weight * interpolate(knots_db, residual, gain_db);
+  return signed_linear ? y : std::exp(y);
+}
+
+std::vector<int> conversion_gain_breaks(std::span<const double> gain_db,
+                                        std::span<const double> log_K,
+                                        std::span<const double> log_read_noise_dn) {
+  constexpr double kLogPerDb = 0.11512925464970229;  // ln(10)/20: K doubles with 6.02 dB
+  const double limit = std::log(kBreakFactor);
+  std::vector<int> breaks;
+  for (std::size_t i = 0; i + 1 < gain_db.size(); ++i) {
+    const bool read_jumps = excess(log_K, log_read_noise_dn, i, 0.0, 1.0) > limit;
+    const bool K_jumps = excess(gain_db, log_K, i, kLogPerDb, kLogPerDb) > limit;
+    if (read_jumps || K_jumps) breaks.push_back(static_cast<int>(i));
+  }
+  return breaks;
+}
+
+Estimate<JointGainModel> fit_joint_model(const std::vector<PhysicsCalibration>& all) {
+  JointGainModel model;
+  Gains gains;
+  for (const PhysicsCalibration& gain : all) {
+    if (gain.K.mean.empty() || !gain.gain.decibel())
+      model.notes.push_back(fmt::format("{} is left out of the joint model: {}", gain.gain.text(),
+                                        gain.K.mean.empty() ? "no K" : "its gain is unknown"));
+    else
+      gains.push_back(&gain);
+  }
+  if (gains.size() < 2)
+    return Undecided{fmt::format("the joint model over gain needs K at 2 gains or more; {} found",
+                                 gains.size())};
+  Values db, log_K, noise;
+  for (const PhysicsCalibration* gain : gains) {
+    db.push_back(*gain->gain.decibel());
+    log_K.push_back(std::log(mean_K(*gain)));
+    noise.push_back(log_read_noise(*gain));
+  }
+  auto from = gains.begin();
+  for (int i : conversion_gain_breaks(db, log_K, noise)) {
+    const auto to = gains.begin() + i + 1;
+    model.notes.push_back(fmt::format(
+        "the sensor changes its conversion gain between {} and {}: read noise x{:.2f}, K x{:.2f}",
+        (*(to - 1))->gain.text(), (*to)->gain.text(),
+        std::exp(noise[static_cast<std::size_t>(i) + 1] - noise[static_cast<std::size_t>(i)]),
+        std::exp(log_K[static_cast<std::size_t>(i) + 1] - log_K[static_cast<std::size_t>(i)])));
+    model.segments.push_back(fit_segment({from, to}, model.notes));
+    from = to;
+  }
+  model.segments.push_back(fit_segment({from, gains.end()}, model.notes));
+  return model;
+}
+
+double gain_db_of_log_K(const JointSegment& segment, double log_K) {
+  double low = segment.knots_db.front(), high = segment.knots_db.back();
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    (segment.K_of_gain.at(middle, segment.knots_db, middle) < std::exp(log_K) ? low : high) =
+        middle;
+  }
+  return 0.5 * (low + high);
+}
+
+GainParameters joint_parameters(const JointSegment& segment, double gain_db) {
+  const double K = segment.K_of_gain.at(gain_db, segment.knots_db, gain_db);
+  const double log_K = std::log(K);
+  const auto value = [&](const LogLinear& law) { return law.at(log_K, segment.knots_db, gain_db); };
+  GainParameters p;
+  Values mu_deviation, row_deviation;
+  for (std::size_t c = 0; c < segment.K_ratio.size(); ++c) {
+    p.K.push_back(K * segment.K_ratio[c]);
+    p.mu_dn.push_back(-value(segment.minus_mu[c]));
+    p.sigma_row_dn.push_back(value(segment.sigma_row[c]));
+    p.sigma_tl_dn.push_back(value(segment.sigma_tl[c]));
+    p.sigma_tl_spread_dn.push_back(value(segment.sigma_tl_spread[c]));
+    mu_deviation.push_back(std::sqrt(value(segment.mu_variance[c])));
+    row_deviation.push_back(std::sqrt(value(segment.sigma_row_variance[c])));
+    Values lambda;
+    for (const Values& knot : segment.lambda) lambda.push_back(knot[c]);
+    p.lambda.push_back(interpolate(segment.knots_db, lambda, gain_db));
+  }
+  p.mu_covariance = covariance_of(segment.mu_correlation, mu_deviation);
+  p.sigma_row_covariance = covariance_of(segment.sigma_row_correlation, row_deviation);
+  return p;
+}
+
+}  // namespace malus

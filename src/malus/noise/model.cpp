@@ -1,0 +1,237 @@
+#include "malus/noise/model.h"
+
+#include "malus/base/error.h"
+#include "malus/base/text.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// Gains are typed by people: 1e-6 dB only bridges rounding.
+constexpr double kSameGainDb = 1e-6;
+
+std::string unit_name(const GainSetting& gain) { return gain.gain_db ? "dB" : "ISO"; }
+
+template <class Calibration>
+std::string gains_text(const std::vector<Calibration>& calibrations) {
+  std::vector<std::string> names;
+  for (const auto& calibration : calibrations) names.push_back(calibration.gain.text());
+  return joined(names);
+}
+
+// The calibration at exactly this gain, or null. An unknown gain stands for the only one.
+template <class Calibration>
+const Calibration* find_gain(const NoiseModel& model, const std::vector<Calibration>& calibrations,
+                             const GainSetting& gain) {
+  if (calibrations.size() == 1 && (!gain.decibel() || !calibrations[0].gain.decibel()))
+    return calibrations.data();
+  if (!gain.decibel())
+    throw InputError(
+        model.sensor.empty() ? "noise model" : model.sensor,
+        fmt::format("the gain is not known and the model holds {}", gains_text(calibrations)),
+        "name the gain with --gain (dB) or --iso");
+  const GainSetting& first = calibrations.front().gain;
+  if (gain.gain_db.has_value() != first.gain_db.has_value())
+    throw InputError(gain.text(),
+                     fmt::format("the noise model names its gains in {}: {}", unit_name(first),
+                                 gains_text(calibrations)),
+                     fmt::format("give the gain in {}", unit_name(first)));
+  for (const auto& calibration : calibrations)
+    if (std::abs(*calibration.gain.decibel() - *gain.decibel()) < kSameGainDb) return &calibration;
+  return nullptr;
+}
+
+// Measured covariance made usable: variances below zero count as zero, correlations are projected.
+SquareMatrix usable_covariance(const ChannelStatistics& statistics, int channels) {
+  std::vector<double> deviation(static_cast<std::size_t>(channels), 0.0);
+  if (statistics.covariance.n == 0) {
+    if (!statistics.spread.empty()) deviation = statistics.spread;
+    return covariance_of(SquareMatrix::identity(channels), deviation);
+  }
+  for (int c = 0; c < channels; ++c)
+    deviation[static_cast<std::size_t>(c)] = std::sqrt(std::max(statistics.covariance(c, c), 0.0));
+  return covariance_of(nearest_correlation(correlation_of(statistics.covariance)), deviation);
+}
+
+std::vector<double> or_zero(const std::vector<double>& values, int channels) {
+  return values.empty() ? std::vector<double>(static_cast<std::size_t>(channels), 0.0) : values;
+}
+
+GainParameters measured_parameters(const PhysicsCalibration& calibration, int channels) {
+  if (calibration.K.mean.empty())
+    throw InputError(calibration.gain.text(),
+                     "the noise model holds no system gain K there: no usable flat frames",
+                     "calibrate with flat frames at this gain");
+  GainParameters p;
+  p.gain = calibration.gain;
+  p.measured = true;
+  p.K = calibration.K.mean;
+  p.lambda = calibration.lambda.mean;
+  p.mu_dn = calibration.mu.mean;
+  p.sigma_row_dn = or_zero(calibration.sigma_row.mean, channels);
+  p.sigma_tl_dn = calibration.sigma_tl.mean;
+  p.sigma_tl_spread_dn = or_zero(calibration.sigma_tl.spread, channels);
+  p.mu_covariance = usable_covariance(calibration.mu, channels);
+  p.sigma_row_covariance = usable_covariance(calibration.sigma_row, channels);
+  return p;
+}
+
+const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain, GainRange range) {
+  const std::string held = gains_text(model.physics);
+  if (!model.joint)
+    throw InputError(gain.text(),
+                     fmt::format("not calibrated, and the noise model has no joint model to "
+                                 "interpolate with; it holds {}",
+                                 held),
+                     "use a measured gain or calibrate at two gains or more");
+  const auto& segments = model.joint->segments;
+  const double db = *gain.decibel();
+  for (const JointSegment& segment : segments)
+    if (db >= segment.knots_db.front() && db <= segment.knots_db.back()) return segment;
+  const bool below = db < segments.front().knots_db.front();
+  if (!below && db < segments.back().knots_db.back())
+    throw InputError(gain.text(),
+                     fmt::format("lies between two conversion gains of the sensor, where nothing "
+                                 "can be interpolated; the noise model holds {}",
+                                 held),
+                     "use a measured gain");
+  if (range == GainRange::kCalibratedOnly)
+    throw InputError(
+        gain.text(),
+        fmt::format("outside the calibrated range {} to {}", model.physics.front().gain.text(),
+                    model.physics.back().gain.text()),
+        "use a gain inside it, or allow extrapolation with --extrapolate-gain");
+  return below ? segments.front() : segments.back();
+}
+
+NoiseProfile empty_profile(const NoiseModel& model) {
+  NoiseProfile profile;
+  profile.layout = model.layout;
+  profile.row_group = model.row_group;
+  profile.channels.resize(static_cast<std::size_t>(model.layout.channels()));
+  return profile;
+}
+
+NoiseProfile gaussian_profile(const NoiseModel& model, const GaussianCalibration& calibration) {
+  NoiseProfile profile = empty_profile(model);
+  for (std::size_t c = 0; c < profile.channels.size(); ++c) {
+    ChannelProfile& channel = profile.channels[c];
+    channel.variance = VarianceCurve::affine(calibration.slope_dn[c], calibration.offset_dn2[c]);
+    if (!calibration.bias_dn.empty()) channel.bias_dn = calibration.bias_dn[c];
+    channel.gain_dn_per_e = calibration.slope_dn[c];
+  }
+  return profile;
+}
+
+NoiseProfile nonparametric_profile(const NoiseModel& model,
+                                   const NonparametricCalibration& calibration) {
+  NoiseProfile profile = empty_profile(model);
+  for (std::size_t c = 0; c < profile.channels.size(); ++c) {
+    const NonparametricChannel& measured = calibration.channels[c];
+    std::vector<double> variance;
+    for (std::size_t level = 0; level < measured.pmf.size(); ++level)
+      variance.push_back(level_moments(measured, level).variance_dn2);
+    profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance);
+    if (!calibration.sigma_row_dn.empty())
+      profile.channels[c].sigma_row_dn = calibration.sigma_row_dn[c];
+    if (!calibration.K.empty()) profile.channels[c].gain_dn_per_e = calibration.K[c];
+  }
+  return profile;
+}
+
+template <class Calibration>
+const Calibration& calibrated_at(const NoiseModel& model,
+                                 const std::vector<Calibration>& calibrations,
+                                 const GainSetting& gain) {
+  if (const Calibration* found = find_gain(model, calibrations, gain)) return *found;
+  throw InputError(
+      gain.text(),
+      fmt::format("not among the gains of the noise model: {}", gains_text(calibrations)),
+      "use a measured gain");
+}
+
+}  // namespace
+
+LevelMoments level_moments(const NonparametricChannel& channel, std::size_t level) {
+  double total = 0, mean = 0, square = 0;
+  for (std::size_t b = 0; b < channel.pmf[level].size(); ++b) {
+    const double p = channel.pmf[level][b];
+    const double low = channel.bin_edges_dn[b], high = channel.bin_edges_dn[b + 1];
+    total += p;
+    mean += p * 0.5 * (low + high);
+    square += p * (low * low + low * high + high * high) / 3.0;
+  }
+  mean /= total;
+  return {mean, square / total - mean * mean};
+}
+
+NoiseProfile profile_of(const PhysicsNoise& noise) {
+  NoiseProfile profile;
+  profile.layout = noise.layout;
+  profile.row_group = noise.row_group;
+  for (const PhysicsChannel& channel : noise.channels) {
+    const double quantization =
+        noise.parts.quantization ? noise.quantization_dn * noise.quantization_dn / 12.0 : 0.0;
+    profile.channels.push_back(
+        {.variance = VarianceCurve::affine(
+             noise.parts.shot ? channel.gain_dn_per_e : 0.0,
+             (noise.parts.read ? read_variance_dn2(channel) : 0.0) + quantization),
+         .bias_dn = noise.parts.bias ? channel.mu_dn : 0.0,
+         .sigma_row_dn = noise.parts.row ? channel.sigma_row_dn : 0.0,
+         .gain_dn_per_e = channel.gain_dn_per_e});
+  }
+  return profile;
+}
+
+std::vector<std::string> NoiseModel::kinds() const {
+  std::vector<std::string> names;
+  if (!physics.empty()) names.emplace_back("physics");
+  if (!gaussian.empty()) names.emplace_back("gaussian");
+  if (!nonparametric.empty()) names.emplace_back("nonparametric");
+  if (!dark_frames.empty()) names.emplace_back("dark-frames");
+  return names;
+}
+
+GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange range) const {
+  if (physics.empty())
+    throw InputError(sensor.empty() ? "noise model" : sensor, "holds no physics model",
+                     "calibrate with --kind physics");
+  if (const PhysicsCalibration* calibration = find_gain(*this, physics, gain))
+    return measured_parameters(*calibration, layout.channels());
+  GainParameters p = joint_parameters(segment_at(*this, gain, range), *gain.decibel());
+  p.gain = gain;
+  return p;
+}
+
+PhysicsNoise physics_of(const NoiseModel& model, const GainParameters& p) {
+  PhysicsNoise noise;
+  noise.layout = model.layout;
+  noise.row_group = model.row_group;
+  noise.quantization_dn = model.quantization_dn;
+  for (std::size_t c = 0; c < p.K.size(); ++c)
+    noise.channels.push_back({.gain_dn_per_e = p.K[c],
+                              .lambda = p.lambda[c],
+                              .mu_dn = p.mu_dn[c],
+                              .sigma_tl_dn = std::max(p.sigma_tl_dn[c], 0.0),
+                              .sigma_row_dn = std::max(p.sigma_row_dn[c], 0.0)});
+  return noise;
+}
+
+PhysicsNoise NoiseModel::physics_at(const GainSetting& gain, GainRange range) const {
+  return physics_of(*this, parameters_at(gain, range));
+}
+
+NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range) const {
+  if (!physics.empty()) return profile_of(physics_at(gain, range));
+  if (!gaussian.empty()) return gaussian_profile(*this, calibrated_at(*this, gaussian, gain));
+  if (!nonparametric.empty())
+    return nonparametric_profile(*this, calibrated_at(*this, nonparametric, gain));
+  throw InputError(sensor.empty() ? "noise model" : sensor, "holds no model of the pixel noise",
+                   "calibrate with --kind physics");
+}
+
+}  // namespace malus

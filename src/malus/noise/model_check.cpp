@@ -1,0 +1,255 @@
+// Contradictions inside a noise model: what a file may claim and no sensor can be.
+#include "malus/noise/model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// The first problem found; later checks do nothing.
+class Findings {
+ public:
+  void require(bool holds, const std::string& where, const std::string& problem) {
+    if (!holds && text_.empty()) text_ = where + " " + problem;
+  }
+  const std::string& text() const { return text_; }
+
+ private:
+  std::string text_;
+};
+
+enum class Need { kRequired, kOptional };
+
+bool all_finite(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+}
+
+void check_sized(Findings& findings, const std::vector<double>& values, std::size_t size,
+                 const std::string& where, Need need = Need::kOptional) {
+  if (values.empty() && need == Need::kOptional) return;
+  findings.require(values.size() == size, where,
+                   fmt::format("has {} values where {} are needed", values.size(), size));
+}
+
+void check_values(Findings& findings, const std::vector<double>& values, std::size_t size,
+                  const std::string& where, Need need = Need::kOptional) {
+  check_sized(findings, values, size, where, need);
+  findings.require(all_finite(values), where, "holds a value that is not finite");
+}
+
+void check_matrix(Findings& findings, const SquareMatrix& m, int size, const std::string& where) {
+  if (m.n == 0) return;
+  findings.require(m.n == size && m.values.size() == static_cast<std::size_t>(size) *
+                                                         static_cast<std::size_t>(size),
+                   where, fmt::format("is {0} x {0} where {1} x {1} is needed", m.n, size));
+  if (!findings.text().empty()) return;
+  findings.require(all_finite(m.values), where, "holds a value that is not finite");
+  for (int r = 0; r < m.n; ++r)
+    for (int c = 0; c < r; ++c)
+      findings.require(
+          std::abs(m(r, c) - m(c, r)) <= 1e-9 * (std::abs(m(r, c)) + std::abs(m(c, r))), where,
+          "is not symmetric");
+}
+
+void check_statistics(Findings& findings, const ChannelStatistics& s, int channels,
+                      const std::string& where, Need need) {
+  const auto n = static_cast<std::size_t>(channels);
+  check_values(findings, s.mean, n, where, need);
+  check_sized(findings, s.standard_error, n, where + " standard error");
+  check_values(findings, s.spread, n, where + " spread");
+  check_matrix(findings, s.covariance, channels, where + " covariance");
+}
+
+void check_image(Findings& findings, const Image& image, const SensorLayout& layout,
+                 const std::string& where) {
+  findings.require(
+      image.empty() || (image.rows() >= layout.rows() && image.cols() >= layout.cols()), where,
+      "is smaller than the layout's cell");
+}
+
+void check_physics(Findings& findings, const PhysicsCalibration& p, const SensorLayout& layout) {
+  const std::string at = p.gain.text() + ": ";
+  const int channels = layout.channels();
+  const auto n = static_cast<std::size_t>(channels);
+  check_statistics(findings, p.K, channels, at + "K", Need::kOptional);
+  check_statistics(findings, p.mu, channels, at + "mu", Need::kRequired);
+  check_statistics(findings, p.sigma_tl, channels, at + "sigma_tl", Need::kRequired);
+  check_statistics(findings, p.lambda, channels, at + "lambda", Need::kRequired);
+  check_statistics(findings, p.sigma_row, channels, at + "sigma_row", Need::kOptional);
+  check_statistics(findings, p.sigma_column, channels, at + "sigma_column", Need::kOptional);
+  for (double K : p.K.mean)
+    findings.require(K > 0, at + "K", fmt::format("is {}, not positive", K));
+  for (double lambda : p.lambda.mean)
+    findings.require(lambda > -0.5, at + "lambda",
+                     fmt::format("is {}: the read noise would have no variance", lambda));
+  check_sized(findings, p.K_intercept_dn2, n, at + "K_intercept");
+  check_sized(findings, p.K_intercept_stderr_dn2, n, at + "K_intercept standard error");
+  check_sized(findings, p.temporal_sd_dark_dn, n, at + "temporal_sd_dark");
+  check_sized(findings, p.temporal_sd_dark_stderr_dn, n, at + "temporal_sd_dark standard error");
+  check_sized(findings, p.dsnu_dn, n, at + "dsnu");
+  check_sized(findings, p.prnu, n, at + "prnu");
+  check_matrix(findings, p.row_correlation, channels, at + "row_correlation");
+  for (const auto& point : p.transfer)
+    findings.require(point.channel >= 0 && point.channel < channels, at + "photon transfer",
+                     "names a channel that the layout lacks");
+  check_image(findings, p.dark_shading_dn, layout, at + "dark_shading");
+  check_image(findings, p.prnu_map, layout, at + "prnu_map");
+}
+
+void check_laws(Findings& findings, const std::vector<LogLinear>& laws, std::size_t count,
+                std::size_t knots, const std::string& where) {
+  findings.require(laws.size() == count, where,
+                   fmt::format("has {} laws where {} are needed", laws.size(), count));
+  for (const LogLinear& law : laws) {
+    findings.require(std::isfinite(law.slope) && std::isfinite(law.intercept) &&
+                         std::isfinite(law.residual_weight),
+                     where, "holds a value that is not finite");
+    check_values(findings, law.residual, knots, where + " residual", Need::kRequired);
+  }
+}
+
+void check_segment(Findings& findings, const JointSegment& s, int channels) {
+  const auto n = static_cast<std::size_t>(channels);
+  const std::size_t knots = s.knots_db.size();
+  findings.require(knots > 0 && all_finite(s.knots_db) &&
+                       std::adjacent_find(s.knots_db.begin(), s.knots_db.end(),
+                                          std::greater_equal<>()) == s.knots_db.end(),
+                   "joint model: gains", "are not rising");
+  check_values(findings, s.knots_log_K, knots, "joint model: log K", Need::kRequired);
+  check_values(findings, s.K_ratio, n, "joint model: K_ratio", Need::kRequired);
+  check_laws(findings, {s.K_of_gain}, 1, knots, "joint model: K_of_gain");
+  check_laws(findings, s.minus_mu, n, knots, "joint model: minus_mu");
+  check_laws(findings, s.mu_variance, n, knots, "joint model: mu_variance");
+  check_laws(findings, s.sigma_row, n, knots, "joint model: sigma_row");
+  check_laws(findings, s.sigma_row_variance, n, knots, "joint model: sigma_row_variance");
+  check_laws(findings, s.sigma_tl, n, knots, "joint model: sigma_tl");
+  check_laws(findings, s.sigma_tl_spread, n, knots, "joint model: sigma_tl_spread");
+  findings.require(s.mu_correlation.n == channels && s.sigma_row_correlation.n == channels,
+                   "joint model: a correlation matrix", "is missing");
+  check_matrix(findings, s.mu_correlation, channels, "joint model: mu_correlation");
+  check_matrix(findings, s.sigma_row_correlation, channels, "joint model: sigma_row_correlation");
+  findings.require(s.lambda.size() == knots, "joint model: lambda", "does not fit its gains");
+  for (const auto& knot : s.lambda)
+    check_values(findings, knot, n, "joint model: lambda", Need::kRequired);
+}
+
+void check_gaussian(Findings& findings, const GaussianCalibration& g, std::size_t channels) {
+  const std::string at = g.gain.text() + ": Gaussian ";
+  check_values(findings, g.slope_dn, channels, at + "slope", Need::kRequired);
+  check_values(findings, g.offset_dn2, channels, at + "offset", Need::kRequired);
+  check_sized(findings, g.slope_stderr_dn, channels, at + "slope standard error");
+  check_sized(findings, g.offset_stderr_dn2, channels, at + "offset standard error");
+  check_values(findings, g.bias_dn, channels, at + "bias");
+}
+
+bool rising(const std::vector<double>& values) {
+  return std::adjacent_find(values.begin(), values.end(), std::greater_equal<>()) == values.end();
+}
+
+void check_channel(Findings& findings, const NonparametricChannel& c, const std::string& at) {
+  constexpr double kSumTolerance = 1e-6;
+  findings.require(!c.level_dn.empty() && all_finite(c.level_dn) && rising(c.level_dn),
+                   at + "levels", "are missing or not rising");
+  findings.require(
+      c.bin_edges_dn.size() >= 2 && all_finite(c.bin_edges_dn) && rising(c.bin_edges_dn),
+      at + "bin edges", "are missing or not rising");
+  findings.require(c.pmf.size() == c.level_dn.size(), at + "pmf", "does not fit its levels");
+  findings.require(c.samples.empty() || c.samples.size() == c.level_dn.size(), at + "samples",
+                   "do not fit their levels");
+  for (const auto& pmf : c.pmf) {
+    double sum = 0;
+    for (double p : pmf) {
+      findings.require(p >= 0 && std::isfinite(p), at + "pmf", "holds an impossible probability");
+      sum += p;
+    }
+    findings.require(pmf.size() + 1 == c.bin_edges_dn.size(), at + "pmf", "does not fit its bins");
+    findings.require(std::abs(sum - 1.0) < kSumTolerance, at + "pmf",
+                     fmt::format("adds to {}, not 1", sum));
+  }
+}
+
+void check_nonparametric(Findings& findings, const NonparametricCalibration& n,
+                         std::size_t channels) {
+  const std::string at = n.gain.text() + ": non-parametric ";
+  findings.require(n.channels.size() == channels, at + "channels", "do not fit the layout");
+  for (const auto& channel : n.channels) check_channel(findings, channel, at);
+  check_values(findings, n.sigma_row_dn, channels, at + "sigma_row");
+  check_sized(findings, n.sigma_row_stderr_dn, channels, at + "sigma_row standard error");
+  check_values(findings, n.K, channels, at + "K");
+}
+
+void check_bank(Findings& findings, const DarkFrameBank& bank, const SensorLayout& layout) {
+  findings.require(!bank.frames_dn.empty(), "dark frames", "are missing");
+  for (const Image& image : bank.frames_dn) {
+    findings.require(
+        image.rows() == bank.frames_dn[0].rows() && image.cols() == bank.frames_dn[0].cols(),
+        "dark frames", "differ in size");
+    findings.require(
+        !image.empty() && image.rows() % layout.rows() == 0 && image.cols() % layout.cols() == 0,
+        "dark frames", "are not made of whole cells of the layout");
+  }
+}
+
+// Gains of one part: known unless there is only one, all in dB or all in ISO, rising.
+template <class Calibration>
+void check_gains(Findings& findings, const std::vector<Calibration>& calibrations,
+                 const std::string& what) {
+  for (std::size_t i = 0; i < calibrations.size(); ++i) {
+    const GainSetting& gain = calibrations[i].gain;
+    findings.require(!(gain.gain_db && gain.iso), what, "names a gain both in dB and in ISO");
+    findings.require(gain.decibel() || calibrations.size() == 1, what,
+                     "has several gains and does not know one of them");
+    findings.require(!gain.iso || *gain.iso > 0, what, "has an ISO that is not positive");
+    findings.require(!gain.decibel() || std::isfinite(*gain.decibel()), what,
+                     "has a gain that is not finite");
+    if (i == 0 || !findings.text().empty()) continue;
+    const GainSetting& before = calibrations[i - 1].gain;
+    findings.require(before.gain_db.has_value() == gain.gain_db.has_value(), what,
+                     "mixes gains in dB and in ISO");
+    findings.require(*before.decibel() < *gain.decibel(), what, "has gains that do not rise");
+  }
+}
+
+void check_sensor(Findings& findings, const NoiseModel& m) {
+  const auto n = static_cast<std::size_t>(m.layout.channels());
+  check_values(findings, m.black_dn, n, "black level", Need::kRequired);
+  findings.require(std::isfinite(m.white_dn), "white level", "is not finite");
+  for (double black : m.black_dn)
+    findings.require(black < m.white_dn, "black level",
+                     fmt::format("{} is not below the white level {}", black, m.white_dn));
+  findings.require(m.quantization_dn >= 0 && std::isfinite(m.quantization_dn), "quantization",
+                   "is not a step");
+  findings.require(m.row_group >= 1 && m.row_group <= 1024, "row group",
+                   fmt::format("is {}", m.row_group));
+  findings.require(!m.kinds().empty(), "the model", "holds no calibration at all");
+}
+
+}  // namespace
+
+std::string contradiction_in(const NoiseModel& m) {
+  Findings findings;
+  const auto channels = static_cast<std::size_t>(m.layout.channels());
+  check_sensor(findings, m);
+  check_gains(findings, m.physics, "physics");
+  check_gains(findings, m.gaussian, "gaussian");
+  check_gains(findings, m.nonparametric, "nonparametric");
+  check_gains(findings, m.dark_frames, "dark frames");
+  for (const auto& p : m.physics) check_physics(findings, p, m.layout);
+  for (const auto& g : m.gaussian) check_gaussian(findings, g, channels);
+  for (const auto& n : m.nonparametric) check_nonparametric(findings, n, channels);
+  for (const auto& bank : m.dark_frames) check_bank(findings, bank, m.layout);
+  if (m.joint) {
+    findings.require(!m.physics.empty() && !m.joint->segments.empty(), "joint model",
+                     "has no gains");
+    for (const auto& segment : m.joint->segments)
+      check_segment(findings, segment, m.layout.channels());
+  }
+  for (const DefectPixel& defect : m.defects)
+    findings.require(defect.row >= 0 && defect.col >= 0, "a defect pixel", "lies outside");
+  return findings.text();
+}
+
+}  // namespace malus

@@ -1,0 +1,400 @@
+// The model file: one description of its content serves writing and reading (docs/model-file.md).
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/noise/builtin_models.h"
+#include "malus/noise/internal/hdf5_archive.h"
+#include "malus/noise/model.h"
+
+#include <algorithm>
+#include <type_traits>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using internal::Field;
+using internal::Hdf5Reader;
+using internal::Hdf5Writer;
+
+constexpr const char* kFormat = "malus noise model";
+constexpr int kVersion = 1;
+
+// In the functions below Model is const when writing.
+
+template <class Archive, class Gain>
+void transfer_gain(Archive& archive, Gain& gain) {
+  const Field db{"gain_db", "dB", "gain setting of the camera"};
+  const Field iso{"iso", "ISO", "gain setting of the camera"};
+  for (auto [field, value] : {std::pair(&db, &gain.gain_db), std::pair(&iso, &gain.iso)}) {
+    if constexpr (Archive::kReading) {
+      if (archive.holds(field->name)) archive.number(*field, value->emplace());
+    } else {
+      if (*value) archive.number(*field, **value);
+    }
+  }
+}
+
+template <class Archive, class Statistics>
+void transfer_statistics(Archive& parent, const std::string& name, const std::string& unit,
+                         const std::string& what, Statistics& s) {
+  if constexpr (Archive::kReading) {
+    if (!parent.holds(name)) return;
+  } else {
+    if (s.mean.empty()) return;
+  }
+  auto archive = parent.group(name);
+  const std::string squared = unit == "1" ? "1" : "(" + unit + ")^2";
+  archive.numbers({"mean", unit, what + ": mean over the frames, per channel"}, s.mean);
+  archive.numbers({"standard_error", unit, what + ": standard error of the mean"},
+                  s.standard_error);
+  archive.numbers(
+      {"spread", unit, what + ": standard deviation from frame to frame, sampling error removed"},
+      s.spread);
+  archive.matrix({"covariance", squared,
+                  what + ": covariance over the frames between channels, sampling error removed"},
+                 s.covariance);
+}
+
+// Columns of the photon-transfer points <-> one data set per column.
+struct TransferColumns {
+  std::vector<std::int64_t> channel, used;
+  std::vector<double> exposure_s, mean_dn, variance_dn2, stderr_dn2;
+  std::vector<std::string> why_not;
+};
+
+template <class Archive>
+void transfer_columns(Archive& archive, TransferColumns& t) {
+  archive.integers({"channel", "1", "channel of the point, in mosaic order"}, t.channel);
+  archive.numbers({"exposure_s", "s", "exposure time"}, t.exposure_s);
+  archive.numbers({"mean_dn", "DN", "mean signal above dark"}, t.mean_dn);
+  archive.numbers({"variance_dn2", "DN^2", "temporal variance minus the dark one"}, t.variance_dn2);
+  archive.numbers({"variance_stderr_dn2", "DN^2", "standard error of the variance"}, t.stderr_dn2);
+  archive.integers({"used", "1", "1 when the point took part in the fit of K"}, t.used);
+  archive.texts({"why_not", "", "why the point took no part; empty when it did"}, t.why_not);
+}
+
+void transfer_points(Hdf5Writer& parent, const std::vector<PhotonTransferPoint>& points) {
+  if (points.empty()) return;
+  TransferColumns t;
+  for (const PhotonTransferPoint& p : points) {
+    t.channel.push_back(p.channel);
+    t.used.push_back(p.used);
+    t.exposure_s.push_back(p.exposure_s);
+    t.mean_dn.push_back(p.mean_dn);
+    t.variance_dn2.push_back(p.variance_dn2);
+    t.stderr_dn2.push_back(p.variance_stderr_dn2);
+    t.why_not.push_back(p.why_not);
+  }
+  Hdf5Writer archive = parent.group("photon_transfer");
+  transfer_columns(archive, t);
+}
+
+void transfer_points(const Hdf5Reader& parent, std::vector<PhotonTransferPoint>& points) {
+  if (!parent.holds("photon_transfer")) return;
+  TransferColumns t;
+  const Hdf5Reader archive = parent.group("photon_transfer");
+  transfer_columns(archive, t);
+  const std::size_t n = t.channel.size();
+  for (std::size_t size : {t.used.size(), t.exposure_s.size(), t.mean_dn.size(),
+                           t.variance_dn2.size(), t.stderr_dn2.size(), t.why_not.size()})
+    if (size != n) archive.fail("", "has columns of different lengths");
+  for (std::size_t i = 0; i < n; ++i) {
+    if (t.channel[i] < 0 || t.channel[i] >= 64) archive.fail("channel", "is out of range");
+    points.push_back({static_cast<int>(t.channel[i]), t.exposure_s[i], t.mean_dn[i],
+                      t.variance_dn2[i], t.stderr_dn2[i], t.used[i] != 0, t.why_not[i]});
+  }
+}
+
+template <class Archive, class Calibration>
+void transfer_physics(Archive& archive, Calibration& p) {
+  transfer_gain(archive, p.gain);
+  archive.integer({"bias_frames", "1", "number of bias frames"}, p.bias_frames);
+  archive.integer({"flat_levels", "1", "number of flat-field levels"}, p.flat_levels);
+  transfer_statistics(archive, "K", "DN/e-", "overall system gain", p.K);
+  archive.numbers({"K_intercept_dn2", "DN^2", "intercept of the photon-transfer line"},
+                  p.K_intercept_dn2);
+  archive.numbers({"K_intercept_stderr_dn2", "DN^2", "standard error of that intercept"},
+                  p.K_intercept_stderr_dn2);
+  transfer_statistics(archive, "mu", "DN", "mean of dark pixels above the black level", p.mu);
+  transfer_statistics(archive, "sigma_row", "DN", "sd of the row groups' offsets", p.sigma_row);
+  transfer_statistics(archive, "sigma_tl", "DN", "Tukey-lambda scale of read noise", p.sigma_tl);
+  transfer_statistics(archive, "lambda", "1", "Tukey-lambda shape of read noise", p.lambda);
+  transfer_statistics(archive, "sigma_column", "DN", "sd of the columns' offsets", p.sigma_column);
+  archive.numbers(
+      {"temporal_sd_dark_dn", "DN", "temporal sd of dark pixels, rows and quantisation included"},
+      p.temporal_sd_dark_dn);
+  archive.numbers({"temporal_sd_dark_stderr_dn", "DN", "standard error of temporal_sd_dark_dn"},
+                  p.temporal_sd_dark_stderr_dn);
+  archive.numbers({"dsnu_dn", "DN", "sd of the dark fixed pattern, sampling error removed"},
+                  p.dsnu_dn);
+  archive.numbers({"prnu", "1", "relative sd of the response, sampling error removed"}, p.prnu);
+  archive.matrix({"row_correlation", "1", "correlation of row-group offsets between channels"},
+                 p.row_correlation);
+  transfer_points(archive, p.transfer);
+  archive.image({"dark_shading_dn", "DN", "mosaic: mean of the bias frames minus its channel's"},
+                p.dark_shading_dn);
+  archive.image({"prnu_map", "1", "mosaic: relative response, mean 1 per channel"}, p.prnu_map);
+  archive.texts({"warnings", "", "what the calibration warned about"}, p.warnings);
+}
+
+// One data set per member of the laws, channels along the first axis.
+struct LawColumns {
+  std::vector<double> slope, intercept, slope_stderr, intercept_stderr, residual_sd, weight;
+  std::vector<std::int64_t> signed_linear;
+  std::vector<std::vector<double>> residual;
+};
+
+template <class Archive>
+void transfer_columns(Archive& archive, const std::string& x, LawColumns& t) {
+  archive.numbers({"slope", "1", "slope of log " + x + " against log K"}, t.slope);
+  archive.numbers({"intercept", "1", "log " + x + " at log K = 0"}, t.intercept);
+  archive.numbers({"slope_stderr", "1", "standard error of slope"}, t.slope_stderr);
+  archive.numbers({"intercept_stderr", "1", "standard error of intercept"}, t.intercept_stderr);
+  archive.numbers({"residual_sd", "1", "sd of log " + x + " about the line"}, t.residual_sd);
+  archive.numbers({"residual_weight", "1", "share of the residuals that errors do not explain"},
+                  t.weight);
+  archive.integers({"signed_linear", "1", "1: " + x + " itself was fitted, not its logarithm"},
+                   t.signed_linear);
+  archive.table({"residual", "1", "residual per channel and knot"}, t.residual);
+}
+
+void transfer_laws(Hdf5Writer& parent, const std::string& name,
+                   const std::vector<LogLinear>& laws) {
+  LawColumns t;
+  for (const LogLinear& law : laws) {
+    t.slope.push_back(law.slope);
+    t.intercept.push_back(law.intercept);
+    t.slope_stderr.push_back(law.slope_stderr);
+    t.intercept_stderr.push_back(law.intercept_stderr);
+    t.residual_sd.push_back(law.residual_sd);
+    t.weight.push_back(law.residual_weight);
+    t.signed_linear.push_back(law.signed_linear);
+    t.residual.push_back(law.residual);
+  }
+  Hdf5Writer archive = parent.group(name);
+  transfer_columns(archive, name, t);
+}
+
+void transfer_laws(const Hdf5Reader& parent, const std::string& name,
+                   std::vector<LogLinear>& laws) {
+  const Hdf5Reader archive = parent.group(name);
+  LawColumns t;
+  transfer_columns(archive, name, t);
+  const std::size_t n = t.slope.size();
+  for (std::size_t size :
+       {t.intercept.size(), t.slope_stderr.size(), t.intercept_stderr.size(), t.residual_sd.size(),
+        t.weight.size(), t.signed_linear.size(), t.residual.size()})
+    if (size != n) archive.fail("", "has columns of different lengths");
+  for (std::size_t c = 0; c < n; ++c)
+    laws.push_back({t.slope[c], t.intercept[c], t.slope_stderr[c], t.intercept_stderr[c],
+                    t.residual_sd[c], t.signed_linear[c] != 0, t.residual[c], t.weight[c]});
+}
+
+template <class Archive, class Segment>
+void transfer_segment(Archive& archive, Segment& s) {
+  archive.numbers({"knots_db", "dB", "gains fitted; ISO as 20 log10(iso/100)"}, s.knots_db);
+  archive.numbers({"knots_log_K", "1", "log of the mean K of the channels at the knots"},
+                  s.knots_log_K);
+  archive.numbers({"K_ratio", "1", "K of a channel over the mean K"}, s.K_ratio);
+  std::vector<LogLinear> K_of_gain;
+  if constexpr (!Archive::kReading) K_of_gain = {s.K_of_gain};
+  transfer_laws(archive, "K_of_gain", K_of_gain);
+  if constexpr (Archive::kReading) {
+    if (K_of_gain.size() != 1) archive.fail("K_of_gain", "is not one line");
+    s.K_of_gain = K_of_gain[0];
+  }
+  transfer_laws(archive, "minus_mu", s.minus_mu);
+  transfer_laws(archive, "mu_variance", s.mu_variance);
+  transfer_laws(archive, "sigma_row", s.sigma_row);
+  transfer_laws(archive, "sigma_row_variance", s.sigma_row_variance);
+  transfer_laws(archive, "sigma_tl", s.sigma_tl);
+  transfer_laws(archive, "sigma_tl_spread", s.sigma_tl_spread);
+  archive.matrix({"mu_correlation", "1", "correlation of mu between channels"}, s.mu_correlation);
+  archive.matrix({"sigma_row_correlation", "1", "correlation of sigma_row between channels"},
+                 s.sigma_row_correlation);
+  archive.table({"lambda", "1", "Tukey-lambda shape per knot and channel"}, s.lambda);
+}
+
+template <class Archive, class Joint>
+void transfer_joint(Archive& archive, Joint& joint) {
+  archive.list("segments", joint.segments,
+               [](auto& child, auto& segment) { transfer_segment(child, segment); });
+  archive.texts({"notes", "", "what the fit of the joint model found"}, joint.notes);
+}
+
+template <class Archive, class Calibration>
+void transfer_gaussian(Archive& archive, Calibration& g) {
+  transfer_gain(archive, g.gain);
+  archive.integer({"levels", "1", "signal levels fitted; 0 = published"}, g.levels);
+  archive.numbers({"slope_dn", "DN", "variance per signal"}, g.slope_dn);
+  archive.numbers({"slope_stderr_dn", "DN", "standard error of slope_dn"}, g.slope_stderr_dn);
+  archive.numbers({"offset_dn2", "DN^2", "variance at signal 0"}, g.offset_dn2);
+  archive.numbers({"offset_stderr_dn2", "DN^2", "standard error of offset_dn2"},
+                  g.offset_stderr_dn2);
+  archive.numbers({"bias_dn", "DN", "mean of dark pixels above the black level"}, g.bias_dn);
+  archive.texts({"warnings", "", "what the calibration warned about"}, g.warnings);
+}
+
+template <class Archive, class Calibration>
+void transfer_nonparametric(Archive& archive, Calibration& n) {
+  transfer_gain(archive, n.gain);
+  archive.integer({"frames", "1", "number of frames"}, n.frames);
+  archive.list("channels", n.channels, [](auto& child, auto& channel) {
+    child.numbers({"level_dn", "DN", "centres of the signal levels, above black"},
+                  channel.level_dn);
+    child.integers({"samples", "1", "samples per level"}, channel.samples);
+    child.numbers({"bin_edges_dn", "DN", "edges of the bins of noisy - clean"},
+                  channel.bin_edges_dn);
+    child.table({"pmf", "1", "probability per level and bin; rows add to 1"}, channel.pmf);
+  });
+  archive.numbers({"sigma_row_dn", "DN", "sd of the row groups' offsets"}, n.sigma_row_dn);
+  archive.numbers({"sigma_row_stderr_dn", "DN", "standard error of sigma_row_dn"},
+                  n.sigma_row_stderr_dn);
+  archive.numbers({"K", "DN/e-", "overall system gain"}, n.K);
+  archive.texts({"warnings", "", "what the calibration warned about"}, n.warnings);
+}
+
+void transfer_layout(Hdf5Writer& archive, const SensorLayout& layout) {
+  archive.text({"layout", "", "name of the layout"}, layout.name());
+  archive.integer({"cell_rows", "1", "rows of the repeating cell"}, layout.rows());
+  archive.integer({"cell_cols", "1", "columns of the repeating cell"}, layout.cols());
+  archive.texts({"channels", "", "channel names in mosaic order, row by row of the cell"},
+                layout.channel_names());
+}
+
+void transfer_layout(const Hdf5Reader& archive, SensorLayout& layout) {
+  std::string name;
+  int rows = 0, cols = 0;
+  std::vector<std::string> sites;
+  archive.text({"layout", "", ""}, name);
+  archive.integer({"cell_rows", "", ""}, rows);
+  archive.integer({"cell_cols", "", ""}, cols);
+  archive.texts({"channels", "", ""}, sites);
+  if (rows < 1 || cols < 1 || rows > 64 || cols > 64 ||
+      sites.size() != static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols))
+    archive.fail("channels",
+                 fmt::format("holds {} names for a cell of {} x {}", sites.size(), rows, cols));
+  std::vector<std::vector<std::string>> cell(static_cast<std::size_t>(rows));
+  for (std::size_t i = 0; i < sites.size(); ++i)
+    cell[i / static_cast<std::size_t>(cols)].push_back(sites[i]);
+  try {
+    layout = SensorLayout::from_sites(cell);
+    const auto names = SensorLayout::known_names();
+    if (std::find(names.begin(), names.end(), name) != names.end() &&
+        SensorLayout::named(name) == layout)
+      layout = SensorLayout::named(name);
+  } catch (const InputError& error) {
+    archive.fail("channels", "name no layout: " + error.problem());
+  }
+}
+
+template <class Archive, class Model>
+void transfer_sensor(Archive& archive, Model& m) {
+  archive.text({"name", "", "sensor or camera"}, m.sensor);
+  transfer_layout(archive, m.layout);
+  archive.numbers({"black_dn", "DN", "nominal black level per channel"}, m.black_dn);
+  archive.number({"white_dn", "DN", "saturation, black level included"}, m.white_dn);
+  archive.number({"quantization_dn", "DN", "step of the converter; 0 = none"}, m.quantization_dn);
+  archive.integer({"row_group", "1", "mosaic rows that share one draw of row noise"}, m.row_group);
+  archive.text({"row_group_origin", "", "declared or detected"}, m.row_group_origin);
+  archive.text({"origin", "", "where the numbers come from"}, m.origin);
+}
+
+// Columns of the defect list, as for the photon-transfer points.
+template <class Archive>
+void transfer_columns(Archive& archive, std::vector<std::int64_t>& row,
+                      std::vector<std::int64_t>& col, std::vector<std::string>& kind,
+                      std::vector<double>& value) {
+  archive.integers({"row", "1", "mosaic row"}, row);
+  archive.integers({"col", "1", "mosaic column"}, col);
+  archive.texts({"kind", "", "hot, dead, noisy or stuck"}, kind);
+  archive.numbers({"value", "1", "the statistic that condemned the pixel, in robust sd"}, value);
+}
+
+template <class Archive, class Defects>
+void transfer_defects(Archive& parent, Defects& defects) {
+  std::vector<std::int64_t> row, col;
+  std::vector<std::string> kind;
+  std::vector<double> value;
+  if constexpr (Archive::kReading) {
+    if (!parent.holds("defects")) return;
+    const auto archive = parent.group("defects");
+    transfer_columns(archive, row, col, kind, value);
+    if (col.size() != row.size() || kind.size() != row.size() || value.size() != row.size())
+      archive.fail("", "has columns of different lengths");
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      constexpr std::int64_t kMaxSide = 1 << 20;
+      if (row[i] < 0 || row[i] >= kMaxSide || col[i] < 0 || col[i] >= kMaxSide)
+        archive.fail("row", "or col is out of range");
+      defects.push_back({static_cast<int>(row[i]), static_cast<int>(col[i]), kind[i], value[i]});
+    }
+  } else {
+    if (defects.empty()) return;
+    for (const DefectPixel& d : defects) {
+      row.push_back(d.row);
+      col.push_back(d.col);
+      kind.push_back(d.kind);
+      value.push_back(d.value);
+    }
+    auto archive = parent.group("defects");
+    transfer_columns(archive, row, col, kind, value);
+  }
+}
+
+template <class Archive, class Model>
+void transfer_model(Archive& archive, Model& m) {
+  auto sensor = archive.group("sensor");
+  transfer_sensor(sensor, m);
+  archive.list("physics", m.physics, [](auto& child, auto& p) { transfer_physics(child, p); });
+  if constexpr (Archive::kReading) {
+    if (archive.holds("joint")) m.joint.emplace();
+  }
+  if (m.joint) {
+    auto joint = archive.group("joint");
+    transfer_joint(joint, *m.joint);
+  }
+  archive.list("gaussian", m.gaussian, [](auto& child, auto& g) { transfer_gaussian(child, g); });
+  archive.list("nonparametric", m.nonparametric,
+               [](auto& child, auto& n) { transfer_nonparametric(child, n); });
+  archive.list("dark_frames", m.dark_frames, [](auto& child, auto& bank) {
+    transfer_gain(child, bank.gain);
+    child.images({"frames_dn", "DN", "bias frames as taken, black level subtracted"},
+                 bank.frames_dn);
+  });
+  transfer_defects(archive, m.defects);
+}
+
+}  // namespace
+
+NoiseModel load_model(const std::filesystem::path& path) {
+  if (const std::optional<NoiseModel> builtin = builtin_model_for(path)) return *builtin;
+  const internal::Hdf5Session session;
+  const Hdf5Reader archive(path);
+  const int version = archive.version();
+  if (version < 1 || version > kVersion)
+    throw InputError(path.string(), fmt::format("has version {} of the model file", version),
+                     fmt::format("this program reads version {}: update it", kVersion));
+  NoiseModel model;
+  transfer_model(archive, model);
+  if (const std::string problem = contradiction_in(model); !problem.empty())
+    archive.fail("the model", "contradicts itself: " + problem);
+  return model;
+}
+
+void save_model(const NoiseModel& model, const std::filesystem::path& path, bool force) {
+  MALUS_REQUIRE(contradiction_in(model).empty());
+  AtomicFile file(path, force);
+  try {
+    const internal::Hdf5Session session;
+    Hdf5Writer archive(file.temporary());
+    archive.version(kFormat, kVersion);
+    transfer_model(archive, model);
+    archive.close();
+  } catch (const internal::Hdf5WriteError& error) {
+    file.fail(fmt::format("HDF5 refused {}", error.field));
+  }
+  file.commit();
+}
+
+}  // namespace malus

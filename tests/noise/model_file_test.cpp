@@ -1,0 +1,165 @@
+#include "malus/base/error.h"
+#include "malus/noise/model.h"
+
+#include <csignal>
+#include <fstream>
+#include <iterator>
+
+#include "sample_model.h"
+#include "support.h"
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace malus {
+namespace {
+
+using testing::TemporaryFolder;
+
+std::string bytes_of(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void write_bytes(const std::filesystem::path& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+TEST(ModelFile, KeepsEveryField) {
+  const TemporaryFolder folder;
+  const NoiseModel model = testing::full_model();
+  ASSERT_EQ(contradiction_in(model), "");
+  save_model(model, folder / "m.h5");
+  const NoiseModel read = load_model(folder / "m.h5");
+  EXPECT_EQ(read, model);
+  EXPECT_EQ(read.layout.name(), model.layout.name());
+}
+
+TEST(ModelFile, KeepsAModelWithNothingOptional) {
+  const TemporaryFolder folder;
+  NoiseModel model = testing::full_model();
+  PhysicsCalibration bare;
+  bare.mu.mean = {0.0, 0.1};
+  bare.sigma_tl.mean = {1.0, 1.1};
+  bare.lambda.mean = {0.14, 0.14};
+  model.physics = {bare};
+  model.joint.reset();
+  model.gaussian.clear();
+  model.nonparametric.clear();
+  model.dark_frames.clear();
+  model.defects.clear();
+  save_model(model, folder / "m.h5");
+  EXPECT_EQ(load_model(folder / "m.h5"), model);
+}
+
+TEST(ModelFile, NamedLayoutsKeepTheirName) {
+  const TemporaryFolder folder;
+  NoiseModel model = load_model("imx250myr-simulated");
+  save_model(model, folder / "m.h5");
+  EXPECT_EQ(load_model(folder / "m.h5"), model);
+  EXPECT_EQ(load_model(folder / "m.h5").layout.name(), "polar-bayer-rggb");
+}
+
+TEST(ModelFile, SameModelSameBytes) {
+  const TemporaryFolder folder;
+  save_model(testing::full_model(), folder / "a.h5");
+  save_model(testing::full_model(), folder / "b.h5");
+  EXPECT_EQ(bytes_of(folder / "a.h5"), bytes_of(folder / "b.h5"));
+}
+
+TEST(ModelFile, NeedsForceToReplace) {
+  const TemporaryFolder folder;
+  save_model(testing::full_model(), folder / "m.h5");
+  EXPECT_THROW(save_model(testing::full_model(), folder / "m.h5"), InputError);
+  EXPECT_NO_THROW(save_model(testing::full_model(), folder / "m.h5", true));
+}
+
+// A file cut at any length is refused; one byte changed is refused or changes nothing that is read.
+TEST(ModelFile, RefusesTruncation) {
+  const TemporaryFolder folder;
+  save_model(testing::full_model(), folder / "m.h5");
+  const std::string whole = bytes_of(folder / "m.h5");
+  for (std::size_t length :
+       {std::size_t{0}, std::size_t{7}, std::size_t{100}, whole.size() / 2, whole.size() - 1}) {
+    write_bytes(folder / "cut.h5", whole.substr(0, length));
+    EXPECT_THROW(load_model(folder / "cut.h5"), InputError) << length;
+  }
+}
+
+TEST(ModelFile, ADamagedByteNeverChangesWhatIsRead) {
+  const TemporaryFolder folder;
+  const NoiseModel model = testing::full_model();
+  save_model(model, folder / "m.h5");
+  const std::string whole = bytes_of(folder / "m.h5");
+  int refused = 0, harmless = 0;
+  for (std::size_t i = 0; i < whole.size(); i += 397) {
+    std::string damaged = whole;
+    damaged[i] = static_cast<char>(damaged[i] ^ 0x5A);
+    write_bytes(folder / "damaged.h5", damaged);
+    try {
+      EXPECT_EQ(load_model(folder / "damaged.h5"), model) << "byte " << i;
+      ++harmless;
+    } catch (const InputError&) {
+      ++refused;
+    }
+  }
+  EXPECT_GT(refused, harmless / 4);
+}
+
+TEST(ModelFile, RefusesWhatIsNoModel) {
+  const TemporaryFolder folder;
+  EXPECT_THROW(load_model(folder / "absent.h5"), InputError);
+  EXPECT_THROW(load_model(folder.path()), InputError);
+  write_bytes(folder / "text.h5", "not a model");
+  EXPECT_THROW(load_model(folder / "text.h5"), InputError);
+}
+
+TEST(ModelFile, RefusesContradictions) {
+  const auto problem_after = [](auto change) {
+    NoiseModel model = testing::full_model();
+    change(model);
+    return contradiction_in(model);
+  };
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].K.mean[0] = -1; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].mu.mean.pop_back(); }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].lambda.mean[1] = -0.6; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { std::swap(m.physics[0], m.physics[1]); }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].gain = {{}, 100.0}; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].mu.covariance(0, 1) = 9; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].transfer[0].channel = 2; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[0].sigma_tl.mean[0] = NAN; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.black_dn[0] = 5000; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.row_group = 0; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].lambda.pop_back(); }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].knots_db[1] = -1; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.gaussian[0].slope_dn = {1.0}; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels[0].pmf[0][0] = 0.9; }),
+            "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels.pop_back(); }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.dark_frames[0].frames_dn[0] = Image(4, 5); }), "");
+}
+
+// A child may write 20 kB: the disk is "full". It must say so and leave nothing.
+TEST(ModelFile, AFullDiskLeavesNothing) {
+  const TemporaryFolder folder;
+  const pid_t child = fork();
+  if (child == 0) {
+    const rlimit limit{20000, 20000};
+    setrlimit(RLIMIT_FSIZE, &limit);
+    std::signal(SIGXFSZ, SIG_IGN);
+    try {
+      save_model(testing::full_model(), folder / "m.h5");
+    } catch (const InputError&) {
+      _exit(42);
+    }
+    _exit(1);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  ASSERT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 42);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+}  // namespace
+}  // namespace malus
