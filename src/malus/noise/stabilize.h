@@ -1,0 +1,48 @@
+// Variance stabilisation built from a channel's own variance curve, and its exact unbiased inverse.
+// Forward: f(s) = integral of ds / sqrt(var(s) + 3/8 var'(s)^2): for an affine curve this is the
+// generalised Anscombe transformation up to a constant (Starck, Murtagh, Bijaoui, "Image Processing
+// and Data Analysis", 1998), for a measured curve the same thing built numerically. Below zero,
+// where the variance is flat, f goes on as a straight line, so negative samples keep their value.
+// Inverse: s such that E[f(noisy) | s] equals the given value (Mäkitalo, Foi, "Optimal inversion of
+// the generalized Anscombe transformation for Poisson-Gaussian noise", IEEE TIP 22(1), 2013), so a
+// filter that averages stabilised samples comes back without bias. The expectation is summed over
+// the Poisson-Gaussian law of the affine curve, and over a Gaussian for measured curves; the shape
+// of the read noise (Tukey-lambda) enters through its variance.
+#pragma once
+
+#include "malus/noise/profile.h"
+
+#include <vector>
+
+namespace malus {
+
+class Stabilizer {
+ public:
+  /// highest_dn: largest signal above black that occurs, > 0. A channel without noise is given a
+  /// deviation of 2e-5 of it, so that the transformation exists.
+  Stabilizer(const VarianceCurve& variance, double highest_dn);
+
+  /// Sample in DN above black and bias -> value whose noise has deviation 1. Rising everywhere.
+  double forward(double dn) const;
+  /// Mean of stabilised samples -> the signal in DN that has this mean. Rising everywhere.
+  double inverse(double stabilized) const;
+  /// d signal / d stabilised at a stabilised value: turns deviations back to DN.
+  double inverse_slope(double stabilized) const;
+
+ private:
+  double expected(double signal_dn) const;
+  void build_forward_table(double highest_dn);
+  void build_inverse_table(double highest_dn);
+
+  VarianceCurve variance_;
+  double floor_dn2_;              ///< least variance
+  double dark_deviation_dn_;      ///< of the forward transformation at zero, from above
+  double negative_deviation_dn_;  ///< below zero: that of the read noise alone
+  std::vector<double> integral_;  ///< forward at multiples of signal_step_dn_; empty if affine
+  double signal_step_dn_ = 0;
+  std::vector<double> signal_dn_;  ///< inverse at inverse_low_ + i * kInverseStep
+  double inverse_low_ = 0;
+  std::vector<double> dark_expectation_;  ///< E f(K n + read noise), n = 0, 1, ...; affine only
+};
+
+}  // namespace malus
