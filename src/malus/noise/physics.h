@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/image/layout.h"
+#include "malus/noise/calibration.h"
 
 #include <vector>
 
@@ -37,5 +38,13 @@ double read_variance_dn2(const PhysicsChannel& channel);
 /// Variance of one pixel about its channel's mean without the row part: K s + read + q²/12, in DN².
 /// Negative signals have no shot noise.
 double pixel_variance_dn2(const PhysicsChannel& channel, double signal_dn, double quantization_dn);
+
+/// Temporal sd of dark pixels per channel, rows and quantisation included, in DN.
+std::vector<double> temporal_sd_dark_dn(const PhysicsNoise& noise);
+
+/// Standard deviation of read noise per channel (rows and quantisation excluded) of a calibration,
+/// in DN; and in electrons, empty where K is not known.
+std::vector<double> read_noise_dn(const PhysicsCalibration& calibration);
+std::vector<double> read_noise_e(const PhysicsCalibration& calibration);
 
 }  // namespace malus

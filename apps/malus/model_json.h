@@ -1,0 +1,24 @@
+// A noise model as JSON and as text: one home for `model show` and for what `calibrate` prints.
+#pragma once
+
+#include "malus/noise/model.h"
+
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+/// The model as interface.md lays it out; unknown numbers are null. docs/model-file.md names the
+/// keys beyond the contract.
+nlohmann::ordered_json model_json(const NoiseModel& model);
+
+/// Tables for people: one line per gain, then per gain a line per channel, then the laws over gain.
+std::string model_text(const NoiseModel& model);
+
+/// The model reduced to one gain: the measured entry, or one made from the joint model (frames 0).
+/// Other kinds keep their entry where they have that gain. Throws InputError as
+/// NoiseModel::parameters_at.
+NoiseModel model_at_gain(const NoiseModel& model, const GainSetting& gain, GainRange range);
+
+}  // namespace malus::app

@@ -1,0 +1,170 @@
+// The text of `model show`.
+#include "malus/base/statistics.h"
+#include "malus/base/text.h"
+#include "malus/noise/physics.h"
+
+#include <cmath>
+#include <iterator>
+
+#include "model_json.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Values = std::vector<double>;
+
+// Above this many gains the tables per channel are left to --gain.
+constexpr std::size_t kMaxChannelTables = 8;
+
+class Lines {
+ public:
+  template <class... Arguments>
+  void add(fmt::format_string<Arguments...> format, Arguments&&... arguments) {
+    fmt::format_to(std::back_inserter(text_), format, std::forward<Arguments>(arguments)...);
+    text_ += '\n';
+  }
+  const std::string& text() const { return text_; }
+
+ private:
+  std::string text_;
+};
+
+// Mean over the channels; "-" where nothing was measured.
+std::string mean_cell(const Values& values, int digits) {
+  if (values.empty()) return "-";
+  return fmt::format("{:.{}f}", mean_of(values), digits);
+}
+
+std::string cell(const Values& values, std::size_t c, int digits) {
+  if (c >= values.size() || !std::isfinite(values[c])) return "-";
+  return fmt::format("{:.{}f}", values[c], digits);
+}
+
+// "0.3822 ±0.0004"
+std::string error_cell(const ChannelStatistics& s, std::size_t c, int digits) {
+  const std::string value = cell(s.mean, c, digits);
+  if (c >= s.standard_error.size() || !std::isfinite(s.standard_error[c])) return value;
+  return fmt::format("{} ±{:.{}f}", value, s.standard_error[c], digits);
+}
+
+// fmt pads by code points, and ± is one.
+std::string padded(const std::string& text, std::size_t width) {
+  std::size_t points = 0;
+  for (char c : text) points += (static_cast<unsigned char>(c) & 0xC0) != 0x80;
+  return std::string(points < width ? width - points : 0, ' ') + text;
+}
+
+std::string row_of(const std::vector<std::string>& cells, std::size_t width) {
+  std::string line;
+  for (const auto& text : cells) line += "  " + padded(text, width);
+  return line;
+}
+
+void add_sensor(Lines& lines, const NoiseModel& m) {
+  lines.add("{}", m.sensor.empty() ? "unnamed sensor" : m.sensor);
+  lines.add("  layout     {} ({} channels)", m.layout.name(), m.layout.channels());
+  lines.add("  black      {} DN (mean of the channels), white {:g} DN, step {:g} DN",
+            mean_cell(m.black_dn, 2), m.white_dn, m.quantization_dn);
+  lines.add("  row group  {} ({})", m.row_group, m.row_group_origin);
+  lines.add("  kinds      {}", joined(m.kinds()));
+  lines.add("  origin     {}", m.origin.empty() ? "not stated" : m.origin);
+  if (!m.defects.empty()) lines.add("  defects    {} pixels", m.defects.size());
+}
+
+void add_summary(Lines& lines, const NoiseModel& m) {
+  constexpr std::size_t kWidth = 9;
+  lines.add("\nPhysics, means over the channels");
+  lines.add("{:>10}{}", "gain",
+            row_of({"frames", "K", "read", "read", "lambda", "mu", "row", "dark sd"}, kWidth));
+  lines.add("{:>10}{}", "", row_of({"", "DN/e-", "e-", "DN", "", "DN", "DN", "DN"}, kWidth));
+  for (const PhysicsCalibration& p : m.physics)
+    lines.add(
+        "{:>10}{}", p.gain.text(),
+        row_of({p.bias_frames > 0 ? std::to_string(p.bias_frames) : "-", mean_cell(p.K.mean, 4),
+                mean_cell(read_noise_e(p), 2), mean_cell(read_noise_dn(p), 3),
+                mean_cell(p.lambda.mean, 3), mean_cell(p.mu.mean, 3),
+                mean_cell(p.sigma_row.mean, 3), mean_cell(p.temporal_sd_dark_dn, 3)},
+               kWidth));
+}
+
+void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p) {
+  constexpr std::size_t kWidth = 15;
+  lines.add("\n{}: {} bias frames, {} flat levels; value ± standard error", p.gain.text(),
+            p.bias_frames, p.flat_levels);
+  lines.add(
+      "{:>10}{}", "channel",
+      row_of({"K", "read noise", "lambda", "sigma_TL", "mu", "sigma_row", "dark sd"}, kWidth));
+  lines.add("{:>10}{}", "", row_of({"DN/e-", "e-", "", "DN", "DN", "DN", "DN"}, kWidth));
+  const Values read = read_noise_e(p);
+  for (int channel = 0; channel < m.layout.channels(); ++channel) {
+    const auto c = static_cast<std::size_t>(channel);
+    lines.add("{:>10}{}", m.layout.channel_name(channel),
+              row_of({error_cell(p.K, c, 4), cell(read, c, 3), error_cell(p.lambda, c, 3),
+                      error_cell(p.sigma_tl, c, 4), error_cell(p.mu, c, 4),
+                      error_cell(p.sigma_row, c, 4), cell(p.temporal_sd_dark_dn, c, 3)},
+                     kWidth));
+  }
+  for (const auto& warning : p.warnings) lines.add("  warning: {}", warning);
+}
+
+double mean_member(const std::vector<LogLinear>& laws, double LogLinear::*member) {
+  Values values;
+  for (const LogLinear& law : laws) values.push_back(law.*member);
+  return mean_of(values);
+}
+
+void add_joint(Lines& lines, const JointGainModel& joint) {
+  lines.add("\nJoint model over gain: log x = slope log K + intercept, means over the channels");
+  for (const JointSegment& s : joint.segments) {
+    lines.add("  {:g} to {:g} dB, K {:.4g} to {:.4g} DN/e-: K x{:.4f} per 6 dB", s.knots_db.front(),
+              s.knots_db.back(), std::exp(s.log_K_low()), std::exp(s.log_K_high()),
+              std::exp(6.0 * s.K_of_gain.slope));
+    if (s.knots_db.size() < 2) continue;
+    lines.add("{:>20}{}", "x", row_of({"slope", "intercept", "residual"}, 10));
+    for (const auto& [name, laws] :
+         {std::pair("-mu", &s.minus_mu), std::pair("variance of mu", &s.mu_variance),
+          std::pair("sigma_row", &s.sigma_row),
+          std::pair("variance of s_row", &s.sigma_row_variance), std::pair("sigma_TL", &s.sigma_tl),
+          std::pair("spread of s_TL", &s.sigma_tl_spread)})
+      lines.add("{:>20}{}", name,
+                row_of({fmt::format("{:.3f}", mean_member(*laws, &LogLinear::slope)),
+                        fmt::format("{:.3f}", mean_member(*laws, &LogLinear::intercept)),
+                        fmt::format("{:.3f}", mean_member(*laws, &LogLinear::residual_sd))},
+                       10));
+  }
+  for (const auto& note : joint.notes) lines.add("  note: {}", note);
+}
+
+void add_other_kinds(Lines& lines, const NoiseModel& m) {
+  for (const auto& g : m.gaussian)
+    lines.add("\nGaussian, {}: variance = {} DN x signal + {} DN^2 (means over the channels)",
+              g.gain.text(), mean_cell(g.slope_dn, 4), mean_cell(g.offset_dn2, 3));
+  for (const auto& n : m.nonparametric)
+    lines.add(
+        "\nNon-parametric, {}: {} frames, {} levels of {} bins in the first channel, rows {} DN",
+        n.gain.text(), n.frames, n.channels[0].level_dn.size(),
+        n.channels[0].bin_edges_dn.size() - 1, mean_cell(n.sigma_row_dn, 3));
+  for (const auto& bank : m.dark_frames)
+    lines.add("\nDark frames, {}: {} of {} x {}", bank.gain.text(), bank.frames_dn.size(),
+              bank.frames_dn[0].cols(), bank.frames_dn[0].rows());
+}
+
+}  // namespace
+
+std::string model_text(const NoiseModel& model) {
+  Lines lines;
+  add_sensor(lines, model);
+  if (!model.physics.empty()) {
+    if (model.physics.size() > 1) add_summary(lines, model);
+    if (model.physics.size() <= kMaxChannelTables)
+      for (const PhysicsCalibration& p : model.physics) add_channels(lines, model, p);
+    else
+      lines.add("\nOne gain by channel: --gain or --iso");
+  }
+  if (model.joint) add_joint(lines, *model.joint);
+  add_other_kinds(lines, model);
+  return lines.text();
+}
+
+}  // namespace malus::app
