@@ -1,1 +1,13 @@
-set(calibrate_SOURCES)
+set(calibrate_SOURCES
+  across_frames.cpp
+  bias_calibration.cpp
+  calibrate.cpp
+  fixed_pattern.cpp
+  flat_calibration.cpp
+  frame_components.cpp
+  frame_set.cpp
+  photon_transfer.cpp
+  row_group.cpp
+  temporal.cpp
+  tukey_fit.cpp
+)

@@ -1,0 +1,106 @@
+#include "malus/calibrate/across_frames.h"
+
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Eigenvalues>
+
+namespace malus {
+namespace {
+
+constexpr std::size_t kScatterSuffices = 20;
+
+std::vector<double> channel_of(const FrameSeries& values, std::size_t channel) {
+  std::vector<double> series;
+  series.reserve(values.size());
+  for (const auto& frame : values) series.push_back(frame[channel]);
+  return series;
+}
+
+// Squared standard error of the mean over frames.
+double mean_variance(double scatter, double sampling, std::size_t frames) {
+  const double per_frame = frames >= kScatterSuffices ? scatter : std::max(scatter, sampling);
+  return per_frame / static_cast<double>(frames);
+}
+
+void take_sampling_out(ChannelStatistics& statistics, const SquareMatrix& sampling) {
+  for (std::size_t i = 0; i < statistics.covariance.values.size(); ++i)
+    statistics.covariance.values[i] -= sampling.values[i];
+  statistics.covariance = nearest_semidefinite(statistics.covariance);
+  for (int c = 0; c < statistics.covariance.n; ++c)
+    statistics.spread.push_back(std::sqrt(std::max(statistics.covariance(c, c), 0.0)));
+}
+
+}  // namespace
+
+SquareMatrix frame_covariance(const FrameSeries& values) {
+  const std::size_t frames = values.size(), channels = values.front().size();
+  SquareMatrix covariance(static_cast<int>(channels));
+  if (frames < 2) return covariance;
+  std::vector<double> mean(channels, 0.0);
+  for (std::size_t c = 0; c < channels; ++c) mean[c] = mean_of(channel_of(values, c));
+  for (const auto& frame : values)
+    for (std::size_t a = 0; a < channels; ++a)
+      for (std::size_t b = 0; b < channels; ++b)
+        covariance.values[a * channels + b] +=
+            (frame[a] - mean[a]) * (frame[b] - mean[b]) / static_cast<double>(frames - 1);
+  return covariance;
+}
+
+SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric) {
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Map<const Matrix> given(symmetric.values.data(), symmetric.n, symmetric.n);
+  const Eigen::SelfAdjointEigenSolver<Matrix> solver(given);
+  SquareMatrix out(symmetric.n);
+  const Eigen::VectorXd eigenvalues = solver.eigenvalues().cwiseMax(0.0);
+  Eigen::Map<Matrix>(out.values.data(), out.n, out.n) =
+      solver.eigenvectors() * eigenvalues.asDiagonal() * solver.eigenvectors().transpose();
+  return out;
+}
+
+ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix& sampling) {
+  MALUS_REQUIRE(!values.empty() && static_cast<int>(values.front().size()) == sampling.n);
+  ChannelStatistics out;
+  out.covariance = frame_covariance(values);
+  for (int c = 0; c < sampling.n; ++c) {
+    out.mean.push_back(mean_of(channel_of(values, static_cast<std::size_t>(c))));
+    out.standard_error.push_back(
+        std::sqrt(mean_variance(out.covariance(c, c), sampling(c, c), values.size())));
+  }
+  take_sampling_out(out, sampling);
+  return out;
+}
+
+ChannelStatistics deviation_statistics(const FrameSeries& variances, const SquareMatrix& sampling) {
+  MALUS_REQUIRE(!variances.empty() && static_cast<int>(variances.front().size()) == sampling.n);
+  const int channels = sampling.n;
+  const SquareMatrix scatter = frame_covariance(variances);
+  ChannelStatistics out;
+  out.covariance = SquareMatrix(channels);
+  std::vector<double> derivative;  // of the deviation by the variance
+  for (int c = 0; c < channels; ++c) {
+    const double mean = mean_of(channel_of(variances, static_cast<std::size_t>(c)));
+    const double error = std::sqrt(mean_variance(scatter(c, c), sampling(c, c), variances.size()));
+    const double positive = std::max(mean, 0.0);
+    const double spread2 =  // Var(σ²) = 4 σ² τ² to first order
+        positive > 2.0 * error ? std::max(scatter(c, c) - sampling(c, c), 0.0) / (4.0 * positive)
+                               : 0.0;
+    out.mean.push_back(std::sqrt(std::max(positive - spread2, 0.0)));
+    const double root = std::sqrt(positive);
+    out.standard_error.push_back(0.5 *
+                                 std::max(std::sqrt(positive + 2.0 * error) - root,
+                                          root - std::sqrt(std::max(positive - 2.0 * error, 0.0))));
+    derivative.push_back(positive > 2.0 * error ? 0.5 / std::sqrt(positive) : 0.0);
+  }
+  for (int a = 0; a < channels; ++a)
+    for (int b = 0; b < channels; ++b)
+      out.covariance(a, b) = (scatter(a, b) - sampling(a, b)) *
+                             derivative[static_cast<std::size_t>(a)] *
+                             derivative[static_cast<std::size_t>(b)];
+  take_sampling_out(out, SquareMatrix(channels));
+  return out;
+}
+
+}  // namespace malus

@@ -1,0 +1,36 @@
+// From one value per frame to mean, standard error, spread and covariance between channels
+// (000, 3.3).
+#pragma once
+
+#include "malus/noise/model.h"
+
+#include <vector>
+
+namespace malus {
+
+/// values[frame][channel].
+using FrameSeries = std::vector<std::vector<double>>;
+
+/// Mean over frames; standard error from the frames' scatter, which holds both the parameter's real
+/// change from frame to frame and each frame's sampling error. With fewer than 20 frames scatter is
+/// itself uncertain: the standard error is never below what the sampling error gives.
+/// sampling: covariance of one frame's estimates around that frame's true parameters. The result's
+/// covariance is that of the true parameters: sampling removed, then made positive semi-definite;
+/// spread is the root of its diagonal.
+ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix& sampling);
+
+/// Deviations from per-frame variance components, e.g. σ_b from σ_b². Averaging squares first keeps
+/// frames without visible row noise (negative components) from biasing the mean; the real
+/// frame-to-frame spread τ is taken out again: mean² = E[v] - τ². Two standard errors span the
+/// longer way to the root of the component's own two-standard-error bounds, so that they reach zero
+/// where the component is not significant.
+ChannelStatistics deviation_statistics(const FrameSeries& variances, const SquareMatrix& sampling);
+
+/// Covariance over frames between channels; zero for fewer than two frames.
+SquareMatrix frame_covariance(const FrameSeries& values);
+
+/// Negative eigenvalues set to zero: the nearest positive semi-definite matrix in the Frobenius
+/// norm (Higham, Linear Algebra Appl. 103, 1988, Theorem 2.1).
+SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric);
+
+}  // namespace malus

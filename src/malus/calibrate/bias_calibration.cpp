@@ -1,0 +1,283 @@
+#include "malus/calibrate/bias_calibration.h"
+
+#include "malus/base/statistics.h"
+#include "malus/calibrate/across_frames.h"
+#include "malus/calibrate/fixed_pattern.h"
+#include "malus/noise/tukey_lambda.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr double kCellsPerDeviation = 24.0;
+constexpr double kNormalLambda = 0.14;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// All bias frames of one gain, one entry per frame: a few kilobytes each, whatever the frame's
+// size.
+struct BiasFrames {
+  FrameSeries mean, pixel, row, column, total;
+  std::vector<std::vector<ResidualHistogram>> residuals;  ///< [frame][channel]
+
+  void add(FrameComponents&& frame) {
+    std::vector<double> sum(frame.mean_dn.size());
+    for (std::size_t c = 0; c < sum.size(); ++c)
+      sum[c] =
+          frame.pixel_variance_dn2[c] + frame.row_variance_dn2[c] + frame.column_variance_dn2[c];
+    mean.push_back(std::move(frame.mean_dn));
+    pixel.push_back(std::move(frame.pixel_variance_dn2));
+    row.push_back(std::move(frame.row_variance_dn2));
+    column.push_back(std::move(frame.column_variance_dn2));
+    total.push_back(std::move(sum));
+    residuals.push_back(std::move(frame.residuals));
+  }
+};
+
+std::vector<double> mean_over_frames(const FrameSeries& series) {
+  std::vector<double> mean(series.front().size(), 0.0);
+  for (const auto& frame : series)
+    for (std::size_t c = 0; c < mean.size(); ++c)
+      mean[c] += frame[c] / static_cast<double>(series.size());
+  return mean;
+}
+
+// Sampling error of one frame's estimates, from the components themselves: row noise is shared by
+// the channels of a row group, pixel and column noise are not.
+struct SamplingErrors {
+  SquareMatrix mean, row, column, total;
+};
+
+SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames& frames,
+                               const SquareMatrix& row_covariance) {
+  const int n = geometry.channels();
+  SamplingErrors e{SquareMatrix(n), SquareMatrix(n), SquareMatrix(n), SquareMatrix(n)};
+  const auto pixel = mean_over_frames(frames.pixel), column = mean_over_frames(frames.column);
+  for (int a = 0; a < n; ++a) {
+    const auto pixels = static_cast<double>(geometry.channel_pixels(a));
+    const double groups = geometry.channel_groups(a), cols = geometry.channel_cols(a),
+                 rows = geometry.channel_rows(a), in_group = geometry.pixels_per_group(a);
+    const double var = pixel[at(a)], col_var = std::max(column[at(a)], 0.0);
+    const double freedom = pixels - groups - cols + 1.0;
+    for (int b = 0; b < n; ++b) {
+      double shared = a == b ? std::max(row_covariance(a, a), 0.0) : row_covariance(a, b);
+      e.mean(a, b) = shared / groups;
+      if (a == b) shared += var / in_group;
+      e.row(a, b) = 2.0 * shared * shared / (groups - 1.0);
+    }
+    e.mean(a, a) += var / pixels + col_var / cols;
+    e.row(a, a) += 2.0 * var * var / (in_group * in_group * freedom);
+    e.column(a, a) = 2.0 * std::pow(col_var + var / rows, 2) / (cols - 1.0);
+    e.total(a, a) = 2.0 * var * var / pixels + e.row(a, a);
+  }
+  return e;
+}
+
+// Per-frame shape and scale of one channel.
+struct ChannelShapes {
+  std::vector<double> lambda, scale;
+  double lambda_sampling = 0, scale_sampling = 0;
+};
+
+ChannelShapes likelihood_shapes(const BiasFrames& frames, int channel,
+                                const ResidualHistogram& pooled, const ResidualBlur& blur,
+                                const TukeyFit& fit) {
+  ChannelShapes shapes;
+  const FrameShapes one_step(fit, pooled, blur);
+  for (const auto& frame : frames.residuals) {
+    const auto shape = one_step.of(frame[at(channel)]);
+    shapes.lambda.push_back(shape.lambda);
+    shapes.scale.push_back(fit.scale_dn * (1.0 + shape.log_scale - std::log(fit.scale_dn)));
+  }
+  const auto samples =
+      static_cast<double>(pooled.count()) / static_cast<double>(frames.residuals.size());
+  shapes.lambda_sampling = fit.unit_covariance[0] / samples;
+  shapes.scale_sampling = fit.scale_dn * fit.scale_dn * fit.unit_covariance[2] / samples;
+  return shapes;
+}
+
+ChannelShapes ppcc_shapes(const BiasFrames& frames, int channel, const ResidualBlur& blur) {
+  ChannelShapes shapes;
+  for (const auto& frame : frames.residuals)
+    if (const auto fit = fit_tukey_lambda_ppcc(frame[at(channel)], blur)) {
+      shapes.lambda.push_back(fit->lambda);
+      shapes.scale.push_back(fit->scale_dn);
+    }
+  return shapes;
+}
+
+void append_statistics(const std::vector<double>& values, double sampling, ChannelStatistics& out) {
+  FrameSeries series;
+  for (double value : values) series.push_back({value});
+  SquareMatrix error(1);
+  error(0, 0) = sampling;
+  const ChannelStatistics one = frame_statistics(series, error);
+  out.mean.push_back(one.mean[0]);
+  out.standard_error.push_back(one.standard_error[0]);
+  out.spread.push_back(one.spread[0]);
+}
+
+void append_unknown(double lambda, double scale, PhysicsCalibration& out) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  out.lambda.mean.push_back(lambda);
+  out.sigma_tl.mean.push_back(scale);
+  for (ChannelStatistics* statistics : {&out.lambda, &out.sigma_tl}) {
+    statistics->standard_error.push_back(nan);
+    statistics->spread.push_back(0.0);
+  }
+}
+
+void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, double quantization_dn,
+                    const CalibrationSettings& settings, const SensorLayout& layout,
+                    PhysicsCalibration& out) {
+  const std::vector<double> pixel = mean_over_frames(frames.pixel);
+  for (int c = 0; c < layout.channels(); ++c) {
+    ResidualHistogram pooled(frames.residuals.front()[at(c)].cell_dn());
+    for (const auto& frame : frames.residuals) pooled.add(frame[at(c)]);
+    const ResidualBlur blur{quantization_dn,
+                            analyzer.offset_variance_dn2(c, std::max(pixel[at(c)], 0.0))};
+    const auto fit = fit_tukey_lambda(pooled, blur);
+    if (!fit) {
+      const double read = pixel[at(c)] - quantization_dn * quantization_dn / 12.0;
+      append_unknown(kNormalLambda,
+                     std::sqrt(std::max(read, 0.0) / tukey_lambda_variance(kNormalLambda)), out);
+      out.warnings.push_back(
+          fmt::format("{}: shape of the read noise is not known ({}); taken as "
+                      "nearly normal, λ = {}",
+                      layout.channel_name(c), fit.reason(), kNormalLambda));
+      continue;
+    }
+    const ChannelShapes shapes = settings.shape == "ppcc"
+                                     ? ppcc_shapes(frames, c, blur)
+                                     : likelihood_shapes(frames, c, pooled, blur, *fit);
+    if (shapes.lambda.empty()) {
+      append_unknown(fit->lambda, fit->scale_dn, out);
+      continue;
+    }
+    append_statistics(shapes.lambda, shapes.lambda_sampling, out.lambda);
+    append_statistics(shapes.scale, shapes.scale_sampling, out.sigma_tl);
+  }
+}
+
+void warn_of_drift(const BiasFrames& frames, double temporal_sd_dn, PhysicsCalibration& out) {
+  if (frames.mean.size() < 8) return;
+  std::vector<double> index, level;
+  for (const auto& frame : frames.mean) {
+    index.push_back(static_cast<double>(index.size()));
+    level.push_back(mean_of(frame));
+  }
+  const LineFit line = fit_line(index, level);
+  const double drift = line.slope * index.back(), error = line.slope_standard_error * index.back();
+  if (std::abs(drift) > 5.0 * error && std::abs(drift) > 0.05 * temporal_sd_dn)
+    out.warnings.push_back(
+        fmt::format("the dark level drifts by {:.3g} ± {:.2g} DN over the {} bias frames: was the "
+                    "camera warm?",
+                    drift, error, frames.mean.size()));
+}
+
+// Block means of the dark shading: smooth structure is light or amplifier glow, not pixels.
+void warn_of_light(const Image& shading, const MosaicGeometry& geometry, double temporal_sd_dn,
+                   int frames, PhysicsCalibration& out) {
+  constexpr int kBlocks = 4;
+  Moments blocks;
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (int i = 0; i < kBlocks; ++i)
+    for (int j = 0; j < kBlocks; ++j) {
+      Moments block;
+      for (int r = i * geometry.rows() / kBlocks; r < (i + 1) * geometry.rows() / kBlocks; ++r)
+        for (int c = j * geometry.cols() / kBlocks; c < (j + 1) * geometry.cols() / kBlocks; ++c)
+          block.add(shading(r, c));
+      low = std::min(low, block.mean());
+      high = std::max(high, block.mean());
+    }
+  if (frames >= 8 && high - low > 0.5 * temporal_sd_dn)
+    out.warnings.push_back(
+        fmt::format("the dark level differs by {:.3g} DN over the frame, {:.2g} times the temporal "
+                    "noise: light leak or amplifier glow",
+                    high - low, (high - low) / temporal_sd_dn));
+}
+
+}  // namespace
+
+DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
+                RowLagAccumulator(geometry), std::vector<double>(first.black_dn.size(), 0.0)};
+  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
+    pass.temporal.add(frame.dn);
+    pass.rows.add(frame.dn, channel_means(frame.dn, geometry));
+    for (int r = 0; r < geometry.rows(); ++r)
+      for (int c = 0; c < geometry.cols(); ++c)
+        if (frame.dn(r, c) <= 0.0F) pass.zero_share[at(geometry.channel(r, c))] += 1.0;
+  });
+  for (int c = 0; c < geometry.channels(); ++c)
+    pass.zero_share[at(c)] /=
+        static_cast<double>(geometry.channel_pixels(c)) * std::max(set.count, 1);
+  return pass;
+}
+
+void measure_bias(const FrameSet& set, const RawFrame& first, const DarkPass& dark, int row_group,
+                  double quantization_dn, const CalibrationSettings& settings, Progress& progress,
+                  PhysicsCalibration& out) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  const bool remove_pattern = !settings.single_frame && set.count >= 2;
+  Image pattern;
+  if (remove_pattern) {
+    pattern = dark.temporal.mean_frame_dn();
+    for (int r = 0; r < pattern.rows(); ++r)
+      for (int c = 0; c < pattern.cols(); ++c)
+        pattern(r, c) += static_cast<float>(first.black_at(r, c));
+  }
+  std::vector<double> cell =
+      remove_pattern ? dark.temporal.variance_dn2() : channel_variances(first.dn, geometry);
+  for (double& width : cell) width = width > 0 ? std::sqrt(width) / kCellsPerDeviation : 1.0;
+  FrameAnalyzer analyzer(geometry, first.black_dn, pattern, set.count, cell);
+  BiasFrames frames;
+  for_each_frame(set, &first, progress,
+                 [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
+  const SquareMatrix row_covariance = analyzer.row_covariance_dn2();
+  const SamplingErrors sampling = sampling_errors(geometry, frames, row_covariance);
+  out.bias_frames = set.count;
+  out.mu = frame_statistics(frames.mean, sampling.mean);
+  if (remove_pattern) {
+    // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
+    const std::vector<double> dsnu =
+        dsnu_dn(shading_of(pattern, geometry), geometry, mean_over_frames(frames.total), set.count);
+    for (std::size_t c = 0; c < dsnu.size(); ++c)
+      out.mu.standard_error[c] = std::hypot(
+          out.mu.standard_error[c],
+          dsnu[c] / std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
+  }
+  out.sigma_row = deviation_statistics(frames.row, sampling.row);
+  out.sigma_column = deviation_statistics(frames.column, sampling.column);
+  out.sigma_column.covariance = SquareMatrix();
+  const ChannelStatistics total = deviation_statistics(frames.total, sampling.total);
+  out.temporal_sd_dark_dn.clear();
+  for (double variance : mean_over_frames(frames.total))
+    out.temporal_sd_dark_dn.push_back(std::sqrt(std::max(variance, 0.0)));
+  out.temporal_sd_dark_stderr_dn = total.standard_error;
+  out.row_correlation = nearest_correlation(correlation_of(row_covariance));
+  measure_shapes(frames, analyzer, quantization_dn, settings, first.layout, out);
+  const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
+  warn_of_drift(frames, temporal_sd, out);
+  if (remove_pattern)
+    warn_of_light(shading_of(pattern, geometry), geometry, temporal_sd, set.count, out);
+  for (int c = 0; c < geometry.channels(); ++c)
+    if (dark.zero_share[at(c)] > 1e-3)
+      out.warnings.push_back(fmt::format(
+          "{}: {:.2g} % of the dark pixels are 0: the camera's black level cuts the noise off; "
+          "raise it",
+          first.layout.channel_name(c), 100 * dark.zero_share[at(c)]));
+  if (quantization_dn > 0 && temporal_sd < 0.5 * quantization_dn)
+    out.warnings.push_back(
+        fmt::format("the dark noise, {:.2g} DN, is below half of the converter's step, {:g} DN: "
+                    "its parameters are hidden by rounding",
+                    temporal_sd, quantization_dn));
+}
+
+}  // namespace malus

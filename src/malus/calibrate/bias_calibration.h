@@ -1,0 +1,30 @@
+// Everything that one gain's bias frames tell: level, row, column and read noise (000, 3.2).
+#pragma once
+
+#include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/frame_components.h"
+#include "malus/calibrate/frame_set.h"
+#include "malus/calibrate/temporal.h"
+
+#include <optional>
+#include <vector>
+
+namespace malus {
+
+/// First pass over the bias frames: fixed pattern and temporal variance.
+struct DarkPass {
+  TemporalAccumulator temporal;
+  RowLagAccumulator rows;
+  std::vector<double> zero_share;  ///< per channel: share of pixels at DN 0, where the camera clips
+};
+
+/// `first` gives size, layout and black level.
+DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress);
+
+/// Second pass: takes every frame apart and fills mu, sigma_row, sigma_column, sigma_tl, lambda,
+/// temporal_sd_dark, row_correlation, bias_frames and warnings of `out`.
+void measure_bias(const FrameSet& set, const RawFrame& first, const DarkPass& dark, int row_group,
+                  double quantization_dn, const CalibrationSettings& settings, Progress& progress,
+                  PhysicsCalibration& out);
+
+}  // namespace malus

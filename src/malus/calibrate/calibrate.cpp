@@ -1,0 +1,197 @@
+#include "malus/calibrate/calibrate.h"
+
+#include "malus/base/error.h"
+#include "malus/calibrate/bias_calibration.h"
+#include "malus/calibrate/fixed_pattern.h"
+#include "malus/calibrate/flat_calibration.h"
+#include "malus/calibrate/row_group.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// The sets of one gain. The bias set is the largest dark one; the others are dark partners of flats
+// with their exposure.
+struct GainPlan {
+  GainSetting gain;
+  const FrameSet* bias = nullptr;
+  std::vector<const FrameSet*> darks, flats;
+
+  std::int64_t frames() const {
+    std::int64_t total = bias ? 2 * std::int64_t{bias->count} : 0;
+    for (const FrameSet* set : darks) total += set->count;
+    for (const FrameSet* set : flats) total += set->count;
+    return total;
+  }
+};
+
+// Highest gain first: there row noise is largest against rounding, and the row group is decided.
+std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
+  std::vector<GainPlan> plans;
+  for (const FrameSet& set : input.sets) {
+    if (set.kind != FrameKind::kBias && set.kind != FrameKind::kFlat) continue;
+    auto plan = std::find_if(plans.begin(), plans.end(),
+                             [&](const GainPlan& p) { return p.gain == set.gain; });
+    if (plan == plans.end()) plan = plans.insert(plans.end(), GainPlan{set.gain, nullptr, {}, {}});
+    if (set.kind == FrameKind::kFlat) {
+      plan->flats.push_back(&set);
+    } else if (!plan->bias || set.count > plan->bias->count) {
+      if (plan->bias) plan->darks.push_back(plan->bias);
+      plan->bias = &set;
+    } else {
+      plan->darks.push_back(&set);
+    }
+  }
+  for (GainPlan& plan : plans)
+    if (plan.bias) plan.darks.push_back(plan.bias);  // it may share its exposure with a flat level
+  std::stable_sort(plans.begin(), plans.end(), [](const GainPlan& a, const GainPlan& b) {
+    return a.gain.decibel().value_or(0.0) > b.gain.decibel().value_or(0.0);
+  });
+  if (std::none_of(plans.begin(), plans.end(), [](const GainPlan& p) { return p.bias; }))
+    throw InputError(input.origin.empty() ? "session" : input.origin, "has no bias frames",
+                     "add [[frames]] with kind = \"bias\": frames taken with the lens cap on");
+  return plans;
+}
+
+// The row group in force: declared, or what the frames showed, or one row until they do.
+class RowGroupDecision {
+ public:
+  explicit RowGroupDecision(std::optional<int> declared) : declared_(declared) {}
+
+  int update(const Estimate<int>& found, std::vector<std::string>& warnings) {
+    if (declared_) {
+      if (found && *found != *declared_)
+        warnings.push_back(
+            fmt::format("the session declares a row group of {}, the frames look "
+                        "like one of {}: check the declaration",
+                        *declared_, *found));
+      return *declared_;
+    }
+    if (!found) {
+      if (!detected_)
+        warnings.push_back(fmt::format("row group not decided, taken as 1: {}", found.reason()));
+    } else if (!detected_) {
+      detected_ = *found;
+    } else if (*detected_ != *found) {
+      warnings.push_back(fmt::format("this gain looks like a row group of {}, others like {}",
+                                     *found, *detected_));
+    }
+    return detected_.value_or(1);
+  }
+  int value() const { return declared_ ? *declared_ : detected_.value_or(1); }
+  std::string origin() const { return declared_ ? "declared" : detected_ ? "detected" : "assumed"; }
+
+ private:
+  std::optional<int> declared_, detected_;
+};
+
+double mean_pixel_variance(const DarkPass& dark) {
+  const std::vector<double> variance = dark.temporal.variance_dn2();
+  return std::accumulate(variance.begin(), variance.end(), 0.0) /
+         static_cast<double>(variance.size());
+}
+
+PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
+                                  RowGroupDecision& row_group, double quantization_dn,
+                                  const CalibrationSettings& settings, Progress& progress,
+                                  std::vector<DefectPixel>& defects) {
+  PhysicsCalibration out;
+  out.gain = plan.gain;
+  const DarkPass dark = measure_dark(*plan.bias, first, progress);
+  const bool temporal = plan.bias->count >= 2;
+  const int group = row_group.update(
+      temporal ? detect_row_group(dark.rows, mean_pixel_variance(dark), first.dn.cols())
+               : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
+      out.warnings);
+  measure_bias(*plan.bias, first, dark, group, quantization_dn, settings, progress, out);
+  if (!temporal) {
+    out.warnings.push_back(
+        "only one bias frame: its fixed pattern is part of the read noise, and the gain K cannot "
+        "be measured; take 20 or more");
+    return out;
+  }
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  out.dark_shading_dn = shading_of(dark.temporal.mean_frame_dn(), geometry);
+  out.dsnu_dn =
+      dsnu_dn(out.dark_shading_dn, geometry, dark.temporal.variance_dn2(), plan.bias->count);
+  if (plan.flats.empty())
+    out.warnings.push_back("no flat frames at this gain: K is not known");
+  else
+    measure_flats(plan.flats, plan.darks, first, dark, group, settings, progress, out);
+  defects = find_defects(out.dark_shading_dn, dark.temporal.sum_of_squares(), plan.bias->count,
+                         out.prnu_map, geometry);
+  if (!settings.maps) {
+    out.dark_shading_dn = Image();
+    out.prnu_map = Image();
+  }
+  return out;
+}
+
+}  // namespace
+
+double quantization_step(View<const float> dn) {
+  std::int64_t step = 0;
+  const float origin = dn(0, 0);
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) {
+      const float difference = dn(r, c) - origin;
+      if (difference != std::floor(difference) || dn(r, c) != std::floor(dn(r, c))) return 0.0;
+      step = std::gcd(step, static_cast<std::int64_t>(difference));
+      if (step == 1) return 1.0;
+    }
+  return static_cast<double>(step);
+}
+
+NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
+                             Progress& progress) {
+  const std::vector<GainPlan> plans = plan_gains(input);
+  std::int64_t steps = 0;
+  for (const GainPlan& plan : plans) steps += plan.frames();
+  progress.begin("calibrating", steps);
+  NoiseModel model;
+  model.sensor = input.sensor;
+  model.origin = input.origin;
+  RowGroupDecision row_group(input.row_group);
+  RawFrame first;
+  for (const GainPlan& plan : plans) {
+    if (!plan.bias) {
+      progress.warn(
+          fmt::format("{}: flat frames without bias frames are left out", plan.gain.text()));
+      continue;
+    }
+    if (model.physics.empty()) {
+      first = plan.bias->load(0);
+      model.layout = first.layout;
+      model.black_dn = first.black_dn;
+      model.white_dn = first.white_dn;
+      model.quantization_dn = quantization_step(first.dn);
+    }
+    std::vector<DefectPixel> defects;
+    model.physics.push_back(
+        calibrate_gain(plan, first, row_group, model.quantization_dn, settings, progress, defects));
+    if (defects.size() > model.defects.size()) model.defects = std::move(defects);
+  }
+  model.row_group = row_group.value();
+  model.row_group_origin = row_group.origin();
+  std::reverse(model.physics.begin(), model.physics.end());
+  // The response belongs to the sensor, not to a gain: one map is kept, of the lowest gain.
+  bool kept = false;
+  for (PhysicsCalibration& gain : model.physics) {
+    if (kept) gain.prnu_map = Image();
+    kept |= !gain.prnu_map.empty();
+  }
+  if (model.physics.size() >= 2) {
+    if (const auto joint = fit_joint_model(model.physics))
+      model.joint = *joint;
+    else
+      progress.warn("no joint model over gain: " + joint.reason());
+  }
+  return model;
+}
+
+}  // namespace malus

@@ -1,0 +1,52 @@
+// Session -> noise model (000, 3.2 and 3.3): the main path of calibration. docs/calibration.md
+// derives every estimator.
+#pragma once
+
+#include "malus/base/parameter.h"
+#include "malus/base/progress.h"
+#include "malus/calibrate/frame_set.h"
+#include "malus/noise/model.h"
+
+#include <string>
+
+namespace malus {
+
+struct CalibrationSettings {
+  double saturation_limit = 0.7;
+  std::string shape = "likelihood";
+  bool single_frame = false;
+  bool maps = true;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    field(self.saturation_limit,
+          ParameterInfo{"saturation_limit", "1",
+                        "flat levels above this share of the range between black and white are not "
+                        "used for the gain",
+                        0.05, 1.0});
+    field(self.shape,
+          ParameterInfo{.name = "shape",
+                        .unit = "",
+                        .help = "estimator of the Tukey-lambda shape: maximum likelihood, or the "
+                                "papers' probability-plot correlation (ppcc)",
+                        .choices = {"likelihood", "ppcc"}});
+    field(self.single_frame,
+          ParameterInfo{"single_frame", "",
+                        "estimate every bias frame alone, its fixed pattern included, as the "
+                        "papers do"});
+    field(self.maps, ParameterInfo{"maps", "", "store dark-shading and PRNU maps in the model"});
+  }
+};
+
+/// The physics model of all gains in the input, row group detected when it is not declared, joint
+/// model over gain where there are two gains or more. What the data say about themselves (drift,
+/// light leaks, saturated or missing levels) stands in the warnings of each gain. Throws InputError
+/// when there are no bias frames, or frames do not belong together.
+NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
+                             Progress& progress);
+
+/// The converter's step: greatest common divisor of the differences between a frame's values (16
+/// for 12 bits stored in the upper part of 16); 0 for fractional values.
+double quantization_step(View<const float> dn);
+
+}  // namespace malus

@@ -1,0 +1,192 @@
+#include "malus/calibrate/fixed_pattern.h"
+
+#include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+constexpr int kLargestRadius = 7;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Means over square windows of one channel by sums over rectangles. The window shrinks towards the
+// border so that it stays centred (a slope in the light then cancels), but not below 3x3.
+class WindowMean {
+ public:
+  WindowMean(View<const float> mosaic, const MosaicGeometry& geometry, int channel)
+      : rows_(geometry.channel_rows(channel)),
+        cols_(geometry.channel_cols(channel)),
+        // A small plane needs a small window, or the curve of the light shows in it.
+        largest_radius_(std::clamp(std::min(rows_, cols_) / 8, 1, kLargestRadius)) {
+    sums_.assign(at(rows_ + 1) * at(cols_ + 1), 0.0);
+    for (int r = 0; r < rows_; ++r)
+      for (int c = 0; c < cols_; ++c)
+        sum(r + 1, c + 1) = mosaic(channel / geometry.cell_cols() + r * geometry.cell_rows(),
+                                   channel % geometry.cell_cols() + c * geometry.cell_cols()) +
+                            sum(r, c + 1) + sum(r + 1, c) - sum(r, c);
+  }
+  struct Window {
+    double mean;
+    int pixels;
+  };
+  Window around(int r, int c) {
+    const int room = std::min({r, c, rows_ - 1 - r, cols_ - 1 - c});
+    const int radius = std::clamp(room, 1, largest_radius_);
+    const int r0 = std::max(r - radius, 0), r1 = std::min(r + radius + 1, rows_);
+    const int c0 = std::max(c - radius, 0), c1 = std::min(c + radius + 1, cols_);
+    const int pixels = (r1 - r0) * (c1 - c0);
+    return {(sum(r1, c1) - sum(r0, c1) - sum(r1, c0) + sum(r0, c0)) / pixels, pixels};
+  }
+
+ private:
+  double& sum(int r, int c) { return sums_[at(r) * at(cols_ + 1) + at(c)]; }
+  int rows_, cols_, largest_radius_;
+  std::vector<double> sums_;
+};
+
+// Median and robust deviation of a function of the pixels of one channel; every k-th pixel of a
+// large channel says as much as all.
+struct Location {
+  double centre = 0, deviation = 0;
+};
+
+template <class Value>
+Location location_of(const MosaicGeometry& geometry, int channel, const Value& value) {
+  constexpr std::int64_t kEnough = 100000;
+  const auto step = static_cast<int>(1 + geometry.channel_pixels(channel) / kEnough);
+  std::vector<double> values;
+  int index = 0;
+  for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
+    for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
+      if (index++ % step == 0) values.push_back(value(r, c));
+  return {median_of(values), robust_deviation_of(values)};
+}
+
+// Standard normal equivalent of a χ² variable over its degrees of freedom (Wilson and Hilferty).
+double chi_square_deviation(double ratio, double freedom) {
+  const double a = 2.0 / (9.0 * freedom);
+  return (std::cbrt(ratio) - (1.0 - a)) / std::sqrt(a);
+}
+
+}  // namespace
+
+std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry) {
+  const std::vector<double> mean = channel_means(mosaic, geometry);
+  std::vector<double> variance(mean.size(), 0.0);
+  for (int r = 0; r < mosaic.rows(); ++r)
+    for (int col = 0; col < mosaic.cols(); ++col) {
+      const auto c = at(geometry.channel(r, col));
+      const double d = mosaic(r, col) - mean[c];
+      variance[c] += d * d;
+    }
+  for (int c = 0; c < geometry.channels(); ++c)
+    variance[at(c)] /= static_cast<double>(geometry.channel_pixels(c) - 1);
+  return variance;
+}
+
+Image shading_of(const Image& mean_frame_dn, const MosaicGeometry& geometry) {
+  const std::vector<double> mean = channel_means(mean_frame_dn, geometry);
+  Image out = mean_frame_dn;
+  for (int r = 0; r < out.rows(); ++r)
+    for (int col = 0; col < out.cols(); ++col)
+      out(r, col) -= static_cast<float>(mean[at(geometry.channel(r, col))]);
+  return out;
+}
+
+std::vector<double> dsnu_dn(View<const float> shading_dn, const MosaicGeometry& geometry,
+                            const std::vector<double>& temporal_variance_dn2, int frames) {
+  std::vector<double> out = channel_variances(shading_dn, geometry);
+  for (std::size_t c = 0; c < out.size(); ++c)
+    out[c] = std::sqrt(std::max(out[c] - temporal_variance_dn2[c] / frames, 0.0));
+  return out;
+}
+
+ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
+
+void ResponseAccumulator::add(const TemporalAccumulator& flat, View<const float> shading_dn) {
+  if (weight_.empty()) {
+    sum_ = Image(geometry_.rows(), geometry_.cols());
+    weight_.assign(at(geometry_.channels()), 0.0);
+    weighted_error_ = weight_;
+  }
+  const std::vector<double> mean = flat.mean_dn(), variance = flat.variance_dn2();
+  std::vector<double> weight(mean.size()), scale(mean.size());
+  for (std::size_t c = 0; c < mean.size(); ++c) {
+    const double relative_error = variance[c] / (flat.frames() * mean[c] * mean[c]);
+    weight[c] = mean[c] > 0 && relative_error > 0 ? 1.0 / relative_error : 0.0;
+    scale[c] = weight[c] > 0 ? weight[c] / mean[c] : 0.0;
+    weight_[c] += weight[c];
+    weighted_error_[c] += weight[c] > 0 ? weight[c] * weight[c] * relative_error : 0.0;
+  }
+  const Image frame = flat.mean_frame_dn();
+  for (int r = 0; r < sum_.rows(); ++r)
+    for (int col = 0; col < sum_.cols(); ++col) {
+      const double dark = shading_dn.empty() ? 0.0 : shading_dn(r, col);
+      sum_(r, col) +=
+          static_cast<float>((frame(r, col) - dark) * scale[at(geometry_.channel(r, col))]);
+    }
+}
+
+Response ResponseAccumulator::response() const {
+  MALUS_REQUIRE(!empty());
+  Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}};
+  for (int channel = 0; channel < geometry_.channels(); ++channel) {
+    const auto i = at(channel);
+    WindowMean local(sum_, geometry_, channel);
+    double square = 0.0;
+    for (int r = 0; r < geometry_.channel_rows(channel); ++r)
+      for (int c = 0; c < geometry_.channel_cols(channel); ++c) {
+        const int row = channel / geometry_.cell_cols() + r * geometry_.cell_rows();
+        const int col = channel % geometry_.cell_cols() + c * geometry_.cell_cols();
+        const auto window = local.around(r, c);
+        if (!(window.mean > 0)) continue;
+        const double relative = sum_(row, col) / window.mean;
+        out.map(row, col) = static_cast<float>(relative);
+        // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
+        square += (relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels);
+      }
+    const double sampling = weight_[i] > 0 ? weighted_error_[i] / (weight_[i] * weight_[i]) : 0.0;
+    out.prnu.push_back(std::sqrt(
+        std::max(square / static_cast<double>(geometry_.channel_pixels(channel)) - sampling, 0.0)));
+  }
+  return out;
+}
+
+std::vector<DefectPixel> find_defects(View<const float> shading_dn,
+                                      View<const float> sum_of_squares, int frames,
+                                      View<const float> response, const MosaicGeometry& geometry) {
+  constexpr double kNoisyRatio = 4.0, kDeadBelow = 0.5;
+  // Aligning the frames' means moves even a pixel that never changes a little.
+  constexpr double kStuckRatio = 0.02;
+  constexpr int kStuckNeedsFrames = 20;
+  std::vector<DefectPixel> defects;
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const Location dark =
+        location_of(geometry, channel, [&](int r, int c) { return shading_dn(r, c); });
+    const double variance =
+        location_of(geometry, channel, [&](int r, int c) { return sum_of_squares(r, c); }).centre;
+    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
+      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols()) {
+        if (defects.size() >= kMostDefects) return defects;
+        const double hot =
+            dark.deviation > 0 ? (shading_dn(r, c) - dark.centre) / dark.deviation : 0.0;
+        const double ratio = variance > 0 ? sum_of_squares(r, c) / variance : 1.0;
+        const double noisy = frames >= 2 ? chi_square_deviation(ratio, frames - 1.0) : 0.0;
+        if (frames >= kStuckNeedsFrames && ratio < kStuckRatio)
+          defects.push_back({r, c, "stuck", noisy});
+        else if (!response.empty() && response(r, c) < kDeadBelow)
+          defects.push_back({r, c, "dead", response(r, c)});
+        else if (hot > kDefectDeviations)
+          defects.push_back({r, c, "hot", hot});
+        else if (noisy > kDefectDeviations && ratio > kNoisyRatio)
+          defects.push_back({r, c, "noisy", noisy});
+      }
+  }
+  return defects;
+}
+
+}  // namespace malus

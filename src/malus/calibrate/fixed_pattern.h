@@ -1,0 +1,57 @@
+// What stays the same from frame to frame: dark shading and DSNU, PRNU, defect pixels.
+#pragma once
+
+#include "malus/calibrate/geometry.h"
+#include "malus/calibrate/temporal.h"
+#include "malus/noise/calibration.h"
+
+#include <vector>
+
+namespace malus {
+
+/// Spatial variance of each channel about its mean, DN².
+std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry);
+
+/// Mean frame minus each channel's mean.
+Image shading_of(const Image& mean_frame_dn, const MosaicGeometry& geometry);
+
+/// Sd of the fixed pattern: spatial variance of the mean frame minus temporal variance / frames; 0
+/// where sampling explains all of it.
+std::vector<double> dsnu_dn(View<const float> shading_dn, const MosaicGeometry& geometry,
+                            const std::vector<double>& temporal_variance_dn2, int frames);
+
+struct Response {
+  /// Relative to the surroundings (at most 15x15 pixels of the same channel), so that uneven light
+  /// and vignetting do not count; mean 1.
+  Image map;
+  std::vector<double> prnu;  ///< sd of the map per channel, sampling error removed
+};
+
+/// Relative response of every pixel, from any number of flat levels weighted by their precision.
+class ResponseAccumulator {
+ public:
+  explicit ResponseAccumulator(const MosaicGeometry& geometry);
+  /// shading_dn: the dark fixed pattern of this gain, taken off first.
+  void add(const TemporalAccumulator& flat, View<const float> shading_dn);
+  bool empty() const { return weight_.empty(); }
+  /// Contract: not empty.
+  Response response() const;
+
+ private:
+  MosaicGeometry geometry_;
+  Image sum_;
+  std::vector<double> weight_;          ///< per channel
+  std::vector<double> weighted_error_;  ///< per channel: sum of weight² times relative variance
+};
+
+/// Pixels that stand out by more than kDefectDeviations robust deviations: "hot" in the dark
+/// shading, "noisy" in temporal variance (and above four times the channel's), "stuck" with less
+/// than a fiftieth of it over 20 frames or more, "dead" with less than half of the response.
+/// response may be empty. The list ends at kMostDefects.
+inline constexpr double kDefectDeviations = 8.0;
+inline constexpr std::size_t kMostDefects = 100000;
+std::vector<DefectPixel> find_defects(View<const float> shading_dn,
+                                      View<const float> sum_of_squares, int frames,
+                                      View<const float> response, const MosaicGeometry& geometry);
+
+}  // namespace malus

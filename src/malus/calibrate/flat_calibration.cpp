@@ -1,0 +1,193 @@
+#include "malus/calibrate/flat_calibration.h"
+
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// Below this share of the range light adds so little that a drifting black level would be mistaken
+// for a flickering lamp.
+constexpr double kLampShare = 0.05;
+constexpr double kMostSaturated = 1e-3;
+// Response is measured where shot noise is small against the signal.
+constexpr double kResponseShare = 0.2;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Dark level and temporal variance that belong to flats of one exposure.
+struct MatchingDark {
+  std::vector<double> level_dn, variance_dn2;  ///< black included; per channel
+  int frames = 0;                              ///< 0: the common dark point
+};
+
+MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
+                           const RawFrame& first, const DarkPass& common, Progress& progress) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  MatchingDark out;
+  const TemporalAccumulator* source = &common.temporal;
+  TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
+  for (const FrameSet* set : darks) {
+    if (!flat.exposure_s || !set->exposure_s || set->count < 2) continue;
+    if (std::abs(*set->exposure_s / *flat.exposure_s - 1.0) > 0.01) continue;
+    for_each_frame(*set, &first, progress, [&](const RawFrame& frame, int) { own.add(frame.dn); });
+    source = &own;
+    out.frames = set->count;
+    break;
+  }
+  out.level_dn = source->mean_dn();
+  for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
+  out.variance_dn2 = source->variance_dn2();
+  return out;
+}
+
+// One light level: its accumulator and the share of saturated pixels per channel.
+struct FlatLevel {
+  TemporalAccumulator temporal;
+  std::vector<double> saturated;
+};
+
+FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
+                        Progress& progress) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
+                  std::vector<double>(dark.level_dn.size(), 0.0)};
+  for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
+    if (i == 0) {
+      double signal = 0.0;
+      const std::vector<double> mean = channel_means(frame.dn, geometry);
+      for (std::size_t c = 0; c < mean.size(); ++c)
+        signal += (mean[c] - dark.level_dn[c]) / static_cast<double>(mean.size());
+      if (signal > kLampShare * (first.white_dn - mean_of(first.black_dn)))
+        level.temporal =
+            TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
+    }
+    level.temporal.add(frame.dn);
+    for (int r = 0; r < geometry.rows(); ++r)
+      for (int c = 0; c < geometry.cols(); ++c)
+        if (frame.dn(r, c) >= first.white_dn) level.saturated[at(geometry.channel(r, c))] += 1.0;
+  });
+  for (int c = 0; c < geometry.channels(); ++c)
+    level.saturated[at(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
+  return level;
+}
+
+std::string reason_against(const TransferLevel& level, double saturated, double range_dn,
+                           double limit) {
+  if (level.frames < 2) return "one frame has no temporal variance; 2 are needed";
+  const double share = level.mean_dn / range_dn;
+  if (share > limit)
+    return fmt::format("mean is {:.1f} % of the range, above the limit of {:.0f} %", 100 * share,
+                       100 * limit);
+  if (saturated > kMostSaturated)
+    return fmt::format("{:.2g} % of the pixels are saturated, above {:.1f} %", 100 * saturated,
+                       100 * kMostSaturated);
+  if (!(level.mean_dn > 0)) return "the mean is not above the dark level";
+  return {};
+}
+
+void append_channel(int channel, const Estimate<TransferFit>& fit,
+                    const std::vector<TransferLevel>& levels, const std::vector<double>& exposures,
+                    const SensorLayout& layout, PhysicsCalibration& out) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    PhotonTransferPoint point;
+    point.channel = channel;
+    point.exposure_s = exposures[i];
+    point.mean_dn = levels[i].mean_dn;
+    point.variance_dn2 =
+        levels[i].frames < 2 ? 0.0 : levels[i].variance_dn2 - levels[i].dark_variance_dn2;
+    point.variance_stderr_dn2 = fit ? fit->variance_stderr_dn2[i] : nan;
+    point.used = levels[i].refused.empty();
+    point.why_not = levels[i].refused;
+    out.transfer.push_back(std::move(point));
+  }
+  if (!fit) {
+    out.warnings.push_back(
+        fmt::format("{}: gain K is not known: {}", layout.channel_name(channel), fit.reason()));
+    return;
+  }
+  out.K.mean.push_back(fit->slope_dn_per_e);
+  out.K.standard_error.push_back(fit->slope_stderr);
+  out.K_intercept_dn2.push_back(fit->intercept_dn2);
+  out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
+  if (fit->excess_deviation_dn2 > 0)
+    out.warnings.push_back(fmt::format(
+        "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
+        "level {:.1f}); K's standard error is widened by a scatter of {:.3g} DN² per level",
+        layout.channel_name(channel), fit->chi_square_per_level, fit->excess_deviation_dn2));
+}
+
+}  // namespace
+
+void measure_flats(const std::vector<const FrameSet*>& flats,
+                   const std::vector<const FrameSet*>& darks, const RawFrame& first,
+                   const DarkPass& dark, int row_group, const CalibrationSettings& settings,
+                   Progress& progress, PhysicsCalibration& out) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  const auto channels = at(geometry.channels());
+  const Image shading = shading_of(dark.temporal.mean_frame_dn(), geometry);
+  std::vector<std::vector<TransferLevel>> levels(channels);
+  std::vector<double> exposures;
+  ResponseAccumulator response(geometry);
+  const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
+  for (const FrameSet* flat : flats) {
+    const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
+    const FlatLevel level = measure_level(*flat, first, own, progress);
+    const std::vector<double> mean = level.temporal.mean_dn();
+    const std::vector<double> variance =
+        flat->count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(channels, 0.0);
+    bool good_for_response = flat->count >= 2;
+    for (std::size_t c = 0; c < channels; ++c) {
+      const double range = first.white_dn - first.black_dn[c];
+      TransferLevel point;
+      point.mean_dn = mean[c];
+      point.mean_variance_dn2 =
+          frame_deviation[c] * frame_deviation[c] *
+          (1.0 / flat->count + 1.0 / (own.frames ? own.frames : out.bias_frames));
+      point.variance_dn2 = variance[c];
+      point.frames = flat->count;
+      point.dark_variance_dn2 = own.variance_dn2[c];
+      point.dark_frames = own.frames;
+      point.refused = reason_against(point, level.saturated[c], range, settings.saturation_limit);
+      good_for_response &= point.refused.empty() && mean[c] > kResponseShare * range;
+      levels[c].push_back(std::move(point));
+    }
+    exposures.push_back(flat->exposure_s.value_or(0.0));
+    if (good_for_response) response.add(level.temporal, shading);
+  }
+  out.flat_levels = static_cast<int>(flats.size());
+  const std::vector<double> dark_variance = dark.temporal.variance_dn2();
+  const MosaicGeometry groups(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  for (int c = 0; c < geometry.channels(); ++c) {
+    DarkPoint point;
+    point.variance_dn2 = dark_variance[at(c)];
+    point.row_variance_dn2 = std::pow(out.sigma_row.mean[at(c)], 2);
+    point.pixels = geometry.channel_pixels(c);
+    point.row_groups = groups.channel_groups(c);
+    const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
+    point.variance_stderr_dn2 =
+        std::sqrt(2.0 / (out.bias_frames - 1.0) *
+                  (pixel * pixel / static_cast<double>(point.pixels) +
+                   point.row_variance_dn2 * point.row_variance_dn2 / point.row_groups));
+    append_channel(c, fit_photon_transfer(levels[at(c)], point), levels[at(c)], exposures,
+                   first.layout, out);
+  }
+  if (out.K.mean.size() != channels) {
+    out.K = {};
+    out.K_intercept_dn2.clear();
+    out.K_intercept_stderr_dn2.clear();
+  }
+  if (!response.empty()) {
+    Response relative = response.response();
+    out.prnu_map = std::move(relative.map);
+    out.prnu = std::move(relative.prnu);
+  }
+}
+
+}  // namespace malus

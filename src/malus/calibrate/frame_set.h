@@ -1,0 +1,45 @@
+// Where calibration gets its frames: sets of frames taken at one setting, loaded one at a time. A
+// session file fills them; tests and simulations give functions instead of files.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/image/raw_frame.h"
+#include "malus/io/session.h"
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// Frames of one kind, gain, exposure and light level.
+struct FrameSet {
+  FrameKind kind = FrameKind::kBias;
+  GainSetting gain;
+  std::optional<double> exposure_s;
+  std::optional<int> level;
+  int count = 0;
+  /// Frame i, 0 <= i < count. Called from several threads at once, each i at most once per pass.
+  std::function<RawFrame(int)> load;
+  std::string name;  ///< for messages: "flat, 12 dB, 0.01 s"
+};
+
+struct CalibrationInput {
+  std::string sensor;
+  std::string origin;            ///< what the model will say of where its numbers come from
+  std::optional<int> row_group;  ///< declared; otherwise detected
+  std::vector<FrameSet> sets;
+};
+
+/// The frames of a session. Groups of one kind, gain, exposure and level become one set.
+CalibrationInput calibration_input(const Session& session);
+
+/// Calls use(frame, i) for every frame of the set in order, decoding the next ones in other threads
+/// meanwhile: memory holds a few frames, however many there are. Every frame must have the size and
+/// layout of `like` (when it has pixels) and only finite pixels, else InputError names it. Throws
+/// Cancelled when a stop is requested; advances progress by one per frame.
+void for_each_frame(const FrameSet& set, const RawFrame* like, Progress& progress,
+                    const std::function<void(const RawFrame&, int)>& use);
+
+}  // namespace malus

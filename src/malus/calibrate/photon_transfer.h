@@ -1,0 +1,52 @@
+// Overall system gain K from the photon-transfer curve: the temporal variance of flat frames rises
+// with their mean by K (000, 3.2; EMVA 1288, section 6; Janesick, Photon Transfer, 2007).
+#pragma once
+
+#include "malus/base/estimate.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// One channel at one light level, with the dark frames that belong to it.
+struct TransferLevel {
+  double mean_dn = 0;            ///< signal above dark
+  double mean_variance_dn2 = 0;  ///< error of mean_dn, squared
+  double variance_dn2 = 0;       ///< temporal, dark part and all
+  int frames = 0;
+  double dark_variance_dn2 = 0;  ///< temporal variance of the matching dark frames
+  int dark_frames = 0;           ///< their number; 0: the common dark point was used
+  std::string refused;           ///< not empty: why this level must not be used
+};
+
+/// The channel's dark point, common to all levels.
+struct DarkPoint {
+  double variance_dn2 = 0, variance_stderr_dn2 = 0;
+  double row_variance_dn2 = 0;  ///< σ_b² inside variance_dn2
+  std::int64_t pixels = 0;      ///< of the channel
+  int row_groups = 0;
+};
+
+struct TransferFit {
+  double slope_dn_per_e = 0, slope_stderr = 0;
+  /// Of the line that the dark point does not hold, minus the dark variance; 0 within its error
+  /// on a linear sensor.
+  double intercept_dn2 = 0, intercept_stderr_dn2 = 0;
+  double chi_square_per_level = 0;          ///< with sampling errors alone
+  double excess_deviation_dn2 = 0;          ///< scatter beyond the sampling errors (nonlinearity)
+  std::vector<double> variance_stderr_dn2;  ///< of each level's variance
+  std::vector<double> residual_dn2;         ///< of each level, used or not
+};
+
+/// Line through the dark point and the levels, weighted by 1/variance. Sampling variances follow
+/// from the fitted line: 2σ⁴/((M-1)P) with the Poisson kurtosis and the row noise, which does not
+/// average over a row. Levels beyond three deviations are weighted down (Huber). When the scatter
+/// is more than sampling explains (χ² at the level of 1e-4), a constant variance is added to every
+/// level until it is explained (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error
+/// stays honest on a nonlinear sensor. Undecided: fewer than two usable levels.
+Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
+                                          const DarkPoint& dark);
+
+}  // namespace malus

@@ -1,0 +1,361 @@
+#include "malus/calibrate/tukey_fit.h"
+
+#include "malus/noise/tukey_lambda.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr std::int64_t kFewestSamples = 200;
+constexpr double kSmallestDensity = 1e-300;
+
+// Lower half of the Tukey-lambda distribution function of scale 1, tabulated at rising quantiles.
+class LowerHalf {
+ public:
+  explicit LowerHalf(double lambda) {
+    constexpr int kKnots = 420;
+    constexpr double kStep = 0.1;  // in log-odds: F changes by at most 10 % between knots
+    for (int k = kKnots; k >= 0; --k) {
+      const double u = 1.0 / (1.0 + std::exp(kStep * k));
+      const double x = tukey_lambda_quantile(u, lambda);
+      if (!x_.empty() && !(x > x_.back())) continue;  // bounded support: knots fall together
+      x_.push_back(x);
+      f_.push_back(u);
+      slope_.push_back(1.0 / (std::pow(u, lambda - 1.0) + std::pow(1.0 - u, lambda - 1.0)));
+    }
+  }
+  /// Probability below x; hint makes a rising or falling sequence of x cheap.
+  double operator()(double x, std::size_t& hint) const {
+    if (x > 0) return 1.0 - lower(-x, hint);
+    return lower(x, hint);
+  }
+
+ private:
+  double lower(double x, std::size_t& k) const {
+    if (x <= x_.front()) return 0.0;
+    k = std::min(k, x_.size() - 2);
+    while (k > 0 && x < x_[k]) --k;
+    while (k + 2 < x_.size() && x > x_[k + 1]) ++k;
+    // Cubic Hermite; the slopes are exact, the error is below 1e-6 of F.
+    const double width = x_[k + 1] - x_[k], t = (x - x_[k]) / width;
+    const double value = f_[k] * (1 + 2 * t) * (1 - t) * (1 - t) + f_[k + 1] * t * t * (3 - 2 * t) +
+                         width * t * (1 - t) * (slope_[k] * (1 - t) - slope_[k + 1] * t);
+    return std::clamp(value, f_[k], f_[k + 1]);
+  }
+  std::vector<double> x_, f_, slope_;
+};
+
+// Probability of a residual r of an integer converter, given its offset: the distribution widened
+// by a normal offset error (five-point Gauss-Hermite) over one step q, at every cell's centre.
+class CellDensity {
+ public:
+  CellDensity(const ResidualHistogram& histogram, const ResidualBlur& blur)
+      : deviation_dn_(std::sqrt(blur.offset_variance_dn2)),
+        // A cell is a box too: to second order its width adds to the step's in squares.
+        half_step_dn_(0.5 * std::hypot(blur.quantization_dn, histogram.cell_dn())) {
+    for (const auto& cell : histogram.cells()) centre_.push_back(histogram.centre_dn(cell));
+  }
+  std::vector<double> log_density(double lambda, double log_scale) const {
+    // Nodes and weights for a standard normal variable.
+    constexpr double kNode[] = {-2.8569700138728056, -1.3556261799742659, 0.0, 1.3556261799742659,
+                                2.8569700138728056};
+    constexpr double kWeight[] = {0.011257411327720691, 0.22207592200561266, 0.53333333333333333,
+                                  0.22207592200561266, 0.011257411327720691};
+    const LowerHalf cdf(lambda);
+    const double inverse_scale = std::exp(-log_scale);
+    std::vector<double> density(centre_.size(), 0.0);
+    for (int node = 0; node < 5; ++node) {
+      const double shift = deviation_dn_ * kNode[node];
+      std::size_t upper_hint = 0, lower_hint = 0;
+      for (std::size_t i = centre_.size(); i-- > 0;) {
+        const double x = shift - centre_[i];  // the lower side, where small values are exact
+        density[i] += kWeight[node] * (cdf((x + half_step_dn_) * inverse_scale, upper_hint) -
+                                       cdf((x - half_step_dn_) * inverse_scale, lower_hint));
+      }
+    }
+    for (double& d : density) d = std::log(std::max(d, kSmallestDensity));
+    return density;
+  }
+
+ private:
+  double deviation_dn_, half_step_dn_;
+  std::vector<double> centre_;
+};
+
+double log_likelihood(const ResidualHistogram& histogram, const std::vector<double>& log_density) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < log_density.size(); ++i)
+    sum += histogram.cells()[i].count * log_density[i];
+  return sum;
+}
+
+double mean_square_dn2(const ResidualHistogram& histogram) {
+  double sum = 0.0;
+  for (const auto& cell : histogram.cells())
+    sum += cell.count * histogram.centre_dn(cell) * histogram.centre_dn(cell);
+  return sum / static_cast<double>(histogram.count());
+}
+
+double blur_variance_dn2(const ResidualHistogram& histogram, const ResidualBlur& blur) {
+  const double q = blur.quantization_dn, h = histogram.cell_dn();
+  return (q * q + h * h) / 12.0 + blur.offset_variance_dn2;
+}
+
+// Scale that reproduces the residuals' variance at a given λ; at least a little above zero, so that
+// a search can start from it.
+double scale_from_variance(const ResidualHistogram& histogram, const ResidualBlur& blur,
+                           double lambda) {
+  const double total = mean_square_dn2(histogram);
+  const double read = std::max(total - blur_variance_dn2(histogram, blur), 0.05 * total);
+  return std::sqrt(read / tukey_lambda_variance(lambda));
+}
+
+std::string refusal(const ResidualHistogram& histogram, std::int64_t fewest = kFewestSamples) {
+  if (histogram.count() < fewest)
+    return fmt::format("{} samples are too few for a shape; {} are needed", histogram.count(),
+                       fewest);
+  if (histogram.cells().size() < 3)
+    return "the dark pixels have too few different values: noise far below one step";
+  return {};
+}
+
+struct Point {
+  double lambda, log_scale, value;
+};
+
+// Newton's method on a smooth function of two variables with numeric derivatives; steps that do not
+// climb are halved.
+template <class Function>
+Point climb(const Function& f, Point best) {
+  constexpr double kDelta = 1e-3;
+  for (int iteration = 0; iteration < 30; ++iteration) {
+    const double l = best.lambda, s = best.log_scale, f0 = best.value;
+    const double lp = f(l + kDelta, s), lm = f(l - kDelta, s), sp = f(l, s + kDelta),
+                 sm = f(l, s - kDelta);
+    const double gl = (lp - lm) / (2 * kDelta), gs = (sp - sm) / (2 * kDelta);
+    double hll = (lp - 2 * f0 + lm) / (kDelta * kDelta);
+    double hss = (sp - 2 * f0 + sm) / (kDelta * kDelta);
+    const double hls =
+        (f(l + kDelta, s + kDelta) - lp - sp + 2 * f0 - lm - sm + f(l - kDelta, s - kDelta)) /
+        (2 * kDelta * kDelta);
+    double det = hll * hss - hls * hls;
+    double dl, ds;
+    if (hll < 0 && det > 0) {
+      dl = -(hss * gl - hls * gs) / det;
+      ds = -(hll * gs - hls * gl) / det;
+    } else {  // not concave here: go along the gradient
+      const double norm = std::hypot(gl, gs);
+      dl = 0.05 * gl / norm;
+      ds = 0.05 * gs / norm;
+    }
+    const double longest = std::max({std::abs(dl) / 0.2, std::abs(ds) / 0.3, 1.0});
+    dl /= longest;
+    ds /= longest;
+    bool climbed = false;
+    for (int halving = 0; halving < 12 && !climbed; ++halving, dl *= 0.5, ds *= 0.5) {
+      const double next_l = std::clamp(l + dl, kLambdaLow, kLambdaHigh), next_s = s + ds;
+      const double value = f(next_l, next_s);
+      if (value > f0) {
+        best = {next_l, next_s, value};
+        climbed = true;
+      }
+    }
+    if (!climbed || std::hypot(best.lambda - l, best.log_scale - s) < 1e-7) break;
+  }
+  return best;
+}
+
+// Derivatives of the log-density by λ and ln scale at every cell: the scores.
+struct Scores {
+  std::vector<double> lambda, scale;
+};
+
+Scores scores_at(const CellDensity& density, double lambda, double log_scale) {
+  constexpr double kDelta = 1e-3;
+  const auto lp = density.log_density(lambda + kDelta, log_scale),
+             lm = density.log_density(lambda - kDelta, log_scale),
+             sp = density.log_density(lambda, log_scale + kDelta),
+             sm = density.log_density(lambda, log_scale - kDelta);
+  Scores scores{lp, sp};
+  for (std::size_t i = 0; i < lp.size(); ++i) {
+    scores.lambda[i] = (lp[i] - lm[i]) / (2 * kDelta);
+    scores.scale[i] = (sp[i] - sm[i]) / (2 * kDelta);
+  }
+  return scores;
+}
+
+// Inverse of the mean outer product of the scores.
+std::array<double, 3> unit_covariance_of(const Scores& scores, const ResidualHistogram& histogram) {
+  double ll = 0, ls = 0, ss = 0;
+  const auto n = static_cast<double>(histogram.count());
+  for (std::size_t i = 0; i < scores.lambda.size(); ++i) {
+    const double weight = histogram.cells()[i].count / n;
+    ll += weight * scores.lambda[i] * scores.lambda[i];
+    ls += weight * scores.lambda[i] * scores.scale[i];
+    ss += weight * scores.scale[i] * scores.scale[i];
+  }
+  const double det = ll * ss - ls * ls;
+  return {ss / det, -ls / det, ll / det};
+}
+
+// Mean of the scale-1 quantile function over u in (a, b), both above one half:
+// the integral of Q is (u^(λ+1) + (1-u)^(λ+1)) / (λ (λ+1)).
+double mean_quantile(double a, double b, double lambda) {
+  if (std::abs(lambda) < 1e-4) lambda = 1e-4;  // the limit, to 1e-8
+  const auto integral = [lambda](double u) {
+    return (std::pow(u, lambda + 1.0) + std::pow(1.0 - u, lambda + 1.0)) /
+           (lambda * (lambda + 1.0));
+  };
+  return (integral(b) - integral(a)) / (b - a);
+}
+
+struct Plot {
+  double correlation, slope;
+};
+
+// Probability plot of the folded residuals; by symmetry the means are zero.
+Plot probability_plot(const ResidualHistogram& histogram, double lambda) {
+  double below = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
+  const auto n = static_cast<double>(histogram.count());
+  for (const auto& cell : histogram.cells()) {
+    const double a = 0.5 + 0.5 * below / n;
+    below += cell.count;
+    const double x = mean_quantile(a, 0.5 + 0.5 * below / n, lambda);
+    const double y = histogram.centre_dn(cell);
+    xx += cell.count * x * x;
+    xy += cell.count * x * y;
+    yy += cell.count * y * y;
+  }
+  return {xy / std::sqrt(xx * yy), xy / xx};
+}
+
+}  // namespace
+
+Estimate<TukeyFit> fit_tukey_lambda_ppcc(const ResidualHistogram& histogram,
+                                         const ResidualBlur& blur) {
+  if (const std::string reason = refusal(histogram, 30); !reason.empty()) return Undecided{reason};
+  // The correlation has one maximum: golden section.
+  constexpr double kGolden = 0.6180339887498949;
+  double low = kLambdaLow, high = kLambdaHigh;
+  double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
+  double fa = probability_plot(histogram, a).correlation,
+         fb = probability_plot(histogram, b).correlation;
+  while (high - low > 1e-5) {
+    if (fa > fb) {
+      high = b;
+      b = a;
+      fb = fa;
+      a = high - kGolden * (high - low);
+      fa = probability_plot(histogram, a).correlation;
+    } else {
+      low = a;
+      a = b;
+      fa = fb;
+      b = low + kGolden * (high - low);
+      fb = probability_plot(histogram, b).correlation;
+    }
+  }
+  TukeyFit fit;
+  fit.lambda = 0.5 * (low + high);
+  const double slope = probability_plot(histogram, fit.lambda).slope;
+  const double read =
+      slope * slope - blur_variance_dn2(histogram, blur) / tukey_lambda_variance(fit.lambda);
+  if (!(read > 0)) return Undecided{"the read noise is hidden below the converter's step"};
+  fit.scale_dn = std::sqrt(read);
+  return fit;
+}
+
+std::int64_t ResidualHistogram::count() const {
+  std::int64_t total = 0;
+  for (const Cell& cell : cells_) total += cell.count;
+  return total;
+}
+
+void ResidualHistogram::add(const ResidualHistogram& other) {
+  MALUS_REQUIRE(other.cell_dn_ == cell_dn_);
+  std::vector<Cell> merged;
+  merged.reserve(std::max(cells_.size(), other.cells_.size()) + 16);
+  auto a = cells_.begin();
+  auto b = other.cells_.begin();
+  while (a != cells_.end() || b != other.cells_.end()) {
+    if (b == other.cells_.end() || (a != cells_.end() && a->index < b->index)) {
+      merged.push_back(*a++);
+    } else if (a == cells_.end() || b->index < a->index) {
+      merged.push_back(*b++);
+    } else {
+      merged.push_back({a->index, a->count + b->count});
+      ++a;
+      ++b;
+    }
+  }
+  cells_ = std::move(merged);
+}
+
+void ResidualHistogram::assign(const std::vector<std::uint32_t>& dense,
+                               std::vector<std::int32_t>& beyond) {
+  cells_.clear();
+  for (std::size_t i = 0; i < dense.size(); ++i)
+    if (dense[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), dense[i]});
+  std::sort(beyond.begin(), beyond.end());
+  for (const std::int32_t index : beyond) {
+    if (!cells_.empty() && cells_.back().index == index)
+      ++cells_.back().count;
+    else
+      cells_.push_back({index, 1});
+  }
+}
+
+Estimate<TukeyFit> fit_tukey_lambda(const ResidualHistogram& histogram, const ResidualBlur& blur) {
+  if (const std::string reason = refusal(histogram); !reason.empty()) return Undecided{reason};
+  const CellDensity density(histogram, blur);
+  const auto value = [&](double lambda, double log_scale) {
+    return log_likelihood(histogram, density.log_density(lambda, log_scale));
+  };
+  Point best{0, 0, -std::numeric_limits<double>::infinity()};
+  for (const double lambda : {-0.35, -0.2, -0.1, 0.0, 0.1, 0.2, 0.35, 0.6}) {
+    const double log_scale = std::log(scale_from_variance(histogram, blur, lambda));
+    const double found = value(lambda, log_scale);
+    if (found > best.value) best = {lambda, log_scale, found};
+  }
+  best = climb(value, best);
+  if (best.lambda <= kLambdaLow + 0.005 || best.lambda >= kLambdaHigh - 0.005)
+    return Undecided{fmt::format("the best λ, {:.2f}, lies at the end of the range {} to {}",
+                                 best.lambda, kLambdaLow, kLambdaHigh)};
+  TukeyFit fit;
+  fit.lambda = best.lambda;
+  fit.scale_dn = std::exp(best.log_scale);
+  fit.unit_covariance =
+      unit_covariance_of(scores_at(density, best.lambda, best.log_scale), histogram);
+  return fit;
+}
+
+FrameShapes::FrameShapes(const TukeyFit& fit, const ResidualHistogram& pooled,
+                         const ResidualBlur& blur)
+    : fit_(fit) {
+  const CellDensity density(pooled, blur);
+  Scores scores = scores_at(density, fit.lambda, std::log(fit.scale_dn));
+  for (const auto& cell : pooled.cells()) index_.push_back(cell.index);
+  lambda_score_ = std::move(scores.lambda);
+  scale_score_ = std::move(scores.scale);
+}
+
+FrameShapes::Shape FrameShapes::of(const ResidualHistogram& frame) const {
+  double lambda = 0.0, scale = 0.0;
+  std::size_t i = 0;
+  for (const auto& cell : frame.cells()) {
+    while (index_[i] < cell.index) ++i;
+    lambda += cell.count * lambda_score_[i];
+    scale += cell.count * scale_score_[i];
+  }
+  const auto n = static_cast<double>(frame.count());
+  const auto& c = fit_.unit_covariance;
+  return {fit_.lambda + (c[0] * lambda + c[1] * scale) / n,
+          std::log(fit_.scale_dn) + (c[1] * lambda + c[2] * scale) / n};
+}
+
+}  // namespace malus

@@ -1,0 +1,137 @@
+// Coverage of the standard errors over repeated sessions, and the real camera of the EMVA 1288 data
+// sets.
+#include "malus/calibrate/calibrate.h"
+#include "malus/io/emva_description.h"
+
+#include <array>
+#include <cmath>
+#include <map>
+
+#include "simulated_session.h"
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::polar_gain;
+using testing::simulated_session;
+using testing::SimulatedCamera;
+
+struct Coverage {
+  int inside = 0, all = 0;
+  double sum = 0, square = 0;
+  void add(double value, double standard_error, double truth) {
+    const double z = (value - truth) / standard_error;
+    ++all;
+    inside += std::abs(z) < 2;
+    sum += z;
+    square += z * z;
+  }
+};
+
+// Every parameter of every channel over independent sessions: within two standard errors in 92 to
+// 98 % of the cases, and no bias beyond a third of a standard error.
+std::map<std::string, Coverage> cover(SimulatedCamera camera, int repeats) {
+  std::map<std::string, Coverage> coverage;
+  for (int i = 0; i < repeats; ++i) {
+    camera.seed = 4000 + static_cast<std::uint64_t>(i);
+    const NoiseModel model = calibrate_physics(simulated_session(camera), {}, silent_progress());
+    for (std::size_t g = 0; g < camera.gains.size(); ++g) {
+      const PhysicsCalibration& p = model.physics[g];
+      for (std::size_t c = 0; c < camera.gains[g].noise.channels.size(); ++c) {
+        const PhysicsChannel& truth = camera.gains[g].noise.channels[c];
+        const auto add = [&](const char* name, const ChannelStatistics& found, double value) {
+          coverage[name].add(found.mean[c], found.standard_error[c], value);
+        };
+        add("K", p.K, truth.gain_dn_per_e);
+        add("mu", p.mu, truth.mu_dn);
+        add("sigma_row", p.sigma_row, truth.sigma_row_dn);
+        add("sigma_tl", p.sigma_tl, truth.sigma_tl_dn);
+        add("lambda", p.lambda, truth.lambda);
+        coverage["temporal_sd_dark"].add(p.temporal_sd_dark_dn[c], p.temporal_sd_dark_stderr_dn[c],
+                                         std::sqrt(read_variance_dn2(truth) + 1.0 / 12 +
+                                                   truth.sigma_row_dn * truth.sigma_row_dn));
+      }
+    }
+  }
+  return coverage;
+}
+
+void expect_covered(const std::map<std::string, Coverage>& coverage) {
+  for (const auto& [name, c] : coverage) {
+    const double share = static_cast<double>(c.inside) / c.all;
+    EXPECT_GE(share, 0.92) << name;
+    EXPECT_LE(share, 0.98) << name;
+    EXPECT_LT(std::abs(c.sum / c.all), 0.33) << name;
+    std::printf("  %-17s n %5d  inside two SE %.1f %%  mean z %+.2f  rms z %.2f\n", name.c_str(),
+                c.all, 100 * share, c.sum / c.all, std::sqrt(c.square / c.all));
+  }
+}
+
+TEST(CalibrationCoverage, SmallFramesAtFourGains) {
+  SimulatedCamera camera;
+  for (double gain_db : {0.0, 8.0, 16.0, 24.0}) camera.gains.push_back(polar_gain(gain_db));
+  expect_covered(cover(camera, 15));
+}
+
+TEST(CalibrationCoverage, LargeFrames) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 256;
+  camera.gains.push_back(polar_gain(12));
+  expect_covered(cover(camera, 12));
+}
+
+TEST(CalibrationCoverage, ParametersThatVaryFromFrameToFrame) {
+  SimulatedCamera camera;
+  camera.gains.push_back(polar_gain(12));
+  auto& gain = camera.gains[0];
+  for (const auto& channel : gain.noise.channels) {
+    gain.mu_spread_dn.push_back(0.15);
+    gain.sigma_row_spread_dn.push_back(0.1 * channel.sigma_row_dn);
+    gain.sigma_tl_spread_dn.push_back(0.03 * channel.sigma_tl_dn);
+  }
+  expect_covered(cover(camera, 40));
+}
+
+TEST(CalibrationCoverage, MonoAndBayerSensors) {
+  for (const char* layout : {"mono", "bayer-rggb"}) {
+    SimulatedCamera camera;
+    camera.gains.push_back(polar_gain(12, layout, 1));
+    const auto coverage = cover(camera, 60);
+    for (const auto& [name, c] : coverage) {
+      // 60 or 240 cases: 95 % ± three standard deviations of a binomial share.
+      const double share = static_cast<double>(c.inside) / c.all;
+      EXPECT_NEAR(share, 0.954, 3 * std::sqrt(0.954 * 0.046 / c.all)) << layout << " " << name;
+    }
+  }
+}
+
+// Basler CCD of the EMVA 1288 data sets; expected values by independent scripts (its SOURCES.md).
+TEST(RealCamera, Emva001) {
+  MALUS_NEEDS_SHARED("emva001");
+  const Session session =
+      load_emva_description(testing::shared_data() / "emva001" / "EMVA1288_Data.txt").session;
+  const NoiseModel model = calibrate_physics(calibration_input(session), {}, silent_progress());
+  ASSERT_EQ(model.physics.size(), 1u);
+  const PhysicsCalibration& p = model.physics[0];
+  EXPECT_GT(p.K.mean[0], 0.277);
+  EXPECT_LT(p.K.mean[0], 0.284);
+  EXPECT_NEAR(p.K.mean[0], 0.2804, 2 * p.K.standard_error[0]);
+  EXPECT_NEAR(p.temporal_sd_dark_dn[0], 3.08, 0.01 * 3.08);
+  EXPECT_NEAR(p.sigma_row.mean[0], 0.504, 0.03 * 0.504);
+  EXPECT_NEAR(p.mu.mean[0], 14.76, 0.02);
+  // The published 0.46 DN is the spread of a mean of 50 frames, their noise included.
+  EXPECT_NEAR(std::hypot(p.dsnu_dn[0], 3.08 / std::sqrt(50.0)), 0.46, 0.02);
+  EXPECT_EQ(model.row_group, 1);
+  EXPECT_EQ(model.row_group_origin, "detected");
+  std::printf(
+      "  K %.4f ± %.4f, intercept %.2f ± %.2f, dark sd %.4f, row %.4f ± %.4f, column %.4f, "
+      "lambda %.3f, dsnu %.3f, prnu %.4f\n",
+      p.K.mean[0], p.K.standard_error[0], p.K_intercept_dn2[0], p.K_intercept_stderr_dn2[0],
+      p.temporal_sd_dark_dn[0], p.sigma_row.mean[0], p.sigma_row.standard_error[0],
+      p.sigma_column.mean[0], p.lambda.mean[0], p.dsnu_dn[0], p.prnu.at(0));
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,253 @@
+#include "malus/calibrate/calibrate.h"
+
+#include "malus/base/parallel.h"
+
+#include <cmath>
+#include <numeric>
+
+#include "simulated_session.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::polar_gain;
+using testing::simulated_session;
+using testing::SimulatedCamera;
+
+SimulatedCamera small_camera(std::uint64_t seed = 0) {
+  SimulatedCamera camera;
+  camera.seed = seed;
+  camera.gains.push_back(polar_gain(12));
+  return camera;
+}
+
+NoiseModel calibrated(const SimulatedCamera& camera, const CalibrationSettings& settings = {}) {
+  return calibrate_physics(simulated_session(camera), settings, silent_progress());
+}
+
+// All parameters of all 16 channels within four standard errors (80 values: chance 0.5 %), and
+// within sane distances in absolute terms.
+TEST(CalibratePhysics, RecoversEveryChannelOfAColourPolarizationSensor) {
+  const SimulatedCamera camera = small_camera(11);
+  const NoiseModel model = calibrated(camera);
+  ASSERT_EQ(model.physics.size(), 1u);
+  const PhysicsCalibration& p = model.physics[0];
+  EXPECT_EQ(model.row_group, 2);
+  EXPECT_EQ(model.row_group_origin, "detected");
+  EXPECT_EQ(model.quantization_dn, 1.0);
+  EXPECT_EQ(p.bias_frames, 100);
+  EXPECT_EQ(p.flat_levels, 12);
+  for (std::size_t c = 0; c < 16; ++c) {
+    const PhysicsChannel& truth = camera.gains[0].noise.channels[c];
+    const auto check = [&](const ChannelStatistics& found, double value, double limit) {
+      EXPECT_NEAR(found.mean[c], value, 4 * found.standard_error[c]) << c;
+      EXPECT_LT(found.standard_error[c], limit) << c;
+    };
+    check(p.K, truth.gain_dn_per_e, 0.05 * truth.gain_dn_per_e);
+    check(p.mu, truth.mu_dn, 0.1);
+    check(p.sigma_row, truth.sigma_row_dn, 0.1 * truth.sigma_row_dn);
+    check(p.sigma_tl, truth.sigma_tl_dn, 0.03 * truth.sigma_tl_dn);
+    check(p.lambda, truth.lambda, 0.02);
+  }
+}
+
+TEST(CalibratePhysics, RowGroupOfOneIsFoundOnMonoBayerAndPolarSensors) {
+  for (const char* layout : {"mono", "bayer-rggb", "polar-mono", "polar-bayer-rggb"}) {
+    SimulatedCamera camera;
+    camera.bias_frames = 40;
+    camera.flat_levels = 0;
+    camera.gains.push_back(polar_gain(12, layout, 1));
+    EXPECT_EQ(calibrated(camera).row_group, 1) << layout;
+    camera.gains[0] = polar_gain(12, layout, 2);
+    EXPECT_EQ(calibrated(camera).row_group, 2) << layout;
+  }
+}
+
+TEST(CalibratePhysics, RowNoiseTooWeakLeavesTheGroupUndecidedAndSaysSo) {
+  SimulatedCamera camera = small_camera();
+  camera.bias_frames = 10;
+  camera.flat_levels = 0;
+  for (auto& channel : camera.gains[0].noise.channels) channel.sigma_row_dn = 0;
+  const NoiseModel model = calibrated(camera);
+  EXPECT_EQ(model.row_group_origin, "assumed");
+  EXPECT_THAT(model.physics[0].warnings,
+              ::testing::Contains(::testing::HasSubstr("row noise is too weak")));
+  // Two standard errors reach zero, but for one channel in 40 by chance.
+  const ChannelStatistics& row = model.physics[0].sigma_row;
+  int away_from_zero = 0;
+  for (std::size_t c = 0; c < 16; ++c)
+    away_from_zero += row.mean[c] > 2.0001 * row.standard_error[c];
+  EXPECT_LE(away_from_zero, 2);
+}
+
+TEST(CalibratePhysics, ADeclaredRowGroupWinsButIsQuestioned) {
+  CalibrationInput input = simulated_session(small_camera());
+  input.row_group = 1;
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  EXPECT_EQ(model.row_group, 1);
+  EXPECT_EQ(model.row_group_origin, "declared");
+  EXPECT_THAT(model.physics[0].warnings,
+              ::testing::Contains(::testing::HasSubstr("declares a row group of 1")));
+}
+
+TEST(CalibratePhysics, FrameToFrameSpreadIsSeparatedFromSamplingError) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.bias_frames = 200;
+  camera.flat_levels = 0;
+  camera.gains.push_back(polar_gain(12));
+  auto& gain = camera.gains[0];
+  for (const auto& channel : gain.noise.channels) {
+    gain.mu_spread_dn.push_back(0.3);
+    gain.sigma_row_spread_dn.push_back(0.2 * channel.sigma_row_dn);
+    gain.sigma_tl_spread_dn.push_back(0.05 * channel.sigma_tl_dn);
+  }
+  const auto mean = [](const std::vector<double>& v) {
+    return std::accumulate(v.begin(), v.end(), 0.0) / static_cast<double>(v.size());
+  };
+  const PhysicsCalibration varied = calibrated(camera).physics[0];
+  EXPECT_NEAR(mean(varied.mu.spread), 0.3, 0.02);
+  EXPECT_NEAR(mean(varied.sigma_row.spread) / mean(varied.sigma_row.mean), 0.2, 0.04);
+  EXPECT_NEAR(mean(varied.sigma_tl.spread) / mean(varied.sigma_tl.mean), 0.05, 0.01);
+  gain.mu_spread_dn.clear();
+  gain.sigma_row_spread_dn.clear();
+  gain.sigma_tl_spread_dn.clear();
+  const PhysicsCalibration steady = calibrated(camera).physics[0];
+  EXPECT_LT(mean(steady.mu.spread), 0.06);
+  EXPECT_LT(mean(steady.sigma_row.spread) / mean(steady.sigma_row.mean), 0.08);
+  EXPECT_LT(mean(steady.sigma_tl.spread) / mean(steady.sigma_tl.mean), 0.02);
+}
+
+TEST(CalibratePhysics, FixedPatternIsMeasured) {
+  SimulatedCamera camera = small_camera();
+  camera.rows = camera.cols = 256;
+  camera.dsnu_dn = 1.5;
+  camera.prnu = 0.02;
+  camera.bias_frames = 20;
+  camera.flat_frames = 8;
+  const PhysicsCalibration p = calibrated(camera).physics[0];
+  for (std::size_t c = 0; c < 16; ++c) {
+    EXPECT_NEAR(p.dsnu_dn[c], 1.5, 0.08);
+    EXPECT_NEAR(p.prnu[c], 0.02, 0.0015);
+    EXPECT_NEAR(p.sigma_tl.mean[c], camera.gains[0].noise.channels[c].sigma_tl_dn,
+                4 * p.sigma_tl.standard_error[c]);
+  }
+  ASSERT_EQ(p.dark_shading_dn.rows(), 256);
+  EXPECT_NEAR(p.dark_shading_dn(10, 20), 1.5 * testing::internal::normal_at(0, 10ull << 32 | 20, 2),
+              5 * 2.9 / std::sqrt(20.0));
+}
+
+TEST(CalibratePhysics, DefectPixelsAreListed) {
+  CalibrationInput input = simulated_session(small_camera());
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load, kind = set.kind](int i) {
+      RawFrame frame = load(i);
+      frame.dn(5, 6) = 300;                                                      // hot and stuck
+      if (kind == FrameKind::kBias) frame.dn(20, 31) += i % 2 ? 40.0F : -40.0F;  // noisy
+      if (kind == FrameKind::kBias) frame.dn(40, 41) += 60;                      // hot
+      if (kind == FrameKind::kFlat) frame.dn(50, 51) = 85;                       // dead
+      return frame;
+    };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  std::vector<std::string> found;
+  for (const DefectPixel& d : model.defects)
+    found.push_back(d.kind + " " + std::to_string(d.row) + "," + std::to_string(d.col));
+  EXPECT_THAT(found, ::testing::UnorderedElementsAre("stuck 5,6", "noisy 20,31", "hot 40,41",
+                                                     "dead 50,51"));
+}
+
+TEST(CalibratePhysics, SameNumbersForAnyThreadCount) {
+  SimulatedCamera camera = small_camera();
+  camera.bias_frames = 12;
+  camera.flat_levels = 3;
+  set_thread_count(1);
+  const NoiseModel one = calibrated(camera);
+  set_thread_count(4);
+  const NoiseModel four = calibrated(camera);
+  set_thread_count(0);
+  EXPECT_EQ(one.physics[0].K.mean, four.physics[0].K.mean);
+  EXPECT_EQ(one.physics[0].lambda.mean, four.physics[0].lambda.mean);
+  EXPECT_EQ(one.physics[0].sigma_row.standard_error, four.physics[0].sigma_row.standard_error);
+}
+
+TEST(CalibratePhysics, LevelsLeftOutCarryTheReasonWithNumbers) {
+  SimulatedCamera camera = small_camera();
+  const PhysicsCalibration p = calibrated(camera).physics[0];
+  int refused = 0;
+  for (const PhotonTransferPoint& point : p.transfer) {
+    const double share = point.mean_dn / (camera.white_dn - camera.black_dn);
+    EXPECT_EQ(point.used, share <= 0.7);
+    if (point.used) continue;
+    ++refused;
+    EXPECT_THAT(point.why_not, ::testing::HasSubstr("above the limit of 70 %"));
+  }
+  EXPECT_GT(refused, 0);
+}
+
+TEST(CalibratePhysics, WarnsOfDriftLightLeaksAndACutBlackLevel) {
+  SimulatedCamera camera = small_camera();
+  camera.flat_levels = 0;
+  camera.bias_frames = 30;
+  CalibrationInput input = simulated_session(camera);
+  input.sets[0].load = [load = input.sets[0].load](int i) {
+    RawFrame frame = load(i);
+    for (int r = 0; r < frame.dn.rows(); ++r)
+      for (int c = 0; c < frame.dn.cols(); ++c)
+        frame.dn(r, c) = std::max(
+            0.0F, frame.dn(r, c) - 78 +
+                      std::round(0.1F * static_cast<float>(i) + 0.15F * static_cast<float>(r)));
+    return frame;
+  };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  const auto& warnings = model.physics[0].warnings;
+  EXPECT_THAT(warnings, ::testing::Contains(::testing::HasSubstr("drifts by")));
+  EXPECT_THAT(warnings, ::testing::Contains(::testing::HasSubstr("light leak")));
+  EXPECT_THAT(warnings, ::testing::Contains(::testing::HasSubstr("of the dark pixels are 0")));
+  EXPECT_THAT(warnings, ::testing::Contains(::testing::HasSubstr("no flat frames")));
+}
+
+TEST(CalibratePhysics, FloatFramesHaveNoQuantisation) {
+  SimulatedCamera camera = small_camera(5);
+  camera.rounded = false;
+  const NoiseModel model = calibrated(camera);
+  EXPECT_EQ(model.quantization_dn, 0.0);
+  for (std::size_t c = 0; c < 16; ++c)
+    EXPECT_NEAR(model.physics[0].sigma_tl.mean[c], camera.gains[0].noise.channels[c].sigma_tl_dn,
+                4 * model.physics[0].sigma_tl.standard_error[c]);
+}
+
+TEST(CalibratePhysics, BadInputIsNamed) {
+  CalibrationInput flats = simulated_session(small_camera());
+  flats.sets.erase(flats.sets.begin());
+  EXPECT_THROW(calibrate_physics(flats, {}, silent_progress()), InputError);
+  CalibrationInput sizes = simulated_session(small_camera());
+  sizes.sets[3].load = [load = sizes.sets[3].load](int i) {
+    RawFrame frame = load(i);
+    frame.dn = Image(32, 64);
+    return frame;
+  };
+  EXPECT_THROW(calibrate_physics(sizes, {}, silent_progress()), InputError);
+  CalibrationInput nan = simulated_session(small_camera());
+  nan.sets[0].load = [load = nan.sets[0].load](int i) {
+    RawFrame frame = load(i);
+    if (i == 7) frame.dn(3, 3) = std::nanf("");
+    return frame;
+  };
+  EXPECT_THROW(calibrate_physics(nan, {}, silent_progress()), InputError);
+}
+
+TEST(QuantizationStep, IsTheGreatestCommonDivisorOfTheDifferences) {
+  Image dn(2, 3, 15.0F);
+  dn(0, 1) = 47;
+  dn(1, 2) = 15 + 16 * 7;
+  EXPECT_EQ(quantization_step(dn), 16.0);
+  dn(1, 1) = 16;
+  EXPECT_EQ(quantization_step(dn), 1.0);
+  dn(1, 0) = 15.5F;
+  EXPECT_EQ(quantization_step(dn), 0.0);
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,91 @@
+#include "malus/calibrate/photon_transfer.h"
+
+#include "malus/base/random.h"
+#include "malus/base/statistics.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr double kGain = 0.7, kDarkVariance = 6.0;
+
+DarkPoint dark_point() {
+  DarkPoint dark;
+  dark.variance_dn2 = kDarkVariance;
+  dark.variance_stderr_dn2 = 0.01;
+  dark.row_variance_dn2 = 0.25;
+  dark.pixels = 1000;
+  dark.row_groups = 30;
+  return dark;
+}
+
+std::vector<TransferLevel> exact_levels(int count) {
+  std::vector<TransferLevel> levels;
+  for (int i = 1; i <= count; ++i) {
+    TransferLevel level;
+    level.mean_dn = 200.0 * i;
+    level.variance_dn2 = kDarkVariance + kGain * level.mean_dn;
+    level.frames = 2;
+    level.dark_variance_dn2 = kDarkVariance;
+    levels.push_back(level);
+  }
+  return levels;
+}
+
+TEST(PhotonTransfer, ExactPointsGiveTheExactLine) {
+  const auto fit = fit_photon_transfer(exact_levels(8), dark_point());
+  ASSERT_TRUE(fit.decided());
+  EXPECT_NEAR(fit->slope_dn_per_e, kGain, 1e-9);
+  EXPECT_NEAR(fit->intercept_dn2, 0.0, 1e-6);
+  EXPECT_EQ(fit->excess_deviation_dn2, 0.0);
+}
+
+TEST(PhotonTransfer, ScatterFollowsTheStandardErrorAndTwoSeHoldTheTruth) {
+  constexpr int kRepeats = 400;
+  RandomSequence random(3, 0, Draw::kUser);
+  Moments z;
+  for (int i = 0; i < kRepeats; ++i) {
+    auto levels = exact_levels(12);
+    for (TransferLevel& level : levels)  // Gaussian pixels: s² has relative sd sqrt(2 / (P (M-1)))
+      level.variance_dn2 *= 1 + std::sqrt(2.0 / 1000) * random.normal();
+    const auto fit = fit_photon_transfer(levels, dark_point());
+    z.add((fit->slope_dn_per_e - kGain) / fit->slope_stderr);
+  }
+  EXPECT_LT(std::abs(z.mean()), 4 / std::sqrt(kRepeats));
+  EXPECT_NEAR(z.variance(), 1.0, 4 * std::sqrt(2.0 / kRepeats));
+}
+
+TEST(PhotonTransfer, RefusedLevelsDoNotCountAndOneOutlierBarely) {
+  auto levels = exact_levels(12);
+  levels[11].variance_dn2 *= 0.3;
+  levels[11].refused = "saturated";
+  EXPECT_NEAR(fit_photon_transfer(levels, dark_point())->slope_dn_per_e, kGain, 1e-9);
+  levels[4].variance_dn2 *= 1.6;  // someone walked through the light
+  const auto fit = fit_photon_transfer(levels, dark_point());
+  EXPECT_NEAR(fit->slope_dn_per_e, kGain, 3 * fit->slope_stderr);
+}
+
+TEST(PhotonTransfer, ABentCurveWidensTheError) {
+  auto straight = exact_levels(12), bent = exact_levels(12);
+  for (TransferLevel& level : bent) {
+    level.variance_dn2 *= 1 - level.mean_dn / 6000;
+    level.frames = straight[0].frames = 50;
+  }
+  const auto fit = fit_photon_transfer(bent, dark_point());
+  ASSERT_TRUE(fit.decided());
+  EXPECT_GT(fit->chi_square_per_level, 5);
+  EXPECT_GT(fit->excess_deviation_dn2, 0);
+  EXPECT_GT(fit->slope_stderr, 2 * fit_photon_transfer(straight, dark_point())->slope_stderr);
+}
+
+TEST(PhotonTransfer, OneLevelCannotDecide) {
+  const auto fit = fit_photon_transfer(exact_levels(1), dark_point());
+  ASSERT_FALSE(fit.decided());
+  EXPECT_NE(fit.reason().find("1 usable light level"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace malus
