@@ -1,1 +1,1 @@
-set(synthesize_SOURCES exact.cpp)
+set(synthesize_SOURCES compiled.cpp compiled_kernel.cpp exact.cpp quantile_table.cpp)

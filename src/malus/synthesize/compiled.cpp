@@ -1,0 +1,174 @@
+#include "malus/synthesize/compiled.h"
+
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/noise/tukey_lambda.h"
+#include "malus/synthesize/compiled_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+
+namespace malus {
+namespace {
+
+// The rows of one phase of the cell: channel parameters repeated along the row.
+struct LaneArrays {
+  int period = 0;
+  std::vector<float> gain_dn, electrons_per_dn, variance_dn2, scale_dn, black_dn, mu_dn,
+      sigma_row_dn;
+  std::vector<std::uint32_t> first_line;
+};
+
+}  // namespace
+
+CompiledNoise::CompiledNoise(const PhysicsNoise& noise) { use_physics(noise, false); }
+
+CompiledNoise CompiledNoise::poisson_gaussian(const PhysicsNoise& noise) {
+  CompiledNoise compiled;
+  compiled.use_physics(noise, true);
+  return compiled;
+}
+
+void CompiledNoise::use_physics(const PhysicsNoise& noise, bool gaussian_read) {
+  check_physics(noise);
+  layout_ = noise.layout;
+  row_group_ = noise.row_group;
+  row_noise_ = noise.parts.row;
+  shot_ = noise.parts.shot ? ShotKind::kPoisson : ShotKind::kNone;
+  quantization_dn_ = noise.parts.quantization ? static_cast<float>(noise.quantization_dn) : 0.0f;
+  std::map<double, std::uint32_t> first_of_lambda;
+  for (const PhysicsChannel& p : noise.channels) {
+    Channel channel;
+    channel.gain_dn = static_cast<float>(p.gain_dn_per_e);
+    channel.electrons_per_dn = static_cast<float>(1.0 / p.gain_dn_per_e);
+    channel.mu_dn = noise.parts.bias ? p.mu_dn : 0.0;
+    channel.sigma_row_dn = p.sigma_row_dn;
+    channel.scale_dn =
+        static_cast<float>(gaussian_read ? std::sqrt(read_variance_dn2(p)) : p.sigma_tl_dn);
+    if (noise.parts.read) {
+      const double lambda = gaussian_read ? 0.0 : p.lambda;
+      const auto [found, is_new] =
+          first_of_lambda.try_emplace(lambda, static_cast<std::uint32_t>(read_lines_.size()));
+      if (is_new) {
+        const auto lines = gaussian_read ? normal_tail_lines() : tail_lines([lambda](double tail) {
+          return -tukey_lambda_quantile(tail, lambda);
+        });
+        read_lines_.insert(read_lines_.end(), lines.begin(), lines.end());
+      }
+      channel.first_line = found->second;
+    }
+    channels_.push_back(channel);
+  }
+}
+
+CompiledNoise CompiledNoise::gaussian(const SensorLayout& layout,
+                                      const std::vector<GaussianChannel>& channels, int row_group,
+                                      double quantization_dn) {
+  MALUS_REQUIRE(static_cast<int>(channels.size()) == layout.channels() && row_group >= 1);
+  CompiledNoise compiled;
+  compiled.layout_ = layout;
+  compiled.row_group_ = row_group;
+  compiled.shot_ = ShotKind::kGaussian;
+  compiled.quantization_dn_ = static_cast<float>(quantization_dn);
+  for (const GaussianChannel& g : channels) {
+    Channel channel;
+    channel.gain_dn = static_cast<float>(g.slope_dn);
+    channel.variance_dn2 = static_cast<float>(g.offset_dn2);
+    channel.mu_dn = g.mu_dn;
+    channel.sigma_row_dn = g.sigma_row_dn;
+    compiled.channels_.push_back(channel);
+  }
+  return compiled;
+}
+
+void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_bytes, void* out,
+                        bool out_u16, std::ptrdiff_t out_stride_bytes, int rows, int cols,
+                        const DrawAddress& address, const CameraOutput& camera) const {
+  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  MALUS_REQUIRE(!(in_u16 || out_u16) || camera.black_dn.size() == channels_.size());
+  const int period = std::lcm(layout_.cols(), kGroupColumns);
+  std::vector<LaneArrays> phases(static_cast<std::size_t>(layout_.rows()));
+  for (int phase = 0; phase < layout_.rows(); ++phase) {
+    LaneArrays& lanes = phases[static_cast<std::size_t>(phase)];
+    for (int c = 0; c < period; ++c) {
+      const auto number = static_cast<std::size_t>(layout_.channel_at(phase, c));
+      const Channel& channel = channels_[number];
+      lanes.gain_dn.push_back(channel.gain_dn);
+      lanes.electrons_per_dn.push_back(channel.electrons_per_dn);
+      lanes.variance_dn2.push_back(channel.variance_dn2);
+      lanes.scale_dn.push_back(channel.scale_dn);
+      lanes.mu_dn.push_back(static_cast<float>(channel.mu_dn));
+      lanes.sigma_row_dn.push_back(static_cast<float>(channel.sigma_row_dn));
+      lanes.black_dn.push_back(
+          camera.black_dn.empty() ? 0.0f : static_cast<float>(camera.black_dn[number]));
+      lanes.first_line.push_back(channel.first_line - kTailFirst);
+    }
+  }
+  internal::RowJob job;
+  job.tables = {normal_tail_lines().data(), read_lines_.empty() ? nullptr : read_lines_.data(),
+                shot_, out_u16 ? 0.0f : quantization_dn_};
+  job.seed = address.seed;
+  job.frame = address.frame;
+  job.col0 = address.col0;
+  job.cols = cols;
+  job.in_u16 = in_u16;
+  job.out_u16 = out_u16;
+  job.step_dn = static_cast<float>(camera.step_dn);
+  job.white_dn = static_cast<float>(std::min(camera.white_dn, 65535.0));
+  constexpr std::ptrdiff_t kRowsPerPiece = 8;
+  parallel_for(0, rows, kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    internal::RowJob mine = job;
+    std::vector<float> offset_dn(static_cast<std::size_t>(period));
+    for (std::ptrdiff_t r = begin; r < end; ++r) {
+      mine.row = address.row0 + static_cast<int>(r);
+      const LaneArrays& lanes = phases[static_cast<std::size_t>(mine.row % layout_.rows())];
+      const float z =
+          row_noise_ ? static_cast<float>(row_group_draw(address, mine.row, row_group_)) : 0.0f;
+      for (std::size_t c = 0; c < offset_dn.size(); ++c)
+        offset_dn[c] = lanes.mu_dn[c] + lanes.sigma_row_dn[c] * z;
+      mine.lanes = {period,
+                    lanes.gain_dn.data(),
+                    lanes.electrons_per_dn.data(),
+                    lanes.variance_dn2.data(),
+                    lanes.scale_dn.data(),
+                    offset_dn.data(),
+                    lanes.black_dn.data(),
+                    lanes.first_line.data()};
+      mine.in = static_cast<const char*>(in) + r * in_stride_bytes;
+      mine.out = static_cast<char*>(out) + r * out_stride_bytes;
+      internal::run_row(mine);
+    }
+  });
+}
+
+void CompiledNoise::apply(View<const float> clean_dn, View<float> noisy_dn,
+                          const DrawAddress& address) const {
+  MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
+  run(clean_dn.data(), false, clean_dn.stride() * 4, noisy_dn.data(), false, noisy_dn.stride() * 4,
+      clean_dn.rows(), clean_dn.cols(), address, {});
+}
+
+void CompiledNoise::apply(View<const float> clean_dn, View<std::uint16_t> raw,
+                          const DrawAddress& address, const CameraOutput& camera) const {
+  MALUS_REQUIRE(clean_dn.rows() == raw.rows() && clean_dn.cols() == raw.cols());
+  run(clean_dn.data(), false, clean_dn.stride() * 4, raw.data(), true, raw.stride() * 2,
+      clean_dn.rows(), clean_dn.cols(), address, camera);
+}
+
+void CompiledNoise::apply(View<const std::uint16_t> clean_raw, View<std::uint16_t> raw,
+                          const DrawAddress& address, const CameraOutput& camera) const {
+  MALUS_REQUIRE(clean_raw.rows() == raw.rows() && clean_raw.cols() == raw.cols());
+  run(clean_raw.data(), true, clean_raw.stride() * 2, raw.data(), true, raw.stride() * 2,
+      clean_raw.rows(), clean_raw.cols(), address, camera);
+}
+
+void CompiledNoise::apply(View<const std::uint16_t> clean_raw, View<float> noisy_dn,
+                          const DrawAddress& address, const CameraOutput& camera) const {
+  MALUS_REQUIRE(clean_raw.rows() == noisy_dn.rows() && clean_raw.cols() == noisy_dn.cols());
+  run(clean_raw.data(), true, clean_raw.stride() * 2, noisy_dn.data(), false, noisy_dn.stride() * 4,
+      clean_raw.rows(), clean_raw.cols(), address, camera);
+}
+
+}  // namespace malus

@@ -1,0 +1,150 @@
+// One pixel of compiled noise, written once for every machine. The including file defines, in its
+// own namespace, `struct Arithmetic` with the types Real (float), Word (uint32) and Truth and the
+// operations used below; this file has no include guard because the vector code includes it once
+// per instruction set (compiled_kernel.cpp) and the scalar twin once more (scalar_formation.h).
+//
+// Every operation is one that IEEE 754 defines exactly (+ - * / sqrt, fused multiply-add, floor,
+// comparison), so that all instruction sets give the same bits from the same words.
+
+/// One pixel's channel parameters.
+template <class A>
+struct ChannelLanes {
+  typename A::Real gain_dn, electrons_per_dn, variance_dn2, scale_dn, offset_dn;
+  typename A::Word first_line;
+};
+
+/// Standard deviate of a symmetric distribution: `lines` as in quantile_table.h, `first` the number
+/// of its cell 0.
+template <class A>
+MALUS_FORMATION typename A::Real symmetric_deviate(const TailLine* lines, typename A::Word first,
+                                                   typename A::Word word) {
+  const auto x = A::tail_position(word);
+  typename A::Real a, b;
+  A::look_up(lines, A::cell_of(x) + first, a, b);
+  // The upper half carries the sign bit in its word; below the median the deviate is negative.
+  return A::flip_sign_unless_top_bit(A::multiply_add(b, x, a), word);
+}
+
+/// N - m for N ~ Poisson(m), m >= kShotSmall, from a normal deviate w of the same word: the
+/// asymptotic inverse of the Poisson distribution function, N = floor(m + sqrt(m) w + E(w, m)).
+/// Leading terms: Giles, "Algorithm 955: approximation of the inverse Poisson cumulative
+/// distribution function", ACM TOMS 42 (2016), eq. (3); the rest of E = w² G(t) + H(t) + J(t)/m,
+/// t = w/sqrt(m), fitted to the inverse of the incomplete gamma function for m from 10 to 2e4
+/// (bench/fit_poisson.py): |error| < 5e-5 electrons for |w| < 2, 3e-4 for |w| < 3, 1e-3 for |w|
+/// < 4.
+template <class A>
+MALUS_FORMATION typename A::Real shot_large(typename A::Real m, typename A::Real w) {
+  using Real = typename A::Real;
+  const Real root = A::sqrt(m), inverse_root = A::real(1.0f) / root;
+  const Real t = w * inverse_root;
+  Real g = A::real(-0.0001612827873209489f);
+  g = A::multiply_add(g, t, A::real(0.00042592468544766894f));
+  g = A::multiply_add(g, t, A::real(-0.0001447508248507486f));
+  g = A::multiply_add(g, t, A::real(0.00016608514799395298f));
+  g = A::multiply_add(g, t, A::real(-0.0014916306118666744f));
+  g = A::multiply_add(g, t, A::real(0.003984144764463597f));
+  g = A::multiply_add(g, t, A::real(-1.0f / 72.0f));
+  g = A::multiply_add(g, t, A::real(1.0f / 6.0f));
+  Real h = A::real(-0.0003313177247332608f);
+  h = A::multiply_add(h, t, A::real(-0.0018444912517008973f));
+  h = A::multiply_add(h, t, A::real(0.007699125637769861f));
+  h = A::multiply_add(h, t, A::real(-1.0f / 36.0f));
+  h = A::multiply_add(h, t, A::real(1.0f / 3.0f));
+  Real j = A::real(-0.004064130669916498f);
+  j = A::multiply_add(j, t, A::real(0.015888209259402018f));
+  j = A::multiply_add(j, t, A::real(-0.019852929887476233f));
+  const Real correction =
+      A::multiply_add(j, inverse_root * inverse_root, A::multiply_add(g, w * w, h));
+  // All that follows is relative to floor(m), so that a bright pixel loses no digits.
+  const Real whole = A::floor(m), fraction = m - whole;
+  const Real count = A::floor(A::multiply_add(root, w, fraction + correction));
+  return A::max(count, A::real(0.0f) - whole) - fraction;
+}
+
+/// exp(-m) for 0 <= m <= kShotSmall: 2^-n times the Taylor polynomial of exp(-r), |r| <= ln2/2;
+/// relative error < 2e-7.
+template <class A>
+MALUS_FORMATION typename A::Real exp_minus(typename A::Real m) {
+  using Real = typename A::Real;
+  const Real n = A::floor(A::multiply_add(m, A::real(1.44269504f), A::real(0.5f)));
+  Real r = A::multiply_add(n, A::real(-0.693145752f), m);  // ln 2 in two parts, the first exact
+  r = A::multiply_add(n, A::real(-1.42860677e-6f), r);
+  Real e = A::real(1.0f / 720.0f);
+  e = A::multiply_add(e, r, A::real(-1.0f / 120.0f));
+  e = A::multiply_add(e, r, A::real(1.0f / 24.0f));
+  e = A::multiply_add(e, r, A::real(-1.0f / 6.0f));
+  e = A::multiply_add(e, r, A::real(0.5f));
+  e = A::multiply_add(e, r, A::real(-1.0f));
+  e = A::multiply_add(e, r, A::real(1.0f));
+  return A::scale_down(e, n);
+}
+
+/// N for N ~ Poisson(m), 0 <= m < kShotSmall, by summing probabilities until they exceed the
+/// uniform of the word. Single precision leaves 1e-7 of absolute error in the sum, too much for the
+/// upper tail: the caller replaces the draws with p < kShotTail there (shot_upper_tail).
+template <class A>
+MALUS_FORMATION typename A::Real shot_small(typename A::Real m, typename A::Word word) {
+  using Real = typename A::Real;
+  const Real p = A::tail_position(word) * A::real(0x1p-32f);
+  Real left = A::select_top_bit(word, A::real(1.0f) - p, p);
+  Real probability = exp_minus<A>(m), count = A::real(0.0f);
+  for (int k = 1; k <= kShotSmallMost; ++k) {
+    left = left - probability;
+    const auto beyond = left > A::real(0.0f);
+    if (A::none(beyond)) break;
+    count = A::add_where(beyond, count, A::real(1.0f));
+    probability = probability * (m * A::real(kReciprocal[k]));
+  }
+  return count;
+}
+
+/// N - m for N ~ Poisson(m), any m; negative m counts as 0. One word.
+template <class A>
+MALUS_FORMATION typename A::Real shot_noise(typename A::Real m, typename A::Word word,
+                                            const TailLine* normal) {
+  using Real = typename A::Real;
+  const Real zero = A::real(0.0f), limit = A::real(kShotSmall);
+  const Real w = symmetric_deviate<A>(normal, A::word(0u - kTailFirst), word);
+  const Real large = shot_large<A>(A::max(m, limit), w);
+  const auto is_small = m < limit;
+  if (A::none(is_small)) return large;
+  const Real mean = A::select(is_small, A::max(m, zero), zero);
+  Real count = shot_small<A>(mean, word);
+  const auto in_tail = A::both(is_small, A::deep_upper_tail(word));
+  if (!A::none(in_tail)) count = A::shot_upper_tail_where(in_tail, mean, word, count);
+  return A::select(is_small, count - mean, large);
+}
+
+/// Quantisation noise in steps, uniform in (-1/2, 1/2), from the low 12 bits of the shot word. The
+/// count of electrons depends on them in one draw of a thousand at most, and then only on which
+/// side of a 2^-20 wide cell it falls, so the two are independent for every purpose.
+template <class A>
+MALUS_FORMATION typename A::Real quantization_noise(typename A::Word shot_word) {
+  return A::multiply_add(A::real_of(shot_word & A::word(0xFFFu)), A::real(0x1p-12f),
+                         A::real(0.5f * 0x1p-12f - 0.5f));
+}
+
+/// One pixel, 000 Eq. 1: D = s + K (N - s/K) + mu + sigma_b z + sigma_TL T + q U. Per-channel
+/// parameters in `p`, read tables and switches in `row`.
+template <class A>
+MALUS_FORMATION typename A::Real noisy_pixel(typename A::Real signal_dn, const ChannelLanes<A>& p,
+                                             const FormationTables& row, typename A::Word shot_word,
+                                             typename A::Word read_word) {
+  using Real = typename A::Real;
+  Real noise = p.offset_dn;
+  if (row.shot == ShotKind::kPoisson) {
+    const Real m = signal_dn * p.electrons_per_dn;
+    noise = A::multiply_add(p.gain_dn, shot_noise<A>(m, shot_word, row.normal), noise);
+  } else if (row.shot == ShotKind::kGaussian) {
+    const Real variance = A::multiply_add(p.gain_dn, signal_dn, p.variance_dn2);
+    const Real w = symmetric_deviate<A>(row.normal, A::word(0u - kTailFirst), shot_word);
+    noise = A::multiply_add(A::sqrt(A::max(variance, A::real(0.0f))), w, noise);
+  }
+  if (row.read != nullptr)
+    noise =
+        A::multiply_add(p.scale_dn, symmetric_deviate<A>(row.read, p.first_line, read_word), noise);
+  if (row.quantization_dn > 0.0f)
+    noise = A::multiply_add(A::real(row.quantization_dn), quantization_noise<A>(shot_word), noise);
+  // NaN and infinities stay what they are.
+  return A::select(A::finite(signal_dn), signal_dn + noise, signal_dn);
+}
