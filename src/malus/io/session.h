@@ -2,6 +2,7 @@
 // of capture.
 #pragma once
 
+#include "malus/io/config_section.h"
 #include "malus/io/frame_file.h"
 
 #include <filesystem>
@@ -54,6 +55,11 @@ Session load_session(const std::filesystem::path& path);
 /// are not expanded: paths stay as written.
 Session parse_session(std::string_view toml, const std::filesystem::path& source,
                       const std::filesystem::path& folder, bool check_files = true);
+
+/// The [sensor] section, which capture plans share with sessions.
+SensorDescription parse_sensor(const ConfigSection& section);
+/// The value of the key "kind"; throws InputError that lists the kinds.
+FrameKind parse_frame_kind(const ConfigSection& section);
 
 /// Writes paths relative to the session file where they lie below it.
 void save_session(const std::filesystem::path& path, const Session& session, bool force);

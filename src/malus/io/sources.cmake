@@ -1,4 +1,5 @@
 set(io_SOURCES
+  config_section.cpp
   camera_raw.cpp
   emva_description.cpp
   file_bytes.cpp

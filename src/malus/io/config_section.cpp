@@ -1,0 +1,204 @@
+#include "malus/io/config_section.h"
+
+#include "malus/base/text.h"
+#include "malus/io/internal/file_bytes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+namespace malus {
+
+namespace fs = std::filesystem;
+
+// The root is kept alive by every section made from it.
+struct ConfigSection::Table {
+  std::shared_ptr<const toml::table> root;
+  const toml::table* at = nullptr;
+  std::string source, title;
+
+  std::string place(const toml::source_region& region) const {
+    return region.begin.line > 0 ? fmt::format("{}:{}", source, region.begin.line) : source;
+  }
+};
+
+ConfigSection ConfigSection::parse(std::string_view text, const std::string& source,
+                                   std::string title) {
+  auto table = std::make_shared<Table>();
+  try {
+    table->root = std::make_shared<const toml::table>(toml::parse(text, source));
+  } catch (const toml::parse_error& error) {
+    throw InputError(fmt::format("{}:{}", source, error.source().begin.line), error.description(),
+                     "correct the TOML");
+  }
+  table->at = table->root.get();
+  table->source = source;
+  table->title = std::move(title);
+  return ConfigSection(std::move(table));
+}
+
+ConfigSection ConfigSection::load(const fs::path& path, std::string title) {
+  constexpr std::uintmax_t kMaxBytes = 64 << 20;
+  if (internal::require_file(path) > kMaxBytes)
+    throw InputError(path.string(), fmt::format("is too large for {}", title),
+                     "name the right file");
+  const auto bytes = internal::read_bytes(path);
+  return parse({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string(),
+               std::move(title));
+}
+
+void ConfigSection::fail(std::string_view key, std::string_view problem,
+                         std::string_view remedy) const {
+  const toml::node* node = table_->at->get(key);
+  throw InputError(table_->place(node ? node->source() : table_->at->source()),
+                   fmt::format("{} in {} {}", key, table_->title, problem), remedy);
+}
+
+void ConfigSection::require_known(const std::vector<std::string>& known) const {
+  for (const auto& [key, node] : *table_->at) {
+    const std::string name(key.str());
+    if (std::find(known.begin(), known.end(), name) != known.end()) continue;
+    throw InputError(
+        table_->place(node.source()), fmt::format("unknown key \"{}\" in {}", name, table_->title),
+        fmt::format("did you mean \"{}\"? known: {}", nearest_name(name, known), joined(known)));
+  }
+}
+
+bool ConfigSection::has(std::string_view key) const { return table_->at->get(key) != nullptr; }
+
+std::vector<std::string> ConfigSection::keys() const {
+  std::vector<std::string> names;
+  for (const auto& [key, unused] : *table_->at) names.emplace_back(key.str());
+  return names;
+}
+
+std::optional<std::string> ConfigSection::text(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return std::nullopt;
+  if (!node->is_string()) fail(key, "is not a text", "put it in quotes");
+  return node->ref<std::string>();
+}
+
+std::optional<bool> ConfigSection::flag(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return std::nullopt;
+  if (!node->is_boolean()) fail(key, "is not true or false", "write true or false without quotes");
+  return node->ref<bool>();
+}
+
+std::optional<double> ConfigSection::number(std::string_view key) const {
+  const auto values = numbers(key);
+  if (values.empty()) return std::nullopt;
+  if (values.size() > 1 || table_->at->get(key)->is_array())
+    fail(key, "is not a number", "correct the value");
+  return values[0];
+}
+
+std::optional<int> ConfigSection::whole_number(std::string_view key, int minimum,
+                                               int maximum) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return std::nullopt;
+  const auto value = node->value_exact<std::int64_t>();
+  if (!value || *value < minimum || *value > maximum)
+    fail(key, fmt::format("is not a whole number from {} to {}", minimum, maximum),
+         "correct the value");
+  return static_cast<int>(*value);
+}
+
+std::vector<double> ConfigSection::numbers(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return {};
+  const auto finite = [&](const toml::node& element) {
+    const auto value = element.is_number() ? element.value<double>() : std::nullopt;
+    if (!value || !std::isfinite(*value)) fail(key, "is not a number", "correct the value");
+    return *value;
+  };
+  const toml::array* list = node->as_array();
+  if (!list) return {finite(*node)};
+  std::vector<double> values;
+  for (const auto& element : *list) values.push_back(finite(element));
+  if (values.empty()) fail(key, "is an empty list", "give one number or several");
+  return values;
+}
+
+std::vector<std::string> ConfigSection::texts(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return {};
+  if (const auto* one = node->as_string()) return {one->get()};
+  std::vector<std::string> values;
+  if (const toml::array* list = node->as_array())
+    for (const auto& element : *list) {
+      if (!element.is_string()) fail(key, "holds something else than text", "put it in quotes");
+      values.push_back(element.ref<std::string>());
+    }
+  if (values.empty())
+    fail(key, "is not a text or a list of texts", fmt::format("write {} = [\"…\"]", key));
+  return values;
+}
+
+std::vector<std::vector<std::string>> ConfigSection::text_rows(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return {};
+  const std::string remedy = fmt::format("write {} = [[\"R90\", \"R45\"], …]", key);
+  const toml::array* rows = node->as_array();
+  if (!rows) fail(key, "is not a list of lists", remedy);
+  std::vector<std::vector<std::string>> values;
+  for (const auto& row : *rows) {
+    const toml::array* names = row.as_array();
+    if (!names) fail(key, "is not a list of lists", remedy);
+    values.emplace_back();
+    for (const auto& name : *names) {
+      if (!name.is_string()) fail(key, "holds something else than text", "put it in quotes");
+      values.back().push_back(name.ref<std::string>());
+    }
+  }
+  return values;
+}
+
+std::optional<ConfigSection> ConfigSection::section(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return std::nullopt;
+  if (!node->is_table()) fail(key, "is not a table", fmt::format("write [{}]", key));
+  auto table = std::make_shared<Table>(*table_);
+  table->at = node->as_table();
+  table->title = fmt::format("[{}]", key);
+  return ConfigSection(std::move(table));
+}
+
+std::vector<ConfigSection> ConfigSection::sections(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  if (!node) return {};
+  const toml::array* list = node->as_array();
+  if (!list) fail(key, "is not a list", fmt::format("write [[{}]]", key));
+  std::vector<ConfigSection> all;
+  for (const auto& element : *list) {
+    if (!element.is_table()) fail(key, "is not a list of tables", fmt::format("write [[{}]]", key));
+    auto table = std::make_shared<Table>(*table_);
+    table->at = element.as_table();
+    table->title = fmt::format("[[{}]] number {}", key, all.size() + 1);
+    all.push_back(ConfigSection(std::move(table)));
+  }
+  return all;
+}
+
+const std::string& ConfigSection::source() const { return table_->source; }
+
+void ConfigSection::check_number(const ParameterInfo& info, double value) const {
+  if (value < info.minimum || value > info.maximum)
+    fail(info.name, fmt::format("is {:g}", value),
+         fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+}
+
+void ConfigSection::check_choice(const ParameterInfo& info, const std::string& value) const {
+  if (info.choices.empty() ||
+      std::find(info.choices.begin(), info.choices.end(), value) != info.choices.end())
+    return;
+  fail(info.name, fmt::format("is \"{}\"", value),
+       fmt::format("did you mean \"{}\"? known: {}", nearest_name(value, info.choices),
+                   joined(info.choices)));
+}
+
+}  // namespace malus

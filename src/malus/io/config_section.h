@@ -1,0 +1,92 @@
+// A table of a TOML file with the place to name in messages: sessions, capture plans, training and
+// data-set configurations are read through it, so that every mistake gives the same kind of line:
+// file:line, key, what is wrong, what to do.
+#pragma once
+
+#include "malus/base/error.h"
+#include "malus/base/parameter.h"
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace malus {
+
+class ConfigSection {
+ public:
+  /// The root table; title is how messages call the file ("the session file"). Throws InputError on
+  /// a TOML error.
+  static ConfigSection parse(std::string_view toml, const std::string& source, std::string title);
+  static ConfigSection load(const std::filesystem::path& path, std::string title);
+
+  /// Throws InputError on a key that is not among the known ones; names the nearest.
+  void require_known(const std::vector<std::string>& known) const;
+  [[noreturn]] void fail(std::string_view key, std::string_view problem,
+                         std::string_view remedy) const;
+
+  bool has(std::string_view key) const;
+  std::vector<std::string> keys() const;
+  /// Absent keys give an empty value; a wrong type throws InputError.
+  std::optional<std::string> text(std::string_view key) const;
+  std::optional<double> number(std::string_view key) const;
+  std::optional<bool> flag(std::string_view key) const;
+  std::optional<int> whole_number(std::string_view key, int minimum, int maximum) const;
+  std::vector<double> numbers(std::string_view key) const;     ///< one number or a list
+  std::vector<std::string> texts(std::string_view key) const;  ///< one text or a list
+  std::vector<std::vector<std::string>> text_rows(std::string_view key) const;
+  std::optional<ConfigSection> section(std::string_view key) const;  ///< [key]
+  std::vector<ConfigSection> sections(std::string_view key) const;   ///< [[key]]
+  const std::string& source() const;
+  /// Fills a settings struct (base/parameter.h) from the keys of this section; unknown keys, types,
+  /// ranges and choices are checked. `also` names keys that the caller reads itself.
+  template <class Settings>
+  void read(Settings& settings, std::vector<std::string> also = {}) const {
+    Settings::describe(settings,
+                       [&](auto&, const ParameterInfo& info) { also.push_back(info.name); });
+    require_known(also);
+    Settings::describe(settings,
+                       [&](auto& value, const ParameterInfo& info) { read_value(value, info); });
+  }
+
+ private:
+  struct Table;
+  explicit ConfigSection(std::shared_ptr<const Table> table) : table_(std::move(table)) {}
+  void check_number(const ParameterInfo& info, double value) const;
+  void check_choice(const ParameterInfo& info, const std::string& value) const;
+
+  template <class Value>
+  void read_value(Value& value, const ParameterInfo& info) const {
+    if (!has(info.name)) return;
+    if constexpr (requires {
+                    typename Value::value_type;
+                    value.has_value();
+                  }) {
+      typename Value::value_type plain{};
+      read_value(plain, info);
+      value = plain;
+    } else if constexpr (std::is_same_v<Value, bool>) {
+      value = flag(info.name).value_or(value);
+    } else if constexpr (std::is_same_v<Value, std::string>) {
+      value = text(info.name).value_or(value);
+      check_choice(info, value);
+    } else if constexpr (std::is_integral_v<Value>) {
+      value = static_cast<Value>(whole_number(info.name, -2147483647, 2147483647).value_or(0));
+      check_number(info, static_cast<double>(value));
+    } else if constexpr (std::is_floating_point_v<Value>) {
+      value = static_cast<Value>(number(info.name).value_or(0));
+      check_number(info, static_cast<double>(value));
+    } else {
+      value = numbers(info.name);
+      for (const double one : value) check_number(info, one);
+    }
+  }
+
+  std::shared_ptr<const Table> table_;
+};
+
+}  // namespace malus
