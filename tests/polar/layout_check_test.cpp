@@ -51,7 +51,17 @@ TEST(LayoutCheck, FindsThePairingOfEveryLayout) {
     const auto check = check_layout(polarized_mosaic(layout, 64, 96, 0.3, 5));
     EXPECT_TRUE(check.decided()) << layout.name();
     EXPECT_EQ(check.winner(), *declared) << layout.name();
+    EXPECT_EQ(layout_complaint(layout, check), "");
   }
+}
+
+TEST(LayoutCheck, ComplainsAboutTheWrongLayoutOnly) {
+  const auto rows = SensorLayout::from_sites({{"0", "90"}, {"45", "135"}});
+  const auto check = check_layout(polarized_mosaic(rows, 64, 96, 0.3, 5));
+  EXPECT_EQ(layout_complaint(rows, check), "");
+  EXPECT_NE(layout_complaint(SensorLayout::named("polar-mono"), check).find("row"),
+            std::string::npos);
+  EXPECT_EQ(layout_complaint(SensorLayout::named("bayer-rggb"), check), "");
 }
 
 TEST(LayoutCheck, UnpolarizedNoiseStaysUndecided) {

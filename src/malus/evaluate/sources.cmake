@@ -1,1 +1,5 @@
-set(evaluate_SOURCES evaluation.cpp image_metrics.cpp polarization_metrics.cpp)
+set(evaluate_SOURCES
+  evaluation.cpp
+  image_metrics.cpp
+  polarization_metrics.cpp
+)

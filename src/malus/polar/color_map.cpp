@@ -56,8 +56,8 @@ Rgb rgb_of_oklab(double lightness, double a, double b) {
 }
 
 Rgb aolp_color(double aolp_deg, double strength) {
-  // The largest chroma that fits into sRGB at this lightness for every hue is 0.125.
-  constexpr double kLightness = 0.72, kChroma = 0.125, kHueOfZeroDeg = 20;
+  // The lightness at which the largest chroma fits into sRGB for every hue, just inside it.
+  constexpr double kLightness = 0.74, kChroma = 0.124, kHueOfZeroDeg = 20;
   const double hue = (2 * aolp_deg + kHueOfZeroDeg) * std::numbers::pi / 180;
   const double held = std::clamp(strength, 0.0, 1.0);
   return rgb_of_oklab(held * kLightness, held * kChroma * std::cos(hue),

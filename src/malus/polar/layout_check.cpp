@@ -7,6 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
+
 namespace malus {
 namespace {
 
@@ -123,6 +125,15 @@ std::optional<Pairing> declared_pairing(const SensorLayout& layout) {
     for (int c = 0; c < layout.cols(); c += 2)
       if (block_pairing(layout, r, c) != first) return std::nullopt;
   return first;
+}
+
+std::string layout_complaint(const SensorLayout& layout, const LayoutCheck& check) {
+  const auto declared = declared_pairing(layout);
+  if (!declared || !check.decided() || check.winner() == *declared) return {};
+  return fmt::format(
+      "the layout {} has its crossed polarizers on the {} pairs, the frame on the {} pairs (margin "
+      "{:.2f}): is the layout right, or the frame cropped or turned?",
+      layout.name(), pairing_name(*declared), pairing_name(check.winner()), check.margin());
 }
 
 }  // namespace malus

@@ -10,6 +10,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 
 namespace malus {
@@ -46,5 +47,8 @@ LayoutCheck check_layout(View<const float> mosaic);
 /// The pairing that a layout claims: where 0 and 90 of one 2x2 block lie. None for layouts whose
 /// 2x2 blocks do not each hold the four angles of one colour, or do not agree.
 std::optional<Pairing> declared_pairing(const SensorLayout& layout);
+
+/// One sentence when the check decides against the declared layout; empty otherwise.
+std::string layout_complaint(const SensorLayout& layout, const LayoutCheck& check);
 
 }  // namespace malus

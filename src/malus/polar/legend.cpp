@@ -9,6 +9,7 @@ namespace {
 
 constexpr Rgb kPanel = {24, 24, 24}, kInk = {235, 235, 235};
 constexpr int kGlyphRows = 5, kGlyphCols = 3;
+constexpr int kSmallestLabelledPanel = 64;
 
 // Five rows of three dots, top first.
 std::string_view glyph(char letter) {
@@ -136,17 +137,18 @@ void write_centred(Planes& picture, double row, double col, std::string_view tex
 }
 
 struct Box {
-  int row, col, rows, cols, scale;  // scale: screen pixels per font dot
+  int row, col, rows, cols;
+  int scale;  // screen pixels per font dot; 0: too small for labels
 };
 
 // A panel in the lower right corner, `aspect` times as wide as high, about a quarter of the
 // picture's shorter side.
 Box panel_of(Planes& picture, double aspect) {
   const int shorter = std::min(picture.rows(), picture.cols());
-  const int rows = std::clamp(shorter / 4, 72, 320), cols = static_cast<int>(rows * aspect);
+  const int rows = std::clamp(shorter / 4, 32, 320), cols = static_cast<int>(rows * aspect);
   const int margin = rows / 12;
   const Box box{picture.rows() - rows - margin, picture.cols() - cols - margin, rows, cols,
-                std::max(1, rows / 60)};
+                rows < kSmallestLabelledPanel ? 0 : std::max(1, rows / 60)};
   fill(picture, box.row, box.col, box.rows, box.cols, kPanel);
   return box;
 }
@@ -162,7 +164,7 @@ void draw_aolp_wheel(Planes& picture) {
   if (too_small(picture)) return;
   const Box box = panel_of(picture, 1.1);
   const double centre_row = box.row + 0.5 * box.rows, centre_col = box.col + 0.5 * box.cols;
-  const double label = 0.5 * box.rows - 0.5 * (kGlyphRows + 2) * box.scale;
+  const double label = 0.5 * box.rows - 0.5 * (kGlyphRows + 2) * box.scale - 1;
   const double outer = label - 0.5 * (kGlyphRows + 3) * box.scale, inner = 0.35 * outer;
   for (int r = box.row; r < box.row + box.rows; ++r)
     for (int c = box.col; c < box.col + box.cols; ++c) {
@@ -186,9 +188,9 @@ void draw_bar(Planes& picture, const std::function<Rgb(double)>& color_of_fracti
   std::size_t longest = 1;
   for (const auto& text : labels) longest = std::max(longest, text.size());
   const Box box = panel_of(picture, 0.35 + 0.075 * static_cast<double>(longest));
-  const int margin = (kGlyphRows + 3) * box.scale / 2;
+  const int margin = (kGlyphRows + 3) * box.scale / 2 + 1;
   const int top = box.row + margin, height = box.rows - 2 * margin;
-  const int bar = box.rows / 7, left = box.col + 2 * box.scale;
+  const int bar = box.rows / 7, left = box.col + 2 * box.scale + 1;
   for (int r = 0; r < height; ++r) {
     const Rgb color = color_of_fraction(1 - (r + 0.5) / height);
     fill(picture, top + r, left, 1, bar, color);

@@ -11,8 +11,9 @@
 
 namespace malus {
 
-/// Pictures below this many rows or columns stay without a legend: it would hide too much.
-inline constexpr int kSmallestPictureWithLegend = 160;
+/// Pictures below this many rows or columns stay without a legend: it would hide too much. Below
+/// four times 64 the legend has no labels.
+inline constexpr int kSmallestPictureWithLegend = 64;
 
 /// picture: 3 planes, 0..255. Every angle appears twice around the circle; 0, 45, 90 and 135 are
 /// labelled, counter-clockwise from the right.

@@ -102,7 +102,7 @@ Planes render_s0(const StokesPicture& picture, const RenderSettings& settings) {
   double white = 0;
   for (std::size_t i = 0; i < 3; ++i)
     white = std::max(white, gains[i] * percentile(s0[i]->values(), settings.white_percentile));
-  const double scale = white > 0 ? settings.exposure / white : 0;
+  const double scale = white > 0 ? settings.brightness / white : 0;
   return paint(s0[0]->rows(), s0[0]->cols(), [&](int r, int c) {
     std::array<float, 3> rgb;
     for (std::size_t i = 0; i < 3; ++i) {

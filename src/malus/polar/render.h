@@ -12,7 +12,7 @@ namespace malus {
 struct RenderSettings {
   double dolp_max = 1.0;
   double white_percentile = 99.5;
-  double exposure = 1.0;
+  double brightness = 1.0;
   bool white_balance = true;
   bool aolp_by_dolp = false;
   bool legend = true;
@@ -24,7 +24,8 @@ struct RenderSettings {
     field(self.white_percentile,
           ParameterInfo{"white_percentile", "%", "share of S0 below white in its picture", 1.0,
                         100.0});
-    field(self.exposure, ParameterInfo{"exposure", "1", "brightens the S0 picture", 0.001, 1000.0});
+    field(self.brightness,
+          ParameterInfo{"brightness", "1", "brightens the S0 picture", 0.001, 1000.0});
     field(self.white_balance,
           ParameterInfo{"white_balance", "", "scale R and B of the S0 picture to the mean of G"});
     field(self.aolp_by_dolp,
