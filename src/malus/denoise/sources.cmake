@@ -1,1 +1,13 @@
-set(denoise_SOURCES bm3d.cpp bm3d_filter.cpp bm3d_match.cpp bm3d_parameters.cpp bm3d_pass.cpp)
+set(denoise_SOURCES
+    baselines.cpp
+    bm3d.cpp
+    bm3d_filter.cpp
+    bm3d_match.cpp
+    bm3d_parameters.cpp
+    bm3d_pass.cpp
+    denoiser.cpp
+    mosaic_filter.cpp
+    preparation.cpp
+    row_noise.cpp
+    stack_kernel.cpp
+    stack_stage.cpp)

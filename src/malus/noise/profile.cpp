@@ -33,4 +33,13 @@ double VarianceCurve::operator()(double signal_dn) const {
   return variance_dn2_[i - 1] + t * (variance_dn2_[i] - variance_dn2_[i - 1]);
 }
 
+VarianceCurve VarianceCurve::scaled(double factor) const {
+  MALUS_REQUIRE(factor > 0);
+  VarianceCurve curve = *this;
+  curve.slope_dn_ *= factor;
+  curve.offset_dn2_ *= factor;
+  for (double& variance : curve.variance_dn2_) variance *= factor;
+  return curve;
+}
+
 }  // namespace malus

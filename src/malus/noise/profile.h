@@ -18,6 +18,8 @@ class VarianceCurve {
   /// models.
   static VarianceCurve table(std::vector<double> signal_dn, std::vector<double> variance_dn2);
   double operator()(double signal_dn) const;
+  /// The curve with every variance multiplied by factor > 0.
+  VarianceCurve scaled(double factor) const;
   bool is_affine() const { return signal_dn_.empty(); }
   double slope_dn() const { return slope_dn_; }      ///< contract: is_affine()
   double offset_dn2() const { return offset_dn2_; }  ///< contract: is_affine()

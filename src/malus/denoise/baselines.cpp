@@ -1,0 +1,113 @@
+#include "malus/denoise/internal/baselines.h"
+
+#include "malus/base/statistics.h"
+#include "malus/denoise/bm3d.h"
+#include "malus/image/pack.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Eigenvalues>
+
+namespace malus::internal {
+namespace {
+
+// Deviation of white noise from the median of diagonal second differences of 2x2 pixels, the finest
+// Haar wavelet band (Donoho, Johnstone, Biometrika 81, 1994).
+double estimated_deviation(const Image& plane) {
+  std::vector<double> detail;
+  for (int r = 0; r + 1 < plane.rows(); r += 2)
+    for (int c = 0; c + 1 < plane.cols(); c += 2)
+      detail.push_back(
+          0.5 * std::abs(plane(r, c) - plane(r, c + 1) - plane(r + 1, c) + plane(r + 1, c + 1)));
+  return detail.empty() ? 0.0 : 1.4826 * median_of(std::move(detail));
+}
+
+void filter_each(Planes& planes, const std::vector<float>& sigma, const Bm3dSettings& settings,
+                 Progress& progress) {
+  for (int k = 0; k < planes.channels(); ++k) {
+    Planes one(1, 0, 0);
+    one[0] = std::move(planes[k]);
+    planes[k] = std::move(
+        bm3d(one, std::span(&sigma[static_cast<std::size_t>(k)], 1), settings, {}, progress)[0]);
+  }
+}
+
+void stabilise(Planes& planes, const std::vector<Stabilizer>& stabilizers, bool back) {
+  for (int k = 0; k < planes.channels(); ++k) {
+    const Stabilizer& s = stabilizers[static_cast<std::size_t>(k)];
+    for (float& v : planes[k].values()) v = static_cast<float>(back ? s.inverse(v) : s.forward(v));
+  }
+}
+
+Eigen::MatrixXd principal_components(const Planes& planes) {
+  const int n = planes.channels();
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
+  std::vector<double> mean;
+  for (int k = 0; k < n; ++k) {
+    double sum = 0;
+    for (const float v : planes[k].values()) sum += v;
+    mean.push_back(sum / static_cast<double>(planes[k].size()));
+  }
+  for (int a = 0; a < n; ++a)
+    for (int b = 0; b <= a; ++b) {
+      double sum = 0;
+      for (std::size_t i = 0; i < planes[a].size(); ++i)
+        sum += (planes[a].values()[i] - mean[static_cast<std::size_t>(a)]) *
+               (planes[b].values()[i] - mean[static_cast<std::size_t>(b)]);
+      covariance(a, b) = covariance(b, a) = sum / static_cast<double>(planes[a].size());
+    }
+  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(covariance).eigenvectors();
+}
+
+// planes <- matrix * planes, channel-wise.
+Planes mixed(const Planes& planes, const Eigen::MatrixXd& matrix) {
+  Planes out(planes.channels(), planes.rows(), planes.cols());
+  for (int a = 0; a < planes.channels(); ++a)
+    for (int b = 0; b < planes.channels(); ++b)
+      for (std::size_t i = 0; i < out[a].size(); ++i)
+        out[a].values()[i] += static_cast<float>(matrix(a, b)) * planes[b].values()[i];
+  return out;
+}
+
+}  // namespace
+
+Image run_baseline(const std::string& name, const PreparedFrame& frame, const NoiseProfile& profile,
+                   const DenoiseSettings& settings, Progress& progress) {
+  Bm3dSettings bm3d_settings;
+  bm3d_settings.profile = settings.profile;
+  Planes planes = pack(frame.dn, frame.layout);
+  const auto channels = static_cast<std::size_t>(planes.channels());
+  std::vector<float> sigma(channels, 1.0f);
+  if (name == "paper-bm3d" || name == "paper-mbm3d") {
+    for (std::size_t k = 0; k < channels; ++k)
+      sigma[k] =
+          static_cast<float>(settings.strength * estimated_deviation(planes[static_cast<int>(k)]));
+    if (name == "paper-mbm3d") {
+      float mean = 0;
+      for (const float s : sigma) mean += s / static_cast<float>(channels);
+      std::fill(sigma.begin(), sigma.end(), mean);
+      planes = bm3d(planes, sigma, bm3d_settings, {}, progress);
+    } else {
+      filter_each(planes, sigma, bm3d_settings, progress);
+    }
+  } else {
+    const auto stabilizers = make_stabilizers(profile, frame.saturated_dn, settings.strength);
+    stabilise(planes, stabilizers, false);
+    if (name == "vst-pca-bm3d") {
+      const Eigen::MatrixXd axes = principal_components(planes);
+      planes = mixed(planes, axes.transpose());
+      filter_each(planes, sigma, bm3d_settings, progress);
+      planes = mixed(planes, axes);
+    } else {
+      MALUS_REQUIRE(name == "vst-bm3d");
+      filter_each(planes, sigma, bm3d_settings, progress);
+    }
+    stabilise(planes, stabilizers, true);
+  }
+  Image mosaic(frame.dn.rows(), frame.dn.cols());
+  unpack(planes, frame.layout, mosaic);
+  return mosaic;
+}
+
+}  // namespace malus::internal

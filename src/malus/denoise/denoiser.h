@@ -1,0 +1,76 @@
+// Raw frame in, denoised raw frame out: the methods by name, and what every one of them tells about
+// its work.
+//   subtract black and bias -> take out row noise -> stabilise the variance -> filter -> exact
+//   unbiased inverse -> mosaic
+#pragma once
+
+#include "malus/base/parameter.h"
+#include "malus/base/progress.h"
+#include "malus/image/raw_frame.h"
+#include "malus/noise/profile.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct DenoiseSettings {
+  std::string method = "bm3d";
+  std::string profile = "normal";
+  double memory_mib = 1024;
+  double strength = 1.0;
+  bool row_noise = true;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    field(self.method,
+          ParameterInfo{"method", "", "bm3d (the default), a baseline, or a network's file"});
+    field(self.profile, ParameterInfo{.name = "profile",
+                                      .unit = "",
+                                      .help = "speed against quality",
+                                      .choices = {"fast", "normal", "high"}});
+    field(self.memory_mib,
+          ParameterInfo{"memory", "MiB", "frames and tiles together take no more than this", 128,
+                        1 << 20});
+    field(self.strength, ParameterInfo{"strength", "1",
+                                       "multiplies the noise deviation that is taken out", 0.1, 4});
+    field(self.row_noise,
+          ParameterInfo{"row_noise", "", "estimate and remove the row noise first"});
+  }
+};
+
+struct StageTime {
+  std::string stage;
+  double seconds = 0;
+};
+
+struct Denoised {
+  Image dn_above_black;               ///< mosaic, size of the input, bias removed, nothing clamped
+  std::optional<Image> variance_dn2;  ///< expected squared error of every pixel, if asked for
+  std::vector<double> sigma_used_dn;  ///< per channel: noise deviation at the channel's mean signal
+  double row_noise_removed_dn = 0;    ///< root mean square over the row groups
+  std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
+  std::int64_t saturated_pixels = 0;
+  int tiles = 1;
+  std::vector<StageTime> times;
+};
+
+struct DenoiseMethod {
+  std::string name;
+  std::string description;  ///< one line
+  bool gives_variance;
+};
+/// The built-in methods, the default first.
+const std::vector<DenoiseMethod>& denoise_methods();
+/// Throws InputError that names the nearest method.
+const DenoiseMethod& denoise_method(const std::string& name);
+
+/// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
+/// its bias is subtracted. Pixels that are not finite are filled from their neighbours for the
+/// filter's sake and come back unchanged. Throws InputError on an unknown method or profile name,
+/// an empty frame, a layout that differs from the profile's, or too little memory; Cancelled.
+Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
+                       Progress& progress = silent_progress(), bool want_variance = false);
+
+}  // namespace malus

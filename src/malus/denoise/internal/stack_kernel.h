@@ -1,0 +1,73 @@
+// What the vectorised inner loops of the mosaic filter work on: plain pointers into one tile.
+#pragma once
+
+#include "malus/denoise/internal/stack_stage.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace malus::internal {
+
+struct Match {
+  float distance;
+  std::ptrdiff_t offset;  ///< of the block's first pixel
+  /// Ties go to the earlier block, so that the order is complete and the same everywhere.
+  bool operator<(const Match& other) const {
+    return distance != other.distance ? distance < other.distance : offset < other.offset;
+  }
+};
+
+/// Reference blocks [row_begin, row_end) x [col_begin, col_end) in steps of StackJob::step.
+struct ReferenceBlock {
+  int row_begin, row_end, col_begin, col_end;
+};
+
+struct StackJob {
+  const float* noisy;
+  const float* guide;
+  float* sum;
+  float* weight;
+  float* error;  ///< may be null
+  std::ptrdiff_t stride;
+  int rows, cols;
+  int row0, col0;  ///< frame position of the tile, for the alignment
+  int block_cells, step, search, stack;
+  float threshold;
+  int period_rows, period_cols;
+  float dct[kMaxBlockCells][kMaxBlockCells];
+  std::vector<CellVector> window;  ///< per cell of the block
+  const std::vector<CellMatrix>* rotations;
+
+  std::size_t alignment(int row, int col) const {
+    const int r = ((row0 + row) % period_rows + period_rows) % period_rows;
+    const int c = ((col0 + col) % period_cols + period_cols) % period_cols;
+    return static_cast<std::size_t>(r * period_cols + c);
+  }
+};
+
+void filter_references(const StackJob& job, const ReferenceBlock& block);
+
+inline constexpr int kGuideStep = 2;  ///< mosaic pixels between the cells that the guide averages
+
+/// sum += matrices[alignment] (cell - mean) + mean for all cells of the lattice.
+struct SmoothJob {
+  const float* noisy;
+  float* sum;
+  std::ptrdiff_t stride;
+  int cols;
+  int row0, col0;
+  int period_rows, period_cols;
+  const CellVector* means;     ///< per alignment
+  const CellMatrix* matrices;  ///< per alignment
+
+  std::size_t alignment(int row, int col) const {
+    const int r = ((row0 + row) % period_rows + period_rows) % period_rows;
+    const int c = ((col0 + col) % period_cols + period_cols) % period_cols;
+    return static_cast<std::size_t>(r * period_cols + c);
+  }
+};
+
+void smooth_cells(const SmoothJob& job, int row_begin, int row_end);
+
+}  // namespace malus::internal

@@ -1,0 +1,59 @@
+// One pass of the mosaic filter over a tile: for every reference block a stack of similar blocks is
+// gathered, transformed, shrunk and put back. Blocks are cut into cells of 4x4 mosaic pixels, and a
+// cell is one vector of 16 floats: whatever the sensor's layout, the position inside the cell takes
+// the part of a colour or polarization channel.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/image/view.h"
+
+#include <array>
+#include <vector>
+
+namespace malus::internal {
+
+inline constexpr int kCell = 4;               ///< mosaic pixels per side of a cell
+inline constexpr int kLanes = kCell * kCell;  ///< values of a cell, row by row
+inline constexpr int kMaxBlockCells = 8;      ///< cells per side of the largest block
+inline constexpr int kMaxStack = 128;
+
+using CellVector = std::array<float, kLanes>;
+/// rotation[i][k]: weight of value i in component k; columns are orthonormal.
+using CellMatrix = std::array<CellVector, kLanes>;
+
+struct StackStage {
+  int block_cells = 4;  ///< cells per side of a block: 2, 4 or 8
+  int step = 4;         ///< mosaic pixels between reference blocks; not a multiple of the cell, so
+                        ///< that all alignments of cells and mosaic are averaged
+  int search = 13;      ///< blocks are compared up to this many layout cells away
+  int stack = 32;       ///< blocks per stack, a power of two
+  float threshold = 2.7f;  ///< hard thresholding, in deviations of the noise; 0: Wiener filter
+  int block() const { return block_cells * kCell; }
+};
+
+/// A rectangle of the frame with its surroundings; (row0, col0) is the frame's position of (0, 0)
+/// and may be negative in the extension beyond the border.
+struct Tile {
+  Image pixels;
+  int row0 = 0, col0 = 0;
+};
+
+struct StageInput {
+  const Tile* noisy;   ///< unit noise
+  const Image* guide;  ///< same size: where blocks are compared; for the Wiener filter the pilot
+  int period_rows, period_cols;  ///< of the layout: blocks are moved by whole periods
+  int frame_rows, frame_cols;    ///< references must touch the frame itself
+  /// Hard thresholding: rotation per alignment, [row % period_rows * period_cols + col %
+  /// period_cols].
+  const std::vector<CellMatrix>* rotations = nullptr;
+};
+
+/// Estimate of the tile's pixels; where variance_out is given, also the expected squared error.
+/// Pixels that no stack reached keep the noisy value and variance 1.
+Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
+                Image* variance_out = nullptr);
+
+/// Eigenvectors of a symmetric matrix, largest eigenvalue first, as the columns of the result.
+CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues = nullptr);
+
+}  // namespace malus::internal

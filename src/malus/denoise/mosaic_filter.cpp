@@ -1,0 +1,222 @@
+#include "malus/denoise/mosaic_filter.h"
+
+#include "malus/base/parallel.h"
+#include "malus/denoise/internal/stack_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+using internal::CellMatrix;
+using internal::CellVector;
+using internal::kCell;
+using internal::kLanes;
+
+constexpr int kCellsPerAlignment = 65536;
+
+int reach_of(const internal::StackStage& stage, int period) {
+  // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
+  // far again.
+  return 2 * (stage.search * period + stage.block());
+}
+
+// rotation * diag(s / (s + 1)) * rotation^T with s the signal's variance per component.
+CellMatrix wiener_matrix(const CellMatrix& axes, const CellVector& eigenvalues) {
+  CellMatrix matrix{};
+  for (std::size_t i = 0; i < kLanes; ++i)
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      float sum = 0;
+      for (std::size_t c = 0; c < kLanes; ++c) {
+        const float signal = std::max(eigenvalues[c] - 1.0f, 0.0f);
+        sum += axes[i][c] * axes[k][c] * signal / (signal + 1.0f);
+      }
+      matrix[i][k] = sum;
+    }
+  return matrix;
+}
+
+struct CellSums {
+  double count = 0;
+  std::array<double, kLanes> sum{};
+  std::array<std::array<double, kLanes>, kLanes> products{};
+
+  void add(const CellVector& cell) {
+    count += 1;
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      sum[i] += cell[i];
+      for (std::size_t k = 0; k <= i; ++k) products[i][k] += static_cast<double>(cell[i]) * cell[k];
+    }
+  }
+  CellVector mean() const {
+    CellVector m{};
+    for (std::size_t i = 0; i < kLanes; ++i)
+      m[i] = static_cast<float>(sum[i] / std::max(count, 1.0));
+    return m;
+  }
+  CellMatrix covariance() const {
+    CellMatrix c{};
+    for (std::size_t i = 0; i < kLanes; ++i)
+      for (std::size_t k = 0; k <= i; ++k) {
+        const double n = std::max(count, 1.0);
+        c[i][k] = c[k][i] = static_cast<float>(products[i][k] / n - sum[i] / n * (sum[k] / n));
+      }
+    return c;
+  }
+};
+
+CellSums sum_cells(const PixelSource& pixel, int rows, int cols, const SensorLayout& layout,
+                   int row_phase, int col_phase) {
+  const int down = (rows - row_phase + layout.rows() - 1) / layout.rows();
+  const int across = (cols - col_phase + layout.cols() - 1) / layout.cols();
+  const double cells = static_cast<double>(std::max(down, 0)) * std::max(across, 0);
+  const int skip = std::max(1, static_cast<int>(std::ceil(std::sqrt(cells / kCellsPerAlignment))));
+  CellSums sums;
+  CellVector cell;
+  for (int i = 0; i < down; i += skip)
+    for (int k = 0; k < across; k += skip) {
+      for (int r = 0; r < kCell; ++r)
+        for (int c = 0; c < kCell; ++c)
+          cell[static_cast<std::size_t>(r * kCell + c)] =
+              pixel(folded(i * layout.rows() + row_phase + r, rows, layout.rows()),
+                    folded(k * layout.cols() + col_phase + c, cols, layout.cols()));
+      sums.add(cell);
+    }
+  return sums;
+}
+
+// Every pixel is the mean of the linear estimates of the cells around it.
+Image smoothed(const internal::Tile& noisy, const CellStatistics& statistics) {
+  const Image& from = noisy.pixels;
+  // One more cell than the tile on the far sides would be needed for its last pixels: those keep
+  // their own value. They lie in the extension, beyond all results.
+  Image sum(from.rows(), from.cols());
+  internal::SmoothJob job{};
+  job.noisy = from.values().data();
+  job.sum = sum.values().data();
+  job.stride = from.cols();
+  job.cols = from.cols();
+  job.row0 = noisy.row0;
+  job.col0 = noisy.col0;
+  job.period_rows = statistics.period_rows;
+  job.period_cols = statistics.period_cols;
+  job.means = statistics.means.data();
+  job.matrices = statistics.smoothing.data();
+  // Bands of cells of two colours: cells of one band reach two rows into the next.
+  constexpr int kBand = 32;
+  const int last = from.rows() - kCell + 1, bands = (last + kBand - 1) / kBand;
+  for (int parity = 0; parity < 2; ++parity)
+    parallel_for(0, (bands - parity + 1) / 2, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (std::ptrdiff_t b = begin; b < end; ++b) {
+        const int row = (2 * static_cast<int>(b) + parity) * kBand;
+        internal::smooth_cells(job, row, std::min(row + kBand, last));
+      }
+    });
+  const auto covers = [](int position, int size) {
+    // Cells of the lattice that hold this position.
+    int count = 0;
+    for (int start = position - position % internal::kGuideStep;
+         start > position - kCell && start >= 0; start -= internal::kGuideStep)
+      if (start + kCell <= size) ++count;
+    return count;
+  };
+  for (int r = 0; r < from.rows(); ++r)
+    for (int c = 0; c < from.cols(); ++c) {
+      const int count = covers(r, from.rows()) * covers(c, from.cols());
+      sum(r, c) = count > 0 ? sum(r, c) / static_cast<float>(count) : from(r, c);
+    }
+  return sum;
+}
+
+}  // namespace
+
+MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
+  // block, step, search, stack, threshold
+  if (profile == "fast")
+    return {{.block_cells = 4, .step = 15, .search = 8, .stack = 16, .threshold = 2.7f},
+            {.block_cells = 2, .step = 7, .search = 8, .stack = 32, .threshold = 0}};
+  if (profile == "normal")
+    return {{.block_cells = 4, .step = 9, .search = 10, .stack = 32, .threshold = 2.7f},
+            {.block_cells = 2, .step = 5, .search = 10, .stack = 64, .threshold = 0}};
+  if (profile == "high")
+    return {{.block_cells = 4, .step = 5, .search = 13, .stack = 64, .threshold = 2.7f},
+            {.block_cells = 2, .step = 3, .search = 13, .stack = 64, .threshold = 0}};
+  throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
+}
+
+int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout) {
+  const int period = std::max(layout.rows(), layout.cols());
+  return reach_of(plan.hard, period) + reach_of(plan.wiener, period) + kCell;
+}
+
+int folded(int position, int size, int period) {
+  if (position >= 0 && position < size) return position;
+  const int cell = position >= 0 ? position / period : -((period - 1 - position) / period);
+  const int phase = position - cell * period;
+  const int count = (size - phase + period - 1) / period;
+  if (phase >= size || count <= 0)
+    return size - 1;  // no sample of this channel: the nearest there is
+  const int turn = 2 * count;
+  int mirrored = ((cell % turn) + turn) % turn;
+  if (mirrored >= count) mirrored = turn - 1 - mirrored;
+  return mirrored * period + phase;
+}
+
+CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
+                             const SensorLayout& layout) {
+  CellStatistics statistics;
+  statistics.period_rows = layout.rows();
+  statistics.period_cols = layout.cols();
+  const auto alignments = static_cast<std::size_t>(layout.channels());
+  statistics.means.resize(alignments);
+  statistics.rotations.resize(alignments);
+  statistics.smoothing.resize(alignments);
+  parallel_for(0, layout.channels(), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (std::ptrdiff_t a = begin; a < end; ++a) {
+      const auto i = static_cast<std::size_t>(a);
+      const CellSums sums =
+          sum_cells(pixel, rows, cols, layout, static_cast<int>(a) / layout.cols(),
+                    static_cast<int>(a) % layout.cols());
+      CellVector eigenvalues;
+      statistics.means[i] = sums.mean();
+      statistics.rotations[i] = internal::principal_axes(sums.covariance(), &eigenvalues);
+      statistics.smoothing[i] = wiener_matrix(statistics.rotations[i], eigenvalues);
+    }
+  });
+  return statistics;
+}
+
+internal::Tile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
+                        int col0, int rows, int cols, const SensorLayout& layout) {
+  internal::Tile tile{Image(rows, cols), row0, col0};
+  std::vector<int> source_col;
+  for (int c = 0; c < cols; ++c) source_col.push_back(folded(col0 + c, frame_cols, layout.cols()));
+  parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
+      const int row = folded(row0 + r, frame_rows, layout.rows());
+      float* to = tile.pixels.row(r);
+      for (int c = 0; c < cols; ++c) to[c] = pixel(row, source_col[static_cast<std::size_t>(c)]);
+    }
+  });
+  return tile;
+}
+
+Image filter_mosaic(const internal::Tile& noisy, int frame_rows, int frame_cols,
+                    const CellStatistics& statistics, const MosaicFilterPlan& plan,
+                    Progress& progress, Image* variance_out) {
+  internal::StageInput input{};
+  input.noisy = &noisy;
+  input.period_rows = statistics.period_rows;
+  input.period_cols = statistics.period_cols;
+  input.frame_rows = frame_rows;
+  input.frame_cols = frame_cols;
+  input.rotations = &statistics.rotations;
+  const Image guide = smoothed(noisy, statistics);
+  input.guide = &guide;
+  const Image pilot = internal::run_stage(input, plan.hard, progress);
+  input.guide = &pilot;
+  return internal::run_stage(input, plan.wiener, progress, variance_out);
+}
+
+}  // namespace malus

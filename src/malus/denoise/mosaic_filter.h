@@ -1,0 +1,60 @@
+// The default denoiser's filter: collaborative filtering of the stabilised mosaic itself, for any
+// layout. Similar blocks are searched at whole periods of the layout, so that colours and polarizer
+// angles of a stack agree; inside a block every 4x4 pixels form a vector that is rotated into
+// components learnt from the picture: in the first pass the principal components of the whole
+// frame, in the second those of the stack itself, which follow the local colour and polarization
+// (as PBM3D, Tibbs et al. 2018, and PFCD, 2025, do for a whole picture). References lie on a grid
+// that is not a multiple of the cell, so that every alignment of cells and mosaic takes part and
+// their estimates are averaged. What each of these earns is measured in docs/denoising.md.
+#pragma once
+
+#include "malus/denoise/internal/stack_stage.h"
+#include "malus/image/layout.h"
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct MosaicFilterPlan {
+  internal::StackStage hard, wiener;
+};
+/// "fast", "normal" or "high"; throws InputError on another name.
+MosaicFilterPlan mosaic_filter_plan(const std::string& profile);
+
+/// An output pixel depends on no input further away than this, in rows or columns.
+int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout);
+
+/// What the filter must know of the whole frame before it can work on a part of it.
+struct CellStatistics {
+  int period_rows = 1, period_cols = 1;
+  std::vector<internal::CellVector> means;      ///< per alignment of cell and layout
+  std::vector<internal::CellMatrix> rotations;  ///< principal axes, noise subtracted
+  std::vector<internal::CellMatrix> smoothing;  ///< linear minimum mean-square estimate of a cell
+};
+
+/// Stabilised pixel of the frame, row and col inside it.
+using PixelSource = std::function<float(int row, int col)>;
+
+/// From at most about 65,000 cells per alignment, spread over the frame.
+CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
+                             const SensorLayout& layout);
+
+/// Position inside [0, size) that stands for `position` beyond the border: mirrored by whole
+/// periods, so that the channel stays the same.
+int folded(int position, int size, int period);
+
+/// The frame's rectangle extended by the filter's reach on every side, beyond the border by
+/// folding.
+internal::Tile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
+                        int col0, int rows, int cols, const SensorLayout& layout);
+
+/// Filters a tile whose noise has deviation 1. Pixels at least mosaic_filter_reach away from a
+/// tile's edge get the values that the whole frame would give them. variance_out, when given:
+/// expected squared error per pixel. The same bytes for any thread count.
+Image filter_mosaic(const internal::Tile& noisy, int frame_rows, int frame_cols,
+                    const CellStatistics& statistics, const MosaicFilterPlan& plan,
+                    Progress& progress, Image* variance_out = nullptr);
+
+}  // namespace malus

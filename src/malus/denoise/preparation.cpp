@@ -1,0 +1,95 @@
+#include "malus/denoise/internal/preparation.h"
+
+#include "malus/base/parallel.h"
+#include "malus/denoise/row_noise.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus::internal {
+namespace {
+
+// Mean of the finite pixels of the same channel in growing rings; 0 when there is none nearby.
+float filled(View<const float> dn, const SensorLayout& layout, int row, int col) {
+  constexpr int kRings = 8;
+  for (int ring = 1; ring <= kRings; ++ring) {
+    double sum = 0;
+    int count = 0;
+    for (int i = -ring; i <= ring; ++i)
+      for (int k = -ring; k <= ring; ++k) {
+        const int r = row + i * layout.rows(), c = col + k * layout.cols();
+        if (std::max(std::abs(i), std::abs(k)) != ring) continue;
+        if (r < 0 || c < 0 || r >= dn.rows() || c >= dn.cols() || !std::isfinite(dn(r, c)))
+          continue;
+        sum += dn(r, c);
+        ++count;
+      }
+    if (count > 0) return static_cast<float>(sum / count);
+  }
+  return 0.0f;
+}
+
+// All replacements are computed from the input's own pixels before any is written.
+void fill_nonfinite(Image& dn, const SensorLayout& layout, std::vector<NonfinitePixel>& list) {
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c)
+      if (!std::isfinite(dn(r, c))) list.push_back({r, c, dn(r, c)});
+  std::vector<float> replacement;
+  for (const NonfinitePixel& p : list) replacement.push_back(filled(dn, layout, p.row, p.col));
+  for (std::size_t i = 0; i < list.size(); ++i) dn(list[i].row, list[i].col) = replacement[i];
+}
+
+std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout) {
+  std::vector<double> sum(static_cast<std::size_t>(layout.channels())), count(sum);
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) {
+      const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
+      sum[k] += dn(r, c);
+      count[k] += 1;
+    }
+  for (std::size_t k = 0; k < sum.size(); ++k) sum[k] /= std::max(count[k], 1.0);
+  return sum;
+}
+
+}  // namespace
+
+PreparedFrame prepare(RawFrame frame, const NoiseProfile& profile, bool remove_rows,
+                      Denoised& report) {
+  PreparedFrame prepared;
+  prepared.layout = frame.layout;
+  const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
+  prepared.saturated_dn = frame.white_dn - black;
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const auto k = static_cast<std::size_t>(frame.layout.channel_at(r, c));
+      float& pixel = frame.dn(r, c);
+      if (pixel >= frame.white_dn) ++report.saturated_pixels;
+      pixel -= static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn);
+    }
+  prepared.dn = std::move(frame.dn);
+  fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
+  report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
+  if (remove_rows) {
+    const RowNoise rows = estimate_row_noise(prepared.dn, profile, prepared.saturated_dn);
+    remove_row_noise(prepared.dn, profile, rows, prepared.saturated_dn);
+    double sum = 0, sigma = 0;
+    for (const double offset : rows.offset) sum += offset * offset;
+    for (const ChannelProfile& channel : profile.channels) sigma += channel.sigma_row_dn;
+    report.row_noise_removed_dn = std::sqrt(sum / static_cast<double>(rows.offset.size())) * sigma /
+                                  static_cast<double>(profile.channels.size());
+  }
+  prepared.mean_dn = channel_means(prepared.dn, prepared.layout);
+  for (std::size_t k = 0; k < profile.channels.size(); ++k)
+    report.sigma_used_dn.push_back(std::sqrt(profile.channels[k].variance(prepared.mean_dn[k])));
+  return prepared;
+}
+
+std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double highest_dn,
+                                         double strength) {
+  std::vector<Stabilizer> stabilizers;
+  for (const ChannelProfile& channel : profile.channels)
+    stabilizers.emplace_back(channel.variance.scaled(strength * strength), highest_dn);
+  return stabilizers;
+}
+
+}  // namespace malus::internal

@@ -1,0 +1,155 @@
+#include "malus/denoise/row_noise.h"
+
+#include "malus/base/parallel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
+
+namespace malus {
+namespace {
+
+constexpr int kSegments = 16;  // a row's own spread is judged between so many parts of it
+constexpr double kClip = 3.0;  // deviations at which a pixel's influence ends
+constexpr double kOutlierFreedom =
+    4.0;  // of Student's law for rows that the picture explains better
+constexpr int kReweightings = 4;
+
+// How a row's mean second difference stands to the groups' offsets: offset[group] minus half of
+// offset[above] and offset[below].
+struct RowEvidence {
+  int group, above, below;
+  double value, variance;
+};
+
+// Weighted sums over one part of a row.
+struct SegmentSum {
+  double weighted = 0, weight = 0;
+};
+
+std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile& profile,
+                                        double saturated_dn, int row) {
+  const SensorLayout& layout = profile.layout;
+  const int distance = layout.rows();
+  if (row - distance < 0 || row + distance >= dn.rows()) return std::nullopt;
+  const float *above = dn.row(row - distance), *here = dn.row(row), *below = dn.row(row + distance);
+  SegmentSum parts[kSegments];
+  const auto limit = static_cast<float>(saturated_dn);
+  for (int c = 0; c < dn.cols(); ++c) {
+    const auto& channel = profile.channels[static_cast<std::size_t>(layout.channel_at(row, c))];
+    const double sigma = channel.sigma_row_dn;
+    const float top = std::max({above[c], here[c], below[c]});
+    if (!(sigma > 0) || !(top < limit) || !std::isfinite(above[c] + here[c] + below[c])) continue;
+    const double mean = (static_cast<double>(above[c]) + here[c] + below[c]) / 3.0;
+    const double variance = 1.5 * (channel.variance(mean) + sigma * sigma);
+    const double bound = kClip * std::sqrt(variance);
+    const double difference =
+        std::clamp(here[c] - 0.5 * (static_cast<double>(above[c]) + below[c]), -bound, bound);
+    SegmentSum& part = parts[static_cast<std::ptrdiff_t>(c) * kSegments / dn.cols()];
+    part.weighted += sigma * difference / variance;
+    part.weight += sigma * sigma / variance;
+  }
+  double weighted = 0, weight = 0;
+  int used = 0;
+  for (const SegmentSum& part : parts)
+    if (part.weight > 0) {
+      weighted += part.weighted;
+      weight += part.weight;
+      ++used;
+    }
+  if (used == 0) return std::nullopt;
+  const double value = weighted / weight;
+  double spread = 0;
+  for (const SegmentSum& part : parts)
+    if (part.weight > 0)
+      spread += part.weight * part.weight * std::pow(part.weighted / part.weight - value, 2);
+  // The pixel noise alone explains 1/weight; texture makes the parts of the row differ by more.
+  const double between = used > 1 ? spread / (weight * weight) * used / (used - 1) : 0;
+  const int group = profile.row_group;
+  return RowEvidence{row / group, (row - distance) / group, (row + distance) / group, value,
+                     std::max(1.0 / weight, between)};
+}
+
+// Mean and deviations of offset ~ N(0, 1) given the evidence with the given variances.
+RowNoise posterior(const std::vector<RowEvidence>& evidence, const std::vector<double>& variance,
+                   int groups) {
+  std::vector<Eigen::Triplet<double>> entries;
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(groups);
+  for (int g = 0; g < groups; ++g) entries.emplace_back(g, g, 1.0);
+  for (std::size_t i = 0; i < evidence.size(); ++i) {
+    const RowEvidence& e = evidence[i];
+    const int index[3] = {e.group, e.above, e.below};
+    const double factor[3] = {1.0, -0.5, -0.5};
+    for (int a = 0; a < 3; ++a) {
+      right[index[a]] += factor[a] * e.value / variance[i];
+      for (int b = 0; b < 3; ++b)
+        entries.emplace_back(index[a], index[b], factor[a] * factor[b] / variance[i]);
+    }
+  }
+  Eigen::SparseMatrix<double> precision(groups, groups);
+  precision.setFromTriplets(entries.begin(), entries.end());
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(precision);
+  const Eigen::VectorXd mean = solver.solve(right);
+  RowNoise rows;
+  for (int g = 0; g < groups; ++g) {
+    rows.offset.push_back(mean[g]);
+    rows.deviation.push_back(1.0 / std::sqrt(precision.coeff(g, g)));
+  }
+  return rows;
+}
+
+}  // namespace
+
+RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
+                            double saturated_dn) {
+  MALUS_REQUIRE(profile.row_group >= 1);
+  const int groups = (dn.rows() + profile.row_group - 1) / profile.row_group;
+  RowNoise rows{std::vector<double>(static_cast<std::size_t>(groups), 0.0),
+                std::vector<double>(static_cast<std::size_t>(groups), 1.0)};
+  std::vector<std::optional<RowEvidence>> found(static_cast<std::size_t>(dn.rows()));
+  parallel_for(0, dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (std::ptrdiff_t r = begin; r < end; ++r)
+      found[static_cast<std::size_t>(r)] =
+          row_evidence(dn, profile, saturated_dn, static_cast<int>(r));
+  });
+  std::vector<RowEvidence> evidence;
+  for (const auto& e : found)
+    if (e && !(e->group == e->above && e->group == e->below)) evidence.push_back(*e);
+  if (evidence.empty()) return rows;
+  std::vector<double> variance;
+  for (const RowEvidence& e : evidence) variance.push_back(e.variance);
+  for (int pass = 0; pass < kReweightings; ++pass) {
+    rows = posterior(evidence, variance, groups);
+    for (std::size_t i = 0; i < evidence.size(); ++i) {
+      const RowEvidence& e = evidence[i];
+      const auto offset = [&](int g) { return rows.offset[static_cast<std::size_t>(g)]; };
+      const double residual =
+          e.value - (offset(e.group) - 0.5 * (offset(e.above) + offset(e.below)));
+      // Student's law by reweighting (Lange, Little, Taylor, JASA 84, 1989).
+      variance[i] = e.variance * (kOutlierFreedom + residual * residual / e.variance) /
+                    (kOutlierFreedom + 1.0);
+    }
+  }
+  return rows;
+}
+
+void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
+                      double saturated_dn) {
+  parallel_for(0, dn.rows(), 32, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
+      const double offset = rows.offset[static_cast<std::size_t>(r / profile.row_group)];
+      float* to = dn.row(r);
+      for (int c = 0; c < dn.cols(); ++c) {
+        const int channel = profile.layout.channel_at(r, c);
+        if (to[c] < saturated_dn)
+          to[c] -= static_cast<float>(
+              offset * profile.channels[static_cast<std::size_t>(channel)].sigma_row_dn);
+      }
+    }
+  });
+}
+
+}  // namespace malus

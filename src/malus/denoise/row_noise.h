@@ -1,0 +1,28 @@
+// Row noise (banding): all pixels of a row group are lifted by one draw, scaled by their channel's
+// sigma_row. The draws are estimated together by a Gaussian posterior: the model's prior says how
+// large they can be, vertical second differences between rows of the same channels say how a row
+// stands out from its neighbours, and the spread of that along the row says how much of it is the
+// picture. Rows that stand out by more than the model allows are taken for picture and left alone.
+#pragma once
+
+#include "malus/image/view.h"
+#include "malus/noise/profile.h"
+
+#include <vector>
+
+namespace malus {
+
+struct RowNoise {
+  std::vector<double> offset;     ///< per row group, in units of the channels' sigma_row
+  std::vector<double> deviation;  ///< posterior deviation, same unit; 1 where nothing is known
+};
+
+/// dn: mosaic in DN above black and bias; pixels that are not finite or at least saturated_dn take
+/// no part. All offsets are 0 where the profile has no row noise.
+RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile, double saturated_dn);
+
+/// Subtracts sigma_row * offset from every pixel below saturated_dn.
+void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
+                      double saturated_dn);
+
+}  // namespace malus

@@ -1,0 +1,334 @@
+// The inner loops of the mosaic filter. Vectors are the compiler's own: 16 floats on every machine,
+// in as many registers as it needs, multiplied and added without contraction, so that all machines
+// compute the same bits.
+#include "malus/denoise/internal/stack_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "malus/denoise/stack_kernel.cpp"
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
+#include <hwy/foreach_target.h>
+// After foreach_target.
+#include <hwy/highway.h>
+
+// Wide vectors cross only inlined calls: their calling convention does not matter.
+#pragma GCC diagnostic ignored "-Wpsabi"
+
+HWY_BEFORE_NAMESPACE();
+namespace malus::internal::HWY_NAMESPACE {
+
+using Floats4 = float __attribute__((vector_size(16)));
+using Floats8 = float __attribute__((vector_size(32)));
+using Floats = float __attribute__((vector_size(64)));
+static_assert(sizeof(Floats) == sizeof(float) * kLanes);
+
+HWY_INLINE Floats load_cell(const float* at, std::ptrdiff_t stride) {
+  Floats4 row[kCell];
+  for (int r = 0; r < kCell; ++r) std::memcpy(&row[r], at + r * stride, sizeof(Floats4));
+  const Floats8 top = __builtin_shufflevector(row[0], row[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  const Floats8 bottom = __builtin_shufflevector(row[2], row[3], 0, 1, 2, 3, 4, 5, 6, 7);
+  return __builtin_shufflevector(top, bottom, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+HWY_INLINE void add_cell(float* at, std::ptrdiff_t stride, const Floats& value) {
+  float lanes[kLanes];
+  std::memcpy(lanes, &value, sizeof(lanes));
+  for (int r = 0; r < kCell; ++r) {
+    Floats4 row, more;
+    std::memcpy(&row, at + r * stride, sizeof(row));
+    std::memcpy(&more, lanes + r * kCell, sizeof(more));
+    row += more;
+    std::memcpy(at + r * stride, &row, sizeof(row));
+  }
+}
+
+HWY_INLINE float lane_sum(const Floats& v) {
+  float lanes[kLanes];
+  std::memcpy(lanes, &v, sizeof(lanes));
+  float sum = 0;
+  for (const float lane : lanes) sum += lane;
+  return sum;
+}
+
+/// Squared distance of two blocks of 8, 16 or 32 pixels per side.
+template <int kBlock>
+HWY_INLINE float distance(const float* a, const float* b, std::ptrdiff_t stride) {
+  Floats sum{};
+  if constexpr (kBlock == 8) {
+    for (int r = 0; r < 8; r += 2) {
+      Floats8 p[2], q[2];
+      for (int i = 0; i < 2; ++i) {
+        std::memcpy(&p[i], a + (r + i) * stride, sizeof(Floats8));
+        std::memcpy(&q[i], b + (r + i) * stride, sizeof(Floats8));
+        p[i] -= q[i];
+      }
+      const Floats d =
+          __builtin_shufflevector(p[0], p[1], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+      sum += d * d;
+    }
+  } else {
+    for (int r = 0; r < kBlock; ++r)
+      for (int c = 0; c < kBlock; c += kLanes) {
+        Floats p, q;
+        std::memcpy(&p, a + r * stride + c, sizeof(p));
+        std::memcpy(&q, b + r * stride + c, sizeof(q));
+        p -= q;
+        sum += p * p;
+      }
+  }
+  return lane_sum(sum);
+}
+
+/// x -> sum over k of x[k] * matrix[k].
+HWY_INLINE void rotate(Floats* cells, int count, const CellMatrix& matrix) {
+  Floats m[kLanes];
+  std::memcpy(m, matrix.data(), sizeof(m));
+  for (int i = 0; i < count; ++i) {
+    const Floats x = cells[i];
+    Floats even{}, odd{};
+    for (int k = 0; k < kLanes; k += 2) {
+      even += x[k] * m[k];
+      odd += x[k + 1] * m[k + 1];
+    }
+    cells[i] = even + odd;
+  }
+}
+
+/// Separable orthonormal transform of kSide x kSide cells; matrix[k][i].
+template <int kSide>
+HWY_INLINE void transform_block(Floats* cells,
+                                const float (&matrix)[kMaxBlockCells][kMaxBlockCells],
+                                bool inverse) {
+  Floats rows[kSide * kSide];
+  const auto weight = [&](int k, int i) { return inverse ? matrix[i][k] : matrix[k][i]; };
+  for (int r = 0; r < kSide; ++r)
+    for (int k = 0; k < kSide; ++k) {
+      Floats sum = weight(k, 0) * cells[r * kSide];
+      for (int i = 1; i < kSide; ++i) sum += weight(k, i) * cells[r * kSide + i];
+      rows[r * kSide + k] = sum;
+    }
+  for (int c = 0; c < kSide; ++c)
+    for (int k = 0; k < kSide; ++k) {
+      Floats sum = weight(k, 0) * rows[c];
+      for (int i = 1; i < kSide; ++i) sum += weight(k, i) * rows[i * kSide + c];
+      cells[k * kSide + c] = sum;
+    }
+}
+
+constexpr float kHalfRoot = 0.70710678118654752f;
+
+/// Haar transform along the stack, count a power of two.
+HWY_INLINE void haar(Floats* cells, int count, int stride) {
+  Floats scratch[kMaxStack];
+  for (int n = count; n > 1; n /= 2) {
+    for (int i = 0; i < n / 2; ++i) {
+      const Floats a = cells[2 * i * stride], b = cells[(2 * i + 1) * stride];
+      scratch[i] = (a + b) * kHalfRoot;
+      scratch[n / 2 + i] = (a - b) * kHalfRoot;
+    }
+    for (int i = 0; i < n; ++i) cells[i * stride] = scratch[i];
+  }
+}
+
+HWY_INLINE void inverse_haar(Floats* cells, int count, int stride) {
+  Floats scratch[kMaxStack];
+  for (int n = 2; n <= count; n *= 2) {
+    for (int i = 0; i < n / 2; ++i) {
+      const Floats a = cells[i * stride], b = cells[(n / 2 + i) * stride];
+      scratch[2 * i] = (a + b) * kHalfRoot;
+      scratch[2 * i + 1] = (a - b) * kHalfRoot;
+    }
+    for (int i = 0; i < n; ++i) cells[i * stride] = scratch[i];
+  }
+}
+
+template <int kSide>
+HWY_INLINE void transform_stack(Floats* cells, int count, const StackJob& job, bool inverse) {
+  constexpr int kCells = kSide * kSide;
+  if (inverse)
+    for (int i = 0; i < kCells; ++i) inverse_haar(cells + i, count, kCells);
+  for (int n = 0; n < count; ++n) transform_block<kSide>(cells + n * kCells, job.dct, inverse);
+  if (!inverse)
+    for (int i = 0; i < kCells; ++i) haar(cells + i, count, kCells);
+}
+
+template <int kSide>
+HWY_INLINE void gather(const StackJob& job, const float* from, const Match* matches, int count,
+                       Floats* cells) {
+  for (int n = 0; n < count; ++n)
+    for (int r = 0; r < kSide; ++r)
+      for (int c = 0; c < kSide; ++c)
+        cells[(n * kSide + r) * kSide + c] =
+            load_cell(from + matches[n].offset + r * kCell * job.stride + c * kCell, job.stride);
+}
+
+/// Candidates of one reference, the nearest first; returns how many (a power of two).
+template <int kSide>
+HWY_INLINE int match(const StackJob& job, int row, int col, std::vector<Match>& matches) {
+  constexpr int kBlock = kSide * kCell;
+  matches.clear();
+  const float* reference = job.guide + row * job.stride + col;
+  for (int dy = -job.search * job.period_rows; dy <= job.search * job.period_rows;
+       dy += job.period_rows) {
+    if (row + dy < 0 || row + dy + kBlock > job.rows) continue;
+    for (int dx = -job.search * job.period_cols; dx <= job.search * job.period_cols;
+         dx += job.period_cols) {
+      if (col + dx < 0 || col + dx + kBlock > job.cols) continue;
+      const std::ptrdiff_t shift = dy * job.stride + dx;
+      // The reference itself always leads.
+      const float d =
+          shift == 0 ? -1.0f : distance<kBlock>(reference, reference + shift, job.stride);
+      matches.push_back({d, row * job.stride + col + shift});
+    }
+  }
+  int count = 1;
+  while (2 * count <= std::min<int>(job.stack, static_cast<int>(matches.size()))) count *= 2;
+  std::nth_element(matches.begin(), matches.begin() + (count - 1), matches.end());
+  std::sort(matches.begin(), matches.begin() + count);
+  return count;
+}
+
+struct Shrinkage {
+  float weight;
+  Floats error;  ///< mean expected squared error per component, unit noise
+};
+
+HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
+  Floats kept{};
+  const Floats zero{}, one = zero + 1.0f;
+  for (int i = 0; i < total; ++i) {
+    const auto keep = cells[i] * cells[i] >= threshold * threshold;
+    cells[i] = keep ? cells[i] : zero;
+    kept += keep ? one : zero;
+  }
+  return {1.0f / std::max(lane_sum(kept), 1.0f), kept / static_cast<float>(total)};
+}
+
+HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int total) {
+  Floats squares{}, error{};
+  for (int i = 0; i < total; ++i) {
+    const Floats energy = pilot[i] * pilot[i];
+    const Floats gain = energy / (energy + 1.0f);
+    cells[i] *= gain;
+    squares += gain * gain;
+    error += gain;
+  }
+  return {1.0f / std::max(lane_sum(squares), 1.0f), error / static_cast<float>(total)};
+}
+
+HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
+  Floats sum[kLanes] = {};
+  for (int i = 0; i < total; ++i)
+    for (int k = 0; k < kLanes; ++k) sum[k] += cells[i][k] * cells[i];
+  CellMatrix moments;
+  for (int k = 0; k < kLanes; ++k) {
+    sum[k] *= 1.0f / static_cast<float>(total);
+    std::memcpy(moments[static_cast<std::size_t>(k)].data(), &sum[k], sizeof(Floats));
+  }
+  return moments;
+}
+
+HWY_INLINE CellMatrix transposed(const CellMatrix& m) {
+  CellMatrix t;
+  for (std::size_t i = 0; i < kLanes; ++i)
+    for (std::size_t k = 0; k < kLanes; ++k) t[k][i] = m[i][k];
+  return t;
+}
+
+template <int kSide>
+HWY_INLINE void put_back(const StackJob& job, const Match* matches, int count, const Floats* cells,
+                         float weight, const Floats& error) {
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c) {
+      Floats window;
+      std::memcpy(&window, &job.window[static_cast<std::size_t>(r * kSide + c)], sizeof(window));
+      window *= weight;
+      for (int n = 0; n < count; ++n) {
+        const std::ptrdiff_t at = matches[n].offset + r * kCell * job.stride + c * kCell;
+        add_cell(job.sum + at, job.stride, window * cells[(n * kSide + r) * kSide + c]);
+        add_cell(job.weight + at, job.stride, window);
+        if (job.error) add_cell(job.error + at, job.stride, window * error);
+      }
+    }
+}
+
+template <int kSide>
+void filter_block(const StackJob& job, const ReferenceBlock& block) {
+  constexpr int kCells = kSide * kSide;
+  std::vector<Match> matches;
+  std::vector<CellVector> memory(2 * static_cast<std::size_t>(job.stack * kCells) + 1);
+  // Aligned by hand: std::vector gives 16 bytes.
+  auto address = reinterpret_cast<std::uintptr_t>(memory.data());
+  auto* cells = reinterpret_cast<Floats*>((address + 63) & ~std::uintptr_t{63});
+  Floats* pilot = cells + job.stack * kCells;
+  for (int row = block.row_begin; row < block.row_end; row += job.step)
+    for (int col = block.col_begin; col < block.col_end; col += job.step) {
+      const int count = match<kSide>(job, row, col, matches);
+      const int total = count * kCells;
+      gather<kSide>(job, job.noisy, matches.data(), count, cells);
+      CellMatrix axes;
+      Shrinkage result;
+      if (job.threshold > 0) {
+        axes = (*job.rotations)[job.alignment(row, col)];
+        rotate(cells, total, axes);
+        transform_stack<kSide>(cells, count, job, false);
+        result = shrink_hard(cells, total, job.threshold);
+      } else {
+        gather<kSide>(job, job.guide, matches.data(), count, pilot);
+        axes = principal_axes(second_moments(pilot, total));
+        rotate(cells, total, axes);
+        rotate(pilot, total, axes);
+        transform_stack<kSide>(cells, count, job, false);
+        transform_stack<kSide>(pilot, count, job, false);
+        result = shrink_wiener(cells, pilot, total);
+      }
+      transform_stack<kSide>(cells, count, job, true);
+      const CellMatrix back = transposed(axes);
+      rotate(cells, total, back);
+      Floats error{};
+      for (std::size_t k = 0; k < kLanes; ++k) {
+        Floats axis;
+        std::memcpy(&axis, back[k].data(), sizeof(axis));
+        error += result.error[k] * axis * axis;
+      }
+      put_back<kSide>(job, matches.data(), count, cells, result.weight, error);
+    }
+}
+
+void filter(const StackJob& job, const ReferenceBlock& block) {
+  if (job.block_cells == 2) return filter_block<2>(job, block);
+  if (job.block_cells == 4) return filter_block<4>(job, block);
+  filter_block<8>(job, block);
+}
+
+/// Weighted sum of linear estimates of all cells on a lattice of kGuideStep pixels.
+void smooth(const SmoothJob& job, int row_begin, int row_end) {
+  for (int row = row_begin; row < row_end; row += kGuideStep)
+    for (int col = 0; col + kCell <= job.cols; col += kGuideStep) {
+      const auto a = job.alignment(row, col);
+      Floats mean, cell = load_cell(job.noisy + row * job.stride + col, job.stride);
+      std::memcpy(&mean, job.means[a].data(), sizeof(mean));
+      cell -= mean;
+      rotate(&cell, 1, job.matrices[a]);
+      add_cell(job.sum + row * job.stride + col, job.stride, cell + mean);
+    }
+}
+
+}  // namespace malus::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace malus::internal {
+HWY_EXPORT(filter);
+HWY_EXPORT(smooth);
+void filter_references(const StackJob& job, const ReferenceBlock& block) {
+  HWY_DYNAMIC_DISPATCH(filter)(job, block);
+}
+void smooth_cells(const SmoothJob& job, int row_begin, int row_end) {
+  HWY_DYNAMIC_DISPATCH(smooth)(job, row_begin, row_end);
+}
+}  // namespace malus::internal
+#endif

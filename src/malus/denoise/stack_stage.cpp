@@ -1,0 +1,160 @@
+#include "malus/denoise/internal/stack_stage.h"
+
+#include "malus/base/parallel.h"
+#include "malus/denoise/internal/stack_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <Eigen/Eigenvalues>
+
+namespace malus::internal {
+namespace {
+
+constexpr double kKaiserShape = 2.0;
+
+// Orthonormal DCT-II: matrix[k][i].
+void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
+  for (int k = 0; k < n; ++k)
+    for (int i = 0; i < n; ++i)
+      matrix[k][i] = static_cast<float>(std::sqrt((k ? 2.0 : 1.0) / n) *
+                                        std::cos(std::numbers::pi * (i + 0.5) * k / n));
+}
+
+// Kaiser window over the block's pixels, as cells.
+std::vector<CellVector> kaiser_cells(int side) {
+  const int block = side * kCell;
+  std::vector<double> profile;
+  for (int i = 0; i < block; ++i) {
+    const double x = 2.0 * (i + 0.5) / block - 1.0;
+    profile.push_back(std::cyl_bessel_i(0.0, kKaiserShape * std::sqrt(1.0 - x * x)) /
+                      std::cyl_bessel_i(0.0, kKaiserShape));
+  }
+  std::vector<CellVector> window(static_cast<std::size_t>(side * side));
+  for (int r = 0; r < block; ++r)
+    for (int c = 0; c < block; ++c)
+      window[static_cast<std::size_t>(r / kCell * side + c / kCell)]
+            [static_cast<std::size_t>(r % kCell * kCell + c % kCell)] = static_cast<float>(
+                profile[static_cast<std::size_t>(r)] * profile[static_cast<std::size_t>(c)]);
+  return window;
+}
+
+int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
+
+// Positions of references along one axis, in tile coordinates: [begin, end) stepping by step.
+struct Range {
+  int begin, end;
+};
+
+// The part of the references of one square of the frame that lie in the tile and touch the frame.
+Range references(int square, int square_size, int step, int block, int origin, int tile_size,
+                 int frame_size) {
+  const auto on_grid = [&](int global) { return -floor_div(-global, step) * step; };
+  const int first = std::max({square * square_size, origin, 1 - block});
+  const int last =
+      std::min({(square + 1) * square_size, origin + tile_size - block + 1, frame_size});
+  return {on_grid(first) - origin, std::max(last, first) - origin};
+}
+
+StackJob make_job(const StageInput& input, const StackStage& stage) {
+  const Image& pixels = input.noisy->pixels;
+  StackJob job{};
+  job.noisy = pixels.values().data();
+  job.guide = input.guide->values().data();
+  job.stride = pixels.cols();
+  job.rows = pixels.rows();
+  job.cols = pixels.cols();
+  job.row0 = input.noisy->row0;
+  job.col0 = input.noisy->col0;
+  job.block_cells = stage.block_cells;
+  job.step = stage.step;
+  job.search = stage.search;
+  job.stack = stage.stack;
+  job.threshold = stage.threshold;
+  job.period_rows = input.period_rows;
+  job.period_cols = input.period_cols;
+  fill_dct(stage.block_cells, job.dct);
+  job.window = kaiser_cells(stage.block_cells);
+  job.rotations = input.rotations;
+  return job;
+}
+
+// Squares of references, in four groups: squares of a group write to disjoint parts of the tile, so
+// the sums have one order whatever the number of threads.
+void filter_all(const StackJob& job, const StageInput& input, const StackStage& stage,
+                Progress& progress) {
+  const int reach_rows = stage.search * job.period_rows,
+            reach_cols = stage.search * job.period_cols;
+  const int size_rows = 2 * reach_rows + stage.block() + 1;
+  const int size_cols = 2 * reach_cols + stage.block() + 1;
+  const int first_row = floor_div(job.row0, size_rows);
+  const int first_col = floor_div(job.col0, size_cols);
+  const int squares_down = floor_div(job.row0 + job.rows - 1, size_rows) - first_row + 1;
+  const int squares_across = floor_div(job.col0 + job.cols - 1, size_cols) - first_col + 1;
+  for (int group = 0; group < 4; ++group) {
+    std::vector<ReferenceBlock> blocks;
+    for (int i = 0; i < squares_down; ++i)
+      for (int k = 0; k < squares_across; ++k) {
+        const int row = first_row + i, col = first_col + k;
+        if ((row & 1) * 2 + (col & 1) != group) continue;
+        const Range r = references(row, size_rows, job.step, stage.block(), job.row0, job.rows,
+                                   input.frame_rows);
+        const Range c = references(col, size_cols, job.step, stage.block(), job.col0, job.cols,
+                                   input.frame_cols);
+        if (r.begin < r.end && c.begin < c.end) blocks.push_back({r.begin, r.end, c.begin, c.end});
+      }
+    parallel_for(0, static_cast<std::ptrdiff_t>(blocks.size()), 1,
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+                   for (std::ptrdiff_t b = begin; b < end; ++b) {
+                     check_stop(progress);
+                     filter_references(job, blocks[static_cast<std::size_t>(b)]);
+                   }
+                 });
+  }
+}
+
+}  // namespace
+
+CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues) {
+  using Matrix = Eigen::Matrix<float, kLanes, kLanes>;
+  Matrix m;
+  for (int i = 0; i < kLanes; ++i)
+    for (int k = 0; k < kLanes; ++k)
+      m(i, k) = symmetric[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)];
+  const Eigen::SelfAdjointEigenSolver<Matrix> solver(m);
+  CellMatrix axes;
+  for (int k = 0; k < kLanes; ++k) {
+    const int from = kLanes - 1 - k;  // Eigen sorts rising
+    for (int i = 0; i < kLanes; ++i)
+      axes[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)] =
+          solver.eigenvectors()(i, from);
+    if (eigenvalues) (*eigenvalues)[static_cast<std::size_t>(k)] = solver.eigenvalues()(from);
+  }
+  return axes;
+}
+
+Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
+                Image* variance_out) {
+  const Image& noisy = input.noisy->pixels;
+  MALUS_REQUIRE(input.guide->rows() == noisy.rows() && input.guide->cols() == noisy.cols());
+  MALUS_REQUIRE(stage.stack >= 1 && stage.stack <= kMaxStack &&
+                (stage.stack & (stage.stack - 1)) == 0);
+  MALUS_REQUIRE(stage.block_cells == 2 || stage.block_cells == 4 || stage.block_cells == 8);
+  MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
+  Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
+  if (variance_out) *variance_out = Image(noisy.rows(), noisy.cols());
+  StackJob job = make_job(input, stage);
+  job.sum = sum.values().data();
+  job.weight = weight.values().data();
+  job.error = variance_out ? variance_out->values().data() : nullptr;
+  filter_all(job, input, stage, progress);
+  for (std::size_t i = 0; i < sum.size(); ++i) {
+    const float w = weight.values()[i];
+    sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
+    if (variance_out) variance_out->values()[i] = w > 0 ? variance_out->values()[i] / w : 1.0f;
+  }
+  return sum;
+}
+
+}  // namespace malus::internal
