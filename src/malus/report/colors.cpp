@@ -1,0 +1,87 @@
+#include "malus/report/colors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+std::uint8_t srgb(double linear) {
+  const double x = std::clamp(linear, 0.0, 1.0);
+  const double encoded = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
+  return static_cast<std::uint8_t>(std::lround(255 * encoded));
+}
+
+// OKLab to linear sRGB, Ottosson's matrices.
+Rgb oklab(double lightness, double a, double b) {
+  const auto cube = [](double x) { return x * x * x; };
+  const double l = cube(lightness + 0.3963377774 * a + 0.2158037573 * b);
+  const double m = cube(lightness - 0.1055613458 * a - 0.0638541728 * b);
+  const double s = cube(lightness - 0.0894841775 * a - 1.2914855480 * b);
+  return {srgb(4.0767416621 * l - 3.3077115913 * m + 0.2309699292 * s),
+          srgb(-1.2684380046 * l + 2.6097574011 * m - 0.3413193965 * s),
+          srgb(-0.0041960863 * l - 0.7034186147 * m + 1.7076147010 * s)};
+}
+
+}  // namespace
+
+Rgb palette_color(Palette palette, double t) {
+  switch (palette) {
+    case Palette::kGrey:
+      break;
+    case Palette::kSequential:
+      return oklab(0.2 + 0.74 * t, 0.02 - 0.04 * t, -0.11 + 0.27 * t);
+    case Palette::kDiverging: {
+      const double side = 2 * t - 1;
+      return oklab(0.97 - 0.42 * std::abs(side), 0.055 * std::max(side, 0.0), 0.14 * side);
+    }
+    case Palette::kCyclic: {
+      const double angle = 2 * std::numbers::pi * t;
+      return oklab(0.6 + 0.33 * std::cos(angle), 0.05 * std::sin(angle), 0.13 * std::sin(angle));
+    }
+  }
+  return oklab(t, 0, 0);
+}
+
+std::string css_color(const Rgb& color) {
+  return fmt::format("#{:02x}{:02x}{:02x}", color[0], color[1], color[2]);
+}
+
+const std::vector<std::string>& series_colors() {
+  static const std::vector<std::string> kColors = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
+                                                   "#b07700", "#3a9bd1", "#7f7f7f"};
+  return kColors;
+}
+
+Tone tone_of(std::string_view channel, std::size_t order) {
+  static constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kFilters = {
+      {{"G1", "#009e73"},
+       {"G2", "#7a9e2e"},
+       {"R", "#d55e00"},
+       {"B", "#0072b2"},
+       {"mono", "#7f7f7f"}}};
+  static constexpr std::array<std::string_view, 4> kAngles = {"0", "45", "90", "135"};
+  Tone tone{series_colors()[order % series_colors().size()], Symbol::kCircle};
+  std::string_view angle = channel;
+  for (const auto& [filter, color] : kFilters)
+    if (channel.starts_with(filter)) {
+      tone.color = color;
+      angle.remove_prefix(filter.size());
+      break;
+    }
+  if (angle.starts_with('_')) angle.remove_prefix(1);
+  const auto found = std::find(kAngles.begin(), kAngles.end(), angle);
+  if (found != kAngles.end()) {
+    tone.symbol = static_cast<Symbol>(found - kAngles.begin());
+    // Without filters the angle gives the colour too.
+    if (channel == angle)
+      tone.color = series_colors()[static_cast<std::size_t>(found - kAngles.begin())];
+  }
+  return tone;
+}
+
+}  // namespace malus

@@ -1,0 +1,90 @@
+#include "malus/report/write_report.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/report/internal/embedded_page.h"
+#include "malus/report/internal/json.h"
+#include "malus/report/svg.h"
+
+#include <cctype>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr std::string_view kPlaceholder = "<!--malus-data-->";
+
+// Inside a script element only "</script" and "<!--" could end or open something: no '<' is left.
+std::string script_safe(std::string json) {
+  std::string safe;
+  safe.reserve(json.size());
+  for (const char character : json) {
+    if (character == '<')
+      safe += "\\u003c";
+    else
+      safe += character;
+  }
+  return safe;
+}
+
+std::string file_stem(std::string_view text) {
+  std::string stem;
+  for (const char character : text) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(character)) != 0 || character == '.';
+    if (plain)
+      stem += character;
+    else if (!stem.empty() && stem.back() != '_')
+      stem += '_';
+  }
+  while (!stem.empty() && stem.back() == '_') stem.pop_back();
+  return stem;
+}
+
+}  // namespace
+
+std::string report_html(const Report& report, const ReportSettings& settings) {
+  std::vector<internal::Blob> blobs;
+  const internal::Json json = internal::report_json(report, settings, blobs);
+  // Names may hold invalid UTF-8: replaced, never a reason to fail.
+  std::string data =
+      "<script type=\"application/json\" id=\"malus-report\">" +
+      script_safe(json.dump(-1, ' ', false, internal::Json::error_handler_t::replace)) +
+      "</script>\n";
+  for (const auto& [id, text] : blobs)
+    data += "<script type=\"text/plain\" id=\"" + id + "\">" + text + "</script>\n";
+  const std::string_view page = internal::embedded_page();
+  const std::size_t at = page.find(kPlaceholder);
+  MALUS_REQUIRE(at != std::string_view::npos);
+  std::string html(page.substr(0, at));
+  html += data;
+  html += page.substr(at + kPlaceholder.size());
+  return html;
+}
+
+void write_report(const Report& report, const std::filesystem::path& path,
+                  const ReportSettings& settings) {
+  check_output(path, settings.force);
+  write_file(path, report_html(report, settings), settings.force);
+}
+
+std::vector<std::filesystem::path> write_figures(const Report& report,
+                                                 const std::filesystem::path& folder, bool force) {
+  make_output_folder(folder);
+  std::vector<std::filesystem::path> written;
+  for (const Section& section : report.sections)
+    for (const Block& block : section.blocks) {
+      const auto* charts = std::get_if<ChartsBlock>(&block);
+      if (charts == nullptr) continue;
+      for (const auto& [name, chart] : charts->charts) {
+        const std::string variant = charts->charts.size() > 1 ? name : "";
+        const std::string stem =
+            file_stem(fmt::format("{}_{}_{}", section.id, chart.title, variant));
+        written.push_back(folder / (stem + ".svg"));
+        write_file(written.back(), chart_svg(chart), force);
+      }
+    }
+  return written;
+}
+
+}  // namespace malus

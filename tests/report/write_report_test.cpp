@@ -1,0 +1,176 @@
+#include "malus/report/write_report.h"
+
+#include "malus/base/error.h"
+
+#include <cmath>
+#include <fstream>
+#include <random>
+#include <sstream>
+
+#include "support.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+PicturesBlock pictures_of(int rows, int cols, double noise_sd) {
+  std::mt19937 engine(5);
+  std::normal_distribution<double> gauss;
+  PicturesBlock block{.title = "scene",
+                      .text = {},
+                      .layout = SensorLayout::named("polar-bayer-rggb"),
+                      .rows = rows,
+                      .cols = cols};
+  for (const double part : {1.0, 0.2}) {
+    Picture picture{part == 1 ? "before" : "after", Image(rows, cols), part};
+    for (float& value : picture.dn.values())
+      value = static_cast<float>(100 + part * noise_sd * gauss(engine));
+    block.pictures.push_back(std::move(picture));
+  }
+  block.noise.assign(16, {0, noise_sd * noise_sd});
+  return block;
+}
+
+Report report_of(Block block) {
+  return {.title = "t", .subtitle = "s", .sections = {{"one", "One", "", {std::move(block)}}}};
+}
+
+TEST(WriteReport, HostileTextCannotLeaveItsScriptElement) {
+  Report report = report_of(TextBlock{{"</script><script>alert(1)</script><!--"}});
+  report.title = "<script>alert(2)</script>";
+  const std::string html = report_html(report);
+  EXPECT_THAT(html, Not(HasSubstr("<script>alert")));
+  EXPECT_THAT(html, HasSubstr("\\u003c/script>\\u003cscript>alert(1)"));
+}
+
+TEST(WriteReport, InvalidUtf8IsReplaced) {
+  EXPECT_THAT(report_html(report_of(TextBlock{{"sensor \xff\xfe"}})),
+              HasSubstr("sensor \xEF\xBF\xBD"));
+}
+
+TEST(WriteReport, PageAllowsNoNetwork) {
+  const std::string html = report_html(report_of(TextBlock{{"x"}}));
+  EXPECT_THAT(html, HasSubstr("default-src 'none'"));
+  EXPECT_THAT(html, Not(HasSubstr(" src=\"")));
+  EXPECT_THAT(html, Not(HasSubstr("rel=\"stylesheet\"")));
+}
+
+TEST(WriteReport, NumbersThatAreNotFiniteBecomeNull) {
+  FiguresBlock figures;
+  figures.items.push_back({"K", "K", "DN/e-", "", {0.25, NAN}});
+  EXPECT_THAT(report_html(report_of(figures)), HasSubstr(R"("value":0.25,"error":null)"));
+}
+
+TEST(WriteReport, PicturesKeepWithinTheBudget) {
+  for (const double budget_mib : {0.02, 0.1, 0.5}) {
+    const std::string empty = report_html(report_of(TextBlock{{"x"}}));
+    const std::string html =
+        report_html(report_of(pictures_of(512, 512, 8)), {.picture_budget_mib = budget_mib});
+    EXPECT_LT(static_cast<double>(html.size() - empty.size()),
+              1.1 * budget_mib * (1 << 20) + 20'000)
+        << budget_mib;
+  }
+}
+
+TEST(WriteReport, IntegersAreStoredExactlyWhereThatIsNoFinerThanTheNoise) {
+  PicturesBlock block = pictures_of(64, 64, 8);
+  for (float& value : block.pictures[0].dn.values()) value = std::round(value);
+  const std::string html = report_html(report_of(block));
+  EXPECT_THAT(html, HasSubstr(R"("exact":true)"));
+  EXPECT_THAT(html, HasSubstr(R"("exact":false)"));
+}
+
+TEST(WriteReport, OddSizesAndOnePixelAreWritten) {
+  for (const auto& [rows, cols] : {std::pair{1, 1}, {5, 3}, {4, 4}, {3, 130}})
+    EXPECT_FALSE(report_html(report_of(pictures_of(rows, cols, 2))).empty());
+}
+
+TEST(WriteReport, AnExistingFileNeedsForce) {
+  const testing::TemporaryFolder folder;
+  const Report report = report_of(TextBlock{{"x"}});
+  write_report(report, folder / "r.html");
+  EXPECT_THROW(write_report(report, folder / "r.html"), InputError);
+  EXPECT_NO_THROW(write_report(report, folder / "r.html", {.force = true}));
+}
+
+TEST(ChannelTable, ValuesAndErrorsStandBesideTheirChannel) {
+  const auto layout = SensorLayout::named("bayer-rggb");
+  const TableBlock table = channel_table(
+      "t", layout,
+      {{"K", "K", "DN/e-", "gain", {1, 2, 3, 4}, {.1, .2, .3, .4}}, {"m", "μ", "DN", "", {5}, {}}});
+  ASSERT_EQ(table.rows.size(), 4U);
+  EXPECT_EQ(table.rows[2].name, "G2");
+  EXPECT_EQ(std::get<Measured>(table.rows[2].cells[0]).value, 3);
+  EXPECT_EQ(std::get<Measured>(table.rows[2].cells[0]).standard_error, .3);
+  EXPECT_TRUE(std::isnan(std::get<Measured>(table.rows[1].cells[1]).value));
+}
+
+TEST(GaussianEllipse, HasTheMahalanobisDistanceEverywhere) {
+  const double vx = 4, vy = 9, cov = -3;
+  const PointSeries curve = gaussian_ellipse("e", 1, 2, vx, vy, cov, 2);
+  const double determinant = vx * vy - cov * cov;
+  for (std::size_t i = 0; i < curve.x.size(); ++i) {
+    const double x = curve.x[i] - 1, y = curve.y[i] - 2;
+    EXPECT_NEAR((vy * x * x - 2 * cov * x * y + vx * y * y) / determinant, 4, 1e-9);
+  }
+  EXPECT_NEAR(curve.x.front(), curve.x.back(), 1e-12);
+}
+
+Chart box_chart() {
+  BoxSeries boxes{"b", {"R"}, {{1, 2, 3, 4, 100}}};
+  return {
+      "Boxes", "five values", {"channel", "1", AxisScale::kCategory, {"R"}}, {"v", "DN"}, {boxes}};
+}
+
+TEST(BoxPlot, WhiskersEndAtOneAndAHalfQuartileRanges) {
+  // Quartiles 2 and 4 (definition 7), so values beyond 4 + 3 stand alone.
+  const std::string html = report_html(report_of(ChartsBlock{"", {{"", box_chart()}}}));
+  EXPECT_THAT(html, HasSubstr(R"("boxes":[[1.0,2.0,3.0,4.0,4.0]])"));
+  EXPECT_THAT(html, HasSubstr(R"("outliers":[{"category":0,"value":100.0}])"));
+}
+
+std::string text_of(const std::filesystem::path& path) {
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  return text.str();
+}
+
+TEST(WriteFigures, OneSvgPerVariantWithSafeNames) {
+  const testing::TemporaryFolder folder;
+  Chart chart = box_chart();
+  chart.title = "../<Boxes> & more";
+  const auto written = write_figures(
+      report_of(ChartsBlock{"Gain", {{"0 dB", chart}, {"24 dB", chart}}}), folder.path(), false);
+  ASSERT_EQ(written.size(), 2U);
+  for (const auto& path : written) EXPECT_EQ(path.parent_path(), folder.path());
+  EXPECT_NE(written[0], written[1]);
+  EXPECT_THAT(text_of(written[0]), HasSubstr("<title>../&lt;Boxes&gt; &amp; more</title>"));
+}
+
+TEST(WriteFigures, PointsLieWhereTheAxesSay) {
+  const testing::TemporaryFolder folder;
+  PointSeries line{.name = "l", .mark = Mark::kLine};
+  line.x = {1, 10, 100};
+  line.y = {0, 5, 10};
+  Chart chart{"Line", "", {"x", "1", AxisScale::kLogarithmic}, {"y"}, {line}};
+  const auto written =
+      write_figures(report_of(ChartsBlock{"", {{"", chart}}}), folder.path(), false);
+  const std::string svg = text_of(written.at(0));
+  const std::size_t at = svg.find("stroke=\"#0072b2\"");
+  ASSERT_NE(at, std::string::npos);
+  double x[3], y[3];
+  const std::string path = svg.substr(svg.rfind("d=\"", at));
+  ASSERT_EQ(
+      std::sscanf(path.c_str(), "d=\"M%lf %lfL%lf %lfL%lf %lf", x, y, x + 1, y + 1, x + 2, y + 2),
+      6);
+  EXPECT_NEAR(x[1] - x[0], x[2] - x[1], 0.2);  // decades are as wide as each other
+  EXPECT_NEAR(y[0] - y[1], y[1] - y[2], 0.2);
+  EXPECT_GT(y[0], y[2]);  // up is more
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,43 @@
+// The numbers of one pixel, for every picture.
+import type { PicturesBlock } from "../contract";
+import { element } from "../dom";
+import { number, unit } from "../format";
+import { rounding, type Plane } from "./raster";
+import type { Shown, View } from "./views";
+
+function at(plane: Plane, block: PicturesBlock, x: number, y: number): number {
+  const r = Math.min(Math.floor((y * plane.rows) / block.rows), plane.rows - 1);
+  const c = Math.min(Math.floor((x * plane.cols) / block.cols), plane.cols - 1);
+  return plane.values[r * plane.cols + c];
+}
+
+/** The mosaic's value of a picture at a pixel, in DN above black. */
+export function mosaicValue(block: PicturesBlock, channels: Plane[], x: number, y: number): number {
+  const { cell } = block;
+  const plane = channels[(y % cell.rows) * cell.cols + (x % cell.cols)];
+  return plane.values[Math.floor(y / cell.rows) * plane.cols + Math.floor(x / cell.cols)];
+}
+
+function fixed(value: number): string {
+  return Number.isFinite(value) ? number(value) : "undefined";
+}
+
+export function readout(block: PicturesBlock, pictures: Plane[][], view: View, shown: (Shown | null)[], x: number, y: number): HTMLElement {
+  const { cell, gain } = block;
+  const channel = (y % cell.rows) * cell.cols + (x % cell.cols);
+  const head = element("tr", {}, element("th", { scope: "col" }, `x ${x}, y ${y}`));
+  for (const name of [`raw ${cell.sites[channel].name} [DN]`, ...(gain.length ? ["[e⁻]"] : []), view.unit === "1" ? view.name : `${view.name} [${unit(view.unit)}]`])
+    head.append(element("th", { scope: "col" }, name));
+  const body = element("tbody");
+  pictures.forEach((channels, p) => {
+    const row = element("tr", {}, element("th", { scope: "row" }, block.pictures[p].name));
+    const value = mosaicValue(block, channels, x, y);
+    const half = block.pictures[p].exact ? 0 : rounding(value, block.pictures[p].raster.scales[channel]);
+    row.append(element("td", { "data-value": value }, fixed(value) + (half ? ` ± ${number(Number(half.toPrecision(1)))}` : "")));
+    if (gain.length) row.append(element("td", { "data-value": value / gain[channel] }, fixed(value / gain[channel])));
+    const values = (shown[p]?.planes ?? []).map((plane) => at(plane, block, x, y));
+    row.append(element("td", { "data-value": values.join(" ") }, values.map(fixed).join("  ") || "–"));
+    body.append(row);
+  });
+  return element("table", {}, element("thead", {}, head), body);
+}

@@ -1,0 +1,155 @@
+// What the viewer can show of a mosaic: the mosaic, colours, angles, Stokes parameters, DoLP, AoLP.
+// S0 = (I0+I45+I90+I135)/2, S1 = I0-I90, S2 = I45-I135, DoLP = sqrt(S1²+S2²)/S0, AoLP = ½ atan2(S2,S1) in
+// [0°,180°), undefined where S0 <= 0; the same definitions as src/malus/polar (a test compares the two).
+import type { PaletteName, PicturesBlock, Site } from "../contract";
+import type { Plane } from "./raster";
+
+/** How values become colours: light through the display's curve, or a palette over a range. */
+export type Look =
+  | { kind: "light" }
+  | { kind: "palette"; palette: PaletteName; low: number; high: number; /** Range from the values. */ fitted?: boolean };
+
+/** A thing to show: one plane, or three for a colour picture. `bright` dims the palette (AoLP by DoLP). */
+export interface Shown {
+  planes: Plane[];
+  bright?: Plane;
+}
+
+export interface View {
+  name: string;
+  unit: string;
+  look: Look;
+  /** The decoded channels of one picture -> what to show. */
+  of(channels: Plane[], picture: number): Shown | null;
+}
+
+type Cell = PicturesBlock["cell"];
+
+function combine(planes: Plane[], rule: (at: number) => number): Plane {
+  const { rows, cols } = planes[0];
+  const values = new Float32Array(rows * cols);
+  for (let i = 0; i < values.length; ++i) values[i] = rule(i);
+  return { rows, cols, values };
+}
+
+function mean(planes: Plane[]): Plane {
+  if (planes.length === 1) return planes[0];
+  return combine(planes, (i) => planes.reduce((sum, plane) => sum + plane.values[i], 0) / planes.length);
+}
+
+export interface Stokes {
+  s0: Plane;
+  s1: Plane;
+  s2: Plane;
+}
+
+export function stokes(i0: Plane, i45: Plane, i90: Plane, i135: Plane): Stokes {
+  const [a, b, c, d] = [i0.values, i45.values, i90.values, i135.values];
+  return {
+    s0: combine([i0], (i) => (a[i] + b[i] + c[i] + d[i]) / 2),
+    s1: combine([i0], (i) => a[i] - c[i]),
+    s2: combine([i0], (i) => b[i] - d[i]),
+  };
+}
+
+export function dolp({ s0, s1, s2 }: Stokes): Plane {
+  return combine([s0], (i) => (s0.values[i] > 0 ? Math.hypot(s1.values[i], s2.values[i]) / s0.values[i] : NaN));
+}
+
+export function aolp({ s0, s1, s2 }: Stokes): Plane {
+  return combine([s0], (i) => {
+    if (!(s0.values[i] > 0)) return NaN;
+    const degrees = (Math.atan2(s2.values[i], s1.values[i]) * 90) / Math.PI;
+    return degrees < 0 ? degrees + 180 : degrees;
+  });
+}
+
+function mosaic(block: PicturesBlock, channels: Plane[]): Plane {
+  const { rows, cols, cell } = block;
+  const values = new Float32Array(rows * cols);
+  for (let r = 0; r < rows; ++r)
+    for (let c = 0; c < cols; ++c) {
+      const plane = channels[(r % cell.rows) * cell.cols + (c % cell.cols)];
+      values[r * cols + c] = plane.values[Math.floor(r / cell.rows) * plane.cols + Math.floor(c / cell.cols)];
+    }
+  return { rows, cols, values };
+}
+
+/** Colours that the reader may choose: the names of filters, grouped. */
+function colorGroups(cell: Cell): { name: string; filters: Site["color"][] }[] {
+  const present = new Set(cell.sites.map((site) => site.color));
+  if (present.size === 1) return [{ name: "", filters: [...present] }];
+  const groups: { name: string; filters: Site["color"][] }[] = [
+    { name: "red", filters: ["R"] },
+    { name: "green", filters: ["G1", "G2"] },
+    { name: "blue", filters: ["B"] },
+  ];
+  return groups.filter(({ filters }) => filters.some((f) => present.has(f)));
+}
+
+function select(cell: Cell, channels: Plane[], filters: Site["color"][], angle: number | null): Plane {
+  return mean(channels.filter((_, c) => filters.includes(cell.sites[c].color) && cell.sites[c].angle === angle));
+}
+
+function stokesOf(cell: Cell, channels: Plane[], filters: Site["color"][]): Stokes {
+  const [i0, i45, i90, i135] = [0, 45, 90, 135].map((angle) => select(cell, channels, filters, angle));
+  return stokes(i0, i45, i90, i135);
+}
+
+function polarViews(block: PicturesBlock): View[] {
+  const { cell } = block;
+  const groups = colorGroups(cell);
+  const all = groups.flatMap(({ filters }) => filters);
+  const signed: Look = { kind: "palette", palette: "diverging", low: -1, high: 1, fitted: true };
+  const degree: Look = { kind: "palette", palette: "sequential", low: 0, high: 1, fitted: true };
+  const wheel: Look = { kind: "palette", palette: "cyclic", low: 0, high: 180 };
+  const views: View[] = [
+    { name: "S0, intensity", unit: "DN", look: { kind: "light" }, of: (channels) => ({ planes: groups.map(({ filters }) => stokesOf(cell, channels, filters).s0) }) },
+  ];
+  const sets = groups.length > 1 ? [{ name: "", filters: all }, ...groups] : groups;
+  for (const { name, filters } of sets) {
+    const suffix = name ? `, ${name}` : "";
+    const of = (rule: (s: Stokes) => Plane) => (channels: Plane[]) => ({ planes: [rule(stokesOf(cell, channels, filters))] });
+    views.push(
+      { name: `DoLP${suffix}`, unit: "1", look: degree, of: of(dolp) },
+      { name: `AoLP${suffix}`, unit: "deg", look: wheel, of: of(aolp) },
+      {
+        name: `AoLP, brightness by DoLP${suffix}`, unit: "deg", look: wheel,
+        of: (channels) => {
+          const s = stokesOf(cell, channels, filters);
+          return { planes: [aolp(s)], bright: dolp(s) };
+        },
+      },
+      { name: `S1${suffix}`, unit: "DN", look: signed, of: of((s) => s.s1) },
+      { name: `S2${suffix}`, unit: "DN", look: signed, of: of((s) => s.s2) },
+    );
+  }
+  for (const angle of [0, 45, 90, 135])
+    views.push({
+      name: `${angle}°`, unit: "DN", look: { kind: "light" },
+      of: (channels) => ({ planes: groups.map(({ filters }) => select(cell, channels, filters, angle)) }),
+    });
+  return views;
+}
+
+/** All views of a block, the most telling first. */
+export function viewsOf(block: PicturesBlock, layers: (Plane | null)[][]): View[] {
+  const { cell } = block;
+  const polarized = [0, 45, 90, 135].every((angle) => cell.sites.some((site) => site.angle === angle));
+  const groups = colorGroups(cell);
+  const views = polarized ? polarViews(block) : [];
+  if (!polarized && groups.length > 1)
+    views.push({ name: "colour", unit: "DN", look: { kind: "light" }, of: (channels) => ({ planes: groups.map(({ filters }) => select(cell, channels, filters, null)) }) });
+  if (block.pictures.length)
+    views.push({ name: cell.sites.length > 1 ? "mosaic" : "picture", unit: "DN", look: { kind: "light" }, of: (channels) => ({ planes: [mosaic(block, channels)] }) });
+  block.layers.forEach(({ name, unit, palette, low, high }, l) =>
+    views.push({
+      name, unit, look: { kind: "palette", palette, low, high },
+      of: (_, picture) => {
+        const plane = layers[l][picture];
+        return plane ? { planes: [plane] } : null;
+      },
+    }),
+  );
+  return views;
+}
