@@ -19,8 +19,19 @@ constexpr const char* kReadable =
     "read are TIFF, PNG, EXR, FITS, .npy, camera raw, and headerless files with --raw-format and "
     "--size";
 
+bool begins_like_tiff(const fs::path& path) {
+  const auto head = read_bytes(path, 2);
+  return head.size() == 2 && head[0] == head[1] && (head[0] == 'I' || head[0] == 'M');
+}
+
 void check(int code, const fs::path& path) {
   if (code == LIBRAW_SUCCESS) return;
+  if (code == LIBRAW_FILE_UNSUPPORTED && begins_like_tiff(path))
+    throw InputError(path.string(),
+                     fmt::format("is a TIFF or DNG of a kind that LibRaw {} cannot decode (JPEG XL "
+                                 "and other new compressions, for one)",
+                                 LibRaw::version()),
+                     "convert it to an uncompressed DNG, or give a plain TIFF the ending .tif");
   if (code == LIBRAW_FILE_UNSUPPORTED)
     throw InputError(path.string(), "is not a picture of a known type", kReadable);
   throw InputError(path.string(),
@@ -96,6 +107,7 @@ void read_metadata(LibRaw& raw, Decoded& decoded, const fs::path& path) {
 Decoded read_camera_raw(const fs::path& path, bool pixels) {
   const std::uintmax_t file_bytes = require_file(path);
   const auto raw = std::make_unique<LibRaw>();  // too large for the stack
+  raw->set_dataerror_handler(nullptr, nullptr);  // its default prints
   check(raw->open_file(path.c_str()), path);
   const auto& sizes = raw->imgdata.sizes;
   check_picture_size(path, sizes.raw_height, sizes.raw_width, 1);

@@ -126,6 +126,18 @@ Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixe
   return decoded;
 }
 
+FrameInfo read_frame(const fs::path& path, const FrameOptions& options, bool pixels) {
+  Decoded decoded = read_mosaic(path, options, pixels);
+  FrameInfo info;
+  info.rows = decoded.rows;
+  info.cols = decoded.cols;
+  info.format = decoded.format;
+  info.camera = decoded.camera;
+  info.sample = decoded.sample;
+  info.frame = assemble(decoded, options, path);
+  return info;
+}
+
 }  // namespace
 
 internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
@@ -181,20 +193,15 @@ FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback) {
 }
 
 RawFrame load_frame(const fs::path& path, const FrameOptions& options) {
-  Decoded decoded = read_mosaic(path, options, true);
-  return assemble(decoded, options, path);
+  return read_frame(path, options, true).frame;
+}
+
+FrameInfo load_frame_info(const fs::path& path, const FrameOptions& options) {
+  return read_frame(path, options, true);
 }
 
 FrameInfo probe_frame(const fs::path& path, const FrameOptions& options) {
-  Decoded decoded = read_mosaic(path, options, false);
-  FrameInfo info;
-  info.rows = decoded.rows;
-  info.cols = decoded.cols;
-  info.format = decoded.format;
-  info.camera = decoded.camera;
-  info.sample = decoded.sample;
-  info.frame = assemble(decoded, options, path);
-  return info;
+  return read_frame(path, options, false);
 }
 
 }  // namespace malus

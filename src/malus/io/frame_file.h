@@ -32,9 +32,9 @@ FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback);
 /// {rows, cols} of "2448x2048" (width first); throws InputError.
 std::pair<int, int> parse_frame_size(std::string_view text);
 
-/// All but the pixels.
+/// A frame and what its file is.
 struct FrameInfo {
-  RawFrame frame;  ///< dn is empty
+  RawFrame frame;  ///< dn is empty after probe_frame
   int rows = 0, cols = 0;
   std::string format;  ///< "png", "tiff", "openexr", "fits", "npy", "camera raw", "mono12p", ...
   std::string camera;  ///< maker and model, where the file tells
@@ -46,6 +46,9 @@ struct FrameInfo {
 /// float files are kept: commands decide. Integer data above 24 bits are refused (not exact in
 /// float).
 RawFrame load_frame(const std::filesystem::path& path, const FrameOptions& options = {});
+
+/// The same with the facts of the file beside the pixels.
+FrameInfo load_frame_info(const std::filesystem::path& path, const FrameOptions& options = {});
 
 /// The same without reading the pixels, where the format allows it. white_dn of a float file
 /// without metadata is 0.

@@ -1,0 +1,46 @@
+// What one frame tells about itself, per channel: for `malus info` and for sanity checks.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/image/raw_frame.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace malus {
+
+struct ChannelSummary {
+  double mean_dn = 0;  ///< of the finite pixels, black included; NaN without any
+  double minimum_dn = 0, maximum_dn = 0;
+  double saturated_share = 0;    ///< pixels at or above white
+  double below_black_share = 0;  ///< pixels below the black level
+  std::int64_t pixels = 0, nonfinite = 0;
+  /// Standard deviation of the noise [DN], see noise_guess; Undecided on too few pixels.
+  Estimate<double> noise_dn = Undecided{"not measured"};
+};
+
+/// One per channel of the layout.
+std::vector<ChannelSummary> summarize(const RawFrame& frame);
+
+/// Noise of one channel's plane from a single frame, in its own unit: 1.4826 MAD of the response to
+/// the 3x3 mask [1 -2 1; -2 4 -2; 1 -2 1] / 6, which ignores planes and straight horizontal or
+/// vertical edges (Immerkær, "Fast noise variance estimation", CVIU 64(2), 1996), over the flatter
+/// half of the 8x8 blocks. Includes fixed-pattern noise; texture in every block still raises it.
+/// Pixels >= white or not finite are left out. Undecided below 256 usable responses, and where most
+/// of them are the same (noise below the quantisation).
+Estimate<double> noise_guess(View<const float> plane, double white_dn);
+
+/// How integer data fill their container, e.g. 12 bits shifted left by four: values are
+/// offset + step n + (0 .. spread).
+struct ValueGrid {
+  int step = 0;    ///< 1: no grid; 0: one single value
+  int offset = 0;  ///< 0 <= offset < step
+  int spread = 0;  ///< 0: the grid is exact, step is the greatest common divisor of all differences
+};
+
+/// Where the exact grid has step 1, powers of two from 256 down to 16 are tried: a grid that all
+/// values keep to within an eighth of the step counts, too (16 n and 16 n - 1 from careless
+/// scaling). Undecided for float data that are not whole numbers, and without finite pixels.
+Estimate<ValueGrid> value_grid(View<const float> mosaic);
+
+}  // namespace malus
