@@ -6,7 +6,7 @@
 namespace malus::app {
 
 // add_<command>(app, common) is defined in cmd_<command>.cpp.
-#define MALUS_COMMANDS(command) command(model) command(stokes)
+#define MALUS_COMMANDS(command) command(info) command(session_from_emva) command(model) command(stokes)
 
 #define MALUS_DECLARE(name) void add_##name(CLI::App& app, Common& common);
 MALUS_COMMANDS(MALUS_DECLARE)

@@ -1,0 +1,49 @@
+// malus session-from-emva: an EMVA 1288 measurement's description becomes a session file.
+#include "malus/io/emva_description.h"
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "program.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+
+void add_session_from_emva(CLI::App& app, Common& common) {
+  struct Arguments {
+    std::filesystem::path description, output;
+    std::string name;
+    std::optional<double> gain_db;
+  };
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* command =
+      add_command(app, common, "session-from-emva", "Convert EMVA1288_Data.txt to a session file",
+                  [arguments, &common] {
+                    EmvaSession converted = load_emva_description(arguments->description);
+                    Session& session = converted.session;
+                    session.sensor.name = arguments->name;
+                    std::size_t frames = 0;
+                    for (FrameGroup& group : session.groups) {
+                      group.gain.gain_db = arguments->gain_db;
+                      frames += group.paths.size();
+                    }
+                    save_session(arguments->output, session, common.force);
+                    for (const auto& line : converted.notes) note(common, line);
+                    print_result(common,
+                                 {{"session", arguments->output.string()},
+                                  {"groups", session.groups.size()},
+                                  {"frames", frames},
+                                  {"missing_images", converted.missing_images}},
+                                 fmt::format("{}: {} sets, {} frames", arguments->output.string(),
+                                             session.groups.size(), frames));
+                  });
+  command->add_option("DATA", arguments->description, "the description beside the images")
+      ->required();
+  command->add_option("-o,--output", arguments->output, "session file to write")->required();
+  command->add_option("--name", arguments->name, "name of the sensor");
+  command->add_option("--gain", arguments->gain_db, "camera gain of the measurement [dB]");
+}
+
+}  // namespace malus::app
