@@ -1,6 +1,7 @@
 #include "malus/calibrate/flat_calibration.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +16,7 @@ namespace {
 // for a flickering lamp.
 constexpr double kLampShare = 0.05;
 constexpr double kMostSaturated = 1e-3;
+constexpr std::size_t kFewLevels = 5;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
 
@@ -91,36 +93,109 @@ std::string reason_against(const TransferLevel& level, double saturated, double 
   return {};
 }
 
-void append_channel(int channel, const Estimate<TransferFit>& fit,
-                    const std::vector<TransferLevel>& levels, const std::vector<double>& exposures,
-                    const SensorLayout& layout, PhysicsCalibration& out) {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
+void append_transfer(int channel, const Estimate<TransferFit>& fit,
+                     const std::vector<TransferLevel>& levels, const std::vector<double>& exposures,
+                     PhysicsCalibration& out) {
   for (std::size_t i = 0; i < levels.size(); ++i) {
     PhotonTransferPoint point;
     point.channel = channel;
     point.exposure_s = exposures[i];
     point.mean_dn = levels[i].mean_dn;
-    point.variance_dn2 =
-        levels[i].frames < 2 ? 0.0 : levels[i].variance_dn2 - levels[i].dark_variance_dn2;
-    point.variance_stderr_dn2 = fit ? fit->variance_stderr_dn2[i] : nan;
+    if (levels[i].frames >= 2)
+      point.variance_dn2 = levels[i].variance_dn2 - levels[i].dark_variance_dn2;
+    point.variance_stderr_dn2 =
+        fit ? fit->variance_stderr_dn2[i] : std::numeric_limits<double>::quiet_NaN();
     point.used = levels[i].refused.empty();
     point.why_not = levels[i].refused;
     out.transfer.push_back(std::move(point));
   }
-  if (!fit) {
-    out.warnings.push_back(
-        fmt::format("{}: gain K is not known: {}", layout.channel_name(channel), fit.reason()));
-    return;
+}
+
+// Fits of all channels into K; one warning for all channels that have the same trouble.
+void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLayout& layout,
+                 PhysicsCalibration& out) {
+  std::vector<std::string> bent;
+  double largest = 0.0, widest = 0.0;
+  for (int c = 0; c < layout.channels(); ++c) {
+    const auto& fit = fits[at(c)];
+    if (!fit) {
+      out.warnings.push_back(
+          fmt::format("{}: the gain K is not known, so K of no channel is kept: {}",
+                      layout.channel_name(c), fit.reason()));
+      out.K = {};
+      out.K_intercept_dn2.clear();
+      out.K_intercept_stderr_dn2.clear();
+      return;
+    }
+    out.K.mean.push_back(fit->slope_dn_per_e);
+    out.K.standard_error.push_back(fit->slope_stderr);
+    out.K_intercept_dn2.push_back(fit->intercept_dn2);
+    out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
+    if (!(fit->excess_deviation_dn2 > 0)) continue;
+    bent.push_back(layout.channel_name(c));
+    largest = std::max(largest, fit->chi_square_per_level);
+    widest = std::max(widest, fit->excess_deviation_dn2);
   }
-  out.K.mean.push_back(fit->slope_dn_per_e);
-  out.K.standard_error.push_back(fit->slope_stderr);
-  out.K_intercept_dn2.push_back(fit->intercept_dn2);
-  out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
-  if (fit->excess_deviation_dn2 > 0)
+  std::size_t used = 0;
+  for (const PhotonTransferPoint& point : out.transfer) used += point.channel == 0 && point.used;
+  if (used < kFewLevels)
+    out.warnings.push_back(
+        fmt::format("K rests on {} light levels; {} or more show whether the sensor is linear",
+                    used, kFewLevels));
+  if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
-        "level {:.1f}); K's standard error is widened by a scatter of {:.3g} DN² per level",
-        layout.channel_name(channel), fit->chi_square_per_level, fit->excess_deviation_dn2));
+        "level up to {:.1f}); K's standard error is widened by a scatter of up to {:.3g} DN² per "
+        "level",
+        joined(bent), largest, widest));
+}
+
+// The flat levels of one gain as they are measured one after the other.
+struct FlatSeries {
+  std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
+  std::vector<double> exposures_s;
+  ResponseAccumulator response;
+};
+
+void add_level(const FrameSet& flat, const FlatLevel& level, const MatchingDark& dark,
+               const RawFrame& first, const std::vector<double>& frame_deviation_dn,
+               int bias_frames, double saturation_limit, View<const float> shading_dn,
+               FlatSeries& series) {
+  const std::vector<double> mean = level.temporal.mean_dn();
+  const std::vector<double> variance =
+      flat.count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(mean.size(), 0.0);
+  bool good_for_response = flat.count >= 2;
+  for (std::size_t c = 0; c < mean.size(); ++c) {
+    const double range = first.white_dn - first.black_dn[c];
+    TransferLevel point;
+    point.mean_dn = mean[c];
+    point.mean_variance_dn2 = frame_deviation_dn[c] * frame_deviation_dn[c] *
+                              (1.0 / flat.count + 1.0 / (dark.frames ? dark.frames : bias_frames));
+    point.variance_dn2 = variance[c];
+    point.frames = flat.count;
+    point.dark_variance_dn2 = dark.variance_dn2[c];
+    point.dark_frames = dark.frames;
+    point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
+    good_for_response &= point.refused.empty() && mean[c] > kResponseShare * range;
+    series.levels[c].push_back(std::move(point));
+  }
+  series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
+  if (good_for_response) series.response.add(level.temporal, shading_dn);
+}
+
+DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
+                     const PhysicsCalibration& bias) {
+  DarkPoint point;
+  point.variance_dn2 = variance_dn2;
+  point.row_variance_dn2 = std::pow(bias.sigma_row.mean[at(channel)], 2);
+  point.pixels = geometry.channel_pixels(channel);
+  point.row_groups = geometry.channel_groups(channel);
+  const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
+  point.variance_stderr_dn2 =
+      std::sqrt(2.0 / (bias.bias_frames - 1.0) *
+                (pixel * pixel / static_cast<double>(point.pixels) +
+                 point.row_variance_dn2 * point.row_variance_dn2 / point.row_groups));
+  return point;
 }
 
 }  // namespace
@@ -129,62 +204,28 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                    const std::vector<const FrameSet*>& darks, const RawFrame& first,
                    const DarkPass& dark, int row_group, const CalibrationSettings& settings,
                    Progress& progress, PhysicsCalibration& out) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
-  const auto channels = at(geometry.channels());
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
   const Image shading = shading_of(dark.temporal.mean_frame_dn(), geometry);
-  std::vector<std::vector<TransferLevel>> levels(channels);
-  std::vector<double> exposures;
-  ResponseAccumulator response(geometry);
   const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
+  FlatSeries series{std::vector<std::vector<TransferLevel>>(at(geometry.channels())),
+                    {},
+                    ResponseAccumulator(geometry)};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
-    const FlatLevel level = measure_level(*flat, first, own, progress);
-    const std::vector<double> mean = level.temporal.mean_dn();
-    const std::vector<double> variance =
-        flat->count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(channels, 0.0);
-    bool good_for_response = flat->count >= 2;
-    for (std::size_t c = 0; c < channels; ++c) {
-      const double range = first.white_dn - first.black_dn[c];
-      TransferLevel point;
-      point.mean_dn = mean[c];
-      point.mean_variance_dn2 =
-          frame_deviation[c] * frame_deviation[c] *
-          (1.0 / flat->count + 1.0 / (own.frames ? own.frames : out.bias_frames));
-      point.variance_dn2 = variance[c];
-      point.frames = flat->count;
-      point.dark_variance_dn2 = own.variance_dn2[c];
-      point.dark_frames = own.frames;
-      point.refused = reason_against(point, level.saturated[c], range, settings.saturation_limit);
-      good_for_response &= point.refused.empty() && mean[c] > kResponseShare * range;
-      levels[c].push_back(std::move(point));
-    }
-    exposures.push_back(flat->exposure_s.value_or(0.0));
-    if (good_for_response) response.add(level.temporal, shading);
+    add_level(*flat, measure_level(*flat, first, own, progress), own, first, frame_deviation,
+              out.bias_frames, settings.saturation_limit, shading, series);
   }
   out.flat_levels = static_cast<int>(flats.size());
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();
-  const MosaicGeometry groups(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  std::vector<Estimate<TransferFit>> fits;
   for (int c = 0; c < geometry.channels(); ++c) {
-    DarkPoint point;
-    point.variance_dn2 = dark_variance[at(c)];
-    point.row_variance_dn2 = std::pow(out.sigma_row.mean[at(c)], 2);
-    point.pixels = geometry.channel_pixels(c);
-    point.row_groups = groups.channel_groups(c);
-    const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
-    point.variance_stderr_dn2 =
-        std::sqrt(2.0 / (out.bias_frames - 1.0) *
-                  (pixel * pixel / static_cast<double>(point.pixels) +
-                   point.row_variance_dn2 * point.row_variance_dn2 / point.row_groups));
-    append_channel(c, fit_photon_transfer(levels[at(c)], point), levels[at(c)], exposures,
-                   first.layout, out);
+    const auto& levels = series.levels[at(c)];
+    fits.push_back(fit_photon_transfer(levels, dark_point(c, geometry, dark_variance[at(c)], out)));
+    append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
-  if (out.K.mean.size() != channels) {
-    out.K = {};
-    out.K_intercept_dn2.clear();
-    out.K_intercept_stderr_dn2.clear();
-  }
-  if (!response.empty()) {
-    Response relative = response.response();
+  append_fits(fits, first.layout, out);
+  if (!series.response.empty()) {
+    Response relative = series.response.response();
     out.prnu_map = std::move(relative.map);
     out.prnu = std::move(relative.prnu);
   }

@@ -1,0 +1,55 @@
+// malus calibrate: a session of bias and flat frames (or bursts) becomes a noise model.
+#include "malus/base/atomic_file.h"
+#include "malus/calibrate/calibrate.h"
+#include "malus/io/session.h"
+#include "malus/noise/model.h"
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "flags.h"
+#include "model_json.h"
+#include "program.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+struct CalibrateArguments {
+  std::filesystem::path session, output;
+  CalibrationSettings settings;
+};
+
+void calibrate_session(const Common& common, const CalibrateArguments& arguments) {
+  check_output(arguments.output, common.force);
+  const Session session = load_session(arguments.session);
+  const auto progress = make_progress(common);
+  const NoiseModel model =
+      calibrate_physics(calibration_input(session), arguments.settings, *progress);
+  save_model(model, arguments.output, common.force);
+  if (common.json)  // the text shows them itself
+    for (const PhysicsCalibration& gain : model.physics)
+      for (const std::string& warning : gain.warnings)
+        warn(fmt::format("{}: {}", gain.gain.text(), warning));
+  nlohmann::ordered_json json = model_json(model);
+  json["model"] = arguments.output.string();
+  json["settings"] = settings_json(arguments.settings);
+  print_result(common, json, fmt::format("{}\n{}", arguments.output.string(), model_text(model)));
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<CalibrateArguments>();
+  CLI::App* command =
+      add_command(app, common, "calibrate", "Measure a camera's noise from bias and flat frames",
+                  [&common, arguments] { calibrate_session(common, *arguments); });
+  command->add_option("session", arguments->session, "session file that names the frames")
+      ->required();
+  command->add_option("-o,--output", arguments->output, "noise model to write (HDF5)")->required();
+  add_flags(*command, arguments->settings);
+}
+
+}  // namespace malus::app
