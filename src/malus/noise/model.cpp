@@ -92,13 +92,17 @@ const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain,
   const double db = *gain.decibel();
   for (const JointSegment& segment : segments)
     if (db >= segment.knots_db.front() && db <= segment.knots_db.back()) return segment;
+  const auto above = std::find_if(
+      model.physics.begin(), model.physics.end(),
+      [&](const PhysicsCalibration& p) { return p.gain.decibel() && *p.gain.decibel() > db; });
   const bool below = db < segments.front().knots_db.front();
-  if (!below && db < segments.back().knots_db.back())
-    throw InputError(gain.text(),
-                     fmt::format("lies between two conversion gains of the sensor, where nothing "
-                                 "can be interpolated; the noise model holds {}",
-                                 held),
-                     "use a measured gain");
+  if (!below && db < segments.back().knots_db.back() && above != model.physics.begin())
+    throw InputError(
+        gain.text(),
+        fmt::format("the sensor changes its conversion gain between {} and {}: nothing "
+                    "can be interpolated there",
+                    (above - 1)->gain.text(), above->gain.text()),
+        "use one of the two, or a gain on either side");
   if (range == GainRange::kCalibratedOnly)
     throw InputError(
         gain.text(),
@@ -152,6 +156,17 @@ const Calibration& calibrated_at(const NoiseModel& model,
       gain.text(),
       fmt::format("not among the gains of the noise model: {}", gains_text(calibrations)),
       "use a measured gain");
+}
+
+template <class Calibration>
+const Calibration& required_at(const NoiseModel& model,
+                               const std::vector<Calibration>& calibrations, const char* kind,
+                               const GainSetting& gain) {
+  if (calibrations.empty())
+    throw InputError(
+        model.sensor.empty() ? "noise model" : model.sensor, fmt::format("holds no {} model", kind),
+        fmt::format("calibrate with --kind {}, or use one of: {}", kind, joined(model.kinds())));
+  return calibrated_at(model, calibrations, gain);
 }
 
 }  // namespace
@@ -223,6 +238,18 @@ PhysicsNoise physics_of(const NoiseModel& model, const GainParameters& p) {
 
 PhysicsNoise NoiseModel::physics_at(const GainSetting& gain, GainRange range) const {
   return physics_of(*this, parameters_at(gain, range));
+}
+
+const GaussianCalibration& NoiseModel::gaussian_at(const GainSetting& gain) const {
+  return required_at(*this, gaussian, "gaussian", gain);
+}
+
+const NonparametricCalibration& NoiseModel::nonparametric_at(const GainSetting& gain) const {
+  return required_at(*this, nonparametric, "nonparametric", gain);
+}
+
+const DarkFrameBank& NoiseModel::dark_frames_at(const GainSetting& gain) const {
+  return required_at(*this, dark_frames, "dark-frames", gain);
 }
 
 NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range) const {

@@ -1,0 +1,111 @@
+// Noisy frames of one camera from clean ones: a noise model, a gain and the pipeline around them
+// (000 section 5.1).
+//
+//   clean / ratio -> noise at a gain -> camera: black, rounding, clipping -> minus black and global
+//   bias (debias) -> times ratio (amplify)
+#pragma once
+
+#include "malus/base/parameter.h"
+#include "malus/image/raw_frame.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/compiled.h"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct SynthesisSettings {
+  std::string kind = "physics";
+  std::string parameters = "sampled";
+  double ratio = 1;
+  bool amplify = false, debias = false;
+  bool shot = true, read = true, row = true, quantization = true, bias = true;
+  bool exact = false, extrapolate_gain = false;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    const double infinity = std::numeric_limits<double>::infinity();
+    field(self.kind, ParameterInfo{"kind",
+                                   "",
+                                   "noise model",
+                                   -infinity,
+                                   infinity,
+                                   {"physics", "poisson-gaussian", "gaussian", "nonparametric",
+                                    "dark-frames"}});
+    field(
+        self.parameters,
+        ParameterInfo{"parameters",
+                      "",
+                      "physics: draw mu, sigma_b, sigma_TL anew for every frame (000 Eq. 5-6), or "
+                      "use their means",
+                      -infinity,
+                      infinity,
+                      {"sampled", "mean"}});
+    field(self.ratio,
+          ParameterInfo{"ratio", "1", "low-light ratio: the clean signal is divided by it", 1e-6,
+                        1e9});
+    field(self.amplify, ParameterInfo{"amplify", "", "multiply the result by the ratio again"});
+    field(self.debias,
+          ParameterInfo{"debias", "",
+                        "take the global bias away, as 000 does before training: mu is "
+                        "drawn around its mean minus the mean over the channels"});
+    field(self.shot, ParameterInfo{"shot", "", "shot noise"});
+    field(self.read, ParameterInfo{"read", "", "read noise"});
+    field(self.row, ParameterInfo{"row", "", "row noise"});
+    field(self.quantization, ParameterInfo{"quantization", "", "quantisation noise"});
+    field(self.bias, ParameterInfo{"bias", "", "channel-wise bias mu"});
+    field(self.exact, ParameterInfo{"exact", "",
+                                    "the plain definition instead of the compiled "
+                                    "sampler (slow; physics only)"});
+    field(self.extrapolate_gain,
+          ParameterInfo{"extrapolate_gain", "", "allow gains outside the calibrated range"});
+  }
+};
+
+/// One synthetic frame and what it was drawn with.
+struct SyntheticFrame {
+  Image dn;  ///< DN above black, unrounded
+  GainSetting gain;
+  PhysicsNoise physics;       ///< of kinds physics, poisson-gaussian and dark-frames; else empty
+  double global_bias_dn = 0;  ///< what debias took away
+};
+
+class Synthesizer {
+ public:
+  /// Throws InputError when the model lacks the kind. The model is copied.
+  Synthesizer(NoiseModel model, SynthesisSettings settings);
+
+  /// clean_dn: mosaic in DN above black at the frame's gain, whose first pixel lies at
+  /// address.row0, address.col0 of the sensor. gain: empty = random over the calibrated range (000:
+  /// uniform in log K). Result before rounding: DN above black, with uniform quantisation noise;
+  /// debiased and amplified as set. InputError on gains that the model cannot serve.
+  SyntheticFrame draw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
+                      const DrawAddress& address) const;
+
+  /// The same as the camera would write it: rounded and clipped DN, black included, no uniform
+  /// quantisation noise. With debias or amplify these act on the rounded values; white moves along.
+  RawFrame draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
+                    const DrawAddress& address, const std::vector<double>& black_dn,
+                    double white_dn) const;
+
+  const NoiseModel& model() const { return model_; }
+  const SynthesisSettings& settings() const { return settings_; }
+
+ private:
+  SyntheticFrame noisy(View<const float> clean_dn, const std::optional<GainSetting>& gain,
+                       const DrawAddress& address, bool rounded_later) const;
+  PhysicsNoise physics(const GainSetting& gain, const DrawAddress& address) const;
+
+  NoiseModel model_;
+  SynthesisSettings settings_;
+};
+
+/// Rounds to the camera's step with black back, and clips to 0..white; NaN becomes 0. In place: DN
+/// above black -> raw DN. row0, col0 place the view in the mosaic.
+void round_as_camera(View<float> dn, const SensorLayout& layout, const CameraOutput& camera,
+                     int row0 = 0, int col0 = 0);
+
+}  // namespace malus

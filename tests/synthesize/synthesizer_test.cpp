@@ -1,0 +1,251 @@
+// The pipeline around the noise: ratio, bias removal, amplification, switches, rounding; and the
+// kinds beside physics.
+#include "malus/synthesize/synthesizer.h"
+
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
+#include "malus/noise/tukey_lambda.h"
+#include "malus/synthesize/level_sampler.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr double kSigmas = 5;
+
+// Four channels at one gain, no spread unless asked.
+NoiseModel bayer_model(double mu_spread = 0) {
+  NoiseModel model;
+  model.sensor = "test";
+  model.layout = SensorLayout::named("bayer-rggb");
+  model.black_dn = {64, 64, 64, 64};
+  model.white_dn = 4095;
+  model.row_group = 2;
+  PhysicsCalibration p;
+  p.gain.gain_db = 12;
+  p.bias_frames = 10;
+  p.K.mean = {0.9, 1.0, 1.1, 1.2};
+  p.mu.mean = {-4, -5, -6, -7};
+  p.mu.spread = std::vector<double>(4, mu_spread);
+  p.sigma_row.mean = {0.5, 0.6, 0.7, 0.8};
+  p.sigma_tl.mean = {1.0, 1.1, 1.2, 1.3};
+  p.sigma_tl.spread = {0, 0, 0, 0};
+  p.lambda.mean = {0.1, 0.1, 0.05, 0.0};
+  model.physics = {p};
+  return model;
+}
+
+const GainSetting kGain{.gain_db = 12.0, .iso = {}};
+
+double mean_of_image(const Image& image) {
+  return std::accumulate(image.values().begin(), image.values().end(), 0.0) /
+         static_cast<double>(image.size());
+}
+
+TEST(Synthesizer, RatioDimsAndAmplifyBringsTheMeanBack) {
+  const Image clean(300, 400, 1000.0f);
+  SynthesisSettings settings;
+  settings.ratio = 10;
+  settings.debias = true;
+  for (const bool exact : {false, true}) {
+    settings.exact = exact;
+    settings.amplify = false;
+    const Synthesizer dim(bayer_model(), settings);
+    const auto frame = dim.draw(clean, kGain, {.seed = 1});
+    // Signal 100 DN, shot variance about 105 DN², rows 0.65 DN over 150 groups.
+    const double error = kSigmas * std::sqrt(105.0 / 120000 + 0.43 / 150);
+    EXPECT_NEAR(mean_of_image(frame.dn), 100.0, error);
+    EXPECT_DOUBLE_EQ(frame.global_bias_dn, -5.5);
+    settings.amplify = true;
+    const auto bright = Synthesizer(bayer_model(), settings).draw(clean, kGain, {.seed = 1});
+    for (std::size_t i = 0; i < bright.dn.size(); ++i)
+      ASSERT_NEAR(bright.dn.values()[i], 10.0f * frame.dn.values()[i], 1e-3);
+  }
+}
+
+TEST(Synthesizer, DebiasTakesOnlyTheGlobalBias) {
+  SynthesisSettings settings;
+  settings.shot = settings.read = settings.row = settings.quantization = false;
+  const Image clean(4, 4, 10.0f);
+  const auto with = Synthesizer(bayer_model(), settings).draw(clean, kGain, {});
+  EXPECT_FLOAT_EQ(with.dn(0, 0), 6.0f);
+  EXPECT_FLOAT_EQ(with.dn(1, 1), 3.0f);
+  settings.debias = true;
+  const auto without = Synthesizer(bayer_model(), settings).draw(clean, kGain, {});
+  EXPECT_FLOAT_EQ(without.dn(0, 0), 11.5f);
+  EXPECT_FLOAT_EQ(without.dn(1, 1), 8.5f);
+  settings.bias = false;
+  const auto none = Synthesizer(bayer_model(), settings).draw(clean, kGain, {});
+  EXPECT_FLOAT_EQ(none.dn(0, 0), 10.0f);
+}
+
+TEST(Synthesizer, SampledParametersVaryFromFrameToFrameAndMeanOnesDoNot) {
+  SynthesisSettings settings;
+  settings.shot = settings.read = settings.row = settings.quantization = false;
+  const Image clean(2, 2);
+  const Synthesizer sampled(bayer_model(0.3), settings);
+  Moments m;
+  for (std::uint32_t f = 0; f < 2000; ++f)
+    m.add(static_cast<double>(sampled.draw(clean, kGain, {.seed = 2, .frame = f}).dn(0, 0)));
+  EXPECT_NEAR(m.mean(), -4.0, kSigmas * 0.3 / std::sqrt(2000));
+  EXPECT_NEAR(m.variance(), 0.09, kSigmas * m.variance_standard_error());
+  settings.parameters = "mean";
+  const Synthesizer fixed(bayer_model(0.3), settings);
+  EXPECT_FLOAT_EQ(fixed.draw(clean, kGain, {.frame = 1}).dn(0, 0), -4.0f);
+}
+
+TEST(Synthesizer, RawIsRoundedOnceAndClipped) {
+  SynthesisSettings settings;
+  const Synthesizer synthesizer(bayer_model(), settings);
+  Image clean(64, 64, 20.0f);
+  for (int c = 0; c < 64; ++c) clean(0, c) = 5000.0f, clean(2, c) = -500.0f;
+  const RawFrame raw = synthesizer.draw_raw(clean, kGain, {.seed = 4}, {64, 64, 64, 64}, 4095);
+  for (const float v : raw.dn.values()) ASSERT_EQ(v, std::round(v));
+  for (int c = 0; c < 64; ++c) {
+    ASSERT_EQ(raw.dn(0, c), 4095.0f);
+    ASSERT_EQ(raw.dn(2, c), 0.0f);
+  }
+  // Rounding is the quantisation noise: shot, read and 1/12, not 2/12.
+  SynthesisSettings dark = settings;
+  dark.row = dark.shot = false;
+  const Synthesizer quiet(bayer_model(), dark);
+  const Image zero(600, 600);
+  const RawFrame bias = quiet.draw_raw(zero, kGain, {.seed = 5}, {64, 64, 64, 64}, 4095);
+  Moments m;
+  for (int r = 0; r < 600; r += 2)
+    for (int c = 0; c < 600; c += 2) m.add(static_cast<double>(bias.dn(r, c)));
+  EXPECT_NEAR(m.mean(), 60.0, kSigmas * std::sqrt(m.variance() / 90000));
+  EXPECT_NEAR(m.variance(), tukey_lambda_variance(0.1) + 1.0 / 12,
+              kSigmas * m.variance_standard_error());
+}
+
+TEST(Synthesizer, AmplifiedRawKeepsBlackAndScalesWhite) {
+  SynthesisSettings settings;
+  settings.ratio = 4;
+  settings.amplify = settings.debias = true;
+  settings.shot = settings.read = settings.row = settings.bias = false;
+  const Image clean(4, 4, 400.0f);
+  const RawFrame raw =
+      Synthesizer(bayer_model(), settings).draw_raw(clean, kGain, {}, {64, 64, 64, 64}, 1000);
+  for (const float v : raw.dn.values()) ASSERT_EQ(v, 464.0f);
+  EXPECT_DOUBLE_EQ(raw.white_dn, 64 + 4 * 936.0);
+}
+
+TEST(Synthesizer, MissingKindsAndUndefinedCombinationsAreRefused) {
+  SynthesisSettings settings;
+  settings.kind = "gaussian";
+  EXPECT_THROW(Synthesizer(bayer_model(), settings), InputError);
+  settings.kind = "poisson-gaussian";
+  settings.exact = true;
+  EXPECT_THROW(Synthesizer(bayer_model(), settings), InputError);
+  settings.exact = false;
+  const Synthesizer synthesizer(bayer_model(), settings);
+  const Image clean(2, 2);
+  EXPECT_THROW(synthesizer.draw(clean, GainSetting{.gain_db = 30.0, .iso = {}}, {}), InputError);
+}
+
+TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
+  NoiseModel model = bayer_model();
+  Image dark(4, 6);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 6; ++c) dark(r, c) = static_cast<float>(10 * r + c);
+  model.dark_frames = {{.gain = kGain, .frames_dn = {dark}}};
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  settings.shot = false;
+  const Image clean(3, 3, 100.0f);
+  const auto frame = Synthesizer(model, settings)
+                         .draw(clean, kGain, {.seed = 0, .frame = 0, .row0 = 3, .col0 = 4});
+  EXPECT_EQ(frame.dn(0, 0), 134.0f);  // row 3, column 4
+  EXPECT_EQ(frame.dn(0, 2), 130.0f);  // column 6 comes round to 0
+  EXPECT_EQ(frame.dn(1, 1), 105.0f);  // row 4 comes round to 0
+}
+
+NonparametricCalibration two_level_calibration() {
+  NonparametricCalibration calibration;
+  NonparametricChannel channel;
+  channel.level_dn = {0, 100};
+  channel.bin_edges_dn = {-3, -1, 0, 1, 5};
+  channel.pmf = {{0.1, 0.4, 0.4, 0.1}, {0.35, 0.15, 0.2, 0.3}};
+  channel.samples = {1000000, 1000000};
+  calibration.gain = kGain;
+  calibration.channels.assign(4, channel);
+  calibration.sigma_row_dn = {0, 0, 0, 0};
+  return calibration;
+}
+
+TEST(LevelSampler, DrawsTheHistogramExactlyAndMixesLevels) {
+  const auto calibration = two_level_calibration();
+  const LevelSampler sampler(SensorLayout::named("bayer-rggb"), calibration, 0);
+  const auto& edges = calibration.channels[0].bin_edges_dn;
+  // 99.99 % point of chi-square with 3 degrees of freedom: 21.1.
+  for (const double signal : {-20.0, 0.0, 25.0, 100.0, 300.0}) {
+    const double upper = std::clamp(signal / 100.0, 0.0, 1.0);
+    const Image clean(400, 500, static_cast<float>(signal));
+    Image noisy(400, 500);
+    sampler.apply(clean, noisy, {.seed = 6});
+    std::vector<double> counts(4, 0.0);
+    Moments inside;
+    for (const float v : noisy.values()) {
+      const double xi = static_cast<double>(v) - signal;
+      const auto bin = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
+          std::upper_bound(edges.begin(), edges.end(), xi) - edges.begin() - 1, 0, 3));
+      counts[bin] += 1;
+      if (bin == 3) inside.add((xi - 1) / 4);
+    }
+    double chi2 = 0;
+    for (std::size_t b = 0; b < 4; ++b) {
+      const double p = (1 - upper) * calibration.channels[0].pmf[0][b] +
+                       upper * calibration.channels[0].pmf[1][b];
+      const double expected = 200000 * p;
+      chi2 += (counts[b] - expected) * (counts[b] - expected) / expected;
+    }
+    EXPECT_LT(chi2, 21.1) << signal;
+    EXPECT_NEAR(inside.mean(), 0.5,
+                kSigmas * std::sqrt(1.0 / 12 / static_cast<double>(inside.count())));
+    EXPECT_NEAR(inside.variance(), 1.0 / 12, kSigmas * inside.variance_standard_error());
+  }
+}
+
+TEST(LevelSampler, CropsGiveTheSameBytesAndRowsShareTheirDraw) {
+  auto calibration = two_level_calibration();
+  calibration.sigma_row_dn = {1, 1, 1, 1};
+  const LevelSampler sampler(SensorLayout::named("bayer-rggb"), calibration, 2);
+  Image clean(50, 60), whole(50, 60), crop(20, 30);
+  for (int r = 0; r < 50; ++r)
+    for (int c = 0; c < 60; ++c) clean(r, c) = static_cast<float>(r * c) * 0.1f;
+  sampler.apply(clean, whole, {.seed = 7, .frame = 3});
+  sampler.apply(clean.view().window(11, 17, 20, 30), crop,
+                {.seed = 7, .frame = 3, .row0 = 11, .col0 = 17});
+  for (int r = 0; r < 20; ++r)
+    for (int c = 0; c < 30; ++c) ASSERT_EQ(crop(r, c), whole(r + 11, c + 17));
+}
+
+TEST(LevelSampler, UnevenLevelsAreFound) {
+  // One bin per level whose place tells the level: noise = level number, width nearly nothing.
+  NonparametricCalibration calibration;
+  NonparametricChannel channel;
+  channel.level_dn = {0, 0.5, 2, 3, 70, 71, 1000};
+  for (int b = 0; b <= 7; ++b) channel.bin_edges_dn.push_back(b);
+  for (std::size_t l = 0; l < 7; ++l) {
+    channel.pmf.emplace_back(7, 0.0);
+    channel.pmf.back()[l] = 1;
+  }
+  calibration.channels = {channel};
+  const LevelSampler sampler(SensorLayout::named("mono"), calibration, 0);
+  for (std::size_t l = 0; l < 7; ++l) {
+    const Image clean(8, 64, static_cast<float>(channel.level_dn[l]));
+    Image noisy(8, 64);
+    sampler.apply(clean, noisy, {});
+    for (const float v : noisy.values())
+      ASSERT_EQ(std::floor(static_cast<double>(v) - channel.level_dn[l]), static_cast<double>(l));
+  }
+}
+
+}  // namespace
+}  // namespace malus
