@@ -114,12 +114,17 @@ double mean_member(const std::vector<LogLinear>& laws, double LogLinear::*member
   return mean_of(values);
 }
 
-void add_joint(Lines& lines, const JointGainModel& joint) {
+std::string gain_text(double db, bool in_iso) {
+  return in_iso ? fmt::format("ISO {:.6g}", 100.0 * std::pow(10.0, db / 20.0))
+                : fmt::format("{:g} dB", db);
+}
+
+void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
   lines.add("\nJoint model over gain: log x = slope log K + intercept, means over the channels");
   for (const JointSegment& s : joint.segments) {
-    lines.add("  {:g} to {:g} dB, K {:.4g} to {:.4g} DN/e-: K x{:.4f} per 6 dB", s.knots_db.front(),
-              s.knots_db.back(), std::exp(s.log_K_low()), std::exp(s.log_K_high()),
-              std::exp(6.0 * s.K_of_gain.slope));
+    lines.add("  {} to {}, K {:.4g} to {:.4g} DN/e-: K x{:.4f} per 6 dB",
+              gain_text(s.knots_db.front(), in_iso), gain_text(s.knots_db.back(), in_iso),
+              std::exp(s.log_K_low()), std::exp(s.log_K_high()), std::exp(6.0 * s.K_of_gain.slope));
     if (s.knots_db.size() < 2) continue;
     lines.add("{:>20}{}", "x", row_of({"slope", "intercept", "residual"}, 10));
     for (const auto& [name, laws] :
@@ -162,7 +167,7 @@ std::string model_text(const NoiseModel& model) {
     else
       lines.add("\nOne gain by channel: --gain or --iso");
   }
-  if (model.joint) add_joint(lines, *model.joint);
+  if (model.joint) add_joint(lines, *model.joint, model.physics[0].gain.iso.has_value());
   add_other_kinds(lines, model);
   return lines.text();
 }

@@ -37,10 +37,11 @@ double real_share(const Values& residual, const Values& error, double degrees) {
   return std::max(0.0, 1.0 - error2 / static_cast<double>(error.size()) / (residual2 / degrees));
 }
 
-LogLinear constant_law(double value) {
+LogLinear constant_law(double value, std::size_t knots) {
   LogLinear law;
   law.signed_linear = value <= 0;
   law.intercept = law.signed_linear ? value : std::log(value);
+  law.residual.assign(knots, 0.0);
   return law;
 }
 
@@ -78,11 +79,8 @@ LogLinear fit_line_law(const Values& x, const Values& y, const Values& error,
 // are left out (variances, where they are sampling error), else the parameter itself is fitted.
 LogLinear fit_law(const Values& log_K, const Series& series, bool must_be_positive) {
   const std::size_t n = log_K.size();
-  if (n == 1) {
-    LogLinear law = constant_law(series.value[0]);
-    law.residual.assign(1, 0.0);
-    return law;
-  }
+  const auto [lowest, highest] = std::minmax_element(series.value.begin(), series.value.end());
+  if (*lowest == *highest) return constant_law(*lowest, n);  // one gain, or published as constant
   std::vector<bool> positive(n);
   for (std::size_t i = 0; i < n; ++i) positive[i] = series.value[i] > 0;
   const auto count = static_cast<std::size_t>(std::count(positive.begin(), positive.end(), true));
@@ -95,11 +93,8 @@ LogLinear fit_law(const Values& log_K, const Series& series, bool must_be_positi
       }
     return fit_line_law(log_K, y, error, positive);
   }
-  if (must_be_positive) {  // at most one positive: no law; its mean over all gains
-    LogLinear law = constant_law(std::max(mean_of(series.value), 0.0));
-    law.residual.assign(n, 0.0);
-    return law;
-  }
+  if (must_be_positive)  // at most one positive: no law; its mean over all gains
+    return constant_law(std::max(mean_of(series.value), 0.0), n);
   LogLinear law = fit_line_law(log_K, series.value, series.error, std::vector<bool>(n, true));
   law.signed_linear = true;
   return law;
@@ -223,7 +218,7 @@ JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
                         return std::pair(spread, deviation_error(spread, gain.bias_frames));
                       }),
             true));
-    signed_channels += segment.minus_mu.back().signed_linear && gains.size() > 1;
+    signed_channels += segment.minus_mu.back().signed_linear && segment.minus_mu.back().slope != 0;
   }
   if (signed_channels > 0)
     notes.push_back(
@@ -246,19 +241,24 @@ double log_read_noise(const PhysicsCalibration& gain) {
   return sum / static_cast<double>(gain.sigma_tl.mean.size());
 }
 
-// How far a step lies outside [low, high], which the neighbouring slopes widen.
-double excess(std::span<const double> x, std::span<const double> y, std::size_t i, double low,
-              double high) {
+struct SlopeRange {
+  double low, high;
+  void include(double slope) {
+    low = std::min(low, slope);
+    high = std::max(high, slope);
+  }
+};
+
+// How far the step from i to i+1 departs from the slopes of its neighbours, or from `physical`
+// where one of them is missing.
+double excess(std::span<const double> x, std::span<const double> y, std::size_t i,
+              SlopeRange physical) {
   const auto slope = [&](std::size_t k) { return (y[k + 1] - y[k]) / (x[k + 1] - x[k]); };
-  if (i > 0) {
-    low = std::min(low, slope(i - 1));
-    high = std::max(high, slope(i - 1));
-  }
-  if (i + 2 < x.size()) {
-    low = std::min(low, slope(i + 1));
-    high = std::max(high, slope(i + 1));
-  }
-  return std::max(low - slope(i), slope(i) - high) * (x[i + 1] - x[i]);
+  const bool left = i > 0, right = i + 2 < x.size();
+  SlopeRange allowed = left && right ? SlopeRange{slope(i - 1), slope(i - 1)} : physical;
+  if (left) allowed.include(slope(i - 1));
+  if (right) allowed.include(slope(i + 1));
+  return std::max(allowed.low - slope(i), slope(i) - allowed.high) * (x[i + 1] - x[i]);
 }
 
 }  // namespace
@@ -281,8 +281,8 @@ std::vector<int> conversion_gain_breaks(std::span<const double> gain_db,
   const double limit = std::log(kBreakFactor);
   std::vector<int> breaks;
   for (std::size_t i = 0; i + 1 < gain_db.size(); ++i) {
-    const bool read_jumps = excess(log_K, log_read_noise_dn, i, 0.0, 1.0) > limit;
-    const bool K_jumps = excess(gain_db, log_K, i, kLogPerDb, kLogPerDb) > limit;
+    const bool read_jumps = excess(log_K, log_read_noise_dn, i, {0.0, 1.0}) > limit;
+    const bool K_jumps = excess(gain_db, log_K, i, {kLogPerDb, kLogPerDb}) > limit;
     if (read_jumps || K_jumps) breaks.push_back(static_cast<int>(i));
   }
   return breaks;
@@ -340,7 +340,7 @@ GainParameters joint_parameters(const JointSegment& segment, double gain_db) {
   Values mu_deviation, row_deviation;
   for (std::size_t c = 0; c < segment.K_ratio.size(); ++c) {
     p.K.push_back(K * segment.K_ratio[c]);
-    p.mu_dn.push_back(-value(segment.minus_mu[c]));
+    p.mu_dn.push_back(0.0 - value(segment.minus_mu[c]));
     p.sigma_row_dn.push_back(value(segment.sigma_row[c]));
     p.sigma_tl_dn.push_back(value(segment.sigma_tl[c]));
     p.sigma_tl_spread_dn.push_back(value(segment.sigma_tl_spread[c]));
