@@ -1,0 +1,266 @@
+#include "malus/evaluate/noise_comparison.h"
+
+#include "malus/base/statistics.h"
+#include "malus/evaluate/divergence.h"
+#include "malus/evaluate/noise_structure.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Counts = std::vector<std::int64_t>;
+
+// Equal bins; samples beyond the ends go to the outermost ones.
+struct Bins {
+  double low = 0, width = 1;
+  int count = 0;
+  std::size_t of(double x) const {
+    const double i = std::floor((x - low) / width);
+    return static_cast<std::size_t>(std::clamp(i, 0.0, count - 1.0));
+  }
+};
+
+// Evenly spaced levels of the clean signal.
+struct Levels {
+  double low = 0, width = 1;
+  int count = 1;
+  std::size_t of(double signal) const {
+    const double i = std::floor((signal - low) / width);
+    return static_cast<std::size_t>(std::clamp(i, 0.0, count - 1.0));
+  }
+  double centre(int i) const { return low + (i + 0.5) * width; }
+};
+
+Image minus(const Image& frame, const Image& clean, float scale = 1) {
+  Image noise(frame.rows(), frame.cols());
+  for (std::size_t i = 0; i < noise.size(); ++i)
+    noise.values()[i] = scale * (frame.values()[i] - clean.values()[i]);
+  return noise;
+}
+
+Image mean_frame(const FrameSet& set, Progress& progress) {
+  std::vector<double> sum;
+  Image mean;
+  for (int k = 0; k < set.count; ++k) {
+    check_stop(progress);
+    const Image frame = set.load(k);
+    if (k == 0) mean = Image(frame.rows(), frame.cols()), sum.resize(frame.size());
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += frame.values()[i];
+  }
+  for (std::size_t i = 0; i < sum.size(); ++i)
+    mean.values()[i] = static_cast<float>(sum[i] / set.count);
+  return mean;
+}
+
+// One side: its frames turned into noise, and the clean signal that sets the level.
+class NoiseSource {
+ public:
+  NoiseSource(const FrameSet& set, const std::optional<Image>& clean, bool remove_fixed_pattern,
+              const char* name, Progress& progress)
+      : set_(set), name_(name) {
+    if (set.count == 0) throw InputError(name, "no frames", "name at least one");
+    if (remove_fixed_pattern) {
+      if (set.count < 2)
+        throw InputError(name, "one frame has no mean to subtract",
+                         "give two frames or more, or leave out --remove-fixed-pattern");
+      pattern_ = mean_frame(set, progress);
+      // The mean holds 1/n of each frame's own noise; this gives the residual its variance back.
+      scale_ = static_cast<float>(std::sqrt(set.count / (set.count - 1.0)));
+    }
+    signal_ = clean ? *clean : pattern_ ? *pattern_ : Image();
+    base_ = pattern_ ? *pattern_ : clean ? *clean : Image();
+  }
+  int count() const { return set_.count; }
+  /// Empty when the scene is uniform.
+  const Image& signal() const { return signal_; }
+
+  Image noise(int k) const {
+    Image frame = set_.load(k);
+    if (base_.empty()) return frame;
+    if (frame.rows() != base_.rows() || frame.cols() != base_.cols())
+      throw InputError(name_,
+                       fmt::format("frame {} has {} x {} pixels, the clean picture {} x {}", k,
+                                   frame.cols(), frame.rows(), base_.cols(), base_.rows()),
+                       "use frames of one size and their clean picture");
+    return minus(frame, base_, scale_);
+  }
+
+ private:
+  FrameSet set_;
+  const char* name_;
+  std::optional<Image> pattern_;
+  float scale_ = 1;
+  Image signal_, base_;
+};
+
+Levels levels_of(const Image& signal, int count) {
+  std::vector<float> values = signal.values();
+  std::erase_if(values, [](float v) { return !std::isfinite(v); });
+  if (values.size() < 2) return {};
+  std::sort(values.begin(), values.end());
+  const auto at = [&](double part) {
+    return double{values[static_cast<std::size_t>(part * static_cast<double>(values.size() - 1))]};
+  };
+  const double low = at(0.005), high = at(0.995);
+  if (!(high > low)) return {low - 0.5, 1, 1};
+  return {low, (high - low) / count, count};
+}
+
+// The last entry gathers all samples.
+struct LevelMoments {
+  std::vector<Moments> noise;
+  Moments signal;
+  bool whole_numbers = true;
+};
+
+LevelMoments moments_of(const Image& noise, const Image& signal, const Levels& levels) {
+  LevelMoments result;
+  result.noise.resize(static_cast<std::size_t>(levels.count) + 1);
+  for (std::size_t i = 0; i < noise.size(); ++i) {
+    const double x = noise.values()[i], s = signal.empty() ? 0.0 : signal.values()[i];
+    if (!std::isfinite(x) || !std::isfinite(s)) continue;
+    result.noise[levels.of(s)].add(x);
+    result.noise.back().add(x);
+    result.signal.add(s);
+    result.whole_numbers = result.whole_numbers && x == std::floor(x);
+  }
+  return result;
+}
+
+Bins bins_of(const Moments& a, const Moments& b, bool whole_numbers, int count) {
+  constexpr double kReach = 6;  // standard deviations
+  if (a.count() < 2 || b.count() < 2) return {0, 1, 1};
+  const auto reach = [](const Moments& m) { return kReach * std::sqrt(m.variance()); };
+  double low = std::min(a.mean() - reach(a), b.mean() - reach(b));
+  double high = std::max(a.mean() + reach(a), b.mean() + reach(b));
+  if (whole_numbers) {
+    // A bin holds the same number of whole values everywhere, or the histogram is a comb.
+    low = std::floor(low) - 0.5;
+    return {low, std::ceil(std::max(high - low, 1.0) / count), count};
+  }
+  if (!(high > low)) low -= 0.5, high += 0.5;
+  return {low, (high - low) / count, count};
+}
+
+// Histograms of one side: one per level and one of all samples.
+std::vector<Counts> histograms_of(const NoiseSource& source, const Levels& levels,
+                                  const std::vector<Bins>& bins, StructureSums& structure,
+                                  Progress& progress) {
+  std::vector<Counts> counts;
+  for (const Bins& b : bins) counts.emplace_back(static_cast<std::size_t>(b.count));
+  for (int k = 0; k < source.count(); ++k) {
+    check_stop(progress);
+    const Image noise = source.noise(k);
+    structure.add(noise);
+    for (std::size_t i = 0; i < noise.size(); ++i) {
+      const double x = noise.values()[i];
+      const double s = source.signal().empty() ? 0.0 : source.signal().values()[i];
+      if (!std::isfinite(x) || !std::isfinite(s)) continue;
+      const std::size_t level = levels.of(s);
+      ++counts[level][bins[level].of(x)];
+      ++counts.back()[bins.back().of(x)];
+    }
+    progress.advance(1);
+  }
+  return counts;
+}
+
+std::int64_t total(const Counts& counts) {
+  std::int64_t sum = 0;
+  for (std::int64_t n : counts) sum += n;
+  return sum;
+}
+
+NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bins& bins,
+                          double signal_dn) {
+  const double jsd = *jsd_bits(reference, test);
+  return {signal_dn,
+          bins.width,
+          total(reference),
+          total(test),
+          *kld_nats(test, reference),
+          jsd,
+          std::sqrt(jsd),
+          std::sqrt(*jsd_floor_bits(reference, test))};
+}
+
+}  // namespace
+
+NoiseComparison compare_noise(const FrameSet& reference, const FrameSet& test,
+                              const std::optional<Image>& clean_dn, const SensorLayout& layout,
+                              const NoiseComparisonSettings& settings, Progress& progress) {
+  const bool pattern = settings.remove_fixed_pattern;
+  const NoiseSource a(reference, clean_dn, pattern, "the reference frames", progress);
+  const NoiseSource b(test, clean_dn, pattern, "the test frames", progress);
+  const Image first_a = a.noise(0), first_b = b.noise(0);
+  if (first_a.rows() != first_b.rows() || first_a.cols() != first_b.cols())
+    throw InputError("the test frames",
+                     fmt::format("{} x {} pixels against {} x {} of the reference", first_b.cols(),
+                                 first_b.rows(), first_a.cols(), first_a.rows()),
+                     "compare frames of one size");
+  const Levels levels = clean_dn || pattern ? levels_of(a.signal(), settings.levels) : Levels{};
+  const LevelMoments moments_a = moments_of(first_a, a.signal(), levels);
+  const LevelMoments moments_b = moments_of(first_b, b.signal(), levels);
+  if (moments_a.signal.count() < 2 || moments_b.signal.count() < 2)
+    throw InputError("the frames", "hold no finite pixels", "check what was written into them");
+  const bool whole = moments_a.whole_numbers && moments_b.whole_numbers;
+  std::vector<Bins> bins;
+  for (std::size_t i = 0; i < moments_a.noise.size(); ++i)
+    bins.push_back(bins_of(moments_a.noise[i], moments_b.noise[i], whole, settings.bins));
+
+  progress.begin("noise", a.count() + b.count());
+  StructureSums structure_a(layout), structure_b(layout);
+  const auto counts_a = histograms_of(a, levels, bins, structure_a, progress);
+  const auto counts_b = histograms_of(b, levels, bins, structure_b, progress);
+  NoiseComparison result;
+  result.pooled =
+      distance_of(counts_a.back(), counts_b.back(), bins.back(), moments_a.signal.mean());
+  for (int i = 0; i < levels.count; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    if (total(counts_a[k]) < kEnoughSamples || total(counts_b[k]) < kEnoughSamples ||
+        bins[k].count < 2)
+      ++result.levels_left_out;
+    else
+      result.levels.push_back(distance_of(counts_a[k], counts_b[k], bins[k], levels.centre(i)));
+  }
+  result.reference = structure_a.result();
+  result.test = structure_b.result();
+  return result;
+}
+
+std::vector<Quantity> quantities_of(const NoiseComparison& c) {
+  const auto scalar = [](const char* name, const char* symbol, const char* unit,
+                         const char* description, double value) {
+    return Quantity{name, symbol, unit, description, {value}};
+  };
+  const auto list = [](const std::string& name, const char* symbol, const char* unit,
+                       const char* description, const std::vector<double>& value) {
+    return Quantity{name, symbol, unit, description, value};
+  };
+  std::vector<Quantity> all = {
+      scalar("kld", "D(Q||P)", "nat", "Kullback-Leibler divergence of test from reference",
+             c.pooled.kld_nats),
+      scalar("jsd", "JSD", "bit", "Jensen-Shannon divergence, base 2", c.pooled.jsd_bits),
+      scalar("sqrt_jsd", "√JSD", "1", "its root, as in the figures of 001", c.pooled.sqrt_jsd),
+      scalar("sqrt_jsd_floor", "√JSD floor", "1", "expected for two samples of one distribution",
+             c.pooled.sqrt_jsd_floor)};
+  for (const auto& [side, s] : {std::pair{"reference", &c.reference}, {"test", &c.test}}) {
+    const std::string suffix = fmt::format("_{}", side);
+    all.push_back(list("mean" + suffix, "μ", "DN", "mean per channel", s->mean_dn));
+    all.push_back(list("sd" + suffix, "σ", "DN", "standard deviation per channel", s->sd_dn));
+    all.push_back(list("sigma_row" + suffix, "σ_b", "DN", "row noise per channel", s->row_sd_dn));
+    all.push_back(
+        list("sigma_column" + suffix, "σ_c", "DN", "column noise per channel", s->column_sd_dn));
+    all.push_back(list("correlation_along_row" + suffix, "ρ", "1",
+                       "correlation of pixels 1, 2, ... apart in a row", s->along_row));
+    all.push_back(list("correlation_along_column" + suffix, "ρ", "1",
+                       "correlation of pixels 1, 2, ... apart in a column", s->along_column));
+  }
+  return all;
+}
+
+}  // namespace malus

@@ -1,0 +1,86 @@
+// Do two sets of frames hold the same noise? Divergences per signal level and pooled, and what
+// distributions of single pixels cannot see: row noise and correlation between neighbours.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/base/parameter.h"
+#include "malus/base/progress.h"
+#include "malus/base/quantity.h"
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+namespace malus {
+
+struct NoiseComparisonSettings {
+  int bins = 128;
+  int levels = 16;
+  bool remove_fixed_pattern = false;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    field(self.bins, ParameterInfo{"bins", "1", "bins of each histogram", 8, 65536});
+    field(self.levels,
+          ParameterInfo{"levels", "1", "signal levels between dark and bright", 1, 4096});
+    field(
+        self.remove_fixed_pattern,
+        ParameterInfo{"remove_fixed_pattern", "",
+                      "subtract each set's mean frame, so that temporal noise alone is compared"});
+  }
+};
+
+/// Frames that are loaded when they are needed: mosaics in DN above black, all of one size.
+struct FrameSet {
+  int count = 0;
+  std::function<Image(int)> load;
+};
+
+/// Distances of one level, or of all samples.
+struct NoiseDistance {
+  double signal_dn = 0;  ///< centre of the level; the mean clean signal for the pooled one
+  double bin_width_dn = 0;
+  std::int64_t reference_samples = 0, test_samples = 0;
+  double kld_nats = 0;  ///< D(test || reference)
+  double jsd_bits = 0;  ///< base 2, 0..1
+  double sqrt_jsd = 0;
+  double sqrt_jsd_floor = 0;  ///< of two samples of one distribution of these sizes
+};
+
+/// Structure of one set's noise.
+struct NoiseStructure {
+  std::vector<double> mean_dn;    ///< per channel
+  std::vector<double> sd_dn;      ///< per channel, all noise together
+  std::vector<double> row_sd_dn;  ///< per channel: rows' offsets beyond what pixel noise explains
+  std::vector<double> column_sd_dn;  ///< per channel
+  /// Correlation of mosaic neighbours, channels scaled to one variance; lags 1, 2, ... kLags.
+  std::vector<double> along_row, along_column;
+};
+inline constexpr int kLags = 4;
+
+struct NoiseComparison {
+  NoiseDistance pooled;
+  std::vector<NoiseDistance> levels;  ///< those with kEnoughSamples on both sides; rising signal
+  int levels_left_out = 0;
+  NoiseStructure reference, test;
+};
+inline constexpr std::int64_t kEnoughSamples = 1000;
+
+/// Noise is frame minus clean. clean_dn: the scene without noise in DN above black, or none for
+/// frames of a uniform scene (dark, flat), whose values are compared as they are, biases included.
+/// Levels divide the clean signal evenly between its 0.5 and 99.5 percentiles. Bins divide +-6
+/// standard deviations of a level's reference noise (and the test's, if larger) evenly; frames of
+/// whole numbers get whole-number bins. Samples beyond go to the outermost bins; pixels that are
+/// not finite are left out. Throws InputError when sizes differ, a set is empty, or
+/// remove_fixed_pattern has fewer than two frames.
+NoiseComparison compare_noise(const FrameSet& reference, const FrameSet& test,
+                              const std::optional<Image>& clean_dn, const SensorLayout& layout,
+                              const NoiseComparisonSettings& settings,
+                              Progress& progress = silent_progress());
+
+std::vector<Quantity> quantities_of(const NoiseComparison& comparison);
+
+}  // namespace malus

@@ -1,0 +1,176 @@
+#include "malus/evaluate/noise_comparison.h"
+
+#include "malus/base/parallel.h"
+#include "malus/base/random.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+struct Noise {
+  double sd = 4, sd_row = 0, sd_column = 0, slope = 0, mean = 0;
+  int row_group = 1;
+  bool rounded = false;
+};
+
+constexpr int kRows = 96, kCols = 128;
+
+// A ramp from 0 to 1270 DN, or darkness.
+Image ramp(bool dark = false) {
+  Image clean(kRows, kCols);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c) clean(r, c) = dark ? 0.0f : 10.0f * static_cast<float>(c);
+  return clean;
+}
+
+FrameSet frames_of(const Image& clean, const Noise& noise, int count, std::uint64_t seed) {
+  return {count, [=](int k) {
+            const auto frame_number = static_cast<std::uint32_t>(k);
+            RandomSequence pixels(seed, frame_number, Draw::kPixel);
+            RandomSequence rows(seed, frame_number, Draw::kRow);
+            RandomSequence columns(seed, frame_number, Draw::kUser);
+            Image frame = clean;
+            std::vector<double> column(kCols);
+            for (double& v : column) v = noise.sd_column * columns.normal();
+            double row = 0;
+            for (int r = 0; r < kRows; ++r) {
+              if (r % noise.row_group == 0) row = noise.sd_row * rows.normal();
+              for (int c = 0; c < kCols; ++c) {
+                const double variance = noise.sd * noise.sd + noise.slope * clean(r, c);
+                double v = clean(r, c) + noise.mean + row + column[static_cast<std::size_t>(c)] +
+                           std::sqrt(variance) * pixels.normal();
+                if (noise.rounded) v = std::round(v);
+                frame(r, c) = static_cast<float>(v);
+              }
+            }
+            return frame;
+          }};
+}
+
+TEST(CompareNoise, TheSameNoiseIsAtTheSamplingFloor) {
+  const Image clean = ramp();
+  const Noise noise{.sd = 3, .slope = 0.5};
+  const auto result = compare_noise(frames_of(clean, noise, 6, 1), frames_of(clean, noise, 6, 2),
+                                    clean, SensorLayout::named("polar-mono"), {});
+  EXPECT_EQ(result.levels.size(), 16u);
+  EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
+  for (const auto& level : result.levels)
+    EXPECT_LT(level.sqrt_jsd, 1.5 * level.sqrt_jsd_floor) << level.signal_dn;
+  EXPECT_EQ(result.pooled.reference_samples, 6 * kRows * kCols);
+}
+
+// Pooled over levels the two noises have nearly one distribution; level by level they differ.
+TEST(CompareNoise, LevelsSeeWhatPoolingHides) {
+  const Image clean = ramp();
+  const Noise shot{.sd = 2, .slope = 0.4}, flat{.sd = std::sqrt(4 + 0.4 * 635)};
+  const auto result = compare_noise(frames_of(clean, shot, 8, 1), frames_of(clean, flat, 8, 2),
+                                    clean, SensorLayout::named("mono"), {});
+  EXPECT_GT(result.levels.front().sqrt_jsd, 3 * result.pooled.sqrt_jsd);
+  EXPECT_GT(result.levels.back().sqrt_jsd, result.levels[7].sqrt_jsd);
+  EXPECT_LT(result.levels.front().signal_dn, result.levels.back().signal_dn);
+}
+
+// Two Gaussians of the widths 4 and 5: D(Q||P) = ln(4/5) + 25/32 - 1/2.
+TEST(CompareNoise, DivergenceOfGaussiansIsTheClosedForm) {
+  const Image dark = ramp(true);
+  NoiseComparisonSettings settings;
+  settings.bins = 256;
+  const auto result =
+      compare_noise(frames_of(dark, {.sd = 4}, 40, 1), frames_of(dark, {.sd = 5}, 40, 2),
+                    std::nullopt, SensorLayout::named("mono"), settings);
+  EXPECT_NEAR(result.pooled.kld_nats, std::log(0.8) + 25.0 / 32 - 0.5, 0.003);
+}
+
+TEST(CompareNoise, WholeNumbersGetWholeNumberBins) {
+  const Image dark = ramp(true);
+  const Noise noise{.sd = 20, .rounded = true};
+  NoiseComparisonSettings settings;
+  settings.bins = 100;
+  const auto result = compare_noise(frames_of(dark, noise, 3, 1), frames_of(dark, noise, 3, 2),
+                                    std::nullopt, SensorLayout::named("mono"), settings);
+  EXPECT_EQ(result.pooled.bin_width_dn, std::round(result.pooled.bin_width_dn));
+  EXPECT_GE(result.pooled.bin_width_dn, 2);
+  EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
+}
+
+// Equal distributions of single pixels, one with its variance in the rows.
+TEST(CompareNoise, RowNoiseIsSeenInTheStructure) {
+  const Image dark = ramp(true);
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  const auto result = compare_noise(frames_of(dark, {.sd = 4, .sd_row = 3, .row_group = 2}, 30, 1),
+                                    frames_of(dark, {.sd = 5}, 30, 2), std::nullopt, layout, {});
+  EXPECT_LT(result.pooled.sqrt_jsd, 0.02);
+  ASSERT_EQ(result.reference.row_sd_dn.size(), 16u);
+  double mean_row = 0;
+  for (double v : result.reference.row_sd_dn) mean_row += v / 16;
+  EXPECT_NEAR(mean_row, 3, 0.15);  // 24 row groups x 30 frames: 2.6 % standard error, 2 sigma
+  for (double v : result.test.row_sd_dn) EXPECT_LT(v, 0.5);
+  for (int lag = 0; lag < kLags; ++lag) {
+    EXPECT_NEAR(result.reference.along_row[static_cast<std::size_t>(lag)], 9.0 / 25, 0.03);
+    EXPECT_NEAR(result.test.along_row[static_cast<std::size_t>(lag)], 0, 0.01);
+  }
+  // Pairs of rows share an offset: every second neighbour below is in the same pair.
+  EXPECT_NEAR(result.reference.along_column[0], 0.5 * 9 / 25, 0.03);
+  EXPECT_NEAR(result.reference.along_column[1], 0, 0.03);
+}
+
+TEST(CompareNoise, ColumnNoiseIsNotMistakenForRowNoise) {
+  const Image dark = ramp(true);
+  const auto result = compare_noise(frames_of(dark, {.sd = 4, .sd_column = 2}, 20, 1),
+                                    frames_of(dark, {.sd = 4}, 20, 2), std::nullopt,
+                                    SensorLayout::named("mono"), {});
+  EXPECT_NEAR(result.reference.column_sd_dn[0], 2, 0.1);
+  EXPECT_LT(result.reference.row_sd_dn[0], 0.2);
+}
+
+TEST(CompareNoise, FixedPatternIsRemovedWithTheVarianceKept) {
+  Image pattern = ramp(true);
+  RandomSequence random(9, 0, Draw::kUser);
+  for (float& v : pattern.values()) v = static_cast<float>(10 * random.normal());
+  NoiseComparisonSettings settings;
+  settings.remove_fixed_pattern = true;
+  settings.levels = 1;
+  const auto result =
+      compare_noise(frames_of(pattern, {.sd = 4}, 5, 1), frames_of(ramp(true), {.sd = 4}, 5, 2),
+                    std::nullopt, SensorLayout::named("mono"), settings);
+  EXPECT_NEAR(result.reference.sd_dn[0], 4, 0.05);
+  EXPECT_NEAR(result.test.sd_dn[0], 4, 0.05);
+  EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
+}
+
+TEST(CompareNoise, BadSetsAreRefused) {
+  const Image dark = ramp(true);
+  const auto layout = SensorLayout::named("mono");
+  const FrameSet good = frames_of(dark, {}, 1, 1), none{0, {}};
+  const FrameSet small{1, [](int) { return Image(3, 3); }};
+  const FrameSet broken{
+      1, [](int) { return Image(kRows, kCols, std::numeric_limits<float>::quiet_NaN()); }};
+  EXPECT_THROW(compare_noise(good, none, std::nullopt, layout, {}), InputError);
+  EXPECT_THROW(compare_noise(good, small, std::nullopt, layout, {}), InputError);
+  EXPECT_THROW(compare_noise(good, good, Image(5, 5), layout, {}), InputError);
+  EXPECT_THROW(compare_noise(good, broken, std::nullopt, layout, {}), InputError);
+  NoiseComparisonSettings settings;
+  settings.remove_fixed_pattern = true;
+  EXPECT_THROW(compare_noise(good, good, std::nullopt, layout, settings), InputError);
+}
+
+TEST(CompareNoise, TheSameForAnyNumberOfThreads) {
+  const Image dark = ramp(true);
+  const auto run = [&] {
+    return compare_noise(frames_of(dark, {.sd = 4}, 3, 1), frames_of(dark, {.sd = 4}, 3, 2),
+                         std::nullopt, SensorLayout::named("polar-mono"), {});
+  };
+  set_thread_count(1);
+  const auto one = run();
+  set_thread_count(3);
+  const auto three = run();
+  set_thread_count(0);
+  EXPECT_EQ(one.pooled.jsd_bits, three.pooled.jsd_bits);
+  EXPECT_EQ(one.reference.along_row, three.reference.along_row);
+}
+
+}  // namespace
+}  // namespace malus
