@@ -92,12 +92,12 @@ TEST(ModelFile, ADamagedByteNeverChangesWhatIsRead) {
   save_model(model, folder / "m.h5");
   const std::string whole = bytes_of(folder / "m.h5");
   int refused = 0, harmless = 0;
-  for (std::size_t i = 0; i < whole.size(); i += 397) {
+  for (std::size_t i = 0; i < whole.size(); i += 1009) {
     std::string damaged = whole;
     damaged[i] = static_cast<char>(damaged[i] ^ 0x5A);
     write_bytes(folder / "damaged.h5", damaged);
     try {
-      EXPECT_EQ(load_model(folder / "damaged.h5"), model) << "byte " << i;
+      EXPECT_TRUE(load_model(folder / "damaged.h5") == model) << "byte " << i;
       ++harmless;
     } catch (const InputError&) {
       ++refused;

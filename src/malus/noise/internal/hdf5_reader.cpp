@@ -83,7 +83,9 @@ std::string Hdf5Reader::number_name(std::size_t i) { return fmt::format("{:03}",
 // Only hard links: a soft or external one could lead anywhere.
 bool Hdf5Reader::holds(const std::string& name) const {
   H5L_info_t info;
-  if (H5Lexists(group_.id(), name.c_str(), H5P_DEFAULT) <= 0) return false;
+  const htri_t exists = H5Lexists(group_.id(), name.c_str(), H5P_DEFAULT);
+  if (exists < 0) fail(name, "cannot be looked up");
+  if (exists == 0) return false;
   if (H5Lget_info(group_.id(), name.c_str(), &info, H5P_DEFAULT) < 0 || info.type != H5L_TYPE_HARD)
     fail(name, "is not an ordinary link");
   return true;
