@@ -24,18 +24,22 @@ bool begins_like_tiff(const fs::path& path) {
   return head.size() == 2 && head[0] == head[1] && (head[0] == 'I' || head[0] == 'M');
 }
 
-void check(int code, const fs::path& path) {
+// LibRaw knows hardly more of a failed opening than that it failed.
+void check_open(int code, const fs::path& path) {
   if (code == LIBRAW_SUCCESS) return;
-  if (code == LIBRAW_FILE_UNSUPPORTED && begins_like_tiff(path))
+  if (begins_like_tiff(path))
     throw InputError(path.string(),
-                     fmt::format("is a TIFF or DNG of a kind that LibRaw {} cannot decode (JPEG XL "
-                                 "and other new compressions, for one)",
+                     fmt::format("is cut off, or a TIFF or DNG of a kind that LibRaw {} cannot "
+                                 "decode (JPEG XL and other new compressions, for one)",
                                  LibRaw::version()),
                      "convert it to an uncompressed DNG, or give a plain TIFF the ending .tif");
-  if (code == LIBRAW_FILE_UNSUPPORTED)
-    throw InputError(path.string(), "is not a picture of a known type", kReadable);
+  throw InputError(path.string(), "is not a picture of a known type", kReadable);
+}
+
+void check_unpack(int code, const fs::path& path) {
+  if (code == LIBRAW_SUCCESS) return;
   throw InputError(path.string(),
-                   fmt::format("LibRaw {} cannot read it: {}", LibRaw::version(),
+                   fmt::format("LibRaw {} cannot decode it: {}", LibRaw::version(),
                                code < 0 ? LibRaw::strerror(code) : "system error"),
                    "check that the file is whole, or convert it to an uncompressed DNG or TIFF");
 }
@@ -106,9 +110,9 @@ void read_metadata(LibRaw& raw, Decoded& decoded, const fs::path& path) {
 
 Decoded read_camera_raw(const fs::path& path, bool pixels) {
   const std::uintmax_t file_bytes = require_file(path);
-  const auto raw = std::make_unique<LibRaw>();  // too large for the stack
+  const auto raw = std::make_unique<LibRaw>();   // too large for the stack
   raw->set_dataerror_handler(nullptr, nullptr);  // its default prints
-  check(raw->open_file(path.c_str()), path);
+  check_open(raw->open_file(path.c_str()), path);
   const auto& sizes = raw->imgdata.sizes;
   check_picture_size(path, sizes.raw_height, sizes.raw_width, 1);
   // Lossy raw compression stays far below 1:100; a damaged header asks for more.
@@ -118,7 +122,7 @@ Decoded read_camera_raw(const fs::path& path, bool pixels) {
                      fmt::format("{} bytes cannot hold the {}x{} pixels it declares", file_bytes,
                                  sizes.raw_width, sizes.raw_height),
                      "check that the file is whole");
-  check(raw->unpack(), path);  // black levels are final only now
+  check_unpack(raw->unpack(), path);  // black levels are final only now
   const std::uint16_t* mosaic = raw->imgdata.rawdata.raw_image;
   if (!mosaic) not_a_mosaic(path, "several colours in every pixel");
   if (raw->imgdata.process_warnings & LIBRAW_WARN_RAWSPEED_PROBLEM)

@@ -1,8 +1,10 @@
 #include "malus/io/internal/picture_codec.h"
 
+#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/png_check.h"
 
 #include <algorithm>
 #include <cctype>
@@ -10,6 +12,7 @@
 #include <limits>
 #include <memory>
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
@@ -27,6 +30,7 @@ std::string lower_ending(const fs::path& path) {
 }
 
 [[noreturn]] void unreadable(const fs::path& path, std::string detail) {
+  detail = detail.substr(0, detail.find('\n'));  // the first of many is the cause
   while (!detail.empty() && (detail.back() == '\n' || detail.back() == '.')) detail.pop_back();
   throw InputError(path.string(),
                    fmt::format("cannot be decoded{}{}", detail.empty() ? "" : ": ", detail),
@@ -76,13 +80,20 @@ void check_single(const fs::path& path, OIIO::ImageInput& input, const OIIO::Ima
                    "split it into one file per frame");
 }
 
+// A cut-off TIFF "succeeds" with black strips and leaves only a message behind.
+void read_stored(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec,
+                 TypeDesc type, void* pixels) {
+  const bool good = input.read_image(0, 0, 0, spec.nchannels, type, pixels);
+  const std::string message = input.geterror();
+  if (!good || !message.empty()) unreadable(path, message);
+}
+
 template <class T>
 void read_integers(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec,
                    Decoded& decoded) {
   const auto channels = static_cast<std::size_t>(spec.nchannels);
   std::vector<T> stored(spec.image_pixels() * channels);
-  if (!input.read_image(0, 0, 0, spec.nchannels, spec.format, stored.data()))
-    unreadable(path, input.geterror());
+  read_stored(path, input, spec, spec.format, stored.data());
   // Types narrower than their container (10 or 12 bits in TIFF, 1 to 4 in PNG) arrive widened.
   const int shift = static_cast<int>(8 * sizeof(T)) - decoded.bits;
   for (std::size_t k = 0; k < channels; ++k) {
@@ -96,8 +107,7 @@ void read_floats(const fs::path& path, OIIO::ImageInput& input, const OIIO::Imag
                  Decoded& decoded) {
   const auto channels = static_cast<std::size_t>(spec.nchannels);
   std::vector<float> stored(spec.image_pixels() * channels);
-  if (!input.read_image(0, 0, 0, spec.nchannels, TypeDesc::FLOAT, stored.data()))
-    unreadable(path, input.geterror());
+  read_stored(path, input, spec, TypeDesc::FLOAT, stored.data());
   for (std::size_t k = 0; k < channels; ++k) {
     auto& plane = decoded.planes[static_cast<int>(k)].values();
     for (std::size_t i = 0; i < plane.size(); ++i) plane[i] = stored[i * channels + k];
@@ -134,6 +144,7 @@ std::string picture_codec(const fs::path& path) {
 
 Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels) {
   const std::uintmax_t file_bytes = require_file(path);
+  if (codec == "png") check_png(read_bytes(path), path);
   const auto input = OIIO::ImageInput::create(codec);
   if (!input) unreadable(path, OIIO::geterror());
   input->threads(1);
@@ -184,39 +195,59 @@ std::vector<T> interleaved(const Planes& planes) {
   return values;
 }
 
-}  // namespace
-
-bool write_picture(const fs::path& file, const std::string& codec, const Planes& planes,
-                   const std::vector<std::string>& names, SampleType type,
-                   const std::string& description, std::optional<double> exposure_s,
-                   std::string& error) {
-  const auto output = OIIO::ImageOutput::create(codec);
-  MALUS_REQUIRE(output != nullptr);
+OIIO::ImageSpec output_spec(const std::string& codec, const Planes& planes,
+                            const std::vector<std::string>& names, SampleType type) {
   const TypeDesc stored = type == SampleType::kUint8    ? TypeDesc::UINT8
                           : type == SampleType::kUint16 ? TypeDesc::UINT16
                           : type == SampleType::kHalf   ? TypeDesc::HALF
                                                         : TypeDesc::FLOAT;
   OIIO::ImageSpec spec(planes.cols(), planes.rows(), planes.channels(), stored);
   spec.channelnames = names;
+  spec.attribute("oiio:UnassociatedAlpha", 1);  // colours are not times alpha
   // Noise does not shrink: TIFF stays plain, which every tool reads at once.
-  if (codec == "tiff") spec.attribute("compression", "none");
+  if (codec == "tiff") {
+    spec.attribute("compression", "none");
+    spec.attribute("tiff:write_exif", 0);  // nothing to say there, and it fails
+  }
   if (codec == "openexr") spec.attribute("compression", "zip");
   if (codec == "png") spec.attribute("png:compressionLevel", 3);
+  return spec;
+}
+
+bool write_pixels(OIIO::ImageOutput& output, const Planes& planes, SampleType type) {
+  if (type == SampleType::kUint8)
+    return output.write_image(TypeDesc::UINT8, interleaved<std::uint8_t>(planes).data());
+  if (type == SampleType::kUint16)
+    return output.write_image(TypeDesc::UINT16, interleaved<std::uint16_t>(planes).data());
+  return output.write_image(TypeDesc::FLOAT, interleaved<float>(planes).data());
+}
+
+}  // namespace
+
+void write_picture(const fs::path& path, bool force, const std::string& codec, const Planes& planes,
+                   const std::vector<std::string>& names, SampleType type,
+                   const std::string& description, std::optional<double> exposure_s) {
+  AtomicFile file(path, force);
+  const auto output = OIIO::ImageOutput::create(codec);
+  MALUS_REQUIRE(output != nullptr);
+  OIIO::ImageSpec spec = output_spec(codec, planes, names, type);
   if (!description.empty()) spec.attribute("ImageDescription", description);
   if (exposure_s && codec == "openexr")
     spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
-  bool good = output->open(file.string(), spec);
-  if (good) {
-    if (type == SampleType::kUint8)
-      good = output->write_image(TypeDesc::UINT8, interleaved<std::uint8_t>(planes).data());
-    else if (type == SampleType::kUint16)
-      good = output->write_image(TypeDesc::UINT16, interleaved<std::uint16_t>(planes).data());
-    else
-      good = output->write_image(TypeDesc::FLOAT, interleaved<float>(planes).data());
-    good = output->close() && good;
+  // The PNG and EXR writers do not notice a full disk, so they write to memory.
+  OIIO::Filesystem::IOVecOutput memory;
+  const bool in_memory = codec != "tiff";
+  if (in_memory) output->set_ioproxy(&memory);
+  const bool good = output->open(file.temporary().string(), spec) &&
+                    write_pixels(*output, planes, type) && output->close();
+  const std::string message = output->geterror();
+  if (!good || !message.empty()) file.fail(message);
+  if (!in_memory) {
+    file.commit();
+    return;
   }
-  if (!good) error = output->geterror();
-  return good;
+  const auto& bytes = memory.buffer();
+  write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, force);
 }
 
 }  // namespace malus::internal

@@ -111,13 +111,9 @@ void save_described(const fs::path& path, const Planes& planes,
                                       description, exposure_s),
                options.force);
   } else {
-    AtomicFile file(path, options.force);
-    std::string error;
-    if (!internal::write_picture(file.temporary(), codec, values,
-                                 channel_names(values.channels(), given_names), type, description,
-                                 exposure_s, error))
-      file.fail(error);
-    file.commit();
+    internal::write_picture(path, options.force, codec, values,
+                            channel_names(values.channels(), given_names), type, description,
+                            exposure_s);
   }
 }
 

@@ -10,6 +10,7 @@ set(io_SOURCES
   npy.cpp
   picture_codec.cpp
   picture_file.cpp
+  png_check.cpp
   raw_format.cpp
   session.cpp
   session_write.cpp

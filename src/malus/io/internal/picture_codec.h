@@ -19,10 +19,9 @@ std::string picture_codec(const std::filesystem::path& path);
 /// Throws InputError when damaged, of several parts or pages, or too large.
 Decoded read_picture(const std::filesystem::path& path, const std::string& codec, bool pixels);
 
-/// Writes to `file`; false and OpenImageIO's message in `error` on failure.
-bool write_picture(const std::filesystem::path& file, const std::string& codec,
+/// Writes the whole file or throws InputError; nothing half-written remains.
+void write_picture(const std::filesystem::path& path, bool force, const std::string& codec,
                    const Planes& planes, const std::vector<std::string>& names, SampleType type,
-                   const std::string& description, std::optional<double> exposure_s,
-                   std::string& error);
+                   const std::string& description, std::optional<double> exposure_s);
 
 }  // namespace malus::internal

@@ -1,0 +1,19 @@
+// The frame of a PNG file (PNG specification, 5.3 and 11): libpng prints to stderr when it meets
+// damage, so damage is found before it looks.
+#pragma once
+
+#include "malus/io/internal/file_bytes.h"
+
+#include <cstdint>
+#include <filesystem>
+
+namespace malus::internal {
+
+/// Throws InputError unless the signature, every chunk's length and checksum, and the end are
+/// whole.
+void check_png(Bytes bytes, const std::filesystem::path& path);
+
+/// CRC-32 of ISO 3309, as in PNG's annex D.
+std::uint32_t crc32(Bytes bytes);
+
+}  // namespace malus::internal

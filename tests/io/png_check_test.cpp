@@ -1,0 +1,50 @@
+#include "malus/io/internal/png_check.h"
+
+#include "malus/base/error.h"
+#include "malus/io/picture_file.h"
+
+#include <string>
+
+#include "support.h"
+#include <gmock/gmock.h>
+
+namespace malus::internal {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+TEST(PngCheck, ChecksumOfTheStandardText) {
+  const std::string text = "123456789";  // the CRC catalogue's check value
+  const Bytes bytes(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
+  EXPECT_EQ(crc32(bytes), 0xCBF43926u);
+  EXPECT_EQ(crc32({}), 0u);
+}
+
+TEST(PngCheck, AnyFlippedBitIsFound) {
+  const malus::testing::TemporaryFolder folder;
+  save_picture(folder / "a.png", Image(5, 7, 3.0f));
+  const auto good = read_bytes(folder / "a.png");
+  EXPECT_NO_THROW(check_png(good, "a.png"));
+  for (std::size_t i = 0; i < good.size(); ++i)
+    for (int bit = 0; bit < 8; ++bit) {
+      auto bad = good;
+      bad[i] = static_cast<std::uint8_t>(bad[i] ^ (1 << bit));
+      EXPECT_THROW(check_png(bad, "a.png"), InputError) << i << "." << bit;
+    }
+  for (std::size_t length = 0; length < good.size(); ++length)
+    EXPECT_THROW(check_png(Bytes(good).first(length), "a.png"), InputError) << length;
+}
+
+TEST(PngCheck, DamagedPixelsAreNamed) {
+  const malus::testing::TemporaryFolder folder;
+  save_picture(folder / "a.png", Image(5, 7, 3.0f));
+  auto bytes = read_bytes(folder / "a.png");
+  const std::string text(bytes.begin(), bytes.end());
+  bytes[text.find("IDAT") + 6] ^= 1;
+  EXPECT_THAT([&] { check_png(bytes, "a.png"); },
+              ThrowsMessage<InputError>(HasSubstr("wrong checksum in its IDAT")));
+}
+
+}  // namespace
+}  // namespace malus::internal
