@@ -18,7 +18,8 @@ inline ChannelStatistics statistics2(double first, double second) {
   return {{first, second},
           {0.01 * first, 0.02 * second},
           {s1, s2},
-          matrix2(s1 * s1, 0.5 * s1 * s2, s2 * s2)};
+          matrix2(s1 * s1, 0.5 * s1 * s2, s2 * s2),
+          {{first, second}, {1.1 * first, 0.9 * second}, {0.9 * first, 1.1 * second}}};
 }
 
 inline PhysicsCalibration physics2(double gain_db) {
@@ -45,6 +46,8 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.dark_shading_dn = Image(130, 62, 0.25F);
   p.dark_shading_dn(3, 7) = -1.5F;
   p.prnu_map = Image(130, 62, 1.0F);
+  p.residual_cell_dn = {0.1, 0.2};
+  p.residual_counts = {{500, 300, 20}, {400, 350, 1}};
   p.warnings = {"lamp flickers by 1.2 DN", "µ drifts"};
   return p;
 }

@@ -70,6 +70,7 @@ ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix
         std::sqrt(mean_variance(out.covariance(c, c), sampling(c, c), values.size())));
   }
   take_sampling_out(out, sampling);
+  out.per_frame = values;
   return out;
 }
 
@@ -100,6 +101,9 @@ ChannelStatistics deviation_statistics(const FrameSeries& variances, const Squar
                              derivative[static_cast<std::size_t>(a)] *
                              derivative[static_cast<std::size_t>(b)];
   take_sampling_out(out, SquareMatrix(channels));
+  out.per_frame = variances;
+  for (auto& frame : out.per_frame)
+    for (double& value : frame) value = std::sqrt(std::max(value, 0.0));
   return out;
 }
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 #include "malus/calibrate/across_frames.h"
+#include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/noise/tukey_lambda.h"
 
@@ -111,6 +112,14 @@ ChannelShapes ppcc_shapes(const BiasFrames& frames, int channel, const ResidualB
   return shapes;
 }
 
+// One more channel; frames without an estimate have NaN.
+void append_frames(const std::vector<double>& values, std::size_t frames, ChannelStatistics& out) {
+  out.per_frame.resize(frames);
+  for (std::size_t f = 0; f < frames; ++f)
+    out.per_frame[f].push_back(f < values.size() ? values[f]
+                                                 : std::numeric_limits<double>::quiet_NaN());
+}
+
 void append_statistics(const std::vector<double>& values, double sampling, ChannelStatistics& out) {
   FrameSeries series;
   for (double value : values) series.push_back({value});
@@ -132,13 +141,25 @@ void append_unknown(double lambda, double scale, PhysicsCalibration& out) {
   }
 }
 
+// For the report's distribution plot: twelve deviations are enough to see every tail that matters.
+void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
+  constexpr std::size_t kCells = static_cast<std::size_t>(12 * kCellsPerDeviation);
+  std::vector<double> counts(kCells, 0.0);
+  for (const ResidualHistogram::Cell& cell : pooled.cells())
+    counts[std::min(at(cell.index), kCells - 1)] += cell.count;
+  out.residual_cell_dn.push_back(pooled.cell_dn());
+  out.residual_counts.push_back(std::move(counts));
+}
+
 void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, double quantization_dn,
                     const CalibrationSettings& settings, const SensorLayout& layout,
                     PhysicsCalibration& out) {
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
+  const std::size_t count = frames.residuals.size();
   for (int c = 0; c < layout.channels(); ++c) {
     ResidualHistogram pooled(frames.residuals.front()[at(c)].cell_dn());
     for (const auto& frame : frames.residuals) pooled.add(frame[at(c)]);
+    keep_residuals(pooled, out);
     const ResidualBlur blur{quantization_dn,
                             analyzer.offset_variance_dn2(c, std::max(pixel[at(c)], 0.0))};
     const auto fit = fit_tukey_lambda(pooled, blur);
@@ -150,11 +171,15 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
           fmt::format("{}: shape of the read noise is not known ({}); taken as "
                       "nearly normal, λ = {}",
                       layout.channel_name(c), fit.reason(), kNormalLambda));
+      append_frames({}, count, out.lambda);
+      append_frames({}, count, out.sigma_tl);
       continue;
     }
     const ChannelShapes shapes = settings.shape == "ppcc"
                                      ? ppcc_shapes(frames, c, blur)
                                      : likelihood_shapes(frames, c, pooled, blur, *fit);
+    append_frames(shapes.lambda, count, out.lambda);
+    append_frames(shapes.scale, count, out.sigma_tl);
     if (shapes.lambda.empty()) {
       append_unknown(fit->lambda, fit->scale_dn, out);
       continue;
@@ -164,42 +189,24 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
   }
 }
 
-void warn_of_drift(const BiasFrames& frames, double temporal_sd_dn, PhysicsCalibration& out) {
-  if (frames.mean.size() < 8) return;
-  std::vector<double> index, level;
-  for (const auto& frame : frames.mean) {
-    index.push_back(static_cast<double>(index.size()));
-    level.push_back(mean_of(frame));
-  }
-  const LineFit line = fit_line(index, level);
-  const double drift = line.slope * index.back(), error = line.slope_standard_error * index.back();
-  if (std::abs(drift) > 5.0 * error && std::abs(drift) > 0.05 * temporal_sd_dn)
-    out.warnings.push_back(
-        fmt::format("the dark level drifts by {:.3g} ± {:.2g} DN over the {} bias frames: was the "
-                    "camera warm?",
-                    drift, error, frames.mean.size()));
+void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
+                     const SquareMatrix& row_covariance, PhysicsCalibration& out) {
+  const SamplingErrors sampling = sampling_errors(geometry, frames, row_covariance);
+  out.mu = frame_statistics(frames.mean, sampling.mean);
+  out.sigma_row = deviation_statistics(frames.row, sampling.row);
+  out.sigma_column = deviation_statistics(frames.column, sampling.column);
+  out.sigma_column.covariance = SquareMatrix();
+  out.temporal_sd_dark_dn.clear();
+  for (double variance : mean_over_frames(frames.total))
+    out.temporal_sd_dark_dn.push_back(std::sqrt(std::max(variance, 0.0)));
+  out.temporal_sd_dark_stderr_dn =
+      deviation_statistics(frames.total, sampling.total).standard_error;
+  out.row_correlation = nearest_correlation(correlation_of(row_covariance));
 }
 
-// Block means of the dark shading: smooth structure is light or amplifier glow, not pixels.
-void warn_of_light(const Image& shading, const MosaicGeometry& geometry, double temporal_sd_dn,
-                   int frames, PhysicsCalibration& out) {
-  constexpr int kBlocks = 4;
-  Moments blocks;
-  double low = std::numeric_limits<double>::infinity(), high = -low;
-  for (int i = 0; i < kBlocks; ++i)
-    for (int j = 0; j < kBlocks; ++j) {
-      Moments block;
-      for (int r = i * geometry.rows() / kBlocks; r < (i + 1) * geometry.rows() / kBlocks; ++r)
-        for (int c = j * geometry.cols() / kBlocks; c < (j + 1) * geometry.cols() / kBlocks; ++c)
-          block.add(shading(r, c));
-      low = std::min(low, block.mean());
-      high = std::max(high, block.mean());
-    }
-  if (frames >= 8 && high - low > 0.5 * temporal_sd_dn)
-    out.warnings.push_back(
-        fmt::format("the dark level differs by {:.3g} DN over the frame, {:.2g} times the temporal "
-                    "noise: light leak or amplifier glow",
-                    high - low, (high - low) / temporal_sd_dn));
+void add_black(const RawFrame& first, Image& dn) {
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
 }
 
 }  // namespace
@@ -221,63 +228,39 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
   return pass;
 }
 
-void measure_bias(const FrameSet& set, const RawFrame& first, const DarkPass& dark, int row_group,
+void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, int row_group,
                   double quantization_dn, const CalibrationSettings& settings, Progress& progress,
                   PhysicsCalibration& out) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  const bool remove_pattern = !settings.single_frame && set.count >= 2;
-  Image pattern;
-  if (remove_pattern) {
-    pattern = dark.temporal.mean_frame_dn();
-    for (int r = 0; r < pattern.rows(); ++r)
-      for (int c = 0; c < pattern.cols(); ++c)
-        pattern(r, c) += static_cast<float>(first.black_at(r, c));
-  }
+  out.bias_frames = set.count;
+  const bool several = set.count >= 2, remove_pattern = !settings.single_frame && several;
+  Image pattern = dark.temporal.release_mean_frame_dn();
+  add_black(first, pattern);
   std::vector<double> cell =
       remove_pattern ? dark.temporal.variance_dn2() : channel_variances(first.dn, geometry);
   for (double& width : cell) width = width > 0 ? std::sqrt(width) / kCellsPerDeviation : 1.0;
-  FrameAnalyzer analyzer(geometry, first.black_dn, pattern, set.count, cell);
+  FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
+                         cell);
   BiasFrames frames;
   for_each_frame(set, &first, progress,
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
-  const SquareMatrix row_covariance = analyzer.row_covariance_dn2();
-  const SamplingErrors sampling = sampling_errors(geometry, frames, row_covariance);
-  out.bias_frames = set.count;
-  out.mu = frame_statistics(frames.mean, sampling.mean);
-  if (remove_pattern) {
-    // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
-    const std::vector<double> dsnu =
-        dsnu_dn(shading_of(pattern, geometry), geometry, mean_over_frames(frames.total), set.count);
-    for (std::size_t c = 0; c < dsnu.size(); ++c)
-      out.mu.standard_error[c] = std::hypot(
-          out.mu.standard_error[c],
-          dsnu[c] / std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
-  }
-  out.sigma_row = deviation_statistics(frames.row, sampling.row);
-  out.sigma_column = deviation_statistics(frames.column, sampling.column);
-  out.sigma_column.covariance = SquareMatrix();
-  const ChannelStatistics total = deviation_statistics(frames.total, sampling.total);
-  out.temporal_sd_dark_dn.clear();
-  for (double variance : mean_over_frames(frames.total))
-    out.temporal_sd_dark_dn.push_back(std::sqrt(std::max(variance, 0.0)));
-  out.temporal_sd_dark_stderr_dn = total.standard_error;
-  out.row_correlation = nearest_correlation(correlation_of(row_covariance));
+  fill_components(frames, geometry, analyzer.row_covariance_dn2(), out);
   measure_shapes(frames, analyzer, quantization_dn, settings, first.layout, out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
-  warn_of_drift(frames, temporal_sd, out);
-  if (remove_pattern)
-    warn_of_light(shading_of(pattern, geometry), geometry, temporal_sd, set.count, out);
-  for (int c = 0; c < geometry.channels(); ++c)
-    if (dark.zero_share[at(c)] > 1e-3)
-      out.warnings.push_back(fmt::format(
-          "{}: {:.2g} % of the dark pixels are 0: the camera's black level cuts the noise off; "
-          "raise it",
-          first.layout.channel_name(c), 100 * dark.zero_share[at(c)]));
-  if (quantization_dn > 0 && temporal_sd < 0.5 * quantization_dn)
-    out.warnings.push_back(
-        fmt::format("the dark noise, {:.2g} DN, is below half of the converter's step, {:g} DN: "
-                    "its parameters are hidden by rounding",
-                    temporal_sd, quantization_dn));
+  warn_of_drift(frames.mean, temporal_sd, out);
+  warn_of_clipping(dark.zero_share, first.layout, out);
+  warn_of_coarse_steps(temporal_sd, quantization_dn, out);
+  if (!several) return;
+  subtract_channel_means(pattern, geometry);
+  out.dark_shading_dn = std::move(pattern);
+  out.dsnu_dn = dsnu_dn(out.dark_shading_dn, geometry, dark.temporal.variance_dn2(), set.count);
+  // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
+  for (std::size_t c = 0; c < out.dsnu_dn.size(); ++c)
+    out.mu.standard_error[c] = std::hypot(
+        out.mu.standard_error[c],
+        out.dsnu_dn[c] /
+            std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
+  warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
 }
 
 }  // namespace malus

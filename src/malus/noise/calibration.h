@@ -20,6 +20,9 @@ struct ChannelStatistics {
       spread;  ///< sd of the parameter from frame to frame (sampling error of one frame removed)
   SquareMatrix
       covariance;  ///< over frames, between channels, sampling error removed; n = 0 if not measured
+  /// [frame][channel]: every frame's own estimate, sampling error and all; NaN where a frame had
+  /// none; empty if not kept.
+  std::vector<std::vector<double>> per_frame = {};
   bool operator==(const ChannelStatistics&) const = default;
 };
 
@@ -56,6 +59,10 @@ struct PhysicsCalibration {
   Image dark_shading_dn;  ///< mosaic: per-pixel mean of the bias frames minus the channel's mean;
                           ///< may be empty
   Image prnu_map;         ///< mosaic: relative response, mean 1 per channel; may be empty
+  /// Read-noise residuals of all bias frames per channel: counts of |residual| in cells
+  /// [i, i + 1) * residual_cell_dn, the last one with all beyond; empty if not kept.
+  std::vector<double> residual_cell_dn;
+  std::vector<std::vector<double>> residual_counts;
   std::vector<std::string> warnings;
   bool operator==(const PhysicsCalibration&) const = default;
 };

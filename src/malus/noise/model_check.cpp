@@ -61,6 +61,8 @@ void check_statistics(Findings& findings, const ChannelStatistics& s, int channe
   check_sized(findings, s.standard_error, n, where + " standard error");
   check_values(findings, s.spread, n, where + " spread");
   check_matrix(findings, s.covariance, channels, where + " covariance");
+  for (const auto& frame : s.per_frame)
+    check_sized(findings, frame, n, where + " per frame", Need::kRequired);
 }
 
 void check_image(Findings& findings, const Image& image, const SensorLayout& layout,
@@ -91,6 +93,11 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   check_sized(findings, p.temporal_sd_dark_stderr_dn, n, at + "temporal_sd_dark standard error");
   check_sized(findings, p.dsnu_dn, n, at + "dsnu");
   check_sized(findings, p.prnu, n, at + "prnu");
+  check_values(findings, p.residual_cell_dn, n, at + "residual cells");
+  findings.require(p.residual_counts.size() == p.residual_cell_dn.size(), at + "residual counts",
+                   "do not fit their cells");
+  for (const auto& counts : p.residual_counts)
+    findings.require(all_finite(counts), at + "residual counts", "hold a value that is not finite");
   check_matrix(findings, p.row_correlation, channels, at + "row_correlation");
   for (const auto& point : p.transfer)
     findings.require(point.channel >= 0 && point.channel < channels, at + "photon transfer",

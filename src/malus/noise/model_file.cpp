@@ -46,14 +46,14 @@ void transfer_statistics(Archive& parent, const std::string& name, const std::st
   auto archive = parent.group(name);
   const std::string squared = unit == "1" ? "1" : "(" + unit + ")^2";
   archive.numbers({"mean", unit, what + ": mean over the frames, per channel"}, s.mean);
-  archive.numbers({"standard_error", unit, what + ": standard error of the mean"},
-                  s.standard_error);
+  archive.numbers({"standard_error", unit, what + ": error of the mean"}, s.standard_error);
   archive.numbers(
       {"spread", unit, what + ": standard deviation from frame to frame, sampling error removed"},
       s.spread);
   archive.matrix({"covariance", squared,
                   what + ": covariance over the frames between channels, sampling error removed"},
                  s.covariance);
+  archive.table({"per_frame", unit, what + ": each frame's own, per channel"}, s.per_frame);
 }
 
 // Columns of the photon-transfer points <-> one data set per column.
@@ -112,8 +112,7 @@ void transfer_physics(Archive& archive, Calibration& p) {
   archive.integer({"bias_frames", "1", "number of bias frames"}, p.bias_frames);
   archive.integer({"flat_levels", "1", "number of flat-field levels"}, p.flat_levels);
   transfer_statistics(archive, "K", "DN/e-", "overall system gain", p.K);
-  archive.numbers({"K_intercept_dn2", "DN^2", "intercept of the photon-transfer line"},
-                  p.K_intercept_dn2);
+  archive.numbers({"K_intercept_dn2", "DN^2", "of the photon-transfer line"}, p.K_intercept_dn2);
   archive.numbers({"K_intercept_stderr_dn2", "DN^2", "standard error of that intercept"},
                   p.K_intercept_stderr_dn2);
   transfer_statistics(archive, "mu", "DN", "mean of dark pixels above the black level", p.mu);
@@ -121,20 +120,21 @@ void transfer_physics(Archive& archive, Calibration& p) {
   transfer_statistics(archive, "sigma_tl", "DN", "Tukey-lambda scale of read noise", p.sigma_tl);
   transfer_statistics(archive, "lambda", "1", "Tukey-lambda shape of read noise", p.lambda);
   transfer_statistics(archive, "sigma_column", "DN", "sd of the columns' offsets", p.sigma_column);
-  archive.numbers(
-      {"temporal_sd_dark_dn", "DN", "temporal sd of dark pixels, rows and quantisation included"},
-      p.temporal_sd_dark_dn);
+  archive.numbers({"temporal_sd_dark_dn", "DN", "temporal sd of dark pixels, rows and all"},
+                  p.temporal_sd_dark_dn);
   archive.numbers({"temporal_sd_dark_stderr_dn", "DN", "standard error of temporal_sd_dark_dn"},
                   p.temporal_sd_dark_stderr_dn);
-  archive.numbers({"dsnu_dn", "DN", "sd of the dark fixed pattern, sampling error removed"},
-                  p.dsnu_dn);
+  archive.numbers({"dsnu_dn", "DN", "sd of the dark pattern, sampling error removed"}, p.dsnu_dn);
   archive.numbers({"prnu", "1", "relative sd of the response, sampling error removed"}, p.prnu);
-  archive.matrix({"row_correlation", "1", "correlation of row-group offsets between channels"},
-                 p.row_correlation);
+  archive.matrix({"row_correlation", "1", "of row-group offsets, by channels"}, p.row_correlation);
   transfer_points(archive, p.transfer);
   archive.image({"dark_shading_dn", "DN", "mosaic: mean of the bias frames minus its channel's"},
                 p.dark_shading_dn);
   archive.image({"prnu_map", "1", "mosaic: relative response, mean 1 per channel"}, p.prnu_map);
+  archive.numbers({"residual_cell_dn", "DN", "cell width of residual_counts"}, p.residual_cell_dn);
+  archive.table(
+      {"residual_counts", "1", "bias frames' |residuals| per channel and cell; last: rest"},
+      p.residual_counts);
   archive.texts({"warnings", "", "what the calibration warned about"}, p.warnings);
 }
 
