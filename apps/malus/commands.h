@@ -6,10 +6,17 @@
 namespace malus::app {
 
 // add_<command>(app, common) is defined in cmd_<command>.cpp.
-#define MALUS_COMMANDS(command) command(info) command(session_from_emva) command(model) command(stokes)
+#define MALUS_COMMANDS(command) command(info) command(calibrate) command(session_from_emva) command(model) command(synthesize) command(denoise) command(stokes) command(evaluate)
+// Commands of optional modules, built where the module is.
+#if defined(MALUS_WITH_CAPTURE)
+#define MALUS_OPTIONAL_COMMANDS(command) command(capture)
+#else
+#define MALUS_OPTIONAL_COMMANDS(command)
+#endif
 
 #define MALUS_DECLARE(name) void add_##name(CLI::App& app, Common& common);
 MALUS_COMMANDS(MALUS_DECLARE)
+MALUS_OPTIONAL_COMMANDS(MALUS_DECLARE)
 #undef MALUS_DECLARE
 
 }  // namespace malus::app

@@ -8,6 +8,7 @@ int main(int argc, char** argv) {
   Common common;
 #define MALUS_ADD(name) add_##name(app, common);
   MALUS_COMMANDS(MALUS_ADD)
+  MALUS_OPTIONAL_COMMANDS(MALUS_ADD)
 #undef MALUS_ADD
   return run_program(app, argc, argv);
 }

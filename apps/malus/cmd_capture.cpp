@@ -1,0 +1,98 @@
+#include "malus/capture/camera.h"
+#include "malus/capture/capture.h"
+
+#include <cstdio>
+#include <string>
+
+#include "program.h"
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+void list(const Common& common) {
+  Json json = Json::array();
+  std::string text;
+  for (const auto& listed : list_cameras(true)) {
+    const auto camera = describe_camera(listed.id);
+    json.push_back({{"id", camera.id},
+                    {"vendor", camera.vendor},
+                    {"model", camera.model},
+                    {"serial", camera.serial},
+                    {"protocol", camera.protocol},
+                    {"address", camera.address},
+                    {"pixel_formats", camera.pixel_formats}});
+    text += fmt::format("{}  {} {} ({}, {})\n   ", camera.id, camera.vendor, camera.model,
+                        camera.serial, camera.protocol);
+    for (const auto& format : camera.pixel_formats) text += " " + format;
+    text += "\n";
+  }
+  print_result(common, {{"cameras", json}}, text);
+}
+
+// Without a terminal nobody can answer: the prompt is shown and the work goes on.
+void ask(const CaptureStep& step) {
+  fmt::print(stderr, "{}\n", step.prompt);
+  if (isatty(STDIN_FILENO) != 1) return;
+  fmt::print(stderr, "Press Enter when ready. ");
+  for (int c = std::getchar(); c != '\n' && c != EOF; c = std::getchar()) continue;
+}
+
+void take(const Common& common, const std::string& plan_path, const std::string& folder) {
+  const auto plan = load_capture_plan(plan_path);
+  const auto progress = make_progress(common);
+  const auto report = capture(plan, folder, ask, *progress);
+  Json steps = Json::array();
+  std::string text = fmt::format("{}, {}, {:g} frames per second\n", report.camera,
+                                 report.pixel_format, report.frame_rate_hz);
+  text += fmt::format("{:28} {:>6} {:>5} {:>5} {:>10} {:>12} {:>10}\n", "frames", "taken", "kept",
+                      "lost", "mean [DN]", "noise sd [DN]", "saturated");
+  for (const auto& step : report.steps) {
+    steps.push_back({{"folder", step.step.folder()},
+                     {"gain_db", step.gain_db},
+                     {"exposure_s", step.exposure_s},
+                     {"taken", step.taken},
+                     {"kept", step.kept},
+                     {"lost", step.lost},
+                     {"mean_dn", step.mean_dn},
+                     {"temporal_sd_dn", step.temporal_sd_dn},
+                     {"saturated_share", step.saturated_share}});
+    text += fmt::format("{:28} {:6} {:5} {:5} {:10.2f} {:12.3f} {:9.2f}%\n", step.step.folder(),
+                        step.taken, step.kept, step.lost, step.mean_dn, step.temporal_sd_dn,
+                        100 * step.saturated_share);
+  }
+  text += fmt::format("session: {}\n", report.session.string());
+  print_result(common,
+               {{"camera", report.camera},
+                {"pixel_format", report.pixel_format},
+                {"frame_rate_hz", report.frame_rate_hz},
+                {"steps", steps},
+                {"session", report.session.string()}},
+               text);
+}
+
+}  // namespace
+
+void add_capture(CLI::App& app, Common& common) {
+  struct Options {
+    bool list = false;
+    std::string plan, folder;
+  };
+  auto options = std::make_shared<Options>();
+  CLI::App* command = add_command(
+      app, common, "capture", "take calibration frames with a GenICam camera", [options, &common] {
+        if (options->list) return list(common);
+        if (options->plan.empty() || options->folder.empty())
+          throw CLI::ValidationError("capture", "needs a PLAN and -o DIR, or --list");
+        take(common, options->plan, options->folder);
+      });
+  command->add_flag("--list", options->list, "show cameras and their pixel formats");
+  command->add_option("plan", options->plan,
+                      "what to take: gains, exposures, numbers of frames (TOML)");
+  command->add_option("-o,--output", options->folder, "folder of the frames and of session.toml");
+}
+
+}  // namespace malus::app

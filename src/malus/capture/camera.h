@@ -1,0 +1,77 @@
+// A GenICam camera (GigE Vision, USB3 Vision, or Aravis' own fake) behind a small interface. Aravis
+// types stay in camera.cpp.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/io/raw_format.h"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct CameraIdentity {
+  std::string id, vendor, model, serial, protocol, address;
+  std::vector<std::string> pixel_formats;  ///< filled by describe_camera
+};
+
+struct Range {
+  double low = 0, high = 0;
+};
+
+/// A frame as it came: still packed.
+struct CameraFrame {
+  std::uint64_t number = 0;  ///< the camera's own count: gaps are lost frames
+  RawFormat format = RawFormat::kMono16;
+  int bits = 0;  ///< significant bits
+  int rows = 0, cols = 0;
+  std::vector<std::uint8_t> bytes;
+};
+
+/// Cameras on all interfaces; the fake one only when asked for.
+std::vector<CameraIdentity> list_cameras(bool with_fake);
+/// The same with its pixel formats. Throws InputError.
+CameraIdentity describe_camera(const std::string& id);
+
+/// An open camera. Every call throws InputError that names the camera and what it answered.
+class Camera {
+ public:
+  /// id as listed; empty = the first real one. "Fake_1" is Aravis' fake camera.
+  explicit Camera(const std::string& id);
+  ~Camera();
+  Camera(const Camera&) = delete;
+  Camera& operator=(const Camera&) = delete;
+
+  std::string name() const;  ///< vendor and model
+  Range gain_range_db() const;
+  Range exposure_range_s() const;
+  /// Gain, exposure, black level, white balance, gamma: automatic functions off, where the camera
+  /// has them.
+  void turn_automatics_off();
+  /// Empty: the deepest monochrome or Bayer format that decode_raw knows. Returns the name in
+  /// force.
+  std::string set_pixel_format(const std::string& name);
+  /// 0 = the whole sensor.
+  void set_size(int width, int height);
+  void set_black_level(double level);
+  void set_feature(const std::string& name, const std::string& value);
+  /// Each returns what the camera then reports.
+  double set_gain_db(double gain_db);
+  double set_exposure_s(double exposure_s);
+  /// 0 = the highest.
+  double set_frame_rate_hz(double rate_hz);
+
+  /// Starts streaming with this many buffers in flight.
+  void start(int buffers);
+  void stop();
+  /// Waits for the next frame; false after timeout_s, or when the frame came damaged.
+  bool next(CameraFrame& frame, double timeout_s);
+
+ private:
+  struct Handle;
+  std::unique_ptr<Handle> handle_;
+};
+
+}  // namespace malus

@@ -1,0 +1,257 @@
+#include "malus/capture/capture.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
+#include "malus/capture/camera.h"
+#include "malus/capture/frame_writer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kStreamBuffers = 64;
+constexpr std::size_t kQueueBytes = 256u << 20;  // frames that wait for the disk
+constexpr double kSaturationWarning = 0.001;
+constexpr const char* kPlanCopy = "plan.toml";
+
+// A folder belongs to one plan: its copy lies beside the frames.
+void claim_folder(const CapturePlan& plan, const fs::path& folder) {
+  const auto content = [](const fs::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    return std::string{std::istreambuf_iterator<char>(in), {}};
+  };
+  make_output_folder(folder);
+  const fs::path copy = folder / kPlanCopy;
+  if (!fs::exists(copy)) {
+    write_file(copy, content(plan.source), false);
+  } else if (content(copy) != content(plan.source)) {
+    throw InputError(folder.string(), "holds frames of another plan",
+                     "choose another folder, or remove this one");
+  }
+}
+
+void check_range(const CapturePlan& plan, const char* what, double value, Range range,
+                 const char* unit) {
+  // The camera's own steps may move its ends by a rounding.
+  const double slack = 1e-9 * std::max(std::abs(range.low), std::abs(range.high));
+  if (value >= range.low - slack && value <= range.high + slack) return;
+  throw InputError(plan.source.string(), fmt::format("asks for {} {:g} {}", what, value, unit),
+                   fmt::format("this camera has {:g} to {:g} {}", range.low, range.high, unit));
+}
+
+std::string prepare_camera(const CapturePlan& plan, Camera& camera) {
+  camera.turn_automatics_off();
+  const std::string pixel_format = camera.set_pixel_format(plan.pixel_format);
+  camera.set_size(plan.width, plan.height);
+  if (plan.black_level) camera.set_black_level(*plan.black_level);
+  for (const auto& [name, value] : plan.features) camera.set_feature(name, value);
+  const Range gains = camera.gain_range_db(), exposures = camera.exposure_range_s();
+  for (const auto& step : plan.steps) {
+    check_range(plan, "a gain of", step.gain_db, gains, "dB");
+    check_range(plan, "an exposure of", step.exposure_s, exposures, "s");
+  }
+  return pixel_format;
+}
+
+fs::path frame_path(const fs::path& folder, int index) {
+  return folder / fmt::format("f{:06d}.tif", index + 1);
+}
+
+// Frames are written in order and appear whole: the first gap is where an interrupted run stopped.
+// Two writers may have left one gap: what lies beyond is taken again.
+int whole_frames(const fs::path& folder, int wanted) {
+  int count = 0;
+  while (count < wanted && fs::exists(frame_path(folder, count))) ++count;
+  return count;
+}
+
+RawFrame decoded(const CameraFrame& in, const CapturePlan& plan, const StepReport& report) {
+  RawFrame frame;
+  frame.dn = Image(in.rows, in.cols);
+  decode_raw(in.format, in.bytes, frame.dn);
+  frame.layout = plan.sensor.layout.value_or(SensorLayout());
+  frame.layout_known = plan.sensor.layout.has_value();
+  frame.black_known = !plan.sensor.black_dn.empty();
+  frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
+  for (std::size_t i = 0; i < frame.black_dn.size() && frame.black_known; ++i)
+    frame.black_dn[i] = plan.sensor.black_dn[plan.sensor.black_dn.size() == 1 ? 0 : i];
+  frame.white_dn = plan.sensor.white_dn.value_or(std::ldexp(1.0, in.bits) - 1);
+  frame.white_known = true;
+  frame.bits = in.bits;
+  frame.gain.gain_db = report.gain_db;
+  frame.exposure_s = report.exposure_s;
+  return frame;
+}
+
+// Mean, saturation and temporal noise over the frames of a step; one frame is kept for the
+// difference.
+class LiveCheck {
+ public:
+  void add(const RawFrame& frame) {
+    double sum = 0, squares = 0, difference = 0;
+    std::int64_t saturated = 0;
+    const auto& now = frame.dn.values();
+    const bool paired = previous_.size() == now.size();
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      sum += now[i];
+      saturated += now[i] >= frame.white_dn ? 1 : 0;
+      if (!paired) continue;
+      const double d = double{now[i]} - previous_[i];
+      difference += d;
+      squares += d * d;
+    }
+    const auto n = static_cast<double>(now.size());
+    mean_.add(sum / n);
+    saturated_.add(static_cast<double>(saturated) / n);
+    // Half the variance of the difference of two frames, their means removed (lamps flicker).
+    if (paired) variance_.add(0.5 * (squares / n - difference / n * difference / n));
+    previous_ = now;
+  }
+  void report(StepReport& out) const {
+    if (mean_.count() == 0) return;
+    out.mean_dn = mean_.mean();
+    out.saturated_share = saturated_.mean();
+    out.temporal_sd_dn = variance_.count() ? std::sqrt(variance_.mean()) : 0;
+  }
+
+ private:
+  std::vector<float> previous_;
+  Moments mean_, saturated_, variance_;
+};
+
+// GigE Vision counts in 16 bits without 0 (or 64 bits); USB3 Vision in 64 from 0. A step back is a
+// new stream or a wrap.
+std::int64_t frames_missing(std::uint64_t before, std::uint64_t now) {
+  return now > before + 1 ? static_cast<std::int64_t>(now - before - 1) : 0;
+}
+
+void settle(Camera& camera, int frames, double timeout_s, const Progress& progress) {
+  CameraFrame unused;
+  for (int i = 0; i < frames; ++i) {
+    check_stop(progress);
+    camera.next(unused, timeout_s);
+  }
+}
+
+class Run {
+ public:
+  Run(const CapturePlan& plan, const fs::path& folder, Camera& camera, Progress& progress)
+      : plan_(plan), folder_(folder), camera_(camera), progress_(progress) {}
+
+  StepReport take(const CaptureStep& step) {
+    StepReport report;
+    report.step = step;
+    const fs::path folder = folder_ / step.folder();
+    make_output_folder(folder);
+    report.kept = whole_frames(folder, step.frames);
+    report.gain_db = camera_.set_gain_db(step.gain_db);
+    report.exposure_s = camera_.set_exposure_s(step.exposure_s);
+    progress_.begin(
+        fmt::format("{} {:g} dB {:g} s", frame_kind_name(step.kind), step.gain_db, step.exposure_s),
+        step.frames);
+    progress_.advance(report.kept);
+    if (report.kept < step.frames) stream(folder, report);
+    return report;
+  }
+
+ private:
+  void stream(const fs::path& folder, StepReport& report) {
+    const double timeout_s = report.exposure_s + 2.0;
+    camera_.start(kStreamBuffers);
+    settle(camera_, plan_.settle_frames, timeout_s, progress_);
+    LiveCheck check;
+    CameraFrame frame;
+    std::optional<std::uint64_t> last;
+    int damaged_in_a_row = 0;
+    std::optional<FrameWriter> writer;
+    while (report.kept + report.taken < report.step.frames) {
+      check_stop(progress_);
+      if (!camera_.next(frame, timeout_s)) {
+        ++report.lost;
+        if (++damaged_in_a_row > kMostDamaged)
+          throw InputError(plan_.source.string(),
+                           fmt::format("no whole frame in {} tries", kMostDamaged),
+                           "check the cable, the packet size and the bandwidth of the link");
+        continue;
+      }
+      damaged_in_a_row = 0;
+      if (last) report.lost += frames_missing(*last, frame.number);
+      last = frame.number;
+      RawFrame raw = decoded(frame, plan_, report);
+      check.add(raw);
+      if (!writer)
+        writer.emplace(thread_count(),
+                       std::max<std::size_t>(4, kQueueBytes / (raw.dn.size() * sizeof(float))));
+      writer->write(frame_path(folder, report.kept + report.taken), std::move(raw));
+      ++report.taken;
+      progress_.advance(1);
+    }
+    if (writer) writer->finish();
+    camera_.stop();
+    check.report(report);
+    if (report.saturated_share > kSaturationWarning && report.step.kind != FrameKind::kBias)
+      progress_.warn(
+          fmt::format("{}: {:.2f} % of the pixels are saturated; lower the light or the exposure",
+                      report.step.folder(), 100 * report.saturated_share));
+    if (report.lost > 0)
+      progress_.warn(fmt::format("{}: {} frames were lost on the way and taken again",
+                                 report.step.folder(), report.lost));
+  }
+
+  static constexpr int kMostDamaged = 20;
+  const CapturePlan& plan_;
+  fs::path folder_;
+  Camera& camera_;
+  Progress& progress_;
+};
+
+fs::path write_session(const CapturePlan& plan, const fs::path& folder,
+                       const CaptureReport& report) {
+  Session session;
+  session.sensor = plan.sensor;
+  if (session.sensor.name.empty()) session.sensor.name = report.camera;
+  for (const auto& step : report.steps) {
+    FrameGroup group;
+    group.kind = step.step.kind;
+    group.gain.gain_db = step.gain_db;
+    group.exposure_s = step.exposure_s;
+    group.level = step.step.level;
+    for (int i = 0; i < step.step.frames; ++i)
+      group.paths.push_back(frame_path(folder / step.step.folder(), i));
+    session.groups.push_back(std::move(group));
+  }
+  const fs::path path = folder / "session.toml";
+  save_session(path, session, true);
+  return path;
+}
+
+}  // namespace
+
+CaptureReport capture(const CapturePlan& plan, const fs::path& folder,
+                      const std::function<void(const CaptureStep&)>& ask, Progress& progress) {
+  claim_folder(plan, folder);
+  Camera camera(plan.camera);
+  CaptureReport report;
+  report.camera = camera.name();
+  report.pixel_format = prepare_camera(plan, camera);
+  report.frame_rate_hz = camera.set_frame_rate_hz(plan.frame_rate_hz.value_or(0));
+  Run run(plan, folder, camera, progress);
+  for (const auto& step : plan.steps) {
+    if (!step.prompt.empty()) ask(step);
+    report.steps.push_back(run.take(step));
+  }
+  report.session = write_session(plan, folder, report);
+  return report;
+}
+
+}  // namespace malus

@@ -1,0 +1,41 @@
+// Takes the frames of a plan and writes the session file that calibrate reads.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/base/quantity.h"
+#include "malus/capture/plan.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// What one step gave: the live check, from every frame.
+struct StepReport {
+  CaptureStep step;
+  double gain_db = 0, exposure_s = 0;  ///< as the camera reports them
+  int taken = 0, kept = 0;             ///< new frames; frames of an earlier run
+  std::int64_t lost = 0;               ///< lost or damaged, and taken again
+  double mean_dn = 0, temporal_sd_dn = 0, saturated_share = 0;  ///< of the new frames; 0 when none
+};
+
+struct CaptureReport {
+  std::string camera, pixel_format;
+  double frame_rate_hz = 0;
+  std::vector<StepReport> steps;
+  std::filesystem::path session;
+};
+
+/// Checks the plan against the camera (ranges, pixel format) before the first frame; sets black
+/// level, size and features, turns automatic functions off; at each step waits for settings to
+/// settle, streams, and writes <folder>/<kind>/g<gain>/e<exposure>/f000001.tif. Whole frames of an
+/// interrupted run of the same plan are kept. Memory does not grow with the number of frames. ask
+/// is called with each step that has a prompt, before it starts. Throws InputError (camera, plan,
+/// folder of another plan) or Cancelled; then what is written is whole and a new call continues.
+CaptureReport capture(const CapturePlan& plan, const std::filesystem::path& folder,
+                      const std::function<void(const CaptureStep&)>& ask, Progress& progress);
+
+}  // namespace malus

@@ -1,0 +1,139 @@
+#include "malus/capture/capture.h"
+
+#include "malus/base/error.h"
+#include "malus/capture/camera.h"
+
+#include <fstream>
+
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::TemporaryFolder;
+
+std::filesystem::path write_plan(const TemporaryFolder& folder, const std::string& text) {
+  const auto path = folder / "plan.toml";
+  std::ofstream(path) << text;
+  return path;
+}
+
+constexpr const char* kFakePlan = R"(
+[sensor]
+name = "fake"
+layout = "mono"
+[camera]
+id = "Fake_1"
+width = 64
+height = 32
+[[capture]]
+kind = "bias"
+gain_db = [0, 6]
+exposure_s = 0.0001
+frames = 5
+prompt = "cover the lens"
+[[capture]]
+kind = "flat"
+gain_db = 6
+exposure_s = [0.001, 0.002]
+frames = 3
+)";
+
+std::string problem_of(const std::filesystem::path& plan) {
+  try {
+    load_capture_plan(plan);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(CapturePlan, ExpandsGainsAndExposures) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  ASSERT_EQ(plan.steps.size(), 4u);
+  EXPECT_EQ(plan.steps[0].folder(), "bias/g0/e0.0001");
+  EXPECT_EQ(plan.steps[0].prompt, "cover the lens");
+  EXPECT_EQ(plan.steps[1].prompt, "");
+  EXPECT_EQ(plan.steps[3].folder(), "flat/g6/e0.002_l2");
+}
+
+TEST(CapturePlan, MistakesNameTheKey) {
+  const TemporaryFolder folder;
+  EXPECT_NE(problem_of(write_plan(folder, "[camera]\nsettel_frames = 3\n")).find("settle_frames"),
+            std::string::npos);
+  EXPECT_NE(problem_of(write_plan(folder, "[camera]\n")).find("[[capture]]"), std::string::npos);
+  EXPECT_NE(
+      problem_of(
+          write_plan(folder,
+                     "[[capture]]\nkind = \"bias\"\ngain_db = 0\nexposure_s = -1\nframes = 2\n"))
+          .find("exposure_s"),
+      std::string::npos);
+  const std::string twice =
+      "[[capture]]\nkind = \"bias\"\ngain_db = [0, 0]\nexposure_s = 1\nframes = 2\n";
+  EXPECT_NE(problem_of(write_plan(folder, twice)).find("twice"), std::string::npos);
+}
+
+TEST(Capture, FakeCameraGivesASessionThatLoads) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  int asked = 0;
+  const auto report = capture(
+      plan, folder / "out", [&](const CaptureStep&) { ++asked; }, silent_progress());
+  EXPECT_EQ(asked, 1);
+  const auto session = load_session(report.session);
+  ASSERT_EQ(session.groups.size(), 4u);
+  EXPECT_EQ(session.groups[0].paths.size(), 5u);
+  EXPECT_EQ(session.groups[3].level, 2);
+  const auto frame =
+      load_frame(session.groups[3].paths[0], frame_options(session, session.groups[3]));
+  EXPECT_EQ(frame.dn.rows(), 32);
+  EXPECT_EQ(frame.dn.cols(), 64);
+  EXPECT_EQ(frame.gain.gain_db, 6.0);
+  EXPECT_NEAR(frame.exposure_s.value(), 0.002, 1e-5);
+}
+
+// An interrupted run leaves a gap; a new one keeps what is whole and takes the rest: nothing lost,
+// nothing doubled.
+TEST(Capture, ContinuesAfterAnInterruption) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  const auto none = [](const CaptureStep&) {};
+  capture(plan, folder / "out", none, silent_progress());
+  const auto kept = folder / "out" / "bias/g0/e0.0001/f000001.tif";
+  const auto time = std::filesystem::last_write_time(kept);
+  std::filesystem::remove(folder / "out" / "bias/g0/e0.0001/f000003.tif");
+  std::filesystem::remove(folder / "out" / "session.toml");
+  const auto report = capture(plan, folder / "out", none, silent_progress());
+  EXPECT_EQ(report.steps[0].kept, 2);
+  EXPECT_EQ(report.steps[0].taken, 3);
+  EXPECT_EQ(report.steps[1].taken, 0);
+  EXPECT_EQ(std::filesystem::last_write_time(kept), time);
+  EXPECT_EQ(load_session(report.session).groups[0].paths.size(), 5u);
+}
+
+TEST(Capture, RefusesTheFolderOfAnotherPlanAndImpossibleSettings) {
+  const TemporaryFolder folder;
+  const auto none = [](const CaptureStep&) {};
+  capture(load_capture_plan(write_plan(folder, kFakePlan)), folder / "out", none,
+          silent_progress());
+  std::string other = kFakePlan;
+  other.replace(other.find("frames = 5"), 10, "frames = 6");
+  EXPECT_THROW(capture(load_capture_plan(write_plan(folder, other)), folder / "out", none,
+                       silent_progress()),
+               InputError);
+  other.replace(other.find("[0, 6]"), 6, "[0, 600]");
+  EXPECT_THROW(capture(load_capture_plan(write_plan(folder, other)), folder / "new", none,
+                       silent_progress()),
+               InputError);
+  EXPECT_THROW(Camera("Fake_99"), InputError);
+}
+
+TEST(Capture, ListsTheFakeCameraWithItsFormats) {
+  const auto camera = describe_camera("Fake_1");
+  EXPECT_FALSE(camera.pixel_formats.empty());
+}
+
+}  // namespace
+}  // namespace malus
