@@ -1,0 +1,200 @@
+// malus synthesize: clean frames to noisy ones, as the camera of a noise model would take them.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/io/picture_file.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/synthesizer.h"
+
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "flags.h"
+#include "program.h"
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct SynthesizeArguments {
+  RawOptions raw;
+  SynthesisSettings settings;
+  std::vector<fs::path> inputs;
+  fs::path folder, model;
+  std::string gain, format = "tif";
+  std::optional<double> iso;
+  int frames = 1;
+  std::uint32_t first_frame = 0;
+  std::vector<int> origin = {0, 0};
+  bool as_float = false;
+};
+
+// Empty = random.
+std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
+  if (arguments.gain == "random") return std::nullopt;
+  GainSetting gain;
+  gain.iso = arguments.iso;
+  if (!arguments.gain.empty()) {
+    try {
+      std::size_t used = 0;
+      gain.gain_db = std::stod(arguments.gain, &used);
+      if (used != arguments.gain.size() || !std::isfinite(*gain.gain_db))
+        throw std::invalid_argument(arguments.gain);
+    } catch (const std::logic_error&) {
+      throw InputError(fmt::format("--gain {}", arguments.gain), "is not a gain",
+                       "give a number in dB, or random");
+    }
+  }
+  return gain;
+}
+
+// The clean mosaic in DN above black.
+Image load_clean(const fs::path& path, const FrameOptions& options, const NoiseModel& model) {
+  RawFrame frame = load_frame(path, options);
+  if (frame.layout_known && !(frame.layout == model.layout))
+    throw InputError(path.string(),
+                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
+                                 model.layout.name()),
+                     "use the model of this sensor, or declare the layout with --layout");
+  if (frame.bits > 0 && !frame.black_known)
+    throw InputError(path.string(), "holds integers, but its black level is not known",
+                     "give --black (0 where black is subtracted already)");
+  frame.layout = model.layout;
+  if (frame.black_dn.size() != static_cast<std::size_t>(model.layout.channels()))
+    frame.black_dn.assign(static_cast<std::size_t>(model.layout.channels()),
+                          frame.black_dn.empty() ? 0.0 : frame.black_dn[0]);
+  subtract_black(frame);
+  std::int64_t odd = 0;
+  for (const float v : frame.dn.values()) odd += !std::isfinite(v);
+  if (odd > 0) warn(fmt::format("{}: {} pixels are NaN or infinite", path.string(), odd));
+  return std::move(frame.dn);
+}
+
+// One noisy frame, as it is written.
+RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& arguments,
+              const Image& clean, const std::optional<GainSetting>& gain,
+              const DrawAddress& address) {
+  const NoiseModel& model = synthesizer.model();
+  const double white_dn = model.white_dn > 0 ? model.white_dn : 65535.0;
+  if (!arguments.as_float)
+    return synthesizer.draw_raw(clean, gain, address, model.black_dn, white_dn);
+  SyntheticFrame noisy = synthesizer.draw(clean, gain, address);
+  RawFrame frame;
+  frame.dn = std::move(noisy.dn);
+  frame.layout = model.layout;
+  frame.black_dn.assign(static_cast<std::size_t>(model.layout.channels()), 0.0);
+  const SynthesisSettings& settings = synthesizer.settings();
+  frame.white_dn = (white_dn - model.black_dn[0]) * (settings.amplify ? settings.ratio : 1.0);
+  frame.gain = noisy.gain;
+  frame.black_known = frame.white_known = frame.layout_known = true;
+  return frame;
+}
+
+std::vector<std::vector<fs::path>> plan_outputs(const SynthesizeArguments& arguments, bool force) {
+  std::vector<std::vector<fs::path>> plans(arguments.inputs.size());
+  for (int n = 0; n < arguments.frames; ++n) {
+    const auto names = output_names(arguments.inputs, arguments.folder,
+                                    fmt::format("_{:03}.{}", n, arguments.format));
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      check_output(names[i], force);
+      plans[i].push_back(names[i]);
+    }
+  }
+  return plans;
+}
+
+void run_synthesize(const SynthesizeArguments& arguments, const Common& common) {
+  const FrameOptions options = arguments.raw.resolve();
+  const auto gain = gain_of(arguments);
+  const Synthesizer synthesizer(load_model(arguments.model), arguments.settings);
+  make_output_folder(arguments.folder);
+  const auto plans = plan_outputs(arguments, common.force);
+  const auto progress = make_progress(common);
+  progress->begin("synthesize",
+                  static_cast<std::int64_t>(plans.size()) * std::int64_t{arguments.frames});
+  SaveOptions save;
+  save.force = common.force;
+  save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
+  Json frames = Json::array();
+  std::uint32_t number = arguments.first_frame;
+  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+    const Image clean = load_clean(arguments.inputs[i], options, synthesizer.model());
+    for (int n = 0; n < arguments.frames; ++n, ++number) {
+      check_stop(*progress);
+      const RawFrame noisy = draw(synthesizer, arguments, clean, gain,
+                                  {.seed = common.seed,
+                                   .frame = number,
+                                   .row0 = arguments.origin[0],
+                                   .col0 = arguments.origin[1]});
+      const fs::path& output = plans[i][static_cast<std::size_t>(n)];
+      save_frame(output, noisy, save);
+      frames.push_back({{"input", arguments.inputs[i].string()},
+                        {"output", output.string()},
+                        {"frame", number},
+                        {"gain_db", noisy.gain.gain_db ? Json(*noisy.gain.gain_db) : Json()},
+                        {"iso", noisy.gain.iso ? Json(*noisy.gain.iso) : Json()}});
+      progress->advance(1);
+    }
+  }
+  std::string text;
+  for (const Json& f : frames)
+    text += fmt::format("{} <- {} (frame {})\n", f["output"].get<std::string>(),
+                        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>());
+  print_result(common,
+               {{"model", arguments.model.string()},
+                {"sensor", synthesizer.model().sensor},
+                {"seed", common.seed},
+                {"settings", settings_json(arguments.settings)},
+                {"frames", frames}},
+               text);
+}
+
+}  // namespace
+
+void add_synthesize(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<SynthesizeArguments>();
+  CLI::App* command = add_command(app, common, "synthesize",
+                                  "Noisy frames from clean ones, as a calibrated camera takes them",
+                                  [arguments, &common] { run_synthesize(*arguments, common); });
+  command
+      ->add_option("CLEAN", arguments->inputs,
+                   "clean mosaics: float in DN above black, or integers with --black")
+      ->required();
+  command->add_option("-m,--model", arguments->model, "noise model: a file or a built-in name")
+      ->required();
+  command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
+  auto* gain = command->add_option("--gain", arguments->gain,
+                                   "camera gain [dB], or random: uniform in log K over the "
+                                   "calibrated range, anew for every frame");
+  command->add_option("--iso", arguments->iso, "camera gain as ISO")
+      ->check(CLI::PositiveNumber)
+      ->excludes(gain);
+  command->add_option("--frames", arguments->frames, "noisy frames per clean one")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  command
+      ->add_option("--first-frame", arguments->first_frame,
+                   "number of the first frame drawn; frames count on over the inputs, and seed and "
+                   "number decide the noise")
+      ->capture_default_str();
+  command
+      ->add_option("--origin", arguments->origin,
+                   "row,column on the sensor of the first pixel, where CLEAN is a crop")
+      ->delimiter(',')
+      ->expected(2)
+      ->check(CLI::Range(0, 1 << 24));
+  command->add_flag("--float", arguments->as_float,
+                    "write DN above black, unrounded, instead of the camera's integers");
+  command->add_option("--format", arguments->format, "ending of the results")
+      ->check(CLI::IsMember({"tif", "png", "fits", "npy", "exr"}))
+      ->capture_default_str();
+  arguments->raw.add_to(*command, false);
+  add_flags(*command, arguments->settings);
+}
+
+}  // namespace malus::app
