@@ -1,6 +1,7 @@
 #include "malus/denoise/row_noise.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,6 +18,9 @@ constexpr double kClip = 3.0;  // deviations at which a pixel's influence ends
 constexpr double kOutlierFreedom =
     4.0;  // of Student's law for rows that the picture explains better
 constexpr int kReweightings = 4;
+constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated from a picture
+// Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
+constexpr double kPairedRows = 0.8;
 
 // How a row's mean second difference stands to the groups' offsets: offset[group] minus half of
 // offset[above] and offset[below].
@@ -150,6 +154,34 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
       }
     }
   });
+}
+
+void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProfile& profile) {
+  for (ChannelProfile& channel : profile.channels) {
+    channel.sigma_row_dn = 1.0;  // evidence comes in DN
+  }
+  profile.row_group = 1;
+  std::vector<std::optional<RowEvidence>> rows;
+  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r));
+  std::vector<double> values, explained, within, across;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    if (!rows[r]) continue;
+    values.push_back(rows[r]->value);
+    explained.push_back(rows[r]->variance);
+    if (r > 0 && rows[r - 1])
+      (r % 2 ? within : across).push_back(rows[r]->value - rows[r - 1]->value);
+  }
+  double sigma = 0;
+  if (values.size() >= kLeastRows) {
+    const double spread = std::pow(robust_deviation_of(values), 2);
+    const double excess = spread - median_of(explained);
+    // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
+    const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(values.size()));
+    if (excess > 3 * error) sigma = std::sqrt(excess / 1.5);
+    if (robust_deviation_of(within) < kPairedRows * robust_deviation_of(across))
+      profile.row_group = 2;
+  }
+  for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = sigma;
 }
 
 }  // namespace malus

@@ -25,4 +25,9 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile, d
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
                       double saturated_dn);
 
+/// Fills sigma_row_dn (equal for all channels) and row_group (1 or 2) of a profile that knows only
+/// the pixel noise, from the picture's rows: the spread of their second differences beyond what
+/// pixel noise and the picture explain. 0 when that is less than three times its own error.
+void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProfile& profile);
+
 }  // namespace malus

@@ -6,6 +6,7 @@ set(denoise_SOURCES
     bm3d_parameters.cpp
     bm3d_pass.cpp
     denoiser.cpp
+    estimate_noise.cpp
     mosaic_filter.cpp
     preparation.cpp
     row_noise.cpp

@@ -1,0 +1,230 @@
+// malus denoise: raw frames to denoised raw frames, with a calibrated noise model or with the noise
+// estimated from each picture.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/denoise/denoiser.h"
+#include "malus/denoise/estimate_noise.h"
+#include "malus/image/pack.h"
+#include "malus/io/picture_file.h"
+#include "malus/noise/model.h"
+#include "malus/polar/layout_check.h"
+
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "flags.h"
+#include "program.h"
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct DenoiseArguments {
+  RawOptions raw;
+  DenoiseSettings settings;
+  std::vector<fs::path> inputs;
+  fs::path model, folder;
+  std::string format = "tif";
+  bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
+};
+
+struct OutputNames {
+  fs::path mosaic, integers, planes, variance;
+};
+
+std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, bool force) {
+  std::vector<OutputNames> names(arguments.inputs.size());
+  const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
+    if (!wanted) return;
+    const auto paths = output_names(arguments.inputs, arguments.folder, suffix);
+    for (std::size_t i = 0; i < paths.size(); ++i) {
+      names[i].*name = paths[i];
+      check_output(paths[i], force);
+    }
+  };
+  plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);
+  plan(arguments.u16, "_denoised_u16.tif", &OutputNames::integers);
+  plan(arguments.planes, "_planes.exr", &OutputNames::planes);
+  plan(arguments.uncertainty, "_variance.exr", &OutputNames::variance);
+  return names;
+}
+
+// The noise that is taken out, and in words where it comes from.
+struct ProfileChoice {
+  NoiseProfile profile;
+  std::string origin;
+};
+
+ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseModel>& model,
+                             const DenoiseArguments& arguments) {
+  if (model) {
+    GainSetting gain = frame.gain;
+    if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
+    if (!gain.decibel())
+      throw InputError(frame.source, "the gain is not in the file and the model holds several",
+                       "give --gain or --iso");
+    return {model->profile_at(gain, arguments.extrapolate_gain ? GainRange::kAllowExtrapolation
+                                                               : GainRange::kCalibratedOnly),
+            fmt::format("model {} at {}", arguments.model.string(), gain.text())};
+  }
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  if (!noise)
+    throw InputError(frame.source,
+                     "no model given, and the noise cannot be estimated: " + noise.reason(),
+                     "give a noise model with --model (malus model list names the built-in ones)");
+  warn(fmt::format("{}: {}; a calibrated model (--model) is better", frame.source, noise->trust));
+  return {noise->profile, noise->trust};
+}
+
+void warn_about(const RawFrame& frame, const fs::path& input, const Denoised& result) {
+  const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
+  if (!complaint.empty()) warn(fmt::format("{}: {}", input.string(), complaint));
+  if (!frame.black_known)
+    warn(fmt::format("{}: black level not known, taken as 0 (--black)", input.string()));
+  if (result.nonfinite_pixels > 0)
+    warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", input.string(),
+                     result.nonfinite_pixels));
+}
+
+RawFrame frame_like(const RawFrame& frame, const Image& dn_above_black, bool black_back) {
+  RawFrame out = frame;
+  out.dn = dn_above_black;
+  if (black_back) {
+    for (int r = 0; r < out.dn.rows(); ++r)
+      for (int c = 0; c < out.dn.cols(); ++c)
+        out.dn(r, c) += static_cast<float>(frame.black_at(r, c));
+    return out;
+  }
+  out.white_dn -= *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
+  std::fill(out.black_dn.begin(), out.black_dn.end(), 0.0);
+  out.bits = 0;
+  return out;
+}
+
+std::vector<std::string> write_outputs(const RawFrame& frame, const Denoised& result,
+                                       const OutputNames& names, bool force) {
+  std::vector<std::string> files;
+  SaveOptions save;
+  save.force = force;
+  save.type = SampleType::kFloat;
+  save_frame(names.mosaic, frame_like(frame, result.dn_above_black, false), save);
+  files.push_back(names.mosaic.string());
+  const std::vector<std::string> channels = frame.layout.channel_names();
+  if (!names.planes.empty()) {
+    save_picture(names.planes, pack(result.dn_above_black, frame.layout), channels, save);
+    files.push_back(names.planes.string());
+  }
+  if (!names.variance.empty()) {
+    save_picture(names.variance, pack(*result.variance_dn2, frame.layout), channels, save);
+    files.push_back(names.variance.string());
+  }
+  if (!names.integers.empty()) {
+    save.type = SampleType::kUint16;
+    save_frame(names.integers, frame_like(frame, result.dn_above_black, true), save);
+    files.push_back(names.integers.string());
+  }
+  return files;
+}
+
+Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
+              const DenoiseArguments& arguments, double seconds) {
+  Json json{{"input", frame.source},
+            {"rows", result.dn_above_black.rows()},
+            {"cols", result.dn_above_black.cols()},
+            {"layout", frame.layout.name()},
+            {"channels", frame.layout.channel_names()},
+            {"gain", frame.gain.text()},
+            {"settings", settings_json(arguments.settings)},
+            {"noise", choice.origin},
+            {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
+            {"sigma_dn", result.sigma_used_dn},
+            {"row_noise_removed_dn", result.row_noise_removed_dn},
+            {"nonfinite_pixels", result.nonfinite_pixels},
+            {"saturated_pixels", result.saturated_pixels},
+            {"tiles", result.tiles},
+            {"seconds", seconds}};
+  for (const StageTime& time : result.times) json["stage_seconds"][time.stage] = time.seconds;
+  return json;
+}
+
+Json process(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
+             const fs::path& input, const FrameOptions& options, const OutputNames& names,
+             Progress& progress, bool force) {
+  RawFrame frame = load_frame(input, options);
+  const ProfileChoice choice = choose_profile(frame, model, arguments);
+  const auto start = std::chrono::steady_clock::now();
+  RawFrame working = frame;  // keeps all but the pixels, which the denoiser takes
+  const Denoised result = denoise_frame(std::move(working), choice.profile, arguments.settings,
+                                        progress, arguments.uncertainty);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  warn_about(frame, input, result);
+  Json json = describe(frame, result, choice, arguments, seconds);
+  json["files"] = write_outputs(frame, result, names, force);
+  return json;
+}
+
+void run_denoise(const DenoiseArguments& arguments, const Common& common) {
+  denoise_method(arguments.settings.method);
+  std::optional<NoiseModel> model;
+  FrameOptions options = arguments.raw.resolve();
+  if (!arguments.model.empty()) {
+    model = load_model(arguments.model);
+    FrameOptions fallback;
+    fallback.layout = model->layout;
+    fallback.black_dn = model->black_dn;
+    if (model->white_dn > 0) fallback.white_dn = model->white_dn;
+    options = merged(options, fallback);
+  }
+  make_output_folder(arguments.folder);
+  const std::vector<OutputNames> names = plan_outputs(arguments, common.force);
+  const auto progress = make_progress(common);
+  Json results = Json::array();
+  std::string text;
+  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+    check_stop(*progress);
+    results.push_back(
+        process(arguments, model, arguments.inputs[i], options, names[i], *progress, common.force));
+    const Json& last = results.back();
+    text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",
+                        last["input"].get<std::string>(), last["cols"].get<int>(),
+                        last["rows"].get<int>(), last["layout"].get<std::string>(),
+                        arguments.settings.method, last["row_noise_removed_dn"].get<double>(),
+                        last["seconds"].get<double>(), last["files"][0].get<std::string>());
+  }
+  print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
+}
+
+}  // namespace
+
+void add_denoise(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<DenoiseArguments>();
+  CLI::App* command =
+      add_command(app, common, "denoise", "raw frames to denoised raw frames and planes",
+                  [arguments, &common] { run_denoise(*arguments, common); });
+  command->add_option("RAW", arguments->inputs, "mosaics")->required();
+  command->add_option("--model", arguments->model,
+                      "noise model: a file or a built-in name; without it the noise is estimated "
+                      "from each picture");
+  command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
+  command->add_option("--format", arguments->format, "ending of the denoised mosaic")
+      ->check(CLI::IsMember({"tif", "exr", "npy", "fits"}))
+      ->capture_default_str();
+  command->add_flag("--planes", arguments->planes, "also the packed planes as EXR");
+  command->add_flag("--uncertainty", arguments->uncertainty,
+                    "also the variance of every pixel [DN^2], packed, as EXR");
+  command->add_flag("--u16", arguments->u16, "also an integer raw with the black level put back");
+  command->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
+                    "allow a gain outside the calibrated range");
+  arguments->raw.add_to(*command);
+  add_flags(*command, arguments->settings);
+}
+
+}  // namespace malus::app

@@ -1,0 +1,256 @@
+#include "malus/denoise/estimate_noise.h"
+
+#include "malus/base/statistics.h"
+#include "malus/denoise/row_noise.h"
+#include "malus/image/pack.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kBlock = 8;         // pixels of one channel per side
+constexpr int kLeastBlocks = 64;  // per channel
+constexpr std::size_t kMostLevels = 16;
+constexpr std::size_t kLeastPerLevel = 24;
+constexpr double kSmoothShare = 0.4;       // of a level's blocks
+constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
+
+struct Block {
+  double mean = 0;
+  double texture = 0;   ///< variance of the means of 2x2 pixels
+  double variance = 0;  ///< from the diagonal second differences
+};
+
+// Median of squares of a standard normal: the robust variance's scale.
+constexpr double kMedianChiSquare = 0.45493642311957283;
+
+bool measure_block(View<const float> plane, int row, int col, double saturated_dn, Block& block) {
+  constexpr int kCells = kBlock / 2;
+  double sum = 0, coarse_sum = 0, coarse_squares = 0, squares = 0;
+  for (int i = 0; i < kCells; ++i)
+    for (int k = 0; k < kCells; ++k) {
+      const float *a = plane.row(row + 2 * i) + col + 2 * k,
+                  *b = plane.row(row + 2 * i + 1) + col + 2 * k;
+      const double values[4] = {a[0], a[1], b[0], b[1]};
+      for (const double v : values)
+        if (!std::isfinite(v) || v >= saturated_dn) return false;
+      const double mean = 0.25 * (values[0] + values[1] + values[2] + values[3]);
+      const double detail = 0.5 * (values[0] - values[1] - values[2] + values[3]);
+      sum += mean;
+      coarse_sum += mean;
+      coarse_squares += mean * mean;
+      squares += detail * detail;
+    }
+  constexpr double kCount = kCells * kCells;
+  block.mean = sum / kCount;
+  block.texture = coarse_squares / kCount - (coarse_sum / kCount) * (coarse_sum / kCount);
+  block.variance = squares / kCount;
+  return true;
+}
+
+std::vector<Block> measure_blocks(View<const float> plane, double saturated_dn) {
+  std::vector<Block> blocks;
+  Block block;
+  for (int r = 0; r + kBlock <= plane.rows(); r += kBlock)
+    for (int c = 0; c + kBlock <= plane.cols(); c += kBlock)
+      if (measure_block(plane, r, c, saturated_dn, block)) blocks.push_back(block);
+  return blocks;
+}
+
+// One point of variance against signal.
+struct Level {
+  double signal, variance, standard_error;
+};
+
+// The smoothest blocks of a run of blocks with similar means.
+Level measure_level(std::vector<Block> blocks) {
+  std::sort(blocks.begin(), blocks.end(),
+            [](const Block& a, const Block& b) { return a.texture < b.texture; });
+  const auto count =
+      static_cast<std::size_t>(std::ceil(kSmoothShare * static_cast<double>(blocks.size())));
+  std::vector<double> variances;
+  double mean = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    variances.push_back(blocks[i].variance);
+    mean += blocks[i].mean / static_cast<double>(count);
+  }
+  // Blocks whose details still hold texture lie far above the median: they are clipped. For 16
+  // squares the median of their mean is 2/(9*16) below the expectation (Wilson, Hilferty, 1931).
+  constexpr double kDegrees = kBlock * kBlock / 4.0;
+  const double median_factor = std::pow(1.0 - 2.0 / (9.0 * kDegrees), 3);
+  const double center = median_of(variances) / median_factor;
+  const double spread = center * std::sqrt(2.0 / kDegrees);
+  double sum = 0;
+  int kept = 0;
+  for (const double v : variances)
+    if (v < center + 3 * spread) {
+      sum += v;
+      ++kept;
+    }
+  return {mean, kept > 0 ? sum / kept : center, spread / std::sqrt(std::max(kept, 1))};
+}
+
+std::vector<Level> measure_levels(std::vector<Block> blocks) {
+  std::sort(blocks.begin(), blocks.end(),
+            [](const Block& a, const Block& b) { return a.mean < b.mean; });
+  const std::size_t levels =
+      std::clamp<std::size_t>(blocks.size() / kLeastPerLevel, 1, kMostLevels);
+  std::vector<Level> result;
+  for (std::size_t i = 0; i < levels; ++i)
+    result.push_back(measure_level(
+        {blocks.begin() + static_cast<std::ptrdiff_t>(i * blocks.size() / levels),
+         blocks.begin() + static_cast<std::ptrdiff_t>((i + 1) * blocks.size() / levels)}));
+  return result;
+}
+
+struct Line {
+  double slope = 0, offset = 0, slope_error = 0, offset_error = 0;
+};
+
+// Texture only ever adds variance: levels above the line count less than levels below it.
+Line fit_levels(const std::vector<Level>& levels) {
+  std::vector<double> x, y, weights;
+  for (const Level& l : levels) {
+    x.push_back(l.signal);
+    y.push_back(l.variance);
+    weights.push_back(1.0 / std::max(l.standard_error * l.standard_error, 1e-12));
+  }
+  Line line;
+  const auto [low, high] = std::minmax_element(x.begin(), x.end());
+  const double mean_y = std::inner_product(y.begin(), y.end(), weights.begin(), 0.0) /
+                        std::accumulate(weights.begin(), weights.end(), 0.0);
+  line.offset = mean_y;
+  line.offset_error = 1.0 / std::sqrt(std::accumulate(weights.begin(), weights.end(), 0.0));
+  if (x.size() < 3 || !(*high - *low > 1e-6 * (1.0 + std::abs(*high)))) return line;
+  const std::vector<double> base = weights;
+  for (int pass = 0; pass < 10; ++pass) {
+    const LineFit fit = fit_line(x, y, weights, true);
+    if (fit.slope <= 0) return line;
+    line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const double above = (y[i] - fit.intercept - fit.slope * x[i]) * std::sqrt(base[i]);
+      weights[i] = base[i] / (above > 0 ? 1.0 + above * above / 4.0 : 1.0);
+    }
+  }
+  return line;
+}
+
+// The line as a curve; where it would fall below a tenth of the lowest level's variance (a black
+// level that is not known makes the offset negative) the curve goes flat.
+VarianceCurve curve_of(const Line& line, const std::vector<Level>& levels, double top_dn) {
+  if (line.slope <= 0) return VarianceCurve::affine(0, std::max(line.offset, 0.0));
+  if (line.offset >= 0) return VarianceCurve::affine(line.slope, line.offset);
+  double least = levels.front().variance;
+  for (const Level& l : levels) least = std::min(least, l.variance);
+  const double knee = (0.1 * least - line.offset) / line.slope;
+  std::vector<double> signal{knee}, variance{0.1 * least};
+  for (const double s : {0.25, 0.5, 1.0})
+    if (s * top_dn > signal.back()) {
+      signal.push_back(s * top_dn);
+      variance.push_back(line.offset + line.slope * s * top_dn);
+    }
+  return VarianceCurve::table(signal, variance);
+}
+
+// Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
+void pool(std::vector<Line>& lines) {
+  double slope = 0, weight = 0;
+  for (const Line& l : lines)
+    if (l.slope > 0) {
+      const double w = 1.0 / (l.slope_error * l.slope_error +
+                              kPooledDeviation * kPooledDeviation * l.slope * l.slope);
+      slope += w * l.slope;
+      weight += w;
+    }
+  if (!(weight > 0)) return;
+  slope /= weight;
+  const double prior = kPooledDeviation * slope;
+  for (Line& l : lines) {
+    if (!(l.slope > 0)) continue;
+    const double trust = prior * prior / (prior * prior + l.slope_error * l.slope_error);
+    l.slope = slope + trust * (l.slope - slope);
+  }
+}
+
+double mean_signal(const std::vector<Block>& blocks) {
+  double sum = 0;
+  for (const Block& b : blocks) sum += b.mean;
+  return sum / static_cast<double>(std::max<std::size_t>(blocks.size(), 1));
+}
+
+std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
+  return fmt::format(
+      "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, +-{:.0f} % "
+      "by "
+      "sampling, from {:.0f} % of the picture and {} levels of brightness; texture can make it too "
+      "high, earlier smoothing too low, and the dark bias is not known",
+      deviation_dn, std::max(100 * noise.relative_error, 1.0), 100 * noise.smooth_share,
+      noise.levels);
+}
+
+}  // namespace
+
+Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
+  Image dn = frame.dn;
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) dn(r, c) -= static_cast<float>(frame.black_at(r, c));
+  const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
+  const double saturated = frame.white_dn - black;
+  const Planes planes = pack(dn, frame.layout);
+  std::vector<std::vector<Level>> levels;
+  std::vector<Line> lines;
+  std::vector<double> means;
+  PictureNoise noise;
+  double usable = 0, all = 0;
+  for (const Image& plane : planes) {
+    const std::vector<Block> blocks = measure_blocks(plane, saturated);
+    if (blocks.size() < kLeastBlocks)
+      return Undecided{
+          fmt::format("{} unsaturated blocks of {} x {} pixels per channel; {} are needed",
+                      blocks.size(), kBlock, kBlock, kLeastBlocks)};
+    usable += kSmoothShare * static_cast<double>(blocks.size());
+    all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
+    levels.push_back(measure_levels(blocks));
+    lines.push_back(fit_levels(levels.back()));
+    means.push_back(mean_signal(blocks));
+    noise.levels += static_cast<int>(levels.back().size());
+  }
+  pool(lines);
+  noise.levels /= planes.channels();
+  noise.smooth_share = usable / all;
+  noise.profile.layout = frame.layout;
+  noise.profile.estimated_from_picture = true;
+  double deviation = 0, error = 0;
+  for (std::size_t k = 0; k < lines.size(); ++k) {
+    // The offset that carries the pooled slope through the channel's levels.
+    const Line own = lines[k];
+    double weighted = 0, weight = 0;
+    for (const Level& l : levels[k]) {
+      const double w = 1.0 / std::max(l.standard_error * l.standard_error, 1e-12);
+      weighted += w * (l.variance - own.slope * l.signal);
+      weight += w;
+    }
+    Line line = own;
+    if (own.slope > 0) line.offset = std::min(weighted / weight, own.offset + 2 * own.offset_error);
+    ChannelProfile channel;
+    channel.variance = curve_of(line, levels[k], saturated);
+    const double variance = channel.variance(means[k]);
+    deviation += std::sqrt(variance) / static_cast<double>(lines.size());
+    error +=
+        variance > 0 ? 0.5 / (std::sqrt(weight) * variance) / static_cast<double>(lines.size()) : 0;
+    noise.profile.channels.push_back(channel);
+  }
+  if (!(deviation > 1e-6 * std::max(saturated, 1e-30)))
+    return Undecided{"the picture has no noise that could be measured"};
+  noise.relative_error = error;
+  estimate_row_deviation(dn, saturated, noise.profile);
+  noise.trust = trust_statement(noise, deviation);
+  return noise;
+}
+
+}  // namespace malus

@@ -1,0 +1,35 @@
+// The noise of a single picture, for when there is no model: how the variance of each channel rises
+// with the signal, and the row noise.
+//
+// Pixel noise: diagonal second differences of 2x2 pixels of one channel (offsets of rows and
+// columns and linear shading cancel) over blocks of 8x8 pixels of the channel. Per level of
+// brightness the blocks that are smoothest at a coarser scale, which the noise of the differences
+// does not affect, vote by a robust deviation; a line is fitted through the levels. Idea: Pyatykh,
+// Hesser, Zheng, "Image noise level estimation by principal component analysis", IEEE TIP 22(2),
+// 2013, and Foi, Trimeche, Katkovnik, Egiazarian, "Practical Poissonian-Gaussian noise modeling and
+// fitting for single-image raw-data", IEEE TIP 17(10), 2008; accuracy: docs/denoising.md. What a
+// picture cannot tell: the bias (taken as 0), and noise that earlier processing has coloured.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/image/raw_frame.h"
+#include "malus/noise/profile.h"
+
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct PictureNoise {
+  NoiseProfile profile;       ///< estimated_from_picture is set
+  double relative_error = 0;  ///< of the deviation at the mean signal, one standard error
+  int levels = 0;             ///< of brightness that carry the fit, mean over the channels
+  double smooth_share = 0;    ///< of the blocks: how much of the picture could be used
+  std::string trust;          ///< one sentence with the numbers
+};
+
+/// Undecided when the picture is too small (fewer than 64 blocks per channel), or has no noise (a
+/// constant or synthetic picture).
+Estimate<PictureNoise> estimate_profile(const RawFrame& frame);
+
+}  // namespace malus
