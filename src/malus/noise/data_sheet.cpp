@@ -1,0 +1,158 @@
+#include "malus/noise/data_sheet.h"
+
+#include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <functional>
+#include <limits>
+
+#include <unsupported/Eigen/FFT>
+
+namespace malus {
+namespace {
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+double at(const std::vector<double>& values, std::size_t channel) {
+  return channel < values.size() ? values[channel] : kNone;
+}
+
+// value / K with the errors of both.
+struct Ratio {
+  double value, error;
+};
+Ratio in_electrons(double value, double error, double K, double K_error) {
+  const double ratio = value / K;
+  return {ratio, std::hypot(error / K, ratio * K_error / K)};
+}
+
+// EMVA 1288 eq. for the absolute sensitivity threshold, where the SNR is one.
+double threshold_e(double dark_noise_e) {
+  return std::sqrt(dark_noise_e * dark_noise_e + 0.25) + 0.5;
+}
+
+std::vector<double> spectrum(int lines, int length, const std::function<float(int, int)>& value) {
+  const auto bins = static_cast<std::size_t>(length / 2 + 1);
+  using Sum = std::vector<double>;
+  constexpr int kGrain = 64;
+  const Sum power = parallel_reduce(
+      0, lines, kGrain, Sum(bins, 0.0),
+      [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        Sum sum(bins, 0.0);
+        Eigen::FFT<double> fft;
+        std::vector<double> line(static_cast<std::size_t>(length));
+        std::vector<std::complex<double>> transform;
+        for (auto r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
+          for (int c = 0; c < length; ++c)
+            line[static_cast<std::size_t>(c)] = static_cast<double>(value(r, c));
+          fft.fwd(transform, line);
+          for (std::size_t k = 0; k < bins; ++k) sum[k] += std::norm(transform[k]);
+        }
+        return sum;
+      },
+      [](Sum total, const Sum& part) {
+        for (std::size_t k = 0; k < total.size(); ++k) total[k] += part[k];
+        return total;
+      });
+  Sum amplitude;
+  for (const double p : power)
+    amplitude.push_back(std::sqrt(p / (static_cast<double>(lines) * static_cast<double>(length))));
+  return amplitude;
+}
+
+}  // namespace
+
+double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                               double saturation_dn) {
+  std::vector<double> exposure, signal, weight;
+  for (const PhotonTransferPoint& point : transfer) {
+    if (point.channel != channel || !(point.exposure_s > 0)) continue;
+    if (point.mean_dn < 0.05 * saturation_dn || point.mean_dn > 0.95 * saturation_dn) continue;
+    exposure.push_back(point.exposure_s);
+    signal.push_back(point.mean_dn);
+    weight.push_back(1 / (point.mean_dn * point.mean_dn));
+  }
+  std::vector<double> distinct = exposure;
+  std::sort(distinct.begin(), distinct.end());
+  distinct.erase(std::unique(distinct.begin(), distinct.end()), distinct.end());
+  if (distinct.size() < 3) return kNone;
+  const LineFit line = fit_line(exposure, signal, weight);
+  double deviation = 0;
+  for (std::size_t i = 0; i < signal.size(); ++i) {
+    const double expected = line.intercept + line.slope * exposure[i];
+    deviation += std::abs(signal[i] - expected) / expected;
+  }
+  return 100 * deviation / static_cast<double>(signal.size());
+}
+
+std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& p) {
+  const std::vector<double> read_e = read_noise_e(p);
+  Quantity K{"overall_gain", "K", "DN/e-", "overall system gain", {}, {}};
+  Quantity dark{"temporal_dark_noise", "σ_d", "e-", "temporal dark noise", {}, {}};
+  Quantity read{"read_noise", "σ_read", "e-", "read noise without row noise", {}, {}};
+  Quantity bias{"dark_signal", "μ", "DN", "dark signal above black", {}, {}};
+  Quantity dsnu{"dsnu", "DSNU", "e-", "dark signal non-uniformity", {}, {}};
+  Quantity prnu{"prnu", "PRNU", "%", "photo response non-uniformity", {}, {}};
+  Quantity full{"saturation", "μ_sat", "e-", "saturation capacity (white level)", {}, {}};
+  Quantity least{"threshold", "μ_min", "e-", "absolute sensitivity threshold", {}, {}};
+  Quantity range{"dynamic_range", "DR", "dB", "dynamic range", {}, {}};
+  Quantity snr{"snr_max", "SNR_max", "dB", "largest signal-to-noise ratio", {}, {}};
+  Quantity linear{"linearity_error", "LE", "%", "linearity error", {}, {}};
+  for (int channel = 0; channel < model.layout.channels(); ++channel) {
+    const auto c = static_cast<std::size_t>(channel);
+    const double gain = at(p.K.mean, c), gain_error = at(p.K.standard_error, c);
+    const double reach_dn = model.white_dn - at(model.black_dn, c);
+    const auto [dark_e, dark_error] = in_electrons(
+        at(p.temporal_sd_dark_dn, c), at(p.temporal_sd_dark_stderr_dn, c), gain, gain_error);
+    const auto [full_e, full_error] = in_electrons(reach_dn, 0, gain, gain_error);
+    const double limit_e = threshold_e(dark_e);
+    K.value.push_back(gain);
+    K.standard_error.push_back(gain_error);
+    dark.value.push_back(dark_e);
+    dark.standard_error.push_back(dark_error);
+    read.value.push_back(at(read_e, c));
+    bias.value.push_back(at(p.mu.mean, c));
+    bias.standard_error.push_back(at(p.mu.standard_error, c));
+    dsnu.value.push_back(at(p.dsnu_dn, c) / gain);
+    prnu.value.push_back(100 * at(p.prnu, c));
+    full.value.push_back(full_e);
+    full.standard_error.push_back(full_error);
+    least.value.push_back(limit_e);
+    range.value.push_back(20 * std::log10(full_e / limit_e));
+    snr.value.push_back(10 * std::log10(full_e));  // shot noise alone: SNR = sqrt(electrons)
+    linear.value.push_back(linearity_error_percent(p.transfer, channel, reach_dn));
+  }
+  return {K, dark, read, bias, dsnu, prnu, full, least, range, snr, linear};
+}
+
+std::vector<double> row_profile(View<const float> map) {
+  std::vector<double> profile;
+  for (int r = 0; r < map.rows(); ++r) {
+    double sum = 0;
+    for (const float value : map.row_span(r)) sum += static_cast<double>(value);
+    profile.push_back(sum / map.cols());
+  }
+  return profile;
+}
+
+std::vector<double> column_profile(View<const float> map) {
+  std::vector<double> profile(static_cast<std::size_t>(map.cols()), 0.0);
+  for (int r = 0; r < map.rows(); ++r)
+    for (int c = 0; c < map.cols(); ++c)
+      profile[static_cast<std::size_t>(c)] += static_cast<double>(map(r, c));
+  for (double& value : profile) value /= map.rows();
+  return profile;
+}
+
+std::vector<double> row_spectrum(View<const float> map) {
+  return spectrum(map.rows(), map.cols(), [&](int r, int c) { return map(r, c); });
+}
+
+std::vector<double> column_spectrum(View<const float> map) {
+  return spectrum(map.cols(), map.rows(), [&](int c, int r) { return map(r, c); });
+}
+
+}  // namespace malus

@@ -1,0 +1,35 @@
+// A calibration in the terms of the EMVA Standard 1288 (release 4.0 linear, 2021), which data
+// sheets of machine-vision cameras use, and the profiles of its fixed pattern.
+#pragma once
+
+#include "malus/base/quantity.h"
+#include "malus/image/view.h"
+#include "malus/noise/model.h"
+
+#include <vector>
+
+namespace malus {
+
+/// One value per channel: gain, temporal dark noise, read noise, dark signal, DSNU, PRNU,
+/// saturation capacity, absolute sensitivity threshold (in electrons: quantum efficiency is not
+/// measured here), dynamic range, largest SNR, linearity error. What the calibration lacks is NaN.
+/// Saturation is the white level's, not the point where the photon-transfer curve bends.
+std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
+
+/// EMVA 1288, section "linearity": mean absolute deviation, in %, of the mean signal from the line
+/// through signal against exposure that weighs relative deviations equally, over levels between 5
+/// and 95 % of saturation_dn (above black). NaN with fewer than three exposures there.
+double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                               double saturation_dn);
+
+/// Mean of every row (column) of a map.
+std::vector<double> row_profile(View<const float> map);
+std::vector<double> column_profile(View<const float> map);
+
+/// EMVA 1288 spectrogram along the rows: root of the power |Y_k|²/cols averaged over the rows, for
+/// k = 0 .. cols/2 periods per row; white noise of standard deviation s gives s everywhere. Along
+/// columns: the same of the transposed map.
+std::vector<double> row_spectrum(View<const float> map);
+std::vector<double> column_spectrum(View<const float> map);
+
+}  // namespace malus

@@ -1,0 +1,104 @@
+#include "malus/noise/data_sheet.h"
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+const Quantity& named(const std::vector<Quantity>& sheet, const std::string& name) {
+  for (const Quantity& quantity : sheet)
+    if (quantity.name == name) return quantity;
+  throw std::logic_error("no " + name);
+}
+
+TEST(DataSheet, FollowsTheStandardsFormulas) {
+  NoiseModel model;
+  model.black_dn = {95};
+  model.white_dn = 4095;
+  PhysicsCalibration p;
+  p.K.mean = {0.5};
+  p.K.standard_error = {0.005};
+  p.temporal_sd_dark_dn = {2.0};
+  p.temporal_sd_dark_stderr_dn = {0.03};
+  p.dsnu_dn = {0.5};
+  p.prnu = {0.012};
+  const auto sheet = data_sheet(model, p);
+  EXPECT_DOUBLE_EQ(named(sheet, "temporal_dark_noise").value[0], 4);
+  // Relative errors add in squares: 1.5 % and 1 %.
+  EXPECT_NEAR(named(sheet, "temporal_dark_noise").standard_error[0], 4 * std::hypot(0.015, 0.01),
+              1e-12);
+  EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[0], 8000);
+  EXPECT_DOUBLE_EQ(named(sheet, "dsnu").value[0], 1);
+  EXPECT_DOUBLE_EQ(named(sheet, "prnu").value[0], 1.2);
+  const double threshold = std::sqrt(16.25) + 0.5;
+  EXPECT_DOUBLE_EQ(named(sheet, "threshold").value[0], threshold);
+  EXPECT_NEAR(named(sheet, "dynamic_range").value[0], 20 * std::log10(8000 / threshold), 1e-12);
+  EXPECT_NEAR(named(sheet, "snr_max").value[0], 20 * std::log10(std::sqrt(8000.0)), 1e-12);
+  EXPECT_TRUE(std::isnan(named(sheet, "linearity_error").value[0]));
+}
+
+std::vector<PhotonTransferPoint> ladder(const std::function<double(double)>& signal) {
+  std::vector<PhotonTransferPoint> points;
+  for (int i = 1; i <= 10; ++i) {
+    PhotonTransferPoint point;
+    point.exposure_s = 0.01 * i;
+    point.mean_dn = signal(point.exposure_s);
+    points.push_back(point);
+  }
+  return points;
+}
+
+TEST(LinearityError, IsZeroForALineAndKnownForAnAlternatingDeviation) {
+  EXPECT_NEAR(linearity_error_percent(ladder([](double t) { return 5 + 3000 * t; }), 0, 4000), 0,
+              1e-9);
+  int sign = 1;
+  const auto alternating =
+      ladder([&](double t) { return 30000 * t * (1 + 0.02 * (sign = -sign)); });
+  // The line follows a small part of the alternation itself.
+  EXPECT_NEAR(linearity_error_percent(alternating, 0, 4000), 2, 0.15);
+}
+
+TEST(LinearityError, NeedsThreeExposuresInsideTheRange) {
+  EXPECT_TRUE(
+      std::isnan(linearity_error_percent(ladder([](double t) { return 40000 * t; }), 1, 4000)));
+  EXPECT_TRUE(
+      std::isnan(linearity_error_percent(ladder([](double t) { return 190000 * t; }), 0, 4000)));
+}
+
+TEST(Spectrum, OfASineIsOneLineOfKnownHeight) {
+  // Amplitude a at k periods: |Y_k| = a N / 2, so sqrt(|Y_k|²/N) = a sqrt(N) / 2.
+  Image map(6, 60);
+  for (int r = 0; r < 6; ++r)
+    for (int c = 0; c < 60; ++c)
+      map(r, c) = static_cast<float>(2 * std::sin(2 * std::numbers::pi * 7 * c / 60 + r));
+  const auto spectrum = row_spectrum(map);
+  ASSERT_EQ(spectrum.size(), 31U);
+  for (std::size_t k = 0; k < spectrum.size(); ++k)
+    EXPECT_NEAR(spectrum[k], k == 7 ? std::sqrt(60.0) : 0, 1e-5) << k;
+  EXPECT_EQ(column_spectrum(map).size(), 4U);
+}
+
+TEST(Spectrum, OfWhiteNoiseIsItsDeviation) {
+  std::mt19937 engine(11);
+  std::normal_distribution<float> gauss(0, 3);
+  Image map(400, 250);
+  for (float& value : map.values()) value = gauss(engine);
+  const auto spectrum = row_spectrum(map);
+  // Power is a mean of 400 exponential variables: relative error of its root 1/(2 sqrt(400)), five
+  // of them allowed. The ends have half the degrees of freedom.
+  for (std::size_t k = 1; k + 1 < spectrum.size(); ++k) EXPECT_NEAR(spectrum[k], 3, 5 * 3 * 0.025);
+}
+
+TEST(Profiles, AreMeansOfRowsAndColumns) {
+  Image map(2, 3);
+  map.values() = {1, 2, 3, 5, 7, 9};
+  EXPECT_EQ(row_profile(map), (std::vector<double>{2, 7}));
+  EXPECT_EQ(column_profile(map), (std::vector<double>{3, 4.5, 6}));
+}
+
+}  // namespace
+}  // namespace malus
