@@ -26,7 +26,7 @@ Image ramp(bool dark = false) {
   return clean;
 }
 
-FrameSet frames_of(const Image& clean, const Noise& noise, int count, std::uint64_t seed) {
+NoiseFrames frames_of(const Image& clean, const Noise& noise, int count, std::uint64_t seed) {
   return {count, [=](int k) {
             const auto frame_number = static_cast<std::uint32_t>(k);
             RandomSequence pixels(seed, frame_number, Draw::kPixel);
@@ -144,9 +144,9 @@ TEST(CompareNoise, FixedPatternIsRemovedWithTheVarianceKept) {
 TEST(CompareNoise, BadSetsAreRefused) {
   const Image dark = ramp(true);
   const auto layout = SensorLayout::named("mono");
-  const FrameSet good = frames_of(dark, {}, 1, 1), none{0, {}};
-  const FrameSet small{1, [](int) { return Image(3, 3); }};
-  const FrameSet broken{
+  const NoiseFrames good = frames_of(dark, {}, 1, 1), none{0, {}};
+  const NoiseFrames small{1, [](int) { return Image(3, 3); }};
+  const NoiseFrames broken{
       1, [](int) { return Image(kRows, kCols, std::numeric_limits<float>::quiet_NaN()); }};
   EXPECT_THROW(compare_noise(good, none, std::nullopt, layout, {}), InputError);
   EXPECT_THROW(compare_noise(good, small, std::nullopt, layout, {}), InputError);

@@ -42,7 +42,7 @@ Image minus(const Image& frame, const Image& clean, float scale = 1) {
   return noise;
 }
 
-Image mean_frame(const FrameSet& set, Progress& progress) {
+Image mean_frame(const NoiseFrames& set, Progress& progress) {
   std::vector<double> sum;
   Image mean;
   for (int k = 0; k < set.count; ++k) {
@@ -59,7 +59,7 @@ Image mean_frame(const FrameSet& set, Progress& progress) {
 // One side: its frames turned into noise, and the clean signal that sets the level.
 class NoiseSource {
  public:
-  NoiseSource(const FrameSet& set, const std::optional<Image>& clean, bool remove_fixed_pattern,
+  NoiseSource(const NoiseFrames& set, const std::optional<Image>& clean, bool remove_fixed_pattern,
               const char* name, Progress& progress)
       : set_(set), name_(name) {
     if (set.count == 0) throw InputError(name, "no frames", "name at least one");
@@ -90,7 +90,7 @@ class NoiseSource {
   }
 
  private:
-  FrameSet set_;
+  NoiseFrames set_;
   const char* name_;
   std::optional<Image> pattern_;
   float scale_ = 1;
@@ -190,7 +190,7 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
 
 }  // namespace
 
-NoiseComparison compare_noise(const FrameSet& reference, const FrameSet& test,
+NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings, Progress& progress) {
   const bool pattern = settings.remove_fixed_pattern;

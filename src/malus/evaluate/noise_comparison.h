@@ -34,7 +34,7 @@ struct NoiseComparisonSettings {
 };
 
 /// Frames that are loaded when they are needed: mosaics in DN above black, all of one size.
-struct FrameSet {
+struct NoiseFrames {
   int count = 0;
   std::function<Image(int)> load;
 };
@@ -76,7 +76,7 @@ inline constexpr std::int64_t kEnoughSamples = 1000;
 /// whole numbers get whole-number bins. Samples beyond go to the outermost bins; pixels that are
 /// not finite are left out. Throws InputError when sizes differ, a set is empty, or
 /// remove_fixed_pattern has fewer than two frames.
-NoiseComparison compare_noise(const FrameSet& reference, const FrameSet& test,
+NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings,
                               Progress& progress = silent_progress());
