@@ -90,3 +90,18 @@ def test_files_stay_short():
     long = [f"{path.relative_to(ROOT)}: {lines}" for path in own_files(".h", ".cpp", ".py", ".cu")
             if (lines := path.read_text().count("\n")) > LONGEST_FILE]
     assert not long, "\n".join(long)
+
+
+def test_type_names_are_unique_in_their_namespace():
+    """Two types of one name in one namespace are undefined behaviour in a program that links both."""
+    seen, twice = {}, []
+    for path in SOURCES.rglob("*.h"):
+        namespace = ""
+        for line in path.read_text().splitlines():
+            if match := re.match(r"namespace ([\w:]+) \{", line):
+                namespace = match[1]
+            elif match := re.match(r"(?:struct|class) (\w+)(?: final)?(?: :| \{)", line):
+                name = f"{namespace}::{match[1]}"
+                if seen.setdefault(name, path) != path:
+                    twice.append(f"{name} in {seen[name].relative_to(ROOT)} and {path.relative_to(ROOT)}")
+    assert not twice, "\n".join(twice)

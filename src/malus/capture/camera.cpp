@@ -158,17 +158,17 @@ std::string Camera::name() const {
   return vendor + " " + model;
 }
 
-Range Camera::gain_range_db() const {
+ValueRange Camera::gain_range_db() const {
   ErrorSlot error;
-  Range range;
+  ValueRange range;
   arv_camera_get_gain_bounds(handle_->camera, &range.low, &range.high, error.out());
   handle_->check(error, "reading the range of gains");
   return range;
 }
 
-Range Camera::exposure_range_s() const {
+ValueRange Camera::exposure_range_s() const {
   ErrorSlot error;
-  Range range;
+  ValueRange range;
   arv_camera_get_exposure_time_bounds(handle_->camera, &range.low, &range.high, error.out());
   handle_->check(error, "reading the range of exposures");
   return {range.low * 1e-6, range.high * 1e-6};

@@ -17,7 +17,7 @@ struct CameraIdentity {
   std::vector<std::string> pixel_formats;  ///< filled by describe_camera
 };
 
-struct Range {
+struct ValueRange {
   double low = 0, high = 0;
 };
 
@@ -45,8 +45,8 @@ class Camera {
   Camera& operator=(const Camera&) = delete;
 
   std::string name() const;  ///< vendor and model
-  Range gain_range_db() const;
-  Range exposure_range_s() const;
+  ValueRange gain_range_db() const;
+  ValueRange exposure_range_s() const;
   /// Gain, exposure, black level, white balance, gamma: automatic functions off, where the camera
   /// has them.
   void turn_automatics_off();

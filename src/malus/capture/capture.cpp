@@ -40,7 +40,7 @@ void claim_folder(const CapturePlan& plan, const fs::path& folder) {
   }
 }
 
-void check_range(const CapturePlan& plan, const char* what, double value, Range range,
+void check_range(const CapturePlan& plan, const char* what, double value, ValueRange range,
                  const char* unit) {
   // The camera's own steps may move its ends by a rounding.
   const double slack = 1e-9 * std::max(std::abs(range.low), std::abs(range.high));
@@ -55,7 +55,7 @@ std::string prepare_camera(const CapturePlan& plan, Camera& camera) {
   camera.set_size(plan.width, plan.height);
   if (plan.black_level) camera.set_black_level(*plan.black_level);
   for (const auto& [name, value] : plan.features) camera.set_feature(name, value);
-  const Range gains = camera.gain_range_db(), exposures = camera.exposure_range_s();
+  const ValueRange gains = camera.gain_range_db(), exposures = camera.exposure_range_s();
   for (const auto& step : plan.steps) {
     check_range(plan, "a gain of", step.gain_db, gains, "dB");
     check_range(plan, "an exposure of", step.exposure_s, exposures, "s");
