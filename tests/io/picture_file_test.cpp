@@ -3,7 +3,10 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 
+#include <chrono>
 #include <cmath>
+#include <fstream>
+#include <thread>
 
 #include "support.h"
 #include <gmock/gmock.h>
@@ -120,6 +123,26 @@ TEST(PictureFile, ExistingOutputsNeedForce) {
     options.force = true;
     save_picture(path, Image(2, 2, 2.0f), options);
     EXPECT_EQ(load_picture(path).planes[0](0, 0), 2.0f);
+  }
+}
+
+// Reproducible runs compare files, not pictures: no time stamps.
+TEST(PictureFile, TheSamePictureGivesTheSameBytes) {
+  const testing::TemporaryFolder folder;
+  const Planes planes = numbered(3, 40, 30);
+  const auto bytes = [&](const std::string& name) {
+    std::ifstream in(folder / name, std::ios::binary);
+    return std::string{std::istreambuf_iterator<char>(in), {}};
+  };
+  const std::vector<std::string> endings = {".tif", ".exr", ".fits", ".npy", ".png"};
+  for (const auto& ending : endings)
+    save_picture(folder / ("a" + ending), planes, {},
+                 {false, ending == ".png" ? SampleType::kUint16 : SampleType::kFloat});
+  std::this_thread::sleep_for(std::chrono::milliseconds(1100));
+  for (const auto& ending : endings) {
+    save_picture(folder / ("b" + ending), planes, {},
+                 {false, ending == ".png" ? SampleType::kUint16 : SampleType::kFloat});
+    EXPECT_TRUE(bytes("a" + ending) == bytes("b" + ending)) << ending;
   }
 }
 

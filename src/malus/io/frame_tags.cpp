@@ -81,7 +81,7 @@ std::string frame_tags(const RawFrame& frame) {
   if (frame.gain.gain_db) add("gain_db", fmt::format("{}", *frame.gain.gain_db));
   if (frame.gain.iso) add("iso", fmt::format("{}", *frame.gain.iso));
   if (frame.exposure_s) add("exposure_s", fmt::format("{}", *frame.exposure_s));
-  return text + "]";
+  return text.size() > kOpening.size() ? text + "]" : std::string();
 }
 
 void apply_frame_tags(Decoded& decoded) {

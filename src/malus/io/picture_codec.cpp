@@ -204,6 +204,8 @@ OIIO::ImageSpec output_spec(const std::string& codec, const Planes& planes,
   OIIO::ImageSpec spec(planes.cols(), planes.rows(), planes.channels(), stored);
   spec.channelnames = names;
   spec.attribute("oiio:UnassociatedAlpha", 1);  // colours are not times alpha
+  // Else OpenImageIO takes the time of writing, and the same picture never gives the same bytes.
+  if (codec != "png") spec.attribute("DateTime", "1970:01:01 00:00:00");
   // Noise does not shrink: TIFF stays plain, which every tool reads at once.
   if (codec == "tiff") {
     spec.attribute("compression", "none");
@@ -227,25 +229,23 @@ bool write_pixels(OIIO::ImageOutput& output, const Planes& planes, SampleType ty
 void write_picture(const fs::path& path, bool force, const std::string& codec, const Planes& planes,
                    const std::vector<std::string>& names, SampleType type,
                    const std::string& description, std::optional<double> exposure_s) {
-  AtomicFile file(path, force);
+  check_output(path, force);
   const auto output = OIIO::ImageOutput::create(codec);
   MALUS_REQUIRE(output != nullptr);
   OIIO::ImageSpec spec = output_spec(codec, planes, names, type);
   if (!description.empty()) spec.attribute("ImageDescription", description);
   if (exposure_s && codec == "openexr")
     spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
-  // The PNG and EXR writers do not notice a full disk, so they write to memory.
+  // OpenImageIO does not notice a full disk (PNG and EXR not at all, TIFF not in the last strip),
+  // so it writes to memory.
   OIIO::Filesystem::IOVecOutput memory;
-  const bool in_memory = codec != "tiff";
-  if (in_memory) output->set_ioproxy(&memory);
-  const bool good = output->open(file.temporary().string(), spec) &&
-                    write_pixels(*output, planes, type) && output->close();
+  output->set_ioproxy(&memory);
+  const bool good =
+      output->open(path.string(), spec) && write_pixels(*output, planes, type) && output->close();
   const std::string message = output->geterror();
-  if (!good || !message.empty()) file.fail(message);
-  if (!in_memory) {
-    file.commit();
-    return;
-  }
+  if (!good || !message.empty())
+    throw InputError(path.string(), fmt::format("cannot be encoded: {}", message),
+                     "use another format");
   const auto& bytes = memory.buffer();
   write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, force);
 }

@@ -1,0 +1,77 @@
+#include "malus/io/emva_description.h"
+
+#include "malus/base/error.h"
+
+#include "support.h"
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+constexpr const char* kGood =
+    "# comment\r\nv 3.0\r\nn 12 640 480\r\nb 40000.0 120.0\r\ni images\\b 1.png\r\n"
+    "i images\\b2.png\r\nd 40000.0\r\ni images\\d1.png\r\nb 80000 240\r\ni images\\c1.png\r\n";
+
+EmvaSession parse(const std::string& text) {
+  return parse_emva_description(text, "D.txt", "top", false);
+}
+
+TEST(EmvaDescription, SetsBecomeGroups) {
+  const Session session = parse(kGood).session;
+  EXPECT_EQ(session.sensor.white_dn, 4095);
+  EXPECT_EQ(session.sensor.rows, 480);
+  EXPECT_EQ(session.sensor.cols, 640);
+  ASSERT_EQ(session.groups.size(), 3u);
+  EXPECT_EQ(session.groups[0].kind, FrameKind::kFlat);
+  EXPECT_DOUBLE_EQ(session.groups[0].exposure_s.value(), 40e-6);
+  EXPECT_THAT(session.groups[0].paths, ElementsAre("top/images/b 1.png", "top/images/b2.png"));
+  EXPECT_EQ(session.groups[0].level, 1);
+  EXPECT_EQ(session.groups[1].kind, FrameKind::kBias);
+  EXPECT_FALSE(session.groups[1].level.has_value());
+  EXPECT_EQ(session.groups[2].level, 2);
+}
+
+TEST(EmvaDescription, DefectsNameTheirLine) {
+  const auto refused = [](const std::string& text, const std::string& what) {
+    EXPECT_THAT([&] { parse(text); }, ThrowsMessage<InputError>(HasSubstr(what))) << text;
+  };
+  refused("v 3.0\nn 12 640\n", "D.txt:2: the entry has not the form \"n bits width height\"");
+  refused("v 9.0\n", "version 9");
+  refused("n 12 640 480\nq 3\n", "D.txt:2: unknown entry \"q\"");
+  refused("n 12 640 480\ni x.png\n", "an image before the first b or d");
+  refused("n 12 640 480\nb 40 x\n", "D.txt:2");
+  refused("n 12 640 480\nb 0 1\n", "an exposure is positive");
+  refused("n 12 640 480\nb -5 1\n", "an exposure is positive");
+  refused("n 12 640 480\nb nan 1\n", "\"nan\"");
+  refused("n 40 640 480\n", "out of range");
+  refused("n 12 640 480\nd 5\ni \n", "without a name");
+  refused("d 5\ni x.png\n", "no \"n bits width height\" line");
+  refused("n 12 640 480\nd 5\n", "none of its images exists");
+  refused("", "no \"n bits width height\" line");
+}
+
+TEST(EmvaDescription, AbsentImagesOfTheRealSetAreLeftOutWithANote) {
+  MALUS_NEEDS_SHARED("emva001/EMVA1288_Data.txt");
+  const testing::TemporaryFolder folder;
+  const EmvaSession converted =
+      load_emva_description(testing::shared_data() / "emva001" / "EMVA1288_Data.txt");
+  // Every second of 50 levels is there, as pairs, and the repeated dark and bright sets.
+  EXPECT_EQ(converted.missing_images, 140);
+  ASSERT_EQ(converted.notes.size(), 1u);
+  std::size_t frames = 0, repeats = 0;
+  for (const FrameGroup& group : converted.session.groups) {
+    frames += group.paths.size();
+    if (group.kind == FrameKind::kBias && group.paths.size() == 50) ++repeats;
+  }
+  EXPECT_EQ(frames, 160u);
+  EXPECT_EQ(repeats, 1u);
+  save_session(folder / "s.toml", converted.session, false);
+  EXPECT_EQ(load_session(folder / "s.toml").groups.size(), converted.session.groups.size());
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,205 @@
+#include "malus/io/session.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+
+#include <filesystem>
+
+#include "support.h"
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+constexpr const char* kGood = R"([sensor]
+name = "FLIR BFS-U3-51S5PC"
+layout = "polar-bayer-rggb"
+black = 82.0
+white = 4095
+row_group = 2
+
+[[frames]]
+kind = "bias"
+gain_db = 24.0
+exposure_s = 0.01
+paths = ["bias/g24/*.tif"]
+
+[[frames]]
+kind = "flat"
+iso = 1600
+exposure_s = 0.5
+level = 3
+paths = "flat/x.tif"
+)";
+
+Session parse(const std::string& text) { return parse_session(text, "s.toml", "", false); }
+
+void expect_refused(const std::string& text, const std::string& a, const std::string& b = "") {
+  EXPECT_THAT([&] { parse(text); }, ThrowsMessage<InputError>(AllOf(HasSubstr(a), HasSubstr(b))))
+      << text;
+}
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const auto at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+TEST(Session, TheContractsExampleIsRead) {
+  const Session session = parse(kGood);
+  EXPECT_EQ(session.sensor.name, "FLIR BFS-U3-51S5PC");
+  EXPECT_EQ(session.sensor.layout->name(), "polar-bayer-rggb");
+  EXPECT_THAT(session.sensor.black_dn, ElementsAre(82.0));
+  EXPECT_EQ(session.sensor.white_dn, 4095);
+  EXPECT_EQ(session.sensor.row_group, 2);
+  ASSERT_EQ(session.groups.size(), 2u);
+  EXPECT_EQ(session.groups[0].kind, FrameKind::kBias);
+  EXPECT_EQ(session.groups[0].gain.gain_db, 24.0);
+  EXPECT_EQ(session.groups[1].gain.iso, 1600.0);
+  EXPECT_EQ(session.groups[1].level, 3);
+  EXPECT_THAT(session.groups[1].paths, ElementsAre("flat/x.tif"));
+  const FrameOptions options = frame_options(session, session.groups[1]);
+  EXPECT_EQ(options.gain.iso, 1600.0);
+  EXPECT_EQ(options.exposure_s, 0.5);
+  EXPECT_EQ(options.white_dn, 4095);
+}
+
+TEST(Session, CustomCellsAndBlackPerChannel) {
+  const Session session = parse(R"(
+    [sensor]
+    black = [1, 2.5, 3, 4]
+    [sensor.cell]
+    rows = [["0", "45"], ["135", "90"]]
+    [[frames]]
+    kind = "bias"
+    paths = ["a"]
+  )");
+  EXPECT_EQ(session.sensor.layout->channel_name(0), "0");
+  EXPECT_THAT(session.sensor.black_dn, ElementsAre(1, 2.5, 3, 4));
+}
+
+TEST(Session, UnknownKeysNameTheNearest) {
+  expect_refused(replaced(kGood, "gain_db", "gain_bd"), "s.toml:10", "did you mean \"gain_db\"?");
+  expect_refused(replaced(kGood, "white", "whit"), "unknown key \"whit\" in [sensor]", "\"white\"");
+  expect_refused(replaced(kGood, "[sensor]", "[senser]"), "unknown key \"senser\"", "\"sensor\"");
+  expect_refused(replaced(kGood, "\"bias\"", "\"biass\""), "kind", "did you mean \"bias\"?");
+  expect_refused(replaced(kGood, "bayer-rggb", "bayer-rgbg"), "s.toml:3", "polar-bayer-rggb");
+}
+
+TEST(Session, WrongValuesAreRefusedWithTheirPlace) {
+  expect_refused(replaced(kGood, "82.0", "4095"), "s.toml:4",
+                 "black in [sensor] is 4095 DN, not below white = 4095 DN");
+  expect_refused(replaced(kGood, "82.0", "[1, 2]"), "2 values for the 16 channels");
+  expect_refused(replaced(kGood, "82.0", "[]"), "empty list");
+  expect_refused(replaced(kGood, "82.0", "nan"), "black in [sensor] is not a number");
+  expect_refused(replaced(kGood, "82.0", "\"82\""), "is not a number");
+  expect_refused(replaced(kGood, "4095", "-1"), "white");
+  expect_refused(replaced(kGood, "4095", "inf"), "white in [sensor] is not a number");
+  expect_refused(replaced(kGood, "row_group = 2", "row_group = 0"), "whole number from 1 to 64");
+  expect_refused(replaced(kGood, "row_group = 2", "row_group = 1.5"), "whole number");
+  expect_refused(replaced(kGood, "row_group = 2", "raw_format = \"mono12p\""), "without a size");
+  expect_refused(replaced(kGood, "row_group = 2", "size = \"12\""), "size", "2448x2048");
+  expect_refused(replaced(kGood, "row_group = 2", "cell = 3"), "stands beside a layout");
+  expect_refused(replaced(kGood, "exposure_s = 0.5", "exposure_s = 0"), "exposure");
+  expect_refused(replaced(kGood, "exposure_s = 0.01", "exposure_s = -1"), "exposure");
+  expect_refused(replaced(kGood, "iso = 1600", "iso = 0"), "ISO is positive");
+  expect_refused(replaced(kGood, "iso = 1600", "iso = 100\ngain_db = 3"), "stands beside gain_db");
+  expect_refused(replaced(kGood, "level = 3", "level = -3"), "level");
+  expect_refused(replaced(kGood, "kind = \"bias\"", ""), "kind", "is missing");
+  expect_refused(replaced(kGood, "paths = \"flat/x.tif\"", ""), "paths", "is missing");
+  expect_refused(replaced(kGood, "paths = \"flat/x.tif\"", "paths = [1]"), "paths");
+  expect_refused(replaced(kGood, "paths = \"flat/x.tif\"", "paths = [\"a\", \"./a\"]"), "twice");
+  expect_refused(replaced(kGood, "paths = \"flat/x.tif\"", "paths = []"), "paths");
+  expect_refused("[sensor]\n", "frames", "is missing");
+  expect_refused("frames = 3", "frames", "is not a list");
+  expect_refused("frames = [3]", "is not a list of tables");
+  expect_refused("sensor = 3\n[[frames]]\n", "sensor", "is not a table");
+  expect_refused("[sensor.cell]\nrows = [[\"R99\"]]\n[[frames]]\n", "unknown site \"R99\"");
+  expect_refused("[sensor]\nname = \"x\n", "s.toml:2");
+  expect_refused("\xff\xfe", "s.toml");
+}
+
+TEST(Session, AnExposureOfZeroIsFineForBias) {
+  EXPECT_EQ(parse(replaced(kGood, "exposure_s = 0.01", "exposure_s = 0")).groups[0].exposure_s,
+            0.0);
+}
+
+TEST(Session, PatternsAreRelativeToTheFileAndCountedLikePeopleDo) {
+  const testing::TemporaryFolder folder;
+  std::filesystem::create_directories(folder / "se[s]sion/bias");
+  const auto root = folder / "se[s]sion";
+  for (const char* name : {"f10.tif", "f2.tif", "f1.tif", "odd[1].tif", "f3.png"})
+    write_file(root / "bias" / name, "x", false);
+  write_file(root / "s.toml",
+             "[[frames]]\nkind = \"bias\"\npaths = [\"b*/f*.tif\", \"bias/odd[1].tif\"]\n", false);
+  const Session session = load_session(root / "s.toml");
+  ASSERT_EQ(session.groups[0].paths.size(), 4u);
+  std::vector<std::string> names;
+  for (const auto& path : session.groups[0].paths) {
+    EXPECT_TRUE(std::filesystem::exists(path));
+    names.push_back(path.filename().string());
+  }
+  EXPECT_THAT(names, ElementsAre("f1.tif", "f2.tif", "f10.tif", "odd[1].tif"));
+}
+
+TEST(Session, MissingFilesAreNamed) {
+  const testing::TemporaryFolder folder;
+  const auto path = folder / "s.toml";
+  EXPECT_THAT([&] { load_session(path); }, ThrowsMessage<InputError>(HasSubstr("does not exist")));
+  write_file(path, "[[frames]]\nkind = \"bias\"\npaths = [\"bias/*.tif\"]\n", false);
+  EXPECT_THAT([&] { load_session(path); },
+              ThrowsMessage<InputError>(
+                  AllOf(HasSubstr("\"bias/*.tif\", which no file matches"), HasSubstr(":3"))));
+  std::filesystem::create_directories(folder / "bias/x.tif");
+  EXPECT_THAT([&] { load_session(path); }, ThrowsMessage<InputError>(HasSubstr("is a folder")));
+}
+
+TEST(Session, WhatIsSavedIsReadBack) {
+  const testing::TemporaryFolder folder;
+  std::filesystem::create_directories(folder / "a b");
+  Session session = parse(kGood);
+  session.sensor.name = "quote \" backslash \\ tab \t end";
+  session.sensor.black_dn = {80.1, 1e-7, 3, 4};
+  session.sensor.layout = SensorLayout::from_sites({{"0", "45"}, {"135", "90"}});
+  session.sensor.raw_format = RawFormat::kMono12Packed;
+  session.sensor.rows = 20;
+  session.sensor.cols = 30;
+  session.groups[0].paths = {folder / "a b" / "f[1].raw", folder / "a b" / "f\"2.raw"};
+  session.groups[1].paths = {folder / "x.raw"};
+  for (const auto& group : session.groups)
+    for (const auto& path : group.paths) write_file(path, "x", false);
+  save_session(folder / "s.toml", session, false);
+  const Session back = load_session(folder / "s.toml");
+  EXPECT_EQ(back.sensor.name, session.sensor.name);
+  EXPECT_EQ(back.sensor.black_dn, session.sensor.black_dn);
+  EXPECT_EQ(back.sensor.white_dn, session.sensor.white_dn);
+  EXPECT_EQ(back.sensor.layout, session.sensor.layout);
+  EXPECT_EQ(back.sensor.row_group, session.sensor.row_group);
+  EXPECT_EQ(back.sensor.raw_format, session.sensor.raw_format);
+  EXPECT_EQ(back.sensor.rows, 20);
+  EXPECT_EQ(back.sensor.cols, 30);
+  ASSERT_EQ(back.groups.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(back.groups[i].kind, session.groups[i].kind);
+    EXPECT_EQ(back.groups[i].gain, session.groups[i].gain);
+    EXPECT_EQ(back.groups[i].exposure_s, session.groups[i].exposure_s);
+    EXPECT_EQ(back.groups[i].level, session.groups[i].level);
+    EXPECT_EQ(back.groups[i].paths, session.groups[i].paths);
+  }
+  EXPECT_THAT([&] { save_session(folder / "s.toml", session, false); },
+              ThrowsMessage<InputError>(HasSubstr("--force")));
+  // The folder may move with its frames.
+  std::filesystem::create_directories(folder / "moved");
+  std::filesystem::rename(folder / "a b", folder / "moved/a b");
+  std::filesystem::rename(folder / "x.raw", folder / "moved/x.raw");
+  std::filesystem::rename(folder / "s.toml", folder / "moved/s.toml");
+  EXPECT_EQ(load_session(folder / "moved/s.toml").groups[0].paths.size(), 2u);
+}
+
+}  // namespace
+}  // namespace malus
