@@ -41,21 +41,25 @@ TilePlan plan_tiles(int rows, int cols, int reach, const DenoiseSettings& settin
                     cols, rows),
         fmt::format("give at least {:.0f} MiB",
                     std::ceil((least * kBytesPerTilePixel + frame_images * frame_bytes) / 0x1p20)));
-  return {static_cast<int>(side), static_cast<int>(side)};
+  const int core = static_cast<int>(side) / 2 * 2;  // tiles begin at even pixels
+  return {core, core};
 }
 
 // Writes the core of a filtered tile into the results.
 void store_tile(const internal::Tile& tile, const Image& filtered, const Image* variance,
                 int margin, int rows, int cols, const std::vector<Stabilizer>& stabilizers,
-                const SensorLayout& layout, Denoised& result) {
+                const PreparedFrame& frame, Denoised& result) {
   parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < cols; ++c) {
         const int row = tile.row0 + margin + r, col = tile.col0 + margin + c;
         const Stabilizer& stabilizer =
-            stabilizers[static_cast<std::size_t>(layout.channel_at(row, col))];
+            stabilizers[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
         const double value = filtered(margin + r, margin + c);
-        result.dn_above_black(row, col) = static_cast<float>(stabilizer.inverse(value));
+        // A saturated pixel is at least as bright as it says: nothing better is known.
+        const bool saturated = frame.dn(row, col) >= frame.saturated_dn;
+        result.dn_above_black(row, col) =
+            saturated ? frame.dn(row, col) : static_cast<float>(stabilizer.inverse(value));
         if (variance) {
           const double slope = stabilizer.inverse_slope(value);
           (*result.variance_dn2)(row, col) =
@@ -93,7 +97,7 @@ void filter_frame(const PreparedFrame& frame, const NoiseProfile& profile,
     const Image filtered = filter_mosaic(tile, rows, cols, statistics, plan, progress,
                                          result.variance_dn2 ? &variance : nullptr);
     store_tile(tile, filtered, result.variance_dn2 ? &variance : nullptr, reach, core_rows,
-               core_cols, stabilizers, layout, result);
+               core_cols, stabilizers, frame, result);
     progress.advance(1);
   }
 }

@@ -16,6 +16,8 @@ using internal::kLanes;
 
 constexpr int kCellsPerAlignment = 65536;
 
+int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
+
 int reach_of(const internal::StackStage& stage, int period) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
   // far again.
@@ -103,15 +105,20 @@ Image smoothed(const internal::Tile& noisy, const CellStatistics& statistics) {
   job.period_cols = statistics.period_cols;
   job.means = statistics.means.data();
   job.matrices = statistics.smoothing.data();
-  // Bands of cells of two colours: cells of one band reach two rows into the next.
+  // Bands of cells in two groups: cells of one band reach two rows into the next. Lattice and bands
+  // belong to the frame, not to the tile, so that sums have the same order in every tile.
   constexpr int kBand = 32;
-  const int last = from.rows() - kCell + 1, bands = (last + kBand - 1) / kBand;
+  MALUS_REQUIRE(noisy.row0 % internal::kGuideStep == 0 && noisy.col0 % internal::kGuideStep == 0);
+  const int last = from.rows() - kCell + 1;
+  const int first_band = floor_div(noisy.row0, kBand);
+  const int bands = floor_div(noisy.row0 + last - 1, kBand) - first_band + 1;
   for (int parity = 0; parity < 2; ++parity)
-    parallel_for(0, (bands - parity + 1) / 2, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-      for (std::ptrdiff_t b = begin; b < end; ++b) {
-        const int row = (2 * static_cast<int>(b) + parity) * kBand;
-        internal::smooth_cells(job, row, std::min(row + kBand, last));
-      }
+    parallel_for(0, bands, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int b = first_band + static_cast<int>(begin); b < first_band + static_cast<int>(end);
+           ++b)
+        if ((b & 1) == parity)
+          internal::smooth_cells(job, std::max(b * kBand - noisy.row0, 0),
+                                 std::min((b + 1) * kBand - noisy.row0, last));
     });
   const auto covers = [](int position, int size) {
     // Cells of the lattice that hold this position.
@@ -152,7 +159,7 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
 
 int folded(int position, int size, int period) {
   if (position >= 0 && position < size) return position;
-  const int cell = position >= 0 ? position / period : -((period - 1 - position) / period);
+  const int cell = floor_div(position, period);
   const int phase = position - cell * period;
   const int count = (size - phase + period - 1) / period;
   if (phase >= size || count <= 0)

@@ -23,7 +23,7 @@ struct MosaicFilterPlan {
 /// "fast", "normal" or "high"; throws InputError on another name.
 MosaicFilterPlan mosaic_filter_plan(const std::string& profile);
 
-/// An output pixel depends on no input further away than this, in rows or columns.
+/// An output pixel depends on no input further away than this, in rows or columns. Even.
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout);
 
 /// What the filter must know of the whole frame before it can work on a part of it.
@@ -50,9 +50,9 @@ int folded(int position, int size, int period);
 internal::Tile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
                         int col0, int rows, int cols, const SensorLayout& layout);
 
-/// Filters a tile whose noise has deviation 1. Pixels at least mosaic_filter_reach away from a
-/// tile's edge get the values that the whole frame would give them. variance_out, when given:
-/// expected squared error per pixel. The same bytes for any thread count.
+/// Filters a tile whose noise has deviation 1; its row0 and col0 are even. Pixels at least
+/// mosaic_filter_reach away from a tile's edge get the values that the whole frame would give them.
+/// variance_out, when given: expected squared error per pixel. The same bytes for any thread count.
 Image filter_mosaic(const internal::Tile& noisy, int frame_rows, int frame_cols,
                     const CellStatistics& statistics, const MosaicFilterPlan& plan,
                     Progress& progress, Image* variance_out = nullptr);

@@ -1,0 +1,178 @@
+// Truth: pictures known without noise, noise from the generative law (synthesize/exact.h).
+#include "malus/denoise/denoiser.h"
+
+#include "malus/base/parallel.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/exact.h"
+
+#include <cmath>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+PhysicsNoise camera(const SensorLayout& layout) {
+  PhysicsNoise noise;
+  noise.layout = layout;
+  noise.row_group = 2;
+  noise.quantization_dn = 0;
+  noise.channels.assign(static_cast<std::size_t>(layout.channels()),
+                        PhysicsChannel{1.5, 0.1, -0.4, 1.8, 0.6});
+  return noise;
+}
+
+// Polarized blobs and an edge, 20 to 300 DN.
+Image scene(int rows, int cols) {
+  Image dn(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      const double smooth = 120 + 80 * std::sin(r * 0.03) * std::cos(c * 0.04);
+      const double edge = r + 2 * c > rows + cols ? 60 : 0;
+      const double polarization = 1 + 0.2 * ((r + c) % 2 ? 1 : -1) * std::cos(0.02 * c);
+      dn(r, c) = static_cast<float>((smooth + edge) * polarization);
+    }
+  return dn;
+}
+
+RawFrame noisy_frame(const Image& clean, const PhysicsNoise& noise, std::uint64_t seed) {
+  RawFrame frame;
+  frame.layout = noise.layout;
+  frame.black_dn.assign(noise.channels.size(), 82.0);
+  frame.white_dn = 4095;
+  frame.source = "test";
+  frame.dn = clean;
+  add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = seed});
+  for (float& v : frame.dn.values()) v += 82.0f;
+  return frame;
+}
+
+double rms(const Image& a, const Image& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    sum += std::pow(static_cast<double>(a.values()[i]) - b.values()[i], 2);
+  return std::sqrt(sum / static_cast<double>(a.size()));
+}
+
+DenoiseSettings fast(const std::string& method = "bm3d") {
+  DenoiseSettings settings;
+  settings.method = method;
+  settings.profile = "fast";
+  return settings;
+}
+
+TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const Image clean = scene(160, 192);
+  const RawFrame frame = noisy_frame(clean, noise, 3);
+  Image noisy = frame.dn;
+  for (float& v : noisy.values()) v -= 82.0f;
+  double least = 1e30;
+  for (const DenoiseMethod& method : denoise_methods()) {
+    const Denoised result = denoise_frame(frame, profile_of(noise), fast(method.name));
+    const double error = rms(result.dn_above_black, clean);
+    EXPECT_LT(error, 0.6 * rms(noisy, clean)) << method.name;
+    if (method.name == denoise_methods().front().name)
+      least = error;
+    else
+      EXPECT_LT(least, error) << method.name;
+  }
+}
+
+TEST(DenoiseFrame, EveryLayoutAndSizeWorks) {
+  for (const std::string& name : SensorLayout::known_names()) {
+    const PhysicsNoise noise = camera(SensorLayout::named(name));
+    for (const auto& [rows, cols] : {std::pair{61, 43}, {1, 50}, {50, 1}, {1, 1}, {3, 2}}) {
+      const Image clean(rows, cols, 100.0f);
+      const Denoised result =
+          denoise_frame(noisy_frame(clean, noise, 1), profile_of(noise), fast());
+      ASSERT_EQ(result.dn_above_black.rows(), rows);
+      ASSERT_EQ(result.dn_above_black.cols(), cols);
+      // The noise of one pixel is 12.5 DN; a flat picture must come out much flatter.
+      EXPECT_LT(rms(result.dn_above_black, clean), rows * cols > 1000 ? 3.0 : 40.0) << name;
+    }
+  }
+}
+
+TEST(DenoiseFrame, TilesEqualTheWhole) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const RawFrame frame = noisy_frame(scene(700, 900), noise, 5);
+  DenoiseSettings settings = fast();
+  const Denoised whole = denoise_frame(frame, profile_of(noise), settings);
+  ASSERT_EQ(whole.tiles, 1);
+  settings.memory_mib = 25;
+  const Denoised tiled = denoise_frame(frame, profile_of(noise), settings);
+  EXPECT_GT(tiled.tiles, 1);
+  double largest = 0;
+  for (std::size_t i = 0; i < frame.dn.size(); ++i)
+    largest = std::max(largest, std::abs(static_cast<double>(whole.dn_above_black.values()[i]) -
+                                         tiled.dn_above_black.values()[i]));
+  EXPECT_EQ(largest, 0.0);
+}
+
+TEST(DenoiseFrame, SameBytesForAnyThreadCount) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const RawFrame frame = noisy_frame(scene(300, 280), noise, 5);
+  const int before = thread_count();
+  set_thread_count(1);
+  const Denoised one = denoise_frame(frame, profile_of(noise), fast());
+  set_thread_count(3);
+  const Denoised three = denoise_frame(frame, profile_of(noise), fast());
+  set_thread_count(before);
+  EXPECT_EQ(one.dn_above_black.values(), three.dn_above_black.values());
+}
+
+TEST(DenoiseFrame, NonfinitePixelsStayAndHarmNobody) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const Image clean = scene(96, 96);
+  RawFrame frame = noisy_frame(clean, noise, 9);
+  frame.dn(10, 20) = std::numeric_limits<float>::quiet_NaN();
+  frame.dn(50, 51) = std::numeric_limits<float>::infinity();
+  const Denoised result = denoise_frame(frame, profile_of(noise), fast());
+  EXPECT_EQ(result.nonfinite_pixels, 2);
+  EXPECT_TRUE(std::isnan(result.dn_above_black(10, 20)));
+  EXPECT_TRUE(std::isinf(result.dn_above_black(50, 51)));
+  int bad = 0;
+  for (const float v : result.dn_above_black.values()) bad += !std::isfinite(v);
+  EXPECT_EQ(bad, 2);
+}
+
+TEST(DenoiseFrame, FlatAndSaturatedPicturesStayFlat) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  RawFrame frame = noisy_frame(Image(80, 80), noise, 9);
+  for (float& v : frame.dn.values()) v = 4095;  // all white
+  const Denoised result = denoise_frame(frame, profile_of(noise), fast());
+  EXPECT_EQ(result.saturated_pixels, 6400);
+  for (const float v : result.dn_above_black.values()) EXPECT_NEAR(v, 4013.4, 0.01);
+}
+
+TEST(DenoiseFrame, TheMeanOfADarkPictureIsKept) {
+  // 1.3 electrons: an inverse without correction would be wrong by a quarter of an electron.
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const Image clean(256, 256, 2.0f);
+  const Denoised result = denoise_frame(noisy_frame(clean, noise, 2), profile_of(noise), fast());
+  double mean = 0;
+  for (const float v : result.dn_above_black.values()) mean += v / 65536.0;
+  // Deviation of a pixel 4.3 DN: the mean of 65536 has 0.017, rows add 0.05.
+  EXPECT_NEAR(mean, 2.0, 0.2);
+}
+
+TEST(DenoiseFrame, BadInputGetsOneLine) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const RawFrame frame = noisy_frame(scene(40, 40), noise, 1);
+  EXPECT_THROW(denoise_frame(frame, profile_of(noise), fast("bm4d")), InputError);
+  EXPECT_THROW(denoise_frame(frame, profile_of(camera(SensorLayout::named("mono"))), fast()),
+               InputError);
+  DenoiseSettings settings = fast();
+  settings.profile = "slow";
+  EXPECT_THROW(denoise_frame(frame, profile_of(noise), settings), InputError);
+  settings = fast();
+  settings.memory_mib = 1;
+  EXPECT_THROW(denoise_frame(noisy_frame(scene(2000, 400), noise, 1), profile_of(noise), settings),
+               InputError);
+}
+
+}  // namespace
+}  // namespace malus
