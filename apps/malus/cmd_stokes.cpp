@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -106,9 +107,8 @@ void warn_about(const RawFrame& frame, const fs::path& input) {
 
 Json process(const StokesArguments& arguments, const fs::path& input, const FrameOptions& options,
              const OutputNames& names, bool force) {
-  RawFrame frame = load_frame(input, options);
+  const RawFrame frame = load_above_black(input, options);
   require_polarized(frame.layout, input.string());
-  subtract_black(frame);
   warn_about(frame, input);
   const StokesPicture picture =
       merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout), frame.layout);

@@ -219,7 +219,8 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   NoiseComparison result;
   result.pooled =
       distance_of(counts_a.back(), counts_b.back(), bins.back(), moments_a.signal.mean());
-  for (int i = 0; i < levels.count; ++i) {
+  const bool uniform = a.signal().empty();  // one level, the same as pooled
+  for (int i = 0; i < levels.count && !uniform; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (total(counts_a[k]) < kEnoughSamples || total(counts_b[k]) < kEnoughSamples ||
         bins[k].count < 2)

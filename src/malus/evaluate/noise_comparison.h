@@ -70,7 +70,8 @@ struct NoiseComparison {
 inline constexpr std::int64_t kEnoughSamples = 1000;
 
 /// Noise is frame minus clean. clean_dn: the scene without noise in DN above black, or none for
-/// frames of a uniform scene (dark, flat), whose values are compared as they are, biases included.
+/// frames of a uniform scene (dark, flat), whose values are compared as they are, biases included,
+/// and pooled only.
 /// Levels divide the clean signal evenly between its 0.5 and 99.5 percentiles. Bins divide +-6
 /// standard deviations of a level's reference noise (and the test's, if larger) evenly; frames of
 /// whole numbers get whole-number bins. Samples beyond go to the outermost bins; pixels that are

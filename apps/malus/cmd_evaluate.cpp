@@ -1,0 +1,197 @@
+// malus evaluate: how near pictures, polarization and noise are to a reference.
+#include "malus/base/error.h"
+#include "malus/evaluate/evaluation.h"
+#include "malus/io/picture_file.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "evaluate_noise.h"
+#include "flags.h"
+#include "frame_input.h"
+#include "program.h"
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct EvaluateArguments {
+  RawOptions raw;
+  NoiseArguments noise;
+  bool noise_mode = false;
+  std::optional<double> peak_dn;
+};
+
+// A mosaic, or a picture of several channels; exactly one of them.
+struct Subject {
+  RawFrame frame;
+  std::optional<Picture> picture;
+  int rows() const { return picture ? picture->planes.rows() : frame.dn.rows(); }
+  int cols() const { return picture ? picture->planes.cols() : frame.dn.cols(); }
+  int channels() const { return picture ? picture->planes.channels() : 1; }
+};
+
+bool ends_as_picture(const fs::path& path) {
+  std::string ending = path.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::vector<std::string> known = {".tif", ".tiff", ".png", ".exr", ".npy"};
+  return std::find(known.begin(), known.end(), ending) != known.end();
+}
+
+Subject load_subject(const fs::path& path, const FrameOptions& options) {
+  if (!options.raw_format && ends_as_picture(path)) {
+    Picture picture = load_picture(path);
+    if (picture.planes.channels() > 1) return {{}, std::move(picture)};
+  }
+  return {load_above_black(path, options), std::nullopt};
+}
+
+double largest_of(const RawFrame& frame) {
+  float largest = 0;
+  for (float v : frame.dn.values())
+    if (std::isfinite(v)) largest = std::max(largest, v);
+  return static_cast<double>(largest);
+}
+
+// White above black: --peak, else what reference or test know, else the reference's container.
+double peak_of(const EvaluateArguments& arguments, const fs::path& path, const Subject& reference,
+               const Subject& test) {
+  if (arguments.peak_dn) return *arguments.peak_dn;
+  if (reference.picture) return reference.picture->white;
+  for (const RawFrame* frame : {&reference.frame, &test.frame})
+    if (frame->white_known && frame->white_dn > 0) return frame->white_dn;
+  const bool integer = reference.frame.bits > 0;
+  const double assumed = integer ? reference.frame.white_dn : largest_of(reference.frame);
+  if (!(assumed > 0))
+    throw InputError(path.string(), "its peak is not known and it has no pixel above black",
+                     "give --peak or --white");
+  warn(fmt::format(
+      "{}: white not known; {} {:g} DN above black is taken as the peak (--peak or "
+      "--white)",
+      path.string(), integer ? "the file type's largest value," : "its largest pixel,", assumed));
+  return assumed;
+}
+
+void check_comparable(const fs::path& reference_path, const Subject& reference,
+                      const fs::path& test_path, const Subject& test) {
+  if (reference.rows() != test.rows() || reference.cols() != test.cols() ||
+      reference.channels() != test.channels())
+    throw InputError(test_path.string(),
+                     fmt::format("{} x {} pixels in {} channels against {} x {} in {} of {}",
+                                 test.cols(), test.rows(), test.channels(), reference.cols(),
+                                 reference.rows(), reference.channels(), reference_path.string()),
+                     "compare pictures of one size and kind");
+  if (reference.frame.layout_known && test.frame.layout_known &&
+      !(reference.frame.layout == test.frame.layout))
+    throw InputError(test_path.string(),
+                     fmt::format("has the layout {}, the reference {}", test.frame.layout.name(),
+                                 reference.frame.layout.name()),
+                     "compare frames of one sensor, or declare the layout with --layout");
+}
+
+Evaluation evaluate(const EvaluateArguments& arguments, const fs::path& test_path,
+                    const Subject& reference, const Subject& test) {
+  const fs::path& reference_path = arguments.noise.reference.front();
+  check_comparable(reference_path, reference, test_path, test);
+  const double peak = peak_of(arguments, reference_path, reference, test);
+  if (reference.picture)
+    return evaluate_planes(reference.picture->planes, test.picture->planes, peak);
+  const SensorLayout& layout =
+      reference.frame.layout_known ? reference.frame.layout : test.frame.layout;
+  return evaluate_mosaics(reference.frame.dn, test.frame.dn, layout, peak);
+}
+
+// JSON has no infinity: null where the pictures are equal, as where nothing can be decided.
+Json number(const Estimate<double>& value) {
+  return value && std::isfinite(*value) ? Json(*value) : Json();
+}
+
+Json json_of(const Evaluation& e) {
+  Json json;
+  json["image"] = {{"psnr", number(e.image_psnr_db)}, {"ssim", number(e.image_ssim)}};
+  json["dolp"] = {{"psnr", number(e.dolp_psnr_db)}};
+  json["aolp"] = {{"psnr", number(e.aolp_psnr_db)}, {"circular_deg", number(e.aolp_circular_deg)}};
+  return json;
+}
+
+std::string cell(const Estimate<double>& value, int decimals) {
+  return value ? fmt::format("{:.{}f}", *value, decimals) : "-";
+}
+
+std::string table_row(const std::string& name, const Evaluation& e) {
+  return fmt::format("  {:<32}{:>10}{:>9}{:>10}{:>10}{:>10}\n", name, cell(e.image_psnr_db, 2),
+                     cell(e.image_ssim, 4), cell(e.dolp_psnr_db, 2), cell(e.aolp_psnr_db, 2),
+                     cell(e.aolp_circular_deg, 2));
+}
+
+void run_image_comparison(const EvaluateArguments& arguments, const Common& common) {
+  const FrameOptions options = arguments.raw.resolve();
+  const Subject reference = load_subject(arguments.noise.reference.front(), options);
+  Json results = Json::array();
+  std::string text = fmt::format("  {:<32}{:>10}{:>9}{:>10}{:>10}{:>10}\n", "", "image dB", "SSIM",
+                                 "DoLP dB", "AoLP dB", "AoLP deg");
+  for (const fs::path& path : arguments.noise.test) {
+    const Evaluation e = evaluate(arguments, path, reference, load_subject(path, options));
+    if (e.pixels_left_out > 0)
+      warn(fmt::format("{}: {} pixels are not finite in it or the reference and are left out",
+                       path.string(), e.pixels_left_out));
+    if (!e.dolp_psnr_db && !reference.picture)
+      note(common, fmt::format("{}: no DoLP, no AoLP: {}", path.string(), e.dolp_psnr_db.reason()));
+    if (!e.image_ssim) note(common, "SSIM: " + e.image_ssim.reason());
+    Json json = json_of(e);
+    if (arguments.noise.test.size() > 1) json["test"] = path.string();
+    results.push_back(std::move(json));
+    text += table_row(path.filename().string(), e);
+  }
+  print_result(common, results.size() == 1 ? results[0] : Json{{"results", results}}, text);
+}
+
+void run_evaluate(const EvaluateArguments& arguments, const Common& common) {
+  const NoiseArguments& noise = arguments.noise;
+  if (noise.test.empty() == noise.model.empty())
+    throw CLI::ValidationError("--test", "give either --test or, with --noise, --model");
+  if (arguments.noise_mode) return run_noise_comparison(noise, arguments.raw, common);
+  if (!noise.model.empty()) throw CLI::ValidationError("--model", "needs --noise");
+  if (noise.reference.size() != 1)
+    throw CLI::ValidationError("--reference", "one picture, unless --noise compares sets");
+  run_image_comparison(arguments, common);
+}
+
+}  // namespace
+
+void add_evaluate(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<EvaluateArguments>();
+  CLI::App* command = add_command(app, common, "evaluate",
+                                  "PSNR, SSIM, DoLP and AoLP errors; with --noise, KLD and JSD",
+                                  [arguments, &common] { run_evaluate(*arguments, common); });
+  NoiseArguments& noise = arguments->noise;
+  command->add_option("--reference", noise.reference, "the truth; with --noise a set of frames")
+      ->required();
+  command->add_option("--test", noise.test, "one or more to judge; with --noise a set of frames");
+  command->add_option("--peak", arguments->peak_dn, "white above black for PSNR and SSIM [DN]")
+      ->check(CLI::PositiveNumber);
+  const std::string group = "Noise";
+  command->add_flag("--noise", arguments->noise_mode, "compare the noise of two sets of frames")
+      ->group(group);
+  command->add_option("--clean", noise.clean, "the scene without noise; left out: a uniform scene")
+      ->group(group);
+  command->add_option("--model", noise.model, "noise model in place of --test")->group(group);
+  command->add_option("--kind", noise.kind, "kind of the model's noise")
+      ->capture_default_str()
+      ->group(group);
+  command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
+      ->check(CLI::Range(0, 1000000))
+      ->group(group);
+  add_flags(*command, noise.settings);
+  arguments->raw.add_to(*command);
+}
+
+}  // namespace malus::app

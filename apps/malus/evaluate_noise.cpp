@@ -1,0 +1,158 @@
+#include "evaluate_noise.h"
+
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/synthesizer.h"
+
+#include <memory>
+
+#include "frame_input.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& options) {
+  return {static_cast<int>(paths.size()), [paths, options](int k) {
+            return load_above_black(paths[static_cast<std::size_t>(k)], options).dn;
+          }};
+}
+
+// Frames of the model in place of a camera's: rounded and clipped when the reference's are whole
+// numbers.
+NoiseFrames frames_of_model(const NoiseArguments& arguments, const Common& common,
+                            const RawFrame& reference, const std::optional<Image>& clean,
+                            std::shared_ptr<const Synthesizer> synthesizer) {
+  const int count =
+      arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
+  const Image scene = clean ? *clean : Image(reference.dn.rows(), reference.dn.cols());
+  const GainSetting gain = reference.gain;
+  const bool rounded = reference.bits > 0;
+  return {count, [=, seed = common.seed](int k) {
+            const DrawAddress address{seed, static_cast<std::uint32_t>(k), 0, 0};
+            if (!rounded) return synthesizer->draw(scene, gain, address).dn;
+            const NoiseModel& model = synthesizer->model();
+            RawFrame frame = synthesizer->draw_raw(scene, gain, address, model.black_dn,
+                                                   model.white_dn > 0 ? model.white_dn : 65535.0);
+            subtract_black(frame);
+            return frame.dn;
+          }};
+}
+
+std::shared_ptr<const Synthesizer> synthesizer_for(const NoiseArguments& arguments,
+                                                   const RawFrame& reference) {
+  NoiseModel model = load_model(arguments.model);
+  if (reference.layout_known && !(reference.layout == model.layout))
+    throw InputError(reference.source,
+                     fmt::format("has the layout {}, the noise model {}", reference.layout.name(),
+                                 model.layout.name()),
+                     "use the model of this sensor, or declare the layout with --layout");
+  if (!reference.gain.decibel())
+    throw InputError(reference.source, "its gain is not known", "give --gain or --iso");
+  SynthesisSettings settings;
+  settings.kind = arguments.kind;
+  return std::make_shared<const Synthesizer>(std::move(model), settings);
+}
+
+Json json_of(const NoiseDistance& d) {
+  return {{"signal_dn", d.signal_dn},
+          {"bin_width_dn", d.bin_width_dn},
+          {"reference_samples", d.reference_samples},
+          {"test_samples", d.test_samples},
+          {"kld", d.kld_nats},
+          {"jsd", d.jsd_bits},
+          {"sqrt_jsd", d.sqrt_jsd},
+          {"sqrt_jsd_floor", d.sqrt_jsd_floor}};
+}
+
+Json json_of(const NoiseStructure& s) {
+  return {{"mean_dn", s.mean_dn},
+          {"sd_dn", s.sd_dn},
+          {"sigma_row_dn", s.row_sd_dn},
+          {"sigma_column_dn", s.column_sd_dn},
+          {"correlation_along_row", s.along_row},
+          {"correlation_along_column", s.along_column}};
+}
+
+Json json_of(const NoiseComparison& c, const NoiseComparisonSettings& settings,
+             const SensorLayout& layout) {
+  Json json;
+  json["definitions"] = {{"kld", "D(test||reference), nats"},
+                         {"jsd", "base 2, 0 to 1"},
+                         {"bins", settings.bins},
+                         {"bin_range", "6 standard deviations on both sides of the mean"}};
+  json["pooled"] = json_of(c.pooled);
+  json["levels"] = Json::array();
+  for (const auto& level : c.levels) json["levels"].push_back(json_of(level));
+  json["levels_left_out"] = c.levels_left_out;
+  json["channels"] = layout.channel_names();
+  json["reference"] = json_of(c.reference);
+  json["test"] = json_of(c.test);
+  return json;
+}
+
+std::string line_of(const std::string& name, const NoiseDistance& d) {
+  return fmt::format("  {:>12}  {:>10.4g}  {:>9.5f}  {:>9.5f}  {:>9.5f}  {:>9.5f}  {:>10}\n", name,
+                     d.bin_width_dn, d.kld_nats, d.jsd_bits, d.sqrt_jsd, d.sqrt_jsd_floor,
+                     d.test_samples);
+}
+
+std::string text_of(const NoiseComparison& c, int bins) {
+  std::string text = fmt::format(
+      "KLD is D(test||reference) in nats, JSD has base 2; {} bins over 6 sd on both sides\n"
+      "  {:>12}  {:>10}  {:>9}  {:>9}  {:>9}  {:>9}  {:>10}\n",
+      bins, "signal DN", "bin DN", "KLD", "JSD", "root JSD", "its floor", "samples");
+  for (const auto& level : c.levels) text += line_of(fmt::format("{:.2f}", level.signal_dn), level);
+  text += line_of("pooled", c.pooled);
+  if (c.levels_left_out > 0)
+    text += fmt::format("  {} levels left out: fewer than {} samples\n", c.levels_left_out,
+                        kEnoughSamples);
+  text += fmt::format("{:<34}{:>12}{:>12}\n", "mean over the channels", "reference", "test");
+  const auto row = [&](const char* name, const std::vector<double>& a,
+                       const std::vector<double>& b) {
+    text += fmt::format("  {:<32}{:>12.4f}{:>12.4f}\n", name, mean_of(a), mean_of(b));
+  };
+  row("mean [DN]", c.reference.mean_dn, c.test.mean_dn);
+  row("standard deviation [DN]", c.reference.sd_dn, c.test.sd_dn);
+  row("row noise [DN]", c.reference.row_sd_dn, c.test.row_sd_dn);
+  row("column noise [DN]", c.reference.column_sd_dn, c.test.column_sd_dn);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(kLags); ++i) {
+    text += fmt::format("  {:<32}{:>12.4f}{:>12.4f}\n",
+                        fmt::format("correlation, {} along the row", i + 1),
+                        c.reference.along_row[i], c.test.along_row[i]);
+    text += fmt::format("  {:<32}{:>12.4f}{:>12.4f}\n",
+                        fmt::format("correlation, {} along the column", i + 1),
+                        c.reference.along_column[i], c.test.along_column[i]);
+  }
+  return text;
+}
+
+}  // namespace
+
+void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw,
+                          const Common& common) {
+  const FrameOptions options = raw.resolve();
+  const RawFrame first = load_above_black(arguments.reference.front(), options);
+  std::optional<Image> clean;
+  if (!arguments.clean.empty()) clean = load_above_black(arguments.clean, options).dn;
+  SensorLayout layout = first.layout;
+  NoiseFrames test;
+  if (!arguments.model.empty()) {
+    const auto synthesizer = synthesizer_for(arguments, first);
+    layout = synthesizer->model().layout;
+    test = frames_of_model(arguments, common, first, clean, synthesizer);
+  } else {
+    test = frames_of(arguments.test, options);
+  }
+  const auto progress = make_progress(common);
+  const NoiseComparison comparison = compare_noise(frames_of(arguments.reference, options), test,
+                                                   clean, layout, arguments.settings, *progress);
+  print_result(common, json_of(comparison, arguments.settings, layout),
+               text_of(comparison, arguments.settings.bins));
+}
+
+}  // namespace malus::app

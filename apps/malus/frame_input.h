@@ -1,0 +1,14 @@
+// Frames as light: black subtracted, whatever the file holds.
+#pragma once
+
+#include "malus/io/frame_file.h"
+
+#include <filesystem>
+
+namespace malus::app {
+
+/// A raw frame minus its black level. Float files hold DN above black already (interface: malus
+/// writes them so): there --black moves white alone. white_dn is above black.
+RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options);
+
+}  // namespace malus::app
