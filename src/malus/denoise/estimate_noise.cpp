@@ -134,7 +134,7 @@ Line fit_levels(const std::vector<Level>& levels) {
     line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
     for (std::size_t i = 0; i < x.size(); ++i) {
       const double above = (y[i] - fit.intercept - fit.slope * x[i]) * std::sqrt(base[i]);
-      weights[i] = base[i] / (above > 0 ? 1.0 + above * above / 4.0 : 1.0);
+      weights[i] = base[i] / (above > 0 ? 1.0 + above * above / 9.0 : 1.0);
     }
   }
   return line;

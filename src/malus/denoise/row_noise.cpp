@@ -18,6 +18,11 @@ constexpr double kClip = 3.0;  // deviations at which a pixel's influence ends
 constexpr double kOutlierFreedom =
     4.0;  // of Student's law for rows that the picture explains better
 constexpr int kReweightings = 4;
+// Rows are compared with neighbours so many periods of the layout away: near ones see the least of
+// the picture, far ones the slow waves of the offsets.
+constexpr int kDistances[] = {1, 2, 4};
+// The comparisons of one row share its noise: together they are worth less than their number.
+constexpr double kShared = 2.0;
 constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated from a picture
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
@@ -35,9 +40,9 @@ struct SegmentSum {
 };
 
 std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile& profile,
-                                        double saturated_dn, int row) {
+                                        double saturated_dn, int row, int periods) {
   const SensorLayout& layout = profile.layout;
-  const int distance = layout.rows();
+  const int distance = periods * layout.rows();
   if (row - distance < 0 || row + distance >= dn.rows()) return std::nullopt;
   const float *above = dn.row(row - distance), *here = dn.row(row), *below = dn.row(row + distance);
   SegmentSum parts[kSegments];
@@ -113,15 +118,19 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
   const int groups = (dn.rows() + profile.row_group - 1) / profile.row_group;
   RowNoise rows{std::vector<double>(static_cast<std::size_t>(groups), 0.0),
                 std::vector<double>(static_cast<std::size_t>(groups), 1.0)};
-  std::vector<std::optional<RowEvidence>> found(static_cast<std::size_t>(dn.rows()));
-  parallel_for(0, dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (std::ptrdiff_t r = begin; r < end; ++r)
-      found[static_cast<std::size_t>(r)] =
-          row_evidence(dn, profile, saturated_dn, static_cast<int>(r));
+  const std::ptrdiff_t count = std::ssize(kDistances) * dn.rows();
+  std::vector<std::optional<RowEvidence>> found(static_cast<std::size_t>(count));
+  parallel_for(0, count, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (std::ptrdiff_t i = begin; i < end; ++i)
+      found[static_cast<std::size_t>(i)] = row_evidence(
+          dn, profile, saturated_dn, static_cast<int>(i % dn.rows()), kDistances[i / dn.rows()]);
   });
   std::vector<RowEvidence> evidence;
   for (const auto& e : found)
-    if (e && !(e->group == e->above && e->group == e->below)) evidence.push_back(*e);
+    if (e && !(e->group == e->above && e->group == e->below)) {
+      evidence.push_back(*e);
+      evidence.back().variance *= kShared;
+    }
   if (evidence.empty()) return rows;
   std::vector<double> variance;
   for (const RowEvidence& e : evidence) variance.push_back(e.variance);
@@ -162,7 +171,7 @@ void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProf
   }
   profile.row_group = 1;
   std::vector<std::optional<RowEvidence>> rows;
-  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r));
+  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r, 1));
   std::vector<double> values, explained, within, across;
   for (std::size_t r = 0; r < rows.size(); ++r) {
     if (!rows[r]) continue;

@@ -1,0 +1,87 @@
+#include "malus/denoise/estimate_noise.h"
+
+#include "malus/noise/model.h"
+#include "malus/synthesize/exact.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+PhysicsNoise camera(double gain, double read) {
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named("polar-bayer-rggb");
+  noise.row_group = 2;
+  noise.quantization_dn = 0;
+  // Uniform read noise (lambda 1) with deviation `read`: scale read * sqrt(3).
+  noise.channels.assign(16, PhysicsChannel{gain, 1.0, 0.0, read * std::sqrt(3.0), 0.0});
+  return noise;
+}
+
+RawFrame frame_of(Image clean, const PhysicsNoise& noise) {
+  RawFrame frame;
+  frame.layout = noise.layout;
+  frame.black_dn.assign(16, 0.0);
+  frame.white_dn = 4095;
+  frame.dn = std::move(clean);
+  frame.source = "test";
+  add_noise_exact(noise, frame.dn, frame.dn, DrawAddress{.seed = 4});
+  return frame;
+}
+
+Image shaded(int rows, int cols, double low, double high) {
+  Image dn(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      dn(r, c) = static_cast<float>(low + (high - low) * c / cols + 10 * std::sin(0.05 * r));
+  return dn;
+}
+
+TEST(EstimateProfile, FindsTheDeviationOfShadedPictures) {
+  for (const auto& [gain, read] : {std::pair{1.5, 3.7}, {0.4, 1.0}, {6.0, 15.0}}) {
+    const Estimate<PictureNoise> noise =
+        estimate_profile(frame_of(shaded(512, 640, 30, 600), camera(gain, read)));
+    ASSERT_TRUE(noise);
+    for (const double signal : {60.0, 300.0, 550.0}) {
+      const double truth = std::sqrt(gain * signal + read * read);
+      EXPECT_NEAR(std::sqrt(noise->profile.channels[3].variance(signal)) / truth, 1.0, 0.05)
+          << gain << " at " << signal;
+    }
+    EXPECT_TRUE(noise->profile.estimated_from_picture);
+    EXPECT_FALSE(noise->trust.empty());
+  }
+}
+
+TEST(EstimateProfile, TextureRaisesItByLittle) {
+  Image dn = shaded(512, 512, 100, 500);
+  for (int r = 0; r < 512; ++r)
+    for (int c = 0; c < 256; ++c)  // half of the picture
+      dn(r, c) += static_cast<float>(60 * std::sin(0.2 * r) * std::sin(0.15 * c));
+  const Estimate<PictureNoise> noise = estimate_profile(frame_of(dn, camera(1.5, 3.7)));
+  ASSERT_TRUE(noise);
+  const double truth = std::sqrt(1.5 * 300 + 3.7 * 3.7);
+  EXPECT_NEAR(std::sqrt(noise->profile.channels[0].variance(300)) / truth, 1.05, 0.1);
+}
+
+TEST(EstimateProfile, ABlackLevelThatIsNotKnownDoesNotHarm) {
+  Image dn = shaded(512, 512, 5, 500);
+  RawFrame frame = frame_of(dn, camera(1.5, 3.7));
+  for (float& v : frame.dn.values()) v += 82;
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  ASSERT_TRUE(noise);
+  const auto& curve = noise->profile.channels[0].variance;
+  EXPECT_NEAR(std::sqrt(curve(82 + 300)) / std::sqrt(1.5 * 300 + 13.7), 1.0, 0.05);
+  EXPECT_GT(curve(0), 0);
+}
+
+TEST(EstimateProfile, RefusesWhatHasNoNoiseOrIsTooSmall) {
+  RawFrame flat = frame_of(shaded(512, 512, 30, 60), camera(1.5, 3.7));
+  for (float& v : flat.dn.values()) v = 500;
+  EXPECT_FALSE(estimate_profile(flat));
+  EXPECT_FALSE(estimate_profile(frame_of(Image(64, 64, 100.0f), camera(1.5, 3.7))));
+}
+
+}  // namespace
+}  // namespace malus
