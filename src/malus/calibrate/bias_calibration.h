@@ -22,8 +22,9 @@ struct DarkPass {
 DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress);
 
 /// Second pass: takes every frame apart and fills mu, sigma_row, sigma_column, sigma_tl, lambda,
-/// temporal_sd_dark, row_correlation, bias_frames and warnings of `out`.
-void measure_bias(const FrameSet& set, const RawFrame& first, const DarkPass& dark, int row_group,
+/// temporal_sd_dark, dsnu, dark_shading, row_correlation, bias_frames and warnings of `out`. Takes
+/// the mean frame of `dark`.
+void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, int row_group,
                   double quantization_dn, const CalibrationSettings& settings, Progress& progress,
                   PhysicsCalibration& out);
 

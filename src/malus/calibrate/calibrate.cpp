@@ -102,7 +102,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
                                   std::vector<DefectPixel>& defects) {
   PhysicsCalibration out;
   out.gain = plan.gain;
-  const DarkPass dark = measure_dark(*plan.bias, first, progress);
+  DarkPass dark = measure_dark(*plan.bias, first, progress);
   const bool temporal = plan.bias->count >= 2;
   const int group = row_group.update(
       temporal ? detect_row_group(dark.rows, mean_pixel_variance(dark), first.dn.cols())
@@ -115,14 +115,11 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
         "be measured; take 20 or more");
     return out;
   }
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
-  out.dark_shading_dn = shading_of(dark.temporal.mean_frame_dn(), geometry);
-  out.dsnu_dn =
-      dsnu_dn(out.dark_shading_dn, geometry, dark.temporal.variance_dn2(), plan.bias->count);
   if (plan.flats.empty())
     out.warnings.push_back("no flat frames at this gain: K is not known");
   else
     measure_flats(plan.flats, plan.darks, first, dark, group, settings, progress, out);
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
   defects = find_defects(out.dark_shading_dn, dark.temporal.sum_of_squares(), plan.bias->count,
                          out.prnu_map, geometry);
   if (!settings.maps) {
@@ -174,17 +171,15 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
     std::vector<DefectPixel> defects;
     model.physics.push_back(
         calibrate_gain(plan, first, row_group, model.quantization_dn, settings, progress, defects));
+    // The response belongs to the sensor, not to a gain: the map of the lowest gain is kept.
+    if (!model.physics.back().prnu_map.empty())
+      for (std::size_t i = 0; i + 1 < model.physics.size(); ++i)
+        model.physics[i].prnu_map = Image();
     if (defects.size() > model.defects.size()) model.defects = std::move(defects);
   }
   model.row_group = row_group.value();
   model.row_group_origin = row_group.origin();
   std::reverse(model.physics.begin(), model.physics.end());
-  // The response belongs to the sensor, not to a gain: one map is kept, of the lowest gain.
-  bool kept = false;
-  for (PhysicsCalibration& gain : model.physics) {
-    if (kept) gain.prnu_map = Image();
-    kept |= !gain.prnu_map.empty();
-  }
   if (model.physics.size() >= 2) {
     if (const auto joint = fit_joint_model(model.physics))
       model.joint = *joint;

@@ -88,13 +88,11 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
   return variance;
 }
 
-Image shading_of(const Image& mean_frame_dn, const MosaicGeometry& geometry) {
+void subtract_channel_means(Image& mean_frame_dn, const MosaicGeometry& geometry) {
   const std::vector<double> mean = channel_means(mean_frame_dn, geometry);
-  Image out = mean_frame_dn;
-  for (int r = 0; r < out.rows(); ++r)
-    for (int col = 0; col < out.cols(); ++col)
-      out(r, col) -= static_cast<float>(mean[at(geometry.channel(r, col))]);
-  return out;
+  for (int r = 0; r < mean_frame_dn.rows(); ++r)
+    for (int col = 0; col < mean_frame_dn.cols(); ++col)
+      mean_frame_dn(r, col) -= static_cast<float>(mean[at(geometry.channel(r, col))]);
 }
 
 std::vector<double> dsnu_dn(View<const float> shading_dn, const MosaicGeometry& geometry,
@@ -107,7 +105,7 @@ std::vector<double> dsnu_dn(View<const float> shading_dn, const MosaicGeometry& 
 
 ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
 
-void ResponseAccumulator::add(const TemporalAccumulator& flat, View<const float> shading_dn) {
+void ResponseAccumulator::add(TemporalAccumulator& flat, View<const float> shading_dn) {
   if (weight_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
     weight_.assign(at(geometry_.channels()), 0.0);
@@ -122,7 +120,7 @@ void ResponseAccumulator::add(const TemporalAccumulator& flat, View<const float>
     weight_[c] += weight[c];
     weighted_error_[c] += weight[c] > 0 ? weight[c] * weight[c] * relative_error : 0.0;
   }
-  const Image frame = flat.mean_frame_dn();
+  const Image frame = flat.release_mean_frame_dn();
   for (int r = 0; r < sum_.rows(); ++r)
     for (int col = 0; col < sum_.cols(); ++col) {
       const double dark = shading_dn.empty() ? 0.0 : shading_dn(r, col);

@@ -12,8 +12,8 @@ namespace malus {
 /// Spatial variance of each channel about its mean, DN².
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry);
 
-/// Mean frame minus each channel's mean.
-Image shading_of(const Image& mean_frame_dn, const MosaicGeometry& geometry);
+/// Mean frame minus each channel's mean, in place.
+void subtract_channel_means(Image& mean_frame_dn, const MosaicGeometry& geometry);
 
 /// Sd of the fixed pattern: spatial variance of the mean frame minus temporal variance / frames; 0
 /// where sampling explains all of it.
@@ -32,7 +32,8 @@ class ResponseAccumulator {
  public:
   explicit ResponseAccumulator(const MosaicGeometry& geometry);
   /// shading_dn: the dark fixed pattern of this gain, taken off first.
-  void add(const TemporalAccumulator& flat, View<const float> shading_dn);
+  /// Takes the flat's mean frame.
+  void add(TemporalAccumulator& flat, View<const float> shading_dn);
   bool empty() const { return weight_.empty(); }
   /// Contract: not empty.
   Response response() const;

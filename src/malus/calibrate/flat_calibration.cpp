@@ -32,19 +32,21 @@ MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSe
                            const RawFrame& first, const DarkPass& common, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   MatchingDark out;
-  const TemporalAccumulator* source = &common.temporal;
-  TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
+  const auto take = [&](const TemporalAccumulator& source) {
+    out.level_dn = source.mean_dn();
+    for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
+    out.variance_dn2 = source.variance_dn2();
+  };
   for (const FrameSet* set : darks) {
     if (!flat.exposure_s || !set->exposure_s || set->count < 2) continue;
     if (std::abs(*set->exposure_s / *flat.exposure_s - 1.0) > 0.01) continue;
+    TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
     for_each_frame(*set, &first, progress, [&](const RawFrame& frame, int) { own.add(frame.dn); });
-    source = &own;
     out.frames = set->count;
-    break;
+    take(own);
+    return out;
   }
-  out.level_dn = source->mean_dn();
-  for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
-  out.variance_dn2 = source->variance_dn2();
+  take(common.temporal);
   return out;
 }
 
@@ -157,7 +159,7 @@ struct FlatSeries {
   ResponseAccumulator response;
 };
 
-void add_level(const FrameSet& flat, const FlatLevel& level, const MatchingDark& dark,
+void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                const RawFrame& first, const std::vector<double>& frame_deviation_dn,
                int bias_frames, double saturation_limit, View<const float> shading_dn,
                FlatSeries& series) {
@@ -205,7 +207,6 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                    const DarkPass& dark, int row_group, const CalibrationSettings& settings,
                    Progress& progress, PhysicsCalibration& out) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  const Image shading = shading_of(dark.temporal.mean_frame_dn(), geometry);
   const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
   FlatSeries series{std::vector<std::vector<TransferLevel>>(at(geometry.channels())),
                     {},
@@ -213,7 +214,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
     add_level(*flat, measure_level(*flat, first, own, progress), own, first, frame_deviation,
-              out.bias_frames, settings.saturation_limit, shading, series);
+              out.bias_frames, settings.saturation_limit, out.dark_shading_dn, series);
   }
   out.flat_levels = static_cast<int>(flats.size());
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();

@@ -11,8 +11,8 @@
 namespace malus {
 
 /// Fills K, its intercepts, transfer, flat_levels, prnu, prnu_map and warnings of `out`; sigma_row
-/// and mu must be there. flats: sets of one gain, one light level each. darks: sets of dark frames
-/// of the flats' own exposures (may be empty); `dark` serves the others.
+/// and dark_shading must be there. flats: sets of one gain, one light level each. darks: sets of
+/// dark frames of the flats' own exposures (may be empty); `dark` serves the others.
 void measure_flats(const std::vector<const FrameSet*>& flats,
                    const std::vector<const FrameSet*>& darks, const RawFrame& first,
                    const DarkPass& dark, int row_group, const CalibrationSettings& settings,

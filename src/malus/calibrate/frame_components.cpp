@@ -16,21 +16,21 @@ struct FrameAnalyzer::Sums {
 };
 
 FrameAnalyzer::FrameAnalyzer(const MosaicGeometry& geometry, std::vector<double> black_dn,
-                             const Image& fixed_pattern_dn, int frames, std::vector<double> cell_dn)
+                             const Image* fixed_pattern_dn, int frames, std::vector<double> cell_dn)
     : geometry_(geometry),
       black_dn_(std::move(black_dn)),
       pattern_dn_(fixed_pattern_dn),
-      kept_(fixed_pattern_dn.empty() ? 1.0 : 1.0 - 1.0 / frames),
+      kept_(!fixed_pattern_dn ? 1.0 : 1.0 - 1.0 / frames),
       cell_dn_(std::move(cell_dn)),
       pattern_mean_dn_(black_dn_),
       row_products_(geometry.channels()) {
-  MALUS_REQUIRE(pattern_dn_.empty() || frames >= 2);
-  if (!pattern_dn_.empty()) pattern_mean_dn_ = channel_means(pattern_dn_, geometry_);
+  MALUS_REQUIRE(!pattern_dn_ || frames >= 2);
+  if (pattern_dn_) pattern_mean_dn_ = channel_means(*pattern_dn_, geometry_);
 }
 
 float FrameAnalyzer::pattern(int row, int col) const {
-  return pattern_dn_.empty() ? static_cast<float>(black_dn_[at(geometry_.channel(row, col))])
-                             : pattern_dn_(row, col);
+  return !pattern_dn_ ? static_cast<float>(black_dn_[at(geometry_.channel(row, col))])
+                      : (*pattern_dn_)(row, col);
 }
 
 FrameAnalyzer::Sums FrameAnalyzer::sum(View<const float> dn) const {

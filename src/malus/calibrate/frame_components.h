@@ -26,10 +26,10 @@ struct FrameComponents {
 class FrameAnalyzer {
  public:
   /// fixed_pattern_dn: mean of `frames` bias frames in DN, black included, removed first; its own
-  /// share of each frame's noise, 1/frames, is accounted for. Empty: nothing is removed and every
+  /// share of each frame's noise, 1/frames, is accounted for. Null: nothing is removed and every
   /// frame stands alone (the papers' way). cell_dn: width of the histogram's cells per channel.
   FrameAnalyzer(const MosaicGeometry& geometry, std::vector<double> black_dn,
-                const Image& fixed_pattern_dn, int frames, std::vector<double> cell_dn);
+                const Image* fixed_pattern_dn, int frames, std::vector<double> cell_dn);
 
   FrameComponents analyze(View<const float> dn);
 
@@ -48,7 +48,7 @@ class FrameAnalyzer {
 
   MosaicGeometry geometry_;
   std::vector<double> black_dn_;
-  const Image& pattern_dn_;
+  const Image* pattern_dn_;
   double kept_;  ///< share of a frame's variance left after the fixed pattern's removal
   std::vector<double> cell_dn_, pattern_mean_dn_;
   SquareMatrix row_products_;

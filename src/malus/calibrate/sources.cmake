@@ -1,6 +1,7 @@
 set(calibrate_SOURCES
   across_frames.cpp
   bias_calibration.cpp
+  bias_checks.cpp
   calibrate.cpp
   fixed_pattern.cpp
   flat_calibration.cpp

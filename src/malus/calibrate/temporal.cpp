@@ -59,6 +59,7 @@ TemporalAccumulator::TemporalAccumulator(const MosaicGeometry& geometry,
 }
 
 void TemporalAccumulator::add(View<const float> dn) {
+  MALUS_REQUIRE(!mean_.empty());
   std::vector<double> means = channel_means(dn, geometry_);
   for (std::size_t c = 0; c < means.size(); ++c) means[c] -= dark_dn_[c];
   frame_means_.push_back(means);
@@ -134,8 +135,9 @@ std::vector<double> TemporalAccumulator::variance_dn2() const {
   return variance;
 }
 
-Image TemporalAccumulator::mean_frame_dn() const {
-  Image out = mean_;
+Image TemporalAccumulator::release_mean_frame_dn() {
+  Image out = std::move(mean_);
+  mean_ = Image();
   const std::vector<double> mean = mean_dn();
   for (int r = 0; r < out.rows(); ++r)
     for (int col = 0; col < out.cols(); ++col) {

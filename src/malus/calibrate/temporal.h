@@ -32,8 +32,9 @@ class TemporalAccumulator {
   std::vector<double> variance_dn2() const;
   /// Sum of squares of one pixel about its mean; the variance is this / (frames - 1).
   View<const float> sum_of_squares() const { return m2_; }
-  /// Mean frame in DN above dark.
-  Image mean_frame_dn() const;
+  /// Gives the mean frame in DN above dark away: a large sensor's planes are not copied. Nothing
+  /// may be added afterwards; means, variances and sums of squares stay.
+  Image release_mean_frame_dn();
   /// One mean per frame and channel: [frame][channel].
   const std::vector<std::vector<double>>& frame_means_dn() const { return frame_means_; }
 

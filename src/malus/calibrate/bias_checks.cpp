@@ -1,0 +1,82 @@
+#include "malus/calibrate/bias_checks.h"
+
+#include "malus/base/statistics.h"
+#include "malus/base/text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+namespace malus {
+
+void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
+                   PhysicsCalibration& out) {
+  constexpr std::size_t kFewestFrames = 8;
+  if (frame_means_dn.size() < kFewestFrames) return;
+  std::vector<double> index, level;
+  for (const auto& frame : frame_means_dn) {
+    index.push_back(static_cast<double>(index.size()));
+    level.push_back(mean_of(frame));
+  }
+  const LineFit line = fit_line(index, level);
+  const double drift = line.slope * index.back(), error = line.slope_standard_error * index.back();
+  if (std::abs(drift) > 5.0 * error && std::abs(drift) > 0.05 * temporal_sd_dn)
+    out.warnings.push_back(
+        fmt::format("the dark level drifts by {:.3g} ± {:.2g} DN over the {} bias frames: let the "
+                    "camera warm up first",
+                    drift, error, frame_means_dn.size()));
+}
+
+void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
+                   double temporal_sd_dn, PhysicsCalibration& out) {
+  constexpr int kBlocks = 4;
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (int i = 0; i < kBlocks; ++i)
+    for (int j = 0; j < kBlocks; ++j) {
+      Moments block;
+      for (int r = i * geometry.rows() / kBlocks; r < (i + 1) * geometry.rows() / kBlocks; ++r)
+        for (int c = j * geometry.cols() / kBlocks; c < (j + 1) * geometry.cols() / kBlocks; ++c)
+          block.add(shading_dn(r, c));
+      if (block.count() == 0) continue;
+      low = std::min(low, block.mean());
+      high = std::max(high, block.mean());
+    }
+  // Four standard errors of a difference of block means, so that few frames do not cry wolf.
+  const double pixels = static_cast<double>(geometry.rows()) * geometry.cols() /
+                        (kBlocks * kBlocks) * std::max(out.bias_frames, 1);
+  const double chance = 4.0 * temporal_sd_dn * std::sqrt(2.0 / pixels);
+  if (high - low > std::max(0.5 * temporal_sd_dn, chance))
+    out.warnings.push_back(
+        fmt::format("the dark level differs by {:.3g} DN over the frame, {:.2g} times the temporal "
+                    "noise: light leak or amplifier glow",
+                    high - low, (high - low) / temporal_sd_dn));
+}
+
+void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
+                      PhysicsCalibration& out) {
+  constexpr double kMostZeros = 1e-3;
+  std::vector<std::string> cut;
+  double most = 0.0;
+  for (int c = 0; c < layout.channels(); ++c) {
+    const double share = zero_share[static_cast<std::size_t>(c)];
+    if (share > kMostZeros) cut.push_back(layout.channel_name(c));
+    most = std::max(most, share);
+  }
+  if (!cut.empty())
+    out.warnings.push_back(
+        fmt::format("{}: up to {:.2g} % of the dark pixels are 0, above {:g} %: the camera's black "
+                    "level cuts the noise off; raise it",
+                    joined(cut), 100 * most, 100 * kMostZeros));
+}
+
+void warn_of_coarse_steps(double temporal_sd_dn, double quantization_dn, PhysicsCalibration& out) {
+  if (quantization_dn > 0 && temporal_sd_dn < 0.5 * quantization_dn)
+    out.warnings.push_back(
+        fmt::format("the dark noise, {:.2g} DN, is below half of the converter's step, {:g} DN: "
+                    "rounding hides its parameters",
+                    temporal_sd_dn, quantization_dn));
+}
+
+}  // namespace malus

@@ -1,0 +1,28 @@
+// What bias frames say against themselves, as warnings with numbers.
+#pragma once
+
+#include "malus/calibrate/across_frames.h"
+#include "malus/calibrate/geometry.h"
+#include "malus/image/layout.h"
+#include "malus/noise/calibration.h"
+
+namespace malus {
+
+/// Level that rises or falls over the frames by more than five standard errors and a twentieth of
+/// the temporal noise.
+void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
+                   PhysicsCalibration& out);
+
+/// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
+/// noise: light, or amplifier glow.
+void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
+                   double temporal_sd_dn, PhysicsCalibration& out);
+
+/// Channels with more than a thousandth of the dark pixels at zero: the camera cuts the noise off.
+void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
+                      PhysicsCalibration& out);
+
+/// Noise below half a step: rounding hides it.
+void warn_of_coarse_steps(double temporal_sd_dn, double quantization_dn, PhysicsCalibration& out);
+
+}  // namespace malus
