@@ -1,0 +1,150 @@
+import pathlib
+import threading
+import time
+
+import numpy as np
+import pytest
+
+malus = pytest.importorskip("malus", reason="the Python module is not built (pybind11 is missing)")
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+MODEL = "imx250myr-simulated"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return malus.Model(MODEL)
+
+
+def test_model_tells_what_it_is(model):
+    assert model.layout == "polar-bayer-rggb"
+    assert model.channels[0] == "R90" and len(model.channels) == 16
+    shown = model.as_dict()
+    assert shown["channels"] == model.channels
+    assert shown["gains"][0]["K"]["unit"] == "DN/e-"
+
+
+def test_same_seed_gives_same_noise_for_any_number_of_threads(model):
+    clean = np.full((64, 96), 150, np.float32)
+    drawn = []
+    for threads in (1, 2, 3):
+        malus.set_threads(threads)
+        drawn.append(model.synthesize(clean, gain=12, seed=7, frame=3))
+    malus.set_threads(0)
+    assert all(np.array_equal(drawn[0], other) for other in drawn[1:])
+    assert not np.array_equal(drawn[0], model.synthesize(clean, gain=12, seed=0, frame=3))
+
+
+def test_variance_follows_the_model(model):
+    """Shot and read noise at one gain: K s + dark variance, within 4 standard errors of a variance of 65536 samples."""
+    shown = next(gain for gain in model.as_dict()["gains"] if gain["gain_db"] == 12)
+    signal = 400.0
+    noisy = model.synthesize(np.full((1024, 1024), signal, np.float32), gain=12, seed=1, parameters="mean", row=False)
+    for row in range(4):
+        for col in range(4):
+            channel = 4 * row + col
+            sample = noisy[row::4, col::4].astype(float)
+            gain = shown["K"]["value"][channel]
+            dark = shown["temporal_sd_dark"]["value"][channel] ** 2 - shown["sigma_row"]["mean"][channel] ** 2
+            expected = gain * signal + dark
+            assert sample.var() == pytest.approx(expected, rel=4 * np.sqrt(2 / sample.size) + 0.01)
+
+
+def test_writes_into_an_existing_array_without_copying(model):
+    clean = np.zeros((32, 64), np.float32)
+    whole = np.zeros((32, 80), np.float32)
+    view = whole[:, :64]
+    result = model.synthesize(clean, gain=0, seed=1, out=view)
+    assert np.shares_memory(result, view)
+    assert view.std() > 0 and not whole[:, 64:].any()
+
+
+def test_packed_planes_equal_the_packed_mosaic(model):
+    mosaic = np.random.default_rng(0).uniform(0, 500, (32, 64)).astype(np.float32)
+    packed = np.stack([mosaic[r::4, c::4] for r in range(4) for c in range(4)])
+    noisy = model.synthesize(mosaic, gain=24, seed=5)
+    expected = np.stack([noisy[r::4, c::4] for r in range(4) for c in range(4)])
+    assert np.array_equal(model.synthesize(packed, gain=24, seed=5), expected)
+
+
+def test_other_threads_run_meanwhile(model):
+    clean = np.full((2048, 2048), 100, np.float32)
+    ticks = []
+    stop = threading.Event()
+
+    def tick():
+        while not stop.is_set():
+            ticks.append(time.monotonic())
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    start = time.monotonic()
+    model.synthesize(clean, gain=12, seed=1, exact=True)
+    end = time.monotonic()
+    stop.set()
+    thread.join()
+    assert sum(start < t < end for t in ticks) >= 3
+
+
+def test_denoise_stokes_and_metrics(model):
+    """A polarized ramp: denoising brings it closer to the truth in the picture, in DoLP and in AoLP."""
+    rows, cols = np.mgrid[0:256, 0:256]
+    angle = np.deg2rad(np.array([[90, 45], [135, 0]]))[rows % 2, cols % 2]
+    clean = ((200 + rows) * (1 + 0.5 * np.cos(2 * angle - np.deg2rad(60)))).astype(np.float32)
+    noisy = model.synthesize(clean, gain=24, seed=2, debias=True)
+    result = malus.denoise(noisy, layout=model.layout, white=4000, model=model, gain=24, variance=True)
+    assert result["dn"].shape == clean.shape and result["variance"].min() > 0
+    before = malus.evaluate(clean, noisy, model.layout, 4000)
+    after = malus.evaluate(clean, result["dn"], model.layout, 4000)
+    assert after["image_psnr"] > before["image_psnr"] + 6
+    assert after["dolp_psnr"] > before["dolp_psnr"] + 6
+    truth = malus.stokes(clean, model.layout)
+    assert truth["dolp"].shape == (3, 64, 64)
+    assert np.allclose(truth["dolp"], 0.5, atol=0.02)
+
+
+def test_torch_tensors_work_through_the_buffer_protocol(model):
+    torch = pytest.importorskip("torch", reason="needs PyTorch")
+    tensor = torch.zeros(32, 64)
+    model.synthesize(tensor.numpy(), gain=12, seed=1, out=tensor.numpy())
+    assert tensor.std() > 0
+
+
+def test_calibrates_the_shipped_session():
+    measured = malus.calibrate(ROOT / "examples/emva/session.toml").as_dict()
+    assert measured["gains"][0]["K"]["value"][0] == pytest.approx(0.28, abs=0.01)
+
+
+def test_divergences():
+    a, b = np.array([1, 2, 1]), np.array([1, 1, 2])
+    p, q = a / 4, b / 4
+    middle = (p + q) / 2
+    expected = 0.5 * np.sum(p * np.log2(p / middle)) + 0.5 * np.sum(q * np.log2(q / middle))
+    assert malus.jsd_bits(a, b) == pytest.approx(expected)
+    assert malus.kld_nats(a, b) == pytest.approx(np.sum(p * np.log(p / q)))
+
+
+@pytest.mark.parametrize("call, error", [
+    (lambda m: malus.Model("/no/such.h5"), malus.InputError),
+    (lambda m: m.synthesize(np.zeros((4, 4)), gain=99), malus.InputError),
+    (lambda m: m.synthesize(np.zeros((4, 4)), gain=12, kidn="physics"), TypeError),
+    (lambda m: m.synthesize(np.zeros((4, 4)), gain=12, kind="fysics"), ValueError),
+    (lambda m: m.synthesize(np.zeros(4), gain=12), ValueError),
+    (lambda m: m.synthesize(np.zeros((4, 4)), gain=12, out=np.zeros((4, 5), np.float32)), ValueError),
+    (lambda m: malus.stokes(np.zeros((4, 4)), "bayer-rggb"), malus.InputError),
+])
+def test_mistakes_raise(model, call, error):
+    with pytest.raises(error):
+        call(model)
+
+
+def test_stubs_name_everything_that_the_module_has():
+    import ast
+    stubs = ast.parse((ROOT / "python/malus/_malus.pyi").read_text())
+    named = {node.name for node in stubs.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    assert named == set(malus.__all__)
+    for node in stubs.body:
+        if isinstance(node, ast.ClassDef):
+            members = {child.name for child in node.body if isinstance(child, ast.FunctionDef)} - {"__init__"}
+            assert members == {name for name in vars(getattr(malus, node.name)) if not name.startswith("_")}

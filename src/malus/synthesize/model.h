@@ -1,0 +1,58 @@
+// The short way from a model file to noise in an array: what most users of the library call first.
+//
+//   const auto model = malus::Model::load("imx250myr.h5");
+//   model.at_gain(24).synthesize(clean, noisy, seed, frame);
+#pragma once
+
+#include "malus/synthesize/synthesizer.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+namespace malus {
+
+/// Draws noise at one gain (or at random gains). Cheap to copy; safe to use from several threads.
+class NoiseAtGain {
+ public:
+  /// clean_dn: mosaic in DN above black; noisy_dn: the same, nothing rounded or clamped; may be
+  /// clean_dn. The same seed, frame and pixel give the same noise for any thread count, machine and
+  /// crop (row0, col0: the view's place in the frame). Throws InputError on unequal sizes.
+  void synthesize(View<const float> clean_dn, View<float> noisy_dn, std::uint64_t seed,
+                  std::uint32_t frame = 0, int row0 = 0, int col0 = 0) const;
+  /// Packed planes in the layout's channel order, [channel, row, column]; equal to packing what
+  /// synthesize gives.
+  void synthesize_packed(const std::vector<View<const float>>& clean_dn,
+                         const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
+                         std::uint32_t frame = 0) const;
+
+ private:
+  friend class Model;
+  NoiseAtGain(std::shared_ptr<const Synthesizer> synthesizer, std::optional<GainSetting> gain)
+      : synthesizer_(std::move(synthesizer)), gain_(gain) {}
+  std::shared_ptr<const Synthesizer> synthesizer_;
+  std::optional<GainSetting> gain_;
+};
+
+class Model {
+ public:
+  /// A model file, or a built-in model by name. Throws InputError.
+  static Model load(const std::filesystem::path& path);
+  explicit Model(NoiseModel description);
+
+  /// gain in the unit that the model was measured in: dB, or ISO. Throws InputError outside the
+  /// calibrated range.
+  NoiseAtGain at_gain(double gain, const SynthesisSettings& settings = {}) const;
+  /// Every frame draws its own gain (000, 5.1).
+  NoiseAtGain at_random_gain(const SynthesisSettings& settings = {}) const;
+
+  /// The same number as a setting: ISO where the model holds ISO, dB elsewhere.
+  GainSetting gain_setting(double gain) const;
+  const NoiseModel& description() const { return *description_; }
+
+ private:
+  std::shared_ptr<const NoiseModel> description_;
+};
+
+}  // namespace malus
