@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include <fmt/format.h>
 
@@ -17,6 +16,7 @@ constexpr int kBlock = 8;         // pixels of one channel per side
 constexpr int kLeastBlocks = 64;  // per channel
 constexpr std::size_t kMostLevels = 16;
 constexpr std::size_t kLeastPerLevel = 24;
+constexpr int kPasses = 10;                // of reweighted fits
 constexpr double kSmoothShare = 0.4;       // of a level's blocks
 constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
 
@@ -64,7 +64,8 @@ std::vector<Block> measure_blocks(View<const float> plane, double saturated_dn) 
 
 // One point of variance against signal.
 struct Level {
-  double signal, variance, standard_error;
+  double signal, variance;
+  double relative_error;  ///< of the variance, one standard error
 };
 
 // The smoothest blocks of a run of blocks with similar means.
@@ -88,11 +89,11 @@ Level measure_level(std::vector<Block> blocks) {
   double sum = 0;
   int kept = 0;
   for (const double v : variances)
-    if (v < center + 3 * spread) {
+    if (v < center + 4 * spread) {
       sum += v;
       ++kept;
     }
-  return {mean, kept > 0 ? sum / kept : center, spread / std::sqrt(std::max(kept, 1))};
+  return {mean, kept > 0 ? sum / kept : center, std::sqrt(2.0 / kDegrees / std::max(kept, 1))};
 }
 
 std::vector<Level> measure_levels(std::vector<Block> blocks) {
@@ -112,30 +113,33 @@ struct Line {
   double slope = 0, offset = 0, slope_error = 0, offset_error = 0;
 };
 
+// Weight of a level for its distance above a line, in standard errors.
+double weight_above(double above) { return above > 0 ? 1.0 / (1.0 + above * above / 9.0) : 1.0; }
+
 // Texture only ever adds variance: levels above the line count less than levels below it.
+// A level's error is taken from the fitted variance: its own would favour levels that came out low.
+double weight_of(const Level& level, double fitted) {
+  const double error = level.relative_error * std::max(fitted, 0.1 * level.variance) + 1e-9;
+  return weight_above((level.variance - fitted) / error) / (error * error);
+}
+
 Line fit_levels(const std::vector<Level>& levels) {
-  std::vector<double> x, y, weights;
+  std::vector<double> x, y, weights(levels.size(), 1.0);
   for (const Level& l : levels) {
     x.push_back(l.signal);
     y.push_back(l.variance);
-    weights.push_back(1.0 / std::max(l.standard_error * l.standard_error, 1e-12));
   }
   Line line;
+  line.offset = mean_of(y);
+  line.offset_error = levels.front().relative_error * line.offset;
   const auto [low, high] = std::minmax_element(x.begin(), x.end());
-  const double mean_y = std::inner_product(y.begin(), y.end(), weights.begin(), 0.0) /
-                        std::accumulate(weights.begin(), weights.end(), 0.0);
-  line.offset = mean_y;
-  line.offset_error = 1.0 / std::sqrt(std::accumulate(weights.begin(), weights.end(), 0.0));
   if (x.size() < 3 || !(*high - *low > 1e-6 * (1.0 + std::abs(*high)))) return line;
-  const std::vector<double> base = weights;
-  for (int pass = 0; pass < 10; ++pass) {
-    const LineFit fit = fit_line(x, y, weights, true);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    const LineFit fit = fit_line(x, y, weights, pass > 0);
     if (fit.slope <= 0) return line;
     line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
-    for (std::size_t i = 0; i < x.size(); ++i) {
-      const double above = (y[i] - fit.intercept - fit.slope * x[i]) * std::sqrt(base[i]);
-      weights[i] = base[i] / (above > 0 ? 1.0 + above * above / 9.0 : 1.0);
-    }
+    for (std::size_t i = 0; i < x.size(); ++i)
+      weights[i] = weight_of(levels[i], line.offset + line.slope * x[i]);
   }
   return line;
 }
@@ -175,6 +179,23 @@ void pool(std::vector<Line>& lines) {
     const double trust = prior * prior / (prior * prior + l.slope_error * l.slope_error);
     l.slope = slope + trust * (l.slope - slope);
   }
+}
+
+// The offset that carries the pooled slope through the channel's levels; returns the sum of
+// weights.
+double fit_offset(const std::vector<Level>& levels, Line& line) {
+  double weight = 0;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    double weighted = 0;
+    weight = 0;
+    for (const Level& l : levels) {
+      const double w = weight_of(l, line.offset + line.slope * l.signal);
+      weighted += w * (l.variance - line.slope * l.signal);
+      weight += w;
+    }
+    line.offset = weighted / weight;
+  }
+  return weight;
 }
 
 double mean_signal(const std::vector<Block>& blocks) {
@@ -227,16 +248,8 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   noise.profile.estimated_from_picture = true;
   double deviation = 0, error = 0;
   for (std::size_t k = 0; k < lines.size(); ++k) {
-    // The offset that carries the pooled slope through the channel's levels.
-    const Line own = lines[k];
-    double weighted = 0, weight = 0;
-    for (const Level& l : levels[k]) {
-      const double w = 1.0 / std::max(l.standard_error * l.standard_error, 1e-12);
-      weighted += w * (l.variance - own.slope * l.signal);
-      weight += w;
-    }
-    Line line = own;
-    if (own.slope > 0) line.offset = std::min(weighted / weight, own.offset + 2 * own.offset_error);
+    Line line = lines[k];
+    const double weight = fit_offset(levels[k], line);
     ChannelProfile channel;
     channel.variance = curve_of(line, levels[k], saturated);
     const double variance = channel.variance(means[k]);
