@@ -2,7 +2,7 @@
 // times faster. One 64-bit pair of random words per pixel, no transcendental function, the same
 // bytes for any instruction set, thread count, tile and crop.
 //
-// How: shot noise is drawn as whole electrons, by summing probabilities below 10 electrons and by
+// How: shot noise is drawn as whole electrons, by summing probabilities below 5 electrons and by
 // the asymptotic inverse of the Poisson distribution above; read noise by its quantile function in
 // 2049 cells (quantile_table.h); quantisation from the low bits of the shot word; row noise once
 // per row group. formation-inl.h holds the lines of one pixel.

@@ -89,6 +89,7 @@ struct Arithmetic {
     return {hn::Le(hn::Abs(a.v), hn::Set(Floats(), 3.4028234e38f))};
   }
   static HWY_INLINE bool none(Truth t) { return hn::AllFalse(Floats(), t.m); }
+  static HWY_INLINE bool all(Truth t) { return hn::AllTrue(Floats(), t.m); }
   static HWY_INLINE Real add_where(Truth t, Real a, Real b) {
     return {hn::Add(a.v, hn::IfThenElseZero(t.m, b.v))};
   }

@@ -25,36 +25,35 @@ MALUS_FORMATION typename A::Real symmetric_deviate(const TailLine* lines, typena
   return A::flip_sign_unless_top_bit(A::multiply_add(b, x, a), word);
 }
 
+/// Horner's scheme, highest coefficient first.
+template <class A, int N>
+MALUS_FORMATION typename A::Real polynomial(const float (&c)[N], typename A::Real x) {
+  typename A::Real sum = A::real(c[0]);
+  for (int i = 1; i < N; ++i) sum = A::multiply_add(sum, x, A::real(c[i]));
+  return sum;
+}
+
 /// N - m for N ~ Poisson(m), m >= kShotSmall, from a normal deviate w of the same word: the
 /// asymptotic inverse of the Poisson distribution function, N = floor(m + sqrt(m) w + E(w, m)).
 /// Leading terms: Giles, "Algorithm 955: approximation of the inverse Poisson cumulative
 /// distribution function", ACM TOMS 42 (2016), eq. (3); the rest of E = w² G(t) + H(t) + J(t)/m,
-/// t = w/sqrt(m), fitted to the inverse of the incomplete gamma function for m from 10 to 2e4
-/// (bench/fit_poisson.py): |error| < 5e-5 electrons for |w| < 2, 3e-4 for |w| < 3, 1e-3 for |w|
-/// < 4.
+/// t = w/sqrt(m), fitted to the inverse of the incomplete gamma function for m from 5 to 2e4
+/// (bench/fit_poisson.py): |error| < 1e-4 electrons for |w| < 2, 5e-4 for |w| < 3, 1e-2 for
+/// |w| < 5.
 template <class A>
 MALUS_FORMATION typename A::Real shot_large(typename A::Real m, typename A::Real w) {
   using Real = typename A::Real;
+  constexpr float kG[] = {-2.80790406e-05f, 0.000100097845f, 0.000151410014f,
+                          -0.000895072489f, 0.000833576015f, -0.000981449518f,
+                          0.00387849197f,   -1.0f / 72.0f,   1.0f / 6.0f};
+  constexpr float kH[] = {0.00284366384f, -0.00295310537f, -0.00618353493f,
+                          0.00877975609f, -1.0f / 36.0f,   1.0f / 3.0f};
+  constexpr float kJ[] = {0.0116514197f, -0.00900972984f, 0.0189948401f, -0.0200593883f};
   const Real root = A::sqrt(m), inverse_root = A::real(1.0f) / root;
   const Real t = w * inverse_root;
-  Real g = A::real(-0.0001612827873209489f);
-  g = A::multiply_add(g, t, A::real(0.00042592468544766894f));
-  g = A::multiply_add(g, t, A::real(-0.0001447508248507486f));
-  g = A::multiply_add(g, t, A::real(0.00016608514799395298f));
-  g = A::multiply_add(g, t, A::real(-0.0014916306118666744f));
-  g = A::multiply_add(g, t, A::real(0.003984144764463597f));
-  g = A::multiply_add(g, t, A::real(-1.0f / 72.0f));
-  g = A::multiply_add(g, t, A::real(1.0f / 6.0f));
-  Real h = A::real(-0.0003313177247332608f);
-  h = A::multiply_add(h, t, A::real(-0.0018444912517008973f));
-  h = A::multiply_add(h, t, A::real(0.007699125637769861f));
-  h = A::multiply_add(h, t, A::real(-1.0f / 36.0f));
-  h = A::multiply_add(h, t, A::real(1.0f / 3.0f));
-  Real j = A::real(-0.004064130669916498f);
-  j = A::multiply_add(j, t, A::real(0.015888209259402018f));
-  j = A::multiply_add(j, t, A::real(-0.019852929887476233f));
   const Real correction =
-      A::multiply_add(j, inverse_root * inverse_root, A::multiply_add(g, w * w, h));
+      A::multiply_add(polynomial<A>(kJ, t), inverse_root * inverse_root,
+                      A::multiply_add(polynomial<A>(kG, t), w * w, polynomial<A>(kH, t)));
   // All that follows is relative to floor(m), so that a bright pixel loses no digits.
   const Real whole = A::floor(m), fraction = m - whole;
   const Real count = A::floor(A::multiply_add(root, w, fraction + correction));
@@ -69,14 +68,8 @@ MALUS_FORMATION typename A::Real exp_minus(typename A::Real m) {
   const Real n = A::floor(A::multiply_add(m, A::real(1.44269504f), A::real(0.5f)));
   Real r = A::multiply_add(n, A::real(-0.693145752f), m);  // ln 2 in two parts, the first exact
   r = A::multiply_add(n, A::real(-1.42860677e-6f), r);
-  Real e = A::real(1.0f / 720.0f);
-  e = A::multiply_add(e, r, A::real(-1.0f / 120.0f));
-  e = A::multiply_add(e, r, A::real(1.0f / 24.0f));
-  e = A::multiply_add(e, r, A::real(-1.0f / 6.0f));
-  e = A::multiply_add(e, r, A::real(0.5f));
-  e = A::multiply_add(e, r, A::real(-1.0f));
-  e = A::multiply_add(e, r, A::real(1.0f));
-  return A::scale_down(e, n);
+  constexpr float kTaylor[] = {1.0f / 720, -1.0f / 120, 1.0f / 24, -1.0f / 6, 0.5f, -1.0f, 1.0f};
+  return A::scale_down(polynomial<A>(kTaylor, r), n);
 }
 
 /// N for N ~ Poisson(m), 0 <= m < kShotSmall, by summing probabilities until they exceed the
@@ -88,12 +81,16 @@ MALUS_FORMATION typename A::Real shot_small(typename A::Real m, typename A::Word
   const Real p = A::tail_position(word) * A::real(0x1p-32f);
   Real left = A::select_top_bit(word, A::real(1.0f) - p, p);
   Real probability = exp_minus<A>(m), count = A::real(0.0f);
-  for (int k = 1; k <= kShotSmallMost; ++k) {
-    left = left - probability;
-    const auto beyond = left > A::real(0.0f);
+  // Four terms between tests: a branch that cannot be foreseen costs more than a term.
+  for (int k = 1; k <= kShotSmallMost; k += 4) {
+    typename A::Truth beyond{};
+    for (int i = 0; i < 4; ++i) {
+      left = left - probability;
+      beyond = left > A::real(0.0f);
+      count = A::add_where(beyond, count, A::real(1.0f));
+      probability = probability * (m * A::real(kReciprocal[k + i]));
+    }
     if (A::none(beyond)) break;
-    count = A::add_where(beyond, count, A::real(1.0f));
-    probability = probability * (m * A::real(kReciprocal[k]));
   }
   return count;
 }
@@ -103,16 +100,19 @@ template <class A>
 MALUS_FORMATION typename A::Real shot_noise(typename A::Real m, typename A::Word word,
                                             const TailLine* normal) {
   using Real = typename A::Real;
-  const Real zero = A::real(0.0f), limit = A::real(kShotSmall);
-  const Real w = symmetric_deviate<A>(normal, A::word(0u - kTailFirst), word);
-  const Real large = shot_large<A>(A::max(m, limit), w);
+  const Real limit = A::real(kShotSmall);
   const auto is_small = m < limit;
-  if (A::none(is_small)) return large;
-  const Real mean = A::select(is_small, A::max(m, zero), zero);
-  Real count = shot_small<A>(mean, word);
-  const auto in_tail = A::both(is_small, A::deep_upper_tail(word));
-  if (!A::none(in_tail)) count = A::shot_upper_tail_where(in_tail, mean, word, count);
-  return A::select(is_small, count - mean, large);
+  Real small = A::real(0.0f);
+  if (!A::none(is_small)) {
+    const Real mean = A::select(is_small, A::max(m, A::real(0.0f)), A::real(0.0f));
+    Real count = shot_small<A>(mean, word);
+    const auto in_tail = A::both(is_small, A::deep_upper_tail(word));
+    if (!A::none(in_tail)) count = A::shot_upper_tail_where(in_tail, mean, word, count);
+    small = count - mean;
+    if (A::all(is_small)) return small;
+  }
+  const Real w = symmetric_deviate<A>(normal, A::word(0u - kTailFirst), word);
+  return A::select(is_small, small, shot_large<A>(A::max(m, limit), w));
 }
 
 /// Quantisation noise in steps, uniform in (-1/2, 1/2), from the low 12 bits of the shot word. The

@@ -12,20 +12,18 @@
 namespace malus {
 
 /// Below this mean (electrons) Poisson draws are summed, above it comes the asymptotic inverse.
-inline constexpr float kShotSmall = 10.0f;
-/// Terms of the sum at most: Poisson(10) exceeds 40 with probability 1e-12.
-inline constexpr int kShotSmallMost = 40;
+inline constexpr float kShotSmall = 5.0f;
+/// Terms of the sum at most, a multiple of 4: Poisson(5) exceeds 28 with probability 1e-13.
+inline constexpr int kShotSmallMost = 28;
 /// Words of the upper tail that double precision redraws: p < 2^-16.
 inline constexpr std::uint32_t kShotTailWords = 1u << 16;
 
 /// 1/k, k from 0 (unused).
 inline constexpr float kReciprocal[kShotSmallMost + 1] = {
-    0,         1,         1.0f / 2,  1.0f / 3,  1.0f / 4,  1.0f / 5,  1.0f / 6,
-    1.0f / 7,  1.0f / 8,  1.0f / 9,  1.0f / 10, 1.0f / 11, 1.0f / 12, 1.0f / 13,
-    1.0f / 14, 1.0f / 15, 1.0f / 16, 1.0f / 17, 1.0f / 18, 1.0f / 19, 1.0f / 20,
-    1.0f / 21, 1.0f / 22, 1.0f / 23, 1.0f / 24, 1.0f / 25, 1.0f / 26, 1.0f / 27,
-    1.0f / 28, 1.0f / 29, 1.0f / 30, 1.0f / 31, 1.0f / 32, 1.0f / 33, 1.0f / 34,
-    1.0f / 35, 1.0f / 36, 1.0f / 37, 1.0f / 38, 1.0f / 39, 1.0f / 40};
+    0,         1,         1.0f / 2,  1.0f / 3,  1.0f / 4,  1.0f / 5,  1.0f / 6,  1.0f / 7,
+    1.0f / 8,  1.0f / 9,  1.0f / 10, 1.0f / 11, 1.0f / 12, 1.0f / 13, 1.0f / 14, 1.0f / 15,
+    1.0f / 16, 1.0f / 17, 1.0f / 18, 1.0f / 19, 1.0f / 20, 1.0f / 21, 1.0f / 22, 1.0f / 23,
+    1.0f / 24, 1.0f / 25, 1.0f / 26, 1.0f / 27, 1.0f / 28};
 
 enum class ShotKind : std::uint32_t {
   kNone,

@@ -44,6 +44,7 @@ struct Arithmetic {
   MALUS_HOST_DEVICE static Real select(Truth t, Real a, Real b) { return t ? a : b; }
   MALUS_HOST_DEVICE static Truth finite(Real a) { return ::fabsf(a) <= 3.4028234e38f; }
   MALUS_HOST_DEVICE static bool none(Truth t) { return !t; }
+  MALUS_HOST_DEVICE static bool all(Truth t) { return t; }
   MALUS_HOST_DEVICE static Truth both(Truth a, Truth b) { return a && b; }
   MALUS_HOST_DEVICE static Real add_where(Truth t, Real a, Real b) { return t ? a + b : a; }
   MALUS_HOST_DEVICE static Real flip_sign_unless_top_bit(Real a, Word w) {

@@ -1,0 +1,37 @@
+// The registry of `malus bench`: every benchmark reports lines of one table.
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace malus::app {
+
+/// One line of the table.
+struct BenchmarkLine {
+  std::string name;  ///< "physics, 1 thread"
+  double value = 0;
+  std::string unit;  ///< "Mpx/s", "ms", ...
+  std::string note;  ///< sizes, settings; may be empty
+};
+
+struct BenchmarkContext {
+  bool quick = false;  ///< a dry run: small data, one repetition
+  /// Median time of repeated calls [s], after one that warms up.
+  double time_s(const std::function<void()>& work, int repetitions = 9) const;
+};
+
+struct Benchmark {
+  std::string name;  ///< for --only
+  std::function<std::vector<BenchmarkLine>(const BenchmarkContext&)> run;
+};
+
+// benchmark_<name>() is defined in cmd_bench_<name>.cpp and returns a Benchmark.
+#define MALUS_BENCHMARKS(benchmark) benchmark(synthesize)
+
+#define MALUS_DECLARE_BENCHMARK(name) Benchmark benchmark_##name();
+MALUS_BENCHMARKS(MALUS_DECLARE_BENCHMARK)
+#undef MALUS_DECLARE_BENCHMARK
+
+}  // namespace malus::app
