@@ -78,11 +78,11 @@ GainParameters joint_parameters(const JointSegment& segment, double gain_db);
 /// The gain in dB at which the segment's K̂ has this logarithm; inside the knots.
 double gain_db_of_log_K(const JointSegment& segment, double log_K);
 
-/// Indices i such that gains i and i+1 (rising) lie on different conversion gains. A break is a step
-/// of read noise or of K that departs by more than the factor kBreakFactor from what the slopes of
-/// the two neighbouring intervals allow. At the ends, where one neighbour is missing, read noise in
-/// DN may also grow between not at all (noise behind the amplifier) and like K (noise before it);
-/// K always may grow like the gain setting.
+/// Indices i such that gains i and i+1 (rising) lie on different conversion gains. A break is a
+/// step of read noise or of K that departs by more than the factor kBreakFactor from what the
+/// slopes of the two neighbouring intervals allow. At the ends, where one neighbour is missing,
+/// read noise in DN may also grow between not at all (noise behind the amplifier) and like K (noise
+/// before it); K always may grow like the gain setting.
 inline constexpr double kBreakFactor = 1.4;
 std::vector<int> conversion_gain_breaks(std::span<const double> gain_db,
                                         std::span<const double> log_K,

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/noise/interpolate_kinds.h"
 
 #include <algorithm>
 #include <cmath>
@@ -23,6 +24,19 @@ std::string gains_text(const std::vector<Calibration>& calibrations) {
   return joined(names);
 }
 
+std::string name_of(const NoiseModel& model) {
+  return model.sensor.empty() ? "noise model" : model.sensor;
+}
+
+[[noreturn]] void throw_between(const GainSetting& gain, const GainSetting& below,
+                                const GainSetting& above) {
+  throw InputError(gain.text(),
+                   fmt::format("the sensor changes its conversion gain between {} and {}: nothing "
+                               "can be interpolated there",
+                               below.text(), above.text()),
+                   "use one of the two, or a gain on either side");
+}
+
 // The calibration at exactly this gain, or null. An unknown gain stands for the only one.
 template <class Calibration>
 const Calibration* find_gain(const NoiseModel& model, const std::vector<Calibration>& calibrations,
@@ -31,7 +45,7 @@ const Calibration* find_gain(const NoiseModel& model, const std::vector<Calibrat
     return calibrations.data();
   if (!gain.decibel())
     throw InputError(
-        model.sensor.empty() ? "noise model" : model.sensor,
+        name_of(model),
         fmt::format("the gain is not known and the model holds {}", gains_text(calibrations)),
         "name the gain with --gain (dB) or --iso");
   const GainSetting& first = calibrations.front().gain;
@@ -97,12 +111,7 @@ const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain,
       [&](const PhysicsCalibration& p) { return p.gain.decibel() && *p.gain.decibel() > db; });
   const bool below = db < segments.front().knots_db.front();
   if (!below && db < segments.back().knots_db.back() && above != model.physics.begin())
-    throw InputError(
-        gain.text(),
-        fmt::format("the sensor changes its conversion gain between {} and {}: nothing "
-                    "can be interpolated there",
-                    (above - 1)->gain.text(), above->gain.text()),
-        "use one of the two, or a gain on either side");
+    throw_between(gain, (above - 1)->gain, above->gain);
   if (range == GainRange::kCalibratedOnly)
     throw InputError(
         gain.text(),
@@ -148,25 +157,44 @@ NoiseProfile nonparametric_profile(const NoiseModel& model,
 }
 
 template <class Calibration>
-const Calibration& calibrated_at(const NoiseModel& model,
-                                 const std::vector<Calibration>& calibrations,
-                                 const GainSetting& gain) {
-  if (const Calibration* found = find_gain(model, calibrations, gain)) return *found;
-  throw InputError(
-      gain.text(),
-      fmt::format("not among the gains of the noise model: {}", gains_text(calibrations)),
-      "use a measured gain");
-}
-
-template <class Calibration>
-const Calibration& required_at(const NoiseModel& model,
-                               const std::vector<Calibration>& calibrations, const char* kind,
-                               const GainSetting& gain) {
+void require_kind(const NoiseModel& model, const std::vector<Calibration>& calibrations,
+                  const char* kind) {
   if (calibrations.empty())
     throw InputError(
-        model.sensor.empty() ? "noise model" : model.sensor, fmt::format("holds no {} model", kind),
+        name_of(model), fmt::format("holds no {} model", kind),
         fmt::format("calibrate with --kind {}, or use one of: {}", kind, joined(model.kinds())));
-  return calibrated_at(model, calibrations, gain);
+}
+
+// The physics part knows a break between the two gains.
+bool broken_between(const JointGainModel& joint, const GainSetting& below,
+                    const GainSetting& above) {
+  for (std::size_t i = 0; i + 1 < joint.segments.size(); ++i)
+    if (*below.decibel() <= joint.segments[i].knots_db.back() &&
+        *above.decibel() >= joint.segments[i + 1].knots_db.front())
+      return true;
+  return false;
+}
+
+// The measured calibration, or one interpolated between its neighbours.
+template <class Calibration>
+Calibration calibration_at(const NoiseModel& model, const std::vector<Calibration>& calibrations,
+                           const char* kind, const GainSetting& gain) {
+  require_kind(model, calibrations, kind);
+  if (const Calibration* found = find_gain(model, calibrations, gain)) return *found;
+  const auto above =
+      std::find_if(calibrations.begin(), calibrations.end(),
+                   [&](const Calibration& c) { return *c.gain.decibel() > *gain.decibel(); });
+  if (above == calibrations.begin() || above == calibrations.end())
+    throw InputError(
+        gain.text(),
+        fmt::format("outside the gains of the {} model: {}", kind, gains_text(calibrations)),
+        "use a gain inside them");
+  const auto below = above - 1;
+  for (int i : conversion_gain_breaks(calibrations))
+    if (below - calibrations.begin() == i) throw_between(gain, below->gain, above->gain);
+  if (model.joint && broken_between(*model.joint, below->gain, above->gain))
+    throw_between(gain, below->gain, above->gain);
+  return interpolated(*below, *above, gain);
 }
 
 }  // namespace
@@ -213,8 +241,7 @@ std::vector<std::string> NoiseModel::kinds() const {
 
 GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange range) const {
   if (physics.empty())
-    throw InputError(sensor.empty() ? "noise model" : sensor, "holds no physics model",
-                     "calibrate with --kind physics");
+    throw InputError(name_of(*this), "holds no physics model", "calibrate with --kind physics");
   if (const PhysicsCalibration* calibration = find_gain(*this, physics, gain))
     return measured_parameters(*calibration, layout.channels());
   GainParameters p = joint_parameters(segment_at(*this, gain, range), *gain.decibel());
@@ -240,24 +267,27 @@ PhysicsNoise NoiseModel::physics_at(const GainSetting& gain, GainRange range) co
   return physics_of(*this, parameters_at(gain, range));
 }
 
-const GaussianCalibration& NoiseModel::gaussian_at(const GainSetting& gain) const {
-  return required_at(*this, gaussian, "gaussian", gain);
+GaussianCalibration NoiseModel::gaussian_at(const GainSetting& gain) const {
+  return calibration_at(*this, gaussian, "gaussian", gain);
 }
 
-const NonparametricCalibration& NoiseModel::nonparametric_at(const GainSetting& gain) const {
-  return required_at(*this, nonparametric, "nonparametric", gain);
+NonparametricCalibration NoiseModel::nonparametric_at(const GainSetting& gain) const {
+  return calibration_at(*this, nonparametric, "nonparametric", gain);
 }
 
 const DarkFrameBank& NoiseModel::dark_frames_at(const GainSetting& gain) const {
-  return required_at(*this, dark_frames, "dark-frames", gain);
+  require_kind(*this, dark_frames, "dark-frames");
+  if (const DarkFrameBank* found = find_gain(*this, dark_frames, gain)) return *found;
+  throw InputError(gain.text(),
+                   fmt::format("the model has dark frames of {} only", gains_text(dark_frames)),
+                   "use one of these gains");
 }
 
 NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range) const {
   if (!physics.empty()) return profile_of(physics_at(gain, range));
-  if (!gaussian.empty()) return gaussian_profile(*this, calibrated_at(*this, gaussian, gain));
-  if (!nonparametric.empty())
-    return nonparametric_profile(*this, calibrated_at(*this, nonparametric, gain));
-  throw InputError(sensor.empty() ? "noise model" : sensor, "holds no model of the pixel noise",
+  if (!gaussian.empty()) return gaussian_profile(*this, gaussian_at(gain));
+  if (!nonparametric.empty()) return nonparametric_profile(*this, nonparametric_at(gain));
+  throw InputError(name_of(*this), "holds no model of the pixel noise",
                    "calibrate with --kind physics");
 }
 

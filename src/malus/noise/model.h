@@ -66,14 +66,15 @@ struct NoiseModel {
   /// sample_physics_at(random_gain(seed, frame), seed, frame).
   PhysicsNoise sample_physics_at_random_gain(std::uint64_t seed, std::uint32_t frame) const;
 
-  /// The other kinds' calibrations at a measured gain. InputError where the model holds none of the
-  /// kind, or the gain is not among its gains.
-  const GaussianCalibration& gaussian_at(const GainSetting& gain) const;
-  const NonparametricCalibration& nonparametric_at(const GainSetting& gain) const;
+  /// The other kinds at a gain: measured, or interpolated between the two measured gains around it
+  /// (interpolate_kinds.h), never across conversion gains; dark frames at measured gains only.
+  /// InputError where the model holds none of the kind, or the gain lies outside.
+  GaussianCalibration gaussian_at(const GainSetting& gain) const;
+  NonparametricCalibration nonparametric_at(const GainSetting& gain) const;
   const DarkFrameBank& dark_frames_at(const GainSetting& gain) const;
 
   /// What a denoiser needs at a gain, from the physics part, else the Gaussian, else the
-  /// non-parametric one (these two at measured gains).
+  /// non-parametric one (range concerns the first).
   NoiseProfile profile_at(const GainSetting& gain,
                           GainRange range = GainRange::kCalibratedOnly) const;
 

@@ -1,0 +1,204 @@
+#include "malus/noise/interpolate_kinds.h"
+
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
+#include "malus/noise/joint_gain.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+using Values = std::vector<double>;
+
+constexpr double kLogPerDb = 0.11512925464970229;  // ln(10)/20
+constexpr std::size_t kMaxBins = 4096;
+
+double share(const GainSetting& low, const GainSetting& high, const GainSetting& gain) {
+  const double t = (*gain.decibel() - *low.decibel()) / (*high.decibel() - *low.decibel());
+  MALUS_REQUIRE(t >= 0 && t <= 1);
+  return t;
+}
+
+double mixed(double low, double high, double t) {
+  if (low > 0 && high > 0) return std::exp((1 - t) * std::log(low) + t * std::log(high));
+  return (1 - t) * low + t * high;
+}
+
+Values mixed(const Values& low, const Values& high, double t) {
+  Values out;
+  if (low.size() != high.size()) return out;
+  for (std::size_t c = 0; c < low.size(); ++c) out.push_back(mixed(low[c], high[c], t));
+  return out;
+}
+
+// A distribution as its piecewise linear cumulative function: probability p[i] below x[i].
+struct Cumulative {
+  Values x, p;
+};
+
+// The distribution at a signal: the two levels around it, mixed by the fractional distance.
+Cumulative cumulative_at(const NonparametricChannel& channel, double signal_dn) {
+  const auto above = std::upper_bound(channel.level_dn.begin(), channel.level_dn.end(), signal_dn);
+  const auto last = channel.level_dn.size() - 1;
+  const auto j = std::min(static_cast<std::size_t>(above - channel.level_dn.begin()), last);
+  const auto i = above == channel.level_dn.begin() || above == channel.level_dn.end() ? j : j - 1;
+  const double t =
+      i == j ? 0.0
+             : (signal_dn - channel.level_dn[i]) / (channel.level_dn[j] - channel.level_dn[i]);
+  Cumulative out{channel.bin_edges_dn, {0.0}};
+  for (std::size_t b = 0; b < channel.pmf[i].size(); ++b)
+    out.p.push_back(out.p.back() + (1 - t) * channel.pmf[i][b] + t * channel.pmf[j][b]);
+  for (double& p : out.p) p /= out.p.back();
+  // Empty bins at the ends are no support.
+  const auto first = static_cast<std::ptrdiff_t>(std::upper_bound(out.p.begin(), out.p.end(), 0.0) -
+                                                 out.p.begin() - 1);
+  const auto end = static_cast<std::ptrdiff_t>(
+      std::lower_bound(out.p.begin(), out.p.end(), out.p.back()) - out.p.begin() + 1);
+  return {Values(out.x.begin() + first, out.x.begin() + end),
+          Values(out.p.begin() + first, out.p.begin() + end)};
+}
+
+double standard_deviation(const Cumulative& f) {
+  double mean = 0, square = 0;
+  for (std::size_t i = 0; i + 1 < f.x.size(); ++i) {
+    const double p = f.p[i + 1] - f.p[i], a = f.x[i], b = f.x[i + 1];
+    mean += p * 0.5 * (a + b);
+    square += p * (a * a + a * b + b * b) / 3.0;
+  }
+  return std::sqrt(std::max(square - mean * mean, 0.0));
+}
+
+// y at a given x for rising tables; the first of equal x.
+double table_at(const Values& x, const Values& y, double at) {
+  const auto above = std::lower_bound(x.begin(), x.end(), at);
+  if (above == x.begin()) return y.front();
+  if (above == x.end()) return y.back();
+  const auto i = static_cast<std::size_t>(above - x.begin());
+  const double width = x[i] - x[i - 1];
+  return width > 0 ? y[i - 1] + (at - x[i - 1]) / width * (y[i] - y[i - 1]) : y[i];
+}
+
+// (1-t) Q_low + t Q_high on the probabilities where either bends.
+Cumulative quantile_mean(const Cumulative& low, const Cumulative& high, double t) {
+  Cumulative out;
+  std::merge(low.p.begin(), low.p.end(), high.p.begin(), high.p.end(), std::back_inserter(out.p));
+  out.p.erase(std::unique(out.p.begin(), out.p.end()), out.p.end());
+  for (double p : out.p)
+    out.x.push_back((1 - t) * table_at(low.p, low.x, p) + t * table_at(high.p, high.x, p));
+  return out;
+}
+
+Values common_levels(const NonparametricChannel& low, const NonparametricChannel& high) {
+  const double from = std::max(low.level_dn.front(), high.level_dn.front());
+  const double to = std::min(low.level_dn.back(), high.level_dn.back());
+  Values all;
+  std::merge(low.level_dn.begin(), low.level_dn.end(), high.level_dn.begin(), high.level_dn.end(),
+             std::back_inserter(all));
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  std::erase_if(all, [&](double level) { return level < from || level > to; });
+  if (all.empty()) all.push_back(from);  // no common range: the ends meet
+  return all;
+}
+
+std::int64_t fewest_samples(const NonparametricChannel& channel) {
+  return channel.samples.empty()
+             ? 0
+             : *std::min_element(channel.samples.begin(), channel.samples.end());
+}
+
+NonparametricChannel interpolated_channel(const NonparametricChannel& low,
+                                          const NonparametricChannel& high, double t) {
+  NonparametricChannel out;
+  out.level_dn = common_levels(low, high);
+  std::vector<Cumulative> levels;
+  double first = 0, last = 0;
+  for (double level : out.level_dn) {
+    const Cumulative a = cumulative_at(low, level), b = cumulative_at(high, level);
+    const double sd_a = standard_deviation(a), sd_b = standard_deviation(b);
+    const double sd = mixed(sd_a, sd_b, t);
+    levels.push_back(quantile_mean(a, b, sd_a == sd_b ? t : (sd - sd_a) / (sd_b - sd_a)));
+    first = std::min(first, levels.back().x.front());
+    last = std::max(last, levels.back().x.back());
+  }
+  const auto width = [](const NonparametricChannel& channel) {
+    return (channel.bin_edges_dn.back() - channel.bin_edges_dn.front()) /
+           static_cast<double>(channel.bin_edges_dn.size() - 1);
+  };
+  const double wanted = (last - first) / mixed(width(low), width(high), t);
+  const auto bins =
+      std::clamp<std::size_t>(static_cast<std::size_t>(std::ceil(wanted)), 1, kMaxBins);
+  for (std::size_t b = 0; b <= bins; ++b)
+    out.bin_edges_dn.push_back(first +
+                               (last - first) * static_cast<double>(b) / static_cast<double>(bins));
+  for (const Cumulative& level : levels) {
+    Values pmf;
+    double below = 0;
+    for (std::size_t b = 0; b < bins; ++b) {
+      const double upto = b + 1 == bins ? 1.0 : table_at(level.x, level.p, out.bin_edges_dn[b + 1]);
+      pmf.push_back(std::max(upto - below, 0.0));
+      below = std::max(below, upto);
+    }
+    out.pmf.push_back(pmf);
+    out.samples.push_back(std::min(fewest_samples(low), fewest_samples(high)));
+  }
+  return out;
+}
+
+}  // namespace
+
+GaussianCalibration interpolated(const GaussianCalibration& low, const GaussianCalibration& high,
+                                 const GainSetting& gain) {
+  const double t = share(low.gain, high.gain, gain);
+  GaussianCalibration out;
+  out.gain = gain;
+  out.slope_dn = mixed(low.slope_dn, high.slope_dn, t);
+  out.offset_dn2 = mixed(low.offset_dn2, high.offset_dn2, t);
+  out.bias_dn = mixed(low.bias_dn, high.bias_dn, t);
+  out.warnings = {"not measured at this gain: interpolated between " + low.gain.text() + " and " +
+                  high.gain.text()};
+  return out;
+}
+
+NonparametricCalibration interpolated(const NonparametricCalibration& low,
+                                      const NonparametricCalibration& high,
+                                      const GainSetting& gain) {
+  const double t = share(low.gain, high.gain, gain);
+  NonparametricCalibration out;
+  out.gain = gain;
+  for (std::size_t c = 0; c < low.channels.size(); ++c)
+    out.channels.push_back(interpolated_channel(low.channels[c], high.channels[c], t));
+  out.sigma_row_dn = mixed(low.sigma_row_dn, high.sigma_row_dn, t);
+  out.K = mixed(low.K, high.K, t);
+  out.warnings = {"not measured at this gain: interpolated between " + low.gain.text() + " and " +
+                  high.gain.text()};
+  return out;
+}
+
+std::vector<int> conversion_gain_breaks(const std::vector<GaussianCalibration>& calibrations) {
+  Values db, log_K, log_noise;
+  for (const GaussianCalibration& g : calibrations) {
+    const double K = mean_of(g.slope_dn), offset = mean_of(g.offset_dn2);
+    if (!(K > 0 && offset > 0)) return {};  // clamped fits say nothing about the read noise
+    db.push_back(*g.gain.decibel());
+    log_K.push_back(std::log(K));
+    log_noise.push_back(0.5 * std::log(offset));
+  }
+  return conversion_gain_breaks(db, log_K, log_noise);
+}
+
+std::vector<int> conversion_gain_breaks(const std::vector<NonparametricCalibration>& calibrations) {
+  Values db, log_K, log_noise;
+  for (const NonparametricCalibration& n : calibrations) {
+    db.push_back(*n.gain.decibel());
+    log_K.push_back(n.K.empty() ? kLogPerDb * db.back() : std::log(mean_of(n.K)));
+    double sum = 0;
+    for (const NonparametricChannel& channel : n.channels)
+      sum += 0.5 * std::log(std::max(level_moments(channel, 0).variance_dn2, 1e-12));
+    log_noise.push_back(sum / static_cast<double>(n.channels.size()));
+  }
+  return conversion_gain_breaks(db, log_K, log_noise);
+}
+
+}  // namespace malus

@@ -1,0 +1,29 @@
+// Gaussian and non-parametric calibrations between two measured gains (physics.md, "Non-parametric
+// model"; the physics kind has its joint model).
+#pragma once
+
+#include "malus/noise/calibration.h"
+
+#include <vector>
+
+namespace malus {
+
+/// Slope, offset and K go geometrically with the gain in dB where both ends are positive, else
+/// linearly. Contract: low, gain and high rise.
+GaussianCalibration interpolated(const GaussianCalibration& low, const GaussianCalibration& high,
+                                 const GainSetting& gain);
+
+/// Quantile functions at equal probability: Q = (1-t) Q_low + t Q_high per level, with t such that
+/// the standard deviation goes geometrically with the gain in dB, as noise does. Levels are those
+/// of both gains inside the range they share; between a gain's levels its distributions are mixed
+/// by the fractional distance, as when sampling. samples holds the smaller count.
+NonparametricCalibration interpolated(const NonparametricCalibration& low,
+                                      const NonparametricCalibration& high,
+                                      const GainSetting& gain);
+
+/// Indices i such that calibrations i and i+1 lie on different conversion gains, judged by the
+/// calibrations alone (joint_gain.h, conversion_gain_breaks).
+std::vector<int> conversion_gain_breaks(const std::vector<GaussianCalibration>& calibrations);
+std::vector<int> conversion_gain_breaks(const std::vector<NonparametricCalibration>& calibrations);
+
+}  // namespace malus
