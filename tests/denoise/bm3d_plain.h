@@ -43,17 +43,27 @@ inline Block transformed(const Block& x, const Matrix8& m) {
   return out;
 }
 
-/// Orthonormal Walsh-Hadamard transform along the group; its own inverse.
-inline void hadamard(std::vector<Block>& group) {
-  const std::size_t count = group.size();
-  for (std::size_t span = 1; span < count; span *= 2)
-    for (std::size_t i = 0; i < count; ++i)
-      if (!(i & span))
-        for (int p = 0; p < kPatchPixels; ++p) {
-          const double a = group[i][p], b = group[i + span][p];
-          group[i][p] = (a + b) * std::sqrt(0.5);
-          group[i + span][p] = (a - b) * std::sqrt(0.5);
-        }
+/// Orthonormal Haar transform along the group: [0] the average, then details, coarse to fine.
+inline void haar(std::vector<Block>& group) {
+  for (std::size_t count = group.size(); count > 1; count /= 2) {
+    const std::vector<Block> from(group.begin(), group.begin() + std::ptrdiff_t(count));
+    for (std::size_t i = 0; i < count / 2; ++i)
+      for (std::size_t p = 0; p < kPatchPixels; ++p) {
+        group[i][p] = (from[2 * i][p] + from[2 * i + 1][p]) * std::sqrt(0.5);
+        group[count / 2 + i][p] = (from[2 * i][p] - from[2 * i + 1][p]) * std::sqrt(0.5);
+      }
+  }
+}
+
+inline void inverse_haar(std::vector<Block>& group) {
+  for (std::size_t count = 2; count <= group.size(); count *= 2) {
+    const std::vector<Block> from(group.begin(), group.begin() + std::ptrdiff_t(count));
+    for (std::size_t i = 0; i < count / 2; ++i)
+      for (std::size_t p = 0; p < kPatchPixels; ++p) {
+        group[2 * i][p] = (from[i][p] + from[count / 2 + i][p]) * std::sqrt(0.5);
+        group[2 * i + 1][p] = (from[i][p] - from[count / 2 + i][p]) * std::sqrt(0.5);
+      }
+  }
 }
 
 struct Offset {
@@ -75,6 +85,10 @@ inline std::vector<Offset> match(const Planes& planes, std::span<const double> s
   const auto order = search_order(stage.range);
   for (int index = 0; index < static_cast<int>(order.size()); ++index) {
     const auto [dy, dx] = order[static_cast<std::size_t>(index)];
+    const auto beyond = [&](int start, int pixels) {
+      return start < 0 || start > (lattice_size(pixels, stage.step) - 1) * stage.step;
+    };
+    if (beyond(row + dy, planes.rows()) || beyond(col + dx, planes.cols())) continue;
     std::int64_t distance = 0;
     for (int c = 0; c < planes.channels(); ++c)
       if (scale[static_cast<std::size_t>(c)] > 0)
@@ -134,7 +148,7 @@ inline Planes pass(const Planes& noisy, std::span<const float> sigma,
               block[p] = reflected(plane, row + o.row + p / kPatch, col + o.col + p % kPatch);
             group.push_back(transformed(block, forward));
           }
-          hadamard(group);
+          haar(group);
           return group;
         };
         auto group = load(noisy[c]);
@@ -158,13 +172,13 @@ inline Planes pass(const Planes& noisy, std::span<const float> sigma,
               energy += keep;
             }
         }
-        hadamard(group);
+        inverse_haar(group);
         for (std::size_t g = 0; g < group.size(); ++g) {
           const Block block = transformed(group[g], inverse);
           for (int p = 0; p < kPatchPixels; ++p) {
             const int r = row + offsets[g].row + p / kPatch, q = col + offsets[g].col + p % kPatch;
             if (r < 0 || q < 0 || r >= rows || q >= cols) continue;
-            const double weight = window[p / kPatch] * window[p % kPatch] / energy;
+            const double weight = window[p / kPatch] * window[p % kPatch] * std::pow(energy, -0.75);
             numerator[c](r, q) += static_cast<float>(weight * block[p]);
             denominator[c](r, q) += static_cast<float>(weight);
           }

@@ -186,8 +186,7 @@ TEST(Bm3d, SharedMatchingHelpsTheNoisierChannel) {
   const Planes clean = test_picture(2, 90, 90);
   Planes noisy = with_noise(clean, 8, 8);
   for (std::size_t i = 0; i < clean[0].size(); ++i)
-    noisy[1].values()[i] =
-        clean[1].values()[i] + 5 * (noisy[1].values()[i] - clean[1].values()[i]);
+    noisy[1].values()[i] = clean[1].values()[i] + 5 * (noisy[1].values()[i] - clean[1].values()[i]);
   const std::array sigma = {8.0F, 40.0F};
   const std::array first_only = {1.0F, 0.0F}, second_only = {0.0F, 1.0F};
   const Planes joint = bm3d(noisy, sigma, {}, first_only),

@@ -1,5 +1,5 @@
-// Collaborative filtering of groups: 2-D transform of each block, Walsh-Hadamard transform along
-// the group, shrinkage, and back. Two blocks lie side by side in a vector of 16 floats, so that a
+// Collaborative filtering of groups: 2-D transform of each block, Haar transform along the
+// group, shrinkage, and back. Two blocks lie side by side in a vector of 16 floats, so that a
 // pass along the columns is plain vertical arithmetic; a transposition inside each half gives the
 // other direction. The vectors are the compiler's own: 16 floats on every machine, in as many
 // registers as it needs, so all machines compute the same.
@@ -24,7 +24,7 @@ struct FilterKernelJob {
   const BlockGroup* groups;
   std::size_t count;
   FilterTarget target;
-  const GroupFilter::SizeTables* tables;
+  const GroupFilter::Tables* tables;
   const float* window;  ///< [row][lane]
 };
 }  // namespace malus::internal
@@ -172,27 +172,49 @@ HWY_INLINE void dct_inverse(Pair& p) {
   x[4] = e3 - o4;
 }
 
-/// Unscaled Walsh-Hadamard transform over pairs, then inside each vector between its two blocks
-/// unless there is only one.
+/// Sum and difference of a vector's two blocks.
+HWY_INLINE void butterfly_inside(Floats& v) {
+  constexpr Floats kSign = {1, 1, 1, 1, 1, 1, 1, 1, -1, -1, -1, -1, -1, -1, -1, -1};
+  v = v * kSign +
+      __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+/// Unscaled Haar transform along the group: over the pairs, which is two transforms of half a group
+/// each, then between the two averages unless there is only one block. v[0] receives the group's
+/// sum and the coarsest difference, v[i] the difference between sums of lowest_bit(i) blocks.
 template <int kPairs, bool kSingle>
-HWY_INLINE void hadamard(Floats (&v)[kPairs]) {
+HWY_INLINE void haar_forward(Floats (&v)[kPairs]) {
   HWY_UNROLL(4)
   for (int span = 1; span < kPairs; span *= 2) {
-    HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i)
-      if (!(i & span)) {
-        const Floats a = v[i], b = v[i + span];
-        v[i] = a + b;
-        v[i + span] = a - b;
-      }
+    HWY_UNROLL(8)
+    for (int i = 0; i < kPairs; i += 2 * span) {
+      const Floats a = v[i], b = v[i + span];
+      v[i] = a + b;
+      v[i + span] = a - b;
+    }
   }
-  if constexpr (!kSingle) {
-    constexpr Floats kSign = {1, 1, 1, 1, 1, 1, 1, 1, -1, -1, -1, -1, -1, -1, -1, -1};
-    HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i)
-      v[i] = v[i] * kSign + __builtin_shufflevector(v[i], v[i], 8, 9, 10, 11, 12, 13, 14, 15, 0, 1,
-                                                    2, 3, 4, 5, 6, 7);
+  if constexpr (!kSingle) butterfly_inside(v[0]);
+}
+
+/// Its inverse for coefficients divided by squared_norm.
+template <int kPairs, bool kSingle>
+HWY_INLINE void haar_inverse(Floats (&v)[kPairs]) {
+  if constexpr (!kSingle) butterfly_inside(v[0]);
+  HWY_UNROLL(4)
+  for (int span = kPairs / 2; span > 0; span /= 2) {
+    HWY_UNROLL(8)
+    for (int i = 0; i < kPairs; i += 2 * span) {
+      const Floats a = v[i], b = v[i + span];
+      v[i] = a + b;
+      v[i + span] = a - b;
+    }
   }
+}
+
+/// What unscaled coefficients of v[i] are above orthonormal ones, squared.
+template <int kPairs, bool kSingle>
+constexpr float squared_norm(int i) {
+  return static_cast<float>(i == 0 ? (kSingle ? 1 : 2 * kPairs) : 2 * (i & -i));
 }
 
 HWY_INLINE void load_table(const float* table, Floats& out) {
@@ -236,7 +258,9 @@ template <bool kWiener, int kPairs, bool kSingle>
 HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
                            const BlockGroup& group, float energy) {
   constexpr int kBlocks = kSingle ? 1 : 2 * kPairs;
-  const float weight = 1 / energy;
+  // Less than the inverse variance 1 / energy: overlapping estimates are not independent
+  // (docs/bm3d.md).
+  const float weight = 1 / std::sqrt(energy * std::sqrt(energy));
   for (int i = 0; i < kPairs; ++i) {
     Pair& pair = pairs[i];
     if constexpr (kWiener) {
@@ -248,13 +272,13 @@ HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
       transpose(pair);
       biorthogonal_inverse(pair);
     }
-    aggregate(pair, job, group.position[2 * i], group.position[kSingle ? 0 : 2 * i + 1], weight,
+    aggregate(pair, job, group.position[i], group.position[kSingle ? 0 : kPairs + i], weight,
               kSingle);
   }
   for (int i = 0; i < kBlocks; ++i) job.target.weight[group.position[i]] += weight;
   if (job.target.passed_noise)
     for (int i = 0; i < kBlocks; ++i)
-      job.target.passed_noise[group.position[i]] += 1.0F / (kBlocks * kPatchPixels);
+      job.target.passed_noise[group.position[i]] += weight * energy / (kBlocks * kPatchPixels);
 }
 
 template <bool kWiener, int kPairs, bool kSingle>
@@ -262,8 +286,8 @@ HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const
                                 Pair (&pairs)[kPairs]) {
   for (int i = 0; i < kPairs; ++i) {
     Pair pair;
-    load_pair(plane + group.position[2 * i], plane + group.position[kSingle ? 0 : 2 * i + 1],
-              stride, pair);
+    load_pair(plane + group.position[i], plane + group.position[kSingle ? 0 : kPairs + i], stride,
+              pair);
     if constexpr (kWiener) {
       dct_forward(pair);
       transpose(pair);
@@ -278,63 +302,78 @@ HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const
 }
 
 template <int kPairs, bool kSingle>
-void hard_group(const FilterKernelJob& job, const BlockGroup& group,
-                const GroupFilter::SizeTables& table) {
+void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
   Pair pairs[kPairs];
   transform_group<false, kPairs, kSingle>(job.target.noisy, job.target.stride, group, pairs);
+  const GroupFilter::Tables& table = *job.tables;
   Floats kept = {};
   for (int r = 0; r < kPatch; ++r) {
-    Floats v[kPairs], scale, limit, limit_first;
+    Floats v[kPairs], scale, limit, always;
     load_table(table.scale[r].data(), scale);
-    load_table(table.limit[r].data(), limit);
-    load_table(table.limit_first[r].data(), limit_first);
+    load_table(table.power[r].data(), limit);
+    load_table(table.mean[r].data(), always);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
-    hadamard<kPairs, kSingle>(v);
+    haar_forward<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) {
-      const Floats zero = {}, one = zero + 1.0F;
-      const Floats power = v[i] * v[i];
-      const Ints keep = power > (i == 0 ? limit_first : limit);
-      kept += keep ? one : zero;
-      v[i] = keep ? v[i] * scale : zero;
+      constexpr Floats kZero = {};
+      const float norm = squared_norm<kPairs, kSingle>(i);
+      const Floats power = v[i] * v[i], least = limit * norm;
+      const Ints keep = i == 0 ? (power > least) | (always > kZero) : power > least;
+      kept += keep ? kZero + 1.0F : kZero;
+      v[i] = keep ? v[i] * (scale * (1 / norm)) : kZero;
     }
-    hadamard<kPairs, kSingle>(v);
+    haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) pairs[i].row[r] = v[i];
   }
-  const float energy = sum_lanes(kept, kSingle ? kPatch : 2 * kPatch);
-  write_back<false, kPairs, kSingle>(pairs, job, group, energy);
+  write_back<false, kPairs, kSingle>(pairs, job, group,
+                                     sum_lanes(kept, kSingle ? kPatch : 2 * kPatch));
+}
+
+/// a / (a + 1) and b / (b + 1) with one division.
+HWY_INLINE void two_gains(Floats& a, Floats& b) {
+  const Floats below_a = a + 1.0F, below_b = b + 1.0F;
+  const Floats inverse = 1.0F / (below_a * below_b);
+  a = a * below_b * inverse;
+  b = b * below_a * inverse;
 }
 
 template <int kPairs, bool kSingle>
-void wiener_group(const FilterKernelJob& job, const BlockGroup& group,
-                  const GroupFilter::SizeTables& table) {
+void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
   Pair pairs[kPairs], pilot[kPairs];
   transform_group<true, kPairs, kSingle>(job.target.noisy, job.target.stride, group, pairs);
   transform_group<true, kPairs, kSingle>(job.target.pilot, job.target.stride, group, pilot);
+  const GroupFilter::Tables& table = *job.tables;
   Floats energy = {};
   for (int r = 0; r < kPatch; ++r) {
-    Floats v[kPairs], gain[kPairs], noise, noise_first, scale;
-    load_table(table.limit[r].data(), noise);
-    load_table(table.limit_first[r].data(), noise_first);
+    Floats v[kPairs], gain[kPairs], inverse_noise, mean, scale;
+    load_table(table.power[r].data(), inverse_noise);
+    load_table(table.mean[r].data(), mean);
     load_table(table.scale[r].data(), scale);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) gain[i] = pilot[i].row[r];
-    hadamard<kPairs, kSingle>(gain);
+    haar_forward<kPairs, kSingle>(gain);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) {
-      // A little power everywhere keeps 0/0 away from the mean, whose noise entry is 0.
-      const Floats power = gain[i] * gain[i] + noise * 1e-6F;
-      gain[i] = power / (power + (i == 0 ? noise_first : noise));
-      energy += gain[i] * gain[i];
+    for (int i = 0; i < kPairs; ++i)
+      gain[i] *= gain[i] * (inverse_noise * (1 / squared_norm<kPairs, kSingle>(i)));
+    if constexpr (kPairs == 1) {
+      gain[0] = gain[0] / (gain[0] + 1.0F);
+    } else {
+      HWY_UNROLL(8)
+      for (int i = 0; i < kPairs; i += 2) two_gains(gain[i], gain[i + 1]);
     }
+    gain[0] = mean > 0.0F ? mean : gain[0];
+    HWY_UNROLL(16)
+    for (int i = 0; i < kPairs; ++i) energy += gain[i] * gain[i];
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
-    hadamard<kPairs, kSingle>(v);
+    haar_forward<kPairs, kSingle>(v);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) v[i] *= gain[i] * scale;
-    hadamard<kPairs, kSingle>(v);
+    for (int i = 0; i < kPairs; ++i)
+      v[i] *= gain[i] * (scale * (1 / squared_norm<kPairs, kSingle>(i)));
+    haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) pairs[i].row[r] = v[i];
   }
@@ -347,22 +386,22 @@ void hard_groups(const FilterKernelJob& job) {
     const BlockGroup& group = job.groups[i];
     switch (group.count) {
       case 1:
-        hard_group<1, true>(job, group, job.tables[0]);
+        hard_group<1, true>(job, group);
         break;
       case 2:
-        hard_group<1, false>(job, group, job.tables[1]);
+        hard_group<1, false>(job, group);
         break;
       case 4:
-        hard_group<2, false>(job, group, job.tables[2]);
+        hard_group<2, false>(job, group);
         break;
       case 8:
-        hard_group<4, false>(job, group, job.tables[3]);
+        hard_group<4, false>(job, group);
         break;
       case 16:
-        hard_group<8, false>(job, group, job.tables[4]);
+        hard_group<8, false>(job, group);
         break;
       default:
-        hard_group<16, false>(job, group, job.tables[5]);
+        hard_group<16, false>(job, group);
         break;
     }
   }
@@ -373,22 +412,22 @@ void wiener_groups(const FilterKernelJob& job) {
     const BlockGroup& group = job.groups[i];
     switch (group.count) {
       case 1:
-        wiener_group<1, true>(job, group, job.tables[0]);
+        wiener_group<1, true>(job, group);
         break;
       case 2:
-        wiener_group<1, false>(job, group, job.tables[1]);
+        wiener_group<1, false>(job, group);
         break;
       case 4:
-        wiener_group<2, false>(job, group, job.tables[2]);
+        wiener_group<2, false>(job, group);
         break;
       case 8:
-        wiener_group<4, false>(job, group, job.tables[3]);
+        wiener_group<4, false>(job, group);
         break;
       case 16:
-        wiener_group<8, false>(job, group, job.tables[4]);
+        wiener_group<8, false>(job, group);
         break;
       default:
-        wiener_group<16, false>(job, group, job.tables[5]);
+        wiener_group<16, false>(job, group);
         break;
     }
   }
@@ -420,23 +459,18 @@ std::array<double, kPatch> biorthogonal_norms() {
   return {coarsest, coarsest, 0.5, 0.5, finest, finest, finest, finest};
 }
 
-/// Fills in what depends on the group's size n. power: the limit on a squared coefficient of an
-/// orthonormal transform; back[k]: what a coefficient needs to go back along one direction.
-void fill(std::array<GroupFilter::SizeTables, GroupFilter::kSizes>& tables,
-          const std::array<double, kPatch>& norm, const std::array<double, kPatch>& back,
-          double power, double power_of_mean) {
-  for (int size = 0; size < GroupFilter::kSizes; ++size) {
-    const double n = 1 << size;
-    auto& t = tables[static_cast<std::size_t>(size)];
-    for (std::size_t r = 0; r < kPatch; ++r)
-      for (std::size_t lane = 0; lane < GroupFilter::kLanes; ++lane) {
-        const double f = norm[r] * norm[lane % kPatch];
-        t.limit[r][lane] = static_cast<float>(power * n / (f * f));
-        t.scale[r][lane] = static_cast<float>(back[r] * back[lane % kPatch] / n);
-      }
-    t.limit_first = t.limit;
-    t.limit_first[0][0] = static_cast<float>(power_of_mean);
-  }
+/// power[r][lane] = power_of(square of what makes the coefficient orthonormal).
+template <class PowerOf>
+void fill(GroupFilter::Tables& t, const std::array<double, kPatch>& norm,
+          const std::array<double, kPatch>& back, PowerOf power_of) {
+  for (std::size_t r = 0; r < kPatch; ++r)
+    for (std::size_t lane = 0; lane < GroupFilter::kLanes; ++lane) {
+      const double f = norm[r] * norm[lane % kPatch];
+      t.power[r][lane] = static_cast<float>(power_of(f * f));
+      t.scale[r][lane] = static_cast<float>(back[r] * back[lane % kPatch]);
+    }
+  t.mean = {};
+  t.mean[0][0] = 1;
 }
 
 void fill_window(GroupFilter::Table& table) {
@@ -454,7 +488,7 @@ GroupFilter GroupFilter::hard(float sigma, float threshold) {
   auto back = norm;
   for (double& b : back) b *= b;
   const double limit = double{sigma} * threshold;
-  fill(filter.tables_, norm, back, limit * limit, -1);
+  fill(filter.tables_, norm, back, [&](double norm2) { return limit * limit / norm2; });
   fill_window(filter.window_);
   return filter;
 }
@@ -464,14 +498,14 @@ GroupFilter GroupFilter::wiener(float sigma) {
   filter.wiener_ = true;
   std::array<double, kPatch> back{};
   back.fill(1.0 / kPatch);
-  fill(filter.tables_, dct_norms(), back, double{sigma} * sigma, 0);
+  const double noise = double{sigma} * sigma;
+  fill(filter.tables_, dct_norms(), back, [&](double norm2) { return norm2 / noise; });
   fill_window(filter.window_);
   return filter;
 }
 
 void GroupFilter::run(std::span<const BlockGroup> groups, const FilterTarget& target) const {
-  const FilterKernelJob job{groups.data(), groups.size(), target, tables_.data(),
-                            window_[0].data()};
+  const FilterKernelJob job{groups.data(), groups.size(), target, &tables_, window_[0].data()};
   if (wiener_)
     HWY_DYNAMIC_DISPATCH(wiener_groups)(job);
   else

@@ -10,6 +10,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
+#include <vector>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/bm3d_match.cpp"
@@ -31,7 +33,8 @@ struct MatchKernelJob {
   const std::int16_t* steps;  ///< [plane][row][column modulo step][cell]
   std::ptrdiff_t plane_stride, row_stride, phase_stride;
   int planes, step, range, first_cell, cell_rows;
-  int ref_rows, ref_cols;
+  int ref_rows;
+  bool clamp;  ///< differences may exceed 255 steps
   const Displacement* order;
   int candidates;
   std::uint16_t* limit;  ///< [ref row][kCells]: only smaller distances can enter the list
@@ -63,35 +66,48 @@ struct CellSums {
   alignas(64) std::uint16_t part_both[kCells + 8][kStride];
 };
 
-template <int kStep>
+/// Squared difference; without kClamp the caller has made sure that no difference exceeds 255.
+template <bool kClamp>
+HWY_INLINE hn::Vec<Distance> squared_difference(const std::int16_t* own,
+                                                const std::int16_t* other) {
+  const Step tag;
+  auto d = hn::SaturatedSub(hn::LoadU(tag, own), hn::LoadU(tag, other));
+  if constexpr (kClamp) d = hn::Max(hn::Min(d, hn::Set(tag, 255)), hn::Set(tag, -255));
+  return hn::BitCast(Distance(), hn::Mul(d, d));
+}
+
+template <int kStep, bool kClamp>
 HWY_INLINE void sum_cells(const MatchKernelJob& job, Displacement displacement, CellSums& sums) {
   constexpr int kPart = kPatch % kStep;
   const Distance distance;
-  const Step signed_steps;
-  const auto largest = hn::Set(signed_steps, 255), smallest = hn::Set(signed_steps, -255);
-  for (int cell_row = 0; cell_row < job.cell_rows; ++cell_row) {
+  std::ptrdiff_t other_column[kStep];
+  for (int x = 0; x < kStep; ++x) {
+    const int column = x + displacement.col + kStep * job.first_cell;
+    other_column[x] = displacement.row * job.row_stride + (column % kStep) * job.phase_stride +
+                      column / kStep - job.first_cell;
+  }
+  const std::int16_t* cells = job.steps + job.first_cell + job.range * job.row_stride;
+  for (int cell_row = 0; cell_row < job.cell_rows; ++cell_row, cells += kStep * job.row_stride)
     for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance))) {
       auto full = hn::Zero(distance), part_cols = full, part_rows = full, part_both = full;
-      for (int plane = 0; plane < job.planes; ++plane) {
-        const std::int16_t* own = job.steps + plane * job.plane_stride + job.first_cell + cell +
-                                  (cell_row * kStep + job.range) * job.row_stride;
-        const std::int16_t* other = own + displacement.row * job.row_stride;
-        HWY_UNROLL(8)
-        for (int y = 0; y < kStep; ++y) {
+      HWY_UNROLL(8)
+      for (int y = 0; y < kStep; ++y) {
+        auto row = hn::Zero(distance), row_part = row;
+        for (int plane = 0; plane < job.planes; ++plane) {
+          const std::int16_t* own = cells + cell + y * job.row_stride + plane * job.plane_stride;
           HWY_UNROLL(8)
           for (int x = 0; x < kStep; ++x) {
-            const int column = x + displacement.col + kStep * job.first_cell;
-            const auto a = hn::LoadU(signed_steps, own + y * job.row_stride + x * job.phase_stride);
-            const auto b = hn::LoadU(signed_steps, other + y * job.row_stride +
-                                                       (column % kStep) * job.phase_stride +
-                                                       column / kStep - job.first_cell);
-            const auto d = hn::Max(hn::Min(hn::SaturatedSub(a, b), largest), smallest);
-            const auto square = hn::BitCast(distance, hn::Mul(d, d));
-            full = hn::SaturatedAdd(full, square);
-            if (x < kPart) part_cols = hn::SaturatedAdd(part_cols, square);
-            if (y < kPart) part_rows = hn::SaturatedAdd(part_rows, square);
-            if (x < kPart && y < kPart) part_both = hn::SaturatedAdd(part_both, square);
+            const auto square =
+                squared_difference<kClamp>(own + x * job.phase_stride, own + other_column[x]);
+            row = hn::SaturatedAdd(row, square);
+            if (x < kPart) row_part = hn::SaturatedAdd(row_part, square);
           }
+        }
+        full = hn::SaturatedAdd(full, row);
+        part_cols = hn::SaturatedAdd(part_cols, row_part);
+        if (y == kPart - 1) {
+          part_rows = full;
+          part_both = part_cols;
         }
       }
       hn::StoreU(full, distance, sums.full[cell_row] + cell);
@@ -101,32 +117,17 @@ HWY_INLINE void sum_cells(const MatchKernelJob& job, Displacement displacement, 
         hn::StoreU(part_both, distance, sums.part_both[cell_row] + cell);
       }
     }
-  }
 }
 
-/// Distance of the blocks that start in cells [cell, cell + lanes) of a cell row.
+/// Sums along a cell row what a block covers of it: whole cells, then the part of the next one.
 template <int kStep>
-HWY_INLINE hn::Vec<Distance> block_distance(const CellSums& sums, int cell_row, int cell) {
+HWY_INLINE hn::Vec<Distance> along_row(const std::uint16_t* whole, const std::uint16_t* part) {
   constexpr int kWhole = kPatch / kStep, kPart = kPatch % kStep;
   const Distance distance;
-  auto total = hn::Zero(distance);
+  auto total = hn::LoadU(distance, whole);
   HWY_UNROLL(8)
-  for (int y = 0; y < kWhole; ++y) {
-    HWY_UNROLL(8)
-    for (int x = 0; x < kWhole; ++x)
-      total = hn::SaturatedAdd(total, hn::LoadU(distance, sums.full[cell_row + y] + cell + x));
-    if constexpr (kPart > 0)
-      total = hn::SaturatedAdd(total,
-                               hn::LoadU(distance, sums.part_cols[cell_row + y] + cell + kWhole));
-  }
-  if constexpr (kPart > 0) {
-    HWY_UNROLL(8)
-    for (int x = 0; x < kWhole; ++x)
-      total = hn::SaturatedAdd(total,
-                               hn::LoadU(distance, sums.part_rows[cell_row + kWhole] + cell + x));
-    total = hn::SaturatedAdd(
-        total, hn::LoadU(distance, sums.part_both[cell_row + kWhole] + cell + kWhole));
-  }
+  for (int x = 1; x < kWhole; ++x) total = hn::SaturatedAdd(total, hn::LoadU(distance, whole + x));
+  if constexpr (kPart > 0) total = hn::SaturatedAdd(total, hn::LoadU(distance, part + kWhole));
   return total;
 }
 
@@ -144,48 +145,81 @@ HWY_INLINE std::uint16_t insert_key(std::uint32_t* list, std::uint32_t key, std:
   return last < limit ? last : limit;
 }
 
-template <int kStep, int kGroup>
+/// Puts the blocks of one vector that are near enough into their lists.
+template <int kGroup>
+HWY_INLINE void collect(const MatchKernelJob& job, hn::Vec<Distance> found, int row, int cell,
+                        int candidate) {
+  const Distance distance;
+  std::uint16_t* limit = job.limit + row * kCells + cell;
+  const auto nearer = hn::Lt(found, hn::LoadU(distance, limit));
+  if (HWY_LIKELY(hn::AllFalse(distance, nearer))) return;
+  alignas(64) std::uint16_t value[kCells];
+  hn::StoreU(found, distance, value);
+  alignas(8) std::uint8_t bits[8] = {};
+  hn::StoreMaskBits(distance, nearer, bits);
+  std::uint64_t set = 0;
+  std::memcpy(&set, bits, sizeof(set));
+  std::uint32_t* lists =
+      job.lists + (row * kCells + cell) * std::ptrdiff_t{job.list_stride} + kListLead;
+  for (; set != 0; set &= set - 1) {
+    const auto lane = static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(set));
+    const std::uint32_t key = std::uint32_t{value[lane]} << 16 | static_cast<unsigned>(candidate);
+    limit[lane] =
+        insert_key<kGroup>(lists + lane * std::ptrdiff_t{job.list_stride}, key, limit[lane]);
+  }
+}
+
+template <int kStep, int kGroup, bool kClamp>
 void search(const MatchKernelJob& job) {
+  constexpr int kWhole = kPatch / kStep;
   const Distance distance;
   CellSums sums;
   std::memset(&sums, 0, sizeof(sums));
   for (int candidate = 1; candidate < job.candidates; ++candidate) {
-    sum_cells<kStep>(job, job.order[candidate], sums);
-    for (int row = 0; row < job.ref_rows; ++row) {
-      std::uint16_t* limit = job.limit + row * kCells;
-      for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance))) {
-        const auto found = block_distance<kStep>(sums, row, cell);
-        const auto nearer = hn::Lt(found, hn::LoadU(distance, limit + cell));
-        if (HWY_LIKELY(hn::AllFalse(distance, nearer))) continue;
-        alignas(64) std::uint16_t value[kCells];
-        hn::StoreU(found, distance, value);
-        alignas(8) std::uint8_t bits[8] = {};
-        hn::StoreMaskBits(distance, nearer, bits);
-        std::uint64_t set = 0;
-        std::memcpy(&set, bits, sizeof(set));
-        for (; set != 0; set &= set - 1) {
-          const int lane = static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(set));
-          const int at = cell + lane;
-          std::uint32_t* list =
-              job.lists + (row * kCells + at) * std::ptrdiff_t{job.list_stride} + kListLead;
-          limit[at] = insert_key<kGroup>(
-              list, std::uint32_t{value[lane]} << 16 | static_cast<std::uint32_t>(candidate),
-              limit[at]);
+    sum_cells<kStep, kClamp>(job, job.order[candidate], sums);
+    for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance))) {
+      // The last kWhole cell rows, summed along the row: a block is their sum and the part below.
+      hn::Vec<Distance> above[kWhole];
+      for (auto& row : above) row = hn::Zero(distance);
+      for (int cell_row = 0; cell_row < job.cell_rows; ++cell_row) {
+        const auto whole =
+            along_row<kStep>(sums.full[cell_row] + cell, sums.part_cols[cell_row] + cell);
+        hn::Vec<Distance> found;
+        if constexpr (kPatch % kStep > 0) {
+          found =
+              along_row<kStep>(sums.part_rows[cell_row] + cell, sums.part_both[cell_row] + cell);
+          HWY_UNROLL(8)
+          for (int i = 0; i < kWhole; ++i) found = hn::SaturatedAdd(found, above[i]);
         }
+        HWY_UNROLL(8)
+        for (int i = 0; i + 1 < kWhole; ++i) above[i] = above[i + 1];
+        above[kWhole - 1] = whole;
+        if constexpr (kPatch % kStep == 0) {
+          found = above[0];
+          HWY_UNROLL(8)
+          for (int i = 1; i < kWhole; ++i) found = hn::SaturatedAdd(found, above[i]);
+        }
+        const int row = cell_row - (kPatch + kStep - 1) / kStep + 1;
+        if (row >= 0) collect<kGroup>(job, found, row, cell, candidate);
       }
     }
   }
+}
+
+template <int kStep, int kGroup>
+void search_group(const MatchKernelJob& job) {
+  job.clamp ? search<kStep, kGroup, true>(job) : search<kStep, kGroup, false>(job);
 }
 
 template <int kStep>
 void search_step(const MatchKernelJob& job) {
   switch (job.group) {
     case 8:
-      return search<kStep, 8>(job);
+      return search_group<kStep, 8>(job);
     case 16:
-      return search<kStep, 16>(job);
+      return search_group<kStep, 16>(job);
     default:
-      return search<kStep, 32>(job);
+      return search_group<kStep, 32>(job);
   }
 }
 
@@ -220,31 +254,84 @@ HWY_EXPORT(search_tile);
 
 namespace {
 
-/// Writes value * scale of the tile and its surroundings, columns sorted by column modulo step,
-/// relative to the tile's first reference pixel.
-void quantise(const MatchInput& input, const Tile& tile, MatchKernelJob& job, int rows, int cells,
-              std::int16_t* steps) {
-  for (int p = 0; p < job.planes; ++p) {
-    const auto& plane = *input.planes[static_cast<std::size_t>(p)];
-    const float scale = input.scale[static_cast<std::size_t>(p)];
-    const auto origin = plane.data.view();
-    const int row0 = plane.pad + tile.row - job.range;
-    const int col0 = plane.pad + tile.col - job.first_cell * job.step;
-    const float base = std::nearbyint(scale * origin(plane.pad + tile.row, plane.pad + tile.col));
-    for (int r = 0; r < rows; ++r) {
-      const int row = std::min(row0 + r, plane.data.rows() - 1);
-      const float* source = origin.row(row);
-      for (int phase = 0; phase < job.step; ++phase) {
-        std::int16_t* out =
-            steps + p * job.plane_stride + r * job.row_stride + phase * job.phase_stride;
-        for (int cell = 0; cell < cells; ++cell) {
-          const int col = std::clamp(col0 + cell * job.step + phase, 0, plane.data.cols() - 1);
-          const float value = std::nearbyint(scale * source[col]) - base;
-          out[cell] = static_cast<std::int16_t>(std::clamp(value, -32767.0F, 32767.0F));
-        }
+constexpr float kMaxStep = 32000;  ///< values further from the tile's first are cut there
+constexpr float kOutside = 32767;  ///< more than 255 from all of them
+/// Where values span no more than this, no difference needs a limit of 255, and a step of 255 from
+/// the smallest still leaves any block outside too far away: 8 * (255 - 155)² > kMatchFullScale.
+constexpr float kUnclampedSpan = 155;
+
+/// The part of the padded picture where blocks may lie.
+struct Bounds {
+  int row, col, end_row, end_col;
+};
+
+Bounds block_bounds(const PaddedPlane& plane, int step) {
+  const auto end = [&](int padded) {
+    return plane.pad + (lattice_size(padded - 2 * plane.pad, step) - 1) * step + kPatch;
+  };
+  return {plane.pad, plane.pad, end(plane.data.rows()), end(plane.data.cols())};
+}
+
+/// Steps of everything inside the bounds, relative to the tile's first reference pixel; returns
+/// their smallest and largest.
+std::pair<float, float> quantise(const PaddedPlane& plane, float scale, const Tile& tile,
+                                 const MatchKernelJob& job, int rows, int cells,
+                                 const Bounds& inside, std::int16_t* steps) {
+  const int row0 = plane.pad + tile.row - job.range;
+  const int col0 = plane.pad + tile.col - job.first_cell * job.step;
+  const float base = std::nearbyint(scale * plane.data(plane.pad + tile.row, plane.pad + tile.col));
+  float smallest = 0, largest = 0;
+  for (int r = std::max(0, inside.row - row0); r < std::min(rows, inside.end_row - row0); ++r) {
+    const float* source = plane.data.row(row0 + r);
+    for (int phase = 0; phase < job.step; ++phase) {
+      std::int16_t* out = steps + r * job.row_stride + phase * job.phase_stride;
+      for (int cell = 0; cell < cells; ++cell) {
+        const int col = col0 + cell * job.step + phase;
+        if (col < inside.col || col >= inside.end_col) continue;
+        const float value =
+            std::clamp(std::nearbyint(scale * source[col]) - base, -kMaxStep, kMaxStep);
+        smallest = std::min(smallest, value);
+        largest = std::max(largest, value);
+        out[cell] = static_cast<std::int16_t>(value);
       }
     }
   }
+  return {smallest, largest};
+}
+
+/// Writes value everywhere outside the bounds.
+void fill_outside(const MatchKernelJob& job, const PaddedPlane& plane, const Tile& tile, int rows,
+                  int cells, const Bounds& inside, std::int16_t value, std::int16_t* steps) {
+  const int row0 = plane.pad + tile.row - job.range;
+  const int col0 = plane.pad + tile.col - job.first_cell * job.step;
+  for (int r = 0; r < rows; ++r) {
+    const bool outside = row0 + r < inside.row || row0 + r >= inside.end_row;
+    for (int phase = 0; phase < job.step; ++phase)
+      for (int cell = 0; cell < cells; ++cell) {
+        const int col = col0 + cell * job.step + phase;
+        if (outside || col < inside.col || col >= inside.end_col)
+          steps[r * job.row_stride + phase * job.phase_stride + cell] = value;
+      }
+  }
+}
+
+/// Steps of all planes, columns sorted by column modulo step. Outside the bounds lies a value so
+/// far from all others that no block there is near.
+void quantise(const MatchInput& input, const Tile& tile, int rows, int cells, MatchKernelJob& job,
+              std::int16_t* steps) {
+  const Bounds inside = block_bounds(*input.planes[0], job.step);
+  std::vector<float> smallest;
+  job.clamp = false;
+  for (std::size_t p = 0; p < input.planes.size(); ++p) {
+    const auto [low, high] = quantise(*input.planes[p], input.scale[p], tile, job, rows, cells,
+                                      inside, steps + std::ptrdiff_t(p) * job.plane_stride);
+    smallest.push_back(low);
+    job.clamp |= high - low > kUnclampedSpan;
+  }
+  for (std::size_t p = 0; p < input.planes.size(); ++p)
+    fill_outside(job, *input.planes[p], tile, rows, cells, inside,
+                 static_cast<std::int16_t>(job.clamp ? kOutside : smallest[p] + 255),
+                 steps + std::ptrdiff_t(p) * job.plane_stride);
 }
 
 }  // namespace
@@ -274,7 +361,6 @@ void match_tile(const MatchInput& input, const Bm3dStage& stage,
   job.row_stride = job.phase_stride * step;
   job.plane_stride = job.row_stride * rows;
   job.ref_rows = tile.ref_rows;
-  job.ref_cols = tile.ref_cols;
   job.order = order.data();
   job.candidates = static_cast<int>(order.size());
   job.group = std::max(stage.group, 8);
@@ -282,7 +368,7 @@ void match_tile(const MatchInput& input, const Bm3dStage& stage,
 
   const auto steps =
       hwy::AllocateAligned<std::int16_t>(static_cast<std::size_t>(job.plane_stride * job.planes));
-  quantise(input, tile, job, rows, cells, steps.get());
+  quantise(input, tile, rows, cells, job, steps.get());
   job.steps = steps.get();
 
   const std::size_t lists = static_cast<std::size_t>(tile.ref_rows) * kCells;

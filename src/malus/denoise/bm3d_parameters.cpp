@@ -14,9 +14,9 @@ struct NamedParameters {
 };
 
 constexpr std::array<NamedParameters, 3> kProfiles = {{
-    {"fast", {{6, 8, 8, 3.0F}, 2.7F, {6, 8, 16, 1.0F}}},
-    {"normal", {{3, 19, 16, 3.0F}, 2.7F, {3, 19, 32, 1.0F}}},
-    {"high", {{2, 19, 16, 3.0F}, 2.7F, {2, 19, 32, 1.0F}}},
+    {"fast", {{6, 8, 8, 4.0F}, 2.8F, {6, 8, 16, 0.8F}}},
+    {"normal", {{3, 19, 16, 4.0F}, 2.8F, {3, 19, 32, 0.8F}}},
+    {"high", {{2, 19, 16, 4.0F}, 2.8F, {2, 19, 32, 0.8F}}},
 }};
 
 }  // namespace

@@ -198,8 +198,7 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
   if (variance_out) *variance_out = Planes(noisy.channels(), rows, cols);
   if (rows == 0 || cols == 0) return result;
 
-  const int pad = std::max(stage_padding(parameters.hard), stage_padding(parameters.wiener));
-  const Work work = prepare(noisy, sigma, match_weights, pad, progress);
+  const Work work = prepare(noisy, sigma, match_weights, kPadding, progress);
   if (work.channels.empty()) return result;
   progress.begin("denoise", std::ssize(tiles_of(rows, cols, parameters.hard.step)) +
                                 std::ssize(tiles_of(rows, cols, parameters.wiener.step)));
@@ -212,7 +211,7 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
   for (std::size_t c = 0; c < work.channels.size(); ++c) {
     Image& plane = result[work.channels[c]];
     finish(work.noisy[c], sums[c], plane, nullptr);
-    pilot.push_back(padded_by_reflection(plane, pad));
+    pilot.push_back(padded_by_reflection(plane, kPadding));
   }
 
   filters.clear();

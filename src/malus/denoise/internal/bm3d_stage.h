@@ -30,8 +30,9 @@ int lattice_size(int pixels, int step);
 /// Reference blocks along one side of a tile.
 inline int tile_references(int step) { return step >= 3 ? 30 : step == 2 ? 28 : 24; }
 
-/// Pixels of padding that a pass may touch on each side.
-inline int stage_padding(const Bm3dStage& stage) { return stage.range + 2 * kPatch; }
+/// Pixels of padding that a pass needs on each side: the last blocks may begin up to a block's side
+/// beyond the last one that fits, and the spreading of weights looks one block back.
+inline constexpr int kPadding = kPatch;
 
 /// Candidate displacements within ± range, nearest first; [0] is (0, 0). The position in this list
 /// breaks ties between equal distances.
@@ -64,9 +65,10 @@ struct MatchInput {
   std::span<const float> scale;                ///< one per plane
 };
 
-/// Finds the groups of a tile: for every reference the stage.group nearest candidates whose
-/// distance is below kMatchFullScale, cut down to a power of two. groups: ref_rows * ref_cols, row
-/// by row.
+/// Finds the groups of a tile. Candidates lie where reference blocks may lie, so never in the
+/// padding but for what the lattice needs. For every reference the stage.group nearest candidates
+/// whose distance is below kMatchFullScale, cut down to a power of two. groups: ref_rows *
+/// ref_cols, row by row.
 void match_tile(const MatchInput& input, const Bm3dStage& stage,
                 std::span<const Displacement> order, const Tile& tile,
                 std::span<BlockGroup> groups);
@@ -92,20 +94,19 @@ class GroupFilter {
   static GroupFilter wiener(float sigma);
   void run(std::span<const BlockGroup> groups, const FilterTarget& target) const;
 
-  static constexpr int kSizes = 6;  ///< groups of 1, 2, 4, 8, 16, 32
   static constexpr int kLanes = 16;
-  /// Tables in the layout of the kernels: [row of coefficients][lane], two blocks side by side.
+  /// In the layout of the kernels: [row of coefficients][lane], two blocks side by side.
   using Table = std::array<std::array<float, kLanes>, kPatch>;
-  struct SizeTables {
-    alignas(64) Table limit;        ///< hard: smallest magnitude kept; Wiener: noise power
-    alignas(64) Table limit_first;  ///< the same for the pair of coefficients with the group's mean
-    alignas(64) Table scale;        ///< back to pixels
+  struct Tables {
+    alignas(64) Table power;  ///< hard: smallest power kept; Wiener: 1 / noise power
+    alignas(64) Table mean;   ///< 1 at the group's mean, which is never shrunk
+    alignas(64) Table scale;  ///< back to pixels
   };
 
  private:
   GroupFilter() = default;
   bool wiener_ = false;
-  std::array<SizeTables, kSizes> tables_;
+  Tables tables_;
   alignas(64) Table window_;
 };
 
