@@ -26,7 +26,8 @@ void add_joint_model(NoiseModel& model) {
   if (auto joint = fit_joint_model(model.physics)) model.joint = joint.value();
 }
 
-// --- IMX250MYR: invented to be plausible -----------------------------------------------------
+// --- IMX250MYR and MZR: invented to be plausible
+// -----------------------------------------------------
 
 constexpr double kFullWellE = 10500;  // published full well of the IMX250 at 0 dB
 constexpr double kReadE = 2.3;        // published read noise; grows towards low gain
@@ -81,11 +82,11 @@ PhysicsCalibration simulated_gain(const SensorLayout& layout, double gain_db) {
   return p;
 }
 
-NoiseModel make_imx250myr() {
+NoiseModel make_imx250(const char* sensor, const char* layout) {
   NoiseModel model;
-  model.sensor = "Sony IMX250MYR (simulated)";
-  model.layout = SensorLayout::named("polar-bayer-rggb");
-  model.black_dn.assign(16, 82.0);
+  model.sensor = sensor;
+  model.layout = SensorLayout::named(layout);
+  model.black_dn.assign(static_cast<std::size_t>(model.layout.channels()), 82.0);
   model.white_dn = 4095;
   model.row_group = 2;
   model.row_group_origin = "declared";
@@ -98,6 +99,11 @@ NoiseModel make_imx250myr() {
   add_joint_model(model);
   return model;
 }
+
+NoiseModel make_imx250myr() {
+  return make_imx250("Sony IMX250MYR (simulated)", "polar-bayer-rggb");
+}
+NoiseModel make_imx250mzr() { return make_imx250("Sony IMX250MZR (simulated)", "polar-mono"); }
 
 // --- Published calibrations ------------------------------------------------------------------
 
@@ -178,6 +184,9 @@ const std::vector<BuiltinModel>& builtin_models() {
       {"imx250myr-simulated",
        "colour-polarization sensor IMX250MYR, 0-30 dB; simulated, not measured", "Apache-2.0",
        make_imx250myr},
+      {"imx250mzr-simulated",
+       "mono-polarization sensor IMX250MZR, 0-30 dB; simulated, not measured", "Apache-2.0",
+       make_imx250mzr},
       {"sony-a7s2", "Sony A7S II, ISO 50-25600, two conversion gains; PMN's calibration",
        "Apache-2.0", make_sony_a7s2},
       {"canon-5d4", "Canon EOS 5D Mark IV, ISO 100-6400; ELD's laws", "MIT", make_eld_number<0>},
