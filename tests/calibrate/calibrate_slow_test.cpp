@@ -107,6 +107,32 @@ TEST(CalibrationCoverage, MonoAndBayerSensors) {
   }
 }
 
+// Interpolation by the joint model to a gain that was left out: sigma and K within 5 %.
+TEST(CalibratedJointModel, PredictsAGainThatWasLeftOut) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 256;
+  camera.seed = 77;
+  for (double gain_db : {0.0, 8.0, 16.0, 24.0}) camera.gains.push_back(polar_gain(gain_db));
+  NoiseModel model = calibrate_physics(simulated_session(camera), {}, silent_progress());
+  ASSERT_TRUE(model.joint.has_value());
+  for (const std::size_t left_out : {1u, 2u}) {
+    NoiseModel partial = model;
+    partial.physics.erase(partial.physics.begin() + static_cast<std::ptrdiff_t>(left_out));
+    const auto joint = fit_joint_model(partial.physics);
+    ASSERT_TRUE(joint.decided());
+    partial.joint = *joint;
+    const PhysicsNoise found = partial.physics_at(camera.gains[left_out].gain);
+    for (std::size_t c = 0; c < 16; ++c) {
+      const PhysicsChannel& truth = camera.gains[left_out].noise.channels[c];
+      EXPECT_NEAR(found.channels[c].gain_dn_per_e / truth.gain_dn_per_e, 1.0, 0.05) << c;
+      EXPECT_NEAR(std::sqrt(read_variance_dn2(found.channels[c]) / read_variance_dn2(truth)), 1.0,
+                  0.05)
+          << c;
+      EXPECT_NEAR(found.channels[c].sigma_row_dn / truth.sigma_row_dn, 1.0, 0.08) << c;
+    }
+  }
+}
+
 // Basler CCD of the EMVA 1288 data sets; expected values by independent scripts (its SOURCES.md).
 TEST(RealCamera, Emva001) {
   MALUS_NEEDS_SHARED("emva001");

@@ -8,6 +8,7 @@
 #include "malus/noise/model.h"
 
 #include <string>
+#include <vector>
 
 namespace malus {
 
@@ -16,6 +17,9 @@ struct CalibrationSettings {
   std::string shape = "likelihood";
   bool single_frame = false;
   bool maps = true;
+  double level_step = 0;
+  int bins = 128;
+  int level_samples = 200000;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
@@ -35,6 +39,17 @@ struct CalibrationSettings {
                         "estimate every bias frame alone, its fixed pattern included, as the "
                         "papers do"});
     field(self.maps, ParameterInfo{"maps", "", "store dark-shading and PRNU maps in the model"});
+    field(self.level_step,
+          ParameterInfo{"level_step", "DN",
+                        "non-parametric: distance of signal levels; 0 = 1/256 of the range", 0.0,
+                        65536.0});
+    field(self.bins,
+          ParameterInfo{"bins", "1", "non-parametric: bins of each distribution", 8, 4096});
+    field(self.level_samples,
+          ParameterInfo{"level_samples", "1",
+                        "non-parametric: samples wanted per level; levels with fewer borrow from "
+                        "their neighbours, below a tenth they are left out",
+                        10, 1e9});
   }
 };
 
@@ -44,6 +59,16 @@ struct CalibrationSettings {
 /// when there are no bias frames, or frames do not belong together.
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
                              Progress& progress);
+
+/// The kinds of model asked for, of "physics", "gaussian", "nonparametric". Gaussian: slope K and
+/// the whole temporal dark variance, from the physics results. Non-parametric: from bias frames,
+/// flats and bursts of each gain (001, S1-S2); bias frames may be missing when nothing else is
+/// asked for. Throws InputError as calibrate_physics, and where no gain has frames for a kind.
+NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
+                     const std::vector<std::string>& kinds, Progress& progress);
+
+/// The kinds that calibrate() knows.
+std::vector<std::string> calibrated_kinds();
 
 /// The converter's step: greatest common divisor of the differences between a frame's values (16
 /// for 12 bits stored in the upper part of 16); 0 for fractional values.

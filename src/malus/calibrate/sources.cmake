@@ -7,6 +7,9 @@ set(calibrate_SOURCES
   flat_calibration.cpp
   frame_components.cpp
   frame_set.cpp
+  kinds.cpp
+  level_histograms.cpp
+  nonparametric_calibration.cpp
   photon_transfer.cpp
   row_group.cpp
   temporal.cpp

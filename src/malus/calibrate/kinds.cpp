@@ -1,0 +1,140 @@
+// The kinds of model beside the physics one, and which are made of what.
+#include "malus/base/error.h"
+#include "malus/base/text.h"
+#include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/nonparametric_calibration.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+bool contains(const std::vector<std::string>& kinds, const char* kind) {
+  return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
+}
+
+bool has_frames(const CalibrationInput& input, FrameKind kind) {
+  return std::any_of(input.sets.begin(), input.sets.end(),
+                     [kind](const FrameSet& set) { return set.kind == kind; });
+}
+
+// Variance against signal: the photon-transfer line through the dark point, rows and quantisation
+// in the offset.
+GaussianCalibration gaussian_of(const PhysicsCalibration& physics) {
+  GaussianCalibration out;
+  out.gain = physics.gain;
+  out.levels = static_cast<int>(
+      std::count_if(physics.transfer.begin(), physics.transfer.end(),
+                    [](const PhotonTransferPoint& p) { return p.channel == 0 && p.used; }));
+  out.slope_dn = physics.K.mean;
+  out.slope_stderr_dn = physics.K.standard_error;
+  out.bias_dn = physics.mu.mean;
+  for (std::size_t c = 0; c < physics.temporal_sd_dark_dn.size(); ++c) {
+    const double sd = physics.temporal_sd_dark_dn[c];
+    out.offset_dn2.push_back(sd * sd);
+    out.offset_stderr_dn2.push_back(2.0 * sd * physics.temporal_sd_dark_stderr_dn[c]);
+  }
+  return out;
+}
+
+// The reference of a burst: the one with its level label, else the only one.
+const FrameSet* reference_for(const FrameSet& burst, const CalibrationInput& input) {
+  const FrameSet* found = nullptr;
+  int references = 0;
+  for (const FrameSet& set : input.sets) {
+    if (set.kind != FrameKind::kReference || set.count < 1) continue;
+    ++references;
+    if (!found || set.level == burst.level) found = &set;
+  }
+  return references == 1 || (found && found->level == burst.level) ? found : nullptr;
+}
+
+// Sources of noise at one gain, dark ones first.
+std::vector<NoiseSource> sources_at(const GainSetting& gain, const CalibrationInput& input) {
+  std::vector<NoiseSource> sources;
+  for (const FrameKind kind : {FrameKind::kBias, FrameKind::kFlat, FrameKind::kBurst})
+    for (const FrameSet& set : input.sets)
+      if (set.kind == kind && set.gain == gain)
+        sources.push_back({&set, kind == FrameKind::kBurst ? reference_for(set, input) : nullptr});
+  return sources;
+}
+
+std::vector<GainSetting> lit_gains(const CalibrationInput& input) {
+  std::vector<GainSetting> gains;
+  for (const FrameSet& set : input.sets)
+    if ((set.kind == FrameKind::kFlat || set.kind == FrameKind::kBurst) && set.count >= 2 &&
+        std::find(gains.begin(), gains.end(), set.gain) == gains.end())
+      gains.push_back(set.gain);
+  std::sort(gains.begin(), gains.end(), [](const GainSetting& a, const GainSetting& b) {
+    return a.decibel().value_or(0.0) < b.decibel().value_or(0.0);
+  });
+  return gains;
+}
+
+void add_nonparametric(const CalibrationInput& input, const CalibrationSettings& settings,
+                       Progress& progress, NoiseModel& model) {
+  const std::vector<GainSetting> gains = lit_gains(input);
+  if (gains.empty())
+    throw InputError(input.origin, "has no bursts or flats of two frames or more",
+                     "a non-parametric model needs noise at many signal levels");
+  std::int64_t steps = 0;
+  for (const GainSetting& gain : gains)
+    for (const NoiseSource& source : sources_at(gain, input))
+      steps += 2 * source.frames->count + (source.reference ? source.reference->count : 0);
+  progress.begin("distributions", steps);
+  for (const GainSetting& gain : gains) {
+    const std::vector<NoiseSource> sources = sources_at(gain, input);
+    const RawFrame first = sources.front().frames->load(0);
+    if (model.black_dn.empty()) {
+      model.layout = first.layout;
+      model.black_dn = first.black_dn;
+      model.white_dn = first.white_dn;
+      model.quantization_dn = quantization_step(first.dn);
+    }
+    const auto physics = std::find_if(model.physics.begin(), model.physics.end(),
+                                      [&](const PhysicsCalibration& p) { return p.gain == gain; });
+    model.nonparametric.push_back(
+        measure_levels(sources, first, physics == model.physics.end() ? nullptr : &*physics,
+                       model.row_group, settings, progress));
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> calibrated_kinds() { return {"physics", "gaussian", "nonparametric"}; }
+
+NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
+                     const std::vector<std::string>& kinds, Progress& progress) {
+  for (const std::string& kind : kinds)
+    if (!contains(calibrated_kinds(), kind.c_str()))
+      throw InputError("--kind", fmt::format("{} is not a kind of model", kind),
+                       "choose of " + joined(calibrated_kinds()));
+  NoiseModel model;
+  if (contains(kinds, "physics") || contains(kinds, "gaussian") ||
+      has_frames(input, FrameKind::kBias)) {
+    model = calibrate_physics(input, settings, progress);
+  } else {
+    model.sensor = input.sensor;
+    model.origin = input.origin;
+    model.row_group = input.row_group.value_or(1);
+    model.row_group_origin = input.row_group ? "declared" : "assumed";
+  }
+  if (contains(kinds, "gaussian")) {
+    for (const PhysicsCalibration& physics : model.physics)
+      if (!physics.K.mean.empty()) model.gaussian.push_back(gaussian_of(physics));
+    if (model.gaussian.empty())
+      throw InputError(input.origin, "has no gain with a photon-transfer curve",
+                       "a Gaussian model needs flat frames at two light levels or more");
+  }
+  if (contains(kinds, "nonparametric")) add_nonparametric(input, settings, progress, model);
+  if (!contains(kinds, "physics")) {
+    model.physics.clear();
+    model.joint.reset();
+  }
+  return model;
+}
+
+}  // namespace malus

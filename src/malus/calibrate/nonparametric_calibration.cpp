@@ -1,0 +1,275 @@
+#include "malus/calibrate/nonparametric_calibration.h"
+
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
+#include "malus/calibrate/geometry.h"
+#include "malus/calibrate/level_histograms.h"
+#include "malus/calibrate/temporal.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// First pass over one source: what a noiseless frame would be, in DN above dark.
+struct CleanFrame {
+  Image light_dn;
+  std::vector<double> frame_mean_dn;      ///< the mean the frames had, above dark, per channel
+  std::vector<double> dark_variance_dn2;  ///< temporal, of the darkest twentieth of each channel
+  std::vector<double> slope_dn;           ///< rise of the variance from there to the channel's mean
+  double kept = 1.0;                      ///< share of a frame's variance that noisy - clean shows
+};
+
+TemporalAccumulator accumulate(const FrameSet& set, const RawFrame& first,
+                               const MosaicGeometry& geometry,
+                               const std::vector<double>& dark_level_dn, FrameAlignment alignment,
+                               Progress& progress) {
+  TemporalAccumulator temporal(geometry, dark_level_dn, alignment);
+  for_each_frame(set, &first, progress,
+                 [&](const RawFrame& frame, int) { temporal.add(frame.dn); });
+  return temporal;
+}
+
+// clean = slope * reference per channel, the line fitted to the frames' own mean; the intercept is
+// the dark bias that black subtraction left and belongs to the noise.
+void map_reference(const Image& reference_dn, const MosaicGeometry& geometry, Image& mean_dn) {
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    double n = 0, x = 0, y = 0, xx = 0, xy = 0;
+    const auto for_pixels = [&](auto&& use) {
+      for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
+        for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
+          use(r, c);
+    };
+    for_pixels([&](int r, int c) {
+      const double u = reference_dn(r, c), v = mean_dn(r, c);
+      n += 1;
+      x += u;
+      y += v;
+      xx += u * u;
+      xy += u * v;
+    });
+    const double spread = xx - x * x / n;
+    const double slope = spread > 0 ? (xy - x * y / n) / spread : (x > 0 ? y / x : 0.0);
+    for_pixels(
+        [&](int r, int c) { mean_dn(r, c) = static_cast<float>(slope * reference_dn(r, c)); });
+  }
+}
+
+// Variance in the darkest twentieth of each channel and its rise to the mean: what the bins of the
+// histograms have to suit.
+void measure_range(const TemporalAccumulator& temporal, const MosaicGeometry& geometry,
+                   CleanFrame& clean) {
+  const std::vector<double> variance = temporal.variance_dn2();
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    std::vector<std::pair<float, float>> light_and_squares;
+    const std::int64_t step = 1 + geometry.channel_pixels(channel) / 50000;
+    std::int64_t index = 0;
+    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
+      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
+        if (index++ % step == 0)
+          light_and_squares.emplace_back(clean.light_dn(r, c), temporal.sum_of_squares()(r, c));
+    const auto darkest = static_cast<std::ptrdiff_t>(light_and_squares.size() / 20 + 1);
+    std::nth_element(light_and_squares.begin(), light_and_squares.begin() + darkest - 1,
+                     light_and_squares.end());
+    double light = 0, squares = 0;
+    for (std::ptrdiff_t i = 0; i < darkest; ++i) {
+      light += light_and_squares[static_cast<std::size_t>(i)].first;
+      squares += light_and_squares[static_cast<std::size_t>(i)].second;
+    }
+    const auto n = static_cast<double>(darkest);
+    const double dark = squares / n / (temporal.frames() - 1.0), all = variance[at(channel)];
+    const double rise = clean.frame_mean_dn[at(channel)] - light / n;
+    clean.dark_variance_dn2.push_back(dark);
+    // On a flat field there is no rise to see: all of the variance may be shot noise.
+    const double mean = std::max(clean.frame_mean_dn[at(channel)], 1e-6);
+    clean.slope_dn.push_back(rise > 0.2 * mean && all > dark ? (all - dark) / rise : all / mean);
+  }
+}
+
+CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
+                         const MosaicGeometry& geometry, const std::vector<double>& dark_level_dn,
+                         Progress& progress) {
+  const FrameAlignment alignment = source.frames->kind == FrameKind::kBias
+                                       ? FrameAlignment::kAdditive
+                                       : FrameAlignment::kMultiplicative;
+  TemporalAccumulator temporal =
+      accumulate(*source.frames, first, geometry, dark_level_dn, alignment, progress);
+  CleanFrame clean;
+  clean.frame_mean_dn = temporal.mean_dn();
+  clean.light_dn = temporal.release_mean_frame_dn();
+  measure_range(temporal, geometry, clean);
+  if (source.reference) {
+    TemporalAccumulator reference = accumulate(*source.reference, first, geometry, first.black_dn,
+                                               FrameAlignment::kMultiplicative, progress);
+    map_reference(reference.release_mean_frame_dn(), geometry, clean.light_dn);
+  } else {
+    clean.kept = 1.0 - 1.0 / source.frames->count;
+  }
+  if (source.frames->kind == FrameKind::kBias) clean.frame_mean_dn.clear();
+  return clean;
+}
+
+// Noise of one frame, row by row of groups, into the channels' histograms.
+class LevelPass {
+ public:
+  LevelPass(const MosaicGeometry& geometry, const std::vector<double>& dark_level_dn,
+            const std::vector<double>& bias_dn, std::vector<LevelHistograms>& histograms)
+      : geometry_(geometry), dark_(dark_level_dn), bias_(bias_dn), histograms_(histograms) {}
+
+  void add(View<const float> dn, const CleanFrame& clean) {
+    std::vector<double> lamp(dark_.size(), 1.0);
+    if (!clean.frame_mean_dn.empty()) {
+      const std::vector<double> mean = channel_means(dn, geometry_);
+      for (std::size_t c = 0; c < lamp.size(); ++c)
+        if (clean.frame_mean_dn[c] > 0) lamp[c] = (mean[c] - dark_[c]) / clean.frame_mean_dn[c];
+    }
+    for (int group = 0; group < geometry_.groups(); ++group) add_group(dn, clean, lamp, group);
+  }
+  /// Variance of the group means seen minus what pixels explain: σ_b²; and its standard error.
+  double row_variance_dn2(int channel) const {
+    return rows_[at(channel)].variance() - explained_[at(channel)].mean();
+  }
+  double row_variance_error_dn2(int channel) const {
+    return rows_[at(channel)].variance_standard_error();
+  }
+  void reset_rows() {
+    rows_.assign(dark_.size(), Moments());
+    explained_ = rows_;
+  }
+
+ private:
+  void add_group(View<const float> dn, const CleanFrame& clean, const std::vector<double>& lamp,
+                 int group) {
+    const int begin = group * geometry_.row_group();
+    const int end = std::min(begin + geometry_.row_group(), geometry_.rows());
+    const bool bias_frame = clean.frame_mean_dn.empty();
+    for (int channel = 0; channel < geometry_.channels(); ++channel) {
+      const auto c = at(channel);
+      const int n = geometry_.group_pixels(group, channel);
+      if (n < 2) continue;
+      signal_.clear();
+      noise_.clear();
+      double sum = 0, square = 0;
+      for (int r = begin; r < end; ++r) {
+        if (r % geometry_.cell_rows() != channel / geometry_.cell_cols()) continue;
+        for (int col = channel % geometry_.cell_cols(); col < geometry_.cols();
+             col += geometry_.cell_cols()) {
+          const double light = lamp[c] * clean.light_dn(r, col);
+          const double noise = dn(r, col) - dark_[c] - light;
+          signal_.push_back(bias_frame ? 0.0 : light);
+          noise_.push_back(noise);
+          sum += noise;
+          square += noise * noise;
+        }
+      }
+      const double mean = sum / n, pixel = (square - n * mean * mean) / (n - 1);
+      rows_[c].add(mean / std::sqrt(clean.kept));
+      explained_[c].add(pixel / n / clean.kept);
+      const double scale = 1.0 / std::sqrt((1.0 - 1.0 / n) * clean.kept);
+      for (std::size_t i = 0; i < noise_.size(); ++i)
+        histograms_[c].add(signal_[i], (noise_[i] - mean) * scale + bias_[c]);
+    }
+  }
+
+  const MosaicGeometry& geometry_;
+  const std::vector<double>&dark_, &bias_;
+  std::vector<LevelHistograms>& histograms_;
+  std::vector<Moments> rows_, explained_;
+  std::vector<double> signal_, noise_;
+};
+
+// Histograms whose bins suit the darkest and the brightest noise that can be expected.
+std::vector<LevelHistograms> make_histograms(const RawFrame& first, const CleanFrame& clean,
+                                             const PhysicsCalibration* physics,
+                                             const CalibrationSettings& settings) {
+  std::vector<LevelHistograms> histograms;
+  for (std::size_t c = 0; c < clean.dark_variance_dn2.size(); ++c) {
+    const double range = first.white_dn - first.black_dn[c];
+    double dark = clean.dark_variance_dn2[c], slope = clean.slope_dn[c];
+    if (physics) dark = std::pow(physics->temporal_sd_dark_dn[c], 2);
+    if (physics && !physics->K.mean.empty()) slope = physics->K.mean[c];
+    dark = std::max(dark, 1e-6);
+    const double step = settings.level_step > 0 ? settings.level_step : range / 256.0;
+    histograms.emplace_back(
+        noise_bin_edges(std::sqrt(dark), std::sqrt(dark + slope * range), settings.bins), step,
+        range);
+  }
+  return histograms;
+}
+
+void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFrame& first,
+                     const CalibrationSettings& settings, NonparametricCalibration& out) {
+  int refused = 0;
+  for (std::size_t c = 0; c < histograms.size(); ++c) {
+    auto result = histograms[c].result(settings.level_samples);
+    refused += result.refused_levels;
+    if (result.channel.level_dn.size() < 2)
+      throw InputError(
+          fmt::format("{}, channel {}", out.gain.text(),
+                      first.layout.channel_name(static_cast<int>(c))),
+          fmt::format("{} of its signal levels have a tenth of {} samples, 2 are needed",
+                      result.channel.level_dn.size(), settings.level_samples),
+          "take more frames, or lower --level-samples or raise --level-step");
+    out.channels.push_back(std::move(result.channel));
+  }
+  if (refused > 0)
+    out.warnings.push_back(fmt::format(
+        "{} signal levels of all channels together were left out: fewer than {} samples even with "
+        "their neighbours",
+        refused, settings.level_samples / 10));
+}
+
+}  // namespace
+
+NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
+                                        const RawFrame& first, const PhysicsCalibration* physics,
+                                        int row_group, const CalibrationSettings& settings,
+                                        Progress& progress) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  std::vector<double> bias(at(geometry.channels()), 0.0), dark = first.black_dn;
+  if (physics) bias = physics->mu.mean;
+  for (std::size_t c = 0; c < dark.size(); ++c) dark[c] += bias[c];
+  NonparametricCalibration out;
+  out.gain = sources.front().frames->gain;
+  std::vector<LevelHistograms> histograms;
+  LevelPass pass(geometry, dark, bias, histograms);
+  double darkest = std::numeric_limits<double>::infinity();
+  std::vector<double> row_variance(bias.size()), row_error(bias.size());
+  for (const NoiseSource& source : sources) {
+    if (source.frames->count < 2) continue;
+    const CleanFrame clean = measure_clean(source, first, geometry, dark, progress);
+    if (histograms.empty()) histograms = make_histograms(first, clean, physics, settings);
+    pass.reset_rows();
+    for_each_frame(*source.frames, &first, progress,
+                   [&](const RawFrame& frame, int) { pass.add(frame.dn, clean); });
+    out.frames += source.frames->count;
+    const double light = clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn);
+    if (light >= darkest) continue;
+    darkest = light;
+    for (int c = 0; c < geometry.channels(); ++c) {
+      row_variance[at(c)] = pass.row_variance_dn2(c);
+      row_error[at(c)] = pass.row_variance_error_dn2(c);
+    }
+  }
+  if (histograms.empty())
+    throw InputError(out.gain.text(), "has no set of two frames or more of one scene",
+                     "noise is told from the scene by repeating the frame");
+  finish_channels(histograms, first, settings, out);
+  for (std::size_t c = 0; c < bias.size(); ++c) {
+    const double sigma = std::sqrt(std::max(row_variance[c], 0.0));
+    out.sigma_row_dn.push_back(physics ? physics->sigma_row.mean[c] : sigma);
+    out.sigma_row_stderr_dn.push_back(
+        physics ? physics->sigma_row.standard_error[c]
+                : 0.5 * (std::sqrt(sigma * sigma + 2 * row_error[c]) - sigma));
+  }
+  if (physics) out.K = physics->K.mean;
+  return out;
+}
+
+}  // namespace malus

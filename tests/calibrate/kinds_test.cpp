@@ -1,0 +1,142 @@
+#include "malus/calibrate/calibrate.h"
+
+#include <cmath>
+
+#include "simulated_session.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::polar_gain;
+using testing::simulated_session;
+using testing::SimulatedCamera;
+
+SimulatedCamera polar_mono_camera() {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.bias_frames = 40;
+  camera.flat_frames = 8;
+  camera.gains.push_back(polar_gain(12, "polar-mono", 1));
+  return camera;
+}
+
+CalibrationSettings small_levels() {
+  CalibrationSettings settings;
+  settings.level_samples = 10000;
+  return settings;
+}
+
+double pixel_variance(const PhysicsChannel& c, double signal_dn) {
+  return pixel_variance_dn2(c, signal_dn, 1.0);
+}
+
+TEST(CalibrateKinds, GaussianIsTheLineOfTheWholeVariance) {
+  const SimulatedCamera camera = polar_mono_camera();
+  const NoiseModel model =
+      calibrate(simulated_session(camera), {}, {"gaussian"}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("gaussian"));
+  ASSERT_EQ(model.gaussian.size(), 1u);
+  const GaussianCalibration& g = model.gaussian[0];
+  for (std::size_t c = 0; c < 4; ++c) {
+    const PhysicsChannel& truth = camera.gains[0].noise.channels[c];
+    const double offset = pixel_variance(truth, 0) + truth.sigma_row_dn * truth.sigma_row_dn;
+    EXPECT_NEAR(g.slope_dn[c], truth.gain_dn_per_e, 4 * g.slope_stderr_dn[c]);
+    EXPECT_NEAR(g.offset_dn2[c], offset, 4 * g.offset_stderr_dn2[c]);
+    EXPECT_NEAR(g.bias_dn[c], truth.mu_dn, 0.15);
+  }
+}
+
+// Variance of every level against the truth; the row part is not in it.
+TEST(CalibrateKinds, NonparametricLevelsHoldTheNoiseOfTheirSignal) {
+  const SimulatedCamera camera = polar_mono_camera();
+  const NoiseModel model = calibrate(simulated_session(camera), small_levels(),
+                                     {"physics", "nonparametric"}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("physics", "nonparametric"));
+  EXPECT_EQ(contradiction_in(model), "");
+  const NonparametricCalibration& n = model.nonparametric.at(0);
+  for (std::size_t c = 0; c < 4; ++c) {
+    const PhysicsChannel& truth = camera.gains[0].noise.channels[c];
+    const NonparametricChannel& channel = n.channels[c];
+    ASSERT_GE(channel.level_dn.size(), 12u);
+    EXPECT_EQ(channel.level_dn[0], 0.0);
+    EXPECT_EQ(n.sigma_row_dn[c], model.physics[0].sigma_row.mean[c]);
+    for (std::size_t l = 0; l < channel.level_dn.size(); ++l) {
+      if (channel.level_dn[l] > 3800) continue;  // clipped at white
+      const LevelMoments found = level_moments(channel, l);
+      const double variance = pixel_variance(truth, channel.level_dn[l]);
+      const auto samples = static_cast<double>(channel.samples[l]);
+      // Borrowing from neighbours and the bins' width cost up to 2 %.
+      EXPECT_NEAR(found.variance_dn2, variance, variance * (5 * std::sqrt(2 / samples) + 0.02))
+          << c << " " << channel.level_dn[l];
+      EXPECT_NEAR(found.mean_dn, truth.mu_dn, 0.15 + 5 * std::sqrt(variance / samples));
+    }
+  }
+}
+
+// A burst of a scene with many signals, its clean version known from a low-gain stack that has
+// another exposure.
+TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
+  CalibrationInput input;
+  const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
+  const auto frame = [noise](double slope, double dark, std::uint32_t index, bool noisy) {
+    RawFrame out;
+    out.black_dn = {100};
+    out.white_dn = 4095;
+    out.dn = Image(128, 128);
+    for (int r = 0; r < 128; ++r)
+      for (int c = 0; c < 128; ++c)
+        out.dn(r, c) = static_cast<float>(slope * (r / 8 * 128 / 8 + c / 8));
+    if (noisy) add_noise_exact(noise, out.dn, out.dn, DrawAddress{9, index, 0, 0});
+    for (float& v : out.dn.values()) v += static_cast<float>(100 + dark);
+    return out;
+  };
+  FrameSet burst, reference;
+  burst.kind = FrameKind::kBurst;
+  burst.gain.iso = 1600;
+  burst.count = 30;
+  burst.load = [frame](int i) { return frame(12.0, 0.0, static_cast<std::uint32_t>(i), true); };
+  reference.kind = FrameKind::kReference;
+  reference.gain.iso = 50;
+  reference.count = 2;
+  reference.load = [frame](int) { return frame(3.0, 0.0, 0, false); };
+  input.sets = {burst, reference};
+  const NoiseModel model = calibrate(input, small_levels(), {"nonparametric"}, silent_progress());
+  const NonparametricChannel& channel = model.nonparametric.at(0).channels.at(0);
+  ASSERT_GT(channel.level_dn.size(), 30u);
+  EXPECT_GT(channel.level_dn.back(), 2900);
+  for (std::size_t l = 0; l < channel.level_dn.size(); ++l) {
+    const double variance = noise.channels[0].gain_dn_per_e * channel.level_dn[l] +
+                            read_variance_dn2(noise.channels[0]);
+    EXPECT_NEAR(level_moments(channel, l).variance_dn2, variance,
+                variance * (5 * std::sqrt(2.0 / static_cast<double>(channel.samples[l])) + 0.02))
+        << channel.level_dn[l];
+  }
+  EXPECT_NEAR(model.nonparametric[0].sigma_row_dn[0], noise.channels[0].sigma_row_dn, 0.15);
+}
+
+TEST(CalibrateKinds, TooFewSamplesAreRefusedWithTheNumber) {
+  SimulatedCamera camera = polar_mono_camera();
+  camera.rows = camera.cols = 64;
+  try {
+    calibrate(simulated_session(camera), {}, {"nonparametric"}, silent_progress());
+    FAIL() << "was accepted";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("200000 samples"));
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("--level-samples"));
+  }
+}
+
+TEST(CalibrateKinds, UnknownKindsAndMissingFramesAreNamed) {
+  SimulatedCamera camera = polar_mono_camera();
+  camera.flat_levels = 0;
+  camera.bias_frames = 4;
+  const CalibrationInput input = simulated_session(camera);
+  EXPECT_THROW(calibrate(input, {}, {"poisson"}, silent_progress()), InputError);
+  EXPECT_THROW(calibrate(input, {}, {"gaussian"}, silent_progress()), InputError);
+  EXPECT_THROW(calibrate(input, {}, {"nonparametric"}, silent_progress()), InputError);
+}
+
+}  // namespace
+}  // namespace malus
