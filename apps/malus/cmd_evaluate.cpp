@@ -27,6 +27,7 @@ struct EvaluateArguments {
   NoiseArguments noise;
   bool noise_mode = false;
   std::optional<double> peak_dn;
+  double ratio = 1;  ///< low-light ratio: a test is multiplied by it first
 };
 
 // A mosaic, or a picture of several channels; exactly one of them.
@@ -52,6 +53,15 @@ Subject load_subject(const fs::path& path, const FrameOptions& options) {
     if (picture.planes.channels() > 1) return {{}, std::move(picture)};
   }
   return {load_above_black(path, options), std::nullopt};
+}
+
+void multiply(Subject& subject, double ratio) {
+  const auto scale = [&](Image& image) {
+    for (float& v : image.values()) v = static_cast<float>(v * ratio);
+  };
+  scale(subject.frame.dn);
+  if (subject.picture)
+    for (Image& plane : subject.picture->planes) scale(plane);
 }
 
 double largest_of(const RawFrame& frame) {
@@ -139,7 +149,9 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
   std::string text = fmt::format("  {:<32}{:>10}{:>9}{:>10}{:>10}{:>10}\n", "", "image dB", "SSIM",
                                  "DoLP dB", "AoLP dB", "AoLP deg");
   for (const fs::path& path : arguments.noise.test) {
-    const Evaluation e = evaluate(arguments, path, reference, load_subject(path, options));
+    Subject test = load_subject(path, options);
+    if (arguments.ratio != 1) multiply(test, arguments.ratio);
+    const Evaluation e = evaluate(arguments, path, reference, test);
     if (e.pixels_left_out > 0)
       warn(fmt::format("{}: {} pixels are not finite in it or the reference and are left out",
                        path.string(), e.pixels_left_out));
@@ -178,6 +190,11 @@ void add_evaluate(CLI::App& app, Common& common) {
   command->add_option("--test", noise.test, "one or more to judge; with --noise a set of frames");
   command->add_option("--peak", arguments->peak_dn, "white above black for PSNR and SSIM [DN]")
       ->check(CLI::PositiveNumber);
+  command
+      ->add_option("--ratio", arguments->ratio,
+                   "low-light ratio of the tests: they are multiplied by it before the comparison")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   const std::string group = "Noise";
   command->add_flag("--noise", arguments->noise_mode, "compare the noise of two sets of frames")
       ->group(group);
