@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <utility>
 #include <vector>
 
 #undef HWY_TARGET_INCLUDE
@@ -25,7 +24,6 @@
 #define MALUS_BM3D_MATCH_ONCE
 namespace malus::internal {
 
-inline constexpr int kCells = 32;  ///< cells along a tile's side, those at the far edge included
 inline constexpr std::uint32_t kNoMatch = 0xFFFFFFFFu;
 
 /// Plain pointers for the kernels.
@@ -254,84 +252,26 @@ HWY_EXPORT(search_tile);
 
 namespace {
 
-constexpr float kMaxStep = 32000;  ///< values further from the tile's first are cut there
-constexpr float kOutside = 32767;  ///< more than 255 from all of them
-/// Where values span no more than this, no difference needs a limit of 255, and a step of 255 from
-/// the smallest still leaves any block outside too far away: 8 * (255 - 155)² > kMatchFullScale.
-constexpr float kUnclampedSpan = 155;
-
-/// The part of the padded picture where blocks may lie.
-struct Bounds {
-  int row, col, end_row, end_col;
-};
-
-Bounds block_bounds(const PaddedPlane& plane, int step) {
-  const auto end = [&](int padded) {
-    return plane.pad + (lattice_size(padded - 2 * plane.pad, step) - 1) * step + kPatch;
-  };
-  return {plane.pad, plane.pad, end(plane.data.rows()), end(plane.data.cols())};
-}
-
-/// Steps of everything inside the bounds, relative to the tile's first reference pixel; returns
-/// their smallest and largest.
-std::pair<float, float> quantise(const PaddedPlane& plane, float scale, const Tile& tile,
-                                 const MatchKernelJob& job, int rows, int cells,
-                                 const Bounds& inside, std::int16_t* steps) {
-  const int row0 = plane.pad + tile.row - job.range;
-  const int col0 = plane.pad + tile.col - job.first_cell * job.step;
-  const float base = std::nearbyint(scale * plane.data(plane.pad + tile.row, plane.pad + tile.col));
-  float smallest = 0, largest = 0;
-  for (int r = std::max(0, inside.row - row0); r < std::min(rows, inside.end_row - row0); ++r) {
-    const float* source = plane.data.row(row0 + r);
-    for (int phase = 0; phase < job.step; ++phase) {
-      std::int16_t* out = steps + r * job.row_stride + phase * job.phase_stride;
-      for (int cell = 0; cell < cells; ++cell) {
-        const int col = col0 + cell * job.step + phase;
-        if (col < inside.col || col >= inside.end_col) continue;
-        const float value =
-            std::clamp(std::nearbyint(scale * source[col]) - base, -kMaxStep, kMaxStep);
-        smallest = std::min(smallest, value);
-        largest = std::max(largest, value);
-        out[cell] = static_cast<std::int16_t>(value);
-      }
+/// Reads the lists of one tile.
+void read_lists(const MatchKernelJob& job, const PaddedPlane& plane, const Bm3dStage& stage,
+                const Tile& tile, std::span<BlockGroup> groups) {
+  const std::ptrdiff_t stride = plane.stride();
+  std::vector<std::int32_t> offset(static_cast<std::size_t>(job.candidates));
+  for (std::size_t i = 0; i < offset.size(); ++i)
+    offset[i] = static_cast<std::int32_t>(job.order[i].row * stride + job.order[i].col);
+  for (int r = 0; r < tile.ref_rows; ++r)
+    for (int c = 0; c < tile.ref_cols; ++c) {
+      const std::uint32_t* list =
+          job.lists + (r * kCells + c) * std::ptrdiff_t{job.list_stride} + kListLead;
+      auto& group = groups[static_cast<std::size_t>(r * tile.ref_cols + c)];
+      group.count = 1;
+      while (group.count * 2 <= stage.group && list[group.count * 2 - 1] != kNoMatch)
+        group.count *= 2;
+      const auto origin = static_cast<std::int32_t>(
+          (plane.pad + tile.row + r * stage.step) * stride + plane.pad + tile.col + c * stage.step);
+      for (int i = 0; i < group.count; ++i)
+        group.position[static_cast<std::size_t>(i)] = origin + offset[list[i] & 0xFFFF];
     }
-  }
-  return {smallest, largest};
-}
-
-/// Writes value everywhere outside the bounds.
-void fill_outside(const MatchKernelJob& job, const PaddedPlane& plane, const Tile& tile, int rows,
-                  int cells, const Bounds& inside, std::int16_t value, std::int16_t* steps) {
-  const int row0 = plane.pad + tile.row - job.range;
-  const int col0 = plane.pad + tile.col - job.first_cell * job.step;
-  for (int r = 0; r < rows; ++r) {
-    const bool outside = row0 + r < inside.row || row0 + r >= inside.end_row;
-    for (int phase = 0; phase < job.step; ++phase)
-      for (int cell = 0; cell < cells; ++cell) {
-        const int col = col0 + cell * job.step + phase;
-        if (outside || col < inside.col || col >= inside.end_col)
-          steps[r * job.row_stride + phase * job.phase_stride + cell] = value;
-      }
-  }
-}
-
-/// Steps of all planes, columns sorted by column modulo step. Outside the bounds lies a value so
-/// far from all others that no block there is near.
-void quantise(const MatchInput& input, const Tile& tile, int rows, int cells, MatchKernelJob& job,
-              std::int16_t* steps) {
-  const Bounds inside = block_bounds(*input.planes[0], job.step);
-  std::vector<float> smallest;
-  job.clamp = false;
-  for (std::size_t p = 0; p < input.planes.size(); ++p) {
-    const auto [low, high] = quantise(*input.planes[p], input.scale[p], tile, job, rows, cells,
-                                      inside, steps + std::ptrdiff_t(p) * job.plane_stride);
-    smallest.push_back(low);
-    job.clamp |= high - low > kUnclampedSpan;
-  }
-  for (std::size_t p = 0; p < input.planes.size(); ++p)
-    fill_outside(job, *input.planes[p], tile, rows, cells, inside,
-                 static_cast<std::int16_t>(job.clamp ? kOutside : smallest[p] + 255),
-                 steps + std::ptrdiff_t(p) * job.plane_stride);
 }
 
 }  // namespace
@@ -350,26 +290,23 @@ void match_tile(const MatchInput& input, const Bm3dStage& stage,
                 std::span<const Displacement> order, const Tile& tile,
                 std::span<BlockGroup> groups) {
   const int step = stage.step;
+  const MatchSteps steps = quantise(input, stage, tile);
   MatchKernelJob job{};
+  job.steps = steps.values.data();
+  job.plane_stride = steps.plane_stride;
+  job.row_stride = steps.row_stride;
+  job.phase_stride = steps.phase_stride;
+  job.clamp = steps.clamp;
+  job.first_cell = steps.first_cell;
+  job.cell_rows = steps.cell_rows;
   job.planes = static_cast<int>(input.planes.size());
   job.step = step;
   job.range = stage.range;
-  job.first_cell = (stage.range + step - 1) / step;
-  job.cell_rows = tile.ref_rows + (kPatch + step - 1) / step - 1;
-  const int cells = kCells + 2 * job.first_cell + 1, rows = job.cell_rows * step + 2 * stage.range;
-  job.phase_stride = (cells + 31) / 32 * 32;
-  job.row_stride = job.phase_stride * step;
-  job.plane_stride = job.row_stride * rows;
   job.ref_rows = tile.ref_rows;
   job.order = order.data();
   job.candidates = static_cast<int>(order.size());
   job.group = std::max(stage.group, 8);
   job.list_stride = kListLead + job.group;
-
-  const auto steps =
-      hwy::AllocateAligned<std::int16_t>(static_cast<std::size_t>(job.plane_stride * job.planes));
-  quantise(input, tile, rows, cells, job, steps.get());
-  job.steps = steps.get();
 
   const std::size_t lists = static_cast<std::size_t>(tile.ref_rows) * kCells;
   const auto limit = hwy::AllocateAligned<std::uint16_t>(lists);
@@ -385,25 +322,7 @@ void match_tile(const MatchInput& input, const Bm3dStage& stage,
   job.lists = keys.get();
   HWY_DYNAMIC_DISPATCH(search_tile)(job);
 
-  const auto& plane = *input.planes[0];
-  const std::ptrdiff_t stride = plane.stride();
-  for (int r = 0; r < tile.ref_rows; ++r)
-    for (int c = 0; c < tile.ref_cols; ++c) {
-      const std::uint32_t* list =
-          keys.get() + (r * kCells + c) * std::ptrdiff_t{job.list_stride} + kListLead;
-      auto& group = groups[static_cast<std::size_t>(r * tile.ref_cols + c)];
-      int found = 1;
-      while (found < stage.group && list[found] != kNoMatch) ++found;
-      group.count = 1;
-      while (group.count * 2 <= found) group.count *= 2;
-      const std::ptrdiff_t origin =
-          (plane.pad + tile.row + r * step) * stride + plane.pad + tile.col + c * step;
-      for (int i = 0; i < group.count; ++i) {
-        const auto& d = order[list[i] & 0xFFFF];
-        group.position[static_cast<std::size_t>(i)] =
-            static_cast<std::int32_t>(origin + d.row * stride + d.col);
-      }
-    }
+  read_lists(job, *input.planes[0], stage, tile, groups);
 }
 
 }  // namespace malus::internal

@@ -5,6 +5,7 @@ set(denoise_SOURCES
     bm3d_match.cpp
     bm3d_parameters.cpp
     bm3d_pass.cpp
+    bm3d_steps.cpp
     denoiser.cpp
     estimate_noise.cpp
     mosaic_filter.cpp

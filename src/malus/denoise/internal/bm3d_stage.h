@@ -65,6 +65,21 @@ struct MatchInput {
   std::span<const float> scale;                ///< one per plane
 };
 
+/// Cells (step x step pixels) along a tile's side, those that blocks only reach into included.
+inline constexpr int kCells = 32;
+
+/// A tile and its surroundings as the search reads them: integers, with the columns of each row
+/// sorted by column modulo step.
+struct MatchSteps {
+  std::vector<std::int16_t> values;  ///< [plane][row][column modulo step][cell]
+  std::ptrdiff_t plane_stride, row_stride, phase_stride;
+  int first_cell;  ///< cells left of the tile's first
+  int cell_rows;   ///< rows of cells that the tile's blocks cover
+  bool clamp;      ///< differences may exceed 255
+};
+
+MatchSteps quantise(const MatchInput& input, const Bm3dStage& stage, const Tile& tile);
+
 /// Finds the groups of a tile. Candidates lie where reference blocks may lie, so never in the
 /// padding but for what the lattice needs. For every reference the stage.group nearest candidates
 /// whose distance is below kMatchFullScale, cut down to a power of two. groups: ref_rows *
