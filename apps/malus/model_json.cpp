@@ -188,6 +188,22 @@ void keep_gain(std::vector<Calibration>& calibrations, const GainSetting& gain) 
   std::erase_if(calibrations, [&](const Calibration& c) { return c.gain != gain; });
 }
 
+PhysicsCalibration interpolated_entry(const NoiseModel& model, const GainParameters& p) {
+  PhysicsCalibration entry;
+  entry.gain = p.gain;
+  entry.K.mean = p.K;
+  entry.mu.mean = p.mu_dn;
+  entry.mu.covariance = p.mu_covariance;
+  entry.sigma_row.mean = p.sigma_row_dn;
+  entry.sigma_row.covariance = p.sigma_row_covariance;
+  entry.sigma_tl.mean = p.sigma_tl_dn;
+  entry.sigma_tl.spread = p.sigma_tl_spread_dn;
+  entry.lambda.mean = p.lambda;
+  entry.temporal_sd_dark_dn = temporal_sd_dark_dn(physics_of(model, p));
+  entry.warnings = {"not measured at this gain: from the joint model"};
+  return entry;
+}
+
 }  // namespace
 
 Json model_json(const NoiseModel& model) {
@@ -213,29 +229,17 @@ Json model_json(const NoiseModel& model) {
 
 NoiseModel model_at_gain(const NoiseModel& model, const GainSetting& gain, GainRange range) {
   NoiseModel reduced = model;
-  if (!model.physics.empty()) {
-    const GainParameters p = model.parameters_at(gain, range);
-    if (p.measured) {
-      keep_gain(reduced.physics, p.gain);
-    } else {
-      PhysicsCalibration entry;
-      entry.gain = gain;
-      entry.K.mean = p.K;
-      entry.mu.mean = p.mu_dn;
-      entry.mu.covariance = p.mu_covariance;
-      entry.sigma_row.mean = p.sigma_row_dn;
-      entry.sigma_row.covariance = p.sigma_row_covariance;
-      entry.sigma_tl.mean = p.sigma_tl_dn;
-      entry.sigma_tl.spread = p.sigma_tl_spread_dn;
-      entry.lambda.mean = p.lambda;
-      entry.temporal_sd_dark_dn = temporal_sd_dark_dn(physics_of(model, p));
-      entry.warnings = {"not measured at this gain: from the joint model"};
-      reduced.physics = {entry};
-    }
+  keep_gain(reduced.dark_frames, gain);
+  if (model.physics.empty()) {
+    if (!model.gaussian.empty()) reduced.gaussian = {model.gaussian_at(gain)};
+    if (!model.nonparametric.empty()) reduced.nonparametric = {model.nonparametric_at(gain)};
+    return reduced;
   }
+  const GainParameters p = model.parameters_at(gain, range);
+  keep_gain(reduced.physics, p.gain);
+  if (!p.measured) reduced.physics = {interpolated_entry(model, p)};
   keep_gain(reduced.gaussian, gain);
   keep_gain(reduced.nonparametric, gain);
-  keep_gain(reduced.dark_frames, gain);
   return reduced;
 }
 

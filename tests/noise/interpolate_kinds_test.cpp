@@ -140,6 +140,14 @@ TEST(InterpolateNonparametric, ThroughTheModel) {
   EXPECT_THROW((void)model.nonparametric_at(iso(300)), InputError);
   EXPECT_NO_THROW((void)model.nonparametric_at(iso(150)));
   EXPECT_NO_THROW((void)model.nonparametric_at(iso(600)));
+  // A random gain lies inside 100 to 200 or 400 to 800, equally often.
+  int low = 0;
+  for (std::uint32_t frame = 0; frame < 400; ++frame) {
+    const double drawn = *model.random_gain(1, frame).iso;
+    EXPECT_TRUE((drawn >= 100 && drawn <= 200) || (drawn >= 400 && drawn <= 800)) << drawn;
+    low += drawn <= 200;
+  }
+  EXPECT_NEAR(low, 200, 40);
 }
 
 TEST(InterpolateGaussian, GoesGeometricallyAndThroughZeroLinearly) {

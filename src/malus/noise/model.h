@@ -59,8 +59,10 @@ struct NoiseModel {
   PhysicsNoise sample_physics_at(const GainSetting& gain, std::uint64_t seed, std::uint32_t frame,
                                  GainRange range = GainRange::kCalibratedOnly) const;
 
-  /// A gain whose log K̂ is uniform over the calibrated ranges (000, 5.1: "random log K"); one of
-  /// the measured gains where no range was fitted.
+  /// A gain whose log K̂ is uniform over the calibrated ranges (000, 5.1: "random log K"), never
+  /// between conversion gains; one of the measured gains where no range was fitted. A model without
+  /// a physics part draws uniformly in dB between the gains of its Gaussian, else its
+  /// non-parametric part.
   GainSetting random_gain(std::uint64_t seed, std::uint32_t frame) const;
 
   /// sample_physics_at(random_gain(seed, frame), seed, frame).

@@ -1,6 +1,7 @@
 // Random parameters of a frame (000 Eq. 5-6) and random gains.
 #include "malus/base/error.h"
 #include "malus/base/random.h"
+#include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/model.h"
 
 #include <algorithm>
@@ -41,6 +42,49 @@ GainSetting gain_like(const GainSetting& example, double db) {
   return gain;
 }
 
+// Uniform choice over intervals: u in (0,1) runs through their joined length.
+struct Interval {
+  double low, high;
+};
+
+struct Place {
+  std::size_t interval;
+  double value;
+};
+
+double total_length(const std::vector<Interval>& intervals) {
+  double length = 0;
+  for (const Interval& interval : intervals) length += interval.high - interval.low;
+  return length;
+}
+
+Place place_in(const std::vector<Interval>& intervals, double u) {
+  double rest = u * total_length(intervals);
+  for (std::size_t i = 0; i < intervals.size(); ++i) {
+    const double length = intervals[i].high - intervals[i].low;
+    if (rest <= length) return {i, intervals[i].low + rest};
+    rest -= length;
+  }
+  return {intervals.size() - 1, intervals.back().high};
+}
+
+template <class Calibration>
+GainSetting one_of(const std::vector<Calibration>& calibrations, double u) {
+  return calibrations[static_cast<std::size_t>(u * static_cast<double>(calibrations.size()))].gain;
+}
+
+// Uniform in dB between the measured gains, leaving out the steps between conversion gains.
+template <class Calibration>
+GainSetting random_gain_of(const std::vector<Calibration>& calibrations,
+                           const std::vector<int>& breaks, double u) {
+  std::vector<Interval> unbroken;
+  for (std::size_t i = 0; i + 1 < calibrations.size(); ++i)
+    if (std::find(breaks.begin(), breaks.end(), static_cast<int>(i)) == breaks.end())
+      unbroken.push_back({*calibrations[i].gain.decibel(), *calibrations[i + 1].gain.decibel()});
+  if (unbroken.empty()) return one_of(calibrations, u);
+  return gain_like(calibrations[0].gain, place_in(unbroken, u).value);
+}
+
 }  // namespace
 
 PhysicsNoise NoiseModel::sample_physics_at(const GainSetting& gain, std::uint64_t seed,
@@ -57,25 +101,22 @@ PhysicsNoise NoiseModel::sample_physics_at(const GainSetting& gain, std::uint64_
 }
 
 GainSetting NoiseModel::random_gain(std::uint64_t seed, std::uint32_t frame) const {
-  if (physics.empty())
-    throw InputError(sensor.empty() ? "noise model" : sensor,
-                     "holds no physics model to draw a gain from", "calibrate with --kind physics");
   RandomSequence random(seed, frame, Draw::kParameters, kStreamGain);
   const double u = random.uniform();
-  double length = 0;
+  if (physics.empty()) {
+    if (!gaussian.empty()) return random_gain_of(gaussian, conversion_gain_breaks(gaussian), u);
+    if (!nonparametric.empty())
+      return random_gain_of(nonparametric, conversion_gain_breaks(nonparametric), u);
+    throw InputError(sensor.empty() ? "noise model" : sensor,
+                     "holds no model that reaches between gains", "name the gain");
+  }
+  std::vector<Interval> log_K;
   if (joint)
     for (const auto& segment : joint->segments)
-      length += segment.log_K_high() - segment.log_K_low();
-  if (length <= 0)
-    return physics[static_cast<std::size_t>(u * static_cast<double>(physics.size()))].gain;
-  double rest = u * length;
-  for (const auto& segment : joint->segments) {
-    const double span = segment.log_K_high() - segment.log_K_low();
-    if (rest <= span)
-      return gain_like(physics[0].gain, gain_db_of_log_K(segment, segment.log_K_low() + rest));
-    rest -= span;
-  }
-  return physics.back().gain;
+      log_K.push_back({segment.log_K_low(), segment.log_K_high()});
+  if (total_length(log_K) <= 0) return one_of(physics, u);
+  const Place place = place_in(log_K, u);
+  return gain_like(physics[0].gain, gain_db_of_log_K(joint->segments[place.interval], place.value));
 }
 
 PhysicsNoise NoiseModel::sample_physics_at_random_gain(std::uint64_t seed,
