@@ -48,6 +48,10 @@ class PixelDistribution {
   double quantile(double u) const;
   double mean_dn() const { return mean_; }
   double variance_dn2() const { return variance_; }
+  const ReadDistribution& read() const { return read_; }
+  /// The electron counts that matter, as DN with the bias, and their probabilities.
+  const std::vector<double>& levels_dn() const { return level_dn_; }
+  const std::vector<double>& probabilities() const { return probability_; }
   /// E f(D) for f smooth on the scale of the read noise.
   double expectation(const std::function<double(double)>& f) const;
 

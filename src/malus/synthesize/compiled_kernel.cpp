@@ -169,17 +169,18 @@ HWY_INLINE Counters philox(Counters x, std::uint64_t key) {
 }
 
 // The four words of kLanes blocks whose numbers start at `first` (same words as random_block).
-HWY_INLINE void random_words(const RowJob& job, std::uint32_t first, WordVec (&word)[4]) {
+HWY_INLINE void random_words(std::uint64_t seed, std::uint32_t frame, int row, std::uint32_t first,
+                             WordVec (&word)[4]) {
   const Pairs d;
   const auto even = hn::Add(hn::Set(d, first), hn::ShiftLeft<1>(hn::Iota(d, 0)));
   Counters x;
-  x.word[1] = hn::Set(d, static_cast<std::uint32_t>(job.row));
-  x.word[2] = hn::Set(d, job.frame);
+  x.word[1] = hn::Set(d, static_cast<std::uint32_t>(row));
+  x.word[2] = hn::Set(d, frame);
   x.word[3] = hn::Set(d, static_cast<std::uint32_t>(Draw::kPixel) << 24);
   x.word[0] = even;
-  const Counters a = philox(x, job.seed);
+  const Counters a = philox(x, seed);
   x.word[0] = hn::Add(even, hn::Set(d, 1));
-  const Counters b = philox(x, job.seed);
+  const Counters b = philox(x, seed);
   for (int i = 0; i < 4; ++i)
     word[i] = hn::OddEven(hn::BitCast(Words(), hn::ShiftLeft<32>(b.word[i])),
                           hn::BitCast(Words(), a.word[i]));
@@ -215,7 +216,8 @@ HWY_INLINE void run_group(const RowJob& job, int group, int phase, const In* in,
   const RowLanes& p = job.lanes;
   for (int first = 0; first < 16; first += kLanes) {
     WordVec word[4];
-    random_words(job, static_cast<std::uint32_t>(16 * group + first), word);
+    random_words(job.seed, job.frame, job.row, static_cast<std::uint32_t>(16 * group + first),
+                 word);
     for (int half = 0; half < 2; ++half) {
       const int place = 16 * half + first, at = phase + place;
       const Floats d;
@@ -231,7 +233,28 @@ HWY_INLINE void run_group(const RowJob& job, int group, int phase, const In* in,
   }
 }
 
+void group_words(std::uint64_t seed, std::uint32_t frame, int row, int group, std::uint32_t* shot,
+                 std::uint32_t* read) {
+  for (int first = 0; first < 16; first += kLanes) {
+    WordVec word[4];
+    random_words(seed, frame, row, static_cast<std::uint32_t>(16 * group + first), word);
+    for (int half = 0; half < 2; ++half) {
+      hn::StoreU(word[2 * half], Words(), shot + 16 * half + first);
+      hn::StoreU(word[2 * half + 1], Words(), read + 16 * half + first);
+    }
+  }
+}
+
 #else  // HWY_SCALAR
+
+void group_words(std::uint64_t seed, std::uint32_t frame, int row, int group, std::uint32_t* shot,
+                 std::uint32_t* read) {
+  for (int place = 0; place < kGroupColumns; ++place) {
+    const PixelWords words = pixel_words(seed, frame, row, group * kGroupColumns + place);
+    shot[place] = words.shot;
+    read[place] = words.read;
+  }
+}
 
 float load_pixel(const float* in, float) { return *in; }
 float load_pixel(const std::uint16_t* in, float black_dn) {
@@ -303,6 +326,12 @@ HWY_AFTER_NAMESPACE();
 namespace malus::internal {
 
 HWY_EXPORT(run_row);
+HWY_EXPORT(group_words);
+
+void group_words(std::uint64_t seed, std::uint32_t frame, int row, int group, std::uint32_t* shot,
+                 std::uint32_t* read) {
+  HWY_DYNAMIC_DISPATCH(group_words)(seed, frame, row, group, shot, read);
+}
 
 void run_row(const RowJob& job) { HWY_DYNAMIC_DISPATCH(run_row)(job); }
 

@@ -30,7 +30,8 @@ struct LevelTables {
   int levels = 0, bins = 0;
   const float* level_dn = nullptr;       ///< levels entries
   const AliasCell* alias = nullptr;      ///< levels x bins
-  const BinPlace* places = nullptr;      ///< bins entries
+  const BinPlace* places = nullptr;      ///< bins entries, or levels x bins
+  int places_per_level = 0;              ///< 0 = all levels share theirs; else bins
   const std::uint16_t* guess = nullptr;  ///< kGuesses + 1: level at or below each of equal steps
   float guess_start_dn = 0, guesses_per_dn = 0;
 };
@@ -59,8 +60,16 @@ MALUS_HOST_DEVICE inline float level_noise(const LevelTables& t, float signal_dn
   const AliasCell cell = t.alias[static_cast<std::uint32_t>(level * t.bins) + bin];
   if ((static_cast<std::uint32_t>(product) >> 8) >= cell.threshold) bin = cell.alias;
   const float inside = (static_cast<float>(words.read >> 16) + 0.5f) * 0x1p-16f;
-  return t.places[bin].start_dn + t.places[bin].width_dn * inside;
+  const BinPlace place = t.places[static_cast<std::uint32_t>(level * t.places_per_level) + bin];
+  return place.start_dn + place.width_dn * inside;
 }
+
+/// Noise at one signal level on bins of its own.
+struct LevelDistribution {
+  double level_dn = 0;
+  std::vector<double> bin_edges_dn;  ///< rising, of noisy - clean
+  std::vector<double> pmf;
+};
 
 class LevelSampler {
  public:
@@ -68,9 +77,23 @@ class LevelSampler {
   /// row_group 0: no row noise.
   LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
                int row_group);
+  /// Per channel its levels, rising, all with equally many bins; sigma_row_dn: one per channel or
+  /// empty.
+  LevelSampler(const SensorLayout& layout,
+               const std::vector<std::vector<LevelDistribution>>& channels,
+               const std::vector<double>& sigma_row_dn, int row_group);
+
+  // The channels' tables point into the object.
+  LevelSampler(LevelSampler&&) = default;
+  LevelSampler& operator=(LevelSampler&&) = default;
 
   /// DN above black in and out, in place if wanted; as CompiledNoise::apply.
-  void apply(View<const float> clean_dn, View<float> noisy_dn, const DrawAddress& address) const;
+  void apply(View<const float> clean_dn, View<float> noisy_dn, const DrawAddress& address) const {
+    apply(clean_dn, clean_dn, noisy_dn, address);
+  }
+  /// out = base + noise at the level of `signal`.
+  void apply(View<const float> signal_dn, View<const float> base_dn, View<float> out_dn,
+             const DrawAddress& address) const;
 
  private:
   struct Channel {
@@ -81,6 +104,8 @@ class LevelSampler {
     LevelTables tables;
     float sigma_row_dn = 0;
   };
+  void finish(Channel& channel, int bins, bool shared_places);
+
   SensorLayout layout_;
   std::vector<Channel> channels_;
   int row_group_ = 0;

@@ -1,0 +1,195 @@
+#include "malus/synthesize/renoise.h"
+
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/noise/distribution.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kLevels = 40, kBins = 121;
+
+// Levels whose target has less variance than the source by more than this share are refused; less
+// is the noise of the calibration itself.
+constexpr double kVarianceSlack = 0.02;
+
+void require_noisier(const std::string& channel, double level_dn, double before, double after) {
+  if (after < before * (1 - kVarianceSlack))
+    throw InputError(
+        "noise on noise",
+        fmt::format("channel {} at {:.4g} DN has a variance of {:.4g} DN² and would need {:.4g}",
+                    channel, level_dn, before, after),
+        "choose a target gain with more noise than the source");
+}
+
+// The added noise of one level: p1 and p2 on `bins` equal bins of width_dn around their centres.
+LevelDistribution difference(double level_dn, double width_dn, const std::vector<double>& p1,
+                             const std::vector<double>& p2) {
+  LevelDistribution added;
+  added.level_dn = level_dn;
+  added.pmf = deconvolve(p1, p2);
+  // Bin i of d is a shift by i - middle bins; the uniform spread inside its bin stands for the
+  // width that p1 and p2 share.
+  const auto middle = static_cast<double>(p1.size()) - 1.0;
+  for (std::size_t b = 0; b <= added.pmf.size(); ++b)
+    added.bin_edges_dn.push_back(width_dn * (static_cast<double>(b) - middle - 0.5));
+  return added;
+}
+
+using ChannelLevels = std::vector<std::vector<LevelDistribution>>;
+
+std::vector<double> row_difference(const std::vector<double>& from, const std::vector<double>& to) {
+  std::vector<double> added;
+  for (std::size_t c = 0; c < to.size(); ++c) {
+    const double before = from.empty() ? 0.0 : from[c];
+    added.push_back(std::sqrt(std::max(to[c] * to[c] - before * before, 0.0)));
+  }
+  return added;
+}
+
+ChannelLevels measured_differences(const SensorLayout& layout, const NonparametricCalibration& from,
+                                   const NonparametricCalibration& to) {
+  MALUS_REQUIRE(static_cast<int>(from.channels.size()) == layout.channels() &&
+                static_cast<int>(to.channels.size()) == layout.channels());
+  ChannelLevels levels(from.channels.size());
+  for (std::size_t c = 0; c < levels.size(); ++c) {
+    const NonparametricChannel &one = from.channels[c], &two = to.channels[c];
+    const std::string name = layout.channel_name(static_cast<int>(c));
+    if (one.level_dn != two.level_dn || one.bin_edges_dn != two.bin_edges_dn)
+      throw InputError("noise on noise",
+                       fmt::format("channel {} has other levels or bins at the two gains", name),
+                       "calibrate both gains with the same levels and bins");
+    const double width = one.bin_edges_dn[1] - one.bin_edges_dn[0];
+    for (std::size_t l = 0; l < one.level_dn.size(); ++l)
+      require_noisier(name, one.level_dn[l], level_moments(one, l).variance_dn2,
+                      level_moments(two, l).variance_dn2);
+    levels[c].resize(one.level_dn.size());
+    parallel_for(0, static_cast<std::ptrdiff_t>(levels[c].size()), 1,
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+                   for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end);
+                        ++l)
+                     levels[c][l] = difference(one.level_dn[l], width, one.pmf[l], two.pmf[l]);
+                 });
+  }
+  return levels;
+}
+
+double sd_at(const PhysicsNoise& noise, const PhysicsChannel& channel, double signal_dn) {
+  const PixelDistribution pixel(channel, noise.parts, noise.quantization_dn, signal_dn);
+  return std::sqrt(pixel.variance_dn2());
+}
+
+ChannelLevels physics_differences(const PhysicsNoise& from, const PhysicsNoise& to,
+                                  double white_dn) {
+  ChannelLevels levels(from.channels.size());
+  for (int c = 0; c < from.layout.channels(); ++c) {
+    auto& mine = levels[static_cast<std::size_t>(c)];
+    mine.resize(kLevels);
+    const PhysicsChannel& one = from.channels[static_cast<std::size_t>(c)];
+    const PhysicsChannel& two = to.channels[static_cast<std::size_t>(c)];
+    parallel_for(0, kLevels, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end); ++l) {
+        const double share = static_cast<double>(l) / (kLevels - 1);
+        const double level = white_dn * share * share;
+        const double before = sd_at(from, one, level), after = sd_at(to, two, level);
+        require_noisier(from.layout.channel_name(c), level, before * before, after * after);
+        // Seven sd of the noisier one to either side, and room for the biases.
+        const double width =
+            2.0 * (7.0 * after + std::abs(one.mu_dn) + std::abs(two.mu_dn)) / kBins;
+        mine[l] = difference(level, width, bin_probabilities(from, c, level, width, kBins),
+                             bin_probabilities(to, c, level, width, kBins));
+      }
+    });
+  }
+  return levels;
+}
+
+std::vector<double> row_sigmas(const PhysicsNoise& noise) {
+  std::vector<double> sigmas;
+  for (const PhysicsChannel& channel : noise.channels)
+    sigmas.push_back(noise.parts.row ? channel.sigma_row_dn : 0.0);
+  return sigmas;
+}
+
+}  // namespace
+
+std::vector<double> deconvolve(const std::vector<double>& p1, const std::vector<double>& p2,
+                               int iterations) {
+  MALUS_REQUIRE(p1.size() == p2.size() && !p1.empty());
+  const std::size_t n = p1.size(), m = 2 * n - 1;
+  // Bins without probability at the source do nothing; keep its support only.
+  std::size_t first = 0, last = n;
+  while (first < n && p1[first] <= 0) ++first;
+  while (last > first && p1[last - 1] <= 0) --last;
+  std::vector<double> d(m, 1.0 / static_cast<double>(m)), model(n), ratio(n);
+  for (int iteration = 0; iteration < iterations; ++iteration) {
+    // model[k] = sum over j of p1[j] d[k - j + n - 1]
+    std::fill(model.begin(), model.end(), 0.0);
+    for (std::size_t j = first; j < last; ++j)
+      for (std::size_t k = 0; k < n; ++k) model[k] += p1[j] * d[k + (n - 1) - j];
+    for (std::size_t k = 0; k < n; ++k) ratio[k] = model[k] > 0 ? p2[k] / model[k] : 0.0;
+    // Probability that a shift would push off the bins counts against it: p2 has none there.
+    std::vector<double> gain(m, 0.0);
+    for (std::size_t j = first; j < last; ++j)
+      for (std::size_t k = 0; k < n; ++k) gain[k + (n - 1) - j] += p1[j] * ratio[k];
+    for (std::size_t i = 0; i < m; ++i) d[i] *= gain[i];
+  }
+  const double total = std::accumulate(d.begin(), d.end(), 0.0);
+  for (double& v : d) v /= total;
+  return d;
+}
+
+std::vector<double> bin_probabilities(const PhysicsNoise& noise, int channel, double signal_dn,
+                                      double width_dn, int bins) {
+  const PixelDistribution pixel(noise.channels[static_cast<std::size_t>(channel)], noise.parts,
+                                noise.quantization_dn, signal_dn);
+  constexpr int kPoints = 2000;
+  const double reach = std::max(-pixel.read().quantile(1e-9), 1e-9);
+  std::vector<double> table;
+  for (int i = 0; i <= kPoints; ++i)
+    table.push_back(pixel.read().cdf(reach * (2.0 * i / kPoints - 1.0)));
+  const auto read_cdf = [&](double x) {
+    const double at = (x / reach + 1.0) * 0.5 * kPoints;
+    if (at <= 0) return 0.0;
+    if (at >= kPoints) return 1.0;
+    const auto i = static_cast<std::size_t>(at);
+    return table[i] + (at - static_cast<double>(i)) * (table[i + 1] - table[i]);
+  };
+  std::vector<double> p;
+  double below = 0;
+  for (int b = 1; b <= bins; ++b) {
+    double cdf = 0;
+    if (b < bins) {
+      const double edge = signal_dn + width_dn * (b - 0.5 * bins);
+      for (std::size_t i = 0; i < pixel.levels_dn().size(); ++i)
+        cdf += pixel.probabilities()[i] * read_cdf(edge - pixel.levels_dn()[i]);
+    } else {
+      cdf = 1;
+    }
+    p.push_back(std::max(cdf - below, 0.0));
+    below = cdf;
+  }
+  return p;
+}
+
+Renoiser::Renoiser(const SensorLayout& layout, const NonparametricCalibration& from,
+                   const NonparametricCalibration& to, int row_group)
+    : sampler_(layout, measured_differences(layout, from, to),
+               row_difference(from.sigma_row_dn, to.sigma_row_dn), row_group) {}
+
+Renoiser::Renoiser(const PhysicsNoise& from, const PhysicsNoise& to, double white_dn)
+    : sampler_(from.layout, physics_differences(from, to, white_dn),
+               row_difference(row_sigmas(from), row_sigmas(to)), to.row_group) {}
+
+void Renoiser::apply(View<const float> noisy_dn, View<const float> guide_dn,
+                     View<float> renoised_dn, const DrawAddress& address) const {
+  sampler_.apply(guide_dn, noisy_dn, renoised_dn, address);
+}
+
+}  // namespace malus

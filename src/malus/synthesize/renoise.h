@@ -1,0 +1,50 @@
+// Noise on noise (001, S6): a noisy frame taken at one gain made to look like one taken at a
+// noisier gain, without knowing the clean picture.
+//
+// Per channel and signal level a distribution d is found with p1 * d = p2 (non-negative
+// deconvolution of the noise distributions at the two gains), and a draw of d is added to the noisy
+// pixel. A denoised picture only says which level a pixel has: details that the denoiser lost stay,
+// because they are in the noisy pixel. The literal reading of 001's Algorithm S1, I + n2 - n1 with
+// n1 = noisy - denoised, is the naive scheme denoised + n2.
+#pragma once
+
+#include "malus/image/view.h"
+#include "malus/noise/calibration.h"
+#include "malus/noise/physics.h"
+#include "malus/synthesize/exact.h"
+#include "malus/synthesize/level_sampler.h"
+
+#include <vector>
+
+namespace malus {
+
+/// d >= 0, sum 1, with p1 * d = p2 as closely as Kullback-Leibler divergence can have it
+/// (Richardson-Lucy; Shepp and Vardi, IEEE Trans. Med. Imag. 1, 1982). p1 and p2 lie on the same
+/// bins; d has 2 n - 1 bins, of which the middle one, n - 1, is "no change".
+std::vector<double> deconvolve(const std::vector<double>& p1, const std::vector<double>& p2,
+                               int iterations = 300);
+
+/// Probabilities of equal bins of noisy - signal, `bins` of width_dn centred on zero; what lies
+/// outside counts to the end bins. Linear interpolation of the read noise's distribution function:
+/// error < 1e-5.
+std::vector<double> bin_probabilities(const PhysicsNoise& noise, int channel, double signal_dn,
+                                      double width_dn, int bins);
+
+class Renoiser {
+ public:
+  /// Both at one sensor. Throws InputError where the target is quieter than the source at some
+  /// level (nothing can be added to get there), or, for distributions of different bins or levels.
+  Renoiser(const SensorLayout& layout, const NonparametricCalibration& from,
+           const NonparametricCalibration& to, int row_group);
+  /// From physics noise at the two gains; white_dn: largest signal, DN above black.
+  Renoiser(const PhysicsNoise& from, const PhysicsNoise& to, double white_dn);
+
+  /// renoised = noisy + a draw of d at the guide's level. All DN above black; in place if wanted.
+  void apply(View<const float> noisy_dn, View<const float> guide_dn, View<float> renoised_dn,
+             const DrawAddress& address) const;
+
+ private:
+  LevelSampler sampler_;
+};
+
+}  // namespace malus
