@@ -9,7 +9,7 @@ namespace malus {
 namespace {
 
 // Relative luminance of sRGB (IEC 61966-2-1, Rec. 709 weights).
-double luminance(const Rgb& color) {
+double luminance(const PaletteColor& color) {
   const auto linear = [](double v) {
     v /= 255;
     return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
@@ -29,8 +29,8 @@ TEST(Palettes, DivergingIsLightestInTheMiddleAndItsEndsDiffer) {
   const double middle = luminance(palette_color(Palette::kDiverging, 0.5));
   EXPECT_GT(middle, luminance(palette_color(Palette::kDiverging, 0.2)));
   EXPECT_GT(middle, luminance(palette_color(Palette::kDiverging, 0.8)));
-  const Rgb low = palette_color(Palette::kDiverging, 0),
-            high = palette_color(Palette::kDiverging, 1);
+  const PaletteColor low = palette_color(Palette::kDiverging, 0),
+                     high = palette_color(Palette::kDiverging, 1);
   EXPECT_GT(low[2], low[0]);    // blue
   EXPECT_GT(high[0], high[2]);  // orange
 }

@@ -26,7 +26,7 @@ PicturesBlock pictures_of(int rows, int cols, double noise_sd) {
                       .rows = rows,
                       .cols = cols};
   for (const double part : {1.0, 0.2}) {
-    Picture picture{part == 1 ? "before" : "after", Image(rows, cols), part};
+    ReportPicture picture{part == 1 ? "before" : "after", Image(rows, cols), part};
     for (float& value : picture.dn.values())
       value = static_cast<float>(100 + part * noise_sd * gauss(engine));
     block.pictures.push_back(std::move(picture));

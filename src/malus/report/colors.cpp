@@ -1,5 +1,7 @@
 #include "malus/report/colors.h"
 
+#include "malus/polar/color_map.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -10,26 +12,15 @@
 namespace malus {
 namespace {
 
-std::uint8_t srgb(double linear) {
-  const double x = std::clamp(linear, 0.0, 1.0);
-  const double encoded = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
-  return static_cast<std::uint8_t>(std::lround(255 * encoded));
-}
-
-// OKLab to linear sRGB, Ottosson's matrices.
-Rgb oklab(double lightness, double a, double b) {
-  const auto cube = [](double x) { return x * x * x; };
-  const double l = cube(lightness + 0.3963377774 * a + 0.2158037573 * b);
-  const double m = cube(lightness - 0.1055613458 * a - 0.0638541728 * b);
-  const double s = cube(lightness - 0.0894841775 * a - 1.2914855480 * b);
-  return {srgb(4.0767416621 * l - 3.3077115913 * m + 0.2309699292 * s),
-          srgb(-1.2684380046 * l + 2.6097574011 * m - 0.3413193965 * s),
-          srgb(-0.0041960863 * l - 0.7034186147 * m + 1.7076147010 * s)};
+PaletteColor oklab(double lightness, double a, double b) {
+  const Rgb color = rgb_of_oklab(lightness, a, b);
+  const auto byte = [](float value) { return static_cast<std::uint8_t>(std::lround(value)); };
+  return {byte(color.r), byte(color.g), byte(color.b)};
 }
 
 }  // namespace
 
-Rgb palette_color(Palette palette, double t) {
+PaletteColor palette_color(Palette palette, double t) {
   switch (palette) {
     case Palette::kGrey:
       break;
@@ -47,7 +38,7 @@ Rgb palette_color(Palette palette, double t) {
   return oklab(t, 0, 0);
 }
 
-std::string css_color(const Rgb& color) {
+std::string css_color(const PaletteColor& color) {
   return fmt::format("#{:02x}{:02x}{:02x}", color[0], color[1], color[2]);
 }
 

@@ -12,15 +12,15 @@
 
 namespace malus {
 
-using Rgb = std::array<std::uint8_t, 3>;
+using PaletteColor = std::array<std::uint8_t, 3>;
 
 /// The colour of t in [0, 1]; the cyclic palette has the same one at both ends. All palettes lie in
-/// the lightness and blue-yellow plane of OKLab (B. Ottosson, "A perceptual color space for image
-/// processing", 2020), which protan and deutan vision keeps.
-Rgb palette_color(Palette palette, double t);
+/// the lightness and blue-yellow plane of OKLab (polar/color_map.h), which protan and deutan vision
+/// keeps.
+PaletteColor palette_color(Palette palette, double t);
 
 /// "#rrggbb"
-std::string css_color(const Rgb& color);
+std::string css_color(const PaletteColor& color);
 
 /// Colours of series without a tone, in order: Okabe and Ito, "Color universal design", 2008.
 const std::vector<std::string>& series_colors();

@@ -107,7 +107,7 @@ Plan make_plan(const PicturesBlock& block, int binning) {
     plan.rows = shrunk(block.rows, block.layout.rows());
     plan.cols = shrunk(block.cols, block.layout.cols());
   }
-  for (const Picture& picture : block.pictures) {
+  for (const ReportPicture& picture : block.pictures) {
     MALUS_REQUIRE(picture.dn.rows() == block.rows && picture.dn.cols() == block.cols);
     Packed packed{pack(picture.dn, block.layout), binning == 1 && integers_only(picture.dn)};
     if (binning > 1)
@@ -242,7 +242,8 @@ PicturesBlock middle_crop(const PicturesBlock& block, int largest) {
   crop.layers.clear();
   crop.title += ", full resolution";
   crop.text = fmt::format("The middle of the frame, from column {} and row {}.", col, row);
-  for (Picture& picture : crop.pictures) picture.dn = window(picture.dn, row, col, rows, cols);
+  for (ReportPicture& picture : crop.pictures)
+    picture.dn = window(picture.dn, row, col, rows, cols);
   return crop;
 }
 

@@ -121,7 +121,7 @@ struct NoiseLine {
   double slope_dn = 0, offset_dn2 = 1;
 };
 
-struct Picture {
+struct ReportPicture {
   std::string name;  ///< "before"
   Image dn;          ///< mosaic, DN above black
   /// What is left of the noise's standard deviation, 1 for a raw frame: it rules how finely the
@@ -142,7 +142,7 @@ struct PicturesBlock {
   std::string title, text;
   SensorLayout layout;
   int rows = 0, cols = 0;  ///< of the mosaic
-  std::vector<Picture> pictures = {};
+  std::vector<ReportPicture> pictures = {};
   std::vector<Layer> layers = {};
   std::vector<double> gain_dn_per_e = {};  ///< one per channel, or empty: no read-out in electrons
   std::vector<NoiseLine> noise = {};       ///< one per channel, or empty: not known

@@ -142,10 +142,11 @@ class Viewer {
   private range(): { low: number; high: number } {
     const { look } = this.views[this.view];
     if (look.kind === "light") return { low: 0, high: 1 };
-    const reach = look.fitted ? this.reach : look.high;
     // Brightness narrows the range of a palette; the wheel of angles has none to narrow.
     const part = look.palette === "cyclic" ? 1 : 2 ** -Number(this.brightness.value);
-    return { low: ((look.low * reach) / look.high) * part, high: reach * part };
+    if (look.fitted) return { low: look.low * this.reach * part, high: look.high * this.reach * part };
+    const fixed = look.palette === "diverging" ? (look.low + look.high) / 2 : look.low;
+    return { low: fixed + (look.low - fixed) * part, high: fixed + (look.high - fixed) * part };
   }
 
   private repaint(): void {

@@ -1,6 +1,7 @@
 // What the viewer can show of a mosaic: the mosaic, colours, angles, Stokes parameters, DoLP, AoLP.
 // S0 = (I0+I45+I90+I135)/2, S1 = I0-I90, S2 = I45-I135, DoLP = sqrt(S1²+S2²)/S0, AoLP = ½ atan2(S2,S1) in
-// [0°,180°), undefined where S0 <= 0; the same definitions as src/malus/polar (a test compares the two).
+// [0°,180°), undefined where S0 <= 0 and AoLP also where S1 = S2 = 0: the definitions of src/malus/polar/stokes.h
+// (a test compares the two).
 import type { PaletteName, PicturesBlock, Site } from "../contract";
 import type { Plane } from "./raster";
 
@@ -58,7 +59,7 @@ export function dolp({ s0, s1, s2 }: Stokes): Plane {
 
 export function aolp({ s0, s1, s2 }: Stokes): Plane {
   return combine([s0], (i) => {
-    if (!(s0.values[i] > 0)) return NaN;
+    if (!(s0.values[i] > 0) || (s1.values[i] === 0 && s2.values[i] === 0)) return NaN;
     const degrees = (Math.atan2(s2.values[i], s1.values[i]) * 90) / Math.PI;
     return degrees < 0 ? degrees + 180 : degrees;
   });

@@ -1,0 +1,166 @@
+// malus report: models, evaluations, denoise runs and records as one HTML file.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/report/write_report.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+
+#include "denoise_run.h"
+#include "program.h"
+#include "report_pages.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct ReportArguments {
+  std::vector<fs::path> inputs;
+  fs::path output, figures;
+  std::string title;
+  double budget_mib = ReportSettings{}.picture_budget_mib;
+};
+
+// What one input contributes.
+struct Page {
+  std::string title, subtitle;
+  std::vector<Section> sections;
+};
+
+bool is_json(const fs::path& path) { return path.extension() == ".json"; }
+bool is_model(const fs::path& path) {
+  return path.extension() == ".h5" || path.extension() == ".hdf5";
+}
+
+Json load_json(const fs::path& path) {
+  std::ifstream file(path);
+  if (!file) throw InputError(path.string(), "cannot be read", "check the name");
+  try {
+    return Json::parse(file);
+  } catch (const Json::parse_error& error) {
+    throw InputError(path.string(), std::string("is not JSON: ") + error.what(),
+                     "give a model (.h5), or JSON that malus wrote");
+  }
+}
+
+Page json_page(const fs::path& path, const std::string& prefix) {
+  const Json json = load_json(path);
+  if (!json.is_object())
+    throw InputError(path.string(), "is not a JSON object", "give JSON that malus wrote");
+  const std::string name = path.filename().string();
+  if (json.value("kind", "") == "denoise") {
+    DenoisedFrame frame = load_run(path, json);
+    Page page{"Denoising of " + fs::path(frame.before.source).filename().string(),
+              fmt::format("{}, {}, {} × {} px", frame.before.layout.name(),
+                          frame.before.gain.text(), frame.before.dn.cols(), frame.before.dn.rows()),
+              denoise_sections(frame, prefix)};
+    return page;
+  }
+  if (json.contains("image") || json.contains("results"))
+    return {"Evaluation", name, evaluation_sections(json, prefix)};
+  if (json.contains("charts") || json.contains("tables")) {
+    Page page{json.value("title", name), name, record_sections(json, prefix)};
+    return page;
+  }
+  throw InputError(path.string(), "holds neither an evaluation, a denoise run nor a record",
+                   "give the output of evaluate --json, or a <stem>_denoised.json; docs/report.md "
+                   "has the record's format");
+}
+
+Page page_of(const fs::path& path, const std::string& prefix) {
+  if (is_json(path)) return json_page(path, prefix);
+  const NoiseModel model = load_model(path);
+  return {"Calibration of " + model.sensor,
+          fmt::format("{}, {} channels", model.layout.name(), model.layout.channels()),
+          calibration_sections(model, prefix)};
+}
+
+// Folders give what is in them, in order of their names.
+std::vector<fs::path> all_inputs(const std::vector<fs::path>& given) {
+  std::vector<fs::path> inputs;
+  for (const fs::path& path : given) {
+    if (!fs::is_directory(path)) {
+      inputs.push_back(path);
+      continue;
+    }
+    std::vector<fs::path> inside;
+    for (const auto& entry : fs::directory_iterator(path))
+      if (entry.is_regular_file() && (is_json(entry.path()) || is_model(entry.path())))
+        inside.push_back(entry.path());
+    if (inside.empty())
+      throw InputError(path.string(), "holds no model (.h5) and no JSON",
+                       "give a folder that calibrate, evaluate or denoise wrote to");
+    std::sort(inside.begin(), inside.end());
+    inputs.insert(inputs.end(), inside.begin(), inside.end());
+  }
+  return inputs;
+}
+
+Report report_of(const ReportArguments& arguments) {
+  const std::vector<fs::path> inputs = all_inputs(arguments.inputs);
+  std::string title, subtitle;
+  std::vector<Section> sections;
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    Page page = page_of(inputs[i], inputs.size() == 1 ? "" : fmt::format("{}-", i + 1));
+    for (Section& section : page.sections) {
+      if (inputs.size() > 1) section.title += ", " + inputs[i].filename().string();
+      sections.push_back(std::move(section));
+    }
+    title = std::move(page.title);
+    subtitle = std::move(page.subtitle);
+  }
+  if (inputs.size() > 1) {
+    title = fmt::format("Report of {} files", inputs.size());
+    subtitle.clear();
+  }
+  return make_report(arguments.title.empty() ? title : arguments.title, subtitle,
+                     std::move(sections));
+}
+
+void run_report(const ReportArguments& arguments, const Common& common) {
+  if (arguments.output.empty() && arguments.figures.empty())
+    throw CLI::RequiredError("one of --output and --figures");
+  if (!arguments.output.empty()) check_output(arguments.output, common.force);
+  const Report report = report_of(arguments);
+  Json files = Json::array();
+  if (!arguments.output.empty()) {
+    write_report(report, arguments.output,
+                 {.picture_budget_mib = arguments.budget_mib, .force = common.force});
+    files.push_back(arguments.output.string());
+  }
+  if (!arguments.figures.empty())
+    for (const fs::path& path : write_figures(report, arguments.figures, common.force))
+      files.push_back(path.string());
+  std::string text;
+  for (const Json& file : files) text += file.get<std::string>() + "\n";
+  print_result(common, {{"title", report.title}, {"files", files}}, text);
+}
+
+}  // namespace
+
+void add_report(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<ReportArguments>();
+  CLI::App* command = add_command(
+      app, common, "report", "models, evaluations and denoise runs as one self-contained HTML file",
+      [arguments, &common] { run_report(*arguments, common); });
+  command
+      ->add_option("INPUT", arguments->inputs,
+                   "models (.h5 or a built-in name), evaluate's JSON, <stem>_denoised.json, or "
+                   "folders of them")
+      ->required();
+  command->add_option("-o,--output", arguments->output, "the HTML file");
+  command->add_option("--figures", arguments->figures, "folder for every plot as SVG");
+  command->add_option("--title", arguments->title, "title of the report");
+  command
+      ->add_option("--picture-budget", arguments->budget_mib,
+                   "space for all pictures in the file [MiB]")
+      ->check(CLI::Range(0.1, 512.0))
+      ->capture_default_str();
+}
+
+}  // namespace malus::app

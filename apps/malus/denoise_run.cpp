@@ -1,0 +1,94 @@
+#include "denoise_run.h"
+
+#include "malus/base/error.h"
+#include "malus/io/frame_file.h"
+
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+std::string relative_to(const fs::path& path, const fs::path& folder) {
+  const fs::path relative = fs::absolute(path).lexically_relative(fs::absolute(folder));
+  return relative.empty() ? fs::absolute(path).string() : relative.string();
+}
+
+NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {
+  NoiseProfile profile;
+  profile.layout = layout;
+  profile.row_group = record.value("row_group", 1);
+  profile.estimated_from_picture = record.value("noise_estimated_from_picture", false);
+  for (const Json& line : record.at("noise_line"))
+    profile.channels.push_back(
+        {.variance = VarianceCurve::affine(line.at("slope_dn").get<double>(),
+                                           line.at("offset_dn2").get<double>()),
+         .gain_dn_per_e = line.at("gain_dn_per_e").get<double>()});
+  if (static_cast<int>(profile.channels.size()) != layout.channels())
+    throw InputError("noise_line", "does not fit the layout", "denoise again");
+  return profile;
+}
+
+}  // namespace
+
+Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::path& input,
+                const fs::path& result, Json run) {
+  const fs::path folder = result.parent_path();
+  Json record = {{"kind", "denoise"},
+                 {"input_file", relative_to(input, folder)},
+                 {"result_file", relative_to(result, folder)},
+                 {"sites", Json::array()},
+                 {"black_dn", before.black_dn},
+                 {"white_dn", before.white_dn},
+                 {"gain_db", before.gain.gain_db ? Json(*before.gain.gain_db) : Json()},
+                 {"iso", before.gain.iso ? Json(*before.gain.iso) : Json()},
+                 {"row_group", profile.row_group},
+                 {"noise_estimated_from_picture", profile.estimated_from_picture},
+                 {"noise_line", Json::array()}};
+  for (int row = 0; row < before.layout.rows(); ++row) {
+    Json names = Json::array();
+    for (int col = 0; col < before.layout.cols(); ++col)
+      names.push_back(before.layout.channel_name(before.layout.channel_at(row, col)));
+    record["sites"].push_back(names);
+  }
+  for (std::size_t c = 0; c < profile.channels.size(); ++c) {
+    const ChannelProfile& channel = profile.channels[c];
+    const double dark = channel.variance(0), reach = before.white_dn - before.black_dn[c];
+    record["noise_line"].push_back({{"slope_dn", (channel.variance(reach) - dark) / reach},
+                                    {"offset_dn2", dark},
+                                    {"gain_dn_per_e", channel.gain_dn_per_e}});
+  }
+  record["run"] = std::move(run);
+  return record;
+}
+
+DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
+  try {
+    const fs::path folder = record_file.parent_path();
+    FrameOptions options;
+    options.layout =
+        SensorLayout::from_sites(record.at("sites").get<std::vector<std::vector<std::string>>>());
+    options.black_dn = record.at("black_dn").get<std::vector<double>>();
+    options.white_dn = record.at("white_dn").get<double>();
+    if (!record.at("gain_db").is_null()) options.gain.gain_db = record.at("gain_db").get<double>();
+    if (!record.at("iso").is_null()) options.gain.iso = record.at("iso").get<double>();
+    DenoisedFrame frame;
+    frame.before = load_frame(folder / record.at("input_file").get<std::string>(), options);
+    FrameOptions plain;
+    plain.layout = options.layout;
+    plain.rows = frame.before.dn.rows();
+    plain.cols = frame.before.dn.cols();
+    frame.after_dn = load_frame(folder / record.at("result_file").get<std::string>(), plain).dn;
+    frame.profile = profile_of_record(record, *options.layout);
+    frame.run = record.at("run");
+    return frame;
+  } catch (const Json::exception& error) {
+    throw InputError(record_file.string(),
+                     std::string("is not a record of a denoise run: ") + error.what(),
+                     "denoise the frame again");
+  }
+}
+
+}  // namespace malus::app

@@ -1,0 +1,22 @@
+// What `malus denoise` leaves beside a result (<stem>_denoised.json) so that a report can be made
+// of it later.
+#pragma once
+
+#include <filesystem>
+
+#include "report_pages.h"
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+/// What is needed to read the input again and to know its noise, added to the run's own record.
+/// result: the denoised mosaic; paths are kept relative to its folder where that is possible.
+nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& profile,
+                                  const std::filesystem::path& input,
+                                  const std::filesystem::path& result, nlohmann::ordered_json run);
+
+/// Loads input and result of a record. Throws InputError.
+DenoisedFrame load_run(const std::filesystem::path& record_file,
+                       const nlohmann::ordered_json& record);
+
+}  // namespace malus::app

@@ -1,0 +1,227 @@
+#include "malus/base/statistics.h"
+#include "malus/noise/data_sheet.h"
+#include "malus/noise/tukey_lambda.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "report_plots.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Variants = std::vector<ChartsBlock::Variant>;
+
+std::size_t at(int channel) { return static_cast<std::size_t>(channel); }
+
+// One regression of the joint model: what is plotted, and where its numbers lie.
+struct Law {
+  std::string title, symbol, unit;
+  ChannelStatistics PhysicsCalibration::*measured;
+  std::vector<LogLinear> JointSegment::*lines;
+  double sign;
+};
+
+PointSeries measured_points(const NoiseModel& model, const Law& law, int channel) {
+  const std::string name = model.layout.channel_name(channel);
+  PointSeries points{.name = name, .mark = Mark::kPoints, .tone = name};
+  for (const PhysicsCalibration& p : model.physics) {
+    const ChannelStatistics& s = p.*law.measured;
+    if (p.K.mean.empty() || s.mean.empty()) continue;
+    points.x.push_back(mean_of(p.K.mean));
+    points.y.push_back(law.sign * s.mean[at(channel)]);
+    const bool known =
+        at(channel) < s.standard_error.size() && std::isfinite(s.standard_error[at(channel)]);
+    points.error.push_back(known ? s.standard_error[at(channel)] : 0.0);
+    points.notes.push_back(p.gain.text());
+  }
+  return points;
+}
+
+Chart law_chart(const NoiseModel& model, const Law& law) {
+  Chart chart{law.title + " over gain",
+              "Measured values with standard errors, and the joint model's log-linear law (Eq. 7). "
+              "The horizontal axis is the mean gain of the channels.",
+              {"mean gain K̂", "DN/e-", AxisScale::kLogarithmic},
+              {law.symbol, law.unit, AxisScale::kLogarithmic},
+              {}};
+  for (int channel = 0; channel < model.layout.channels(); ++channel)
+    chart.series.emplace_back(measured_points(model, law, channel));
+  if (!model.joint) return chart;
+  for (const JointSegment& segment : model.joint->segments)
+    for (int channel = 0; channel < model.layout.channels(); ++channel) {
+      const std::string name = model.layout.channel_name(channel);
+      const LogLinear& line = (segment.*law.lines)[at(channel)];
+      if (line.signed_linear) chart.y.scale = AxisScale::kLinear;
+      PointSeries curve{.name = name + ", law", .mark = Mark::kLine, .tone = name};
+      constexpr int kPoints = 12;
+      for (int i = 0; i <= kPoints; ++i) {
+        const double log_K =
+            segment.log_K_low() + (segment.log_K_high() - segment.log_K_low()) * i / kPoints;
+        curve.x.push_back(std::exp(log_K));
+        curve.y.push_back(line.law(log_K));
+      }
+      chart.series.emplace_back(std::move(curve));
+    }
+  return chart;
+}
+
+// Density of the residuals of one channel on both sides of zero, in bins a quarter of the standard
+// deviation wide, and the two laws.
+struct Distribution {
+  PointSeries measured{.name = "measured", .mark = Mark::kBars, .tone = ""};
+  PointSeries normal{.name = "Gaussian", .mark = Mark::kDashed};
+  PointSeries tukey{.name = "Tukey lambda", .mark = Mark::kLine};
+};
+
+double residual_deviation(const std::vector<double>& counts, double cell_dn) {
+  double total = 0, squares = 0;
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    const double centre = (static_cast<double>(i) + 0.5) * cell_dn;
+    total += counts[i];
+    squares += counts[i] * centre * centre;
+  }
+  return total > 0 ? std::sqrt(squares / total) : 0;
+}
+
+double normal_density(double x, double sd) {
+  return std::exp(-0.5 * x * x / (sd * sd)) / (sd * std::sqrt(2 * std::numbers::pi));
+}
+
+Distribution distribution_of(const PhysicsCalibration& p, int channel) {
+  const std::vector<double>& counts = p.residual_counts[at(channel)];
+  const double cell = p.residual_cell_dn[at(channel)];
+  const double lambda = p.lambda.mean[at(channel)], scale = p.sigma_tl.mean[at(channel)];
+  double total = 0;
+  for (const double count : counts) total += count;
+  const double sd = residual_deviation(counts, cell);
+  // The converter's step shows in cells finer than it: bins are a DN or a quarter deviation wide.
+  const auto merged =
+      static_cast<std::size_t>(std::max(1.0, std::ceil(std::max(0.25 * sd, 1.0) / cell)));
+  Distribution d;
+  std::vector<std::pair<double, double>> half;
+  for (std::size_t i = 0; i + merged < counts.size(); i += merged) {
+    double in_bin = 0;
+    for (std::size_t k = i; k < i + merged; ++k) in_bin += counts[k];
+    const double width = static_cast<double>(merged) * cell;
+    if (in_bin > 0)
+      half.emplace_back((static_cast<double>(i) / static_cast<double>(merged) + 0.5) * width,
+                        in_bin / (2 * total * width));
+  }
+  for (auto from = half.rbegin(); from != half.rend(); ++from) {
+    d.measured.x.push_back(-from->first);
+    d.measured.y.push_back(from->second);
+  }
+  for (const auto& [x, y] : half) {
+    d.measured.x.push_back(x);
+    d.measured.y.push_back(y);
+  }
+  const double reach = half.empty() ? 1 : half.back().first;
+  constexpr int kPoints = 80;
+  for (int i = -kPoints; i <= kPoints; ++i) {
+    const double x = reach * i / kPoints;
+    d.normal.x.push_back(x);
+    d.normal.y.push_back(normal_density(x, sd));
+    d.tukey.x.push_back(x);
+    d.tukey.y.push_back(tukey_lambda_pdf(x / scale, lambda) / scale);
+  }
+  const double least = 0.3 / (2 * total * cell);
+  for (PointSeries* curve : {&d.normal, &d.tukey})
+    for (double& y : curve->y)
+      if (y < least) y = Measured::kNone;  // far below what one count would show
+  return d;
+}
+
+// Ordered residuals against quantiles: a straight line where the law holds.
+Chart probability_chart(const PhysicsCalibration& p, int channel, const std::string& name) {
+  Chart chart{fmt::format("Probability plot, {}, {}", name, p.gain.text()),
+              "Measured quantiles of the residuals against those of the fitted Tukey lambda and of "
+              "a Gaussian of the same standard deviation. A law that holds lies on the line.",
+              {"quantile of the law", "DN"},
+              {"measured quantile", "DN"},
+              {}};
+  const std::vector<double>& counts = p.residual_counts[at(channel)];
+  const double cell = p.residual_cell_dn[at(channel)];
+  const double lambda = p.lambda.mean[at(channel)], scale = p.sigma_tl.mean[at(channel)];
+  const double sd = residual_deviation(counts, cell);
+  double total = 0, below = 0;
+  for (const double count : counts) total += count;
+  PointSeries tukey{.name = "Tukey lambda", .mark = Mark::kPoints},
+      normal{.name = "Gaussian", .mark = Mark::kPoints};
+  constexpr double kTukeyOfNormal = 0.14;  // Gaussian quantiles within 0.1 % to 3 deviations
+  const double unit = std::sqrt(tukey_lambda_variance(kTukeyOfNormal));
+  for (std::size_t i = 0; i + 1 < counts.size(); ++i) {
+    below += counts[i];
+    if (counts[i] == 0) continue;
+    const double u = 0.5 + 0.5 * below / (total + 1), edge = static_cast<double>(i + 1) * cell;
+    for (const double side : {-1.0, 1.0}) {
+      tukey.x.push_back(side * scale * tukey_lambda_quantile(u, lambda));
+      tukey.y.push_back(side * edge);
+      normal.x.push_back(side * sd / unit * tukey_lambda_quantile(u, kTukeyOfNormal));
+      normal.y.push_back(side * edge);
+    }
+  }
+  PointSeries diagonal{.name = "equal", .mark = Mark::kLine};
+  const double reach = tukey.y.empty() ? 1 : tukey.y.back();
+  diagonal.x = diagonal.y = {-reach, reach};
+  chart.series = {tukey, normal, diagonal};
+  return chart;
+}
+
+// One channel per colour: sixteen would look alike.
+std::vector<int> one_per_color(const SensorLayout& layout) {
+  std::vector<int> chosen;
+  for (const Color color : layout.colors())
+    for (int channel = 0; channel < layout.channels(); ++channel)
+      if (layout.site(channel).color == color) {
+        chosen.push_back(channel);
+        break;
+      }
+  return chosen;
+}
+
+}  // namespace
+
+std::vector<Block> law_plots(const NoiseModel& model) {
+  std::vector<Block> blocks;
+  const std::vector<Law> laws = {
+      {"Read noise scale σ_TL", "σ_TL", "DN", &PhysicsCalibration::sigma_tl,
+       &JointSegment::sigma_tl, 1},
+      {"Row noise σ_b", "σ_b", "DN", &PhysicsCalibration::sigma_row, &JointSegment::sigma_row, 1},
+      {"Negative bias −μ", "−μ", "DN", &PhysicsCalibration::mu, &JointSegment::minus_mu, -1}};
+  if (model.physics.size() < 2) return blocks;
+  for (const Law& law : laws) blocks.emplace_back(ChartsBlock{"", {{"", law_chart(model, law)}}});
+  return blocks;
+}
+
+std::vector<Block> distribution_plots(const NoiseModel& model) {
+  Variants densities, probabilities;
+  for (const PhysicsCalibration& p : model.physics) {
+    if (p.residual_counts.empty()) continue;
+    for (const int channel : one_per_color(model.layout)) {
+      const std::string name = model.layout.channel_name(channel);
+      const Distribution d = distribution_of(p, channel);
+      Chart chart{fmt::format("Read noise of {}, {}", name, p.gain.text()),
+                  fmt::format("Residuals of {} bias frames after row noise and fixed pattern, "
+                              "against the fitted Tukey lambda (λ = {:.3f}) and a Gaussian of the "
+                              "same standard deviation.",
+                              p.bias_frames, p.lambda.mean[at(channel)]),
+                  {"residual", "DN"},
+                  {"density", "1/DN", AxisScale::kLogarithmic},
+                  {}};
+      chart.series = {d.measured, d.normal, d.tukey};
+      const std::string label = fmt::format("{}, {}", p.gain.text(), name);
+      densities.push_back({label, std::move(chart)});
+      probabilities.push_back({label, probability_chart(p, channel, name)});
+    }
+  }
+  std::vector<Block> blocks;
+  for (Variants* variants : {&densities, &probabilities})
+    if (!variants->empty())
+      blocks.emplace_back(ChartsBlock{"Gain and channel", std::move(*variants)});
+  return blocks;
+}
+
+}  // namespace malus::app

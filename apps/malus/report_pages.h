@@ -1,0 +1,57 @@
+// What malus measured, as pages of a report: translations of models, denoise runs and evaluations
+// into the blocks of malus/report/report.h.
+#pragma once
+
+#include "malus/denoise/denoiser.h"
+#include "malus/image/raw_frame.h"
+#include "malus/noise/model.h"
+#include "malus/report/report.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+/// Photon transfer, bias statistics, correlations, laws over gain, distributions, fixed pattern and
+/// data sheet of a model (000 Fig. 2-5). prefix tells sections of several models apart.
+std::vector<Section> calibration_sections(const NoiseModel& model, const std::string& prefix = "");
+
+/// One denoised frame.
+struct DenoisedFrame {
+  RawFrame before;             ///< as loaded: black level in
+  Image after_dn;              ///< DN above black, bias removed
+  NoiseProfile profile;        ///< what was taken out
+  Image variance_dn2;          ///< of after_dn; may be empty
+  Image reference_dn;          ///< DN above black; may be empty
+  nlohmann::ordered_json run;  ///< settings and timings as `denoise --json` prints them
+};
+/// Pictures before and after, what was done, metrics where there is a reference.
+std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::string& prefix = "");
+
+/// `evaluate --json`, of one or several tests.
+std::vector<Section> evaluation_sections(const nlohmann::ordered_json& evaluation,
+                                         const std::string& prefix = "");
+
+/// Curves and tables of a training or an experiment; docs/report.md has the format.
+std::vector<Section> record_sections(const nlohmann::ordered_json& record,
+                                     const std::string& prefix = "");
+
+/// A report of sections, with this program's name.
+Report make_report(const std::string& title, const std::string& subtitle,
+                   std::vector<Section> sections);
+
+/// For `calibrate --report`.
+void write_calibration_report(const NoiseModel& model, const std::filesystem::path& path,
+                              bool force);
+/// For `denoise --report`.
+void write_denoise_report(const std::vector<DenoisedFrame>& frames,
+                          const std::filesystem::path& path, bool force);
+/// For `evaluate --report`.
+void write_evaluation_report(const nlohmann::ordered_json& evaluation,
+                             const std::filesystem::path& path, bool force);
+
+}  // namespace malus::app

@@ -1,0 +1,244 @@
+#include "report_plots.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Variants = std::vector<ChartsBlock::Variant>;
+
+std::size_t at(int channel) { return static_cast<std::size_t>(channel); }
+
+double value_at(const std::vector<double>& values, int channel) {
+  return at(channel) < values.size() ? values[at(channel)] : Measured::kNone;
+}
+
+void add_charts(std::vector<Block>& blocks, Variants variants, bool wide = false) {
+  if (!variants.empty()) blocks.emplace_back(ChartsBlock{"Gain", std::move(variants), wide});
+}
+
+Axis channel_axis(const SensorLayout& layout) {
+  return {"channel", "1", AxisScale::kCategory, layout.channel_names()};
+}
+
+// Points of one channel: fitted ones, and those left out with the reason.
+struct TransferSeries {
+  PointSeries used, left_out;
+};
+TransferSeries transfer_series(const PhysicsCalibration& p, const std::string& name, int channel) {
+  TransferSeries s{{.name = name, .mark = Mark::kPoints, .tone = name},
+                   {.name = name + ", left out", .mark = Mark::kCrosses, .tone = name}};
+  for (const PhotonTransferPoint& point : p.transfer) {
+    if (point.channel != channel) continue;
+    PointSeries& series = point.used ? s.used : s.left_out;
+    series.x.push_back(point.mean_dn);
+    series.y.push_back(point.variance_dn2);
+    series.error.push_back(point.variance_stderr_dn2);
+    series.notes.push_back(point.why_not);
+  }
+  return s;
+}
+
+PointSeries fitted_line(const PhysicsCalibration& p, const std::string& name, int channel,
+                        double low, double high) {
+  PointSeries line{.name = name + ", fit", .mark = Mark::kLine, .tone = name};
+  constexpr int kPoints = 24;
+  for (int i = 0; i <= kPoints; ++i) {
+    const double x = low * std::pow(high / low, static_cast<double>(i) / kPoints);
+    line.x.push_back(x);
+    line.y.push_back(value_at(p.K_intercept_dn2, channel) + value_at(p.K.mean, channel) * x);
+  }
+  return line;
+}
+
+// The used range of all channels, for the line; empty when no point was used.
+std::pair<double, double> used_range(const PhysicsCalibration& p) {
+  double low = std::numeric_limits<double>::infinity(), high = 0;
+  for (const PhotonTransferPoint& point : p.transfer)
+    if (point.used && point.mean_dn > 0) {
+      low = std::min(low, point.mean_dn);
+      high = std::max(high, point.mean_dn);
+    }
+  return {low, high};
+}
+
+Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
+  Chart chart{"Photon transfer, " + p.gain.text(),
+              "Temporal variance of the flat frames, dark variance taken off, against the mean "
+              "signal above dark. The slope is the overall gain K. Crosses were left out; the "
+              "reason is in the numbers.",
+              {"mean signal", "DN", AxisScale::kLogarithmic},
+              {"temporal variance", "DN^2", AxisScale::kLogarithmic},
+              {}};
+  const auto [low, high] = used_range(p);
+  for (int channel = 0; channel < model.layout.channels(); ++channel) {
+    const std::string name = model.layout.channel_name(channel);
+    TransferSeries series = transfer_series(p, name, channel);
+    if (!series.used.x.empty()) chart.series.emplace_back(std::move(series.used));
+    if (!series.left_out.x.empty()) chart.series.emplace_back(std::move(series.left_out));
+    if (high > low && at(channel) < p.K.mean.size())
+      chart.series.emplace_back(fitted_line(p, name, channel, low, high));
+  }
+  return chart;
+}
+
+Chart residual_chart(const NoiseModel& model, const PhysicsCalibration& p) {
+  Chart chart{"Photon transfer, residuals, " + p.gain.text(),
+              "Variance minus the fitted line, over the line; bars are standard errors.",
+              {"mean signal", "DN", AxisScale::kLogarithmic},
+              {"residual", "%"},
+              {}};
+  for (int channel = 0; channel < model.layout.channels(); ++channel) {
+    if (at(channel) >= p.K.mean.size()) break;
+    PointSeries series = transfer_series(p, model.layout.channel_name(channel), channel).used;
+    for (std::size_t i = 0; i < series.x.size(); ++i) {
+      const double line =
+          value_at(p.K_intercept_dn2, channel) + value_at(p.K.mean, channel) * series.x[i];
+      series.y[i] = 100 * (series.y[i] - line) / line;
+      series.error[i] *= 100 / line;
+    }
+    if (!series.x.empty()) chart.series.emplace_back(std::move(series));
+  }
+  return chart;
+}
+
+Chart box_chart(const NoiseModel& model, const PhysicsCalibration& p, const std::string& name,
+                const std::string& symbol, const ChannelStatistics& statistics) {
+  Chart chart{fmt::format("{} per channel, {}", name, p.gain.text()),
+              {},
+              channel_axis(model.layout),
+              {symbol, "DN"},
+              {}};
+  if (statistics.per_frame.empty()) {
+    chart.text = "Mean over the frames; bars are its standard errors.";
+    PointSeries points{.name = symbol, .mark = Mark::kPoints};
+    for (int c = 0; c < model.layout.channels(); ++c) {
+      points.x.push_back(c);
+      points.y.push_back(value_at(statistics.mean, c));
+      const double error = value_at(statistics.standard_error, c);
+      points.error.push_back(std::isfinite(error) ? error : 0.0);
+    }
+    chart.series.emplace_back(std::move(points));
+    return chart;
+  }
+  chart.text = fmt::format(
+      "Every box holds the estimates of {} bias frames, sampling error and "
+      "all; whiskers reach 1.5 quartile ranges.",
+      statistics.per_frame.size());
+  BoxSeries boxes{symbol, model.layout.channel_names(), {}};
+  boxes.samples.resize(at(model.layout.channels()));
+  for (const auto& frame : statistics.per_frame)
+    for (std::size_t c = 0; c < frame.size(); ++c)
+      if (std::isfinite(frame[c])) boxes.samples[c].push_back(frame[c]);
+  // A channel without estimates keeps its place.
+  for (std::size_t c = 0; c < boxes.samples.size(); ++c)
+    if (boxes.samples[c].empty()) boxes.samples[c].push_back(statistics.mean[c]);
+  chart.series.emplace_back(std::move(boxes));
+  return chart;
+}
+
+std::vector<std::vector<double>> rows_of(const SquareMatrix& matrix) {
+  std::vector<std::vector<double>> rows;
+  for (int r = 0; r < matrix.n; ++r) {
+    auto& row = rows.emplace_back();
+    for (int c = 0; c < matrix.n; ++c) row.push_back(matrix(r, c));
+  }
+  return rows;
+}
+
+void add_correlation(Variants& variants, const NoiseModel& model, const PhysicsCalibration& p,
+                     const std::string& of, const std::string& text, const SquareMatrix& matrix) {
+  if (matrix.n < 2) return;
+  const Axis axis = channel_axis(model.layout);
+  Chart chart{fmt::format("Correlation of {}, {}", of, p.gain.text()), text, axis, axis, {}};
+  chart.series.emplace_back(
+      HeatSeries{"correlation", "1", rows_of(correlation_of(matrix)), -1, 1, Palette::kDiverging});
+  variants.push_back({p.gain.text(), std::move(chart)});
+}
+
+Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, int b) {
+  const std::string first = model.layout.channel_name(a), second = model.layout.channel_name(b);
+  Chart chart{fmt::format("μ of {} against μ of {}, {}", first, second, p.gain.text()),
+              "Points are frames. The curves hold 68 and 95 % of the fitted Gaussian, sampling "
+              "error taken out.",
+              {"μ " + first, "DN"},
+              {"μ " + second, "DN"},
+              {}};
+  PointSeries frames{.name = "frames", .mark = Mark::kPoints};
+  for (const auto& frame : p.mu.per_frame) {
+    frames.x.push_back(frame[at(a)]);
+    frames.y.push_back(frame[at(b)]);
+  }
+  if (!frames.x.empty()) chart.series.emplace_back(std::move(frames));
+  // Radii that hold 68.3 and 95.4 % in two dimensions: sqrt(-2 ln(1 - share)).
+  for (const auto& [share, label] : {std::pair{0.683, "68 %"}, {0.954, "95 %"}})
+    chart.series.emplace_back(gaussian_ellipse(
+        label, p.mu.mean[at(a)], p.mu.mean[at(b)], p.mu.covariance(a, a), p.mu.covariance(b, b),
+        p.mu.covariance(a, b), std::sqrt(-2 * std::log(1 - share))));
+  return chart;
+}
+
+}  // namespace
+
+std::vector<Block> transfer_plots(const NoiseModel& model) {
+  Variants curves, residuals;
+  for (const PhysicsCalibration& p : model.physics) {
+    if (p.transfer.empty()) continue;
+    curves.push_back({p.gain.text(), transfer_chart(model, p)});
+    residuals.push_back({p.gain.text(), residual_chart(model, p)});
+  }
+  std::vector<Block> blocks;
+  add_charts(blocks, std::move(curves), true);
+  add_charts(blocks, std::move(residuals), true);
+  return blocks;
+}
+
+std::vector<Block> box_plots(const NoiseModel& model) {
+  std::vector<Block> blocks;
+  const auto add = [&](const std::string& name, const std::string& symbol,
+                       ChannelStatistics PhysicsCalibration::*field) {
+    Variants variants;
+    for (const PhysicsCalibration& p : model.physics)
+      if (!(p.*field).mean.empty())
+        variants.push_back({p.gain.text(), box_chart(model, p, name, symbol, p.*field)});
+    add_charts(blocks, std::move(variants));
+  };
+  add("Row noise σ_b", "σ_b", &PhysicsCalibration::sigma_row);
+  add("Bias μ", "μ", &PhysicsCalibration::mu);
+  add("Read noise scale σ_TL", "σ_TL", &PhysicsCalibration::sigma_tl);
+  add("Column noise", "σ_column", &PhysicsCalibration::sigma_column);
+  return blocks;
+}
+
+std::vector<Block> correlation_plots(const NoiseModel& model) {
+  Variants mu, sigma, rows, pairs;
+  const int n = model.layout.channels();
+  for (const PhysicsCalibration& p : model.physics) {
+    add_correlation(mu, model, p, "μ between channels",
+                    "Over the bias frames, sampling error taken out.", p.mu.covariance);
+    add_correlation(sigma, model, p, "σ_b between channels",
+                    "Over the bias frames, sampling error taken out.", p.sigma_row.covariance);
+    add_correlation(rows, model, p, "row offsets inside a frame",
+                    "Channels that are read out in one row group share their offset.",
+                    p.row_correlation);
+    if (n < 2 || p.mu.covariance.n != n) continue;
+    std::vector<int> partners{1, n / 4, n / 2, n - 1};
+    partners.erase(std::unique(partners.begin(), partners.end()), partners.end());
+    for (const int partner : partners)
+      if (partner > 0)
+        pairs.push_back({fmt::format("{}: {} – {}", p.gain.text(), model.layout.channel_name(0),
+                                     model.layout.channel_name(partner)),
+                         pair_chart(model, p, 0, partner)});
+  }
+  std::vector<Block> blocks;
+  add_charts(blocks, std::move(mu));
+  add_charts(blocks, std::move(sigma));
+  add_charts(blocks, std::move(rows));
+  add_charts(blocks, std::move(pairs));
+  return blocks;
+}
+
+}  // namespace malus::app

@@ -1,0 +1,26 @@
+// The plots of a calibration, one function per figure; each choice is a gain.
+#pragma once
+
+#include "malus/noise/model.h"
+#include "malus/report/report.h"
+
+#include <vector>
+
+namespace malus::app {
+
+/// Variance against mean with the fitted lines, and what is left of it (000 Fig. 2).
+std::vector<Block> transfer_plots(const NoiseModel& model);
+/// Box plots of sigma_b, mu, sigma_TL per channel (000 Fig. 3).
+std::vector<Block> box_plots(const NoiseModel& model);
+/// Correlation between channels, and pairs of channels with their Gaussians (000 Fig. 4).
+std::vector<Block> correlation_plots(const NoiseModel& model);
+/// Parameters against the mean gain with the joint model's lines (000 Fig. 5, Eq. 7).
+std::vector<Block> law_plots(const NoiseModel& model);
+/// Read noise against Gaussian and Tukey lambda: density and probability plot.
+std::vector<Block> distribution_plots(const NoiseModel& model);
+/// Profiles and spectrograms of the fixed pattern, and its maps.
+std::vector<Block> pattern_plots(const NoiseModel& model);
+/// Probabilities per level of a non-parametric model (001, S2).
+std::vector<Block> level_plots(const NoiseModel& model);
+
+}  // namespace malus::app

@@ -1,0 +1,166 @@
+#include "malus/base/error.h"
+#include "malus/report/write_report.h"
+
+#include <cmath>
+
+#include "report_pages.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double number_of(const Json& json) {
+  return json.is_number() ? json.get<double>() : Measured::kNone;
+}
+
+std::string text_of(const Json& json, const char* key) {
+  return json.contains(key) && json.at(key).is_string() ? json.at(key).get<std::string>() : "";
+}
+
+TableBlock::Cell cell_of(const Json& json) {
+  if (json.is_string()) return json.get<std::string>();
+  if (json.is_object())
+    return Measured{number_of(json.value("value", Json())),
+                    number_of(json.value("stderr", Json()))};
+  return Measured{number_of(json), Measured::kNone};
+}
+
+TableBlock table_of(const Json& json) {
+  TableBlock table{.title = text_of(json, "title"),
+                   .note = text_of(json, "note"),
+                   .head = text_of(json, "head"),
+                   .columns = {},
+                   .rows = {}};
+  for (const Json& column : json.at("columns"))
+    table.columns.push_back(
+        {text_of(column, "name"), column.contains("unit") ? text_of(column, "unit") : "1"});
+  for (const Json& row : json.at("rows")) {
+    TableBlock::Row made{text_of(row, "name"), {}};
+    for (const Json& cell : row.at("cells")) made.cells.push_back(cell_of(cell));
+    made.cells.resize(table.columns.size(), TableBlock::Cell(std::string()));
+    table.rows.push_back(std::move(made));
+  }
+  return table;
+}
+
+Chart chart_of(const Json& json) {
+  const auto axis = [&](const char* key) {
+    const Json& from = json.at(key);
+    Axis made{text_of(from, "name"), from.contains("unit") ? text_of(from, "unit") : "1"};
+    if (from.value("log", false)) made.scale = AxisScale::kLogarithmic;
+    return made;
+  };
+  Chart chart{text_of(json, "title"), text_of(json, "text"), axis("x"), axis("y"), {}};
+  for (const Json& from : json.at("series")) {
+    PointSeries series{.name = text_of(from, "name"), .mark = Mark::kLine};
+    for (const Json& x : from.at("x")) series.x.push_back(number_of(x));
+    for (const Json& y : from.at("y")) series.y.push_back(number_of(y));
+    const std::size_t size = std::min(series.x.size(), series.y.size());
+    series.x.resize(size);
+    series.y.resize(size);
+    chart.series.emplace_back(std::move(series));
+  }
+  return chart;
+}
+
+struct Metric {
+  const char *group, *key, *name, *unit;
+};
+constexpr Metric kMetrics[] = {{"image", "psnr", "image PSNR", "dB"},
+                               {"image", "ssim", "image SSIM", "1"},
+                               {"dolp", "psnr", "DoLP PSNR", "dB"},
+                               {"aolp", "psnr", "AoLP PSNR", "dB"},
+                               {"aolp", "circular_deg", "AoLP circular error", "deg"}};
+
+double metric_of(const Json& result, const Metric& metric) {
+  if (!result.contains(metric.group) || !result.at(metric.group).is_object())
+    return Measured::kNone;
+  return number_of(result.at(metric.group).value(metric.key, Json()));
+}
+
+}  // namespace
+
+std::vector<Section> evaluation_sections(const Json& evaluation, const std::string& prefix) {
+  std::vector<Json> results;
+  if (evaluation.contains("results"))
+    for (const Json& result : evaluation.at("results")) results.push_back(result);
+  else
+    results.push_back(evaluation);
+  TableBlock table{.title = "Against the reference",
+                   .note =
+                       "PSNR of AoLP is the papers' linear one, which punishes 179° against 1°; "
+                       "the circular error is the root mean square in degrees, weighted by "
+                       "DoLP.",
+                   .head = "picture",
+                   .columns = {},
+                   .rows = {}};
+  for (const Metric& metric : kMetrics) table.columns.push_back({metric.name, metric.unit});
+  std::vector<std::string> names;
+  for (const Json& result : results) {
+    const std::string name = text_of(result, "test");
+    names.push_back(name.empty() ? "test" : std::filesystem::path(name).filename().string());
+    TableBlock::Row row{names.back(), {}};
+    for (const Metric& metric : kMetrics)
+      row.cells.emplace_back(Measured{metric_of(result, metric), Measured::kNone});
+    table.rows.push_back(std::move(row));
+  }
+  Section section{prefix + "evaluation", "Evaluation", text_of(evaluation, "reference"), {table}};
+  if (results.size() > 1)
+    for (const Metric& metric : kMetrics) {
+      Chart chart{metric.name,
+                  "One bar per picture.",
+                  {"picture", "1", AxisScale::kCategory, names},
+                  {metric.name, metric.unit},
+                  {}};
+      PointSeries bars{.name = metric.name, .mark = Mark::kBars};
+      bool any = false;
+      for (std::size_t i = 0; i < results.size(); ++i) {
+        bars.x.push_back(static_cast<double>(i));
+        bars.y.push_back(metric_of(results[i], metric));
+        any = any || std::isfinite(bars.y.back());
+      }
+      chart.series.emplace_back(std::move(bars));
+      if (any) section.blocks.emplace_back(ChartsBlock{"", {{"", std::move(chart)}}});
+    }
+  return {section};
+}
+
+std::vector<Section> record_sections(const Json& record, const std::string& prefix) {
+  Section section{prefix + "record", text_of(record, "title"), text_of(record, "text"), {}};
+  try {
+    if (record.contains("notes")) {
+      NoticesBlock notices;
+      for (const Json& note : record.at("notes"))
+        notices.items.push_back({NoticeLevel::kNote, note.get<std::string>()});
+      section.blocks.emplace_back(std::move(notices));
+    }
+    if (record.contains("tables"))
+      for (const Json& table : record.at("tables")) section.blocks.emplace_back(table_of(table));
+    if (record.contains("charts"))
+      for (const Json& chart : record.at("charts"))
+        section.blocks.emplace_back(ChartsBlock{"", {{"", chart_of(chart)}}});
+  } catch (const Json::exception& error) {
+    throw InputError("record", std::string("does not hold what a page needs: ") + error.what(),
+                     "see docs/report.md for its format");
+  }
+  return {section};
+}
+
+void write_evaluation_report(const Json& evaluation, const std::filesystem::path& path,
+                             bool force) {
+  write_report(
+      make_report("Evaluation", text_of(evaluation, "reference"), evaluation_sections(evaluation)),
+      path, {.force = force});
+}
+
+Report make_report(const std::string& title, const std::string& subtitle,
+                   std::vector<Section> sections) {
+  return {.title = title,
+          .subtitle = subtitle,
+          .program = "malus " MALUS_VERSION,
+          .sections = std::move(sections)};
+}
+
+}  // namespace malus::app
