@@ -139,22 +139,26 @@ Image smoothed(const internal::Tile& noisy, const CellStatistics& statistics) {
 }  // namespace
 
 MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
-  // block, step, search, stack, threshold
-  if (profile == "fast")
-    return {{.block_cells = 4, .step = 15, .search = 8, .stack = 16, .threshold = 2.7f},
-            {.block_cells = 2, .step = 7, .search = 8, .stack = 32, .threshold = 0}};
-  if (profile == "normal")
-    return {{.block_cells = 4, .step = 9, .search = 10, .stack = 32, .threshold = 2.7f},
-            {.block_cells = 2, .step = 5, .search = 10, .stack = 64, .threshold = 0}};
-  if (profile == "high")
-    return {{.block_cells = 4, .step = 5, .search = 13, .stack = 64, .threshold = 2.7f},
-            {.block_cells = 2, .step = 3, .search = 13, .stack = 64, .threshold = 0}};
+  using internal::StackStage;
+  const auto hard = [](int step, int search, int stack) {
+    return StackStage{
+        .block_cells = 4, .step = step, .search = search, .stack = stack, .threshold = 2.7f};
+  };
+  const auto wiener = [](int step, int search, int stack) {
+    return StackStage{
+        .block_cells = 2, .step = step, .search = search, .stack = stack, .threshold = 0};
+  };
+  if (profile == "fast") return {hard(15, 8, 16), {wiener(7, 8, 32)}};
+  if (profile == "normal") return {hard(11, 10, 32), {wiener(7, 10, 32), wiener(5, 10, 64)}};
+  if (profile == "high") return {hard(7, 13, 64), {wiener(5, 13, 64), wiener(3, 13, 64)}};
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
 }
 
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout) {
   const int period = std::max(layout.rows(), layout.cols());
-  return reach_of(plan.hard, period) + reach_of(plan.wiener, period) + kCell;
+  int reach = reach_of(plan.hard, period) + kCell;
+  for (const internal::StackStage& stage : plan.wiener) reach += reach_of(stage, period);
+  return reach;
 }
 
 int folded(int position, int size, int period) {
@@ -219,11 +223,13 @@ Image filter_mosaic(const internal::Tile& noisy, int frame_rows, int frame_cols,
   input.frame_rows = frame_rows;
   input.frame_cols = frame_cols;
   input.rotations = &statistics.rotations;
-  const Image guide = smoothed(noisy, statistics);
-  input.guide = &guide;
-  const Image pilot = internal::run_stage(input, plan.hard, progress);
+  Image pilot = smoothed(noisy, statistics);
   input.guide = &pilot;
-  return internal::run_stage(input, plan.wiener, progress, variance_out);
+  pilot = internal::run_stage(input, plan.hard, progress);
+  for (std::size_t pass = 0; pass < plan.wiener.size(); ++pass)
+    pilot = internal::run_stage(input, plan.wiener[pass], progress,
+                                pass + 1 == plan.wiener.size() ? variance_out : nullptr);
+  return pilot;
 }
 
 }  // namespace malus
