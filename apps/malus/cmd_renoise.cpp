@@ -1,0 +1,180 @@
+// malus renoise: noisy frames taken at one gain, made to look like frames of a noisier gain (001,
+// S6).
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/denoise/denoiser.h"
+#include "malus/io/picture_file.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/compiled.h"
+#include "malus/synthesize/model.h"
+#include "malus/synthesize/renoise.h"
+#include "malus/synthesize/synthesizer.h"
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "flags.h"
+#include "program.h"
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct RenoiseArguments {
+  RawOptions raw;
+  std::vector<fs::path> inputs, guides;
+  fs::path model, folder;
+  double from = 0, to = 0;
+  std::string kind = "physics", method = "noise-on-noise", format = "tif";
+  std::uint32_t first_frame = 0;
+  bool as_float = false;
+};
+
+// Where the output is rounded, rounding is the target's quantisation noise.
+PhysicsNoise target_physics(const NoiseModel& model, const GainSetting& gain, bool rounded) {
+  PhysicsNoise noise = model.physics_at(gain);
+  noise.parts.quantization = !rounded;
+  return noise;
+}
+
+// The clean signal as a denoiser sees it: only the noise level is taken from it.
+Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFrame& frame,
+               const NoiseModel& model, const GainSetting& gain, Progress& progress) {
+  if (arguments.guides.empty())
+    return denoise_frame(frame, model.profile_at(gain), {}, progress).dn_above_black;
+  FrameOptions options;
+  options.layout = model.layout;
+  options.rows = frame.dn.rows();
+  options.cols = frame.dn.cols();
+  RawFrame guide = load_frame(arguments.guides[index], options);
+  subtract_black(guide);
+  return std::move(guide.dn);
+}
+
+Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& model,
+                       const GainSetting& from, const GainSetting& to) {
+  if (arguments.kind == "nonparametric")
+    return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
+                    model.row_group);
+  return Renoiser(model.physics_at(from), target_physics(model, to, !arguments.as_float),
+                  model.white_dn - model.black_dn[0]);
+}
+
+RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& model,
+                        const GainSetting& to, Image dn) {
+  RawFrame out;
+  out.layout = model.layout;
+  out.gain = to;
+  out.black_known = out.white_known = out.layout_known = true;
+  if (arguments.as_float) {
+    out.black_dn.assign(model.black_dn.size(), 0.0);
+    out.white_dn = model.white_dn - model.black_dn[0];
+  } else {
+    out.black_dn = model.black_dn;
+    out.white_dn = model.white_dn;
+    out.bits = 16;
+    round_as_camera(dn, model.layout, {model.black_dn, model.white_dn, model.quantization_dn});
+  }
+  out.dn = std::move(dn);
+  return out;
+}
+
+void run_renoise(const RenoiseArguments& arguments, const Common& common) {
+  if (!arguments.guides.empty() && arguments.guides.size() != arguments.inputs.size())
+    throw InputError(
+        "--guide",
+        fmt::format("{} guides for {} frames", arguments.guides.size(), arguments.inputs.size()),
+        "give one per frame, in the same order");
+  const NoiseModel model = load_model(arguments.model);
+  const Model door(model);
+  const GainSetting from = door.gain_setting(arguments.from), to = door.gain_setting(arguments.to);
+  FrameOptions fallback;
+  fallback.layout = model.layout;
+  fallback.black_dn = model.black_dn;
+  if (model.white_dn > 0) fallback.white_dn = model.white_dn;
+  const FrameOptions options = merged(arguments.raw.resolve(), fallback);
+  const bool naive = arguments.method == "naive";
+  std::optional<Renoiser> renoiser;
+  if (!naive) renoiser.emplace(make_renoiser(arguments, model, from, to));
+  const auto names =
+      output_names(arguments.inputs, arguments.folder, "_renoised." + arguments.format);
+  make_output_folder(arguments.folder);
+  for (const fs::path& name : names) check_output(name, common.force);
+  const auto progress = make_progress(common);
+  Json frames = Json::array();
+  std::string text;
+  SaveOptions save;
+  save.force = common.force;
+  save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    check_stop(*progress);
+    RawFrame frame = load_frame(arguments.inputs[i], options);
+    Image result = guide_of(arguments, i, frame, model, from, *progress);
+    subtract_black(frame);
+    const DrawAddress address{.seed = common.seed,
+                              .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
+    if (naive)
+      CompiledNoise(target_physics(model, to, !arguments.as_float))
+          .apply(result.view(), result.view(), address);
+    else
+      renoiser->apply(frame.dn, result, result, address);
+    save_frame(names[i], renoised_frame(arguments, model, to, std::move(result)), save);
+    frames.push_back({{"input", arguments.inputs[i].string()},
+                      {"output", names[i].string()},
+                      {"frame", address.frame}});
+    text += fmt::format("{} <- {}: {} -> {}\n", names[i].string(), arguments.inputs[i].string(),
+                        from.text(), to.text());
+  }
+  print_result(common,
+               {{"model", arguments.model.string()},
+                {"from", from.text()},
+                {"to", to.text()},
+                {"method", arguments.method},
+                {"kind", arguments.kind},
+                {"seed", common.seed},
+                {"frames", frames}},
+               text);
+}
+
+}  // namespace
+
+void add_renoise(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<RenoiseArguments>();
+  CLI::App* command =
+      add_command(app, common, "renoise", "Noisy frames of one gain as if taken at a noisier one",
+                  [arguments, &common] { run_renoise(*arguments, common); });
+  command->add_option("NOISY", arguments->inputs, "raw mosaics")->required();
+  command->add_option("-m,--model", arguments->model, "noise model: a file or a built-in name")
+      ->required();
+  command
+      ->add_option("--from", arguments->from, "gain of the frames, in the model's unit (dB or ISO)")
+      ->required();
+  command->add_option("--to", arguments->to, "gain to imitate")->required();
+  command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
+  command->add_option("--guide", arguments->guides,
+                      "denoised frames in DN above black, one per frame; otherwise made with the "
+                      "calibrated denoiser");
+  command->add_option("--kind", arguments->kind, "noise model")
+      ->check(CLI::IsMember({"physics", "nonparametric"}))
+      ->capture_default_str();
+  command
+      ->add_option("--method", arguments->method,
+                   "noise-on-noise adds to the noisy frame; naive puts new noise on the guide")
+      ->check(CLI::IsMember({"noise-on-noise", "naive"}))
+      ->capture_default_str();
+  command->add_option("--first-frame", arguments->first_frame,
+                      "number of the first frame; seed and number decide the noise");
+  command->add_flag("--float", arguments->as_float, "write DN above black, unrounded");
+  command->add_option("--format", arguments->format, "ending of the results")
+      ->check(CLI::IsMember({"tif", "png", "fits", "npy", "exr"}))
+      ->capture_default_str();
+  arguments->raw.add_to(*command, false);
+}
+
+}  // namespace malus::app
