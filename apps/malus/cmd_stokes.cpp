@@ -3,11 +3,14 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
+#include "malus/polar/demosaick.h"
 #include "malus/polar/layout_check.h"
 #include "malus/polar/render.h"
 #include "malus/polar/stokes.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <vector>
@@ -30,7 +33,8 @@ struct StokesArguments {
   std::vector<fs::path> inputs;
   fs::path folder;
   std::string format = "exr";
-  bool pictures = true;
+  std::string method = "residual";  ///< of demosaicking
+  bool pictures = true, full = false;
 };
 
 constexpr std::array<const char*, 5> kProducts = {"s0", "s1", "s2", "dolp", "aolp"};
@@ -105,13 +109,22 @@ void warn_about(const RawFrame& frame, const fs::path& input) {
                     input.string()));
 }
 
+// One value per cell, or one per pixel with --full.
+StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& frame) {
+  if (!arguments.full)
+    return merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout), frame.layout);
+  const auto method =
+      std::find(kDemosaickingNames.begin(), kDemosaickingNames.end(), arguments.method) -
+      kDemosaickingNames.begin();
+  return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method));
+}
+
 Json process(const StokesArguments& arguments, const fs::path& input, const FrameOptions& options,
              const OutputNames& names, bool force) {
   const RawFrame frame = load_above_black(input, options);
   require_polarized(frame.layout, input.string());
   warn_about(frame, input);
-  const StokesPicture picture =
-      merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout), frame.layout);
+  const StokesPicture picture = stokes_picture(arguments, frame);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
   const std::array<Planes, 5> data = data_of(picture);
@@ -173,6 +186,12 @@ void add_stokes(CLI::App& app, Common& common) {
       ->check(CLI::IsMember({"exr", "tif", "npy", "fits"}))
       ->capture_default_str();
   command->add_flag("!--no-pictures", arguments->pictures, "data files only");
+  command->add_flag("--full", arguments->full,
+                    "one value per pixel by demosaicking, instead of one per cell");
+  command->add_option("--demosaick", arguments->method, "how --full fills the gaps")
+      ->check(CLI::IsMember(
+          std::vector<std::string>(kDemosaickingNames.begin(), kDemosaickingNames.end())))
+      ->capture_default_str();
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->render);
 }

@@ -1,5 +1,7 @@
 set(polar_SOURCES
   color_map.cpp
+  demosaick.cpp
+  internal/lattice.cpp
   layout_check.cpp
   legend.cpp
   render.cpp

@@ -51,6 +51,12 @@ struct AnglePlanes {
   View<const float> i0, i45, i90, i135;
 };
 
+/// The same, owned.
+struct AngleImages {
+  Image i0, i45, i90, i135;
+  operator AnglePlanes() const { return {i0, i45, i90, i135}; }  // NOLINT: implicit by design
+};
+
 /// Stokes planes of one colour, equal sizes; plain data.
 struct StokesPlanes {
   Image s0, s1, s2;

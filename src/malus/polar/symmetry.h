@@ -55,9 +55,6 @@ int angle_after(Symmetry symmetry, int angle_deg);
 Image moved(View<const float> image, Symmetry symmetry);
 
 /// The four angle planes of one colour: moved, and each under the angle it now has.
-struct AngleImages {
-  Image i0, i45, i90, i135;
-};
 AngleImages transformed(const AnglePlanes& planes, Symmetry symmetry);
 /// Stokes planes: moved, with the signs of S1 and S2. The same as Stokes of the transformed planes.
 StokesPlanes transformed(const StokesPlanes& stokes, Symmetry symmetry);

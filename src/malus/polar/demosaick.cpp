@@ -1,0 +1,301 @@
+#include "malus/polar/demosaick.h"
+
+#include "malus/base/parallel.h"
+#include "malus/image/pack.h"
+#include "malus/polar/internal/lattice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using internal::Lattice;
+
+// Settings relative to the mosaic's mean square, chosen on polar-scenes (docs/polarization.md).
+constexpr double kGuideEpsilon = 1.2e-3;  // variance below which a guide is not trusted
+constexpr double kGradientFloor = 0.01;   // gradients below it, relative to the rms, are noise
+constexpr double kTinyDn = 1e-6;          // keeps weights of dark frames finite in float
+
+Color display_color(Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; }
+
+std::string display_name(Color color) {
+  if (color == Color::kMono) return "";
+  return color == Color::kGreen1 ? "G" : std::string(color_name(color));
+}
+
+int mirrored(int x, int size) {
+  if (x < 0) x = -x;
+  return x < size ? x : 2 * (size - 1) - x;
+}
+
+// Broken pixels get the mean of the finite samples of their channel one cell away.
+Image filled(View<const float> mosaic, const SensorLayout& layout) {
+  Image out(mosaic.rows(), mosaic.cols());
+  for (int r = 0; r < out.rows(); ++r)
+    for (int c = 0; c < out.cols(); ++c) {
+      out(r, c) = mosaic(r, c);
+      if (std::isfinite(out(r, c))) continue;
+      double sum = 0;
+      int count = 0;
+      for (int dr = -1; dr <= 1; ++dr)
+        for (int dc = -1; dc <= 1; ++dc) {
+          const int row = r + dr * layout.rows(), col = c + dc * layout.cols();
+          if (row < 0 || col < 0 || row >= out.rows() || col >= out.cols()) continue;
+          const float v = mosaic(row, col);
+          if (std::isfinite(v)) sum += v, ++count;
+        }
+      out(r, c) = count > 0 ? static_cast<float>(sum / count) : 0.0f;
+    }
+  return out;
+}
+
+double mean_square(const Image& image) {
+  double sum = 0;
+  for (float v : image.values()) sum += double{v} * double{v};
+  return sum / static_cast<double>(image.size());
+}
+
+// The mean of all sites of one colour and angle, each interpolated linearly.
+Image bilinear_plane(const Image& mosaic, const SensorLayout& layout, Color color, int angle_deg) {
+  const int rows = mosaic.rows(), cols = mosaic.cols();
+  Image weighted(rows, cols), weights(rows, cols);
+  const auto ramp = [](int distance, int cell) {
+    return std::max(0.0f, 1 - static_cast<float>(std::abs(distance)) / static_cast<float>(cell));
+  };
+  // The same tent for every site: where two sites overlap, the nearer one weighs more.
+  Image sites(rows, cols), values(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      const Site& site = layout.site(layout.channel_at(r, c));
+      if (display_color(site.color) != color || site.angle_deg != angle_deg) continue;
+      sites(r, c) = 1;
+      values(r, c) = mosaic(r, c);
+    }
+  const auto spread = [&](const Image& image) {
+    Image across(rows, cols), both(rows, cols);
+    parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+      for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
+        for (int c = 0; c < cols; ++c)
+          for (int d = 1 - layout.cols(); d < layout.cols(); ++d)
+            across(r, c) += ramp(d, layout.cols()) * image(r, mirrored(c + d, cols));
+    });
+    parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+      for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
+        for (int d = 1 - layout.rows(); d < layout.rows(); ++d) {
+          const float weight = ramp(d, layout.rows());
+          const float* from = across.row(mirrored(r + d, rows));
+          for (int c = 0; c < cols; ++c) both(r, c) += weight * from[c];
+        }
+    });
+    return both;
+  };
+  weighted = spread(values);
+  weights = spread(sites);
+  for (std::size_t i = 0; i < weighted.size(); ++i) weighted.values()[i] /= weights.values()[i];
+  return weighted;
+}
+
+std::vector<Color> display_colors(const SensorLayout& layout) {
+  std::vector<Color> colors;
+  for (Color color : layout.colors())
+    if (std::find(colors.begin(), colors.end(), display_color(color)) == colors.end())
+      colors.push_back(display_color(color));
+  return colors;
+}
+
+// |difference| of pixels two apart, averaged over 3x3: same angle on both sides.
+struct Gradients {
+  Image down, right;  // between (r, c) and (r + 2, c), (r, c + 2)
+};
+
+Gradients gradients_of(const Image& mosaic) {
+  const int rows = mosaic.rows(), cols = mosaic.cols();
+  Image down(rows, cols), right(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      down(r, c) = std::abs(mosaic(mirrored(r + 2, rows), c) - mosaic(r, c));
+      right(r, c) = std::abs(mosaic(r, mirrored(c + 2, cols)) - mosaic(r, c));
+    }
+  return {internal::box_mean(down, 1), internal::box_mean(right, 1)};
+}
+
+// Half of S0 at every pixel: the mean of the 2x2 blocks around it, those across an edge weighted
+// down. A block of any phase holds the four angles once.
+Image intensity_guide(const Image& mosaic) {
+  const int rows = mosaic.rows(), cols = mosaic.cols();
+  const Gradients gradients = gradients_of(mosaic);
+  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(mosaic)) + kTinyDn);
+  const auto weight = [&](float gradient) { return 1 / ((gradient + floor) * (gradient + floor)); };
+  Image guide(rows, cols);
+  parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
+      const int up = mirrored(r - 1, rows), below = mirrored(r + 1, rows);
+      const int up2 = mirrored(r - 2, rows);
+      for (int c = 0; c < cols; ++c) {
+        const int left = mirrored(c - 1, cols), next = mirrored(c + 1, cols);
+        const float north = weight(gradients.down(up2, c)), south = weight(gradients.down(r, c));
+        const float west = weight(gradients.right(r, mirrored(c - 2, cols)));
+        const float east = weight(gradients.right(r, c));
+        const auto block = [&](int row, int col) {
+          return 0.25f * (mosaic(r, c) + mosaic(row, c) + mosaic(r, col) + mosaic(row, col));
+        };
+        guide(r, c) = (south * (east * block(below, next) + west * block(below, left)) +
+                       north * (east * block(up, next) + west * block(up, left))) /
+                      ((south + north) * (east + west));
+      }
+    }
+  });
+  return guide;
+}
+
+// Full-resolution Stokes planes of a mosaic with one colour at every pixel.
+StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon) {
+  const Image guide = intensity_guide(mosaic);
+  std::array<Image, 4> planes;
+  for (int r = 0; r < 2; ++r)
+    for (int c = 0; c < 2; ++c) {
+      const Lattice lattice{r, c, 2};
+      const int angle = *layout.site(layout.channel_at(r, c)).angle_deg;
+      planes[static_cast<std::size_t>(angle / 45)] =
+          internal::guided_upsampled(internal::sampled(mosaic, lattice), lattice, guide, epsilon);
+    }
+  return stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]});
+}
+
+// Green at every pixel of a Bayer picture: Hamilton and Adams (US patent 5629734, 1997), both
+// directions weighted by their inverse squared gradients instead of a choice between them.
+Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green) {
+  const int rows = bayer.rows(), cols = bayer.cols();
+  Image across(rows, cols), down(rows, cols), slope_across(rows, cols), slope_down(rows, cols);
+  const auto estimate = [](float a, float b, float far_a, float far_b, float here, float& value,
+                           float& slope) {
+    const float curvature = 2 * here - far_a - far_b;
+    value = 0.5f * (a + b) + 0.25f * curvature;
+    slope = std::abs(a - b) + 0.5f * std::abs(curvature) * 0.5f;
+  };
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      const auto at = [&](int dr, int dc) {
+        return bayer(mirrored(r + dr, rows), mirrored(c + dc, cols));
+      };
+      estimate(at(0, -1), at(0, 1), at(0, -2), at(0, 2), at(0, 0), across(r, c),
+               slope_across(r, c));
+      estimate(at(-1, 0), at(1, 0), at(-2, 0), at(2, 0), at(0, 0), down(r, c), slope_down(r, c));
+    }
+  slope_across = internal::box_mean(slope_across, 1);
+  slope_down = internal::box_mean(slope_down, 1);
+  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(bayer)) + kTinyDn);
+  Image green = bayer;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      if (is_green(r, c)) continue;
+      const float h = 1 / ((slope_across(r, c) + floor) * (slope_across(r, c) + floor));
+      const float v = 1 / ((slope_down(r, c) + floor) * (slope_down(r, c) + floor));
+      green(r, c) = (h * across(r, c) + v * down(r, c)) / (h + v);
+    }
+  return green;
+}
+
+// One angle's pixels form a Bayer picture of half the size; each of the three planes of the result
+// gets its pixels at that angle's places.
+void demosaick_colors(const Image& mosaic, const SensorLayout& layout, int row, int col,
+                      double epsilon, std::map<Color, Image>& planes) {
+  const Lattice lattice{row, col, 2};
+  const Image bayer = internal::sampled(mosaic, lattice);
+  const auto color_at = [&](int r, int c) {
+    return display_color(layout.site(layout.channel_at(row + 2 * r, col + 2 * c)).color);
+  };
+  std::map<Color, Image> full;
+  full[Color::kGreen1] =
+      green_of(bayer, [&](int r, int c) { return color_at(r, c) == Color::kGreen1; });
+  for (int r = 0; r < 2; ++r)
+    for (int c = 0; c < 2; ++c) {
+      if (color_at(r, c) == Color::kGreen1) continue;
+      const Lattice own{r, c, 2};
+      full[color_at(r, c)] = internal::guided_upsampled(internal::sampled(bayer, own), own,
+                                                        full[Color::kGreen1], epsilon);
+    }
+  for (const auto& [color, image] : full)
+    for (int r = 0; r < image.rows(); ++r)
+      for (int c = 0; c < image.cols(); ++c) planes[color](row + 2 * r, col + 2 * c) = image(r, c);
+}
+
+StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
+  const double epsilon = kGuideEpsilon * mean_square(mosaic) + 1e-20;
+  if (!layout.colored()) return {{""}, {residual_angles(mosaic, layout, epsilon)}};
+  std::map<Color, Image> planes;
+  for (Color color : display_colors(layout)) planes[color] = Image(mosaic.rows(), mosaic.cols());
+  for (int r = 0; r < 2; ++r)
+    for (int c = 0; c < 2; ++c) demosaick_colors(mosaic, layout, r, c, epsilon, planes);
+  StokesPicture picture;
+  for (Color color : display_colors(layout)) {
+    StokesPlanes stokes = residual_angles(planes[color], layout, epsilon);
+    planes[color] = Image();
+    stokes.s1 = internal::smoothed(stokes.s1);
+    stokes.s2 = internal::smoothed(stokes.s2);
+    picture.names.push_back(display_name(color));
+    picture.planes.push_back(std::move(stokes));
+  }
+  return picture;
+}
+
+StokesPicture bilinear(const Image& mosaic, const SensorLayout& layout) {
+  StokesPicture picture;
+  for (Color color : display_colors(layout)) {
+    std::array<Image, 4> planes;
+    for (int a = 0; a < 4; ++a)
+      planes[static_cast<std::size_t>(a)] = bilinear_plane(mosaic, layout, color, 45 * a);
+    picture.names.push_back(display_name(color));
+    picture.planes.push_back(stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]}));
+  }
+  return picture;
+}
+
+}  // namespace
+
+bool supports_residual(const SensorLayout& layout) {
+  if (!layout.polarized() || layout.rows() != layout.cols()) return false;
+  if (layout.rows() == 2) return !layout.colored();
+  if (layout.rows() != 4) return false;
+  std::array<Color, 4> blocks;
+  for (int b = 0; b < 4; ++b) {
+    const int row = b / 2 * 2, col = b % 2 * 2;
+    blocks[static_cast<std::size_t>(b)] =
+        display_color(layout.site(layout.channel_at(row, col)).color);
+    for (int p = 0; p < 4; ++p) {
+      const Site& site = layout.site(layout.channel_at(row + p / 2, col + p % 2));
+      if (display_color(site.color) != blocks[static_cast<std::size_t>(b)] ||
+          site.angle_deg != layout.site(layout.channel_at(p / 2, p % 2)).angle_deg)
+        return false;
+    }
+  }
+  if (!layout.colored()) return true;
+  const auto green = Color::kGreen1;
+  const bool main = blocks[0] == green && blocks[3] == green && blocks[1] != green &&
+                    blocks[2] != green && blocks[1] != blocks[2];
+  const bool other = blocks[1] == green && blocks[2] == green && blocks[0] != green &&
+                     blocks[3] != green && blocks[0] != blocks[3];
+  return main || other;
+}
+
+StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, Demosaicking method) {
+  require_polarized(layout, "demosaicking");
+  if (mosaic.rows() < 2 * layout.rows() || mosaic.cols() < 2 * layout.cols())
+    throw InputError("demosaicking",
+                     fmt::format("{} x {} pixels are fewer than two {} x {} cells each way",
+                                 mosaic.cols(), mosaic.rows(), layout.cols(), layout.rows()),
+                     "use a larger frame, or one value per cell");
+  const Image finite = filled(mosaic, layout);
+  if (method == Demosaicking::kBilinear) return bilinear(finite, layout);
+  if (!supports_residual(layout))
+    throw InputError(fmt::format("layout {}", layout.name()),
+                     "residual interpolation needs 2x2 blocks of one colour with four angles",
+                     "use bilinear demosaicking");
+  return residual(finite, layout);
+}
+
+}  // namespace malus

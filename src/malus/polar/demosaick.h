@@ -1,0 +1,38 @@
+// Stokes parameters at every pixel of the sensor instead of one per cell.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+#include "malus/polar/stokes.h"
+
+#include <array>
+#include <string_view>
+
+namespace malus {
+
+enum class Demosaicking {
+  /// Every colour and angle alone, linear between its own samples. For any polarized layout.
+  kBilinear,
+  /// Edge-aware residual interpolation: colours first, inside the Bayer picture of each angle
+  /// (Hamilton-Adams green with directional weights, residual interpolation of red and blue: Kiku
+  /// et al., ICIP 2013), then angles, guided by an intensity picture averaged over the 2x2 block on
+  /// the smooth side of edges (after Morimatsu, Monno, Tanaka, Okutomi, "Monochrome and color
+  /// polarization demosaicking using edge-aware residual interpolation", ICIP 2020). S1 and S2 of
+  /// colour sensors are smoothed by [1 2 1], as their samples are four pixels apart.
+  kResidual,
+};
+
+inline constexpr std::array<std::string_view, 2> kDemosaickingNames = {"bilinear", "residual"};
+
+/// Residual interpolation needs 2x2 blocks of one colour with the four angles in one order, and
+/// blocks that are all of one colour or form a Bayer pattern.
+bool supports_residual(const SensorLayout& layout);
+
+/// mosaic: DN above black. Result: planes of the mosaic's size, "R", "G", "B" (G from both greens)
+/// or "" for mono. Pixels that are not finite are filled from their neighbours first; outputs are
+/// finite. Throws InputError when the layout is not polarized, the method does not support it, or
+/// the mosaic is smaller than two cells.
+StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout,
+                        Demosaicking method = Demosaicking::kResidual);
+
+}  // namespace malus

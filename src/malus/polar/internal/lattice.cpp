@@ -1,0 +1,176 @@
+#include "malus/polar/internal/lattice.h"
+
+#include "malus/base/parallel.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace malus::internal {
+namespace {
+
+constexpr int kRowsPerTask = 32;
+
+// body(row) in parallel.
+template <class Function>
+void for_rows(int rows, Function body) {
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) body(r);
+  });
+}
+
+// value(i) of every element of equally sized images.
+template <class Function>
+Image map_elements(const Image& like, Function value) {
+  Image out(like.rows(), like.cols());
+  for_rows(like.rows(), [&](int r) {
+    const std::size_t begin = static_cast<std::size_t>(r) * static_cast<std::size_t>(like.cols());
+    for (std::size_t i = begin; i < begin + static_cast<std::size_t>(like.cols()); ++i)
+      out.values()[i] = value(i);
+  });
+  return out;
+}
+
+struct Step {
+  int low, high;
+  float part;  // of high
+};
+
+// Where full-resolution positions fall between lattice samples along one axis.
+std::vector<Step> steps(int full, int offset, int stride, int coarse) {
+  std::vector<Step> all;
+  for (int x = 0; x < full; ++x) {
+    const float position = std::clamp(static_cast<float>(x - offset) / static_cast<float>(stride),
+                                      0.0f, static_cast<float>(coarse - 1));
+    const int low = static_cast<int>(position);
+    all.push_back({low, std::min(low + 1, coarse - 1), position - static_cast<float>(low)});
+  }
+  return all;
+}
+
+int mirrored(int x, int size) {
+  if (size == 1) return 0;
+  if (x < 0) x = -x;
+  return x < size ? x : 2 * (size - 1) - x;
+}
+
+}  // namespace
+
+Image sampled(View<const float> full, const Lattice& lattice) {
+  const auto count = [&](int size, int offset) {
+    return std::max(0, (size - offset + lattice.stride - 1) / lattice.stride);
+  };
+  Image out(count(full.rows(), lattice.row), count(full.cols(), lattice.col));
+  MALUS_REQUIRE(!out.empty());
+  for_rows(out.rows(), [&](int r) {
+    const float* from = full.row(lattice.row + r * lattice.stride) + lattice.col;
+    for (int c = 0; c < out.cols(); ++c) out(r, c) = from[c * lattice.stride];
+  });
+  return out;
+}
+
+Image upsampled(const Image& coarse, const Lattice& lattice, int rows, int cols) {
+  const auto down = steps(rows, lattice.row, lattice.stride, coarse.rows());
+  const auto right = steps(cols, lattice.col, lattice.stride, coarse.cols());
+  Image out(rows, cols);
+  for_rows(rows, [&](int r) {
+    const Step& v = down[static_cast<std::size_t>(r)];
+    const float *above = coarse.row(v.low), *below = coarse.row(v.high);
+    float* to = out.row(r);
+    for (int c = 0; c < cols; ++c) {
+      const Step& h = right[static_cast<std::size_t>(c)];
+      const float left = above[h.low] + v.part * (below[h.low] - above[h.low]);
+      const float next = above[h.high] + v.part * (below[h.high] - above[h.high]);
+      to[c] = left + h.part * (next - left);
+    }
+  });
+  return out;
+}
+
+Image box_mean(const Image& image, int radius) {
+  const int rows = image.rows(), cols = image.cols();
+  Image out(rows, cols);
+  // Each task keeps column sums of its window and slides them down; the sums of a row are redone
+  // from these. Tasks are cut by kRowsPerTask alone, so any thread count gives the same bits.
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    std::vector<double> column(static_cast<std::size_t>(cols), 0.0);
+    const auto add = [&](int r, double sign) {
+      if (r < 0 || r >= rows) return;
+      const float* row = image.row(r);
+      for (int c = 0; c < cols; ++c) column[static_cast<std::size_t>(c)] += sign * double{row[c]};
+    };
+    const auto begin = static_cast<int>(first);
+    for (int r = begin - radius; r < begin + radius; ++r) add(r, 1);
+    for (int r = begin; r < static_cast<int>(last); ++r) {
+      add(r + radius, 1);
+      const int height = std::min(r + radius, rows - 1) - std::max(r - radius, 0) + 1;
+      double sum = 0;
+      for (int c = 0; c < std::min(radius, cols); ++c) sum += column[static_cast<std::size_t>(c)];
+      for (int c = 0; c < cols; ++c) {
+        if (c + radius < cols) sum += column[static_cast<std::size_t>(c + radius)];
+        if (c - radius - 1 >= 0) sum -= column[static_cast<std::size_t>(c - radius - 1)];
+        const int width = std::min(c + radius, cols - 1) - std::max(c - radius, 0) + 1;
+        out(r, c) = static_cast<float>(sum / (static_cast<double>(height) * width));
+      }
+      add(r - radius, -1);
+    }
+  });
+  return out;
+}
+
+Image smoothed(const Image& image) {
+  const int rows = image.rows(), cols = image.cols();
+  Image out(rows, cols);
+  for_rows(rows, [&](int r) {
+    const float *a = image.row(mirrored(r - 1, rows)), *b = image.row(r),
+                *d = image.row(mirrored(r + 1, rows));
+    const auto vertical = [&](int c) { return a[c] + 2 * b[c] + d[c]; };
+    for (int c = 0; c < cols; ++c)
+      out(r, c) =
+          (vertical(mirrored(c - 1, cols)) + 2 * vertical(c) + vertical(mirrored(c + 1, cols))) /
+          16;
+  });
+  return out;
+}
+
+Image guided_upsampled(const Image& samples, const Lattice& lattice, const Image& guide,
+                       double epsilon) {
+  constexpr int kRadius = 2;  // lattice steps: windows of 5x5 samples
+  const Image at_samples = sampled(guide, lattice);
+  MALUS_REQUIRE(at_samples.rows() == samples.rows() && at_samples.cols() == samples.cols());
+  const std::vector<float>&y = samples.values(), &g = at_samples.values();
+  const Image mean_y = box_mean(samples, kRadius), mean_g = box_mean(at_samples, kRadius);
+  // Deviations from the local mean at the sample itself keep the products small and exact.
+  const auto dy = [&](std::size_t i) { return y[i] - mean_y.values()[i]; };
+  const auto dg = [&](std::size_t i) { return g[i] - mean_g.values()[i]; };
+  const Image covariance =
+      box_mean(map_elements(samples, [&](std::size_t i) { return dg(i) * dy(i); }), kRadius);
+  const Image variance_g =
+      box_mean(map_elements(samples, [&](std::size_t i) { return dg(i) * dg(i); }), kRadius);
+  const Image variance_y =
+      box_mean(map_elements(samples, [&](std::size_t i) { return dy(i) * dy(i); }), kRadius);
+  const auto eps = static_cast<float>(epsilon);
+  const Image slope = map_elements(samples, [&](std::size_t i) {
+    return covariance.values()[i] / (variance_g.values()[i] + eps);
+  });
+  // Windows that the guide explains badly count less.
+  const Image weight = map_elements(samples, [&](std::size_t i) {
+    const float unexplained = variance_y.values()[i] - slope.values()[i] * covariance.values()[i];
+    return 1 / (std::max(unexplained, 0.0f) + 0.01f * eps);
+  });
+  const Image weight_mean = box_mean(weight, kRadius);
+  const Image weighted = box_mean(
+      map_elements(samples, [&](std::size_t i) { return weight.values()[i] * slope.values()[i]; }),
+      kRadius);
+  const Image a = map_elements(
+      samples, [&](std::size_t i) { return weighted.values()[i] / weight_mean.values()[i]; });
+  const Image rest =
+      map_elements(samples, [&](std::size_t i) { return y[i] - a.values()[i] * g[i]; });
+  const int rows = guide.rows(), cols = guide.cols();
+  const Image a_full = upsampled(a, lattice, rows, cols);
+  const Image rest_full = upsampled(rest, lattice, rows, cols);
+  return map_elements(guide, [&](std::size_t i) {
+    return rest_full.values()[i] + a_full.values()[i] * guide.values()[i];
+  });
+}
+
+}  // namespace malus::internal

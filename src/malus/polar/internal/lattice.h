@@ -1,0 +1,35 @@
+// Samples of one kind on a regular lattice inside a full-resolution picture, and how to fill the
+// gaps between them.
+#pragma once
+
+#include "malus/image/view.h"
+
+namespace malus::internal {
+
+/// Positions (row + i stride, col + j stride) of a picture.
+struct Lattice {
+  int row = 0, col = 0, stride = 2;
+};
+
+/// The picture's samples on the lattice; at least one row and column must lie inside.
+Image sampled(View<const float> full, const Lattice& lattice);
+
+/// Bilinear interpolation to rows x cols; constant beyond the outermost samples.
+Image upsampled(const Image& coarse, const Lattice& lattice, int rows, int cols);
+
+/// Mean over (2 radius + 1)² pixels, fewer at the border.
+Image box_mean(const Image& image, int radius);
+
+/// Separable [1 2 1]²/16, mirrored at the border.
+Image smoothed(const Image& image);
+
+/// Residual interpolation with a guided filter's slope (Kiku, Monno, Tanaka, Okutomi, "Residual
+/// interpolation for color image demosaicking", ICIP 2013; slopes averaged with weights as in their
+/// minimized-Laplacian follow-ups). The samples y follow the guide with a local slope a:
+///   out = up(y) + a (guide - up(guide at the samples)).
+/// The guided filter's offset cancels against the residual's. epsilon: variance of the guide below
+/// which it is not trusted, in its unit squared.
+Image guided_upsampled(const Image& samples, const Lattice& lattice, const Image& guide,
+                       double epsilon);
+
+}  // namespace malus::internal
