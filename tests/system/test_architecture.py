@@ -38,7 +38,8 @@ def own_files(*suffixes):
 def test_every_include_follows_a_declared_arrow():
     declared, wrong = modules(), []
     for path in SOURCES.rglob("*"):
-        if path.suffix not in (".h", ".cpp", ".cu"):
+        # malus.h, the one include of users, stands above the modules.
+        if path.suffix not in (".h", ".cpp", ".cu") or path.parent == SOURCES:
             continue
         module = path.relative_to(SOURCES).parts[0]
         for target in re.findall(r'#include "malus/(\w+)/', path.read_text()):

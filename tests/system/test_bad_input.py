@@ -1,0 +1,170 @@
+"""Bad input gives one line that names the file, what is wrong and what to do; exit code 1; nothing half-written."""
+
+import os
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+LAYOUT = ["--layout", "polar-mono", "--black", "0", "--white", "255"]
+
+
+@pytest.fixture
+def frame(tmp_path):
+    rng = np.random.default_rng(1)
+    path = tmp_path / "frame.png"
+    Image.fromarray(rng.integers(20, 200, (64, 64), dtype=np.uint8)).save(path)
+    return path
+
+
+def write(path, content):
+    path.write_bytes(content) if isinstance(content, bytes) else path.write_text(content)
+    return path
+
+
+def test_missing_file(refused, tmp_path):
+    line = refused("info", tmp_path / "no.png")
+    assert "no.png" in line
+
+
+@pytest.mark.parametrize("ending", ["png", "tif", "exr", "fits", "npy", "dng", "h5"])
+def test_empty_and_nonsense_files(refused, tmp_path, ending):
+    empty = write(tmp_path / f"empty.{ending}", b"")
+    nonsense = write(tmp_path / f"nonsense.{ending}", b"this is no picture at all" * 10)
+    command = ["model", "show"] if ending == "h5" else ["info"]
+    for path in (empty, nonsense):
+        assert path.name in refused(*command, path)
+
+
+@pytest.mark.parametrize("ending", ["png", "tif"])
+def test_truncated_files(refused, tmp_path, ending):
+    whole = tmp_path / f"whole.{ending}"
+    Image.fromarray(np.random.default_rng(2).integers(0, 255, (64, 64), dtype=np.uint8)).save(whole)
+    cut = write(tmp_path / f"cut.{ending}", whole.read_bytes()[: whole.stat().st_size * 2 // 3])
+    assert "cut" in refused("denoise", cut, *LAYOUT, "-o", tmp_path / "out")
+    assert not list((tmp_path / "out").glob("*")) if (tmp_path / "out").exists() else True
+
+
+def test_truncated_npy_and_headerless(refused, tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((32, 32), np.uint16))
+    cut = write(tmp_path / "cut.npy", (tmp_path / "a.npy").read_bytes()[:-10])
+    assert "cut.npy" in refused("info", cut)
+    raw = write(tmp_path / "frame.raw", b"\0" * 1000)
+    assert "frame.raw" in refused("info", raw, "--raw-format", "mono12p", "--size", "64x64")
+
+
+def test_a_folder_is_no_frame(refused, tmp_path):
+    assert str(tmp_path.name) in refused("info", tmp_path)
+
+
+def test_black_above_white(refused, frame, tmp_path):
+    line = refused("denoise", frame, "--layout", "polar-mono", "--black", "300", "--white", "255", "-o", tmp_path / "out")
+    assert "black" in line
+
+
+def test_unknown_layout_names_the_nearest(refused, frame):
+    assert "polar-mono" in refused("info", frame, "--layout", "polar-mona")
+
+
+def test_unknown_key_in_a_session_names_the_nearest(refused, tmp_path):
+    session = write(tmp_path / "s.toml", '[sensor]\nlayuot = "mono"\n[[frames]]\nkind = "bias"\npaths = ["*.png"]\n')
+    line = refused("calibrate", session, "-o", tmp_path / "m.h5")
+    assert "layuot" in line and "layout" in line
+    assert not (tmp_path / "m.h5").exists()
+
+
+def test_frames_of_another_size_than_the_session(refused, tmp_path):
+    for i in range(3):
+        Image.fromarray(np.full((32, 32 + 8 * (i == 2)), 10 + i, np.uint8)).save(tmp_path / f"b{i}.png")
+    session = write(tmp_path / "s.toml", '[sensor]\nlayout = "mono"\n[[frames]]\nkind = "bias"\npaths = ["b*.png"]\n')
+    assert "b2.png" in refused("calibrate", session, "-o", tmp_path / "m.h5")
+
+
+def test_calibrate_refuses_pixels_that_are_no_numbers(refused, tmp_path):
+    for i in range(3):
+        pixels = np.random.default_rng(i).normal(10, 1, (32, 32)).astype(np.float32)
+        pixels[3, 4] = [1, np.nan, np.inf][i]
+        np.save(tmp_path / f"b{i}.npy", pixels)
+    session = write(tmp_path / "s.toml", '[sensor]\nlayout = "mono"\nwhite = 255\n[[frames]]\nkind = "bias"\npaths = ["b*.npy"]\n')
+    assert "b1.npy" in refused("calibrate", session, "-o", tmp_path / "m.h5")
+
+
+def test_denoise_keeps_and_reports_pixels_that_are_no_numbers(malus, tmp_path):
+    pixels = np.random.default_rng(3).normal(100, 5, (256, 256)).astype(np.float32)
+    pixels[10, 11], pixels[20, 21] = np.nan, np.inf
+    np.save(tmp_path / "f.npy", pixels)
+    result = malus("denoise", tmp_path / "f.npy", *LAYOUT, "-o", tmp_path / "out", "--format", "npy")
+    assert "2 " in result.err and "not finite" in result.err
+    out = np.load(tmp_path / "out" / "f_denoised.npy")
+    assert np.isnan(out[10, 11]) and np.isinf(out[20, 21])
+    assert np.isfinite(out).sum() == out.size - 2
+
+
+def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
+    arguments = ["denoise", frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
+    assert "36" in refused(*arguments)
+    result = malus(*arguments, "--extrapolate-gain")
+    assert "36" in result.err
+
+
+def test_existing_outputs_need_force(malus, refused, frame, tmp_path):
+    arguments = ["stokes", frame, *LAYOUT, "-o", tmp_path / "out"]
+    malus(*arguments)
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").iterdir()}
+    assert "--force" in refused(*arguments)
+    assert before == {path: path.stat().st_mtime_ns for path in (tmp_path / "out").iterdir()}
+    malus(*arguments, "--force")
+
+
+def test_output_folder_that_is_a_file(refused, frame, tmp_path):
+    blocked = write(tmp_path / "blocked", "a file")
+    assert "blocked" in refused("stokes", frame, *LAYOUT, "-o", blocked)
+
+
+def test_output_folder_without_rights(refused, frame, tmp_path):
+    if os.geteuid() == 0:
+        pytest.skip("root may write everywhere")
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o500)
+    assert "locked" in refused("stokes", frame, *LAYOUT, "-o", folder)
+
+
+def test_full_disk_leaves_nothing(refused, tmp_path):
+    full = tmp_path / "full"
+    full.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=128k", "none", full], capture_output=True)
+    if mounted.returncode != 0:
+        pytest.skip("needs the right to mount a small file system")
+    try:
+        Image.fromarray(np.random.default_rng(1).integers(0, 255, (512, 512), dtype=np.uint8)).save(tmp_path / "f.png")
+        line = refused("denoise", tmp_path / "f.png", *LAYOUT, "-o", full)
+        assert "full" in line
+        assert not list(full.iterdir())
+    finally:
+        subprocess.run(["umount", full], check=False)
+
+
+@pytest.mark.parametrize("arguments", [["denois"], ["denoise"], ["info", "--wat"], ["synthesize", "--gain", "x"], []])
+def test_wrong_usage_exits_2(malus, arguments):
+    malus(*arguments, code=2)
+
+
+def test_names_with_control_characters_stay_on_one_line(refused, tmp_path):
+    refused("info", tmp_path / "two\nlines.png")
+
+
+def test_interrupted_run_leaves_whole_files_only(tmp_path, frame):
+    from conftest import PROGRAM
+    for i in range(40):
+        shutil.copy(frame, tmp_path / f"f{i}.png")
+    out = tmp_path / "out"
+    process = subprocess.Popen([PROGRAM, "denoise", *map(str, sorted(tmp_path.glob("f*.png"))), *LAYOUT, "-o", str(out)],
+                               stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    while process.poll() is None and len(list(out.glob("*_denoised.tif")) if out.exists() else []) < 2:
+        pass
+    process.kill()
+    process.wait()
+    for path in out.glob("*_denoised.tif"):
+        assert np.array(Image.open(path)).shape == (64, 64)
