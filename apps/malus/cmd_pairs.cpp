@@ -1,0 +1,224 @@
+// malus pairs: training pairs from a captured session (000 section 4).
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/io/picture_file.h"
+#include "malus/io/session.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/pairs.h"
+
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "program.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct PairsArguments {
+  fs::path session, folder, model;
+  std::optional<double> ratio;
+};
+
+// Groups of one scene: the label `level`, or none.
+struct Scene {
+  const FrameGroup* reference = nullptr;
+  std::vector<const FrameGroup*> shorts;
+};
+
+struct PairJob {
+  const PairsArguments& arguments;
+  const Common& common;
+  const Session& session;
+  const std::optional<NoiseModel>& model;
+  Progress& progress;
+};
+
+std::string scene_name(const std::optional<int>& label) {
+  return label ? fmt::format("scene{:03}", *label) : "scene";
+}
+
+std::map<std::optional<int>, Scene> scenes_of(const Session& session) {
+  std::map<std::optional<int>, Scene> scenes;
+  for (const FrameGroup& group : session.groups) {
+    if (group.kind == FrameKind::kReference) {
+      Scene& scene = scenes[group.level];
+      if (scene.reference != nullptr)
+        throw InputError(session.source.string(),
+                         fmt::format("{} has two reference groups", scene_name(group.level)),
+                         "tell scenes apart by `level`");
+      scene.reference = &group;
+    } else if (group.kind == FrameKind::kShort) {
+      scenes[group.level].shorts.push_back(&group);
+    }
+  }
+  for (const auto& [label, scene] : scenes)
+    if (scene.reference == nullptr || scene.shorts.empty())
+      throw InputError(session.source.string(),
+                       fmt::format("{} has no {} frames", scene_name(label),
+                                   scene.reference == nullptr ? "reference" : "short"),
+                       "give [[frames]] of kind reference and short with the same level");
+  if (scenes.empty())
+    throw InputError(session.source.string(), "has no frames of kind reference and short",
+                     "pairs need both");
+  return scenes;
+}
+
+// DN above black, and above the mean bias where a model tells it.
+RawFrame load_above_black(const PairJob& job, const FrameGroup& group, const fs::path& path) {
+  RawFrame frame = load_frame(path, frame_options(job.session, group));
+  subtract_black(frame);
+  if (!job.model) return frame;
+  const NoiseProfile profile = job.model->profile_at(frame.gain);
+  if (!(profile.layout == frame.layout))
+    throw InputError(path.string(),
+                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
+                                 profile.layout.name()),
+                     "use the model of this sensor");
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c)
+      frame.dn(r, c) -= static_cast<float>(
+          profile.channels[static_cast<std::size_t>(frame.layout.channel_at(r, c))].bias_dn);
+  return frame;
+}
+
+RawFrame reference_of(const PairJob& job, const FrameGroup& group) {
+  FrameMean mean;
+  RawFrame last;
+  int rows = 0, cols = 0;
+  for (const fs::path& path : group.paths) {
+    check_stop(job.progress);
+    last = load_above_black(job, group, path);
+    if (mean.count() > 0 && (last.dn.rows() != rows || last.dn.cols() != cols))
+      throw InputError(path.string(), "has another size than the reference frames before it",
+                       "check the session's paths");
+    rows = last.dn.rows();
+    cols = last.dn.cols();
+    mean.add(last.dn);
+    job.progress.advance(1);
+  }
+  last.dn = mean.mean();
+  return last;
+}
+
+double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGroup& group) {
+  if (job.arguments.ratio) return *job.arguments.ratio;
+  if (!reference.exposure_s || !group.exposure_s)
+    throw InputError(job.session.source.string(),
+                     "reference or short frames without exposure_s: the ratio is not known",
+                     "give exposure_s to both, or --ratio");
+  double ratio = *reference.exposure_s / *group.exposure_s;
+  const auto long_db = reference.gain.decibel(), short_db = group.gain.decibel();
+  if (long_db && short_db) ratio *= std::pow(10.0, (*long_db - *short_db) / 20.0);
+  return ratio;
+}
+
+Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
+                const FrameGroup& reference_group, const FrameGroup& group) {
+  const double ratio = ratio_of(job, reference_group, group);
+  const double top = 0.9 * (reference.white_dn - reference.black_dn[0]);
+  std::vector<double> intensities;
+  for (const fs::path& path : group.paths) {
+    check_stop(job.progress);
+    const RawFrame frame = load_above_black(job, group, path);
+    if (frame.dn.rows() != reference.dn.rows() || frame.dn.cols() != reference.dn.cols())
+      throw InputError(path.string(), "has another size than its reference",
+                       "check the session's paths");
+    const auto intensity = relative_intensity(frame.dn, reference.dn, 0.0, top);
+    if (!intensity)
+      throw InputError(path.string(),
+                       "cannot be compared with its reference: " + intensity.reason(),
+                       "expose the reference between black and saturation");
+    intensities.push_back(*intensity);
+    job.progress.advance(1);
+  }
+  const NearestFrame nearest = nearest_frame(intensities, ratio);
+  const fs::path chosen = group.paths[nearest.index];
+  RawFrame noisy = load_frame(chosen, frame_options(job.session, group));
+  SaveOptions save;
+  save.force = job.common.force;
+  const fs::path clean_path = job.arguments.folder / (name + "_reference.tif");
+  const fs::path noisy_path = job.arguments.folder / (name + "_short.tif");
+  RawFrame clean = reference;
+  clean.white_dn -= clean.black_dn[0];
+  std::fill(clean.black_dn.begin(), clean.black_dn.end(), 0.0);
+  clean.bits = 0;
+  save.type = SampleType::kFloat;
+  save_frame(clean_path, clean, save);
+  save.type = noisy.bits > 0 ? SampleType::kUint16 : SampleType::kFloat;
+  save_frame(noisy_path, noisy, save);
+  return {{"name", name},
+          {"reference", clean_path.filename().string()},
+          {"short", noisy_path.filename().string()},
+          {"source", chosen.string()},
+          {"ratio", ratio},
+          {"gain_db", group.gain.gain_db ? Json(*group.gain.gain_db) : Json()},
+          {"iso", group.gain.iso ? Json(*group.gain.iso) : Json()},
+          {"reference_frames", reference_group.paths.size()},
+          {"candidates", intensities},
+          {"deviation", nearest.deviation},
+          {"flicker", nearest.flicker}};
+}
+
+void run_pairs(const PairsArguments& arguments, const Common& common) {
+  const Session session = load_session(arguments.session);
+  const auto scenes = scenes_of(session);
+  std::optional<NoiseModel> model;
+  if (!arguments.model.empty()) model = load_model(arguments.model);
+  make_output_folder(arguments.folder);
+  const fs::path list = arguments.folder / "pairs.json";
+  check_output(list, common.force);
+  std::int64_t steps = 0;
+  for (const auto& [label, scene] : scenes) {
+    steps += static_cast<std::int64_t>(scene.reference->paths.size());
+    for (const FrameGroup* group : scene.shorts)
+      steps += static_cast<std::int64_t>(group->paths.size());
+  }
+  const auto progress = make_progress(common);
+  progress->begin("pairs", steps);
+  const PairJob job{arguments, common, session, model, *progress};
+  Json pairs = Json::array();
+  std::string text;
+  for (const auto& [label, scene] : scenes) {
+    const RawFrame reference = reference_of(job, *scene.reference);
+    for (std::size_t k = 0; k < scene.shorts.size(); ++k) {
+      const std::string name = fmt::format("{}_{:02}", scene_name(label), k);
+      pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
+      const Json& last = pairs.back();
+      text +=
+          fmt::format("{}: ratio {:g}, {} candidates, light {:+.2f} % off, flicker {:.2f} %\n",
+                      name, last["ratio"].get<double>(), last["candidates"].size(),
+                      100 * last["deviation"].get<double>(), 100 * last["flicker"].get<double>());
+    }
+  }
+  const Json result{{"session", arguments.session.string()}, {"pairs", pairs}};
+  write_file(list, result.dump(2) + "\n", common.force);
+  print_result(common, result, text);
+}
+
+}  // namespace
+
+void add_pairs(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<PairsArguments>();
+  CLI::App* command = add_command(app, common, "pairs", "Training pairs from a captured session",
+                                  [arguments, &common] { run_pairs(*arguments, common); });
+  command->add_option("SESSION", arguments->session, "session file with reference and short frames")
+      ->required();
+  command->add_option("-o,--output", arguments->folder, "folder of the pairs")->required();
+  command->add_option("--model", arguments->model,
+                      "noise model whose mean bias is subtracted before frames are compared");
+  command
+      ->add_option("--ratio", arguments->ratio,
+                   "light of the reference over that of the short frames; otherwise from "
+                   "exposure and gain")
+      ->check(CLI::PositiveNumber);
+}
+
+}  // namespace malus::app

@@ -1,0 +1,90 @@
+#include "malus/synthesize/pairs.h"
+
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kFewestPixels = 100;
+
+struct Products {
+  double cross = 0, square = 0;
+  std::int64_t pixels = 0;
+};
+
+}  // namespace
+
+void FrameMean::add(View<const float> frame_dn) {
+  if (count_ == 0) {
+    rows_ = frame_dn.rows();
+    cols_ = frame_dn.cols();
+    sum_.assign(static_cast<std::size_t>(rows_) * static_cast<std::size_t>(cols_), 0.0);
+  }
+  MALUS_REQUIRE(frame_dn.rows() == rows_ && frame_dn.cols() == cols_);
+  for (int r = 0; r < rows_; ++r) {
+    double* sum = sum_.data() + static_cast<std::ptrdiff_t>(r) * cols_;
+    for (int c = 0; c < cols_; ++c) sum[c] += static_cast<double>(frame_dn(r, c));
+  }
+  ++count_;
+}
+
+Image FrameMean::mean() const {
+  MALUS_REQUIRE(count_ > 0);
+  Image mean(rows_, cols_);
+  std::transform(sum_.begin(), sum_.end(), mean.values().begin(),
+                 [this](double sum) { return static_cast<float>(sum / count_); });
+  return mean;
+}
+
+Estimate<double> relative_intensity(View<const float> short_dn, View<const float> reference_dn,
+                                    double low_dn, double high_dn) {
+  MALUS_REQUIRE(short_dn.rows() == reference_dn.rows() && short_dn.cols() == reference_dn.cols());
+  const auto of_rows = [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    Products sums;
+    for (int r = static_cast<int>(begin); r < end; ++r)
+      for (int c = 0; c < short_dn.cols(); ++c) {
+        const double x = static_cast<double>(reference_dn(r, c));
+        const double y = static_cast<double>(short_dn(r, c));
+        if (!(x > low_dn && x < high_dn && std::isfinite(y))) continue;
+        sums.cross += x * y;
+        sums.square += x * x;
+        ++sums.pixels;
+      }
+    return sums;
+  };
+  const auto add = [](Products a, const Products& b) {
+    return Products{a.cross + b.cross, a.square + b.square, a.pixels + b.pixels};
+  };
+  const Products total = parallel_reduce(0, short_dn.rows(), 16, Products{}, of_rows, add);
+  if (total.pixels < kFewestPixels || total.square <= 0)
+    return Undecided{
+        fmt::format("{} pixels of the reference lie between {:.4g} and {:.4g} DN, {} "
+                    "are needed",
+                    total.pixels, low_dn, high_dn, kFewestPixels)};
+  return total.cross / total.square;
+}
+
+NearestFrame nearest_frame(const std::vector<double>& intensities, double ratio) {
+  MALUS_REQUIRE(!intensities.empty() && ratio > 0);
+  NearestFrame nearest;
+  double sum = 0;
+  for (std::size_t i = 0; i < intensities.size(); ++i) {
+    sum += intensities[i];
+    const double deviation = intensities[i] * ratio - 1.0;
+    if (i == 0 || std::abs(deviation) < std::abs(nearest.deviation)) {
+      nearest.index = i;
+      nearest.deviation = deviation;
+    }
+  }
+  const auto [low, high] = std::minmax_element(intensities.begin(), intensities.end());
+  nearest.flicker = (*high - *low) / (sum / static_cast<double>(intensities.size()));
+  return nearest;
+}
+
+}  // namespace malus

@@ -1,0 +1,43 @@
+// Training pairs from captured frames (000 section 4): the reference is the mean of many long
+// exposures, and of the few short ones the frame is kept whose intensity is nearest to reference /
+// ratio, because lamps flicker.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/image/view.h"
+
+#include <cstddef>
+#include <vector>
+
+namespace malus {
+
+/// Mean of frames of one scene; memory does not grow with their number. Sums in double.
+class FrameMean {
+ public:
+  /// Contract: all frames of one size.
+  void add(View<const float> frame_dn);
+  int count() const { return count_; }
+  /// Contract: count() > 0.
+  Image mean() const;
+
+ private:
+  int rows_ = 0, cols_ = 0, count_ = 0;
+  std::vector<double> sum_;
+};
+
+/// Light of a short frame against a reference: the factor f that makes f * reference fit the frame
+/// in the least-squares sense over pixels whose reference lies in (low_dn, high_dn); both above
+/// black. NaN pixels are left out. Undecided with fewer than 100 such pixels.
+Estimate<double> relative_intensity(View<const float> short_dn, View<const float> reference_dn,
+                                    double low_dn, double high_dn);
+
+struct NearestFrame {
+  std::size_t index = 0;
+  double deviation = 0;  ///< intensity * ratio - 1 of the chosen frame
+  double flicker = 0;    ///< (largest - smallest) / mean of the candidates' intensities
+};
+
+/// The candidate whose intensity is nearest to 1/ratio. Contract: candidates not empty, ratio > 0.
+NearestFrame nearest_frame(const std::vector<double>& intensities, double ratio);
+
+}  // namespace malus

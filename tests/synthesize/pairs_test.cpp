@@ -1,0 +1,75 @@
+// References and the choice of the short frame, on frames with known flicker.
+#include "malus/synthesize/pairs.h"
+
+#include "malus/synthesize/compiled.h"
+
+#include <cmath>
+#include <limits>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+Image scene() {
+  Image image(80, 120);
+  for (int r = 0; r < 80; ++r)
+    for (int c = 0; c < 120; ++c)
+      image(r, c) = 200.0f + 8.0f * static_cast<float>(c) + static_cast<float>(r);
+  return image;
+}
+
+Image noisy_copy(const Image& clean, float factor, std::uint32_t frame) {
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named("mono");
+  noise.channels = {{.gain_dn_per_e = 0.5, .lambda = 0.1, .mu_dn = 0, .sigma_tl_dn = 1}};
+  Image out = clean;
+  for (float& v : out.values()) v *= factor;
+  CompiledNoise(noise).apply(out.view(), out.view(), {.seed = 3, .frame = frame});
+  return out;
+}
+
+TEST(FrameMean, ApproachesTheSceneAsOneOverRootN) {
+  const Image clean = scene();
+  FrameMean mean;
+  for (std::uint32_t f = 0; f < 50; ++f) mean.add(noisy_copy(clean, 1, f));
+  EXPECT_EQ(mean.count(), 50);
+  const Image reference = mean.mean();
+  double square = 0, expected = 0;
+  for (std::size_t i = 0; i < clean.size(); ++i) {
+    square += std::pow(static_cast<double>(reference.values()[i] - clean.values()[i]), 2);
+    expected += (0.5 * static_cast<double>(clean.values()[i]) + 3.3) / 50;
+  }
+  EXPECT_NEAR(square / expected, 1.0, 5 * std::sqrt(2.0 / 9600));
+}
+
+TEST(NearestFrame, FindsTheLeastFlickeringOne) {
+  const Image clean = scene();
+  const double flicker[] = {1.06, 0.97, 1.01, 0.93};
+  std::vector<double> intensities;
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    const Image frame = noisy_copy(clean, static_cast<float>(flicker[i] / 10), 100 + i);
+    const auto intensity = relative_intensity(frame, clean, 0, 4000);
+    ASSERT_TRUE(intensity.decided());
+    EXPECT_NEAR(*intensity * 10, flicker[i], 0.005);
+    intensities.push_back(*intensity);
+  }
+  const NearestFrame nearest = nearest_frame(intensities, 10);
+  EXPECT_EQ(nearest.index, 2u);
+  EXPECT_NEAR(nearest.deviation, 0.01, 0.005);
+  EXPECT_NEAR(nearest.flicker, 0.13, 0.01);
+}
+
+TEST(RelativeIntensity, LeavesOutWhatIsSaturatedAndSaysWhenNothingIsLeft) {
+  Image reference = scene(), frame = scene();
+  for (int r = 0; r < 80; ++r)
+    for (int c = 60; c < 120; ++c) frame(r, c) = 1.0f;  // above 680 DN of the reference: wrong
+  frame(0, 0) = std::numeric_limits<float>::quiet_NaN();
+  const auto found = relative_intensity(frame, reference, 0, 670);
+  ASSERT_TRUE(found.decided());
+  EXPECT_NEAR(*found, 1.0, 1e-9);
+  EXPECT_FALSE(relative_intensity(frame, reference, 5000, 6000).decided());
+}
+
+}  // namespace
+}  // namespace malus
