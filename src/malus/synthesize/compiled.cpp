@@ -33,33 +33,34 @@ CompiledNoise CompiledNoise::poisson_gaussian(const PhysicsNoise& noise) {
 
 void CompiledNoise::use_physics(const PhysicsNoise& noise, bool gaussian_read) {
   check_physics(noise);
-  layout_ = noise.layout;
-  row_group_ = noise.row_group;
-  row_noise_ = noise.parts.row;
-  shot_ = noise.parts.shot ? ShotKind::kPoisson : ShotKind::kNone;
-  quantization_dn_ = noise.parts.quantization ? static_cast<float>(noise.quantization_dn) : 0.0f;
+  parts_.layout = noise.layout;
+  parts_.row_group = noise.row_group;
+  parts_.row_noise = noise.parts.row;
+  parts_.shot = noise.parts.shot ? ShotKind::kPoisson : ShotKind::kNone;
+  parts_.quantization_dn =
+      noise.parts.quantization ? static_cast<float>(noise.quantization_dn) : 0.0f;
   std::map<double, std::uint32_t> first_of_lambda;
   for (const PhysicsChannel& p : noise.channels) {
-    Channel channel;
+    CompiledChannel channel;
     channel.gain_dn = static_cast<float>(p.gain_dn_per_e);
     channel.electrons_per_dn = static_cast<float>(1.0 / p.gain_dn_per_e);
-    channel.mu_dn = noise.parts.bias ? p.mu_dn : 0.0;
-    channel.sigma_row_dn = p.sigma_row_dn;
+    channel.mu_dn = noise.parts.bias ? static_cast<float>(p.mu_dn) : 0.0f;
+    channel.sigma_row_dn = static_cast<float>(p.sigma_row_dn);
     channel.scale_dn =
         static_cast<float>(gaussian_read ? std::sqrt(read_variance_dn2(p)) : p.sigma_tl_dn);
     if (noise.parts.read) {
       const double lambda = gaussian_read ? 0.0 : p.lambda;
       const auto [found, is_new] =
-          first_of_lambda.try_emplace(lambda, static_cast<std::uint32_t>(read_lines_.size()));
+          first_of_lambda.try_emplace(lambda, static_cast<std::uint32_t>(parts_.read_lines.size()));
       if (is_new) {
         const auto lines = gaussian_read ? normal_tail_lines() : tail_lines([lambda](double tail) {
           return -tukey_lambda_quantile(tail, lambda);
         });
-        read_lines_.insert(read_lines_.end(), lines.begin(), lines.end());
+        parts_.read_lines.insert(parts_.read_lines.end(), lines.begin(), lines.end());
       }
       channel.first_line = found->second;
     }
-    channels_.push_back(channel);
+    parts_.channels.push_back(channel);
   }
 }
 
@@ -68,17 +69,17 @@ CompiledNoise CompiledNoise::gaussian(const SensorLayout& layout,
                                       double quantization_dn) {
   MALUS_REQUIRE(static_cast<int>(channels.size()) == layout.channels() && row_group >= 1);
   CompiledNoise compiled;
-  compiled.layout_ = layout;
-  compiled.row_group_ = row_group;
-  compiled.shot_ = ShotKind::kGaussian;
-  compiled.quantization_dn_ = static_cast<float>(quantization_dn);
+  compiled.parts_.layout = layout;
+  compiled.parts_.row_group = row_group;
+  compiled.parts_.shot = ShotKind::kGaussian;
+  compiled.parts_.quantization_dn = static_cast<float>(quantization_dn);
   for (const GaussianChannel& g : channels) {
-    Channel channel;
+    CompiledChannel channel;
     channel.gain_dn = static_cast<float>(g.slope_dn);
     channel.variance_dn2 = static_cast<float>(g.offset_dn2);
-    channel.mu_dn = g.mu_dn;
-    channel.sigma_row_dn = g.sigma_row_dn;
-    compiled.channels_.push_back(channel);
+    channel.mu_dn = static_cast<float>(g.mu_dn);
+    channel.sigma_row_dn = static_cast<float>(g.sigma_row_dn);
+    compiled.parts_.channels.push_back(channel);
   }
   return compiled;
 }
@@ -87,28 +88,29 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
                         bool out_u16, std::ptrdiff_t out_stride_bytes, int rows, int cols,
                         const DrawAddress& address, const CameraOutput& camera) const {
   MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
-  MALUS_REQUIRE(!(in_u16 || out_u16) || camera.black_dn.size() == channels_.size());
-  const int period = std::lcm(layout_.cols(), kGroupColumns);
-  std::vector<LaneArrays> phases(static_cast<std::size_t>(layout_.rows()));
-  for (int phase = 0; phase < layout_.rows(); ++phase) {
+  MALUS_REQUIRE(!(in_u16 || out_u16) || camera.black_dn.size() == parts_.channels.size());
+  const int period = std::lcm(parts_.layout.cols(), kGroupColumns);
+  std::vector<LaneArrays> phases(static_cast<std::size_t>(parts_.layout.rows()));
+  for (int phase = 0; phase < parts_.layout.rows(); ++phase) {
     LaneArrays& lanes = phases[static_cast<std::size_t>(phase)];
     for (int c = 0; c < period; ++c) {
-      const auto number = static_cast<std::size_t>(layout_.channel_at(phase, c));
-      const Channel& channel = channels_[number];
+      const auto number = static_cast<std::size_t>(parts_.layout.channel_at(phase, c));
+      const CompiledChannel& channel = parts_.channels[number];
       lanes.gain_dn.push_back(channel.gain_dn);
       lanes.electrons_per_dn.push_back(channel.electrons_per_dn);
       lanes.variance_dn2.push_back(channel.variance_dn2);
       lanes.scale_dn.push_back(channel.scale_dn);
-      lanes.mu_dn.push_back(static_cast<float>(channel.mu_dn));
-      lanes.sigma_row_dn.push_back(static_cast<float>(channel.sigma_row_dn));
+      lanes.mu_dn.push_back(channel.mu_dn);
+      lanes.sigma_row_dn.push_back(channel.sigma_row_dn);
       lanes.black_dn.push_back(
           camera.black_dn.empty() ? 0.0f : static_cast<float>(camera.black_dn[number]));
       lanes.first_line.push_back(channel.first_line - kTailFirst);
     }
   }
   internal::RowJob job;
-  job.tables = {normal_tail_lines().data(), read_lines_.empty() ? nullptr : read_lines_.data(),
-                shot_, out_u16 ? 0.0f : quantization_dn_};
+  job.tables = {normal_tail_lines().data(),
+                parts_.read_lines.empty() ? nullptr : parts_.read_lines.data(), parts_.shot,
+                out_u16 ? 0.0f : parts_.quantization_dn};
   job.seed = address.seed;
   job.frame = address.frame;
   job.col0 = address.col0;
@@ -123,9 +125,10 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
     std::vector<float> offset_dn(static_cast<std::size_t>(period));
     for (std::ptrdiff_t r = begin; r < end; ++r) {
       mine.row = address.row0 + static_cast<int>(r);
-      const LaneArrays& lanes = phases[static_cast<std::size_t>(mine.row % layout_.rows())];
-      const float z =
-          row_noise_ ? static_cast<float>(row_group_draw(address, mine.row, row_group_)) : 0.0f;
+      const LaneArrays& lanes = phases[static_cast<std::size_t>(mine.row % parts_.layout.rows())];
+      const float z = parts_.row_noise
+                          ? static_cast<float>(row_group_draw(address, mine.row, parts_.row_group))
+                          : 0.0f;
       for (std::size_t c = 0; c < offset_dn.size(); ++c)
         offset_dn[c] = lanes.mu_dn[c] + lanes.sigma_row_dn[c] * z;
       mine.lanes = {period,

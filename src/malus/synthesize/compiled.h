@@ -32,6 +32,27 @@ struct CameraOutput {
   double step_dn = 1;
 };
 
+/// One channel's numbers in the sampler's precision.
+struct CompiledChannel {
+  float gain_dn = 1;           ///< K; of kGaussian the slope S
+  float electrons_per_dn = 1;  ///< 1/K
+  float variance_dn2 = 0;      ///< of kGaussian: O
+  float scale_dn = 0;          ///< read noise per unit of its table
+  float mu_dn = 0, sigma_row_dn = 0;
+  std::uint32_t first_line = 0;  ///< of the channel's table among the read lines
+};
+
+/// Everything that a twin of the kernel needs.
+struct CompiledParts {
+  SensorLayout layout;
+  std::vector<CompiledChannel> channels;
+  std::vector<TailLine> read_lines;  ///< empty: no read noise
+  ShotKind shot = ShotKind::kPoisson;
+  bool row_noise = true;
+  int row_group = 1;
+  float quantization_dn = 0;
+};
+
 class CompiledNoise {
  public:
   /// Throws InputError as check_physics does. About 0.1 ms per distinct lambda.
@@ -59,27 +80,16 @@ class CompiledNoise {
   void apply(View<const std::uint16_t> clean_raw, View<float> noisy_dn, const DrawAddress& address,
              const CameraOutput& camera) const;
 
-  const SensorLayout& layout() const { return layout_; }
+  const CompiledParts& parts() const { return parts_; }
 
  private:
-  struct Channel {
-    float gain_dn = 1, electrons_per_dn = 1, variance_dn2 = 0, scale_dn = 0;
-    double mu_dn = 0, sigma_row_dn = 0;
-    std::uint32_t first_line = 0;
-  };
   CompiledNoise() = default;
   void run(const void* in, bool in_u16, std::ptrdiff_t in_stride_bytes, void* out, bool out_u16,
            std::ptrdiff_t out_stride_bytes, int rows, int cols, const DrawAddress& address,
            const CameraOutput& camera) const;
   void use_physics(const PhysicsNoise& noise, bool gaussian_read);
 
-  SensorLayout layout_;
-  std::vector<Channel> channels_;
-  std::vector<TailLine> read_lines_;
-  ShotKind shot_ = ShotKind::kPoisson;
-  bool row_noise_ = true;
-  int row_group_ = 1;
-  float quantization_dn_ = 0;
+  CompiledParts parts_;
 };
 
 }  // namespace malus

@@ -78,6 +78,11 @@ MALUS_FORMATION typename A::Real exp_minus(typename A::Real m) {
 template <class A>
 MALUS_FORMATION typename A::Real shot_small(typename A::Real m, typename A::Word word) {
   using Real = typename A::Real;
+  static constexpr float kReciprocal[kShotSmallMost + 1] = {
+      0,         1,         1.0f / 2,  1.0f / 3,  1.0f / 4,  1.0f / 5,  1.0f / 6,  1.0f / 7,
+      1.0f / 8,  1.0f / 9,  1.0f / 10, 1.0f / 11, 1.0f / 12, 1.0f / 13, 1.0f / 14, 1.0f / 15,
+      1.0f / 16, 1.0f / 17, 1.0f / 18, 1.0f / 19, 1.0f / 20, 1.0f / 21, 1.0f / 22, 1.0f / 23,
+      1.0f / 24, 1.0f / 25, 1.0f / 26, 1.0f / 27, 1.0f / 28};
   const Real p = A::tail_position(word) * A::real(0x1p-32f);
   Real left = A::select_top_bit(word, A::real(1.0f) - p, p);
   Real probability = exp_minus<A>(m), count = A::real(0.0f);

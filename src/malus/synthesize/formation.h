@@ -18,13 +18,6 @@ inline constexpr int kShotSmallMost = 28;
 /// Words of the upper tail that double precision redraws: p < 2^-16.
 inline constexpr std::uint32_t kShotTailWords = 1u << 16;
 
-/// 1/k, k from 0 (unused).
-inline constexpr float kReciprocal[kShotSmallMost + 1] = {
-    0,         1,         1.0f / 2,  1.0f / 3,  1.0f / 4,  1.0f / 5,  1.0f / 6,  1.0f / 7,
-    1.0f / 8,  1.0f / 9,  1.0f / 10, 1.0f / 11, 1.0f / 12, 1.0f / 13, 1.0f / 14, 1.0f / 15,
-    1.0f / 16, 1.0f / 17, 1.0f / 18, 1.0f / 19, 1.0f / 20, 1.0f / 21, 1.0f / 22, 1.0f / 23,
-    1.0f / 24, 1.0f / 25, 1.0f / 26, 1.0f / 27, 1.0f / 28};
-
 enum class ShotKind : std::uint32_t {
   kNone,
   kPoisson,   ///< K Poisson(s/K): physics, Poisson-Gaussian
