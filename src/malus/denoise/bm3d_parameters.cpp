@@ -14,9 +14,9 @@ struct NamedParameters {
 };
 
 constexpr std::array<NamedParameters, 3> kProfiles = {{
-    {"fast", {{6, 8, 8, 4.0F}, 2.8F, {6, 8, 16, 0.8F}}},
-    {"normal", {{3, 19, 16, 4.0F}, 2.8F, {3, 19, 32, 0.8F}}},
-    {"high", {{2, 19, 16, 4.0F}, 2.8F, {2, 19, 32, 0.8F}}},
+    {"fast", {{8, 6, 16, 16.0F}, 2.8F, {7, 6, 16, 4.0F}}},
+    {"normal", {{3, 19, 16, 16.0F}, 2.8F, {3, 19, 32, 4.0F}}},
+    {"high", {{2, 25, 16, 16.0F}, 2.8F, {2, 25, 32, 4.0F}}},
 }};
 
 }  // namespace

@@ -67,15 +67,13 @@ void filter_tile(const Work& work, const std::vector<PaddedPlane>& match_source,
          work.noisy[c].stride()});
 }
 
-std::vector<Accumulator> run_tiles(const Work& work, const std::vector<PaddedPlane>* pilot,
-                                   const Bm3dStage& stage, const std::vector<GroupFilter>& filters,
-                                   int rows, int cols, bool with_noise) {
-  const auto& first = work.noisy[0].data;
-  std::vector<Accumulator> sums(work.channels.size());
+/// One pass over the picture; sums start from zero.
+void run_tiles(const Work& work, const std::vector<PaddedPlane>* pilot, const Bm3dStage& stage,
+               const std::vector<GroupFilter>& filters, int rows, int cols,
+               std::vector<Accumulator>& sums) {
   for (auto& sum : sums) {
-    sum.residual = Image(first.rows(), first.cols());
-    sum.weight = Image(first.rows(), first.cols());
-    if (with_noise) sum.passed_noise = Image(first.rows(), first.cols());
+    std::ranges::fill(sum.residual.values(), 0.0F);
+    std::ranges::fill(sum.weight.values(), 0.0F);
   }
   const auto order = search_order(stage.range);
   const auto tiles = tiles_of(rows, cols, stage.step);
@@ -94,7 +92,6 @@ std::vector<Accumulator> run_tiles(const Work& work, const std::vector<PaddedPla
       }
     });
   }
-  return sums;
 }
 
 /// Spreads block weights, which are stored at the blocks' first pixels, over the blocks' pixels
@@ -206,7 +203,10 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
   std::vector<GroupFilter> filters;
   for (const float s : work.sigma)
     filters.push_back(GroupFilter::hard(s, parameters.hard_threshold));
-  auto sums = run_tiles(work, nullptr, parameters.hard, filters, rows, cols, false);
+  const auto& padded = work.noisy[0].data;
+  std::vector<Accumulator> sums(work.channels.size());
+  for (auto& sum : sums) sum.residual = sum.weight = Image(padded.rows(), padded.cols());
+  run_tiles(work, nullptr, parameters.hard, filters, rows, cols, sums);
   std::vector<PaddedPlane> pilot;
   for (std::size_t c = 0; c < work.channels.size(); ++c) {
     Image& plane = result[work.channels[c]];
@@ -216,7 +216,9 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
 
   filters.clear();
   for (const float s : work.sigma) filters.push_back(GroupFilter::wiener(s));
-  sums = run_tiles(work, &pilot, parameters.wiener, filters, rows, cols, variance_out != nullptr);
+  if (variance_out)
+    for (auto& sum : sums) sum.passed_noise = Image(padded.rows(), padded.cols());
+  run_tiles(work, &pilot, parameters.wiener, filters, rows, cols, sums);
   for (std::size_t c = 0; c < work.channels.size(); ++c) {
     Image* share = variance_out ? &(*variance_out)[work.channels[c]] : nullptr;
     finish(work.noisy[c], sums[c], result[work.channels[c]], share);

@@ -11,7 +11,7 @@ constexpr float kMaxStep = 32000;         ///< values further from the tile's fi
 constexpr std::int16_t kOutside = 32767;  ///< more than 255 from all of them
 /// Where values span no more than this, no difference needs a limit of 255, and a step of 255 from
 /// the smallest still leaves any block outside too far away.
-constexpr int kUnclampedSpan = 205;
+constexpr int kUnclampedSpan = 180;
 static_assert(kPatch * (255 - kUnclampedSpan) * (255 - kUnclampedSpan) > kMatchFullScale);
 
 /// Where the surroundings of a tile lie in the padded picture, and where blocks may lie.

@@ -9,7 +9,7 @@ inline constexpr int kPatch = 8;  ///< rows and columns of a block
 inline constexpr int kPatchPixels = kPatch * kPatch;
 inline constexpr int kMaxGroup = 32;  ///< blocks in a group
 /// The match limit in the matching's own integer units: sums of squares saturate at 65535.
-inline constexpr int kMatchFullScale = 15000;
+inline constexpr int kMatchFullScale = 40000;
 
 /// One pass: match blocks, filter the groups, aggregate.
 struct Bm3dStage {
