@@ -1,5 +1,6 @@
 // Coverage of the standard errors over repeated sessions, and the real camera of the EMVA 1288 data
 // sets.
+#include "malus/base/statistics.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/io/emva_description.h"
 
@@ -107,12 +108,20 @@ TEST(CalibrationCoverage, MonoAndBayerSensors) {
   }
 }
 
-// Interpolation by the joint model to a gain that was left out: sigma and K within 5 %.
+// Interpolation by the joint model to a gain that was left out: sigma and K within 5 % on a sensor
+// that follows the papers' laws (000 Eq. 7: straight lines in log K).
 TEST(CalibratedJointModel, PredictsAGainThatWasLeftOut) {
   SimulatedCamera camera;
   camera.rows = camera.cols = 256;
   camera.seed = 77;
-  for (double gain_db : {0.0, 8.0, 16.0, 24.0}) camera.gains.push_back(polar_gain(gain_db));
+  for (double gain_db : {0.0, 8.0, 16.0, 24.0}) {
+    camera.gains.push_back(polar_gain(gain_db));
+    const double amplification = std::pow(10.0, gain_db / 20);
+    for (auto& channel : camera.gains.back().noise.channels) {
+      channel.sigma_tl_dn *= 0.57 * std::pow(amplification, 0.9) / (0.15 + 0.42 * amplification);
+      channel.sigma_row_dn *= 0.17 * std::pow(amplification, 0.93) / (0.03 + 0.14 * amplification);
+    }
+  }
   NoiseModel model = calibrate_physics(simulated_session(camera), {}, silent_progress());
   ASSERT_TRUE(model.joint.has_value());
   for (const std::size_t left_out : {1u, 2u}) {
@@ -157,6 +166,75 @@ TEST(RealCamera, Emva001) {
       p.K.mean[0], p.K.standard_error[0], p.K_intercept_dn2[0], p.K_intercept_stderr_dn2[0],
       p.temporal_sd_dark_dn[0], p.sigma_row.mean[0], p.sigma_row.standard_error[0],
       p.sigma_column.mean[0], p.lambda.mean[0], p.dsnu_dn[0], p.prnu.at(0));
+}
+
+// Distribution of the codes that a level's bins, uniform inside, plus normal row noise, rounded,
+// give.
+std::vector<double> code_distribution(const NonparametricChannel& channel, std::size_t level,
+                                      double sigma_row_dn, int codes) {
+  const auto integral = [&](double x) {
+    const double z = x / sigma_row_dn;
+    return sigma_row_dn * (z * 0.5 * std::erfc(-z / std::sqrt(2.0)) +
+                           std::exp(-0.5 * z * z) / std::sqrt(2 * 3.14159265358979323846));
+  };
+  std::vector<double> out(static_cast<std::size_t>(codes), 0.0);
+  for (int k = 0; k < codes; ++k)
+    for (std::size_t b = 0; b < channel.pmf[level].size(); ++b) {
+      const double from = channel.bin_edges_dn[b], to = channel.bin_edges_dn[b + 1];
+      out[static_cast<std::size_t>(k)] += channel.pmf[level][b] / (to - from) *
+                                          (integral(k + 0.5 - from) - integral(k + 0.5 - to) -
+                                           integral(k - 0.5 - from) + integral(k - 0.5 - to));
+    }
+  return out;
+}
+
+double root_jensen_shannon(const std::vector<double>& p, const std::vector<double>& q) {
+  double sum = 0;
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    const double middle = 0.5 * (p[i] + q[i]);
+    if (p[i] > 0) sum += 0.5 * p[i] * std::log2(p[i] / middle);
+    if (q[i] > 0) sum += 0.5 * q[i] * std::log2(q[i] / middle);
+  }
+  return std::sqrt(std::max(sum, 0.0));
+}
+
+// Every second dark frame calibrates, the others judge: the distribution with its row noise put
+// back must be within .006 of theirs, and three times nearer than a rounded Gaussian.
+TEST(RealCamera, NonparametricDarkLevelMatchesHeldOutFrames) {
+  MALUS_NEEDS_SHARED("emva001");
+  CalibrationInput input = calibration_input(
+      load_emva_description(testing::shared_data() / "emva001" / "EMVA1288_Data.txt").session);
+  constexpr int kCodes = 80;
+  std::vector<double> held(kCodes, 0.0), gauss(kCodes, 0.0);
+  Moments moments;
+  for (FrameSet& set : input.sets) {
+    if (set.kind != FrameKind::kBias || set.count < 20) continue;
+    for (int i = 1; i < set.count; i += 2) {
+      const RawFrame frame = set.load(i);
+      for (const float dn : frame.dn.values()) {
+        held[static_cast<std::size_t>(std::min(dn, kCodes - 1.0F))] += 1;
+        moments.add(dn);
+      }
+    }
+    set.count /= 2;
+    set.load = [load = set.load](int i) { return load(2 * i); };
+  }
+  for (double& h : held) h /= static_cast<double>(moments.count());
+  const double sd = std::sqrt(moments.variance() - 1.0 / 12);
+  for (int k = 0; k < kCodes; ++k)
+    gauss[static_cast<std::size_t>(k)] =
+        0.5 * (std::erfc(-(k + 0.5 - moments.mean()) / sd / std::sqrt(2.0)) -
+               std::erfc(-(k - 0.5 - moments.mean()) / sd / std::sqrt(2.0)));
+  CalibrationSettings settings;
+  settings.level_samples = 50000;
+  const NoiseModel model = calibrate(input, settings, {"nonparametric"}, silent_progress());
+  const NonparametricCalibration& n = model.nonparametric.at(0);
+  const double found =
+      root_jensen_shannon(held, code_distribution(n.channels[0], 0, n.sigma_row_dn[0], kCodes));
+  const double gaussian = root_jensen_shannon(held, gauss);
+  std::printf("  root JSD: non-parametric %.4f, rounded Gaussian %.4f\n", found, gaussian);
+  EXPECT_LE(found, 0.006);
+  EXPECT_LE(found, gaussian / 3);
 }
 
 }  // namespace

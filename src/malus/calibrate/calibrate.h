@@ -18,7 +18,7 @@ struct CalibrationSettings {
   bool single_frame = false;
   bool maps = true;
   double level_step = 0;
-  int bins = 128;
+  int bins = 240;
   int level_samples = 200000;
 
   template <class Self, class Visitor>

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace malus {
 namespace {
@@ -15,24 +16,93 @@ std::size_t at(std::ptrdiff_t i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
-std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn, int bins) {
-  MALUS_REQUIRE(bins >= 2 && smallest_sd_dn > 0 && largest_sd_dn >= smallest_sd_dn);
-  const double half = 0.5 * bins, reach = kReachedDeviations * largest_sd_dn;
-  const double width = smallest_sd_dn / kBinsPerDeviation;
-  std::vector<double> edges(at(bins) + 1);
-  if (width * half >= reach) {
-    for (int i = 0; i <= bins; ++i) edges[at(i)] = reach * (i - half) / half;
-    return edges;
+std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn, int bins,
+                                    double centre_dn, CodeGrid codes) {
+  MALUS_REQUIRE(bins >= 8 && smallest_sd_dn > 0 && largest_sd_dn >= smallest_sd_dn);
+  const double q = codes.step_dn, core = kReachedDeviations * smallest_sd_dn,
+               reach = kReachedDeviations * largest_sd_dn;
+  double width = smallest_sd_dn / kBinsPerDeviation;
+  if (q > 0) width = width >= q ? q : q / std::ceil(q / width);
+  if (const double most = bins / 3.0; core / width > most) {
+    width = core / most;
+    if (q > 0) width = q * std::ceil(width / q);
   }
-  // sinh(a half) / a = reach / width, by bisection: the left side rises with a.
-  double low = 1e-9, high = 1.0;
-  while (std::sinh(high * half) / high < reach / width) high *= 2;
-  for (int i = 0; i < 200; ++i) {
+  const int inner = static_cast<int>(std::ceil(core / width));
+  std::vector<double> half;  // distances from the centre
+  for (int i = 1; i <= inner; ++i) half.push_back(width * i);
+  const int outer = std::max(bins / 2 - inner, 4);
+  // width (g + g² + ...) = reach - core, by bisection for the growth g.
+  const auto covered = [&](double g) {
+    double sum = 0.0, w = width;
+    for (int i = 0; i < outer; ++i) sum += w *= g;
+    return sum;
+  };
+  double low = 1.0, high = 2.0;
+  while (covered(high) < reach - half.back()) high *= 2.0;
+  for (int i = 0; i < 100; ++i) {
     const double middle = 0.5 * (low + high);
-    (std::sinh(middle * half) / middle < reach / width ? low : high) = middle;
+    (covered(middle) < reach - half.back() ? low : high) = middle;
   }
-  for (int i = 0; i <= bins; ++i) edges[at(i)] = width / low * std::sinh(low * (i - half));
+  for (double w = width * high; half.back() < reach; w *= high) half.push_back(half.back() + w);
+  std::vector<double> edges{centre_dn};
+  for (const double d : half) {
+    edges.push_back(centre_dn + d);
+    edges.insert(edges.begin(), centre_dn - d);
+  }
+  if (q > 0) {
+    const double grid = std::min(width, q), boundary = codes.offset_dn + 0.5 * q;
+    for (double& edge : edges) {
+      const double spacing = std::abs(edge - centre_dn) <= width * inner * 1.0001 ? grid : q;
+      edge = boundary + spacing * std::round((edge - boundary) / spacing);
+    }
+    edges.erase(std::unique(edges.begin(), edges.end(),
+                            [q](double a, double b) { return b - a < 1e-6 * q; }),
+                edges.end());
+  }
   return edges;
+}
+
+std::vector<double> without_row_noise(const std::vector<double>& counts, double step_dn,
+                                      double sigma_row_dn) {
+  constexpr int kIterations = 200;
+  const auto n = static_cast<std::ptrdiff_t>(counts.size());
+  std::vector<double> observed = counts;
+  double total = 0.0;
+  for (const double c : counts) total += c;
+  for (double& p : observed) p /= total;
+  const double s = sigma_row_dn / step_dn;
+  if (s < 1e-3) return observed;
+  // Uniform plus normal, rounded: second difference of the integral of the normal distribution.
+  const auto integral = [s](double x) {
+    const double z = x / s;
+    return s * (z * 0.5 * std::erfc(-z / std::numbers::sqrt2) +
+                std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::numbers::pi));
+  };
+  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1;
+  std::vector<double> kernel;
+  for (std::ptrdiff_t j = -reach; j <= reach; ++j) {
+    const auto x = static_cast<double>(j);
+    kernel.push_back(integral(x + 1) - 2 * integral(x) + integral(x - 1));
+  }
+  const auto blur = [&](const std::vector<double>& p) {  // symmetric: its own transpose
+    std::vector<double> out(p.size(), 0.0);
+    for (std::ptrdiff_t i = 0; i < n; ++i)
+      for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(i - reach, 0);
+           j <= std::min(i + reach, n - 1); ++j)
+        out[at(i)] += kernel[at(j - i + reach)] * p[at(j)];
+    return out;
+  };
+  std::vector<double> p = observed;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    std::vector<double> ratio = blur(p);
+    for (std::size_t i = 0; i < ratio.size(); ++i)
+      ratio[i] = ratio[i] > 0 ? observed[i] / ratio[i] : 0.0;
+    ratio = blur(ratio);
+    double sum = 0.0;
+    for (std::size_t i = 0; i < p.size(); ++i) sum += p[i] *= ratio[i];
+    for (double& value : p) value /= sum;
+  }
+  return p;
 }
 
 LevelHistograms::LevelHistograms(std::vector<double> edges_dn, double step_dn, double range_dn)
@@ -51,15 +121,40 @@ void LevelHistograms::add(double signal_dn, double noise_dn) {
   ++counts_[level * (edges_.size() - 1) + at(bin)];
   ++levels_[level].count;
   levels_[level].signal_sum += signal_dn;
-  widest_ = std::max(widest_, std::abs(noise_dn));
+  lowest_ = std::min(lowest_, noise_dn);
+  highest_ = std::max(highest_, noise_dn);
+}
+
+void LevelHistograms::set_dark(const std::vector<double>& probability, CodeGrid codes,
+                               std::int64_t samples) {
+  const std::size_t bins = edges_.size() - 1;
+  dark_samples_ = samples;
+  dark_pmf_.assign(bins, 0.0);
+  for (std::size_t i = 0; i < probability.size(); ++i) {
+    if (!(probability[i] > 0)) continue;
+    const double begin = codes.offset_dn + codes.step_dn * (static_cast<double>(i) - 0.5),
+                 end = begin + codes.step_dn;
+    lowest_ = std::min(lowest_, begin);
+    highest_ = std::max(highest_, end);
+    for (std::size_t b = 0; b < bins; ++b) {
+      const double from = b == 0 ? begin : std::max(begin, edges_[b]);
+      const double to = b + 1 == bins ? end : std::min(end, edges_[b + 1]);
+      if (to > from) dark_pmf_[b] += probability[i] * (to - from) / codes.step_dn;
+    }
+  }
 }
 
 LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
   Result out;
   const std::size_t bins = edges_.size() - 1;
   out.channel.bin_edges_dn = edges_;
-  out.channel.bin_edges_dn.front() = std::min(edges_.front(), -widest_);
-  out.channel.bin_edges_dn.back() = std::max(edges_.back(), widest_);
+  out.channel.bin_edges_dn.front() = std::min(edges_.front(), lowest_);
+  out.channel.bin_edges_dn.back() = std::max(edges_.back(), highest_);
+  if (!dark_pmf_.empty() && dark_samples_ * 10 >= wanted) {
+    out.channel.level_dn.push_back(0.0);
+    out.channel.samples.push_back(dark_samples_);
+    out.channel.pmf.push_back(dark_pmf_);
+  }
   const auto count = static_cast<std::ptrdiff_t>(levels_.size());
   for (std::ptrdiff_t l = 0; l < count; ++l) {
     if (levels_[at(l)].count == 0) continue;
@@ -80,8 +175,8 @@ LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
       continue;
     }
     const double centre = pooled.signal_sum / static_cast<double>(pooled.count);
-    if (!out.channel.level_dn.empty() && centre <= out.channel.level_dn.back() + 1e-6 * step_dn_)
-      continue;  // borrowed the same samples as the level before
+    if (!out.channel.level_dn.empty() && centre <= out.channel.level_dn.back() + 0.25 * step_dn_)
+      continue;  // borrowed much the same samples as the level before
     std::vector<double> pmf(bins, 0.0);
     for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(l - radius, 0);
          i <= std::min(l + radius, count - 1); ++i)

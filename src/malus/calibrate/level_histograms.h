@@ -9,11 +9,25 @@
 
 namespace malus {
 
-/// Bin edges fine around zero, where dark levels need them, and wider by a constant factor
-/// outwards, where only bright levels reach: edge(t) = w/a sinh(a t). The bins near zero are at
-/// most a sixth of the smallest deviation wide; the outermost edges lie at seven of the largest, or
-/// as near as `bins` uniform ones allow.
-std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn, int bins);
+/// Where an integer converter's codes lie on the axis of noisy - clean in the dark: at
+/// offset + k * step. step 0: no converter.
+struct CodeGrid {
+  double step_dn = 0, offset_dn = 0;
+};
+
+/// Bin edges about a centre (the dark bias): equal and at most a sixth of the smallest deviation
+/// wide within seven of it, where dark levels need them, then wider by a constant factor out to
+/// seven of the largest deviation. On an integer converter edges lie between codes (narrow bins
+/// divide a code evenly), so that uniform draws inside a bin fall on its codes again. About `bins`
+/// bins; where the codes near the centre would take more than two thirds of them, codes are merged.
+std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn, int bins,
+                                    double centre_dn = 0.0, CodeGrid codes = {});
+
+/// Takes normal row noise out of a histogram of codes: the distribution that, uniform inside each
+/// code, plus row noise, rounded, gives the observed one (Richardson, JOSA 62, 1972; Lucy, Astron.
+/// J. 79, 1974). counts: one per code, neighbours adjacent; the result adds to one.
+std::vector<double> without_row_noise(const std::vector<double>& counts, double step_dn,
+                                      double sigma_row_dn);
 
 /// One channel's histograms, by level = nearest multiple of the step.
 class LevelHistograms {
@@ -24,6 +38,9 @@ class LevelHistograms {
   /// Signals outside 0..range count at the nearest level; noise outside the edges counts in the
   /// last bins, whose edges move out to hold it.
   void add(double signal_dn, double noise_dn);
+  /// The distribution in the dark, by code: probability i at offset + i * step. It becomes the
+  /// level of signal zero.
+  void set_dark(const std::vector<double>& probability, CodeGrid codes, std::int64_t samples);
 
   struct Result {
     NonparametricChannel channel;
@@ -43,7 +60,9 @@ class LevelHistograms {
   std::vector<double> edges_;
   std::vector<Level> levels_;
   std::vector<std::uint32_t> counts_;  ///< [level][bin]
-  double step_dn_ = 1, widest_ = 0;
+  std::vector<double> dark_pmf_;       ///< by bin; empty: none set
+  std::int64_t dark_samples_ = 0;
+  double step_dn_ = 1, lowest_ = 0, highest_ = 0;
 };
 
 }  // namespace malus

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -184,9 +185,49 @@ class LevelPass {
   std::vector<double> signal_, noise_;
 };
 
+// Histogram of the codes of dark frames, per channel. The lattice is kept as it is: a converter's
+// unequal steps show in it, and would be washed out by subtracting anything that is not an integer.
+class DarkCodes {
+ public:
+  DarkCodes(const MosaicGeometry& geometry, const RawFrame& first, double step_dn)
+      : geometry_(geometry), step_dn_(step_dn) {
+    origin_dn_ = std::fmod(first.dn(0, 0), step_dn);
+    const auto codes = static_cast<std::size_t>(first.white_dn / step_dn) + 2;
+    counts_.assign(at(geometry.channels()), std::vector<double>(codes, 0.0));
+  }
+  void add(View<const float> dn) {
+    for (int r = 0; r < dn.rows(); ++r)
+      for (int c = 0; c < dn.cols(); ++c) {
+        auto& counts = counts_[at(geometry_.channel(r, c))];
+        const double code = std::clamp(std::round((dn(r, c) - origin_dn_) / step_dn_), 0.0,
+                                       static_cast<double>(counts.size() - 1));
+        counts[static_cast<std::size_t>(code)] += 1.0;
+      }
+    ++frames_;
+  }
+  int frames() const { return frames_; }
+  CodeGrid grid(double black_dn) const { return {step_dn_, origin_dn_ - black_dn}; }
+  /// Counts from the first code that occurred to the last.
+  std::vector<double> occurred(int channel, std::size_t& first_code) const {
+    const auto& counts = counts_[at(channel)];
+    const auto used = [](double n) { return n > 0; };
+    const auto begin = std::find_if(counts.begin(), counts.end(), used);
+    const auto end = std::find_if(counts.rbegin(), counts.rend(), used).base();
+    first_code = static_cast<std::size_t>(begin - counts.begin());
+    return {begin, end};
+  }
+
+ private:
+  const MosaicGeometry& geometry_;
+  double step_dn_, origin_dn_ = 0;
+  int frames_ = 0;
+  std::vector<std::vector<double>> counts_;
+};
+
 // Histograms whose bins suit the darkest and the brightest noise that can be expected.
 std::vector<LevelHistograms> make_histograms(const RawFrame& first, const CleanFrame& clean,
                                              const PhysicsCalibration* physics,
+                                             const std::vector<double>& bias_dn, double step_dn,
                                              const CalibrationSettings& settings) {
   std::vector<LevelHistograms> histograms;
   for (std::size_t c = 0; c < clean.dark_variance_dn2.size(); ++c) {
@@ -195,12 +236,29 @@ std::vector<LevelHistograms> make_histograms(const RawFrame& first, const CleanF
     if (physics) dark = std::pow(physics->temporal_sd_dark_dn[c], 2);
     if (physics && !physics->K.mean.empty()) slope = physics->K.mean[c];
     dark = std::max(dark, 1e-6);
+    const CodeGrid codes{step_dn,
+                         step_dn > 0 ? std::fmod(first.dn(0, 0), step_dn) - first.black_dn[c] : 0};
     const double step = settings.level_step > 0 ? settings.level_step : range / 256.0;
-    histograms.emplace_back(
-        noise_bin_edges(std::sqrt(dark), std::sqrt(dark + slope * range), settings.bins), step,
-        range);
+    histograms.emplace_back(noise_bin_edges(std::sqrt(dark), std::sqrt(dark + slope * range),
+                                            settings.bins, bias_dn[c], codes),
+                            step, range);
   }
   return histograms;
+}
+
+// The dark level: codes as they are, row noise taken out by deconvolution.
+void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
+                    const std::vector<double>& sigma_row_dn, double step_dn,
+                    std::vector<LevelHistograms>& histograms) {
+  for (std::size_t c = 0; c < histograms.size(); ++c) {
+    std::size_t first_code = 0;
+    const std::vector<double> counts = dark.occurred(static_cast<int>(c), first_code);
+    CodeGrid codes = dark.grid(first.black_dn[c]);
+    codes.offset_dn += static_cast<double>(first_code) * step_dn;
+    histograms[c].set_dark(
+        without_row_noise(counts, step_dn, sigma_row_dn[c]), codes,
+        static_cast<std::int64_t>(std::accumulate(counts.begin(), counts.end(), 0.0)));
+  }
 }
 
 void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFrame& first,
@@ -239,16 +297,27 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
   out.gain = sources.front().frames->gain;
   std::vector<LevelHistograms> histograms;
   LevelPass pass(geometry, dark, bias, histograms);
+  const double step_dn = quantization_step(first.dn);
+  // Integer dark frames have their own way, where row noise is known.
+  const bool by_code = physics && step_dn > 0;
+  DarkCodes codes(geometry, first, by_code ? step_dn : 1.0);
   double darkest = std::numeric_limits<double>::infinity();
   std::vector<double> row_variance(bias.size()), row_error(bias.size());
   for (const NoiseSource& source : sources) {
     if (source.frames->count < 2) continue;
+    out.frames += source.frames->count;
+    if (by_code && source.frames->kind == FrameKind::kBias) {
+      for_each_frame(*source.frames, &first, progress,
+                     [&](const RawFrame& frame, int) { codes.add(frame.dn); });
+      progress.advance(source.frames->count);  // one pass was enough
+      continue;
+    }
     const CleanFrame clean = measure_clean(source, first, geometry, dark, progress);
-    if (histograms.empty()) histograms = make_histograms(first, clean, physics, settings);
+    if (histograms.empty())
+      histograms = make_histograms(first, clean, physics, bias, step_dn, settings);
     pass.reset_rows();
     for_each_frame(*source.frames, &first, progress,
                    [&](const RawFrame& frame, int) { pass.add(frame.dn, clean); });
-    out.frames += source.frames->count;
     const double light = clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn);
     if (light >= darkest) continue;
     darkest = light;
@@ -260,6 +329,8 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
   if (histograms.empty())
     throw InputError(out.gain.text(), "has no set of two frames or more of one scene",
                      "noise is told from the scene by repeating the frame");
+  if (codes.frames() > 0)
+    add_dark_codes(codes, first, physics->sigma_row.mean, step_dn, histograms);
   finish_channels(histograms, first, settings, out);
   for (std::size_t c = 0; c < bias.size(); ++c) {
     const double sigma = std::sqrt(std::max(row_variance[c], 0.0));
