@@ -1,5 +1,6 @@
-// malus model show, malus model list.
+// malus model show, malus model check, malus model list.
 #include "malus/base/error.h"
+#include "malus/evaluate/leave_one_gain_out.h"
 #include "malus/noise/builtin_models.h"
 
 #include <filesystem>
@@ -29,6 +30,60 @@ void show(const Common& common, const ShowArguments& arguments) {
   print_result(common, model_json(model), model_text(model));
 }
 
+nlohmann::ordered_json left_out_json(const std::vector<LeftOutGain>& gains, bool physics) {
+  nlohmann::ordered_json all = nlohmann::ordered_json::array();
+  for (const LeftOutGain& g : gains) {
+    nlohmann::ordered_json json = {{"gain", g.gain.text()}, {"predicted", g.why_not.empty()}};
+    if (!g.why_not.empty()) {
+      json["why_not"] = g.why_not;
+    } else {
+      if (physics) {
+        json["K_error"] = g.K_error;
+        json["read_noise_error"] = g.read_error;
+      }
+      json["sigma_row_error"] = g.row_error;
+      json["sqrt_jsd"] = g.sqrt_jsd;
+      json["sqrt_jsd_nearest"] = g.sqrt_jsd_nearest;
+    }
+    all.push_back(json);
+  }
+  return all;
+}
+
+std::string left_out_text(const std::vector<LeftOutGain>& gains, const char* kind) {
+  std::string text = fmt::format(
+      "{}: each gain left out and predicted from the others, worst channel\n"
+      "{:>10}{:>9}{:>9}{:>9}{:>10}{:>10}   JSD in bits, against taking the nearest gain\n",
+      kind, "gain", "K", "read", "row", "sqrt JSD", "nearest");
+  for (const LeftOutGain& g : gains)
+    text += g.why_not.empty()
+                ? fmt::format("{:>10}{:>+8.2f}%{:>+8.2f}%{:>+8.2f}%{:>10.4f}{:>10.4f}\n",
+                              g.gain.text(), 100 * g.K_error, 100 * g.read_error, 100 * g.row_error,
+                              g.sqrt_jsd, g.sqrt_jsd_nearest)
+                : fmt::format("{:>10}  {}\n", g.gain.text(), g.why_not);
+  return text;
+}
+
+void check(const Common& common, const std::filesystem::path& path) {
+  const NoiseModel model = load_model(path);
+  const auto physics = leave_one_gain_out_physics(model);
+  const auto nonparametric = leave_one_gain_out_nonparametric(model);
+  if (physics.empty() && nonparametric.empty())
+    throw InputError(path.string(), "has fewer than three gains of one kind to leave one out",
+                     "calibrate at more gains");
+  nlohmann::ordered_json json;
+  std::string text;
+  if (!physics.empty()) {
+    json["physics"] = left_out_json(physics, true);
+    text += left_out_text(physics, "Physics");
+  }
+  if (!nonparametric.empty()) {
+    json["nonparametric"] = left_out_json(nonparametric, false);
+    text += left_out_text(nonparametric, "Non-parametric");
+  }
+  print_result(common, json, text);
+}
+
 void list(const Common& common) {
   nlohmann::ordered_json models = nlohmann::ordered_json::array();
   std::string text;
@@ -43,7 +98,8 @@ void list(const Common& common) {
 }  // namespace
 
 void add_model(CLI::App& app, Common& common) {
-  CLI::App* model = app.add_subcommand("model", "Show a noise model, or list the built-in ones");
+  CLI::App* model =
+      app.add_subcommand("model", "Show or check a noise model, or list the built-in ones");
   model->require_subcommand(1);
   auto arguments = std::make_shared<ShowArguments>();
   CLI::App* show_command =
@@ -57,6 +113,12 @@ void add_model(CLI::App& app, Common& common) {
       ->excludes(gain);
   show_command->add_flag("--extrapolate-gain", arguments->extrapolate,
                          "allow a gain outside the calibrated range");
+  auto checked = std::make_shared<std::filesystem::path>();
+  CLI::App* check_command = add_command(
+      *model, common, "check", "Leave every gain out once: how well do the others predict it?",
+      [&common, checked] { check(common, *checked); });
+  check_command->add_option("model", *checked, "model file or name of a built-in model")
+      ->required();
   add_command(*model, common, "list", "The built-in noise models", [&common] { list(common); });
 }
 

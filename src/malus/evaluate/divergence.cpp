@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <vector>
 
 namespace malus {
 namespace {
@@ -33,18 +34,27 @@ Estimate<double> kld_nats(std::span<const std::int64_t> test_q,
   return sum;
 }
 
+double jsd_bits_of(std::span<const double> p, std::span<const double> q) {
+  MALUS_REQUIRE(p.size() == q.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < p.size(); ++i) {
+    const double mean = 0.5 * (p[i] + q[i]);
+    if (p[i] > 0) sum += 0.5 * p[i] * std::log2(p[i] / mean);
+    if (q[i] > 0) sum += 0.5 * q[i] * std::log2(q[i] / mean);
+  }
+  return sum > 0 ? sum : 0.0;
+}
+
 Estimate<double> jsd_bits(std::span<const std::int64_t> a, std::span<const std::int64_t> b) {
   MALUS_REQUIRE(a.size() == b.size());
   const double n_a = total(a), n_b = total(b);
   if (n_a == 0 || n_b == 0) return kEmpty;
-  double sum = 0;
+  std::vector<double> p, q;
   for (std::size_t i = 0; i < a.size(); ++i) {
-    const double p = static_cast<double>(a[i]) / n_a, q = static_cast<double>(b[i]) / n_b;
-    const double mean = 0.5 * (p + q);
-    if (p > 0) sum += 0.5 * p * std::log2(p / mean);
-    if (q > 0) sum += 0.5 * q * std::log2(q / mean);
+    p.push_back(static_cast<double>(a[i]) / n_a);
+    q.push_back(static_cast<double>(b[i]) / n_b);
   }
-  return sum > 0 ? sum : 0.0;
+  return jsd_bits_of(p, q);
 }
 
 Estimate<double> jsd_floor_bits(std::span<const std::int64_t> a, std::span<const std::int64_t> b) {

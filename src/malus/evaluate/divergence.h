@@ -19,6 +19,9 @@ Estimate<double> kld_nats(std::span<const std::int64_t> test_q,
 /// Eq. 2). Undecided when either histogram is empty.
 Estimate<double> jsd_bits(std::span<const std::int64_t> a, std::span<const std::int64_t> b);
 
+/// The same of two distributions whose probabilities are known, each adding to 1.
+double jsd_bits_of(std::span<const double> p, std::span<const double> q);
+
 /// What jsd_bits gives on average for two samples of one distribution, from their sizes alone:
 /// (occupied bins - 1)/(8 ln 2) (1/n_a + 1/n_b), the second-order expansion of the divergence. A
 /// value near it shows no difference.

@@ -2,6 +2,7 @@ set(evaluate_SOURCES
   divergence.cpp
   evaluation.cpp
   image_metrics.cpp
+  leave_one_gain_out.cpp
   noise_comparison.cpp
   noise_structure.cpp
   polarization_metrics.cpp
