@@ -18,3 +18,9 @@ target_compile_options(malus_warnings INTERFACE -Wall -Wextra -Wconversion -Wsha
                        $<$<BOOL:${MALUS_WERROR}>:-Werror>)
 # Contraction to FMA would make results differ between machines and between scalar and SIMD code.
 add_compile_options(-ffp-contract=off)
+
+# The GPU twin, where nvcc is.
+option(MALUS_CUDA "Build the GPU twin of the sampler where nvcc is found" ON)
+if(MALUS_CUDA)
+  find_program(MALUS_NVCC nvcc PATHS /usr/local/cuda/bin)
+endif()

@@ -1,0 +1,1 @@
+set(cuda_KERNELS synthesize.cu)

@@ -1,0 +1,1 @@
+set(cuda_SOURCES device.cpp)

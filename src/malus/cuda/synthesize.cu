@@ -1,0 +1,146 @@
+#include "malus/base/error.h"
+#include "malus/cuda/device.h"
+#include "malus/cuda/synthesize.h"
+#include "malus/synthesize/scalar_formation.h"
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <cuda_runtime.h>
+
+namespace malus::cuda {
+namespace {
+
+template <class T>
+class DeviceArray {
+ public:
+  DeviceArray() = default;
+  explicit DeviceArray(std::size_t count) {
+    if (count > 0) check_status(cudaMalloc(&data_, count * sizeof(T)), "allocating memory");
+  }
+  explicit DeviceArray(const std::vector<T>& values) : DeviceArray(values.size()) {
+    if (!values.empty())
+      check_status(
+          cudaMemcpy(data_, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice),
+          "copying to the device");
+  }
+  ~DeviceArray() { cudaFree(data_); }
+  DeviceArray(DeviceArray&& other) noexcept : data_(std::exchange(other.data_, nullptr)) {}
+  DeviceArray& operator=(DeviceArray&& other) noexcept {
+    std::swap(data_, other.data_);
+    return *this;
+  }
+  T* get() const { return data_; }
+
+ private:
+  T* data_ = nullptr;
+};
+
+struct Frame {
+  const float* in;
+  float* out;
+  std::ptrdiff_t in_stride, out_stride;
+  int rows, cols, row0, col0;
+  int cell_rows, cell_cols;
+  std::uint64_t seed;
+  std::uint32_t frame;
+};
+
+// One thread draws the two pixels of one Philox block: columns j and j + 16 of a group of 32.
+__global__ void draw_noise(Frame f, FormationTables tables, const CompiledChannel* channels,
+                           const float* row_deviate) {
+  using A = scalar::Arithmetic;
+  const int r = static_cast<int>(blockIdx.y * blockDim.y + threadIdx.y);
+  if (r >= f.rows) return;
+  const int row = f.row0 + r;
+  const auto block = static_cast<std::uint32_t>(f.col0) / kGroupColumns * 16u +
+                     blockIdx.x * blockDim.x + threadIdx.x;
+  const int first = static_cast<int>(block / 16u * kGroupColumns + block % 16u) - f.col0;
+  if (first >= f.cols) return;
+  const std::uint64_t index = std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | block;
+  const PhiloxBlock words = random_block(f.seed, f.frame, index, Draw::kPixel);
+  for (int half = 0; half < 2; ++half) {
+    const int c = first + 16 * half;
+    if (c < 0 || c >= f.cols) continue;
+    const CompiledChannel& p =
+        channels[row % f.cell_rows * f.cell_cols + (f.col0 + c) % f.cell_cols];
+    const scalar::ChannelLanes<A> lanes{p.gain_dn,
+                                        p.electrons_per_dn,
+                                        p.variance_dn2,
+                                        p.scale_dn,
+                                        p.mu_dn + p.sigma_row_dn * row_deviate[r],
+                                        p.first_line - kTailFirst};
+    f.out[r * f.out_stride + c] = scalar::noisy_pixel<A>(
+        f.in[r * f.in_stride + c], lanes, tables, words.word[2 * half], words.word[2 * half + 1]);
+  }
+}
+
+}  // namespace
+
+struct DeviceNoise::Tables {
+  CompiledParts parts;
+  DeviceArray<CompiledChannel> channels;
+  DeviceArray<TailLine> normal, read;
+};
+
+DeviceNoise::DeviceNoise(const CompiledNoise& noise) {
+  check_status(device_available() ? cudaSuccess : cudaErrorNoDevice, "looking for a device");
+  const CompiledParts& parts = noise.parts();
+  tables_ = std::make_unique<Tables>(Tables{parts, DeviceArray<CompiledChannel>(parts.channels),
+                                            DeviceArray<TailLine>(normal_tail_lines()),
+                                            DeviceArray<TailLine>(parts.read_lines)});
+}
+
+DeviceNoise::~DeviceNoise() = default;
+DeviceNoise::DeviceNoise(DeviceNoise&&) noexcept = default;
+DeviceNoise& DeviceNoise::operator=(DeviceNoise&&) noexcept = default;
+
+void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_stride,
+                                  float* noisy_dn, std::ptrdiff_t noisy_stride, int rows, int cols,
+                                  const DrawAddress& address) const {
+  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  if (rows == 0 || cols == 0) return;
+  const CompiledParts& parts = tables_->parts;
+  std::vector<float> deviates;
+  for (int r = 0; r < rows; ++r)
+    deviates.push_back(parts.row_noise ? static_cast<float>(row_group_draw(
+                                             address, address.row0 + r, parts.row_group))
+                                       : 0.0f);
+  const DeviceArray<float> row_deviate(deviates);
+  const FormationTables tables{tables_->normal.get(), tables_->read.get(), parts.shot,
+                               parts.quantization_dn};
+  const Frame frame{
+      clean_dn,     noisy_dn,     clean_stride, noisy_stride,        rows,
+      cols,         address.row0, address.col0, parts.layout.rows(), parts.layout.cols(),
+      address.seed, address.frame};
+  const int groups = (address.col0 + cols - 1) / kGroupColumns - address.col0 / kGroupColumns + 1;
+  const dim3 threads(64, 4);
+  const dim3 blocks(static_cast<unsigned>(groups * 16 + 63) / 64u,
+                    static_cast<unsigned>(rows + 3) / 4u);
+  draw_noise<<<blocks, threads>>>(frame, tables, tables_->channels.get(), row_deviate.get());
+  check_status(cudaGetLastError(), "starting the kernel");
+}
+
+void DeviceNoise::apply(View<const float> clean_dn, View<float> noisy_dn,
+                        const DrawAddress& address) const {
+  MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
+  if (clean_dn.empty()) return;
+  const auto rows = static_cast<std::size_t>(clean_dn.rows());
+  const auto cols = static_cast<std::size_t>(clean_dn.cols());
+  const DeviceArray<float> pixels(rows * cols);
+  const std::size_t width = cols * sizeof(float);
+  const auto pitch = [](std::ptrdiff_t stride) {
+    return static_cast<std::size_t>(stride) * sizeof(float);
+  };
+  check_status(cudaMemcpy2D(pixels.get(), width, clean_dn.data(), pitch(clean_dn.stride()), width,
+                            rows, cudaMemcpyHostToDevice),
+               "copying to the device");
+  apply_on_device(pixels.get(), clean_dn.cols(), pixels.get(), clean_dn.cols(), clean_dn.rows(),
+                  clean_dn.cols(), address);
+  check_status(cudaMemcpy2D(noisy_dn.data(), pitch(noisy_dn.stride()), pixels.get(), width, width,
+                            rows, cudaMemcpyDeviceToHost),
+               "copying from the device");
+}
+
+}  // namespace malus::cuda

@@ -1,0 +1,32 @@
+// The compiled sampler on the GPU: the lines of synthesize/formation-inl.h, the same random words,
+// the same bits as on the CPU.
+#pragma once
+
+#include "malus/synthesize/compiled.h"
+
+#include <memory>
+
+namespace malus::cuda {
+
+/// A model's tables on the device. Throws InputError where no device answers (device.h).
+class DeviceNoise {
+ public:
+  explicit DeviceNoise(const CompiledNoise& noise);
+  ~DeviceNoise();
+  DeviceNoise(DeviceNoise&&) noexcept;
+  DeviceNoise& operator=(DeviceNoise&&) noexcept;
+
+  /// Device pointers, DN above black; strides in elements; in place if wanted. Asynchronous on the
+  /// default stream.
+  void apply_on_device(const float* clean_dn, std::ptrdiff_t clean_stride, float* noisy_dn,
+                       std::ptrdiff_t noisy_stride, int rows, int cols,
+                       const DrawAddress& address) const;
+  /// Host views: copies to the device and back; waits.
+  void apply(View<const float> clean_dn, View<float> noisy_dn, const DrawAddress& address) const;
+
+ private:
+  struct Tables;
+  std::unique_ptr<Tables> tables_;
+};
+
+}  // namespace malus::cuda
