@@ -1,0 +1,106 @@
+"""malus model: what is shown, in text and JSON, and what is refused."""
+
+import pathlib
+import shutil
+
+import pytest
+
+SEEDS = pathlib.Path(__file__).resolve().parents[2] / "fuzz/corpus/model"
+
+
+def test_show_follows_the_contract(malus):
+    model = malus("model", "show", "imx250myr-simulated", "--json").json
+    assert model["layout"] == "polar-bayer-rggb" and model["row_group"] == 2
+    assert model["kinds"] == ["physics"] and len(model["channels"]) == 16
+    assert [gain["gain_db"] for gain in model["gains"]] == [0, 6, 12, 18, 24, 30]
+    for gain in model["gains"]:
+        assert gain["iso"] is None
+        for name, key, unit in (("K", "value", "DN/e-"), ("mu", "mean", "DN"), ("sigma_row", "mean", "DN"),
+                                ("sigma_tl", "mean", "DN"), ("lambda", "mean", "1"),
+                                ("read_noise", "value", "e-"), ("temporal_sd_dark", "value", "DN")):
+            assert len(gain[name][key]) == 16 and gain[name]["unit"] == unit, name
+        for name in ("mu", "sigma_row"):
+            assert len(gain[name]["covariance"]) == 16 and len(gain[name]["covariance"][0]) == 16
+    low, high = model["joint"]["log_K_range"]
+    assert low < high
+    assert len(model["joint"]["slopes"]["sigma_tl"][0]) == 16
+
+
+def test_one_gain_measured_and_between(malus):
+    measured = malus("model", "show", "imx250myr-simulated", "--gain", 24, "--json").json["gains"]
+    between = malus("model", "show", "imx250myr-simulated", "--gain", 21, "--json").json["gains"]
+    assert len(measured) == len(between) == 1
+    ratio = measured[0]["K"]["value"][0] / between[0]["K"]["value"][0]
+    assert ratio == pytest.approx(10 ** (3 / 20), rel=1e-3)
+    assert "not measured" in between[0]["warnings"][0]
+
+
+def test_text_names_units_and_the_origin(malus):
+    text = malus("model", "show", "sony-a7s2").out
+    for word in ("DN/e-", "e-", "ISO 2000", "14 bit", "conversion gain between ISO 1600 and ISO 2000"):
+        assert word in text
+    assert "SIMULATED" in malus("model", "show", "imx250myr-simulated").out
+
+
+def test_list_and_show_agree(malus):
+    names = [model["name"] for model in malus("model", "list", "--json").json["models"]]
+    assert "imx250myr-simulated" in names and "sony-a7s2" in names
+    for name in names:
+        assert malus("model", "show", f"builtin:{name}", "--json").json["gains"]
+
+
+def test_check_predicts_the_gains_between(malus):
+    gains = malus("model", "check", "sony-a7s2", "--json").json["physics"]
+    by_name = {gain["gain"]: gain for gain in gains}
+    assert not by_name["ISO 1600"]["predicted"] and not by_name["ISO 50"]["predicted"]
+    assert abs(by_name["ISO 3200"]["read_noise_error"]) < 0.02
+    assert by_name["ISO 3200"]["sqrt_jsd"] < 0.1 * by_name["ISO 3200"]["sqrt_jsd_nearest"]
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["imx250myr-simulated", "--gain", 40], "0 dB to 30 dB"),
+    (["imx250myr-simulated", "--iso", 400], "in dB"),
+    (["sony-a7s2", "--iso", 1800], "between ISO 1600 and ISO 2000"),
+    (["sony-a7s2", "--iso", 1800, "--extrapolate-gain"], "between ISO 1600 and ISO 2000"),
+    (["no-such-model"], "does not exist"),
+    (["builtin:sony-a7s3"], "builtin:sony-a7s2"),
+])
+def test_refused(refused, arguments, words):
+    assert words in refused("model", "show", *arguments)
+
+
+def test_extrapolation_is_allowed_when_asked_for(malus):
+    gain = malus("model", "show", "imx250myr-simulated", "--gain", 36, "--extrapolate-gain", "--json").json["gains"][0]
+    assert gain["K"]["value"][0] == pytest.approx(24.1, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", sorted(path.name for path in SEEDS.glob("bad_*.h5")))
+def test_misleading_files_are_refused(refused, seed, tmp_path):
+    shutil.copy(SEEDS / seed, tmp_path / seed)
+    assert seed in refused("model", "show", tmp_path / seed)
+
+
+def test_a_model_file_is_plain_for_h5py(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(SEEDS / "good_full.h5") as file:
+        assert file.attrs["version"] == 1
+        found = []
+
+        def look(name, item):
+            if isinstance(item, h5py.Dataset):
+                found.append(name)
+                assert isinstance(item.attrs["unit"], str), name
+                description = item.attrs["description"]
+                assert description and "\n" not in description, name
+
+        file.visititems(look)
+        assert len(found) > 150
+        assert file["physics/001/gain_db"][()] == 6
+        assert file["physics/001/K/mean"].shape == (2,)
+        assert file["physics/001/mu/covariance"].shape == (2, 2)
+
+
+def test_wrong_usage(malus):
+    malus("model", code=2)
+    malus("model", "show", code=2)
+    malus("model", "show", "sony-a7s2", "--gain", 1, "--iso", 100, code=2)
