@@ -128,6 +128,24 @@ TEST(CalibrateKinds, TooFewSamplesAreRefusedWithTheNumber) {
   }
 }
 
+TEST(CalibrateKinds, DarkFramesAreKeptWholeWithoutBlack) {
+  SimulatedCamera camera = polar_mono_camera();
+  camera.rows = 67;  // the odd row goes: whole cells only
+  camera.flat_levels = 0;
+  camera.bias_frames = 6;
+  CalibrationSettings settings;
+  settings.dark_frames = 4;
+  const CalibrationInput input = simulated_session(camera);
+  const NoiseModel model = calibrate(input, settings, {"dark-frames"}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("dark-frames"));
+  EXPECT_EQ(contradiction_in(model), "");
+  ASSERT_EQ(model.dark_frames.size(), 1u);
+  ASSERT_EQ(model.dark_frames[0].frames_dn.size(), 4u);
+  const Image& kept = model.dark_frames[0].frames_dn[3];
+  EXPECT_EQ(kept.rows(), 66);
+  EXPECT_EQ(kept(65, 20), input.sets[0].load(3).dn(65, 20) - 80);
+}
+
 TEST(CalibrateKinds, UnknownKindsAndMissingFramesAreNamed) {
   SimulatedCamera camera = polar_mono_camera();
   camera.flat_levels = 0;

@@ -20,6 +20,7 @@ struct CalibrationSettings {
   double level_step = 0;
   int bins = 240;
   int level_samples = 200000;
+  int dark_frames = 16;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
@@ -50,6 +51,8 @@ struct CalibrationSettings {
                         "non-parametric: samples wanted per level; levels with fewer borrow from "
                         "their neighbours, below a tenth they are left out",
                         10, 1e9});
+    field(self.dark_frames,
+          ParameterInfo{"dark_frames", "1", "dark-frames: bias frames stored per gain", 1, 1000});
   }
 };
 
@@ -60,10 +63,11 @@ struct CalibrationSettings {
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
                              Progress& progress);
 
-/// The kinds of model asked for, of "physics", "gaussian", "nonparametric". Gaussian: slope K and
-/// the whole temporal dark variance, from the physics results. Non-parametric: from bias frames,
-/// flats and bursts of each gain (001, S1-S2); bias frames may be missing when nothing else is
-/// asked for. Throws InputError as calibrate_physics, and where no gain has frames for a kind.
+/// The kinds of model asked for, of "physics", "gaussian", "nonparametric", "dark-frames".
+/// Gaussian: slope K and the whole temporal dark variance, from the physics results.
+/// Non-parametric: from bias frames, flats and bursts of each gain (001, S1-S2); bias frames may be
+/// missing when nothing else is asked for. Throws InputError as calibrate_physics, and where no
+/// gain has frames for a kind.
 NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
                      const std::vector<std::string>& kinds, Progress& progress);
 

@@ -102,9 +102,45 @@ void add_nonparametric(const CalibrationInput& input, const CalibrationSettings&
   }
 }
 
+// Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black.
+void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& settings,
+                     Progress& progress, NoiseModel& model) {
+  std::vector<const FrameSet*> sets;
+  for (const FrameSet& set : input.sets) {
+    if (set.kind != FrameKind::kBias) continue;
+    const auto same = std::find_if(sets.begin(), sets.end(),
+                                   [&](const FrameSet* other) { return other->gain == set.gain; });
+    if (same == sets.end())
+      sets.push_back(&set);
+    else if (set.count > (*same)->count)
+      *same = &set;
+  }
+  std::sort(sets.begin(), sets.end(), [](const FrameSet* a, const FrameSet* b) {
+    return a->gain.decibel().value_or(0.0) < b->gain.decibel().value_or(0.0);
+  });
+  progress.begin("dark frames", static_cast<std::int64_t>(sets.size()) * settings.dark_frames);
+  for (const FrameSet* set : sets) {
+    DarkFrameBank bank;
+    bank.gain = set->gain;
+    FrameSet kept = *set;
+    kept.count = std::min(set->count, settings.dark_frames);
+    for_each_frame(kept, nullptr, progress, [&](const RawFrame& frame, int) {
+      Image dark(frame.dn.rows() / frame.layout.rows() * frame.layout.rows(),
+                 frame.dn.cols() / frame.layout.cols() * frame.layout.cols());
+      for (int r = 0; r < dark.rows(); ++r)
+        for (int c = 0; c < dark.cols(); ++c)
+          dark(r, c) = frame.dn(r, c) - static_cast<float>(frame.black_at(r, c));
+      bank.frames_dn.push_back(std::move(dark));
+    });
+    model.dark_frames.push_back(std::move(bank));
+  }
+}
+
 }  // namespace
 
-std::vector<std::string> calibrated_kinds() { return {"physics", "gaussian", "nonparametric"}; }
+std::vector<std::string> calibrated_kinds() {
+  return {"physics", "gaussian", "nonparametric", "dark-frames"};
+}
 
 NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
                      const std::vector<std::string>& kinds, Progress& progress) {
@@ -113,7 +149,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
       throw InputError("--kind", fmt::format("{} is not a kind of model", kind),
                        "choose of " + joined(calibrated_kinds()));
   NoiseModel model;
-  if (contains(kinds, "physics") || contains(kinds, "gaussian") ||
+  if (contains(kinds, "physics") || contains(kinds, "gaussian") || contains(kinds, "dark-frames") ||
       has_frames(input, FrameKind::kBias)) {
     model = calibrate_physics(input, settings, progress);
   } else {
@@ -130,6 +166,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
                        "a Gaussian model needs flat frames at two light levels or more");
   }
   if (contains(kinds, "nonparametric")) add_nonparametric(input, settings, progress, model);
+  if (contains(kinds, "dark-frames")) add_dark_frames(input, settings, progress, model);
   if (!contains(kinds, "physics")) {
     model.physics.clear();
     model.joint.reset();
