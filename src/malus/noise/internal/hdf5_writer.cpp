@@ -117,8 +117,10 @@ Hdf5Session::~Hdf5Session() { H5Eset_auto2(H5E_DEFAULT, state_->printer, state_-
 Hdf5Writer::Hdf5Writer(const std::filesystem::path& path) {
   const Hdf5Handle access = checked(H5Pcreate(H5P_FILE_ACCESS), close_list, "file");
   check(H5Pset_libver_bounds(access.id(), kFileVersion, kFileVersion), "file");
-  file_ =
-      checked(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.id()), close_file, "file");
+  const Hdf5Handle creation = checked(H5Pcreate(H5P_FILE_CREATE), close_list, "file");
+  check(H5Pset_obj_track_times(creation.id(), false), "file");  // of the root group
+  file_ = checked(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, creation.id(), access.id()), close_file,
+                  "file");
   group_ = checked(H5Gopen2(file_.id(), "/", H5P_DEFAULT), close_group, "/");
 }
 
