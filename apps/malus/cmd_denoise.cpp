@@ -11,13 +11,16 @@
 
 #include <chrono>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <optional>
 #include <vector>
 
+#include "denoise_run.h"
 #include "flags.h"
 #include "program.h"
 #include "raw_options.h"
+#include "report_pages.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -30,13 +33,13 @@ struct DenoiseArguments {
   RawOptions raw;
   DenoiseSettings settings;
   std::vector<fs::path> inputs;
-  fs::path model, folder;
+  fs::path model, folder, report;
   std::string format = "tif";
   bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
 };
 
 struct OutputNames {
-  fs::path mosaic, integers, planes, variance;
+  fs::path mosaic, record, integers, planes, variance;
 };
 
 std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, bool force) {
@@ -50,6 +53,7 @@ std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, bool fo
     }
   };
   plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);
+  plan(true, "_denoised.json", &OutputNames::record);
   plan(arguments.u16, "_denoised_u16.tif", &OutputNames::integers);
   plan(arguments.planes, "_planes.exr", &OutputNames::planes);
   plan(arguments.uncertainty, "_variance.exr", &OutputNames::variance);
@@ -154,20 +158,38 @@ Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice
   return json;
 }
 
+// The run beside its result, so that a report can be made of it later.
+void write_record(const fs::path& path, const Json& record, bool force) {
+  AtomicFile file(path, force);
+  std::ofstream out(file.temporary(), std::ios::binary);
+  out << record.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+  out.close();
+  if (!out) file.fail();
+  file.commit();
+}
+
 Json process(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
              const fs::path& input, const FrameOptions& options, const OutputNames& names,
-             Progress& progress, bool force) {
+             Progress& progress, bool force, std::vector<DenoisedFrame>* report) {
   RawFrame frame = load_frame(input, options);
   const ProfileChoice choice = choose_profile(frame, model, arguments);
   const auto start = std::chrono::steady_clock::now();
   RawFrame working = frame;  // keeps all but the pixels, which the denoiser takes
-  const Denoised result = denoise_frame(std::move(working), choice.profile, arguments.settings,
-                                        progress, arguments.uncertainty);
+  Denoised result = denoise_frame(std::move(working), choice.profile, arguments.settings, progress,
+                                  arguments.uncertainty);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   warn_about(frame, input, result);
   Json json = describe(frame, result, choice, arguments, seconds);
   json["files"] = write_outputs(frame, result, names, force);
+  write_record(names.record, run_record(frame, choice.profile, input, names.mosaic, json), force);
+  if (report)
+    report->push_back({.before = std::move(frame),
+                       .after_dn = std::move(result.dn_above_black),
+                       .profile = choice.profile,
+                       .variance_dn2 = result.variance_dn2.value_or(Image()),
+                       .reference_dn = {},
+                       .run = json});
   return json;
 }
 
@@ -185,13 +207,15 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   }
   make_output_folder(arguments.folder);
   const std::vector<OutputNames> names = plan_outputs(arguments, common.force);
+  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
   Json results = Json::array();
   std::string text;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
     check_stop(*progress);
-    results.push_back(
-        process(arguments, model, arguments.inputs[i], options, names[i], *progress, common.force));
+    results.push_back(process(arguments, model, arguments.inputs[i], options, names[i], *progress,
+                              common.force, arguments.report.empty() ? nullptr : &report));
     const Json& last = results.back();
     text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",
                         last["input"].get<std::string>(), last["cols"].get<int>(),
@@ -199,6 +223,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
                         arguments.settings.method, last["row_noise_removed_dn"].get<double>(),
                         last["seconds"].get<double>(), last["files"][0].get<std::string>());
   }
+  if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
   print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
 }
 
@@ -221,6 +246,7 @@ void add_denoise(CLI::App& app, Common& common) {
   command->add_flag("--uncertainty", arguments->uncertainty,
                     "also the variance of every pixel [DN^2], packed, as EXR");
   command->add_flag("--u16", arguments->u16, "also an integer raw with the black level put back");
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
   command->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                     "allow a gain outside the calibrated range");
   arguments->raw.add_to(*command);

@@ -1,0 +1,14 @@
+// malus experiment: the papers' tables, small or full scale.
+#include "experiments.h"
+#include "program.h"
+
+namespace malus::app {
+
+void add_experiment(CLI::App& app, Common& common) {
+  CLI::App* experiment =
+      app.add_subcommand("experiment", "the papers' tables, small or full scale");
+  experiment->require_subcommand(1);
+  add_denoise_experiment(*experiment, common);
+}
+
+}  // namespace malus::app

@@ -1,0 +1,10 @@
+// The experiments of `malus experiment`, one file each.
+#pragma once
+
+#include "program.h"
+
+namespace malus::app {
+
+void add_denoise_experiment(CLI::App& experiment, Common& common);
+
+}  // namespace malus::app
