@@ -14,4 +14,5 @@ set(io_SOURCES
   raw_format.cpp
   session.cpp
   session_write.cpp
+  shard.cpp
 )

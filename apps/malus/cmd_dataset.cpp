@@ -1,0 +1,258 @@
+// malus dataset: many synthetic pairs as tar shards, by any number of workers.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/image/pack.h"
+#include "malus/io/config_section.h"
+#include "malus/io/frame_file.h"
+#include "malus/io/shard.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/dataset.h"
+#include "malus/synthesize/model.h"
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <sstream>
+
+#include "flags.h"
+#include "program.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct DatasetArguments {
+  fs::path config, folder;
+  std::optional<int> rank, world;
+};
+
+// What the configuration file says.
+struct Plan {
+  fs::path source, model_path;
+  DatasetSettings dataset;
+  SynthesisSettings noise;
+  std::vector<fs::path> cleans;
+  std::vector<double> black_dn;
+};
+
+Plan load_plan(const fs::path& path) {
+  const ConfigSection root = ConfigSection::load(path, "the data-set configuration");
+  root.require_known({"model", "clean", "black", "dataset", "noise"});
+  Plan plan;
+  plan.source = path;
+  plan.noise.debias = plan.noise.amplify = true;
+  if (!root.has("model")) root.fail("model", "is missing", "name a noise model");
+  plan.model_path = *root.text("model");
+  // A file beside the configuration goes before a built-in name.
+  if (const fs::path beside = path.parent_path() / plan.model_path; fs::exists(beside))
+    plan.model_path = beside;
+  for (const std::string& pattern : root.texts("clean")) {
+    const auto found = files_matching(path.parent_path(), pattern);
+    if (found.empty())
+      root.fail("clean", fmt::format("\"{}\" matches no file", pattern), "check the pattern");
+    plan.cleans.insert(plan.cleans.end(), found.begin(), found.end());
+  }
+  if (plan.cleans.empty()) root.fail("clean", "is missing", "name clean mosaics in DN above black");
+  plan.black_dn = root.numbers("black");
+  if (const auto section = root.section("dataset")) section->read(plan.dataset);
+  if (const auto section = root.section("noise")) section->read(plan.noise, {"ratio"});
+  if (const auto section = root.section("noise"); section && section->has("ratio"))
+    section->fail("ratio", "has no meaning here", "list ratios in [dataset]");
+  if (plan.dataset.ratios.empty()) root.fail("ratios", "is empty", "give one or more");
+  return plan;
+}
+
+int from_environment(std::initializer_list<const char*> names, int otherwise) {
+  for (const char* name : names)
+    if (const char* text = std::getenv(name)) return std::atoi(text);
+  return otherwise;
+}
+
+// Which part is ours: flags, else what torchrun, mpirun or srun set.
+std::pair<int, int> worker_of(const DatasetArguments& arguments) {
+  const int world = arguments.world.value_or(
+      from_environment({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1));
+  const int rank = arguments.rank.value_or(
+      from_environment({"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"}, 0));
+  if (world < 1 || rank < 0 || rank >= world)
+    throw InputError(fmt::format("worker {} of {}", rank, world), "does not exist",
+                     "count workers from 0 to their number - 1");
+  return {rank, world};
+}
+
+// Clean mosaics above black, loaded when first needed and kept while they fit.
+class CleanSources {
+ public:
+  CleanSources(const Plan& plan, const NoiseModel& model) : plan_(plan) {
+    options_.layout = model.layout;
+    options_.black_dn = plan.black_dn;
+    for (const fs::path& path : plan.cleans) {
+      const FrameInfo info = probe_frame(path, options_);
+      sizes_.emplace_back(info.rows, info.cols);
+    }
+  }
+  const std::vector<std::pair<int, int>>& sizes() const { return sizes_; }
+  std::shared_ptr<const Image> get(std::size_t index) {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = held_.find(index); found != held_.end()) return found->second;
+    RawFrame frame = load_frame(plan_.cleans[index], options_);
+    subtract_black(frame);
+    if (held_pixels_ > kMostPixels) {
+      held_.clear();
+      held_pixels_ = 0;
+    }
+    held_pixels_ += frame.dn.size();
+    return held_[index] = std::make_shared<const Image>(std::move(frame.dn));
+  }
+
+ private:
+  static constexpr std::size_t kMostPixels = std::size_t{1} << 28;  // 1 GiB
+  const Plan& plan_;
+  FrameOptions options_;
+  std::vector<std::pair<int, int>> sizes_;
+  std::mutex mutex_;
+  std::map<std::size_t, std::shared_ptr<const Image>> held_;
+  std::size_t held_pixels_ = 0;
+};
+
+struct Factory {
+  const Plan& plan;
+  const Model model;
+  CleanSources sources;
+  std::map<double, Synthesizer> synthesizers;  // by ratio
+  std::uint64_t seed;
+
+  Factory(const Plan& p, std::uint64_t s)
+      : plan(p), model(load_model(p.model_path)), sources(p, model.description()), seed(s) {
+    for (const double ratio : plan.dataset.ratios) {
+      SynthesisSettings settings = plan.noise;
+      settings.ratio = ratio;
+      synthesizers.emplace(ratio, Synthesizer(model.description(), settings));
+    }
+  }
+
+  // The files of one sample: clean, noisy, facts.
+  std::array<std::pair<std::string, std::string>, 3> make(std::uint32_t number) {
+    const NoiseModel& description = model.description();
+    const SampleRecipe recipe = sample_recipe(plan.dataset, description.layout,
+                                              description.row_group, sources.sizes(), seed, number);
+    std::optional<GainSetting> gain;
+    if (recipe.gain) gain = model.gain_setting(*recipe.gain);
+    const TrainingPair pair = make_pair_of(recipe, plan.dataset, *sources.get(recipe.source),
+                                           synthesizers.at(recipe.ratio), gain, seed);
+    const Json facts{{"source", plan.cleans[recipe.source].filename().string()},
+                     {"row", recipe.row0},
+                     {"col", recipe.col0},
+                     {"symmetry", std::string(facts_of(recipe.symmetry).name)},
+                     {"ratio", recipe.ratio},
+                     {"gain_db", pair.gain.gain_db ? Json(*pair.gain.gain_db) : Json()},
+                     {"iso", pair.gain.iso ? Json(*pair.gain.iso) : Json()}};
+    const std::string name = fmt::format("{:09}", number);
+    return {{{name + ".clean.npy", npy_bytes(pack(pair.clean_dn, description.layout))},
+             {name + ".noisy.npy", npy_bytes(pack(pair.noisy_dn, description.layout))},
+             {name + ".json", facts.dump()}}};
+  }
+};
+
+// Written once; a run that goes on must have the same settings.
+void check_same_dataset(const fs::path& path, const Json& description, bool force) {
+  const std::string text = description.dump(2) + "\n";
+  if (fs::exists(path) && !force) {
+    std::stringstream found;
+    found << std::ifstream(path).rdbuf();
+    if (found.str() != text)
+      throw InputError(path.string(), "belongs to a data set with other settings",
+                       "use another folder, or --force to replace it");
+    return;
+  }
+  write_file(path, text, true);
+}
+
+Json describe(const Plan& plan, const Factory& factory, std::uint64_t seed) {
+  Json json{{"model", plan.model_path.string()},
+            {"sensor", factory.model.description().sensor},
+            {"layout", factory.model.description().layout.name()},
+            {"channels", factory.model.description().layout.channel_names()},
+            {"unit", "DN above black"},
+            {"seed", seed},
+            {"dataset", settings_json(plan.dataset)},
+            {"noise", settings_json(plan.noise)}};
+  for (const fs::path& path : plan.cleans) json["clean"].push_back(path.filename().string());
+  return json;
+}
+
+void run_dataset(const DatasetArguments& arguments, const Common& common) {
+  const Plan plan = load_plan(arguments.config);
+  const auto [rank, world] = worker_of(arguments);
+  Factory factory(plan, common.seed);
+  // Settings that no sample could be made with fail here, not after hours.
+  sample_recipe(plan.dataset, factory.model.description().layout,
+                factory.model.description().row_group, factory.sources.sizes(), common.seed, 0);
+  make_output_folder(arguments.folder);
+  check_same_dataset(arguments.folder / "dataset.json", describe(plan, factory, common.seed),
+                     common.force);
+  const int shards = (plan.dataset.samples + plan.dataset.shard_size - 1) / plan.dataset.shard_size;
+  const auto progress = make_progress(common);
+  progress->begin("data set", (shards - rank + world - 1) / world);
+  int made = 0, kept = 0;
+  for (int shard = rank; shard < shards; shard += world) {
+    check_stop(*progress);
+    const fs::path path = arguments.folder / fmt::format("shard-{:06}.tar", shard);
+    if (fs::exists(path) && !common.force) {
+      ++kept;
+    } else {
+      const int first = shard * plan.dataset.shard_size;
+      const int count = std::min(plan.dataset.shard_size, plan.dataset.samples - first);
+      TarShard tar(path, common.force);
+      constexpr int kAtOnce = 32;  // samples in memory
+      for (int begin = 0; begin < count; begin += kAtOnce) {
+        check_stop(*progress);
+        const int end = std::min(begin + kAtOnce, count);
+        std::vector<std::array<std::pair<std::string, std::string>, 3>> samples(
+            static_cast<std::size_t>(end - begin));
+        parallel_for(begin, end, 1, [&](std::ptrdiff_t from, std::ptrdiff_t to) {
+          for (std::ptrdiff_t i = from; i < to; ++i)
+            samples[static_cast<std::size_t>(i - begin)] =
+                factory.make(static_cast<std::uint32_t>(first + i));
+        });
+        for (const auto& sample : samples)
+          for (const auto& [name, content] : sample) tar.add(name, content);
+      }
+      tar.commit();
+      ++made;
+    }
+    progress->advance(1);
+  }
+  print_result(common,
+               {{"folder", arguments.folder.string()},
+                {"rank", rank},
+                {"world", world},
+                {"shards", shards},
+                {"made", made},
+                {"kept", kept}},
+               fmt::format("{}: {} shards made, {} already there, {} in all\n",
+                           arguments.folder.string(), made, kept, shards));
+}
+
+}  // namespace
+
+void add_dataset(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<DatasetArguments>();
+  CLI::App* command = add_command(app, common, "dataset", "Synthetic training pairs as tar shards",
+                                  [arguments, &common] { run_dataset(*arguments, common); });
+  command->add_option("CONFIG", arguments->config, "data-set configuration (TOML)")->required();
+  command->add_option("-o,--output", arguments->folder, "folder of the shards; finished ones stay")
+      ->required();
+  command->add_option("--rank", arguments->rank,
+                      "number of this worker, from 0; otherwise from torchrun, mpirun or srun");
+  command->add_option("--world", arguments->world, "number of workers");
+}
+
+}  // namespace malus::app

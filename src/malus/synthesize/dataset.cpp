@@ -1,0 +1,87 @@
+#include "malus/synthesize/dataset.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// Symmetries that the mosaic itself allows, with their shifts.
+std::vector<Symmetry> allowed_symmetries(const SensorLayout& layout) {
+  std::vector<Symmetry> allowed;
+  for (const SymmetryFacts& facts : kSymmetries)
+    if (lattice_shift(layout, facts.symmetry)) allowed.push_back(facts.symmetry);
+  return allowed;
+}
+
+std::size_t pick(RandomSequence& random, std::size_t count) {
+  return std::min(count - 1,
+                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
+}
+
+// Room around the patch for the shift of a turned mosaic: one cell.
+int margin_rows(const SensorLayout& layout) { return std::max(layout.rows(), layout.cols()); }
+
+}  // namespace
+
+SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& layout,
+                           int row_group, const std::vector<std::pair<int, int>>& sizes,
+                           std::uint64_t seed, std::uint32_t number) {
+  const int step_rows = std::lcm(layout.rows(), row_group), step_cols = layout.cols();
+  if (settings.patch % step_rows != 0 || settings.patch % step_cols != 0)
+    throw InputError(fmt::format("patch = {}", settings.patch),
+                     fmt::format("is not made of whole cells of {} x {} and row groups of {}",
+                                 layout.rows(), layout.cols(), row_group),
+                     fmt::format("use a multiple of {}", std::lcm(step_rows, step_cols)));
+  MALUS_REQUIRE(!sizes.empty() && !settings.ratios.empty());
+  RandomSequence random(seed, number, Draw::kScene);
+  SampleRecipe recipe;
+  recipe.number = number;
+  recipe.source = pick(random, sizes.size());
+  const auto [rows, cols] = sizes[recipe.source];
+  const int side = settings.patch + (settings.symmetries ? margin_rows(layout) : 0);
+  if (rows < side || cols < side)
+    throw InputError(fmt::format("clean source {}", recipe.source),
+                     fmt::format("of {} x {} holds no patch of {} pixels", cols, rows, side),
+                     "use larger pictures or a smaller patch");
+  recipe.row0 = step_rows * static_cast<int>(pick(
+                                random, static_cast<std::size_t>((rows - side) / step_rows + 1)));
+  recipe.col0 = step_cols * static_cast<int>(pick(
+                                random, static_cast<std::size_t>((cols - side) / step_cols + 1)));
+  const auto symmetries = allowed_symmetries(layout);
+  const std::size_t turn = pick(random, symmetries.size());
+  if (settings.symmetries) recipe.symmetry = symmetries[turn];
+  recipe.ratio = settings.ratios[pick(random, settings.ratios.size())];
+  if (!settings.gains.empty()) recipe.gain = settings.gains[pick(random, settings.gains.size())];
+  return recipe;
+}
+
+TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& settings,
+                          View<const float> source_dn, const Synthesizer& synthesizer,
+                          const std::optional<GainSetting>& gain, std::uint64_t seed) {
+  const SensorLayout& layout = synthesizer.model().layout;
+  const int side = settings.patch + (settings.symmetries ? margin_rows(layout) : 0);
+  const Image turned =
+      moved(source_dn.window(recipe.row0, recipe.col0, side, side), recipe.symmetry);
+  const auto shift = lattice_shift(layout, recipe.symmetry);
+  MALUS_REQUIRE(shift.has_value());
+  const View<const float> clean =
+      turned.view().window(shift->rows, shift->cols, settings.patch, settings.patch);
+  SyntheticFrame noisy = synthesizer.draw(clean, gain, {.seed = seed, .frame = recipe.number});
+  TrainingPair pair;
+  pair.noisy_dn = std::move(noisy.dn);
+  pair.gain = noisy.gain;
+  pair.clean_dn = Image(settings.patch, settings.patch);
+  const float factor =
+      synthesizer.settings().amplify ? 1.0f : static_cast<float>(1.0 / recipe.ratio);
+  for (int r = 0; r < settings.patch; ++r)
+    for (int c = 0; c < settings.patch; ++c) pair.clean_dn(r, c) = factor * clean(r, c);
+  return pair;
+}
+
+}  // namespace malus
