@@ -12,6 +12,7 @@
 #include "flags.h"
 #include "model_json.h"
 #include "program.h"
+#include "report_pages.h"
 #include <fmt/format.h>
 #include <malloc.h>
 
@@ -19,7 +20,7 @@ namespace malus::app {
 namespace {
 
 struct CalibrateArguments {
-  std::filesystem::path session, output;
+  std::filesystem::path session, output, report;
   std::vector<std::string> kinds = {"physics"};
   CalibrationSettings settings;
 };
@@ -35,11 +36,13 @@ void return_planes_to_the_system() {
 void calibrate_session(const Common& common, const CalibrateArguments& arguments) {
   return_planes_to_the_system();
   check_output(arguments.output, common.force);
+  if (!arguments.report.empty()) check_output(arguments.report, common.force);
   const Session session = load_session(arguments.session);
   const auto progress = make_progress(common);
   const NoiseModel model =
       calibrate(calibration_input(session), arguments.settings, arguments.kinds, *progress);
   save_model(model, arguments.output, common.force);
+  if (!arguments.report.empty()) write_calibration_report(model, arguments.report, common.force);
   if (common.json)  // the text shows them itself
     for (const PhysicsCalibration& gain : model.physics)
       for (const std::string& warning : gain.warnings)
@@ -64,6 +67,7 @@ void add_calibrate(CLI::App& app, Common& common) {
       ->delimiter(',')
       ->check(CLI::IsMember(calibrated_kinds()))
       ->capture_default_str();
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
   add_flags(*command, arguments->settings);
 }
 

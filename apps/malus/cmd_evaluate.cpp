@@ -1,4 +1,5 @@
 // malus evaluate: how near pictures, polarization and noise are to a reference.
+#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/picture_file.h"
@@ -14,6 +15,7 @@
 #include "frame_input.h"
 #include "program.h"
 #include "raw_options.h"
+#include "report_pages.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -25,6 +27,7 @@ namespace fs = std::filesystem;
 struct EvaluateArguments {
   RawOptions raw;
   NoiseArguments noise;
+  fs::path report;
   bool noise_mode = false;
   std::optional<double> peak_dn;
   double ratio = 1;  ///< low-light ratio: a test is multiplied by it first
@@ -143,6 +146,7 @@ std::string table_row(const std::string& name, const Evaluation& e) {
 }
 
 void run_image_comparison(const EvaluateArguments& arguments, const Common& common) {
+  if (!arguments.report.empty()) check_output(arguments.report, common.force);
   const FrameOptions options = arguments.raw.resolve();
   const Subject reference = load_subject(arguments.noise.reference.front(), options);
   Json results = Json::array();
@@ -163,13 +167,17 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     results.push_back(std::move(json));
     text += table_row(path.filename().string(), e);
   }
-  print_result(common, results.size() == 1 ? results[0] : Json{{"results", results}}, text);
+  const Json json = results.size() == 1 ? results[0] : Json{{"results", results}};
+  if (!arguments.report.empty()) write_evaluation_report(json, arguments.report, common.force);
+  print_result(common, json, text);
 }
 
 void run_evaluate(const EvaluateArguments& arguments, const Common& common) {
   const NoiseArguments& noise = arguments.noise;
   if (noise.test.empty() == noise.model.empty())
     throw CLI::ValidationError("--test", "give either --test or, with --noise, --model");
+  if (arguments.noise_mode && !arguments.report.empty())
+    throw CLI::ValidationError("--report", "is for the comparison of pictures, not for --noise");
   if (arguments.noise_mode) return run_noise_comparison(noise, arguments.raw, common);
   if (!noise.model.empty()) throw CLI::ValidationError("--model", "needs --noise");
   if (noise.reference.size() != 1)
@@ -195,6 +203,7 @@ void add_evaluate(CLI::App& app, Common& common) {
                    "low-light ratio of the tests: they are multiplied by it before the comparison")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
   const std::string group = "Noise";
   command->add_flag("--noise", arguments->noise_mode, "compare the noise of two sets of frames")
       ->group(group);

@@ -75,7 +75,7 @@ Page json_page(const fs::path& path, const std::string& prefix) {
 Page page_of(const fs::path& path, const std::string& prefix) {
   if (is_json(path)) return json_page(path, prefix);
   const NoiseModel model = load_model(path);
-  return {"Calibration of " + model.sensor,
+  return {calibration_title(model),
           fmt::format("{}, {} channels", model.layout.name(), model.layout.channels()),
           calibration_sections(model, prefix)};
 }

@@ -28,9 +28,11 @@ NoticesBlock findings(const NoiseModel& model) {
   if (notices.items.empty()) add(NoticeLevel::kGood, "The calibration has nothing to warn about.");
   if (model.joint)
     for (const std::string& text : model.joint->notes) add(NoticeLevel::kNote, text);
-  add(NoticeLevel::kNote,
-      fmt::format("{} mosaic row{} share one draw of row noise ({}).", model.row_group,
-                  model.row_group == 1 ? "" : "s", model.row_group_origin));
+  add(NoticeLevel::kNote, model.row_group == 1
+                              ? fmt::format("Every mosaic row has its own draw of row noise ({}).",
+                                            model.row_group_origin)
+                              : fmt::format("{} mosaic rows share one draw of row noise ({}).",
+                                            model.row_group, model.row_group_origin));
   if (!model.defects.empty())
     add(NoticeLevel::kNote,
         fmt::format("{} defect pixels are listed in the model.", model.defects.size()));
@@ -75,7 +77,7 @@ TableBlock sheet_over_gains(const NoiseModel& model) {
                    .rows = {}};
   for (const PhysicsCalibration& p : model.physics) {
     const std::vector<Quantity> sheet = data_sheet(model, p);
-    table.columns.push_back({p.gain.text(), "1"});
+    table.columns.push_back({p.gain.decibel() ? p.gain.text() : "value", "1"});
     if (table.rows.empty())
       for (const Quantity& quantity : sheet)
         table.rows.push_back(
@@ -102,12 +104,17 @@ std::vector<Quantity> parameters(const PhysicsCalibration& p) {
   return list;
 }
 
+// A name for the title.
+std::string sensor_name(const NoiseModel& model) {
+  return model.sensor.empty() ? "an unnamed sensor" : model.sensor;
+}
+
 Section summary(const NoiseModel& model) {
   Section section{
       "summary",
       "Summary",
-      fmt::format("{}, {}, {} gain{}. {}", model.sensor, model.layout.name(), model.physics.size(),
-                  model.physics.size() == 1 ? "" : "s", model.origin),
+      fmt::format("{}, {}, {} gain{}. {}", sensor_name(model), model.layout.name(),
+                  model.physics.size(), model.physics.size() == 1 ? "" : "s", model.origin),
       {}};
   section.blocks.emplace_back(findings(model));
   if (model.physics.empty()) return section;
@@ -123,7 +130,8 @@ Section per_channel(const NoiseModel& model) {
                   "same numbers.",
                   {}};
   for (const PhysicsCalibration& p : model.physics)
-    section.blocks.emplace_back(channel_table(p.gain.text(), model.layout, parameters(p)));
+    section.blocks.emplace_back(
+        channel_table(title_at("Parameters", p.gain), model.layout, parameters(p)));
   for (const GaussianCalibration& g : model.gaussian)
     section.blocks.emplace_back(
         channel_table("Heteroscedastic Gaussian, " + g.gain.text(), model.layout,
@@ -154,10 +162,14 @@ std::vector<Section> calibration_sections(const NoiseModel& model, const std::st
   return sections;
 }
 
+std::string calibration_title(const NoiseModel& model) {
+  return "Calibration of " + sensor_name(model);
+}
+
 void write_calibration_report(const NoiseModel& model, const std::filesystem::path& path,
                               bool force) {
   write_report(
-      make_report("Calibration of " + model.sensor,
+      make_report(calibration_title(model),
                   fmt::format("{}, {} channels", model.layout.name(), model.layout.channels()),
                   calibration_sections(model)),
       path, {.force = force});

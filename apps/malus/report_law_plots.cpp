@@ -136,7 +136,7 @@ Distribution distribution_of(const PhysicsCalibration& p, int channel) {
 
 // Ordered residuals against quantiles: a straight line where the law holds.
 Chart probability_chart(const PhysicsCalibration& p, int channel, const std::string& name) {
-  Chart chart{fmt::format("Probability plot, {}, {}", name, p.gain.text()),
+  Chart chart{title_at("Probability plot of " + name, p.gain),
               "Measured quantiles of the residuals against those of the fitted Tukey lambda and of "
               "a Gaussian of the same standard deviation. A law that holds lies on the line.",
               {"quantile of the law", "DN"},
@@ -203,7 +203,7 @@ std::vector<Block> distribution_plots(const NoiseModel& model) {
     for (const int channel : one_per_color(model.layout)) {
       const std::string name = model.layout.channel_name(channel);
       const Distribution d = distribution_of(p, channel);
-      Chart chart{fmt::format("Read noise of {}, {}", name, p.gain.text()),
+      Chart chart{title_at("Read noise of " + name, p.gain),
                   fmt::format("Residuals of {} bias frames after row noise and fixed pattern, "
                               "against the fitted Tukey lambda (λ = {:.3f}) and a Gaussian of the "
                               "same standard deviation.",

@@ -20,6 +20,9 @@ namespace malus::app {
 /// data sheet of a model (000 Fig. 2-5). prefix tells sections of several models apart.
 std::vector<Section> calibration_sections(const NoiseModel& model, const std::string& prefix = "");
 
+/// "Calibration of <sensor>"
+std::string calibration_title(const NoiseModel& model);
+
 /// One denoised frame.
 struct DenoisedFrame {
   RawFrame before;             ///< as loaded: black level in

@@ -23,7 +23,7 @@ PointSeries curve(const std::string& name, const std::vector<double>& values, do
 
 Chart profile_chart(const PhysicsCalibration& p) {
   Chart chart{
-      "Profiles of the dark frames, " + p.gain.text(),
+      title_at("Profiles of the dark frames", p.gain),
       "Mean of every mosaic row and column of the averaged bias frames, each channel's mean "
       "taken off.",
       {"row or column", "px"},
@@ -37,7 +37,7 @@ Chart profile_chart(const PhysicsCalibration& p) {
 Chart spectrum_chart(const Image& map, const std::string& what, const std::string& unit,
                      const GainSetting& gain) {
   Chart chart{
-      fmt::format("Spectrogram of {}, {}", what, gain.text()),
+      title_at("Spectrogram of " + what, gain),
       "EMVA 1288 spectrogram: amplitude against spatial frequency, averaged over the rows "
       "and over the columns. Pixels that differ at random give a level line, stripes a peak.",
       {"frequency", "periods/px"},
@@ -84,7 +84,7 @@ std::vector<std::size_t> some_levels(std::size_t count) {
 
 Chart level_chart(const NonparametricCalibration& n, const NonparametricChannel& channel,
                   const std::string& name) {
-  Chart chart{fmt::format("Noise per level, {}, {}", name, n.gain.text()),
+  Chart chart{title_at("Noise per level of " + name, n.gain),
               fmt::format("Probability density of noisy minus clean at some of the {} levels.",
                           channel.level_dn.size()),
               {"noise", "DN"},
@@ -124,8 +124,8 @@ std::vector<Block> pattern_plots(const NoiseModel& model) {
       for (float& value : deviation.values()) value = 100 * (value - 1);
       response.push_back({p.gain.text(), spectrum_chart(deviation, "the response", "%", p.gain)});
     }
-    add_layer(maps, p.dark_shading_dn, "dark shading, " + p.gain.text(), "DN", 0);
-    add_layer(maps, p.prnu_map, "response, " + p.gain.text(), "1", 1);
+    add_layer(maps, p.dark_shading_dn, title_at("dark shading", p.gain), "DN", 0);
+    add_layer(maps, p.prnu_map, title_at("response", p.gain), "1", 1);
   }
   std::vector<Block> blocks;
   for (Variants* variants : {&profiles, &dark, &response})

@@ -66,7 +66,7 @@ std::pair<double, double> used_range(const PhysicsCalibration& p) {
 }
 
 Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
-  Chart chart{"Photon transfer, " + p.gain.text(),
+  Chart chart{title_at("Photon transfer", p.gain),
               "Temporal variance of the flat frames, dark variance taken off, against the mean "
               "signal above dark. The slope is the overall gain K. Crosses were left out; the "
               "reason is in the numbers.",
@@ -86,7 +86,7 @@ Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
 }
 
 Chart residual_chart(const NoiseModel& model, const PhysicsCalibration& p) {
-  Chart chart{"Photon transfer, residuals, " + p.gain.text(),
+  Chart chart{title_at("Photon transfer, residuals", p.gain),
               "Variance minus the fitted line, over the line; bars are standard errors.",
               {"mean signal", "DN", AxisScale::kLogarithmic},
               {"residual", "%"},
@@ -107,11 +107,8 @@ Chart residual_chart(const NoiseModel& model, const PhysicsCalibration& p) {
 
 Chart box_chart(const NoiseModel& model, const PhysicsCalibration& p, const std::string& name,
                 const std::string& symbol, const ChannelStatistics& statistics) {
-  Chart chart{fmt::format("{} per channel, {}", name, p.gain.text()),
-              {},
-              channel_axis(model.layout),
-              {symbol, "DN"},
-              {}};
+  Chart chart{
+      title_at(name + " per channel", p.gain), {}, channel_axis(model.layout), {symbol, "DN"}, {}};
   if (statistics.per_frame.empty()) {
     chart.text = "Mean over the frames; bars are its standard errors.";
     PointSeries points{.name = symbol, .mark = Mark::kPoints};
@@ -153,7 +150,7 @@ void add_correlation(Variants& variants, const NoiseModel& model, const PhysicsC
                      const std::string& of, const std::string& text, const SquareMatrix& matrix) {
   if (matrix.n < 2) return;
   const Axis axis = channel_axis(model.layout);
-  Chart chart{fmt::format("Correlation of {}, {}", of, p.gain.text()), text, axis, axis, {}};
+  Chart chart{title_at("Correlation of " + of, p.gain), text, axis, axis, {}};
   chart.series.emplace_back(
       HeatSeries{"correlation", "1", rows_of(correlation_of(matrix)), -1, 1, Palette::kDiverging});
   variants.push_back({p.gain.text(), std::move(chart)});
@@ -161,7 +158,7 @@ void add_correlation(Variants& variants, const NoiseModel& model, const PhysicsC
 
 Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, int b) {
   const std::string first = model.layout.channel_name(a), second = model.layout.channel_name(b);
-  Chart chart{fmt::format("μ of {} against μ of {}, {}", first, second, p.gain.text()),
+  Chart chart{title_at(fmt::format("μ of {} against μ of {}", first, second), p.gain),
               "Points are frames. The curves hold 68 and 95 % of the fitted Gaussian, sampling "
               "error taken out.",
               {"μ " + first, "DN"},
@@ -182,6 +179,10 @@ Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, in
 }
 
 }  // namespace
+
+std::string title_at(const std::string& what, const GainSetting& gain) {
+  return gain.decibel() ? fmt::format("{} at {}", what, gain.text()) : what;
+}
 
 std::vector<Block> transfer_plots(const NoiseModel& model) {
   Variants curves, residuals;

@@ -4,9 +4,13 @@
 #include "malus/noise/model.h"
 #include "malus/report/report.h"
 
+#include <string>
 #include <vector>
 
 namespace malus::app {
+
+/// "Bias at 12 dB"; without a known gain "Bias".
+std::string title_at(const std::string& what, const GainSetting& gain);
 
 /// Variance against mean with the fitted lines, and what is left of it (000 Fig. 2).
 std::vector<Block> transfer_plots(const NoiseModel& model);

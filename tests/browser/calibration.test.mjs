@@ -45,7 +45,7 @@ test("sixteen simulated channels: the page's numbers are the model file's", { sk
   const page = await open(t, html);
   await drawAll(page);
   for (const gain of shown.gains) {
-    const rows = page.locator(`#parameters table:has(caption:text-is("${gain.gain_db} dB")) tbody tr`);
+    const rows = page.locator(`#parameters table:has(caption:text-is("Parameters at ${gain.gain_db} dB")) tbody tr`);
     assert.equal(await rows.count(), 16);
     for (let channel = 0; channel < 16; ++channel) {
       assert.equal(await rows.nth(channel).locator("th").textContent(), shown.channels[channel]);
@@ -70,10 +70,8 @@ test("emva001: real camera's page, plots can be chosen and saved", { skip: noBro
   assert.ok(statSync(html).size < 5e6, `the file has ${statSync(html).size} bytes`);
   const page = await open(t, html);
   await drawAll(page);
-  const [K] = await cellValues(page.locator("#summary dl.figures").locator("xpath=.")).catch(() => []);
   const figure = page.locator("#summary dl.figures dd[data-value]").first();
   assert.equal(Number(await figure.getAttribute("data-value")), shown.gains[0].K.value[0]);
-  assert.equal(K ?? shown.gains[0].K.value[0], shown.gains[0].K.value[0]);
 
   const plot = page.locator("#transfer figure").first();
   const csv = (await download(page, plot.getByRole("button", { name: "CSV" }))).bytes.toString();

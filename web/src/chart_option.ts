@@ -98,10 +98,12 @@ function errorBars(series: PointSeries, color: string): object {
     name: series.name,
     silent: true,
     z: 1,
-    data: series.x.map((x, i) => [x, series.y[i], series.error[i]]),
+    clip: true,
+    encode: { x: 0, y: [1, 2] },
+    data: series.x.map((x, i) => [x, (series.y[i] ?? NaN) - series.error[i], (series.y[i] ?? NaN) + series.error[i]]),
     renderItem: (_: unknown, api: Api) => {
-      const [x, y, error] = [api.value(0), api.value(1), api.value(2)];
-      const low = api.coord([x, y - error]), high = api.coord([x, y + error]);
+      const low = api.coord([api.value(0), api.value(1)]), high = api.coord([api.value(0), api.value(2)]);
+      if (![low, high].flat().every(Number.isFinite)) return undefined;
       return { type: "line", shape: { x1: low[0], y1: low[1], x2: high[0], y2: high[1] }, style: { stroke: color, lineWidth: 1 } };
     },
   };

@@ -150,7 +150,7 @@ Json layer_json(const Layer& layer, const std::vector<Image>& maps, std::vector<
     }
     Planes single(1, 0, 0);
     single[0] = map;
-    rasters.push_back(raster_json(single, {layer_scale(layer)}, false, blobs));
+    rasters.push_back(raster_json(single, {layer_scale(layer)}, true, blobs));
   }
   return {{"name", layer.name}, {"unit", layer.unit},
           {"text", layer.text}, {"palette", palette_name(layer.palette)},
@@ -175,7 +175,7 @@ double maps_size(const PicturesBlock& block, const Plan& plan) {
     for (const Image& map : plan.maps[layer]) {
       Planes single(1, 0, 0);
       single[0] = map;
-      if (!map.empty()) size += encoded_size(single, {layer_scale(block.layers[layer])}, false);
+      if (!map.empty()) size += encoded_size(single, {layer_scale(block.layers[layer])}, true);
     }
   return size;
 }
@@ -191,6 +191,7 @@ double step_that_fits(const PicturesBlock& block, const Plan& plan, double budge
       size += encoded_size(plan.pictures[p].planes, scales, !exact);
     }
     if (size <= budget) return part;
+    if (plan.pictures.empty()) break;  // maps have steps of their own
   }
   return 0;
 }

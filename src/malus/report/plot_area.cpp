@@ -74,7 +74,7 @@ void PlotAxis::logarithmic_ticks() {
     for (const int lead : {1, 2, 5}) {
       const double value = lead * std::pow(10.0, decade);
       if ((lead == 1 || few_decades) && shows(value))
-        ticks_.push_back({place(value), fmt::format("{:.3g}", value)});
+        ticks_.push_back({place(value), fmt::format("{:.6g}", value)});
     }
 }
 

@@ -19,8 +19,10 @@ constexpr double kRightPlain = 20, kRightLegend = 130;
 constexpr std::size_t kLegendRows = 20;
 
 std::string axis_title(const Axis& axis) {
-  return axis.unit == "1" || axis.unit.empty() ? xml_safe(axis.name)
-                                               : xml_safe(axis.name + " [" + axis.unit + "]");
+  if (axis.unit == "1" || axis.unit.empty()) return xml_safe(axis.name);
+  std::string unit = axis.unit;
+  if (const std::size_t at = unit.find("^2"); at != std::string::npos) unit.replace(at, 2, "²");
+  return xml_safe(axis.name + " [" + unit + "]");
 }
 
 std::string text(double x, double y, std::string_view anchor, std::string_view content,

@@ -77,6 +77,7 @@ std::string points(const PointSeries& series, const Tone& tone, const PlotArea& 
 
 std::string bars(const PointSeries& series, const std::string& color, const PlotArea& area) {
   double width = area.x.category_width();
+  if (series.x.size() > 1) width = std::abs(area.x.to() - area.x.from());
   for (std::size_t i = 1; i < series.x.size(); ++i)
     width = std::min(width, std::abs(area.x.place(series.x[i]) - area.x.place(series.x[i - 1])));
   std::string steps;

@@ -46,7 +46,7 @@ export class Stage {
     this.panes = panes;
     this.labels.forEach((label, i) => {
       label.textContent = panes[i]?.label ?? "";
-      label.hidden = !panes[i];
+      label.hidden = !panes[i]?.label;
     });
     this.draw();
   }
