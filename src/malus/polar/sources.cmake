@@ -1,9 +1,11 @@
 set(polar_SOURCES
   color_map.cpp
   demosaick.cpp
+  fresnel.cpp
   internal/lattice.cpp
   layout_check.cpp
   legend.cpp
+  normals.cpp
   render.cpp
   stokes.cpp
   symmetry.cpp

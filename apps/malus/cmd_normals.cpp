@@ -1,0 +1,156 @@
+// malus normals: shape from polarization.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/image/pack.h"
+#include "malus/io/picture_file.h"
+#include "malus/polar/demosaick.h"
+#include "malus/polar/normals.h"
+#include "malus/polar/render.h"
+#include "malus/polar/stokes.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "flags.h"
+#include "frame_input.h"
+#include "program.h"
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct NormalsArguments {
+  RawOptions raw;
+  NormalSettings settings;
+  std::vector<fs::path> inputs;
+  fs::path folder, mask, reference;
+  bool full = false;
+};
+
+void require_size(const fs::path& path, const Planes& planes, int channels, const Image& like) {
+  if (planes.channels() == channels && planes.rows() == like.rows() && planes.cols() == like.cols())
+    return;
+  throw InputError(
+      path.string(),
+      fmt::format("{} x {} pixels in {} channels against {} x {} in {}", planes.cols(),
+                  planes.rows(), planes.channels(), like.cols(), like.rows(), channels),
+      "it has to match the normals: one pixel per cell, or per pixel with --full");
+}
+
+Image load_mask(const fs::path& path, const Image& s0) {
+  const Planes planes = load_picture(path).planes;
+  require_size(path, planes, planes.channels(), s0);
+  return planes[0];
+}
+
+NormalMap load_normals(const fs::path& path, const Image& like) {
+  Planes planes = load_picture(path).planes;
+  require_size(path, planes, 3, like);
+  return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
+}
+
+Planes planes_of(const NormalMap& normals) {
+  Planes planes(3, 0, 0);
+  planes[0] = normals.x;
+  planes[1] = normals.y;
+  planes[2] = normals.z;
+  return planes;
+}
+
+Json process(const NormalsArguments& arguments, const fs::path& input, const FrameOptions& options,
+             const fs::path& data, const fs::path& picture, bool force) {
+  const RawFrame frame = load_above_black(input, options);
+  require_polarized(frame.layout, input.string());
+  // Stokes vectors of all colours together: the mean of R, G and B.
+  const StokesPicture colors =
+      arguments.full ? demosaick(frame.dn, frame.layout)
+                     : merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout),
+                                    frame.layout);
+  const StokesPlanes stokes = mean_stokes(colors.planes);
+  const Image mask = arguments.mask.empty()
+                         ? foreground_mask(stokes.s0, arguments.settings.foreground)
+                         : load_mask(arguments.mask, stokes.s0);
+  const NormalMap normals = normals_of(stokes, mask, arguments.settings);
+  Json json{{"input", input.string()},
+            {"rows", stokes.s0.rows()},
+            {"cols", stokes.s0.cols()},
+            {"object_pixels", std::count_if(mask.values().begin(), mask.values().end(),
+                                            [](float v) { return v > 0; })}};
+  if (!arguments.reference.empty()) {
+    const auto error =
+        mean_angular_error_deg(normals, load_normals(arguments.reference, stokes.s0));
+    if (!error) throw InputError(arguments.reference.string(), error.reason(), "check the mask");
+    json["mean_angular_error_deg"] = *error;
+  }
+  SaveOptions save;
+  save.force = force;
+  save_picture(data, planes_of(normals), {"X", "Y", "Z"}, save);
+  save.type = SampleType::kUint8;
+  save_picture(picture, render_normals(normals), {}, save);
+  json["files"] = {data.string(), picture.string()};
+  return json;
+}
+
+std::string text_of(const Json& json) {
+  std::string text = fmt::format("{}: {} x {} normals, {} object pixels",
+                                 json["input"].get<std::string>(), json["cols"].get<int>(),
+                                 json["rows"].get<int>(), json["object_pixels"].get<long>());
+  if (json.contains("mean_angular_error_deg"))
+    text += fmt::format(", mean angular error {:.2f} degrees",
+                        json["mean_angular_error_deg"].get<double>());
+  return text + '\n';
+}
+
+void run_normals(const NormalsArguments& arguments, const Common& common) {
+  const FrameOptions options = arguments.raw.resolve();
+  make_output_folder(arguments.folder);
+  const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr");
+  const auto pictures = output_names(arguments.inputs, arguments.folder, "_normals.png");
+  for (const auto& list : {data, pictures})
+    for (const auto& path : list) check_output(path, common.force);
+  note(common, fmt::format("{} reflection, refractive index {:g}; of the two opposite azimuths "
+                           "{} is taken (--model, --index, --azimuth)",
+                           arguments.settings.reflection, arguments.settings.index,
+                           arguments.settings.azimuth == "convex"
+                               ? "the one away from the object's centre"
+                               : "the one pointing " + arguments.settings.azimuth));
+  const auto progress = make_progress(common);
+  progress->begin("normals", static_cast<std::int64_t>(arguments.inputs.size()));
+  Json results = Json::array();
+  std::string text;
+  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+    check_stop(*progress);
+    results.push_back(
+        process(arguments, arguments.inputs[i], options, data[i], pictures[i], common.force));
+    text += text_of(results.back());
+    progress->advance(1);
+  }
+  print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
+}
+
+}  // namespace
+
+void add_normals(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<NormalsArguments>();
+  CLI::App* command =
+      add_command(app, common, "normals", "Surface normals from raw polarization frames",
+                  [arguments, &common] { run_normals(*arguments, common); });
+  command->add_option("RAW", arguments->inputs, "polarization mosaics")->required();
+  command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
+  command->add_option("--mask", arguments->mask,
+                      "picture whose non-zero pixels are the object; else bright pixels are");
+  command->add_option("--reference", arguments->reference,
+                      "normals (X, Y, Z) to measure the mean angular error against");
+  command->add_flag("--full", arguments->full,
+                    "one normal per pixel by demosaicking, instead of one per cell");
+  arguments->raw.add_to(*command);
+  add_flags(*command, arguments->settings);
+}
+
+}  // namespace malus::app
