@@ -119,6 +119,22 @@ TEST(Normals, HalfPlanesFollowTheUsersWord) {
   }
 }
 
+// Two spheres side by side: each has its own centre.
+TEST(Normals, EveryObjectHasItsOwnCentre) {
+  const NormalSettings settings;
+  const Sphere one = sphere(61, settings);
+  const auto doubled = [](const Image& image) {
+    Image wide(image.rows(), 2 * image.cols());
+    for (int r = 0; r < wide.rows(); ++r)
+      for (int c = 0; c < wide.cols(); ++c) wide(r, c) = image(r, c % image.cols());
+    return wide;
+  };
+  const StokesPlanes stokes{doubled(one.stokes.s0), doubled(one.stokes.s1), doubled(one.stokes.s2)};
+  const NormalMap truth{doubled(one.normals.x), doubled(one.normals.y), doubled(one.normals.z)};
+  const NormalMap found = normals_of(stokes, doubled(one.mask), settings);
+  EXPECT_LT(*mean_angular_error_deg(found, truth), 0.05);
+}
+
 TEST(Normals, LessNoiseGivesBetterNormals) {
   NormalSettings settings;
   const Sphere truth = sphere(121, settings);

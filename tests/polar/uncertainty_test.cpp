@@ -131,5 +131,22 @@ TEST(Uncertainty, PlanesFollowThePixelFormulasAndSharedSitesHalveTheVariance) {
   EXPECT_FLOAT_EQ(u[0].dolp_corrected(2, 4), static_cast<float>(corrected_dolp(s, v)));
 }
 
+// Sixteen planes of one variance: green averages two sites of every angle.
+TEST(Uncertainty, MergedGreenHasHalfTheVariance) {
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  Planes intensity(16, 2, 2), variance(16, 2, 2);
+  for (int k = 0; k < 16; ++k)
+    for (std::size_t i = 0; i < 4; ++i) {
+      intensity[k].values()[i] = static_cast<float>(100 + k);
+      variance[k].values()[i] = 8;
+    }
+  const StokesPicture picture = merge_greens(stokes_per_color(intensity, layout), layout);
+  const auto u = uncertainty_of(picture, variance, layout);
+  ASSERT_EQ(u.size(), 3u);
+  EXPECT_FLOAT_EQ(u[0].s1_variance(1, 1), 16);
+  EXPECT_FLOAT_EQ(u[1].s1_variance(1, 1), 8);
+  EXPECT_FLOAT_EQ(u[2].s0_variance(1, 1), 8);
+}
+
 }  // namespace
 }  // namespace malus

@@ -22,11 +22,6 @@ constexpr double kTinyDn = 1e-6;          // keeps weights of dark frames finite
 
 Color display_color(Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; }
 
-std::string display_name(Color color) {
-  if (color == Color::kMono) return "";
-  return color == Color::kGreen1 ? "G" : std::string(color_name(color));
-}
-
 int mirrored(int x, int size) {
   if (x < 0) x = -x;
   return x < size ? x : 2 * (size - 1) - x;

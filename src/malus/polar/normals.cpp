@@ -54,12 +54,37 @@ struct Centre {
   double row = 0, col = 0;
 };
 
-Centre centre_of(const Image& mask) {
-  double rows = 0, cols = 0, count = 0;
-  for (int r = 0; r < mask.rows(); ++r)
-    for (int c = 0; c < mask.cols(); ++c)
-      if (mask(r, c) > 0) rows += r, cols += c, ++count;
-  return count > 0 ? Centre{rows / count, cols / count} : Centre{};
+// Object number of every pixel, -1 outside, and each object's centre. Pixels that touch, also at a
+// corner, are one object.
+struct Objects {
+  Plane<int> number;
+  std::vector<Centre> centres;
+};
+
+Objects objects_of(const Image& mask) {
+  Objects objects{Plane<int>(mask.rows(), mask.cols(), -1), {}};
+  std::vector<std::pair<int, int>> open;
+  for (int row = 0; row < mask.rows(); ++row)
+    for (int col = 0; col < mask.cols(); ++col) {
+      if (!(mask(row, col) > 0) || objects.number(row, col) >= 0) continue;
+      const int number = static_cast<int>(objects.centres.size());
+      double rows = 0, cols = 0, count = 0;
+      objects.number(row, col) = number;
+      open.emplace_back(row, col);
+      while (!open.empty()) {
+        const auto [r, c] = open.back();
+        open.pop_back();
+        rows += r, cols += c, ++count;
+        for (int i = std::max(r - 1, 0); i <= std::min(r + 1, mask.rows() - 1); ++i)
+          for (int j = std::max(c - 1, 0); j <= std::min(c + 1, mask.cols() - 1); ++j)
+            if (mask(i, j) > 0 && objects.number(i, j) < 0) {
+              objects.number(i, j) = number;
+              open.emplace_back(i, j);
+            }
+      }
+      objects.centres.push_back({rows / count, cols / count});
+    }
+  return objects;
 }
 
 // The direction that the azimuth may not point against.
@@ -91,7 +116,7 @@ NormalMap normals_of(const StokesPlanes& stokes, const Image& mask,
   const int rows = stokes.s0.rows(), cols = stokes.s0.cols();
   MALUS_REQUIRE(mask.rows() == rows && mask.cols() == cols);
   const ZenithTable zenith_of(settings);
-  const Centre centre = centre_of(mask);
+  const Objects objects = objects_of(mask);
   // Reflected light is polarized across the plane of incidence, light from inside along it.
   const double turn_deg = settings.reflection == "diffuse" ? 0 : 90;
   NormalMap normals{Image(rows, cols, kNaN), Image(rows, cols, kNaN), Image(rows, cols, kNaN)};
@@ -106,6 +131,7 @@ NormalMap normals_of(const StokesPlanes& stokes, const Image& mask,
         const double azimuth =
             std::isnan(aolp_deg) ? 0 : (aolp_deg + turn_deg) * std::numbers::pi / 180;
         double x = std::sin(zenith) * std::cos(azimuth), y = std::sin(zenith) * std::sin(azimuth);
+        const Centre& centre = objects.centres[static_cast<std::size_t>(objects.number(r, c))];
         const Direction away = preferred(settings.azimuth, centre, r, c);
         if (x * away.x + y * away.y < 0) x = -x, y = -y;
         normals.x(r, c) = static_cast<float>(x);

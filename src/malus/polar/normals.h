@@ -5,8 +5,9 @@
 // states, never silently:
 //   - diffuse light is polarized along the azimuth, reflected light across it: `reflection`;
 //   - AoLP is an axis, so azimuth and azimuth + 180 look alike: `azimuth`. `convex` takes the one
-//     that points away from the centre of the object, right for convex objects and at the outline
-//     of all others; up, down, left and right take the one in that half-plane.
+//     that points away from the centre of its object (a connected part of the mask), right for
+//     convex objects and at the outline of all others; up, down, left and right take the one in
+//     that half-plane.
 #pragma once
 
 #include "malus/base/estimate.h"

@@ -110,6 +110,12 @@ std::vector<StokesPlanes> stokes_per_color(const Planes& packed, const SensorLay
   return all;
 }
 
+std::string display_name(Color color) {
+  if (color == Color::kMono) return "";
+  if (color == Color::kGreen1 || color == Color::kGreen2) return "G";
+  return std::string(color_name(color));
+}
+
 StokesPicture merge_greens(std::vector<StokesPlanes> per_color, const SensorLayout& layout) {
   const std::vector<Color> colors = layout.colors();
   MALUS_REQUIRE(per_color.size() == colors.size());
@@ -121,10 +127,7 @@ StokesPicture merge_greens(std::vector<StokesPlanes> per_color, const SensorLayo
       green = {mean_of(green.s0, own.s0), mean_of(green.s1, own.s1), mean_of(green.s2, own.s2)};
       continue;
     }
-    const bool green = colors[i] == Color::kGreen1 || colors[i] == Color::kGreen2;
-    picture.names.emplace_back(green                       ? "G"
-                               : colors[i] == Color::kMono ? ""
-                                                           : color_name(colors[i]));
+    picture.names.push_back(display_name(colors[i]));
     picture.planes.push_back(std::move(own));
   }
   return picture;

@@ -87,6 +87,9 @@ struct StokesPicture {
   std::vector<StokesPlanes> planes;
 };
 
+/// "R", "G" for both greens, "B", "" for mono.
+std::string display_name(Color color);
+
 /// From one StokesPlanes per colour, as stokes_per_color gives them. Colours other than R, G, B or
 /// mono alone keep their own names.
 StokesPicture merge_greens(std::vector<StokesPlanes> per_color, const SensorLayout& layout);

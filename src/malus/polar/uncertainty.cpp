@@ -17,6 +17,24 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
   return (s.s2 * s.s2 * v.s1s1 + s.s1 * s.s1 * v.s2s2 - 2 * s.s1 * s.s2 * v.s1s2) / p2;
 }
 
+// Variance of the mean over the colours of the mean over each colour's sites.
+AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& layout,
+                            const std::vector<Color>& colors) {
+  std::array<Image, 4> angles;
+  for (int a = 0; a < 4; ++a) {
+    Image& sum = angles[static_cast<std::size_t>(a)];
+    sum = Image(packed_variance.rows(), packed_variance.cols());
+    for (Color color : colors) {
+      const SiteMean mean = mean_of_sites(packed_variance, layout, color, 45 * a);
+      const auto share = static_cast<float>(
+          1.0 / (mean.sites * static_cast<double>(colors.size() * colors.size())));
+      for (std::size_t i = 0; i < sum.size(); ++i)
+        sum.values()[i] += share * mean.image.values()[i];
+    }
+  }
+  return {std::move(angles[0]), std::move(angles[1]), std::move(angles[2]), std::move(angles[3])};
+}
+
 bool without_direction(const Stokes& s) { return s.s1 == 0 && s.s2 == 0; }
 
 }  // namespace
@@ -76,15 +94,20 @@ std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPla
   const std::vector<Color> colors = layout.colors();
   MALUS_REQUIRE(stokes.size() == colors.size());
   std::vector<StokesUncertainty> all;
-  for (std::size_t i = 0; i < colors.size(); ++i) {
-    std::array<Image, 4> variance;
-    for (int a = 0; a < 4; ++a) {
-      const SiteMean mean = mean_of_sites(packed_variance, layout, colors[i], 45 * a);
-      variance[static_cast<std::size_t>(a)] = mean.image;
-      for (float& v : variance[static_cast<std::size_t>(a)].values())
-        v /= static_cast<float>(mean.sites);
-    }
-    all.push_back(propagate(stokes[i], {variance[0], variance[1], variance[2], variance[3]}));
+  for (std::size_t i = 0; i < colors.size(); ++i)
+    all.push_back(propagate(stokes[i], angle_variances(packed_variance, layout, {colors[i]})));
+  return all;
+}
+
+std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
+                                              const Planes& packed_variance,
+                                              const SensorLayout& layout) {
+  std::vector<StokesUncertainty> all;
+  for (std::size_t i = 0; i < picture.planes.size(); ++i) {
+    std::vector<Color> merged;
+    for (Color color : layout.colors())
+      if (display_name(color) == picture.names[i]) merged.push_back(color);
+    all.push_back(propagate(picture.planes[i], angle_variances(packed_variance, layout, merged)));
   }
   return all;
 }

@@ -48,10 +48,15 @@ struct StokesUncertainty {
 /// variance: planes of the four intensities' variances in DN², independent between angles.
 StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance);
 
-/// As stokes_per_color, for packed planes of variances: a colour with several sites of one angle
-/// has the variance of their mean.
+/// As stokes_per_color, for packed planes of variances (image/pack.h): a colour with several sites
+/// of one angle has the variance of their mean.
 std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,
                                                      const Planes& packed_variance,
                                                      const SensorLayout& layout);
+
+/// The same after merge_greens: green has the variance of the mean of both greens.
+std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
+                                              const Planes& packed_variance,
+                                              const SensorLayout& layout);
 
 }  // namespace malus
