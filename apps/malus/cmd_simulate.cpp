@@ -1,0 +1,172 @@
+// malus simulate: clean raw mosaics from pictures, with or without polarization (001, S4).
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/io/picture_file.h"
+#include "malus/synthesize/scene.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "flags.h"
+#include "program.h"
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct SimulateArguments {
+  std::vector<fs::path> inputs;
+  fs::path folder;
+  std::string layout = "polar-bayer-rggb", format = "tif", tone = "auto";
+  CameraResponse response;
+  SceneSettings scene;
+  std::uint32_t first_scene = 0;
+  bool polarized = false, truth = false;
+};
+
+// Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
+Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
+  const Picture picture = load_picture(path);
+  std::vector<int> wanted{0};
+  if (picture.planes.channels() >= 3) {
+    wanted = {0, 1, 2};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto found =
+          std::find(picture.names.begin(), picture.names.end(), std::string(1, "RGB"[k]));
+      if (found != picture.names.end()) wanted[k] = static_cast<int>(found - picture.names.begin());
+    }
+  }
+  const int rows = picture.planes.rows() / layout.rows() * layout.rows();
+  const int cols = picture.planes.cols() / layout.cols() * layout.cols();
+  if (rows == 0 || cols == 0)
+    throw InputError(
+        path.string(),
+        fmt::format("is smaller than one cell of {} x {}", layout.rows(), layout.cols()),
+        "use a larger picture");
+  Planes linear(static_cast<int>(wanted.size()), rows, cols);
+  const float scale = picture.bits > 0 ? static_cast<float>(1.0 / picture.white) : 1.0f;
+  for (std::size_t k = 0; k < wanted.size(); ++k)
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        const float v = picture.planes[wanted[k]](r, c) * scale;
+        if (!(v >= 0)) continue;  // NaN and negative light are dark
+        linear[static_cast<int>(k)](r, c) = std::min(v, 65504.0f);
+      }
+  if (tone == "srgb" || (tone == "auto" && picture.bits > 0)) srgb_to_linear(linear);
+  return linear;
+}
+
+void write_truth(const SimulateArguments& arguments, const std::string& stem,
+                 const PolarScene& scene, bool force) {
+  SaveOptions save;
+  save.force = force;
+  save.type = SampleType::kFloat;
+  const std::vector<std::string> names = scene.stokes.size() == 1
+                                             ? std::vector<std::string>{"Y"}
+                                             : std::vector<std::string>{"R", "G", "B"};
+  const auto write = [&](const char* suffix, auto&& image_of) {
+    Planes planes(static_cast<int>(scene.stokes.size()), 0, 0);
+    for (std::size_t k = 0; k < scene.stokes.size(); ++k)
+      planes[static_cast<int>(k)] = image_of(scene.stokes[k]);
+    save_picture(arguments.folder / (stem + suffix), planes, names, save);
+  };
+  write("_s0.exr", [](const StokesPlanes& s) { return s.s0; });
+  write("_s1.exr", [](const StokesPlanes& s) { return s.s1; });
+  write("_s2.exr", [](const StokesPlanes& s) { return s.s2; });
+  write("_dolp.exr", [](const StokesPlanes& s) { return dolp_of(s); });
+  write("_aolp.exr", [](const StokesPlanes& s) { return aolp_deg_of(s); });
+  if (scene.normal_x.empty()) return;
+  Planes normals(3, 0, 0);
+  normals[0] = scene.normal_x;
+  normals[1] = scene.normal_y;
+  normals[2] = scene.normal_z;
+  save_picture(arguments.folder / (stem + "_normals.exr"), normals, {"X", "Y", "Z"}, save);
+}
+
+void run_simulate(const SimulateArguments& arguments, const Common& common) {
+  const SensorLayout layout = SensorLayout::named(arguments.layout);
+  const auto names = output_names(arguments.inputs, arguments.folder, "_clean." + arguments.format);
+  make_output_folder(arguments.folder);
+  for (const fs::path& name : names) check_output(name, common.force);
+  const auto progress = make_progress(common);
+  progress->begin("simulate", static_cast<std::int64_t>(names.size()));
+  SaveOptions save;
+  save.force = common.force;
+  save.type = SampleType::kFloat;
+  Json frames = Json::array();
+  std::string text;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    check_stop(*progress);
+    const Planes camera =
+        camera_rgb_of(load_linear(arguments.inputs[i], arguments.tone, layout), arguments.response);
+    const std::uint32_t number = arguments.first_scene + static_cast<std::uint32_t>(i);
+    PolarScene scene;
+    if (arguments.polarized)
+      scene = polarized_scene(camera, arguments.scene, common.seed, number);
+    else
+      scene.stokes = unpolarized(camera);
+    RawFrame frame;
+    frame.dn = mosaic_of(scene.stokes, layout);
+    frame.layout = layout;
+    frame.black_dn.assign(static_cast<std::size_t>(layout.channels()), 0.0);
+    frame.white_dn = arguments.response.white_dn;
+    frame.black_known = frame.white_known = frame.layout_known = true;
+    save_frame(names[i], frame, save);
+    if (arguments.truth) write_truth(arguments, stem_of(arguments.inputs[i]), scene, common.force);
+    frames.push_back({{"input", arguments.inputs[i].string()},
+                      {"output", names[i].string()},
+                      {"scene", number},
+                      {"rows", frame.dn.rows()},
+                      {"cols", frame.dn.cols()}});
+    text += fmt::format("{} <- {}: {} x {} {}\n", names[i].string(), arguments.inputs[i].string(),
+                        frame.dn.cols(), frame.dn.rows(), layout.name());
+    progress->advance(1);
+  }
+  print_result(common,
+               {{"layout", layout.name()},
+                {"polarized", arguments.polarized},
+                {"seed", common.seed},
+                {"response", settings_json(arguments.response)},
+                {"scene", settings_json(arguments.scene)},
+                {"frames", frames}},
+               text);
+}
+
+}  // namespace
+
+void add_simulate(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<SimulateArguments>();
+  CLI::App* command =
+      add_command(app, common, "simulate", "Clean raw mosaics from pictures, polarized if wanted",
+                  [arguments, &common] { run_simulate(*arguments, common); });
+  command->add_option("PICTURE", arguments->inputs, "EXR (linear) or PNG, TIFF (sRGB)")->required();
+  command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
+  command->add_option("--layout", arguments->layout, "sensor layout")
+      ->check(CLI::IsMember(SensorLayout::known_names()))
+      ->capture_default_str();
+  command->add_flag("--polarized", arguments->polarized,
+                    "give the scene a relief and polarize its light by the Fresnel equations; seed "
+                    "and number decide the relief");
+  command->add_flag("--truth", arguments->truth,
+                    "also S0, S1, S2, DoLP, AoLP at full resolution and the normals, as EXR");
+  command
+      ->add_option("--tone", arguments->tone,
+                   "tone curve of the pictures: auto = sRGB for "
+                   "integers, none for float")
+      ->check(CLI::IsMember({"auto", "srgb", "linear"}))
+      ->capture_default_str();
+  command->add_option("--first-scene", arguments->first_scene, "number of the first scene");
+  command->add_option("--format", arguments->format, "ending of the mosaics")
+      ->check(CLI::IsMember({"tif", "npy", "fits", "exr"}))
+      ->capture_default_str();
+  add_flags(*command, arguments->response);
+  add_flags(*command, arguments->scene);
+}
+
+}  // namespace malus::app

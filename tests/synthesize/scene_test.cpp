@@ -1,0 +1,126 @@
+// Clean material with known truth: colours undone, polarization by Fresnel, mosaics by Malus's law.
+#include "malus/synthesize/scene.h"
+
+#include "malus/base/error.h"
+#include "malus/polar/fresnel.h"
+
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+Planes picture() {
+  Planes rgb(3, 96, 128);
+  for (int k = 0; k < 3; ++k)
+    for (int r = 0; r < 96; ++r)
+      for (int c = 0; c < 128; ++c)
+        rgb[k](r, c) = 0.2f + 0.002f * static_cast<float>(c) + 0.1f * static_cast<float>(k);
+  return rgb;
+}
+
+TEST(ToneCurve, MeetsTheStandardsPoints) {
+  EXPECT_DOUBLE_EQ(srgb_to_linear(0.0), 0.0);
+  EXPECT_NEAR(srgb_to_linear(1.0), 1.0, 1e-12);
+  EXPECT_NEAR(srgb_to_linear(0.5), 0.21404114, 1e-7);  // IEC 61966-2-1
+  EXPECT_NEAR(srgb_to_linear(0.04045), 0.0031308, 1e-6);
+}
+
+TEST(CameraRgb, DevelopingItAgainGivesThePicture) {
+  CameraResponse response;
+  response.white_dn = 1000;
+  response.exposure = 0.5;
+  response.color_matrix = {1.6, -0.4, -0.2, -0.3, 1.5, -0.2, 0.1, -0.5, 1.4};
+  response.white_balance = {2.0, 1.0, 1.5};
+  const Planes linear = picture();
+  const Planes camera = camera_rgb_of(linear, response);
+  for (int i = 0; i < 96 * 128; i += 501) {
+    double balanced[3];
+    for (int k = 0; k < 3; ++k)
+      balanced[k] = static_cast<double>(camera[k].values()[static_cast<std::size_t>(i)]) *
+                    response.white_balance[static_cast<std::size_t>(k)] / 500;
+    for (int k = 0; k < 3; ++k) {
+      double developed = 0;
+      for (int j = 0; j < 3; ++j)
+        developed += response.color_matrix[static_cast<std::size_t>(3 * k + j)] * balanced[j];
+      EXPECT_NEAR(developed, static_cast<double>(linear[k].values()[static_cast<std::size_t>(i)]),
+                  1e-5);
+    }
+  }
+  response.color_matrix = {1, 0, 0, 1, 0, 0, 0, 0, 1};
+  EXPECT_THROW(camera_rgb_of(linear, response), InputError);
+  response.color_matrix = {1, 2};
+  EXPECT_THROW(camera_rgb_of(linear, response), InputError);
+}
+
+TEST(PolarScene, MatteSurfacesFollowDiffuseFresnel) {
+  SceneSettings settings;
+  settings.gloss = 0;
+  const PolarScene scene = polarized_scene(picture(), settings, 3, 1);
+  double steepest = 0;
+  for (int r = 0; r < 96; r += 3)
+    for (int c = 0; c < 128; c += 5) {
+      const double nx = static_cast<double>(scene.normal_x(r, c));
+      const double ny = static_cast<double>(scene.normal_y(r, c));
+      const double nz = static_cast<double>(scene.normal_z(r, c));
+      ASSERT_NEAR(nx * nx + ny * ny + nz * nz, 1.0, 1e-5);
+      const double zenith = std::acos(std::min(nz, 1.0)) * 180 / std::numbers::pi;
+      steepest = std::max(steepest, zenith);
+      const StokesPlanes& s = scene.stokes[1];
+      const Stokes pixel{static_cast<double>(s.s0(r, c)), static_cast<double>(s.s1(r, c)),
+                         static_cast<double>(s.s2(r, c))};
+      EXPECT_NEAR(dolp_of(pixel), diffuse_dolp(zenith, 1.5), 2e-4);
+      if (zenith < 5) continue;
+      double azimuth = std::atan2(ny, nx) * 180 / std::numbers::pi;
+      double apart = std::remainder(aolp_deg_of(pixel) - azimuth, 180.0);
+      EXPECT_NEAR(apart, 0, 0.1);
+    }
+  EXPECT_GT(steepest, 50);
+  EXPECT_LE(steepest, 70.1);
+}
+
+TEST(PolarScene, GlossTurnsTheAngleAndStaysPhysical) {
+  SceneSettings settings;
+  settings.gloss = 1;
+  const PolarScene scene = polarized_scene(picture(), settings, 3, 1);
+  int turned = 0;
+  for (int r = 0; r < 96; ++r)
+    for (int c = 0; c < 128; ++c) {
+      const StokesPlanes& s = scene.stokes[0];
+      ASSERT_LE(std::hypot(s.s1(r, c), s.s2(r, c)), s.s0(r, c) * 1.0001f);
+      const double azimuth = std::atan2(static_cast<double>(scene.normal_y(r, c)),
+                                        static_cast<double>(scene.normal_x(r, c)));
+      turned += static_cast<double>(s.s1(r, c)) * std::cos(2 * azimuth) +
+                    static_cast<double>(s.s2(r, c)) * std::sin(2 * azimuth) <
+                0;
+    }
+  EXPECT_GT(turned, 1000);
+  const PolarScene again = polarized_scene(picture(), settings, 3, 1);
+  EXPECT_EQ(again.stokes[2].s1.values(), scene.stokes[2].s1.values());
+  const PolarScene other = polarized_scene(picture(), settings, 3, 2);
+  EXPECT_NE(other.stokes[2].s1.values(), scene.stokes[2].s1.values());
+}
+
+TEST(Mosaic, SitesSeeMalussLaw) {
+  std::vector<StokesPlanes> stokes(3);
+  for (int k = 0; k < 3; ++k) {
+    stokes[static_cast<std::size_t>(k)] = {Image(8, 8, 100.0f * static_cast<float>(k + 1)),
+                                           Image(8, 8, 20.0f), Image(8, 8, -10.0f)};
+  }
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  const Image mosaic = mosaic_of(stokes, layout);
+  EXPECT_FLOAT_EQ(mosaic(0, 0), 0.5f * (100 - 20));  // R90
+  EXPECT_FLOAT_EQ(mosaic(0, 1), 0.5f * (100 - 10));  // R45
+  EXPECT_FLOAT_EQ(mosaic(1, 0), 0.5f * (100 + 10));  // R135
+  EXPECT_FLOAT_EQ(mosaic(1, 1), 0.5f * (100 + 20));  // R0
+  EXPECT_FLOAT_EQ(mosaic(0, 2), 0.5f * (200 - 20));  // G1 90
+  EXPECT_FLOAT_EQ(mosaic(3, 3), 0.5f * (300 + 20));  // B0
+  const Image bayer = mosaic_of(stokes, SensorLayout::named("bayer-rggb"));
+  EXPECT_FLOAT_EQ(bayer(0, 0), 100.0f);
+  EXPECT_FLOAT_EQ(bayer(1, 1), 300.0f);
+}
+
+}  // namespace
+}  // namespace malus
