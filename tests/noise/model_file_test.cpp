@@ -134,6 +134,11 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { std::swap(m.physics[0], m.physics[1]); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].gain = {{}, 100.0}; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].mu.covariance(0, 1) = 9; }), "");
+  EXPECT_EQ(problem_after([](NoiseModel& m) {  // rounding about zero is no asymmetry
+              m.physics[1].mu.covariance = testing::matrix2(1.0, 1e-17, 1.0);
+              m.physics[1].mu.covariance(1, 0) = 0;
+            }),
+            "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].transfer[0].channel = 2; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[0].sigma_tl.mean[0] = NAN; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.black_dn[0] = 5000; }), "");
