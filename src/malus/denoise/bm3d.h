@@ -44,8 +44,9 @@ Bm3dReach bm3d_reach(const Bm3dSettings& settings);
 ///                  comes back unchanged and takes no part in the matching
 ///   match_weights: one per channel, >= 0: weight of the channel's squared distance in units of its
 ///                  noise variance; empty = equal weights
-///   variance_out:  when given, receives an estimate of the squared error per pixel (unit of the
-///                  plane, squared): the noise that the filters let through, see docs/bm3d.md
+///   variance_out:  when given, receives the expected squared error per pixel (unit of the plane,
+///                  squared). Measured on natural pictures its mean is right within about a
+///                  third for noise above 2 % of the range; see docs/bm3d.md
 /// The same bytes for any thread count. Constant planes come back exactly. Throws InputError on an
 /// unknown profile, Cancelled when progress asks for a stop. Contract: sizes agree, sigma finite
 /// and >= 0.

@@ -112,8 +112,11 @@ void spread(const Image& at_corner, int pad, int row, std::vector<float>& scratc
     for (std::size_t c = 0; c < out.size(); ++c) out[c] += w[k] * scratch[c + kPatch - 1 - k];
 }
 
-/// noisy + weighted mean of the residuals, and the share of noise that is left.
-void finish(const PaddedPlane& noisy, const Accumulator& sum, Image& result, Image* share) {
+/// noisy + weighted mean of the residuals. error: receives the expected squared error in units of
+/// the noise's variance: the root of the share of the noise's power that passed. A law found by
+/// measurement, not derived (docs/bm3d.md): where filters let little through, they also remove
+/// structure, and overlapping estimates share their noise.
+void finish(const PaddedPlane& noisy, const Accumulator& sum, Image& result, Image* error) {
   parallel_for(0, result.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     const auto cols = static_cast<std::size_t>(result.cols());
     std::vector<float> scratch, weight(cols), passed(cols);
@@ -122,9 +125,9 @@ void finish(const PaddedPlane& noisy, const Accumulator& sum, Image& result, Ima
       const float* residual = sum.residual.row(noisy.pad + r) + noisy.pad;
       const float* source = noisy.data.row(noisy.pad + r) + noisy.pad;
       for (std::size_t c = 0; c < cols; ++c) result.row(r)[c] = source[c] + residual[c] / weight[c];
-      if (!share) continue;
+      if (!error) continue;
       spread(sum.passed_noise, noisy.pad, r, scratch, passed);
-      for (std::size_t c = 0; c < cols; ++c) share->row(r)[c] = passed[c] / weight[c];
+      for (std::size_t c = 0; c < cols; ++c) error->row(r)[c] = std::sqrt(passed[c] / weight[c]);
     }
   });
 }
@@ -220,10 +223,10 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
     for (auto& sum : sums) sum.passed_noise = Image(padded.rows(), padded.cols());
   run_tiles(work, &pilot, parameters.wiener, filters, rows, cols, sums);
   for (std::size_t c = 0; c < work.channels.size(); ++c) {
-    Image* share = variance_out ? &(*variance_out)[work.channels[c]] : nullptr;
-    finish(work.noisy[c], sums[c], result[work.channels[c]], share);
-    if (share)
-      for (float& value : share->values()) value *= work.sigma[c] * work.sigma[c];
+    Image* error = variance_out ? &(*variance_out)[work.channels[c]] : nullptr;
+    finish(work.noisy[c], sums[c], result[work.channels[c]], error);
+    if (error)
+      for (float& value : error->values()) value *= work.sigma[c] * work.sigma[c];
   }
   return result;
 }
