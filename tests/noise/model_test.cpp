@@ -87,6 +87,25 @@ TEST(ModelAtGain, AnUnknownGainMeansTheOnlyOne) {
   EXPECT_NE(problem_of([&] { (void)model.physics_at(db(6)); }), "");
 }
 
+// One bias frame gives means and no spread: a model that draws without varying.
+TEST(ModelAtGain, ASpreadThatIsNotKnownIsNone) {
+  NoiseModel model = testing::full_model();
+  model.joint.reset();
+  model.physics.resize(1);
+  for (auto parameter :
+       {&PhysicsCalibration::mu, &PhysicsCalibration::sigma_row, &PhysicsCalibration::sigma_tl}) {
+    (model.physics[0].*parameter).spread = {NAN, NAN};
+    (model.physics[0].*parameter).standard_error = {NAN, NAN};
+    (model.physics[0].*parameter).covariance = {};
+  }
+  EXPECT_EQ(contradiction_in(model), "");
+  const PhysicsNoise drawn = model.sample_physics_at(db(0), 1, 1);
+  const PhysicsNoise mean = model.physics_at(db(0));
+  EXPECT_EQ(drawn.channels[0].mu_dn, mean.channels[0].mu_dn);
+  EXPECT_EQ(drawn.channels[1].sigma_row_dn, mean.channels[1].sigma_row_dn);
+  EXPECT_EQ(drawn.channels[1].sigma_tl_dn, mean.channels[1].sigma_tl_dn);
+}
+
 TEST(ModelAtGain, NeverAcrossConversionGains) {
   const NoiseModel model = load_model("sony-a7s2");
   EXPECT_NO_THROW((void)model.physics_at(iso(1500)));

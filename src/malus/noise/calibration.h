@@ -16,8 +16,8 @@ namespace malus {
 struct ChannelStatistics {
   std::vector<double> mean;
   std::vector<double> standard_error;  ///< of the mean; NaN where it cannot be told
-  std::vector<double>
-      spread;  ///< sd of the parameter from frame to frame (sampling error of one frame removed)
+  std::vector<double> spread;  ///< sd of the parameter from frame to frame (sampling error of one
+                               ///< frame removed); NaN where one frame cannot tell
   SquareMatrix
       covariance;  ///< over frames, between channels, sampling error removed; n = 0 if not measured
   /// [frame][channel]: every frame's own estimate, sampling error and all; NaN where a frame had

@@ -59,20 +59,22 @@ const Calibration* find_gain(const NoiseModel& model, const std::vector<Calibrat
   return nullptr;
 }
 
+// Not measured, or not to be told: none.
+std::vector<double> or_zero(std::vector<double> values, int channels) {
+  values.resize(static_cast<std::size_t>(channels), 0.0);
+  for (double& value : values)
+    if (!std::isfinite(value)) value = 0.0;
+  return values;
+}
+
 // Measured covariance made usable: variances below zero count as zero, correlations are projected.
 SquareMatrix usable_covariance(const ChannelStatistics& statistics, int channels) {
+  if (statistics.covariance.n == 0)
+    return covariance_of(SquareMatrix::identity(channels), or_zero(statistics.spread, channels));
   std::vector<double> deviation(static_cast<std::size_t>(channels), 0.0);
-  if (statistics.covariance.n == 0) {
-    if (!statistics.spread.empty()) deviation = statistics.spread;
-    return covariance_of(SquareMatrix::identity(channels), deviation);
-  }
   for (int c = 0; c < channels; ++c)
     deviation[static_cast<std::size_t>(c)] = std::sqrt(std::max(statistics.covariance(c, c), 0.0));
   return covariance_of(nearest_correlation(correlation_of(statistics.covariance)), deviation);
-}
-
-std::vector<double> or_zero(const std::vector<double>& values, int channels) {
-  return values.empty() ? std::vector<double>(static_cast<std::size_t>(channels), 0.0) : values;
 }
 
 GainParameters measured_parameters(const PhysicsCalibration& calibration, int channels) {
