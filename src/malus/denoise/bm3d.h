@@ -38,15 +38,14 @@ Bm3dReach bm3d_reach(const Bm3dSettings& settings);
 /// Denoises planes of any equal size (1x1 and up) jointly: block matches are found once, on the
 /// channels in match_weights, and shared by all channels; each channel is filtered with its own
 /// sigma.
-///   noisy:         finite values in any unit; the noise is white, Gaussian, independent of the
-///   signal sigma:         noise deviation, one per channel, in the unit of its plane; a channel
-///   with sigma 0
-///                  comes back unchanged and takes no part in the matching
-///   match_weights: one per channel, >= 0: weight of the channel's squared distance in units of its
-///                  noise variance; empty = equal weights
-///   variance_out:  when given, receives the expected squared error per pixel (unit of the plane,
-///                  squared). Measured on natural pictures its mean is right within about a
-///                  third for noise above 2 % of the range; see docs/bm3d.md
+/// - noisy: finite values in any unit; the noise is white, Gaussian, independent of the signal.
+/// - sigma: noise deviation, one per channel, in the unit of its plane; a channel with sigma 0 comes
+///   back unchanged and takes no part in the matching.
+/// - match_weights: one per channel, >= 0: weight of the channel's squared distance in units of its
+///   noise variance; empty = equal weights.
+/// - variance_out: when given, receives the expected squared error per pixel (unit of the plane,
+///   squared). Measured on natural pictures, its mean is right within about a third for noise above
+///   2 % of the range (docs/bm3d.md).
 /// The same bytes for any thread count. Constant planes come back exactly. Throws InputError on an
 /// unknown profile, Cancelled when progress asks for a stop. Contract: sizes agree, sigma finite
 /// and >= 0.
