@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 
+#include <atomic>
 #include <cmath>
 #include <numeric>
 
@@ -218,7 +219,41 @@ TEST(CalibratePhysics, FloatFramesHaveNoQuantisation) {
                 4 * model.physics[0].sigma_tl.standard_error[c]);
 }
 
+TEST(CalibratePhysics, GuessedBlackAndWhiteAreSaid) {
+  struct Warnings final : Progress {
+    void begin(std::string_view, std::int64_t) override {}
+    void advance(std::int64_t) override {}
+    void warn(std::string_view message) override { lines.emplace_back(message); }
+    bool stop_requested() const override { return false; }
+    std::vector<std::string> lines;
+  } progress;
+  SimulatedCamera camera = small_camera();
+  camera.bias_frames = 4;
+  camera.flat_levels = 3;
+  camera.levels_known = false;
+  calibrate_physics(simulated_session(camera), {}, progress);
+  EXPECT_THAT(progress.lines,
+              ::testing::Contains(::testing::HasSubstr("black level is not given")));
+  EXPECT_THAT(progress.lines,
+              ::testing::Contains(::testing::HasSubstr("white level is not given")));
+}
+
+TEST(CalibratePhysics, AStopIsHeeded) {
+  struct Stop final : Progress {
+    void begin(std::string_view, std::int64_t) override {}
+    void advance(std::int64_t steps) override { done += static_cast<int>(steps); }
+    void warn(std::string_view) override {}
+    bool stop_requested() const override { return done >= 5; }
+    std::atomic<int> done = 0;
+  } progress;
+  EXPECT_THROW(calibrate_physics(simulated_session(small_camera()), {}, progress), Cancelled);
+  EXPECT_EQ(progress.done, 5);
+}
+
 TEST(CalibratePhysics, BadInputIsNamed) {
+  SimulatedCamera tiny = small_camera();
+  tiny.rows = 12;
+  EXPECT_THROW(calibrated(tiny), InputError);
   CalibrationInput flats = simulated_session(small_camera());
   flats.sets.erase(flats.sets.begin());
   EXPECT_THROW(calibrate_physics(flats, {}, silent_progress()), InputError);

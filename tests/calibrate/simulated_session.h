@@ -27,6 +27,7 @@ struct SimulatedCamera {
   double shading = 0.2;    ///< relative fall of light towards the corners
   int bias_frames = 100, flat_levels = 12, flat_frames = 2;
   bool rounded = true;
+  bool levels_known = true;  ///< black and white are given, not guessed
   std::uint64_t seed = 0;
   std::vector<SimulatedGain> gains;
 };
@@ -68,6 +69,7 @@ inline RawFrame simulated_frame(const SimulatedCamera& camera, const SimulatedGa
   out.layout = gain.noise.layout;
   out.black_dn.assign(gain.noise.channels.size(), camera.black_dn);
   out.white_dn = camera.white_dn;
+  out.black_known = out.white_known = camera.levels_known;
   out.gain = gain.gain;
   out.dn = Image(camera.rows, camera.cols);
   PhysicsNoise noise = gain.noise;

@@ -104,11 +104,12 @@ ChannelShapes likelihood_shapes(const BiasFrames& frames, int channel,
 
 ChannelShapes ppcc_shapes(const BiasFrames& frames, int channel, const ResidualBlur& blur) {
   ChannelShapes shapes;
-  for (const auto& frame : frames.residuals)
-    if (const auto fit = fit_tukey_lambda_ppcc(frame[at(channel)], blur)) {
-      shapes.lambda.push_back(fit->lambda);
-      shapes.scale.push_back(fit->scale_dn);
-    }
+  for (const auto& frame : frames.residuals) {
+    const auto fit = fit_tukey_lambda_ppcc(frame[at(channel)], blur);
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    shapes.lambda.push_back(fit ? fit->lambda : nan);
+    shapes.scale.push_back(fit ? fit->scale_dn : nan);
+  }
   return shapes;
 }
 
@@ -122,7 +123,8 @@ void append_frames(const std::vector<double>& values, std::size_t frames, Channe
 
 void append_statistics(const std::vector<double>& values, double sampling, ChannelStatistics& out) {
   FrameSeries series;
-  for (double value : values) series.push_back({value});
+  for (double value : values)
+    if (std::isfinite(value)) series.push_back({value});
   SquareMatrix error(1);
   error(0, 0) = sampling;
   const ChannelStatistics one = frame_statistics(series, error);
@@ -180,7 +182,8 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
                                      : likelihood_shapes(frames, c, pooled, blur, *fit);
     append_frames(shapes.lambda, count, out.lambda);
     append_frames(shapes.scale, count, out.sigma_tl);
-    if (shapes.lambda.empty()) {
+    if (std::none_of(shapes.lambda.begin(), shapes.lambda.end(),
+                     [](double value) { return std::isfinite(value); })) {
       append_unknown(fit->lambda, fit->scale_dn, out);
       continue;
     }

@@ -129,6 +129,24 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   return out;
 }
 
+// Black and white when neither the session nor the files tell them: said, because μ then holds the
+// whole dark level, and saturated flats are known by the largest values alone.
+void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, Progress& progress) {
+  if (!first.black_known)
+    progress.warn(
+        fmt::format("the black level is not given, taken as {:g}: mu holds the rest of "
+                    "the dark level; give black in [sensor]",
+                    first.black_dn.front()));
+  if (first.white_known) return;
+  for (const GainPlan& plan : plans)
+    for (const FrameSet* flat : plan.flats)
+      first.white_dn = std::max(first.white_dn, flat->load(0).white_dn);
+  progress.warn(
+      fmt::format("the white level is not given, taken as {:g}: saturated flats may be "
+                  "missed; give white in [sensor]",
+                  first.white_dn));
+}
+
 }  // namespace
 
 double quantization_step(View<const float> dn) {
@@ -162,7 +180,8 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
       continue;
     }
     if (model.physics.empty()) {
-      first = plan.bias->load(0);
+      first = load_first(*plan.bias);
+      settle_levels(plans, first, progress);
       model.layout = first.layout;
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;

@@ -76,6 +76,19 @@ CalibrationInput calibration_input(const Session& session) {
   return input;
 }
 
+RawFrame load_first(const FrameSet& set) {
+  constexpr int kFewestCells = 4;
+  RawFrame first = set.load(0);
+  if (first.dn.rows() < kFewestCells * first.layout.rows() ||
+      first.dn.cols() < kFewestCells * first.layout.cols())
+    throw InputError(
+        first.source,
+        fmt::format("is {}x{} pixels, less than {} cells of the layout {}", first.dn.cols(),
+                    first.dn.rows(), kFewestCells, first.layout.name()),
+        "calibrate with larger frames");
+  return first;
+}
+
 void for_each_frame(const FrameSet& set, const RawFrame* like, Progress& progress,
                     const std::function<void(const RawFrame&, int)>& use) {
   const auto decode = [&set, like](int i) {

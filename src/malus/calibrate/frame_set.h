@@ -35,6 +35,10 @@ struct CalibrationInput {
 /// The frames of a session. Groups of one kind, gain, exposure and level become one set.
 CalibrationInput calibration_input(const Session& session);
 
+/// The set's first frame, which tells size, layout, black and white. Throws InputError when it is
+/// smaller than four cells of its layout in either direction: there is nothing to average.
+RawFrame load_first(const FrameSet& set);
+
 /// Calls use(frame, i) for every frame of the set in order, decoding the next ones in other threads
 /// meanwhile: memory holds a few frames, however many there are. Every frame must have the size and
 /// layout of `like` (when it has pixels) and only finite pixels, else InputError names it. Throws

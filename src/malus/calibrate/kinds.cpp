@@ -87,7 +87,8 @@ void add_nonparametric(const CalibrationInput& input, const CalibrationSettings&
   progress.begin("distributions", steps);
   for (const GainSetting& gain : gains) {
     const std::vector<NoiseSource> sources = sources_at(gain, input);
-    const RawFrame first = sources.front().frames->load(0);
+    RawFrame first = load_first(*sources.front().frames);
+    if (model.white_dn > 0) first.white_dn = model.white_dn;
     if (model.black_dn.empty()) {
       model.layout = first.layout;
       model.black_dn = first.black_dn;
