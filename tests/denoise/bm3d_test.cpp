@@ -14,6 +14,7 @@
 
 #include "bm3d_plain.h"
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 namespace malus {
 namespace {
@@ -130,6 +131,24 @@ TEST(Bm3d, IsTheSameForAnyNumberOfThreads) {
     EXPECT_EQ(results[0][c].values(), results[1][c].values());
     EXPECT_EQ(results[0][c].values(), results[2][c].values());
   }
+}
+
+// Integers in the matching, vectors of one width in the filters: the instruction set is of no
+// consequence.
+TEST(Bm3d, IsTheSameOnEveryInstructionSet) {
+  const Planes noisy = with_noise(test_picture(1, 60, 70), 20, 9);
+  const std::array sigma = {20.0F};
+  const Planes expected = bm3d(noisy, sigma, {});
+  const std::int64_t supported = hwy::SupportedTargets();
+  int tried = 0;
+  for (std::int64_t rest = supported; rest != 0; rest &= rest - 1) {
+    hwy::SetSupportedTargetsForTest(rest & -rest);
+    EXPECT_EQ(bm3d(noisy, sigma, {})[0].values(), expected[0].values())
+        << hwy::TargetName(rest & -rest);
+    ++tried;
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  EXPECT_GE(tried, 1);
 }
 
 // The noise deviation is the only scale there is; a factor of 4 is exact in float.

@@ -39,7 +39,8 @@ Bm3dReach bm3d_reach(const Bm3dSettings& settings);
 /// channels in match_weights, and shared by all channels; each channel is filtered with its own
 /// sigma.
 /// - noisy: finite values in any unit; the noise is white, Gaussian, independent of the signal.
-/// - sigma: noise deviation, one per channel, in the unit of its plane; a channel with sigma 0 comes
+/// - sigma: noise deviation, one per channel, in the unit of its plane; a channel with sigma 0
+/// comes
 ///   back unchanged and takes no part in the matching.
 /// - match_weights: one per channel, >= 0: weight of the channel's squared distance in units of its
 ///   noise variance; empty = equal weights.

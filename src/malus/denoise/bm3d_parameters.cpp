@@ -14,7 +14,7 @@ struct NamedParameters {
 };
 
 constexpr std::array<NamedParameters, 3> kProfiles = {{
-    {"fast", {{8, 6, 16, 16.0F}, 2.8F, {7, 6, 16, 4.0F}}},
+    {"fast", {{8, 6, 16, 16.0F}, 2.8F, {8, 6, 16, 4.0F}}},
     {"normal", {{3, 19, 16, 16.0F}, 2.8F, {3, 19, 32, 4.0F}}},
     {"high", {{2, 25, 16, 16.0F}, 2.8F, {2, 25, 32, 4.0F}}},
 }};

@@ -26,20 +26,21 @@ struct Accumulator {
 };
 
 std::vector<Tile> tiles_of(int rows, int cols, int step) {
-  const int refs = tile_references(step);
+  const int tall = tile_rows(step), wide = tile_columns(step);
   const int ref_rows = lattice_size(rows, step), ref_cols = lattice_size(cols, step);
   std::vector<Tile> tiles;
-  for (int r = 0; r < ref_rows; r += refs)
-    for (int c = 0; c < ref_cols; c += refs)
+  for (int r = 0; r < ref_rows; r += tall)
+    for (int c = 0; c < ref_cols; c += wide)
       tiles.push_back(
-          {r * step, c * step, std::min(refs, ref_rows - r), std::min(refs, ref_cols - c)});
+          {r * step, c * step, std::min(tall, ref_rows - r), std::min(wide, ref_cols - c)});
   return tiles;
 }
 
 /// Tiles of one class write to places that are `classes` tiles apart and never meet, so a class
 /// runs in parallel straight into the shared sums, and the order of all additions is fixed.
-int tile_classes(const Bm3dStage& stage) {
-  const int side = tile_references(stage.step) * stage.step;
+/// refs: reference blocks along the tile's side.
+int tile_classes(const Bm3dStage& stage, int refs) {
+  const int side = refs * stage.step;
   const int touched = side + 2 * stage.range + kPatch - stage.step;
   return (touched + side - 1) / side;
 }
@@ -77,11 +78,14 @@ void run_tiles(const Work& work, const std::vector<PaddedPlane>* pilot, const Bm
   }
   const auto order = search_order(stage.range);
   const auto tiles = tiles_of(rows, cols, stage.step);
-  const int side = tile_references(stage.step) * stage.step, classes = tile_classes(stage);
-  for (int index = 0; index < classes * classes; ++index) {
+  const int tall = tile_rows(stage.step), wide = tile_columns(stage.step);
+  const int down = tile_classes(stage, tall), across = tile_classes(stage, wide);
+  for (int index = 0; index < down * across; ++index) {
     std::vector<Tile> members;
     for (const Tile& tile : tiles)
-      if (tile.row / side % classes * classes + tile.col / side % classes == index)
+      if (tile.row / (tall * stage.step) % down * across +
+              tile.col / (wide * stage.step) % across ==
+          index)
         members.push_back(tile);
     parallel_for(0, std::ssize(members), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (std::ptrdiff_t i = begin; i < end; ++i) {
@@ -181,7 +185,8 @@ PaddedPlane padded_by_reflection(const Image& plane, int pad) {
 Bm3dReach bm3d_reach(const Bm3dParameters& parameters) {
   const auto reach = [](const Bm3dStage& s) { return 2 * (s.range + kPatch); };
   const auto grid = [](const Bm3dStage& s) {
-    return tile_references(s.step) * s.step * tile_classes(s);
+    const int tall = tile_rows(s.step), wide = tile_columns(s.step);
+    return s.step * std::lcm(tall * tile_classes(s, tall), wide * tile_classes(s, wide));
   };
   return {reach(parameters.hard) + reach(parameters.wiener),
           std::lcm(grid(parameters.hard), grid(parameters.wiener))};

@@ -27,8 +27,10 @@ PaddedPlane padded_by_reflection(const Image& plane, int pad);
 /// position where a block fits.
 int lattice_size(int pixels, int step);
 
-/// Reference blocks along one side of a tile.
-inline int tile_references(int step) { return step >= 3 ? 30 : step == 2 ? 28 : 24; }
+/// Most reference blocks in a row of a tile: those whose pixels fill a vector of kCells cells.
+inline int tile_columns(int step) { return step >= 3 ? 30 : step == 2 ? 28 : 24; }
+/// Most rows of them: half as many keep the lists in the cache and give more tiles to share out.
+inline int tile_rows(int step) { return tile_columns(step) / 2; }
 
 /// Pixels of padding that a pass needs on each side: the last blocks may begin up to a block's side
 /// beyond the last one that fits, and the spreading of weights looks one block back.
@@ -51,7 +53,7 @@ struct BlockGroup {
 /// One tile of reference blocks: refs start at (row, col) of the picture.
 struct Tile {
   int row, col;
-  int ref_rows, ref_cols;  ///< at most tile_references(step) each
+  int ref_rows, ref_cols;  ///< at most tile_rows and tile_columns
 };
 
 /// What multiplies a plane before matching: values become steps of a fraction of sigma, such that
