@@ -66,6 +66,15 @@ struct ProfileChoice {
   std::string origin;
 };
 
+// profile_at refuses such a gain unless --extrapolate-gain asks for it; then it is said.
+void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
+  if (model.physics.empty()) return;
+  const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
+  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
+    warn(fmt::format("{}: extrapolated to {} from the calibrated range {} to {}", path.string(),
+                     gain.text(), lowest.text(), highest.text()));
+}
+
 ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseModel>& model,
                              const DenoiseArguments& arguments) {
   if (model) {
@@ -74,9 +83,12 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
     if (!gain.decibel())
       throw InputError(frame.source, "the gain is not in the file and the model holds several",
                        "give --gain or --iso");
-    return {model->profile_at(gain, arguments.extrapolate_gain ? GainRange::kAllowExtrapolation
-                                                               : GainRange::kCalibratedOnly),
-            fmt::format("model {} at {}", arguments.model.string(), gain.text())};
+    const auto range =
+        arguments.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
+    ProfileChoice choice{model->profile_at(gain, range),
+                         fmt::format("model {} at {}", arguments.model.string(), gain.text())};
+    warn_of_extrapolation(*model, gain, arguments.model);
+    return choice;
   }
   const Estimate<PictureNoise> noise = estimate_profile(frame);
   if (!noise)
@@ -87,51 +99,55 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   return {noise->profile, noise->trust};
 }
 
-void warn_about(const RawFrame& frame, const fs::path& input, const Denoised& result) {
+void warn_about(const RawFrame& frame, const fs::path& input) {
   const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
   if (!complaint.empty()) warn(fmt::format("{}: {}", input.string(), complaint));
   if (!frame.black_known)
     warn(fmt::format("{}: black level not known, taken as 0 (--black)", input.string()));
-  if (result.nonfinite_pixels > 0)
-    warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", input.string(),
-                     result.nonfinite_pixels));
 }
 
-RawFrame frame_like(const RawFrame& frame, const Image& dn_above_black, bool black_back) {
-  RawFrame out = frame;
-  out.dn = dn_above_black;
-  if (black_back) {
-    for (int r = 0; r < out.dn.rows(); ++r)
-      for (int c = 0; c < out.dn.cols(); ++c)
-        out.dn(r, c) += static_cast<float>(frame.black_at(r, c));
-    return out;
-  }
-  out.white_dn -= *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
+// A large frame's pixels exist once: they move into the file's frame and back.
+void save_mosaic(const fs::path& path, const RawFrame& header, Image& dn_above_black,
+                 const SaveOptions& save) {
+  RawFrame out = header;
+  out.white_dn -= *std::max_element(header.black_dn.begin(), header.black_dn.end());
   std::fill(out.black_dn.begin(), out.black_dn.end(), 0.0);
   out.bits = 0;
-  return out;
+  out.dn = std::move(dn_above_black);
+  save_frame(path, out, save);
+  dn_above_black = std::move(out.dn);
 }
 
-std::vector<std::string> write_outputs(const RawFrame& frame, const Denoised& result,
+void save_integers(const fs::path& path, const RawFrame& header, const Image& dn_above_black,
+                   SaveOptions save) {
+  RawFrame out = header;
+  out.dn = dn_above_black;
+  for (int r = 0; r < out.dn.rows(); ++r)
+    for (int c = 0; c < out.dn.cols(); ++c)
+      out.dn(r, c) += static_cast<float>(header.black_at(r, c));
+  save.type = SampleType::kUint16;
+  save_frame(path, out, save);
+}
+
+std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
                                        const OutputNames& names, bool force) {
   std::vector<std::string> files;
   SaveOptions save;
   save.force = force;
   save.type = SampleType::kFloat;
-  save_frame(names.mosaic, frame_like(frame, result.dn_above_black, false), save);
+  save_mosaic(names.mosaic, header, result.dn_above_black, save);
   files.push_back(names.mosaic.string());
-  const std::vector<std::string> channels = frame.layout.channel_names();
+  const std::vector<std::string> channels = header.layout.channel_names();
   if (!names.planes.empty()) {
-    save_picture(names.planes, pack(result.dn_above_black, frame.layout), channels, save);
+    save_picture(names.planes, pack(result.dn_above_black, header.layout), channels, save);
     files.push_back(names.planes.string());
   }
   if (!names.variance.empty()) {
-    save_picture(names.variance, pack(*result.variance_dn2, frame.layout), channels, save);
+    save_picture(names.variance, pack(*result.variance_dn2, header.layout), channels, save);
     files.push_back(names.variance.string());
   }
   if (!names.integers.empty()) {
-    save.type = SampleType::kUint16;
-    save_frame(names.integers, frame_like(frame, result.dn_above_black, true), save);
+    save_integers(names.integers, header, result.dn_above_black, save);
     files.push_back(names.integers.string());
   }
   return files;
@@ -173,18 +189,24 @@ Json process(const DenoiseArguments& arguments, const std::optional<NoiseModel>&
              Progress& progress, bool force, std::vector<DenoisedFrame>* report) {
   RawFrame frame = load_frame(input, options);
   const ProfileChoice choice = choose_profile(frame, model, arguments);
+  warn_about(frame, input);
+  Image pixels = std::move(frame.dn);  // the denoiser takes them
+  RawFrame header = frame;
+  if (report) header.dn = pixels;
+  frame.dn = std::move(pixels);
   const auto start = std::chrono::steady_clock::now();
-  RawFrame working = frame;  // keeps all but the pixels, which the denoiser takes
-  Denoised result = denoise_frame(std::move(working), choice.profile, arguments.settings, progress,
+  Denoised result = denoise_frame(std::move(frame), choice.profile, arguments.settings, progress,
                                   arguments.uncertainty);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  warn_about(frame, input, result);
-  Json json = describe(frame, result, choice, arguments, seconds);
-  json["files"] = write_outputs(frame, result, names, force);
-  write_record(names.record, run_record(frame, choice.profile, input, names.mosaic, json), force);
+  if (result.nonfinite_pixels > 0)
+    warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", input.string(),
+                     result.nonfinite_pixels));
+  Json json = describe(header, result, choice, arguments, seconds);
+  json["files"] = write_outputs(header, result, names, force);
+  write_record(names.record, run_record(header, choice.profile, input, names.mosaic, json), force);
   if (report)
-    report->push_back({.before = std::move(frame),
+    report->push_back({.before = std::move(header),
                        .after_dn = std::move(result.dn_above_black),
                        .profile = choice.profile,
                        .variance_dn2 = result.variance_dn2.value_or(Image()),

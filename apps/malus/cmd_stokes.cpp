@@ -13,12 +13,14 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "flags.h"
 #include "frame_input.h"
 #include "program.h"
 #include "raw_options.h"
+#include "stokes_uncertainty.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -27,32 +29,40 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
+constexpr std::array<const char*, 5> kProducts = {"s0", "s1", "s2", "dolp", "aolp"};
+
 struct StokesArguments {
   RawOptions raw;
   RenderSettings render;
-  std::vector<fs::path> inputs;
-  fs::path folder;
+  std::vector<fs::path> inputs, variance;
+  fs::path folder, model;
   std::string format = "exr";
   std::string method = "residual";  ///< of demosaicking
   bool pictures = true, full = false;
+  bool confidence() const { return !model.empty() || !variance.empty(); }
+  /// Names of what is written for every input.
+  std::vector<std::string> products() const {
+    std::vector<std::string> names(kProducts.begin(), kProducts.end());
+    if (confidence())
+      names.insert(names.end(), kConfidenceProducts.begin(), kConfidenceProducts.end());
+    return names;
+  }
 };
-
-constexpr std::array<const char*, 5> kProducts = {"s0", "s1", "s2", "dolp", "aolp"};
 
 // What one input becomes: a data file and a picture of every product.
 struct OutputNames {
-  std::array<fs::path, 5> data, picture;
+  std::vector<fs::path> data, picture;  // one per product
 };
 
 std::vector<OutputNames> plan_outputs(const StokesArguments& arguments, bool force) {
   std::vector<OutputNames> plans(arguments.inputs.size());
-  for (std::size_t k = 0; k < kProducts.size(); ++k) {
-    const std::string suffix = fmt::format("_{}.", kProducts[k]);
+  for (const std::string& product : arguments.products()) {
+    const std::string suffix = fmt::format("_{}.", product);
     const auto data = output_names(arguments.inputs, arguments.folder, suffix + arguments.format);
     const auto pictures = output_names(arguments.inputs, arguments.folder, suffix + "png");
     for (std::size_t i = 0; i < plans.size(); ++i) {
-      plans[i].data[k] = data[i];
-      plans[i].picture[k] = pictures[i];
+      plans[i].data.push_back(data[i]);
+      plans[i].picture.push_back(pictures[i]);
       check_output(data[i], force);
       if (arguments.pictures) check_output(pictures[i], force);
     }
@@ -69,7 +79,7 @@ Planes collect(const StokesPicture& picture, Function image) {
   return planes;
 }
 
-std::array<Planes, 5> data_of(const StokesPicture& picture) {
+std::vector<Planes> data_of(const StokesPicture& picture) {
   return {collect(picture, [](const StokesPlanes& s) { return s.s0; }),
           collect(picture, [](const StokesPlanes& s) { return s.s1; }),
           collect(picture, [](const StokesPlanes& s) { return s.s2; }),
@@ -77,7 +87,7 @@ std::array<Planes, 5> data_of(const StokesPicture& picture) {
           collect(picture, [](const StokesPlanes& s) { return aolp_deg_of(s); })};
 }
 
-std::array<Planes, 5> pictures_of(const StokesPicture& picture, const RenderSettings& settings) {
+std::vector<Planes> pictures_of(const StokesPicture& picture, const RenderSettings& settings) {
   const StokesPlanes mean = mean_stokes(picture.planes);
   const Image dolp = dolp_of(mean), aolp = aolp_deg_of(mean);
   SignedPictures differences = render_s1_s2(mean, settings);
@@ -119,39 +129,66 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
   return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method));
 }
 
-Json process(const StokesArguments& arguments, const fs::path& input, const FrameOptions& options,
-             const OutputNames& names, bool force) {
+// What the noise of one input is: the model's, or what denoise wrote beside it.
+Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
+                   std::size_t index, const RawFrame& frame) {
+  return model ? variance_by_model(frame, *model) : load_variance(arguments.variance[index], frame);
+}
+
+void save_all(const std::vector<fs::path>& paths, std::vector<Planes> products,
+              const std::vector<std::string>& channels, const SaveOptions& options, Json& files) {
+  for (std::size_t k = 0; k < products.size(); ++k) {
+    save_picture(paths[k], products[k], channels, options);
+    products[k] = Planes();
+    files.push_back(paths[k].string());
+  }
+}
+
+Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
+             std::size_t index, const FrameOptions& options, const OutputNames& names, bool force) {
+  const fs::path& input = arguments.inputs[index];
   const RawFrame frame = load_above_black(input, options);
   require_polarized(frame.layout, input.string());
   warn_about(frame, input);
   const StokesPicture picture = stokes_picture(arguments, frame);
+  std::array<Planes, 3> confidence;
+  if (arguments.confidence())
+    confidence = confidence_of(picture, variance_of(arguments, model, index, frame), frame.layout);
+  std::vector<Planes> data = data_of(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
-  const std::array<Planes, 5> data = data_of(picture);
   Json json{{"input", input.string()},
             {"layout", frame.layout.name()},
             {"rows", data[0].rows()},
             {"cols", data[0].cols()},
             {"channels", channels}};
   json.update(summary_of(data[3]));
+  if (arguments.confidence()) data.insert(data.end(), confidence.begin(), confidence.end());
   SaveOptions save;
   save.force = force;
-  for (std::size_t k = 0; k < kProducts.size(); ++k) {
-    save_picture(names.data[k], data[k], channels, save);
-    json["files"].push_back(names.data[k].string());
-  }
+  save_all(names.data, std::move(data), channels, save, json["files"]);
   if (!arguments.pictures) return json;
+  std::vector<Planes> pictures = pictures_of(picture, arguments.render);
+  if (arguments.confidence())
+    for (Planes& p : confidence_pictures(confidence, arguments.render))
+      pictures.push_back(std::move(p));
   save.type = SampleType::kUint8;
-  const std::array<Planes, 5> pictures = pictures_of(picture, arguments.render);
-  for (std::size_t k = 0; k < kProducts.size(); ++k) {
-    save_picture(names.picture[k], pictures[k], {}, save);
-    json["files"].push_back(names.picture[k].string());
-  }
+  save_all(names.picture, std::move(pictures), {}, save, json["files"]);
   return json;
 }
 
+void check_usage(const StokesArguments& arguments) {
+  if (arguments.confidence() && arguments.full)
+    throw CLI::ValidationError("--full", "confidence is known per cell only: leave it out");
+  if (!arguments.variance.empty() && arguments.variance.size() != arguments.inputs.size())
+    throw CLI::ValidationError("--variance", "one file per RAW, in the same order");
+}
+
 void run_stokes(const StokesArguments& arguments, const Common& common) {
+  check_usage(arguments);
   const FrameOptions options = arguments.raw.resolve();
+  std::optional<NoiseModel> model;
+  if (!arguments.model.empty()) model = load_model(arguments.model);
   make_output_folder(arguments.folder);
   const std::vector<OutputNames> plans = plan_outputs(arguments, common.force);
   const auto progress = make_progress(common);
@@ -160,7 +197,7 @@ void run_stokes(const StokesArguments& arguments, const Common& common) {
   std::string text;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
     check_stop(*progress);
-    results.push_back(process(arguments, arguments.inputs[i], options, plans[i], common.force));
+    results.push_back(process(arguments, model, i, options, plans[i], common.force));
     const Json& last = results.back();
     text += fmt::format(
         "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %, {} files in {}\n",
@@ -186,6 +223,15 @@ void add_stokes(CLI::App& app, Common& common) {
       ->check(CLI::IsMember({"exr", "tif", "npy", "fits"}))
       ->capture_default_str();
   command->add_flag("!--no-pictures", arguments->pictures, "data files only");
+  const std::string confidence = "Confidence: <stem>_dolp_sd, _aolp_sd [deg], _dolp_corrected";
+  auto* model = command->add_option("--model", arguments->model,
+                                    "noise model of these raw frames; needs their gain");
+  model->group(confidence);
+  command
+      ->add_option("--variance", arguments->variance,
+                   "of denoised frames: what denoise --uncertainty wrote, one per RAW")
+      ->excludes(model)
+      ->group(confidence);
   command->add_flag("--full", arguments->full,
                     "one value per pixel by demosaicking, instead of one per cell");
   command->add_option("--demosaick", arguments->method, "how --full fills the gaps")

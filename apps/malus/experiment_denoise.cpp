@@ -1,5 +1,6 @@
 // malus experiment denoise: clean polarization scenes, a camera's noise, every denoising method,
 // and how near each comes: the shape of 000 Table 1 without networks.
+#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/evaluate/evaluation.h"
@@ -13,6 +14,7 @@
 
 #include "experiments.h"
 #include "flags.h"
+#include "report_pages.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -27,6 +29,7 @@ struct Case {
 
 struct Arguments {
   std::vector<fs::path> scenes;
+  fs::path report;
   std::string model = "imx250myr-simulated";
   std::vector<std::string> methods, cases{"12:10", "12:60", "24:10"};
   int crop = 512;
@@ -141,7 +144,29 @@ void run_case(const Scene& scene, const Case& light, const NoiseModel& model, st
   }
 }
 
+// The table as a record that a report shows (docs/report.md).
+Json record_of(const Json& result) {
+  Json table = {{"title", "Denoising methods"},
+                {"note", fmt::format("Means over the scenes and over the cases (gain : low-light "
+                                     "ratio) {}; noise of {}.",
+                                     result["cases"].dump(), result["model"].get<std::string>())},
+                {"head", "method"},
+                {"columns",
+                 {{{"name", "image PSNR"}, {"unit", "dB"}},
+                  {{"name", "DoLP PSNR"}, {"unit", "dB"}},
+                  {{"name", "AoLP circular error"}, {"unit", "deg"}},
+                  {{"name", "time per frame"}, {"unit", "s"}}}},
+                {"rows", Json::array()}};
+  for (const Json& method : result["methods"])
+    table["rows"].push_back({{"name", method["name"]},
+                             {"cells",
+                              {method["image_psnr_db"], method["dolp_psnr_db"],
+                               method["aolp_circular_deg"], method["seconds"]}}});
+  return {{"title", "Experiment: denoising methods"}, {"tables", Json::array({table})}};
+}
+
 void run(const Arguments& arguments, const Common& common) {
+  if (!arguments.report.empty()) check_output(arguments.report, common.force);
   const NoiseModel model = load_model(arguments.model);
   std::vector<Score> scores{{"noisy"}};
   for (const std::string& name : arguments.methods) scores.push_back({name});
@@ -172,6 +197,8 @@ void run(const Arguments& arguments, const Common& common) {
     table += fmt::format("| {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} |\n", score.name,
                          score.image / n, score.dolp / n, score.aolp / n, score.seconds / n);
   }
+  if (!arguments.report.empty())
+    write_record_report(record_of(json), arguments.report, common.force);
   print_result(common, json, table);
 }
 
@@ -191,6 +218,7 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
       ->capture_default_str();
   command->add_option("--methods", arguments->methods,
                       "METHOD[/PROFILE[/no-row-noise]]; all methods when left out");
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
   command->add_option("--crop", arguments->crop, "middle part of the scenes [pixels]")
       ->check(CLI::Range(16, 100000))
       ->capture_default_str();

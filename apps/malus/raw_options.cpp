@@ -18,6 +18,7 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
       ->group(group);
   command.add_option("--black", black_dn_, "black level: one number, or one per channel [DN]")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->group(group);
   command.add_option("--white", white_dn_, "saturation, black level included [DN]")->group(group);
   if (with_gain) {

@@ -151,10 +151,10 @@ void write_denoise_report(const std::vector<DenoisedFrame>& frames,
                                 ? "Denoising of " + sections.front().title
                                 : fmt::format("Denoising of {} frames", frames.size());
   const std::string subtitle =
-      frames.empty() ? ""
-                     : fmt::format("{}, {}, {} × {} px", frames[0].before.layout.name(),
-                                   frames[0].before.gain.text(), frames[0].before.dn.cols(),
-                                   frames[0].before.dn.rows());
+      frames.size() != 1 ? ""
+                         : fmt::format("{}, {}, {} × {} px", frames[0].before.layout.name(),
+                                       frames[0].before.gain.text(), frames[0].before.dn.cols(),
+                                       frames[0].before.dn.rows());
   write_report(make_report(title, subtitle, std::move(sections)), path, {.force = force});
 }
 

@@ -53,6 +53,9 @@ void write_calibration_report(const NoiseModel& model, const std::filesystem::pa
 /// For `denoise --report`.
 void write_denoise_report(const std::vector<DenoisedFrame>& frames,
                           const std::filesystem::path& path, bool force);
+/// For `train --report` and `experiment --report`.
+void write_record_report(const nlohmann::ordered_json& record, const std::filesystem::path& path,
+                         bool force);
 /// For `evaluate --report`.
 void write_evaluation_report(const nlohmann::ordered_json& evaluation,
                              const std::filesystem::path& path, bool force);

@@ -155,6 +155,11 @@ void write_evaluation_report(const Json& evaluation, const std::filesystem::path
       path, {.force = force});
 }
 
+void write_record_report(const Json& record, const std::filesystem::path& path, bool force) {
+  write_report(make_report(text_of(record, "title"), {}, record_sections(record)), path,
+               {.force = force});
+}
+
 Report make_report(const std::string& title, const std::string& subtitle,
                    std::vector<Section> sections) {
   return {.title = title,

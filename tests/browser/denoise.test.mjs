@@ -54,14 +54,14 @@ test("pixel values are the file's, in DN and electrons; DoLP follows from them",
   await ready(page);
   const [x, y] = [51, 35];
   const { K } = JSON.parse(malus("model", "show", "imx250mzr-simulated", "--gain", 0, "--json")).gains[0];
-  await page.getByLabel("Show").selectOption("mosaic");
+  await page.getByLabel("Show", { exact: true }).selectOption("mosaic");
   const raw = await readPixel(page, x, y);
   assert.equal(raw.before[0], rawValue(y, x) - kBlack);
   assert.ok(raw.heads[1].includes("raw 0"), raw.heads.join());  // [90 45; 135 0] at odd row and column
   const electrons = (rawValue(y, x) - kBlack) / K.value[3];
   assert.ok(Math.abs(raw.before[1] - electrons) < 1e-4 * electrons, `${raw.before[1]} e- is not ${electrons}`);
 
-  await page.getByLabel("Show").selectOption("DoLP");
+  await page.getByLabel("Show", { exact: true }).selectOption("DoLP");
   await page.keyboard.press("Tab");
   await page.locator(".stage canvas").focus();
   await page.keyboard.press("ArrowRight");
@@ -76,7 +76,7 @@ test("divider, zoom, planes, side by side and saving change what they should", {
   const page = await open(t, smallReport(t));
   await ready(page);
   const whole = await look(page);
-  await page.getByLabel("Divider").focus();
+  await page.getByLabel("Divider", { exact: true }).focus();
   await page.keyboard.press("End");
   const left = await look(page);
   assert.notEqual(left, whole);
@@ -85,20 +85,20 @@ test("divider, zoom, planes, side by side and saving change what they should", {
   assert.notEqual(near, left);
   await page.getByRole("button", { name: "Show the whole picture" }).click();
   assert.equal(await look(page), left);
-  const names = await page.getByLabel("Show").locator("option").allTextContents();
+  const names = await page.getByLabel("Show", { exact: true }).locator("option").allTextContents();
   for (const plane of ["S0, intensity", "DoLP", "AoLP", "S1", "S2", "0°", "45°", "90°", "135°", "mosaic"])
     assert.ok(names.includes(plane), plane);
   const pictures = new Set();
   for (const name of ["DoLP", "AoLP", "S1", "mosaic"]) {
-    await page.getByLabel("Show").selectOption(name);
+    await page.getByLabel("Show", { exact: true }).selectOption(name);
     pictures.add(await look(page));
     assert.match(await page.locator(".viewer figure h3").textContent(), new RegExp(name));
   }
   assert.equal(pictures.size, 4);
-  await page.getByLabel("Show").selectOption("AoLP");
+  await page.getByLabel("Show", { exact: true }).selectOption("AoLP");
   assert.equal(await page.locator(".legend canvas").getAttribute("role"), "img");
   const before = await look(page);
-  await page.getByLabel("Compare").selectOption("side by side");
+  await page.getByLabel("Compare", { exact: true }).selectOption("side by side");
   assert.notEqual(await look(page), before);
   const saved = await download(page, page.locator(".viewer > .tools").getByRole("button", { name: "PNG" }));
   assert.match(saved.name, /AoLP\.png$/);

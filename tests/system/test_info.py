@@ -140,6 +140,13 @@ def test_unreadable_files(refused, tmp_path):
     assert "cannot be opened" in refused("info", file)
 
 
+def test_flags_may_stand_before_the_files(malus, tmp_path):
+    file = save(tmp_path / "a.npy", noisy_polar_mosaic())
+    found = malus("info", "--json", "--layout", "polar-mono", "--black", "60,61.5,62,63", file).json
+    assert found["black"] == [60, 61.5, 62, 63]
+    assert malus("info", "--json", "--black", 64, file, file).json["frames"][1]["black"] == [64]
+
+
 def test_usage(malus):
     malus("info", code=2)
     malus("info", "x.png", "--frobnicate", code=2)

@@ -46,7 +46,7 @@ TilePlan plan_tiles(int rows, int cols, int reach, const DenoiseSettings& settin
 }
 
 // Writes the core of a filtered tile into the results.
-void store_tile(const internal::Tile& tile, const Image& filtered, const Image* variance,
+void store_tile(const internal::StackTile& tile, const Image& filtered, const Image* variance,
                 int margin, int rows, int cols, const std::vector<Stabilizer>& stabilizers,
                 const PreparedFrame& frame, Denoised& result) {
   parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
@@ -91,8 +91,8 @@ void filter_frame(const PreparedFrame& frame, const NoiseProfile& profile,
     const int row0 = t / across * tiles.core_rows, col0 = t % across * tiles.core_cols;
     const int core_rows = std::min(tiles.core_rows, rows - row0);
     const int core_cols = std::min(tiles.core_cols, cols - col0);
-    const internal::Tile tile = cut_tile(pixel, rows, cols, row0 - reach, col0 - reach,
-                                         core_rows + 2 * reach, core_cols + 2 * reach, layout);
+    const internal::StackTile tile = cut_tile(pixel, rows, cols, row0 - reach, col0 - reach,
+                                              core_rows + 2 * reach, core_cols + 2 * reach, layout);
     Image variance;
     const Image filtered = filter_mosaic(tile, rows, cols, statistics, plan, progress,
                                          result.variance_dn2 ? &variance : nullptr);

@@ -217,12 +217,12 @@ std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
 }  // namespace
 
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
-  Image dn = frame.dn;
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c) dn(r, c) -= static_cast<float>(frame.black_at(r, c));
   const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
   const double saturated = frame.white_dn - black;
-  const Planes planes = pack(dn, frame.layout);
+  Planes planes = pack(frame.dn, frame.layout);
+  for (int k = 0; k < planes.channels(); ++k)
+    for (float& v : planes[k].values())
+      v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
   std::vector<std::vector<Level>> levels;
   std::vector<Line> lines;
   std::vector<double> means;
@@ -261,6 +261,8 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   if (!(deviation > 1e-6 * std::max(saturated, 1e-30)))
     return Undecided{"the picture has no noise that could be measured"};
   noise.relative_error = error;
+  Image dn(frame.dn.rows(), frame.dn.cols());
+  unpack(planes, frame.layout, dn);
   estimate_row_deviation(dn, saturated, noise.profile);
   noise.trust = trust_statement(noise, deviation);
   return noise;

@@ -89,7 +89,7 @@ CellSums sum_cells(const PixelSource& pixel, int rows, int cols, const SensorLay
 }
 
 // Every pixel is the mean of the linear estimates of the cells around it.
-Image smoothed(const internal::Tile& noisy, const CellStatistics& statistics) {
+Image smoothed(const internal::StackTile& noisy, const CellStatistics& statistics) {
   const Image& from = noisy.pixels;
   // One more cell than the tile on the far sides would be needed for its last pixels: those keep
   // their own value. They lie in the extension, beyond all results.
@@ -198,9 +198,9 @@ CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
   return statistics;
 }
 
-internal::Tile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
-                        int col0, int rows, int cols, const SensorLayout& layout) {
-  internal::Tile tile{Image(rows, cols), row0, col0};
+internal::StackTile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
+                             int col0, int rows, int cols, const SensorLayout& layout) {
+  internal::StackTile tile{Image(rows, cols), row0, col0};
   std::vector<int> source_col;
   for (int c = 0; c < cols; ++c) source_col.push_back(folded(col0 + c, frame_cols, layout.cols()));
   parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
@@ -213,7 +213,7 @@ internal::Tile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols
   return tile;
 }
 
-Image filter_mosaic(const internal::Tile& noisy, int frame_rows, int frame_cols,
+Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_cols,
                     const CellStatistics& statistics, const MosaicFilterPlan& plan,
                     Progress& progress, Image* variance_out) {
   internal::StageInput input{};

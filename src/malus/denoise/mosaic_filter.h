@@ -48,13 +48,13 @@ int folded(int position, int size, int period);
 
 /// The frame's rectangle extended by the filter's reach on every side, beyond the border by
 /// folding.
-internal::Tile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
-                        int col0, int rows, int cols, const SensorLayout& layout);
+internal::StackTile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
+                             int col0, int rows, int cols, const SensorLayout& layout);
 
 /// Filters a tile whose noise has deviation 1; its row0 and col0 are even. Pixels at least
 /// mosaic_filter_reach away from a tile's edge get the values that the whole frame would give them.
 /// variance_out, when given: expected squared error per pixel. The same bytes for any thread count.
-Image filter_mosaic(const internal::Tile& noisy, int frame_rows, int frame_cols,
+Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_cols,
                     const CellStatistics& statistics, const MosaicFilterPlan& plan,
                     Progress& progress, Image* variance_out = nullptr);
 

@@ -13,6 +13,8 @@ namespace malus::internal {
 namespace {
 
 constexpr double kKaiserShape = 2.0;
+// Of the noise's variance: the unbiased estimate of an error can come out below zero.
+constexpr float kLeastError = 0.01f;
 
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
@@ -152,7 +154,9 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   for (std::size_t i = 0; i < sum.size(); ++i) {
     const float w = weight.values()[i];
     sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
-    if (variance_out) variance_out->values()[i] = w > 0 ? variance_out->values()[i] / w : 1.0f;
+    if (variance_out)
+      variance_out->values()[i] =
+          w > 0 ? std::max(variance_out->values()[i] / w, kLeastError) : 1.0f;
   }
   return sum;
 }

@@ -124,16 +124,19 @@ SignedPictures render_s1_s2(const StokesPlanes& stokes, const RenderSettings& se
           paint_signed(stokes.s2, scale, settings.legend), scale};
 }
 
-Planes render_dolp(const Image& dolp, const RenderSettings& settings) {
-  Planes picture = paint(dolp.rows(), dolp.cols(), [&](int r, int c) {
-    const double v = dolp(r, c);
-    return std::isfinite(v) ? rising_color(v / settings.dolp_max) : undefined_color(r, c);
+Planes render_rising(const Image& values, double highest, bool legend) {
+  Planes picture = paint(values.rows(), values.cols(), [&](int r, int c) {
+    const double v = values(r, c);
+    return std::isfinite(v) ? rising_color(v / highest) : undefined_color(r, c);
   });
-  if (settings.legend)
-    draw_bar(
-        picture, rising_color,
-        {"0", fmt::format("{:g}", settings.dolp_max / 2), fmt::format("{:g}", settings.dolp_max)});
+  if (legend)
+    draw_bar(picture, rising_color,
+             {"0", fmt::format("{:.3g}", highest / 2), fmt::format("{:.3g}", highest)});
   return picture;
+}
+
+Planes render_dolp(const Image& dolp, const RenderSettings& settings) {
+  return render_rising(dolp, settings.dolp_max, settings.legend);
 }
 
 Planes render_aolp(const Image& aolp_deg, const Image& dolp, const RenderSettings& settings) {

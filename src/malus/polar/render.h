@@ -49,6 +49,8 @@ struct SignedPictures {
 };
 SignedPictures render_s1_s2(const StokesPlanes& stokes, const RenderSettings& settings);
 
+/// Values from 0 to highest in rising brightness; the bar shows the scale.
+Planes render_rising(const Image& values, double highest, bool legend);
 Planes render_dolp(const Image& dolp, const RenderSettings& settings);
 /// dolp: for aolp_by_dolp; sizes equal.
 Planes render_aolp(const Image& aolp_deg, const Image& dolp, const RenderSettings& settings);

@@ -148,8 +148,25 @@ Json palettes() {
   return all;
 }
 
+// What a viewer has to hold: its pixels, all pictures and maps together.
+double pixels_of(const PicturesBlock& block) {
+  double pixels =
+      static_cast<double>(block.rows) * block.cols * static_cast<double>(block.pictures.size());
+  for (const Layer& layer : block.layers)
+    for (const Image& map : layer.maps) pixels += static_cast<double>(map.size());
+  return pixels;
+}
+
+double all_pixels(const Report& report) {
+  double pixels = 0;
+  for (const Section& section : report.sections)
+    for (const Block& block : section.blocks)
+      if (const auto* pictures = std::get_if<PicturesBlock>(&block)) pixels += pixels_of(*pictures);
+  return pixels;
+}
+
 // A list: pictures may need a second block for a crop.
-Json block_json(const Block& block, double budget, std::vector<Blob>& blobs) {
+Json block_json(const Block& block, double bytes_per_pixel, std::vector<Blob>& blobs) {
   const auto one = [](Json made) { return Json::array({std::move(made)}); };
   return std::visit(Overloaded{
                         [&](const TextBlock& b) {
@@ -159,17 +176,11 @@ Json block_json(const Block& block, double budget, std::vector<Blob>& blobs) {
                         [&](const FiguresBlock& b) { return one(figures(b)); },
                         [&](const TableBlock& b) { return one(table(b)); },
                         [&](const ChartsBlock& b) { return one(charts(b)); },
-                        [&](const PicturesBlock& b) { return pictures_json(b, budget, blobs); },
+                        [&](const PicturesBlock& b) {
+                          return pictures_json(b, bytes_per_pixel * pixels_of(b), blobs);
+                        },
                     },
                     block);
-}
-
-int count_pictures(const Report& report) {
-  int count = 0;
-  for (const Section& section : report.sections)
-    for (const Block& block : section.blocks)
-      count += std::holds_alternative<PicturesBlock>(block) ? 1 : 0;
-  return count;
 }
 
 }  // namespace
@@ -183,13 +194,14 @@ const char* palette_name(Palette palette) {
 
 Json report_json(const Report& report, const ReportSettings& settings, std::vector<Blob>& blobs) {
   constexpr double kBytesPerMib = 1 << 20;
-  const double budget =
-      settings.picture_budget_mib * kBytesPerMib / std::max(1, count_pictures(report));
+  const double bytes_per_pixel =
+      settings.picture_budget_mib * kBytesPerMib / std::max(1.0, all_pixels(report));
   Json sections = Json::array();
   for (const Section& section : report.sections) {
     Json blocks = Json::array();
     for (const Block& block : section.blocks)
-      for (Json& made : block_json(block, budget, blobs)) blocks.push_back(std::move(made));
+      for (Json& made : block_json(block, bytes_per_pixel, blobs))
+        blocks.push_back(std::move(made));
     sections.push_back(
         {{"id", section.id}, {"title", section.title}, {"lead", section.lead}, {"blocks", blocks}});
   }

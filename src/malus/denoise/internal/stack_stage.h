@@ -33,13 +33,13 @@ struct StackStage {
 
 /// A rectangle of the frame with its surroundings; (row0, col0) is the frame's position of (0, 0)
 /// and may be negative in the extension beyond the border.
-struct Tile {
+struct StackTile {
   Image pixels;
   int row0 = 0, col0 = 0;
 };
 
 struct StageInput {
-  const Tile* noisy;   ///< unit noise
+  const StackTile* noisy;  ///< unit noise
   const Image* guide;  ///< same size: where blocks are compared; for the Wiener filter the pilot
   int period_rows, period_cols;  ///< of the layout: blocks are moved by whole periods
   int frame_rows, frame_cols;    ///< references must touch the frame itself
