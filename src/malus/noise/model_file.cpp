@@ -1,4 +1,5 @@
 // The model file: one description of its content serves writing and reading (docs/model-file.md).
+// In the transfer functions Model is const when writing.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/noise/builtin_models.h"
@@ -19,8 +20,6 @@ using internal::Hdf5Writer;
 
 constexpr const char* kFormat = "malus noise model";
 constexpr int kVersion = 1;
-
-// In the functions below Model is const when writing.
 
 template <class Archive, class Gain>
 void transfer_gain(Archive& archive, Gain& gain) {
