@@ -250,6 +250,35 @@ TEST(CalibratePhysics, AStopIsHeeded) {
   EXPECT_EQ(progress.done, 5);
 }
 
+// Sessions at the edge give a model that can be saved, with warnings, or the one line: never a
+// model that contradicts itself, never NaN where a number is promised.
+TEST(CalibratePhysics, PoorSessionsGiveAConsistentModel) {
+  const auto consistent = [](const CalibrationInput& input) {
+    const NoiseModel model = calibrate(input, {}, {"physics"}, silent_progress());
+    EXPECT_EQ(contradiction_in(model), "");
+    EXPECT_FALSE(model.physics[0].warnings.empty());
+    for (const double sigma : model.physics[0].sigma_tl.mean) EXPECT_GE(sigma, 0.0);
+    for (const double sd : model.physics[0].temporal_sd_dark_dn) EXPECT_GE(sd, 0.0);
+  };
+  SimulatedCamera camera = small_camera();
+  camera.flat_levels = 2;
+  camera.bias_frames = 1;
+  consistent(simulated_session(camera));
+  camera.bias_frames = 2;
+  camera.flat_frames = 1;
+  consistent(simulated_session(camera));
+  camera.rows = camera.cols = 16;
+  consistent(simulated_session(camera));
+  CalibrationInput constant = simulated_session(camera);
+  for (FrameSet& set : constant.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      std::fill(frame.dn.values().begin(), frame.dn.values().end(), 80.0F);
+      return frame;
+    };
+  consistent(constant);
+}
+
 TEST(CalibratePhysics, BadInputIsNamed) {
   SimulatedCamera tiny = small_camera();
   tiny.rows = 12;

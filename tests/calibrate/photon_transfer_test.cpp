@@ -81,6 +81,14 @@ TEST(PhotonTransfer, ABentCurveWidensTheError) {
   EXPECT_GT(fit->slope_stderr, 2 * fit_photon_transfer(straight, dark_point())->slope_stderr);
 }
 
+TEST(PhotonTransfer, VarianceThatDoesNotRiseIsRefused) {
+  auto levels = exact_levels(6);
+  for (TransferLevel& level : levels) level.variance_dn2 = 0.5 * kDarkVariance;
+  const auto fit = fit_photon_transfer(levels, dark_point());
+  ASSERT_FALSE(fit.decided());
+  EXPECT_NE(fit.reason().find("does not rise"), std::string::npos);
+}
+
 TEST(PhotonTransfer, OneLevelCannotDecide) {
   const auto fit = fit_photon_transfer(exact_levels(1), dark_point());
   ASSERT_FALSE(fit.decided());

@@ -172,6 +172,9 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
     model.physics.clear();
     model.joint.reset();
   }
+  if (const std::string contradiction = contradiction_in(model); !contradiction.empty())
+    throw InputError(input.origin, "gives a model that contradicts itself: " + contradiction,
+                     "check that the frames are what the session says");
   return model;
 }
 

@@ -126,6 +126,9 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
     excess = mandel_paule(points, dark.variance_dn2, dark.variance_stderr_dn2);
     line = line_with_dark(points, excess, dark.variance_dn2, dark.variance_stderr_dn2);
   }
+  if (!(line.slope > 0))
+    return Undecided{fmt::format("the variance does not rise with the light: slope {:.3g} ± {:.2g}",
+                                 line.slope, line.slope_standard_error)};
   TransferFit fit;
   fit.slope_dn_per_e = line.slope;
   fit.slope_stderr = line.slope_standard_error;

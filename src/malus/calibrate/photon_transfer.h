@@ -45,7 +45,8 @@ struct TransferFit {
 /// average over a row. Levels beyond three deviations are weighted down (Huber). When the scatter
 /// is more than sampling explains (χ² at the level of 1e-4), a constant variance is added to every
 /// level until it is explained (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error
-/// stays honest on a nonlinear sensor. Undecided: fewer than two usable levels.
+/// stays honest on a nonlinear sensor. Undecided: fewer than two usable levels, or a variance that
+/// does not rise with the light.
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
                                           const DarkPoint& dark);
 

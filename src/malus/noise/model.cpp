@@ -151,6 +151,8 @@ NoiseProfile nonparametric_profile(const NoiseModel& model,
     for (std::size_t level = 0; level < measured.pmf.size(); ++level)
       variance.push_back(level_moments(measured, level).variance_dn2);
     profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance);
+    // The distributions hold the dark bias as their mean.
+    if (!measured.pmf.empty()) profile.channels[c].bias_dn = level_moments(measured, 0).mean_dn;
     if (!calibration.sigma_row_dn.empty())
       profile.channels[c].sigma_row_dn = calibration.sigma_row_dn[c];
     if (!calibration.K.empty()) profile.channels[c].gain_dn_per_e = calibration.K[c];
