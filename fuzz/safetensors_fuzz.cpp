@@ -1,10 +1,10 @@
 // links: malus_neural
+#include "malus/base/error.h"
+#include "malus/neural/safetensors.h"
+
 #include <cstddef>
 #include <cstdint>
 #include <span>
-
-#include "malus/base/error.h"
-#include "malus/neural/safetensors.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {

@@ -1,5 +1,5 @@
-// Runs a fuzz target over its seed corpus and over truncations and byte flips of every seed: what a fuzzer found once, and
-// the nearest neighbours of every seed, stay mended without a fuzzer.
+// Runs a fuzz target over its seed corpus and over truncations and byte flips of every seed: what a
+// fuzzer found once, and the nearest neighbours of every seed, stay mended without a fuzzer.
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>

@@ -60,9 +60,9 @@ std::optional<Site> parse_site(std::string_view text) {
   Site site;
   if (text == "mono") return site;
   for (const auto& [name, color] : {std::pair<std::string_view, Color>{"G1", Color::kGreen1},
-                                   {"G2", Color::kGreen2},
-                                   {"R", Color::kRed},
-                                   {"B", Color::kBlue}}) {
+                                    {"G2", Color::kGreen2},
+                                    {"R", Color::kRed},
+                                    {"B", Color::kBlue}}) {
     if (!text.starts_with(name)) continue;
     site.color = color;
     text.remove_prefix(name.size());
