@@ -85,6 +85,7 @@ test("emva001: real camera's page, plots can be chosen and saved", { skip: noBro
   assert.ok(png.bytes.length > 5000);
 
   await plot.locator("summary").click();
+  await plot.locator("details tbody tr").first().waitFor();  // filled when it is opened
   assert.equal(await plot.locator("details tbody tr").count(), lines.length);
   assert.deepEqual(page.problems, []);
   assert.deepEqual(outsideRequests(page), []);
