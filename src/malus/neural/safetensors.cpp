@@ -1,5 +1,6 @@
 #include "malus/neural/safetensors.h"
 
+#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 
 #include <algorithm>
@@ -135,22 +136,16 @@ void save_tensor_file(const TensorFile& file, const std::filesystem::path& path)
   std::string text = header.dump();
   text.resize((text.size() + 7) / 8 * 8, ' ');  // tensors start aligned
   const std::uint64_t size = text.size();
-  auto beside = path;
-  beside += ".partial";
-  std::ofstream out(beside, std::ios::binary);
+  AtomicFile file_on_disk(path, true);
+  std::ofstream out(file_on_disk.temporary(), std::ios::binary);
   out.write(reinterpret_cast<const char*>(&size), sizeof size);
   out << text;
   for (const auto& [name, tensor] : file.tensors)
     out.write(reinterpret_cast<const char*>(tensor.bytes.data()),
               static_cast<std::streamsize>(tensor.bytes.size()));
   out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(beside, path, error);
-  if (!out || error) {
-    std::filesystem::remove(beside, error);
-    throw InputError(path.string(), "cannot be written",
-                     "check the folder, its rights and free space");
-  }
+  if (!out) file_on_disk.fail();
+  file_on_disk.commit();
 }
 
 }  // namespace malus
