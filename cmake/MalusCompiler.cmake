@@ -22,5 +22,6 @@ add_compile_options(-ffp-contract=off)
 # The GPU twin, where nvcc is.
 option(MALUS_CUDA "Build the GPU twin of the sampler where nvcc is found" ON)
 if(MALUS_CUDA)
-  find_program(MALUS_NVCC nvcc PATHS /usr/local/cuda/bin)
+  include(MalusCuda)
+  malus_find_cuda()
 endif()
