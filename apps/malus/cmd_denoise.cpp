@@ -4,12 +4,14 @@
 #include "malus/base/error.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/evaluate/evaluation.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/polar/layout_check.h"
 
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -33,6 +35,8 @@ struct DenoiseArguments {
   RawOptions raw;
   DenoiseSettings settings;
   std::vector<fs::path> inputs;
+  std::vector<fs::path> references;
+  double reference_ratio = 1;
   fs::path model, folder, report;
   std::string format = "tif";
   bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
@@ -184,39 +188,86 @@ void write_record(const fs::path& path, const Json& record, bool force) {
   file.commit();
 }
 
+// Metrics before and after, for the record.
+Json metrics_json(const DenoisedFrame& frame) {
+  RawFrame before = frame.before;
+  subtract_black(before);
+  const auto metrics = [&](const Image& test) {
+    Json json;
+    for (const Quantity& quantity : quantities_of(
+             evaluate_mosaics(frame.reference_dn, test, before.layout, frame.reference_peak_dn)))
+      json[quantity.name] = quantity.value.front();
+    return json;
+  };
+  return {{"before", metrics(before.dn)}, {"after", metrics(frame.after_dn)}};
+}
+
+// One frame's part of the job.
+struct FrameJob {
+  fs::path input, reference;  ///< the reference may be empty
+  OutputNames names;
+};
+
 Json process(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
-             const fs::path& input, const FrameOptions& options, const OutputNames& names,
-             Progress& progress, bool force, std::vector<DenoisedFrame>* report) {
-  RawFrame frame = load_frame(input, options);
+             const FrameJob& job, const FrameOptions& options, Progress& progress, bool force,
+             std::vector<DenoisedFrame>* report) {
+  RawFrame frame = load_frame(job.input, options);
   const ProfileChoice choice = choose_profile(frame, model, arguments);
-  warn_about(frame, input);
-  Image pixels = std::move(frame.dn);  // the denoiser takes them
-  RawFrame header = frame;
-  if (report) header.dn = pixels;
+  warn_about(frame, job.input);
+  const bool compared = !job.reference.empty();
+  // The denoiser takes the pixels; a copy is kept only where somebody looks at it.
+  DenoisedFrame kept;
+  kept.profile = choice.profile;
+  Image pixels = std::move(frame.dn);
+  kept.before = frame;
+  if (report || compared) kept.before.dn = pixels;
   frame.dn = std::move(pixels);
+  if (compared) add_reference(kept, job.reference, arguments.reference_ratio);
   const auto start = std::chrono::steady_clock::now();
   Denoised result = denoise_frame(std::move(frame), choice.profile, arguments.settings, progress,
                                   arguments.uncertainty);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (result.nonfinite_pixels > 0)
-    warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", input.string(),
+    warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
                      result.nonfinite_pixels));
-  Json json = describe(header, result, choice, arguments, seconds);
-  json["files"] = write_outputs(header, result, names, force);
-  write_record(names.record, run_record(header, choice.profile, input, names.mosaic, json), force);
-  if (report)
-    report->push_back({.before = std::move(header),
-                       .after_dn = std::move(result.dn_above_black),
-                       .profile = choice.profile,
-                       .variance_dn2 = result.variance_dn2.value_or(Image()),
-                       .reference_dn = {},
-                       .run = json});
-  return json;
+  kept.run = describe(kept.before, result, choice, arguments, seconds);
+  kept.run["files"] = write_outputs(kept.before, result, job.names, force);
+  kept.after_dn = std::move(result.dn_above_black);
+  kept.variance_dn2 = result.variance_dn2.value_or(Image());
+  if (compared) kept.run["against_reference"] = metrics_json(kept);
+  Json record = run_record(kept.before, choice.profile, job.input, job.names.mosaic, kept.run);
+  if (compared) name_reference(record, job.reference, arguments.reference_ratio, job.names.mosaic);
+  write_record(job.names.record, record, force);
+  const Json run = kept.run;
+  if (report) report->push_back(std::move(kept));
+  return run;
+}
+
+// A row per metric that was measured against a reference.
+std::string metrics_text(const Json& run) {
+  if (!run.contains("against_reference")) return {};
+  const Json& metrics = run["against_reference"];
+  std::string text;
+  for (const auto& [name, after] : metrics["after"].items())
+    text += fmt::format("  {:<14} {:8.3f} -> {:8.3f}\n", name,
+                        metrics["before"].value(name, std::nan("")), after.get<double>());
+  return text;
+}
+
+void check_references(const DenoiseArguments& arguments) {
+  if (!arguments.references.empty() && arguments.references.size() != arguments.inputs.size())
+    throw InputError("--reference",
+                     fmt::format("{} references for {} frames", arguments.references.size(),
+                                 arguments.inputs.size()),
+                     "give one per frame, in the frames' order");
+  if (!(arguments.reference_ratio > 0))
+    throw InputError("--reference-ratio", "must be above 0", "1 means the frame's own light");
 }
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   denoise_method(arguments.settings.method);
+  check_references(arguments);
   std::optional<NoiseModel> model;
   FrameOptions options = arguments.raw.resolve();
   if (!arguments.model.empty()) {
@@ -236,14 +287,18 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   std::string text;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
     check_stop(*progress);
-    results.push_back(process(arguments, model, arguments.inputs[i], options, names[i], *progress,
-                              common.force, arguments.report.empty() ? nullptr : &report));
+    const FrameJob job{arguments.inputs[i],
+                       arguments.references.empty() ? fs::path() : arguments.references[i],
+                       names[i]};
+    results.push_back(process(arguments, model, job, options, *progress, common.force,
+                              arguments.report.empty() ? nullptr : &report));
     const Json& last = results.back();
     text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",
                         last["input"].get<std::string>(), last["cols"].get<int>(),
                         last["rows"].get<int>(), last["layout"].get<std::string>(),
                         arguments.settings.method, last["row_noise_removed_dn"].get<double>(),
                         last["seconds"].get<double>(), last["files"][0].get<std::string>());
+    text += metrics_text(last);
   }
   if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
   print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
@@ -269,6 +324,12 @@ void add_denoise(CLI::App& app, Common& common) {
                     "also the variance of every pixel [DN^2], packed, as EXR");
   command->add_flag("--u16", arguments->u16, "also an integer raw with the black level put back");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
+  command->add_option("--reference", arguments->references,
+                      "the clean mosaic of each frame's scene: metrics are reported");
+  command
+      ->add_option("--reference-ratio", arguments->reference_ratio,
+                   "how much more light the references had")
+      ->capture_default_str();
   command->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                     "allow a gain outside the calibrated range");
   arguments->raw.add_to(*command);

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/io/frame_file.h"
 
+#include "frame_input.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -64,6 +65,27 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
   return record;
 }
 
+void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
+  const RawFrame& before = frame.before;
+  FrameOptions options;
+  options.layout = before.layout;
+  if (!probe_frame(path, options).frame.black_known) options.black_dn = before.black_dn;
+  RawFrame reference = load_above_black(path, options);
+  if (reference.dn.rows() != before.dn.rows() || reference.dn.cols() != before.dn.cols())
+    throw InputError(path.string(),
+                     fmt::format("has {} x {} pixels, the frame {} x {}", reference.dn.cols(),
+                                 reference.dn.rows(), before.dn.cols(), before.dn.rows()),
+                     "give the same scene's clean mosaic");
+  for (float& value : reference.dn.values()) value = static_cast<float>(value / ratio);
+  frame.reference_dn = std::move(reference.dn);
+  frame.reference_peak_dn = (before.white_dn - before.black_dn.front()) / ratio;
+}
+
+void name_reference(Json& record, const fs::path& path, double ratio, const fs::path& result) {
+  record["reference_file"] = relative_to(path, result.parent_path());
+  record["reference_ratio"] = ratio;
+}
+
 DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
   try {
     const fs::path folder = record_file.parent_path();
@@ -83,6 +105,9 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.after_dn = load_frame(folder / record.at("result_file").get<std::string>(), plain).dn;
     frame.profile = profile_of_record(record, *options.layout);
     frame.run = record.at("run");
+    if (record.contains("reference_file"))
+      add_reference(frame, folder / record.at("reference_file").get<std::string>(),
+                    record.at("reference_ratio").get<double>());
     return frame;
   } catch (const Json::exception& error) {
     throw InputError(record_file.string(),

@@ -15,6 +15,15 @@ nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& pr
                                   const std::filesystem::path& input,
                                   const std::filesystem::path& result, nlohmann::ordered_json run);
 
+/// Puts the clean scene `path` into `frame`, divided by `ratio` (how much more light it had).
+/// A file without a black level of its own has the frame's. Throws InputError, also where it is
+/// not of the frame's size.
+void add_reference(DenoisedFrame& frame, const std::filesystem::path& path, double ratio);
+
+/// Notes in a record what add_reference was given.
+void name_reference(nlohmann::ordered_json& record, const std::filesystem::path& path,
+                    double ratio, const std::filesystem::path& result);
+
 /// Loads input and result of a record. Throws InputError.
 DenoisedFrame load_run(const std::filesystem::path& record_file,
                        const nlohmann::ordered_json& record);

@@ -170,7 +170,8 @@ void write_calibration_report(const NoiseModel& model, const std::filesystem::pa
                               bool force) {
   write_report(
       make_report(calibration_title(model),
-                  fmt::format("{}, {} channels", model.layout.name(), model.layout.channels()),
+                  fmt::format("{}, {} channel{}", model.layout.name(), model.layout.channels(),
+                              model.layout.channels() == 1 ? "" : "s"),
                   calibration_sections(model)),
       path, {.force = force});
 }

@@ -83,7 +83,7 @@ PicturesBlock pictures(const DenoisedFrame& frame) {
 }
 
 TableBlock metrics(const DenoisedFrame& frame) {
-  const double peak = frame.before.white_dn - frame.before.black_dn.front();
+  const double peak = frame.reference_peak_dn;
   const auto row = [&](const std::string& name, const Image& test) {
     TableBlock::Row made{name, {}};
     for (const Quantity& quantity :
@@ -103,6 +103,18 @@ TableBlock metrics(const DenoisedFrame& frame) {
   return table;
 }
 
+// "R90, R45, …" rather than JSON's brackets; four digits of every number.
+std::string words_of(const nlohmann::ordered_json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_boolean()) return value.get<bool>() ? "yes" : "no";
+  if (value.is_number_integer()) return value.dump();
+  if (value.is_number()) return fmt::format("{:.4g}", value.get<double>());
+  if (!value.is_array()) return value.is_null() ? "unknown" : value.dump();
+  std::string words;
+  for (const auto& item : value) words += (words.empty() ? "" : ", ") + words_of(item);
+  return words;
+}
+
 // Settings and timings of a run, whatever they are, as name and value.
 void flatten(const nlohmann::ordered_json& json, const std::string& name, TableBlock& table) {
   if (json.is_object()) {
@@ -111,7 +123,7 @@ void flatten(const nlohmann::ordered_json& json, const std::string& name, TableB
   } else if (json.is_number()) {
     table.rows.push_back({name, {Measured{json.get<double>(), Measured::kNone}}});
   } else {
-    table.rows.push_back({name, {json.is_string() ? json.get<std::string>() : json.dump()}});
+    table.rows.push_back({name, {words_of(json)}});
   }
 }
 

@@ -29,7 +29,9 @@ struct DenoisedFrame {
   Image after_dn;              ///< DN above black, bias removed
   NoiseProfile profile;        ///< what was taken out
   Image variance_dn2;          ///< of after_dn; may be empty
-  Image reference_dn;          ///< DN above black; may be empty
+  /// The clean scene in the frame's own light, DN above black; may be empty.
+  Image reference_dn;
+  double reference_peak_dn = 0;  ///< what PSNR counts as white, in the frame's own light
   nlohmann::ordered_json run;  ///< settings and timings as `denoise --json` prints them
 };
 /// Pictures before and after, what was done, metrics where there is a reference.

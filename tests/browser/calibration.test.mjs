@@ -84,6 +84,16 @@ test("emva001: real camera's page, plots can be chosen and saved", { skip: noBro
   assert.equal(png.bytes.subarray(1, 4).toString(), "PNG");
   assert.ok(png.bytes.length > 5000);
 
+  // A map's value can be read off with the keyboard.
+  const maps = page.locator(".viewer[data-ready]").first();
+  await maps.waitFor();
+  await maps.locator(".stage canvas").focus();
+  await page.keyboard.press("ArrowRight");
+  const read = maps.locator(".readout tbody tr");
+  assert.equal(await read.count(), 1);
+  const shading = Number(await read.locator("td").last().getAttribute("data-value"));
+  assert.ok(Number.isFinite(shading) && shading !== 0 && Math.abs(shading) < 5, `dark shading ${shading} DN`);
+
   await plot.locator("summary").click();
   await plot.locator("details tbody tr").first().waitFor();  // filled when it is opened
   assert.equal(await plot.locator("details tbody tr").count(), lines.length);

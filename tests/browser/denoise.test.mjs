@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { existsSync, readdirSync, statSync } from "node:fs";
 import path from "node:path";
 import { test } from "node:test";
-import { accessibilityFaults, download, malus, noBrowser, open, outsideRequests, root, temporaryFolder, writeNpy } from "./support.mjs";
+import { accessibilityFaults, cellValues, download, malus, noBrowser, open, outsideRequests, root, temporaryFolder, writeNpy } from "./support.mjs";
 
 const [kRows, kCols, kBlack] = [64, 96, 100];
 
@@ -145,4 +145,27 @@ test("a five-megapixel run opens in under two seconds and stays below five megab
     assert.deepEqual(page.problems, []);
   }
   assert.ok(Math.min(...times) < 2000, `opened in ${times.map(Math.round)} ms`);
+});
+
+test("with a reference the page shows it and the metrics, before and after", { skip: noBrowser }, async (t) => {
+  const folder = temporaryFolder(t);
+  const input = path.join(folder, "scene.npy"), reference = path.join(folder, "clean.npy");
+  const raw = Array.from({ length: kRows * kCols }, (_, i) => rawValue(Math.floor(i / kCols), i % kCols));
+  writeNpy(input, kRows, kCols, raw);
+  // Twice the light, and 10 DN (of the frame's light) off everywhere: the frame's PSNR is known.
+  const [ratio, off, white] = [2, 10, 4095];
+  writeNpy(reference, kRows, kCols, raw.map((value) => ratio * (value - kBlack + off)));
+  const html = denoisedReport(t, input, "--layout", "polar-mono", "--black", kBlack, "--white", white, "--gain", 0,
+    "--model", "imx250mzr-simulated", "--reference", reference, "--reference-ratio", ratio);
+  const page = await open(t, html);
+  await ready(page);
+  const table = page.locator('table:has(caption:text-is("Against the reference"))');
+  const before = await cellValues(table.locator("tbody tr").first());
+  const expected = 20 * Math.log10((white - kBlack) / ratio / off);
+  assert.ok(Math.abs(before[0] - expected) < 0.01, `${before[0]} dB is not ${expected}`);
+  assert.deepEqual(await page.getByLabel("Right", { exact: true }).locator("option").allTextContents(), ["before", "after", "reference"]);
+  await page.locator(".stage canvas").focus();
+  await page.keyboard.press("ArrowRight");
+  assert.equal(await page.locator(".readout tbody tr").count(), 3);
+  assert.deepEqual(await accessibilityFaults(page), []);
 });

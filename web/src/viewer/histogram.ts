@@ -10,11 +10,18 @@ const kColors = ["#d55e00", "#0072b2", "#009e73"];
 function counts(planes: Plane[], low: number, high: number): number[] {
   const bins = new Array<number>(kBins).fill(0);
   let total = 0;
+  // Each value is shared by the two nearest bins: whole bins would beat with the steps of digitised values.
+  const add = (bin: number, share: number) => {
+    if (bin >= 0 && bin < kBins) bins[bin] += share;
+  };
   for (const { values } of planes)
     for (let i = 0; i < values.length; ++i) {
-      const bin = Math.floor(((values[i] - low) / (high - low)) * kBins);
-      if (bin >= 0 && bin < kBins) ++bins[bin];
-      if (values[i] === values[i]) ++total;
+      if (values[i] !== values[i]) continue;
+      ++total;
+      const at = ((values[i] - low) / (high - low)) * kBins - 0.5;
+      const bin = Math.floor(at);
+      add(bin, bin + 1 - at);
+      add(bin + 1, at - bin);
     }
   return bins.map((n) => n / Math.max(total, 1));
 }

@@ -25,19 +25,24 @@ function fixed(value: number): string {
 export function readout(block: PicturesBlock, pictures: Plane[][], view: View, shown: (Shown | null)[], x: number, y: number): HTMLElement {
   const { cell, gain } = block;
   const channel = (y % cell.rows) * cell.cols + (x % cell.cols);
+  const site = cell.sites[channel].name;
+  const seen = view.unit === "1" ? view.name : `${view.name} [${unit(view.unit)}]`;
+  // A block of maps alone (fixed pattern) has no raw values.
+  const columns = pictures.length ? [`raw ${site} [DN]`, ...(gain.length ? ["[e⁻]"] : []), seen] : [`${seen}, ${site}`];
   const head = element("tr", {}, element("th", { scope: "col" }, `x ${x}, y ${y}`));
-  for (const name of [`raw ${cell.sites[channel].name} [DN]`, ...(gain.length ? ["[e⁻]"] : []), view.unit === "1" ? view.name : `${view.name} [${unit(view.unit)}]`])
-    head.append(element("th", { scope: "col" }, name));
+  for (const name of columns) head.append(element("th", { scope: "col" }, name));
   const body = element("tbody");
-  pictures.forEach((channels, p) => {
-    const row = element("tr", {}, element("th", { scope: "row" }, block.pictures[p].name));
-    const value = mosaicValue(block, channels, x, y);
-    const half = block.pictures[p].exact ? 0 : rounding(value, block.pictures[p].raster.scales[channel]);
-    row.append(element("td", { "data-value": value }, fixed(value) + (half ? ` ± ${number(Number(half.toPrecision(1)))}` : "")));
-    if (gain.length) row.append(element("td", { "data-value": value / gain[channel] }, fixed(value / gain[channel])));
+  for (let p = 0; p < Math.max(pictures.length, shown.length); ++p) {
+    const row = element("tr", {}, element("th", { scope: "row" }, block.pictures[p]?.name ?? "map"));
+    if (pictures[p]) {
+      const value = mosaicValue(block, pictures[p], x, y);
+      const half = block.pictures[p].exact ? 0 : rounding(value, block.pictures[p].raster.scales[channel]);
+      row.append(element("td", { "data-value": value }, fixed(value) + (half ? ` ± ${number(Number(half.toPrecision(1)))}` : "")));
+      if (gain.length) row.append(element("td", { "data-value": value / gain[channel] }, fixed(value / gain[channel])));
+    }
     const values = (shown[p]?.planes ?? []).map((plane) => at(plane, block, x, y));
     row.append(element("td", { "data-value": values.join(" ") }, values.map(fixed).join("  ") || "–"));
     body.append(row);
-  });
+  }
   return element("table", {}, element("thead", {}, head), body);
 }
