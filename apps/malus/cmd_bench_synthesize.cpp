@@ -4,6 +4,7 @@
 #include "malus/synthesize/compiled.h"
 #include "malus/synthesize/compiled_kernel.h"
 #include "malus/synthesize/level_sampler.h"
+#include "malus/synthesize/synthesizer.h"
 
 #include <cstring>
 
@@ -62,6 +63,26 @@ struct Bench {
   }
 };
 
+// What a training loop pays per patch: one thread's draw of 256 x 256, parameters included.
+void add_patch_lines(Bench& bench, const NoiseModel& model, const GainSetting& gain) {
+  constexpr int kPatch = 256, kDraws = 50;
+  const Synthesizer synthesizer(model, {});
+  const Image clean = spread_signals(kPatch, kPatch, 2000.0);
+  Image noisy(kPatch, kPatch);
+  std::uint32_t frame = 0;
+  const auto time_of = [&](const std::string& name, const std::optional<GainSetting>& at) {
+    const double seconds = bench.context.time_s(
+        [&] {
+          for (int i = 0; i < kDraws; ++i)
+            synthesizer.draw_into(clean, noisy, at, {.seed = 1, .frame = ++frame});
+        },
+        9);
+    bench.lines.push_back({name, 1e3 * seconds / kDraws, "ms", "256 x 256, parameters sampled"});
+  };
+  time_of("a patch at one gain", gain);
+  time_of("a patch at a random gain", std::nullopt);
+}
+
 std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
   const int rows = context.quick ? 64 : kRows;
   Bench bench{context, rows, rows * 1e-6 * kCols, {}};
@@ -108,6 +129,7 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
       [&] { add_noise_exact(noise, clean.view(), noisy.view(), address); }, "", 1);
   const double compile_s = context.time_s([&] { const CompiledNoise again(noise); }, 5);
   bench.lines.push_back({"compiling 16 channels", 1e3 * compile_s, "ms", "per set of parameters"});
+  add_patch_lines(bench, model, gain);
   return bench.lines;
 }
 

@@ -71,7 +71,7 @@ class EveryTarget : public ::testing::TestWithParam<std::string> {
 TEST_P(EveryTarget, EqualsTheScalarTwinBitForBit) {
   std::vector<std::vector<TailLine>> tables;
   for (const PhysicsChannel& p : sixteen_channels().channels)
-    tables.push_back(tail_lines([&](double t) { return -tukey_lambda_quantile(t, p.lambda); }));
+    append_tukey_lambda_lines(p.lambda, tables.emplace_back());
   for (const bool read : {true, false}) {
     PhysicsNoise noise = sixteen_channels();
     noise.parts.read = read;
@@ -200,6 +200,30 @@ TEST(TailLines, StayWithinTheirStatedError) {
   }
 }
 
+TEST(TailLines, TukeyLambdaFactorsGiveTheQuantileFunction) {
+  for (const double lambda :
+       {-0.49, -0.3, -0.05, -1e-9, 0.0, 1e-13, 1e-5, 0.14, 0.3, 1.0, 2.5, 8.0}) {
+    const auto expected =
+        tail_lines([lambda](double p) { return -tukey_lambda_quantile(p, lambda); });
+    std::vector<TailLine> lines(3);  // others' lines stay in front
+    append_tukey_lambda_lines(lambda, lines);
+    ASSERT_EQ(lines.size(), expected.size() + 3);
+    for (std::size_t i = 0; i + 1 < expected.size(); ++i) {
+      const double x =
+          std::ldexp(1.0 + static_cast<double>(i % 64) / 64, static_cast<int>(i / 64) - 1);
+      const auto value = [x](const TailLine& line) {
+        return static_cast<double>(line.a) + static_cast<double>(line.b) * x;
+      };
+      // Two roundings of a and b x, which nearly cancel close to the median.
+      const double rounding = 0x1p-22 * (std::abs(static_cast<double>(expected[i].a)) +
+                                         std::abs(static_cast<double>(expected[i].b)) * x);
+      ASSERT_NEAR(value(lines[i + 3]), value(expected[i]), rounding) << lambda << ' ' << i;
+    }
+    EXPECT_NEAR(lines.back().a, 0, 1e-12);
+    EXPECT_EQ(lines.back().b, 0);
+  }
+}
+
 // Counts below the true quantiles: each is binomial; five standard deviations.
 void expect_distribution(const PhysicsChannel& channel, double signal, int frames) {
   const PhysicsNoise noise = mono_noise(channel);
@@ -235,6 +259,29 @@ TEST(Compiled, DrawsTheNumericDistribution) {
   for (const double signal : {4.0, 45.0, 60.0, 900.0})
     expect_distribution({.gain_dn_per_e = 5.0, .lambda = -0.25, .mu_dn = 0, .sigma_tl_dn = 0.3},
                         signal, 2);
+}
+
+TEST(Compiled, OtherParametersOnTheSameTablesAreACompilationAnew) {
+  for (const bool gaussian : {false, true})
+    for (const bool read : {true, false}) {
+      PhysicsNoise noise = sixteen_channels(), other = noise;
+      noise.parts.read = other.parts.read = read;
+      other.parts.quantization = false;
+      for (PhysicsChannel& channel : other.channels) {
+        channel.gain_dn_per_e *= 1.7;
+        channel.mu_dn += 3;
+        channel.sigma_tl_dn *= 0.6;
+        channel.sigma_row_dn *= 2;
+      }
+      const auto compile = [gaussian](const PhysicsNoise& n) {
+        return gaussian ? CompiledNoise::poisson_gaussian(n) : CompiledNoise(n);
+      };
+      const Image clean = mixed_signals(20, 50);
+      Image anew(20, 50), reused(20, 50);
+      compile(other).apply(clean, anew, {.seed = 1});
+      compile(noise).with_parameters(other).apply(clean, reused, {.seed = 1});
+      EXPECT_TRUE(same_bytes(anew, reused));
+    }
 }
 
 TEST(Compiled, PureShotNoiseIsWholeElectrons) {

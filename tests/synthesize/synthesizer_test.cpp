@@ -3,6 +3,7 @@
 #include "malus/synthesize/synthesizer.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/level_sampler.h"
@@ -134,6 +135,41 @@ TEST(Synthesizer, AmplifiedRawKeepsBlackAndScalesWhite) {
       Synthesizer(bayer_model(), settings).draw_raw(clean, kGain, {}, {64, 64, 64, 64}, 1000);
   for (const float v : raw.dn.values()) ASSERT_EQ(v, 464.0f);
   EXPECT_DOUBLE_EQ(raw.white_dn, 64 + 4 * 936.0);
+}
+
+// More gains than tables are held, in turn and from several threads at once: every frame is what a
+// fresh synthesizer draws.
+TEST(Synthesizer, KeptTablesDrawWhatFreshOnesDraw) {
+  const NoiseModel model = load_model("builtin:imx250myr-simulated");
+  Image clean(24, 40);
+  for (int r = 0; r < 24; ++r)
+    for (int c = 0; c < 40; ++c) clean(r, c) = static_cast<float>(r * c);
+  SynthesisSettings settings;
+  settings.ratio = 3;
+  settings.debias = settings.amplify = true;
+  for (const char* kind : {"physics", "poisson-gaussian"}) {
+    settings.kind = kind;
+    const Synthesizer kept(model, settings);
+    constexpr int kFrames = 60;
+    std::vector<Image> drawn(kFrames, clean);
+    parallel_for(0, kFrames, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (std::ptrdiff_t f = begin; f < end; ++f) {
+        const auto number = static_cast<std::uint32_t>(f);
+        Image& frame = drawn[static_cast<std::size_t>(f)];
+        std::optional<GainSetting> gain;
+        if (f % 3 != 0) gain = GainSetting{.gain_db = static_cast<double>(f % 12), .iso = {}};
+        kept.draw_into(frame, frame, gain, {.seed = 5, .frame = number});  // in place
+      }
+    });
+    for (int f = 0; f < kFrames; ++f) {
+      std::optional<GainSetting> gain;
+      if (f % 3 != 0) gain = GainSetting{.gain_db = static_cast<double>(f % 12), .iso = {}};
+      const auto fresh =
+          Synthesizer(model, settings)
+              .draw(clean, gain, {.seed = 5, .frame = static_cast<std::uint32_t>(f)});
+      ASSERT_EQ(drawn[static_cast<std::size_t>(f)].values(), fresh.dn.values()) << kind << f;
+    }
+  }
 }
 
 TEST(Synthesizer, MissingKindsAndUndefinedCombinationsAreRefused) {

@@ -89,7 +89,9 @@ DeviceNoise::DeviceNoise(const CompiledNoise& noise) {
   const CompiledParts& parts = noise.parts();
   tables_ = std::make_unique<Tables>(Tables{parts, DeviceArray<CompiledChannel>(parts.channels),
                                             DeviceArray<TailLine>(normal_tail_lines()),
-                                            DeviceArray<TailLine>(parts.read_lines)});
+                                            parts.read_lines
+                                                ? DeviceArray<TailLine>(*parts.read_lines)
+                                                : DeviceArray<TailLine>()});
 }
 
 DeviceNoise::~DeviceNoise() = default;

@@ -1,6 +1,7 @@
 #include "malus/noise/matrix.h"
 
 #include "malus/base/error.h"
+#include "malus/noise/parameter_sampler.h"
 
 #include <algorithm>
 #include <cmath>
@@ -92,17 +93,27 @@ double largest_difference(const SquareMatrix& a, const SquareMatrix& b) {
   return largest;
 }
 
+GaussianSampler::GaussianSampler(const SquareMatrix& covariance) : root_(covariance.n) {
+  if (covariance.n == 0) return;
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(to_eigen(covariance));
+  const Eigen::VectorXd roots = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+  root_ = from_eigen(eigen.eigenvectors() * roots.asDiagonal());
+}
+
+std::vector<double> GaussianSampler::draw(std::span<const double> mean,
+                                          RandomSequence& random) const {
+  MALUS_REQUIRE(root_.n == static_cast<int>(mean.size()));
+  std::vector<double> draw(mean.begin(), mean.end());
+  for (int j = 0; j < root_.n; ++j) {
+    const double z = random.normal();
+    for (int i = 0; i < root_.n; ++i) draw[static_cast<std::size_t>(i)] += root_(i, j) * z;
+  }
+  return draw;
+}
+
 std::vector<double> draw_gaussian(std::span<const double> mean, const SquareMatrix& covariance,
                                   RandomSequence& random) {
-  MALUS_REQUIRE(covariance.n == static_cast<int>(mean.size()));
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(to_eigen(covariance));
-  Eigen::VectorXd z(covariance.n);
-  for (int i = 0; i < covariance.n; ++i)
-    z(i) = random.normal() * std::sqrt(std::max(eigen.eigenvalues()(i), 0.0));
-  const Eigen::VectorXd shift = eigen.eigenvectors() * z;
-  std::vector<double> draw(mean.begin(), mean.end());
-  for (std::size_t i = 0; i < draw.size(); ++i) draw[i] += shift(static_cast<Eigen::Index>(i));
-  return draw;
+  return GaussianSampler(covariance).draw(mean, random);
 }
 
 }  // namespace malus

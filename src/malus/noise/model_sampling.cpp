@@ -3,6 +3,7 @@
 #include "malus/base/random.h"
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/model.h"
+#include "malus/noise/parameter_sampler.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,11 +19,10 @@ bool any_negative(const std::vector<double>& values) {
   return std::any_of(values.begin(), values.end(), [](double v) { return v < 0; });
 }
 
-std::vector<double> draw_deviations(const std::vector<double>& mean, const SquareMatrix& covariance,
+std::vector<double> draw_deviations(const std::vector<double>& mean, const GaussianSampler& sampler,
                                     RandomSequence& random) {
-  std::vector<double> draw = draw_gaussian(mean, covariance, random);
-  for (int i = 0; i < kMaxRedraws && any_negative(draw); ++i)
-    draw = draw_gaussian(mean, covariance, random);
+  std::vector<double> draw = sampler.draw(mean, random);
+  for (int i = 0; i < kMaxRedraws && any_negative(draw); ++i) draw = sampler.draw(mean, random);
   for (double& v : draw) v = std::max(v, 0.0);
   return draw;
 }
@@ -87,17 +87,32 @@ GainSetting random_gain_of(const std::vector<Calibration>& calibrations,
 
 }  // namespace
 
+ParameterSampler::ParameterSampler(const NoiseModel& model, GainParameters parameters)
+    : parameters_(std::move(parameters)),
+      mean_(physics_of(model, parameters_)),
+      mu_(parameters_.mu_covariance),
+      sigma_row_(parameters_.sigma_row_covariance) {}
+
+PhysicsNoise ParameterSampler::draw(std::uint64_t seed, std::uint32_t frame) const {
+  RandomSequence mu_draws(seed, frame, Draw::kParameters, kStreamMu);
+  const auto mu_dn = mu_.draw(parameters_.mu_dn, mu_draws);
+  RandomSequence row_draws(seed, frame, Draw::kParameters, kStreamSigmaRow);
+  const auto sigma_row_dn = draw_deviations(parameters_.sigma_row_dn, sigma_row_, row_draws);
+  RandomSequence read_draws(seed, frame, Draw::kParameters, kStreamSigmaTl);
+  PhysicsNoise noise = mean_;
+  for (std::size_t c = 0; c < noise.channels.size(); ++c) {
+    PhysicsChannel& channel = noise.channels[c];
+    channel.mu_dn = mu_dn[c];
+    channel.sigma_row_dn = sigma_row_dn[c];
+    channel.sigma_tl_dn =
+        draw_deviation(parameters_.sigma_tl_dn[c], parameters_.sigma_tl_spread_dn[c], read_draws);
+  }
+  return noise;
+}
+
 PhysicsNoise NoiseModel::sample_physics_at(const GainSetting& gain, std::uint64_t seed,
                                            std::uint32_t frame, GainRange range) const {
-  GainParameters p = parameters_at(gain, range);
-  RandomSequence mu_draws(seed, frame, Draw::kParameters, kStreamMu);
-  p.mu_dn = draw_gaussian(p.mu_dn, p.mu_covariance, mu_draws);
-  RandomSequence row_draws(seed, frame, Draw::kParameters, kStreamSigmaRow);
-  p.sigma_row_dn = draw_deviations(p.sigma_row_dn, p.sigma_row_covariance, row_draws);
-  RandomSequence read_draws(seed, frame, Draw::kParameters, kStreamSigmaTl);
-  for (std::size_t c = 0; c < p.sigma_tl_dn.size(); ++c)
-    p.sigma_tl_dn[c] = draw_deviation(p.sigma_tl_dn[c], p.sigma_tl_spread_dn[c], read_draws);
-  return physics_of(*this, p);
+  return ParameterSampler(*this, parameters_at(gain, range)).draw(seed, frame);
 }
 
 GainSetting NoiseModel::random_gain(std::uint64_t seed, std::uint32_t frame) const {

@@ -2,7 +2,6 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/compiled_kernel.h"
 
 #include <algorithm>
@@ -23,44 +22,63 @@ struct LaneArrays {
 
 }  // namespace
 
-CompiledNoise::CompiledNoise(const PhysicsNoise& noise) { use_physics(noise, false); }
+CompiledNoise::CompiledNoise(const PhysicsNoise& noise) {
+  check_physics(noise);
+  parts_.channels.resize(noise.channels.size());
+  if (noise.parts.read) make_read_lines(noise);
+  use_physics(noise);
+}
 
 CompiledNoise CompiledNoise::poisson_gaussian(const PhysicsNoise& noise) {
+  check_physics(noise);
   CompiledNoise compiled;
-  compiled.use_physics(noise, true);
+  compiled.gaussian_read_ = true;
+  compiled.parts_.channels.resize(noise.channels.size());
+  if (noise.parts.read)
+    compiled.parts_.read_lines = std::make_shared<const std::vector<TailLine>>(normal_tail_lines());
+  compiled.use_physics(noise);
   return compiled;
 }
 
-void CompiledNoise::use_physics(const PhysicsNoise& noise, bool gaussian_read) {
+CompiledNoise CompiledNoise::with_parameters(const PhysicsNoise& noise) const {
   check_physics(noise);
+  MALUS_REQUIRE(noise.channels.size() == parts_.channels.size() &&
+                noise.parts.read == (parts_.read_lines != nullptr));
+  CompiledNoise compiled = *this;
+  compiled.use_physics(noise);
+  return compiled;
+}
+
+// Equal lambdas share their lines.
+void CompiledNoise::make_read_lines(const PhysicsNoise& noise) {
+  std::map<double, std::uint32_t> first_of_lambda;
+  std::vector<TailLine> lines;
+  for (std::size_t c = 0; c < noise.channels.size(); ++c) {
+    const double lambda = noise.channels[c].lambda;
+    const auto [found, is_new] =
+        first_of_lambda.try_emplace(lambda, static_cast<std::uint32_t>(lines.size()));
+    if (is_new) append_tukey_lambda_lines(lambda, lines);
+    parts_.channels[c].first_line = found->second;
+  }
+  parts_.read_lines = std::make_shared<const std::vector<TailLine>>(std::move(lines));
+}
+
+void CompiledNoise::use_physics(const PhysicsNoise& noise) {
   parts_.layout = noise.layout;
   parts_.row_group = noise.row_group;
   parts_.row_noise = noise.parts.row;
   parts_.shot = noise.parts.shot ? ShotKind::kPoisson : ShotKind::kNone;
   parts_.quantization_dn =
       noise.parts.quantization ? static_cast<float>(noise.quantization_dn) : 0.0f;
-  std::map<double, std::uint32_t> first_of_lambda;
-  for (const PhysicsChannel& p : noise.channels) {
-    CompiledChannel channel;
+  for (std::size_t c = 0; c < noise.channels.size(); ++c) {
+    const PhysicsChannel& p = noise.channels[c];
+    CompiledChannel& channel = parts_.channels[c];
     channel.gain_dn = static_cast<float>(p.gain_dn_per_e);
     channel.electrons_per_dn = static_cast<float>(1.0 / p.gain_dn_per_e);
     channel.mu_dn = noise.parts.bias ? static_cast<float>(p.mu_dn) : 0.0f;
     channel.sigma_row_dn = static_cast<float>(p.sigma_row_dn);
     channel.scale_dn =
-        static_cast<float>(gaussian_read ? std::sqrt(read_variance_dn2(p)) : p.sigma_tl_dn);
-    if (noise.parts.read) {
-      const double lambda = gaussian_read ? 0.0 : p.lambda;
-      const auto [found, is_new] =
-          first_of_lambda.try_emplace(lambda, static_cast<std::uint32_t>(parts_.read_lines.size()));
-      if (is_new) {
-        const auto lines = gaussian_read ? normal_tail_lines() : tail_lines([lambda](double tail) {
-          return -tukey_lambda_quantile(tail, lambda);
-        });
-        parts_.read_lines.insert(parts_.read_lines.end(), lines.begin(), lines.end());
-      }
-      channel.first_line = found->second;
-    }
-    parts_.channels.push_back(channel);
+        static_cast<float>(gaussian_read_ ? std::sqrt(read_variance_dn2(p)) : p.sigma_tl_dn);
   }
 }
 
@@ -108,9 +126,8 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
     }
   }
   internal::RowJob job;
-  job.tables = {normal_tail_lines().data(),
-                parts_.read_lines.empty() ? nullptr : parts_.read_lines.data(), parts_.shot,
-                out_u16 ? 0.0f : parts_.quantization_dn};
+  job.tables = {normal_tail_lines().data(), parts_.read_lines ? parts_.read_lines->data() : nullptr,
+                parts_.shot, out_u16 ? 0.0f : parts_.quantization_dn};
   job.seed = address.seed;
   job.frame = address.frame;
   job.col0 = address.col0;

@@ -31,8 +31,7 @@ void copy(View<const float> from, View<float> to) {
 void NoiseAtGain::synthesize(View<const float> clean_dn, View<float> noisy_dn, std::uint64_t seed,
                              std::uint32_t frame, int row0, int col0) const {
   require_equal_sizes(clean_dn, noisy_dn);
-  const auto drawn = synthesizer_->draw(clean_dn, gain_, DrawAddress{seed, frame, row0, col0});
-  copy(drawn.dn, noisy_dn);
+  synthesizer_->draw_into(clean_dn, noisy_dn, gain_, DrawAddress{seed, frame, row0, col0});
 }
 
 void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_dn,
@@ -53,8 +52,8 @@ void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_
   }
   Image mosaic(planes.rows() * layout.rows(), planes.cols() * layout.cols());
   unpack(planes, layout, mosaic);
-  const auto drawn = synthesizer_->draw(mosaic, gain_, DrawAddress{seed, frame, 0, 0});
-  planes = pack(drawn.dn, layout);
+  synthesizer_->draw_into(mosaic, mosaic, gain_, DrawAddress{seed, frame, 0, 0});
+  planes = pack(mosaic, layout);
   for (int k = 0; k < layout.channels(); ++k)
     copy(planes[k], noisy_dn[static_cast<std::size_t>(k)]);
 }

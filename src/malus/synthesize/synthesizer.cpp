@@ -3,7 +3,6 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
-#include "malus/synthesize/level_sampler.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,17 +17,11 @@ namespace {
 constexpr std::uint64_t kStreamDarkFrame = 16;
 constexpr std::ptrdiff_t kRowsPerPiece = 16;
 
-void scale(View<float> image, float factor) {
-  parallel_for(0, image.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+template <class Change>
+void change_pixels(View<const float> from, View<float> to, const Change& change) {
+  parallel_for(0, to.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < end; ++r)
-      for (float& v : image.row_span(r)) v *= factor;
-  });
-}
-
-void shift(View<float> image, float offset) {
-  parallel_for(0, image.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < end; ++r)
-      for (float& v : image.row_span(r)) v += offset;
+      std::transform(from.row(r), from.row(r) + from.cols(), to.row(r), change);
   });
 }
 
@@ -51,24 +44,35 @@ void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, View<
   }
 }
 
-CompiledNoise compile_gaussian(const NoiseModel& model, const GaussianCalibration& calibration,
-                               const SynthesisSettings& settings, double& global_bias_dn) {
+std::vector<GaussianChannel> gaussian_channels(const GaussianCalibration& calibration,
+                                               const SynthesisSettings& settings) {
   std::vector<GaussianChannel> channels;
-  for (std::size_t c = 0; c < calibration.slope_dn.size(); ++c) {
-    const double bias =
-        settings.bias && !calibration.bias_dn.empty() ? calibration.bias_dn[c] : 0.0;
-    channels.push_back({.slope_dn = settings.shot ? calibration.slope_dn[c] : 0.0,
-                        .offset_dn2 = settings.read ? calibration.offset_dn2[c] : 0.0,
-                        .mu_dn = bias});
-    global_bias_dn += bias / static_cast<double>(calibration.slope_dn.size());
-  }
-  return CompiledNoise::gaussian(model.layout, channels, model.row_group);
+  for (std::size_t c = 0; c < calibration.slope_dn.size(); ++c)
+    channels.push_back(
+        {.slope_dn = settings.shot ? calibration.slope_dn[c] : 0.0,
+         .offset_dn2 = settings.read ? calibration.offset_dn2[c] : 0.0,
+         .mu_dn = settings.bias && !calibration.bias_dn.empty() ? calibration.bias_dn[c] : 0.0});
+  return channels;
+}
+
+// Dark frames bring all but the shot noise with them.
+PhysicsParts parts_of(const SynthesisSettings& settings) {
+  if (settings.kind == "dark-frames")
+    return {
+        .shot = settings.shot, .read = false, .row = false, .quantization = false, .bias = false};
+  return {.shot = settings.shot,
+          .read = settings.read,
+          .row = settings.row,
+          .quantization = settings.quantization,
+          .bias = settings.bias};
 }
 
 }  // namespace
 
 Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
-    : model_(std::move(model)), settings_(std::move(settings)) {
+    : model_(std::move(model)),
+      settings_(std::move(settings)),
+      cache_(std::make_shared<GainTableCache>()) {
   const bool physics = settings_.kind == "physics" || settings_.kind == "poisson-gaussian";
   const std::string needed = physics ? "physics" : settings_.kind;
   const auto kinds = model_.kinds();
@@ -81,73 +85,97 @@ Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
                      "use it with --kind physics");
 }
 
-PhysicsNoise Synthesizer::physics(const GainSetting& gain, const DrawAddress& address) const {
-  const GainRange range =
-      settings_.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
-  PhysicsNoise noise = settings_.parameters == "sampled"
-                           ? model_.sample_physics_at(gain, address.seed, address.frame, range)
-                           : model_.physics_at(gain, range);
-  noise.parts = {.shot = settings_.shot,
-                 .read = settings_.read,
-                 .row = settings_.row,
-                 .quantization = settings_.quantization,
-                 .bias = settings_.bias};
-  return noise;
-}
-
-SyntheticFrame Synthesizer::noisy(View<const float> clean_dn,
-                                  const std::optional<GainSetting>& gain,
-                                  const DrawAddress& address, bool rounded_later) const {
-  SyntheticFrame frame;
-  frame.gain = gain ? *gain : model_.random_gain(address.seed, address.frame);
-  frame.dn = Image(clean_dn.rows(), clean_dn.cols());
-  for (int r = 0; r < clean_dn.rows(); ++r)
-    std::copy_n(clean_dn.row(r), clean_dn.cols(), frame.dn.row(r));
-  if (settings_.ratio != 1) scale(frame.dn, static_cast<float>(1.0 / settings_.ratio));
-
+GainTables Synthesizer::make_tables(const GainSetting& gain) const {
+  GainTables tables;
+  tables.gain = gain;
   if (settings_.kind == "gaussian") {
-    double bias = 0;
-    compile_gaussian(model_, model_.gaussian_at(frame.gain), settings_, bias)
-        .apply(frame.dn.view(), frame.dn.view(), address);
-    frame.global_bias_dn = bias;
-    return frame;
+    const auto channels = gaussian_channels(model_.gaussian_at(gain), settings_);
+    tables.compiled = CompiledNoise::gaussian(model_.layout, channels, model_.row_group);
+    for (const GaussianChannel& channel : channels)
+      tables.global_bias_dn += channel.mu_dn / static_cast<double>(channels.size());
+    return tables;
   }
   if (settings_.kind == "nonparametric") {
-    const LevelSampler sampler(model_.layout, model_.nonparametric_at(frame.gain),
-                               settings_.row ? model_.row_group : 0);
-    sampler.apply(frame.dn.view(), frame.dn.view(), address);
-    return frame;
+    tables.levels.emplace(model_.layout, model_.nonparametric_at(gain),
+                          settings_.row ? model_.row_group : 0);
+    return tables;
   }
-  frame.physics = physics(frame.gain, address);
-  if (settings_.kind == "dark-frames") {
-    frame.physics.parts = {
-        .shot = settings_.shot, .read = false, .row = false, .quantization = false, .bias = false};
-    CompiledNoise(frame.physics).apply(frame.dn.view(), frame.dn.view(), address);
-    add_dark_frame(model_.dark_frames_at(frame.gain), address, frame.dn);
-  } else {
-    if (rounded_later) frame.physics.parts.quantization = false;
-    if (settings_.kind == "poisson-gaussian")
-      CompiledNoise::poisson_gaussian(frame.physics)
-          .apply(frame.dn.view(), frame.dn.view(), address);
-    else if (settings_.exact)
-      add_noise_exact(frame.physics, frame.dn.view(), frame.dn.view(), address);
-    else
-      CompiledNoise(frame.physics).apply(frame.dn.view(), frame.dn.view(), address);
+  const GainRange range =
+      settings_.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
+  tables.parameters.emplace(model_, model_.parameters_at(gain, range));
+  PhysicsNoise mean = tables.parameters->mean();
+  // The mean frame's bias, not one frame's: what is left varies as it does on real frames.
+  if (settings_.bias) tables.global_bias_dn = mean_bias(mean);
+  mean.parts = parts_of(settings_);
+  if (settings_.kind == "poisson-gaussian")
+    tables.compiled = CompiledNoise::poisson_gaussian(mean);
+  else if (!settings_.exact)
+    tables.compiled = CompiledNoise(mean);
+  return tables;
+}
+
+FrameParameters Synthesizer::physical(const GainTables& tables, View<const float> signal_dn,
+                                      View<float> noisy_dn, const DrawAddress& address,
+                                      bool rounded_later) const {
+  FrameParameters frame;
+  frame.gain = tables.gain;
+  frame.global_bias_dn = tables.global_bias_dn;
+  frame.physics = settings_.parameters == "sampled"
+                      ? tables.parameters->draw(address.seed, address.frame)
+                      : tables.parameters->mean();
+  frame.physics.parts = parts_of(settings_);
+  if (rounded_later) frame.physics.parts.quantization = false;
+  if (settings_.exact)
+    add_noise_exact(frame.physics, signal_dn, noisy_dn, address);
+  else
+    tables.compiled->with_parameters(frame.physics).apply(signal_dn, noisy_dn, address);
+  if (settings_.kind == "dark-frames")
+    add_dark_frame(model_.dark_frames_at(tables.gain), address, noisy_dn);
+  return frame;
+}
+
+FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy_dn,
+                                   const std::optional<GainSetting>& gain,
+                                   const DrawAddress& address, bool rounded_later) const {
+  MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
+  const auto tables =
+      cache_->at(gain ? *gain : model_.random_gain(address.seed, address.frame),
+                 [this](const GainSetting& missing) { return make_tables(missing); });
+  View<const float> signal_dn = clean_dn;
+  if (settings_.ratio != 1) {
+    const auto factor = static_cast<float>(1.0 / settings_.ratio);
+    change_pixels(clean_dn, noisy_dn, [factor](float v) { return v * factor; });
+    signal_dn = noisy_dn;
   }
-  // The mean frame's bias, not this frame's: what is left varies as it does on real frames.
-  if (settings_.bias)
-    frame.global_bias_dn = mean_bias(
-        model_.physics_at(frame.gain, settings_.extrapolate_gain ? GainRange::kAllowExtrapolation
-                                                                 : GainRange::kCalibratedOnly));
+  if (tables->parameters) return physical(*tables, signal_dn, noisy_dn, address, rounded_later);
+  if (tables->levels)
+    tables->levels->apply(signal_dn, noisy_dn, address);
+  else
+    tables->compiled->apply(signal_dn, noisy_dn, address);
+  FrameParameters frame;
+  frame.gain = tables->gain;
+  frame.global_bias_dn = tables->global_bias_dn;
+  return frame;
+}
+
+FrameParameters Synthesizer::draw_into(View<const float> clean_dn, View<float> noisy_dn,
+                                       const std::optional<GainSetting>& gain,
+                                       const DrawAddress& address) const {
+  FrameParameters frame = noisy(clean_dn, noisy_dn, gain, address, false);
+  if (!settings_.debias) frame.global_bias_dn = 0;
+  if (settings_.debias || (settings_.amplify && settings_.ratio != 1)) {
+    const auto bias = static_cast<float>(frame.global_bias_dn);
+    const float factor = settings_.amplify ? static_cast<float>(settings_.ratio) : 1.0f;
+    change_pixels(noisy_dn, noisy_dn, [bias, factor](float v) { return (v - bias) * factor; });
+  }
   return frame;
 }
 
 SyntheticFrame Synthesizer::draw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                                  const DrawAddress& address) const {
-  SyntheticFrame frame = noisy(clean_dn, gain, address, false);
-  if (settings_.debias) shift(frame.dn, static_cast<float>(-frame.global_bias_dn));
-  if (!settings_.debias) frame.global_bias_dn = 0;
-  if (settings_.amplify) scale(frame.dn, static_cast<float>(settings_.ratio));
+  SyntheticFrame frame;
+  frame.dn = Image(clean_dn.rows(), clean_dn.cols());
+  static_cast<FrameParameters&>(frame) = draw_into(clean_dn, frame.dn, gain, address);
   return frame;
 }
 
@@ -155,7 +183,9 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
                                const DrawAddress& address, const std::vector<double>& black_dn,
                                double white_dn) const {
   MALUS_REQUIRE(static_cast<int>(black_dn.size()) == model_.layout.channels());
-  SyntheticFrame noise = noisy(clean_dn, gain, address, true);
+  SyntheticFrame noise;
+  noise.dn = Image(clean_dn.rows(), clean_dn.cols());
+  static_cast<FrameParameters&>(noise) = noisy(clean_dn, noise.dn, gain, address, true);
   CameraOutput camera{black_dn, white_dn,
                       model_.quantization_dn > 0 ? model_.quantization_dn : 1.0};
   round_as_camera(noise.dn, model_.layout, camera, address.row0, address.col0);

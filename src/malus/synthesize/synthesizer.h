@@ -9,8 +9,10 @@
 #include "malus/image/raw_frame.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/compiled.h"
+#include "malus/synthesize/gain_tables.h"
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -65,14 +67,19 @@ struct SynthesisSettings {
   }
 };
 
-/// One synthetic frame and what it was drawn with.
-struct SyntheticFrame {
-  Image dn;  ///< DN above black, unrounded
+/// What a frame was drawn with.
+struct FrameParameters {
   GainSetting gain;
   PhysicsNoise physics;       ///< of kinds physics, poisson-gaussian and dark-frames; else empty
   double global_bias_dn = 0;  ///< what debias took away
 };
 
+struct SyntheticFrame : FrameParameters {
+  Image dn;  ///< DN above black, unrounded
+};
+
+/// Tables are made at the first draw of a gain and kept for the gains drawn last. Safe to use from
+/// several threads; copies share their tables.
 class Synthesizer {
  public:
   /// Throws InputError when the model lacks the kind. The model is copied.
@@ -85,6 +92,12 @@ class Synthesizer {
   SyntheticFrame draw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                       const DrawAddress& address) const;
 
+  /// The same into the caller's memory, which may be the clean mosaic itself; nothing the size of
+  /// the frame is allocated. Contract: equal sizes.
+  FrameParameters draw_into(View<const float> clean_dn, View<float> noisy_dn,
+                            const std::optional<GainSetting>& gain,
+                            const DrawAddress& address) const;
+
   /// The same as the camera would write it: rounded and clipped DN, black included, no uniform
   /// quantisation noise. With debias or amplify these act on the rounded values; white moves along.
   RawFrame draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
@@ -95,12 +108,17 @@ class Synthesizer {
   const SynthesisSettings& settings() const { return settings_; }
 
  private:
-  SyntheticFrame noisy(View<const float> clean_dn, const std::optional<GainSetting>& gain,
-                       const DrawAddress& address, bool rounded_later) const;
-  PhysicsNoise physics(const GainSetting& gain, const DrawAddress& address) const;
+  FrameParameters noisy(View<const float> clean_dn, View<float> noisy_dn,
+                        const std::optional<GainSetting>& gain, const DrawAddress& address,
+                        bool rounded_later) const;
+  FrameParameters physical(const GainTables& tables, View<const float> signal_dn,
+                           View<float> noisy_dn, const DrawAddress& address,
+                           bool rounded_later) const;
+  GainTables make_tables(const GainSetting& gain) const;
 
   NoiseModel model_;
   SynthesisSettings settings_;
+  std::shared_ptr<GainTableCache> cache_;
 };
 
 /// Rounds to the camera's step with black back, and clips to 0..white; NaN becomes 0. In place: DN
