@@ -4,26 +4,46 @@ import { quantile } from "./paint";
 import type { Plane } from "./raster";
 import type { View } from "./views";
 
-const kBins = 128;
+const kMostBins = 128;
+const kFewestBins = 32;
+/** Second differences above this part of the counts are steps of digitised values or too few pixels, not the picture. */
+const kRough = 0.2;
 const kColors = ["#d55e00", "#0072b2", "#009e73"];
 
-function counts(planes: Plane[], low: number, high: number): number[] {
-  const bins = new Array<number>(kBins).fill(0);
+/** Each value is shared by the two nearest bins. */
+function counts(planes: Plane[], low: number, high: number, bins: number): number[] {
+  const filled = new Array<number>(bins).fill(0);
   let total = 0;
-  // Each value is shared by the two nearest bins: whole bins would beat with the steps of digitised values.
   const add = (bin: number, share: number) => {
-    if (bin >= 0 && bin < kBins) bins[bin] += share;
+    if (bin >= 0 && bin < bins) filled[bin] += share;
   };
   for (const { values } of planes)
     for (let i = 0; i < values.length; ++i) {
       if (values[i] !== values[i]) continue;
       ++total;
-      const at = ((values[i] - low) / (high - low)) * kBins - 0.5;
+      const at = ((values[i] - low) / (high - low)) * bins - 0.5;
       const bin = Math.floor(at);
       add(bin, bin + 1 - at);
       add(bin + 1, at - bin);
     }
-  return bins.map((n) => n / Math.max(total, 1));
+  return filled.map((n) => n / Math.max(total, 1));
+}
+
+function rough(shares: number[]): boolean {
+  let bends = 0, sum = 0;
+  for (let i = 1; i + 1 < shares.length; ++i) {
+    bends += Math.abs(shares[i - 1] - 2 * shares[i] + shares[i + 1]);
+    sum += shares[i];
+  }
+  return bends > kRough * sum;
+}
+
+/** As many bins as the values fill smoothly. */
+function smoothCounts(pictures: Plane[][], low: number, high: number): number[][] {
+  for (let bins = kMostBins; ; bins /= 2) {
+    const shares = pictures.map((planes) => counts(planes, low, high, bins));
+    if (bins <= kFewestBins || !shares.some(rough)) return shares;
+  }
 }
 
 export function histogram(view: View, pictures: { name: string; planes: Plane[] }[]): Chart {
@@ -31,11 +51,13 @@ export function histogram(view: View, pictures: { name: string; planes: Plane[] 
   let low = quantile(all, 0.001), high = quantile(all, 0.999);
   if (view.look.kind === "palette" && view.look.palette === "cyclic") [low, high] = [0, 180];
   if (!(high > low)) [low, high] = [low - 1, low + 1];
-  const width = (high - low) / kBins;
-  const x = Array.from({ length: kBins }, (_, i) => low + (i + 0.5) * width);
+  const shares = smoothCounts(pictures.map(({ planes }) => planes), low, high);
+  const bins = shares[0]?.length ?? kMostBins;
+  const width = (high - low) / bins;
+  const x = Array.from({ length: bins }, (_, i) => low + (i + 0.5) * width);
   const series = pictures.map(
-    ({ name, planes }, i): PointSeries => ({
-      name, mark: "line", color: kColors[i % kColors.length], symbol: "circle", x, y: counts(planes, low, high), error: [], notes: [],
+    ({ name }, i): PointSeries => ({
+      name, mark: "line", color: kColors[i % kColors.length], symbol: "circle", x, y: shares[i], error: [], notes: [],
     }),
   );
   return {
