@@ -65,6 +65,15 @@ TEST(Stabilizer, AMeasuredCurveAgreesWithTheAffineOneItSamples) {
   }
 }
 
+TEST(Stabilizer, MeanOfIsTheInversesInverse) {
+  for (const Law& law : {Law{1.55, 3.7}, Law{0.4, 0.9}, Law{0.0, 2.0}}) {
+    const Stabilizer stabilizer(
+        VarianceCurve::affine(law.slope, law.read_deviation * law.read_deviation), 4013);
+    for (double s = -100; s < 6000; s += 23)
+      EXPECT_NEAR(stabilizer.inverse(stabilizer.mean_of(s)), s, 1e-8 * (100 + std::abs(s))) << s;
+  }
+}
+
 TEST(Stabilizer, BothDirectionsRiseAndSurviveExtremes) {
   const Stabilizer stabilizer(VarianceCurve::affine(1.55, 13.7), 4013);
   double last_forward = -1e30, last_inverse = -1e30;

@@ -3,8 +3,8 @@
 #include "malus/base/parallel.h"
 #include "malus/base/text.h"
 #include "malus/denoise/internal/baselines.h"
-#include "malus/denoise/internal/preparation.h"
 #include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/prepared_frame.h"
 
 #include <algorithm>
 #include <chrono>
@@ -15,7 +15,6 @@
 namespace malus {
 namespace {
 
-using internal::PreparedFrame;
 using Clock = std::chrono::steady_clock;
 
 constexpr double kBytesPerTilePixel = 28;  // tile, guide, pilot, sums, weights, error
@@ -69,12 +68,14 @@ void store_tile(const internal::StackTile& tile, const Image& filtered, const Im
   });
 }
 
-void filter_frame(const PreparedFrame& frame, const NoiseProfile& profile,
-                  const DenoiseSettings& settings, Progress& progress, Denoised& result) {
+}  // namespace
+
+void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
+                     const DenoiseSettings& settings, Progress& progress, Denoised& result) {
+  result.dn_above_black = Image(frame.dn.rows(), frame.dn.cols());
   const SensorLayout& layout = frame.layout;
   const int rows = frame.dn.rows(), cols = frame.dn.cols();
-  const auto stabilizers =
-      internal::make_stabilizers(profile, frame.saturated_dn, settings.strength);
+  const auto stabilizers = make_stabilizers(profile, frame.saturated_dn, settings.strength);
   const PixelSource pixel = [&](int r, int c) {
     return static_cast<float>(
         stabilizers[static_cast<std::size_t>(layout.channel_at(r, c))].forward(frame.dn(r, c)));
@@ -102,18 +103,6 @@ void filter_frame(const PreparedFrame& frame, const NoiseProfile& profile,
   }
 }
 
-void check_input(const RawFrame& frame, const NoiseProfile& profile) {
-  if (frame.dn.empty())
-    throw InputError(frame.source, "has no pixels", "give a frame with at least one");
-  if (!(frame.layout == profile.layout))
-    throw InputError(frame.source,
-                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
-                                 profile.layout.name()),
-                     "give the sensor's layout with --layout, or another model");
-}
-
-}  // namespace
-
 const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
       {"bm3d", "calibrated, joint over all channels, adaptive to local colour and polarization",
@@ -139,26 +128,22 @@ const DenoiseMethod& denoise_method(const std::string& name) {
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress, bool want_variance) {
   const DenoiseMethod& method = denoise_method(settings.method);
-  check_input(frame, profile);
+  check_frame(frame, profile);
   if (want_variance && !method.gives_variance)
     throw InputError("--method " + method.name, "gives no uncertainty", "use bm3d");
   Denoised result;
   const auto start = Clock::now();
   const bool default_method = method.name == denoise_methods().front().name;
   const PreparedFrame prepared =
-      internal::prepare(std::move(frame), profile, settings.row_noise && default_method, result);
+      prepare_frame(std::move(frame), profile, settings.row_noise && default_method, result);
   const auto filter_start = Clock::now();
-  result.dn_above_black = Image(prepared.dn.rows(), prepared.dn.cols());
-  if (want_variance) result.variance_dn2 = result.dn_above_black;
+  if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
   if (default_method)
-    filter_frame(prepared, profile, settings, progress, result);
+    filter_prepared(prepared, profile, settings, progress, result);
   else
     result.dn_above_black =
         internal::run_baseline(method.name, prepared, profile, settings, progress);
-  for (const internal::NonfinitePixel& p : prepared.nonfinite) {
-    result.dn_above_black(p.row, p.col) = p.value;
-    if (want_variance) (*result.variance_dn2)(p.row, p.col) = p.value;
-  }
+  restore_nonfinite(prepared, result);
   const auto seconds = [](auto from, auto to) {
     return std::chrono::duration<double>(to - from).count();
   };

@@ -1,12 +1,13 @@
-#include "malus/denoise/internal/preparation.h"
-
-#include "malus/base/parallel.h"
+#include "malus/base/error.h"
+#include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
 
 #include <algorithm>
 #include <cmath>
 
-namespace malus::internal {
+#include <fmt/format.h>
+
+namespace malus {
 namespace {
 
 // Mean of the finite pixels of the same channel in growing rings; 0 when there is none nearby.
@@ -53,8 +54,18 @@ std::vector<double> channel_means(View<const float> dn, const SensorLayout& layo
 
 }  // namespace
 
-PreparedFrame prepare(RawFrame frame, const NoiseProfile& profile, bool remove_rows,
-                      Denoised& report) {
+void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
+  if (frame.dn.empty())
+    throw InputError(frame.source, "has no pixels", "give a frame with at least one");
+  if (!(frame.layout == profile.layout))
+    throw InputError(frame.source,
+                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
+                                 profile.layout.name()),
+                     "give the sensor's layout with --layout, or another model");
+}
+
+PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool remove_rows,
+                            Denoised& report) {
   PreparedFrame prepared;
   prepared.layout = frame.layout;
   const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
@@ -84,6 +95,13 @@ PreparedFrame prepare(RawFrame frame, const NoiseProfile& profile, bool remove_r
   return prepared;
 }
 
+void restore_nonfinite(const PreparedFrame& frame, Denoised& result) {
+  for (const NonfinitePixel& p : frame.nonfinite) {
+    result.dn_above_black(p.row, p.col) = p.value;
+    if (result.variance_dn2) (*result.variance_dn2)(p.row, p.col) = p.value;
+  }
+}
+
 std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double highest_dn,
                                          double strength) {
   std::vector<Stabilizer> stabilizers;
@@ -92,4 +110,4 @@ std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double hig
   return stabilizers;
 }
 
-}  // namespace malus::internal
+}  // namespace malus

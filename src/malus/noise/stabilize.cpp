@@ -124,6 +124,14 @@ double Stabilizer::inverse(double stabilized) const {
   return signal_dn_[i] + (position - cell) * (signal_dn_[i + 1] - signal_dn_[i]);
 }
 
+double Stabilizer::mean_of(double signal_dn) const {
+  // The cell of the inverse's table that holds the signal; the outer cells go on as straight lines.
+  const auto above = std::upper_bound(signal_dn_.begin() + 1, signal_dn_.end() - 1, signal_dn);
+  const auto i = static_cast<std::size_t>(above - signal_dn_.begin()) - 1;
+  const double within = (signal_dn - signal_dn_[i]) / (signal_dn_[i + 1] - signal_dn_[i]);
+  return inverse_low_ + (static_cast<double>(i) + within) * kInverseStep;
+}
+
 double Stabilizer::inverse_slope(double stabilized) const {
   return (inverse(stabilized + kInverseStep) - inverse(stabilized - kInverseStep)) /
          (2 * kInverseStep);

@@ -26,6 +26,8 @@ class Stabilizer {
   double forward(double dn) const;
   /// Mean of stabilised samples -> the signal in DN that has this mean. Rising everywhere.
   double inverse(double stabilized) const;
+  /// Signal in DN -> mean of its stabilised samples: the inverse's inverse, to rounding.
+  double mean_of(double signal_dn) const;
   /// d signal / d stabilised at a stabilised value: turns deviations back to DN.
   double inverse_slope(double stabilized) const;
 

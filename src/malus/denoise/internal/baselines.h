@@ -2,7 +2,7 @@
 // calibrated pipelines without joint matching and row removal.
 #pragma once
 
-#include "malus/denoise/internal/preparation.h"
+#include "malus/denoise/prepared_frame.h"
 
 #include <string>
 

@@ -1,0 +1,47 @@
+// What every denoiser, classical or network, does before and after its filter: black and bias
+// subtracted, pixels that are not numbers filled, row noise removed; and the default filter for
+// frames that are prepared already.
+#pragma once
+
+#include "malus/denoise/denoiser.h"
+#include "malus/noise/stabilize.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace malus {
+
+/// An input pixel that is not a number, to be put back.
+struct NonfinitePixel {
+  int row, col;
+  float value;
+};
+
+struct PreparedFrame {
+  Image dn;  ///< above black and bias, row noise removed, every pixel finite
+  SensorLayout layout;
+  double saturated_dn = 0;  ///< above black; pixels at least this bright are not trusted
+  std::vector<NonfinitePixel> nonfinite;
+  std::vector<double> mean_dn;  ///< per channel
+};
+
+/// Throws InputError on a frame without pixels or with another layout than the profile's.
+void check_frame(const RawFrame& frame, const NoiseProfile& profile);
+
+/// Fills the report's fields about the input. Contract: check_frame has passed.
+PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool remove_rows,
+                            Denoised& report);
+
+/// One per channel; strength multiplies the deviation.
+std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double highest_dn,
+                                         double strength);
+
+/// The default method's filter: fills dn_above_black and tiles of the result, and variance_dn2
+/// where the result holds one of the frame's size. InputError and Cancelled as denoise_frame.
+void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
+                     const DenoiseSettings& settings, Progress& progress, Denoised& result);
+
+/// Puts the pixels that are not numbers back into the result.
+void restore_nonfinite(const PreparedFrame& frame, Denoised& result);
+
+}  // namespace malus

@@ -1,0 +1,182 @@
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/image/pack.h"
+#include "malus/neural/package.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kRowsPerTask = 32;
+// Of the stabilised domain: planes come out between about 0 and 1 in any light.
+constexpr double kLeastScale = 4.0, kScalePerMean = 3.0;
+// Of the linear domain, where the light is not known: mid grey, and no more than this.
+constexpr double kMeanLevel = 0.18, kMostAmplification = 1000.0;
+
+template <class Map>
+double mean_over(View<const float> dn, const Map& map) {
+  const double sum = parallel_reduce(
+      0, dn.rows(), kRowsPerTask, 0.0,
+      [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        double part = 0;
+        for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+          for (int c = 0; c < dn.cols(); ++c) part += map(r, c, static_cast<double>(dn(r, c)));
+        return part;
+      },
+      [](double a, double b) { return a + b; });
+  return sum / (static_cast<double>(dn.rows()) * dn.cols());
+}
+
+// The packed planes of a mosaic as a tensor.
+torch::Tensor tensor_of(const Image& mosaic, const SensorLayout& layout) {
+  const Planes planes = pack(mosaic, layout);
+  torch::Tensor tensor = torch::empty({1, planes.channels(), planes.rows(), planes.cols()});
+  float* to = tensor.data_ptr<float>();
+  for (const Image& plane : planes)
+    to = std::copy(plane.values().begin(), plane.values().end(), to);
+  return tensor;
+}
+
+}  // namespace
+
+FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
+                         const NoiseProfile& profile, std::optional<double> ratio)
+    : layout_(frame.layout),
+      stabilised_(settings.domain == "stabilised"),
+      noise_level_(settings.noise_input == "level") {
+  for (const ChannelProfile& channel : profile.channels) variances_.push_back(channel.variance);
+  if (stabilised_) {
+    stabilizers_ = make_stabilizers(profile, frame.saturated_dn, 1.0);
+    scale_ = kLeastScale + kScalePerMean * mean_over(frame.dn, [&](int r, int c, double dn) {
+                             const auto k = static_cast<std::size_t>(layout_.channel_at(r, c));
+                             return std::max(stabilizers_[k].forward(dn), 0.0);
+                           });
+    return;
+  }
+  double amplification = 1;
+  if (settings.amplification == "ratio") {
+    if (!ratio)
+      throw InputError("the low-light ratio", "is not known, and the network needs it",
+                       "give it, or use a network trained with amplification = \"auto\"");
+    amplification = *ratio;
+  } else {
+    const double mean = mean_over(frame.dn, [](int, int, double dn) { return std::max(dn, 0.0); });
+    amplification =
+        std::clamp(kMeanLevel * frame.saturated_dn / std::max(mean, 1e-9), 1.0, kMostAmplification);
+  }
+  scale_ = frame.saturated_dn / amplification;
+}
+
+template <class Map>
+torch::Tensor FrameDomain::mapped(View<const float> dn, const Map& map) const {
+  Image values(dn.rows(), dn.cols());
+  parallel_for(0, dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < dn.cols(); ++c)
+        values(r, c) = static_cast<float>(
+            map(static_cast<std::size_t>(layout_.channel_at(r, c)), static_cast<double>(dn(r, c))) /
+            scale_);
+  });
+  return tensor_of(values, layout_);
+}
+
+torch::Tensor FrameDomain::noisy_planes(View<const float> dn) const {
+  return mapped(dn, [&](std::size_t channel, double value) {
+    return stabilised_ ? stabilizers_[channel].forward(value) : value;
+  });
+}
+
+torch::Tensor FrameDomain::clean_planes(View<const float> dn) const {
+  return mapped(dn, [&](std::size_t channel, double value) {
+    return stabilised_ ? stabilizers_[channel].mean_of(value) : value;
+  });
+}
+
+torch::Tensor FrameDomain::noise_planes(View<const float> noisy_dn) const {
+  if (noise_level_ && !stabilised_)
+    return mapped(noisy_dn, [&](std::size_t channel, double value) {
+      return std::sqrt(std::max(variances_[channel](std::max(value, 0.0)), 0.0));
+    });
+  return torch::full({1, noise_level_ ? 1 : 0, packed_size(noisy_dn.rows(), layout_.rows()),
+                      packed_size(noisy_dn.cols(), layout_.cols())},
+                     1.0 / scale_);
+}
+
+Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols) const {
+  const torch::Tensor values = planes.to(torch::kCPU, torch::kFloat32).contiguous();
+  MALUS_REQUIRE(values.dim() == 4 && values.size(0) == 1 && values.size(1) == layout_.channels());
+  Planes packed(layout_.channels(), static_cast<int>(values.size(2)),
+                static_cast<int>(values.size(3)));
+  const float* from = values.data_ptr<float>();
+  for (Image& plane : packed) {
+    std::copy_n(from, plane.size(), plane.values().begin());
+    from += plane.size();
+  }
+  Image mosaic(rows, cols);
+  unpack(packed, layout_, mosaic);
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < cols; ++c) {
+        const double value = scale_ * static_cast<double>(mosaic(r, c));
+        const auto k = static_cast<std::size_t>(layout_.channel_at(r, c));
+        mosaic(r, c) = static_cast<float>(stabilised_ ? stabilizers_[k].inverse(value) : value);
+      }
+  });
+  return mosaic;
+}
+
+NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
+                                   const PackageSettings& settings,
+                                   const DenoiseSettings& classical, std::optional<double> ratio,
+                                   Progress& progress) {
+  check_frame(frame, profile);
+  if (const SensorLayout wanted = SensorLayout::named(settings.layout); !(frame.layout == wanted))
+    throw InputError(
+        frame.source,
+        fmt::format("has the layout {}, the network {}", frame.layout.name(), settings.layout),
+        "give a network for this layout");
+  Denoised report;
+  PreparedFrame prepared = prepare_frame(std::move(frame), profile, settings.row_noise, report);
+  Image guide_dn;
+  if (settings.guide == "bm3d") {
+    DenoiseSettings guide = classical;
+    guide.profile = settings.guide_profile;
+    filter_prepared(prepared, profile, guide, progress, report);
+    guide_dn = std::move(report.dn_above_black);
+  }
+  FrameDomain domain(settings, prepared, profile, ratio);
+  return {std::move(prepared), std::move(guide_dn), std::move(domain), std::move(report)};
+}
+
+torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& window) {
+  const SensorLayout& layout = frame.frame.layout;
+  MALUS_REQUIRE(window.row0 % layout.rows() == 0 && window.col0 % layout.cols() == 0);
+  const auto cut = [&](View<const float> mosaic) {
+    return mosaic.window(window.row0, window.col0, window.rows, window.cols);
+  };
+  const View<const float> noisy = cut(frame.frame.dn.view());
+  std::vector<torch::Tensor> planes;
+  if (!frame.guide_dn.empty())
+    planes.push_back(frame.domain.clean_planes(cut(frame.guide_dn.view())));
+  planes.push_back(frame.domain.noisy_planes(noisy));
+  planes.push_back(frame.domain.noise_planes(noisy));
+  return torch::cat(planes, 1);
+}
+
+Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
+                     const MosaicWindow& window) {
+  Image mosaic = frame.domain.mosaic_of(planes, window.rows, window.cols);
+  for (int r = 0; r < window.rows; ++r)
+    for (int c = 0; c < window.cols; ++c) {
+      const float noisy = frame.frame.dn(window.row0 + r, window.col0 + c);
+      if (static_cast<double>(noisy) >= frame.frame.saturated_dn) mosaic(r, c) = noisy;
+    }
+  return mosaic;
+}
+
+}  // namespace malus

@@ -1,0 +1,164 @@
+#include "malus/neural/package.h"
+
+#include "malus/base/error.h"
+#include "malus/base/text.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr const char* kKey = "malus_package";
+constexpr int kVersion = 1;
+
+// How the architectures call their channel counts.
+struct ChannelKeys {
+  const char *architecture, *in, *out;
+  bool adds_input;  // by its own definition, to its first channels
+};
+constexpr ChannelKeys kChannelKeys[] = {
+    {"unet", "in_channels", "out_channels", false},
+    {"nafnet", "img_channel", "img_channel", true},
+    {"restormer", "inp_channels", "out_channels", false},
+    {"uformer", "in_chans", "dd_in", false},
+    {"malus", "in_channels", "out_channels", true},
+};
+
+const ChannelKeys& keys_of(const std::string& architecture) {
+  for (const ChannelKeys& keys : kChannelKeys)
+    if (architecture == keys.architecture) return keys;
+  throw InputError(fmt::format("network \"{}\"", architecture),
+                   "cannot be used in a package for denoising",
+                   "use unet, nafnet, restormer, uformer or malus");
+}
+
+// True where the architecture itself returns its input plus a correction.
+bool adds_input(const NetworkPackage& package) {
+  if (package.network.architecture == "restormer")  // only with as many channels out as in
+    return package.input_planes() == package.planes();
+  return keys_of(package.network.architecture).adds_input;
+}
+
+Json settings_json(const PackageSettings& settings) {
+  Json json;
+  PackageSettings::describe(
+      settings, [&](const auto& value, const ParameterInfo& info) { json[info.name] = value; });
+  return json;
+}
+
+PackageSettings settings_of(const Json& json, const std::string& source) {
+  constexpr const char* kRemedy = "give a weight file that malus train or an import wrote";
+  PackageSettings settings;
+  std::size_t known = 0;
+  PackageSettings::describe(settings, [&](auto& value, const ParameterInfo& info) {
+    if (!json.contains(info.name))
+      throw InputError(source, fmt::format("its description lacks \"{}\"", info.name), kRemedy);
+    value = json.at(info.name).get<std::decay_t<decltype(value)>>();
+    ++known;
+    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
+      if (!info.choices.empty() &&
+          std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
+        throw InputError(source, fmt::format("{} = \"{}\" is not known", info.name, value),
+                         "choose one of " + joined(info.choices));
+  });
+  if (known != json.size())
+    throw InputError(source, "its description has settings that this malus does not know",
+                     "use the version of malus that wrote it");
+  return settings;
+}
+
+void check_finite(const TensorFile& file, const std::string& source) {
+  for (const auto& [name, stored] : file.tensors)
+    if (stored.dtype != "I64" && !torch::isfinite(to_torch(stored)).all().item<bool>())
+      throw InputError(source, fmt::format("weight \"{}\" holds values that are not numbers", name),
+                       "train again, or take an earlier checkpoint");
+}
+
+}  // namespace
+
+int NetworkPackage::input_planes() const {
+  const int p = planes();
+  const int noise = settings.noise_input == "none" ? 0 : settings.domain == "stabilised" ? 1 : p;
+  return p + (settings.guide == "none" ? 0 : p) + noise;
+}
+
+NetworkDescription fitted_network(NetworkDescription network, const PackageSettings& settings) {
+  const ChannelKeys& keys = keys_of(network.architecture);
+  const NetworkPackage package{network, settings, {}};
+  if (network.settings.is_null()) network.settings = Json::object();
+  network.settings[keys.out] = package.planes();
+  network.settings[keys.in] = package.input_planes();
+  return network;
+}
+
+TensorFile package_file(const NetworkPackage& package, const Network& network) {
+  TensorFile file = weights_of(network, package.network);
+  const Json description{{"version", kVersion},
+                         {"settings", settings_json(package.settings)},
+                         {"channels", package.layout().channel_names()},
+                         {"training", package.training}};
+  file.metadata[kKey] = description.dump();
+  return file;
+}
+
+NetworkPackage package_of(const TensorFile& file, const std::string& source) {
+  const auto text = [&](const char* key) {
+    const auto found = file.metadata.find(key);
+    if (found == file.metadata.end())
+      throw InputError(source, fmt::format("has no \"{}\" in its metadata", key),
+                       "give a weight file that malus train or an import wrote");
+    return found->second;
+  };
+  try {
+    NetworkPackage package;
+    package.network = {text("architecture"), Json::parse(text("settings"))};
+    const Json description = Json::parse(text(kKey));
+    if (description.at("version").get<int>() != kVersion)
+      throw InputError(source, fmt::format("is of version {}", description.at("version").dump()),
+                       fmt::format("this malus reads version {}", kVersion));
+    package.settings = settings_of(description.at("settings"), source);
+    package.training = description.at("training");
+    if (description.at("channels").get<std::vector<std::string>>() !=
+        package.layout().channel_names())
+      throw InputError(
+          source, fmt::format("its planes are not in the order of {}", package.settings.layout),
+          "give a weight file that malus train or an import wrote");
+    const NetworkDescription fitted = fitted_network(package.network, package.settings);
+    const ChannelKeys& keys = keys_of(package.network.architecture);
+    for (const char* key : {keys.in, keys.out})
+      if (package.network.settings.value(key, -1) != fitted.settings.at(key).get<int>())
+        throw InputError(
+            source, fmt::format("its network's {} does not fit {}", key, package.settings.layout),
+            fmt::format("{} planes go in and {} come out", package.input_planes(),
+                        package.planes()));
+    return package;
+  } catch (const Json::exception& error) {
+    throw InputError(source, fmt::format("its description cannot be read ({})", error.what()),
+                     "give a weight file that malus train or an import wrote");
+  }
+}
+
+LoadedPackage load_package(const std::filesystem::path& path) {
+  const TensorFile file = load_tensor_file(path);
+  LoadedPackage loaded{package_of(file, path.string()), nullptr};
+  check_finite(file, path.string());
+  loaded.network = make_network(loaded.package.network);
+  load_weights(*loaded.network, file, "", path.string());
+  loaded.network->eval();
+  return loaded;
+}
+
+torch::Tensor apply_network(Network& network, const NetworkPackage& package,
+                            const torch::Tensor& input) {
+  const std::int64_t planes = package.planes();
+  const torch::Tensor output = network.forward(input).slice(1, 0, planes);
+  return package.settings.residual && !adds_input(package) ? output + input.slice(1, 0, planes)
+                                                           : output;
+}
+
+}  // namespace malus

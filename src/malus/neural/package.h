@@ -1,0 +1,150 @@
+// A network with everything that is needed to use it on a frame: what goes in, what comes out, in
+// which domain, and how it was trained. Stored in the metadata of a weight file, checked when read.
+// Training and inference carry frames into the network's domain and back through this header alone.
+#pragma once
+
+#include "malus/base/parameter.h"
+#include "malus/denoise/prepared_frame.h"
+#include "malus/neural/network.h"
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// What a network takes and gives, apart from its layers.
+struct PackageSettings {
+  std::string layout = "polar-bayer-rggb", domain = "stabilised", noise_input = "level",
+              guide = "none", guide_profile = "normal", amplification = "auto";
+  bool residual = true, row_noise = true;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    const auto choice = [&](auto& value, const char* name, const char* help,
+                            std::vector<std::string> choices) {
+      field(value, ParameterInfo{name, "", help, -kInfinity, kInfinity, std::move(choices)});
+    };
+    field(self.layout,
+          ParameterInfo{"layout", "", "sensor layout; one plane per site of its cell"});
+    choice(self.domain, "domain",
+           "stabilised: planes of unit noise, divided by the frame's scale; linear: light above "
+           "black, divided by white and amplified (000, 5.1)",
+           {"stabilised", "linear"});
+    choice(self.noise_input, "noise_input",
+           "level: the noise deviation as further input, one plane where it is the same "
+           "everywhere (stabilised), else one per channel",
+           {"level", "none"});
+    choice(self.guide, "guide",
+           "bm3d: the classical denoiser's result as further input planes; a residual network then "
+           "corrects it",
+           {"none", "bm3d"});
+    choice(self.guide_profile, "guide_profile", "profile of the guide", {"fast", "normal", "high"});
+    choice(self.amplification, "amplification",
+           "linear domain: by the low-light ratio, which the caller knows, or so that the mean "
+           "becomes 0.18",
+           {"auto", "ratio"});
+    field(self.residual, ParameterInfo{"residual", "",
+                                       "the network's output is added to the guide, or to the "
+                                       "noisy planes where there is none"});
+    field(self.row_noise,
+          ParameterInfo{"row_noise", "", "row noise is estimated and removed before the network"});
+  }
+};
+
+struct NetworkPackage {
+  NetworkDescription network;
+  PackageSettings settings;
+  nlohmann::json training;  ///< record: data, steps, seed, models, date, figures; may be null
+
+  SensorLayout layout() const { return SensorLayout::named(settings.layout); }
+  int planes() const { return layout().channels(); }  ///< P: what the network gives
+  /// P of the guide if any, P noisy, then the noise planes: the base of a residual comes first.
+  int input_planes() const;
+};
+
+/// Settings of the architecture that make its channels fit the package: input_planes() in, planes()
+/// out; architectures with as many out as in give further planes, which are left out.
+NetworkDescription fitted_network(NetworkDescription network, const PackageSettings& settings);
+
+/// Metadata of a weight file and back. Throws InputError, naming source, on metadata that is
+/// missing, unknown or does not fit together.
+TensorFile package_file(const NetworkPackage& package, const Network& network);
+NetworkPackage package_of(const TensorFile& file, const std::string& source);
+
+struct LoadedPackage {
+  NetworkPackage package;
+  std::shared_ptr<Network> network;  ///< in eval mode
+};
+/// Reads, builds and fills; also refuses weights that are not finite. Throws InputError.
+LoadedPackage load_package(const std::filesystem::path& path);
+
+/// Carries one frame into the network's domain and back: measured once for the whole frame, so
+/// that tiles agree. Planes are [1, channel, row, column] of the layout's packed size.
+///   stabilised: plane = stabilised sample / s, s = 4 + 3 * mean of the positive samples
+///   linear:     plane = DN above black and bias / s, s = (white - black) / amplification
+class FrameDomain {
+ public:
+  /// ratio: for amplification "ratio". Contract: the frame's layout is the package's.
+  FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
+              const NoiseProfile& profile, std::optional<double> ratio = {});
+
+  double scale() const { return scale_; }
+  /// Noisy samples, in DN above black and bias.
+  torch::Tensor noisy_planes(View<const float> dn) const;
+  /// A noise-free signal: guide and target. Its planes are the means that noisy_planes has.
+  torch::Tensor clean_planes(View<const float> dn) const;
+  /// [1, 1 or P, rows, cols], or none ([1, 0, rows, cols]).
+  torch::Tensor noise_planes(View<const float> noisy_dn) const;
+  /// The network's planes back to DN, by the exact unbiased inverse: clean_planes' inverse.
+  Image mosaic_of(const torch::Tensor& planes, int rows, int cols) const;
+
+ private:
+  template <class Map>
+  torch::Tensor mapped(View<const float> dn, const Map& map) const;
+
+  SensorLayout layout_;
+  bool stabilised_, noise_level_;
+  double scale_ = 1;
+  std::vector<Stabilizer> stabilizers_;  ///< empty in the linear domain
+  std::vector<VarianceCurve> variances_;
+};
+
+/// A frame made ready for a network.
+struct NetworkFrame {
+  PreparedFrame frame;
+  Image guide_dn;  ///< empty without a guide
+  FrameDomain domain;
+  Denoised report;  ///< facts about the input; guide's tiles and times
+};
+
+/// Prepares a frame as the classical method does, and runs the guide where the package wants one
+/// (classical: profile and memory; its method and row_noise are not used). Throws InputError as
+/// denoise_frame, on a layout other than the package's, and where a needed ratio is not given.
+NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
+                                   const PackageSettings& settings,
+                                   const DenoiseSettings& classical = {},
+                                   std::optional<double> ratio = {},
+                                   Progress& progress = silent_progress());
+
+/// A window of the mosaic; first row and column at whole cells.
+struct MosaicWindow {
+  int row0 = 0, col0 = 0, rows = 0, cols = 0;
+};
+
+/// [1, input_planes, rows, cols] of a window of the frame.
+torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& window);
+
+/// [batch, planes, rows, cols]: the network's forward pass and, for a residual, the base added.
+torch::Tensor apply_network(Network& network, const NetworkPackage& package,
+                            const torch::Tensor& input);
+
+/// The network's planes of a window as a mosaic in DN above black and bias; saturated pixels come
+/// back as they are.
+Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
+                     const MosaicWindow& window);
+
+}  // namespace malus
