@@ -1,10 +1,21 @@
+from collections.abc import Sequence
 from os import PathLike
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, overload
 
 import numpy
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[numpy.float32]
+
+class DLPack(Protocol):
+    """A tensor of any library, in the memory of the CPU."""
+
+    def __dlpack__(self) -> Any: ...
+    def __dlpack_device__(self) -> tuple[int, int]: ...
+
+Arrays = ArrayLike | DLPack
+Out = TypeVar("Out", Floats, DLPack)
 
 class InputError(ValueError): ...
 
@@ -25,11 +36,107 @@ class Frame:
     def iso(self) -> float | None: ...
     @property
     def exposure_s(self) -> float | None: ...
+    @property
+    def source(self) -> str: ...
+
+class FrameGroup:
+    @property
+    def kind(self) -> str: ...
+    @property
+    def gain_db(self) -> float | None: ...
+    @property
+    def iso(self) -> float | None: ...
+    @property
+    def exposure_s(self) -> float | None: ...
+    @property
+    def level(self) -> int | None: ...
+    @property
+    def paths(self) -> list[Path]: ...
+
+class Session:
+    def __init__(self, path: str | PathLike[str]) -> None: ...
+    @property
+    def sensor(self) -> str: ...
+    @property
+    def layout(self) -> str | None: ...
+    @property
+    def groups(self) -> list[FrameGroup]: ...
+    def load(self, group: int, index: int) -> Frame: ...
+
+class Noise:
+    @overload
+    def synthesize(self, clean: Arrays, seed: int = 0, frame: int = 0, out: None = None, *, row0: int = 0, col0: int = 0) -> Floats: ...
+    @overload
+    def synthesize(self, clean: Arrays, seed: int = 0, frame: int = 0, *, out: Out, row0: int = 0, col0: int = 0) -> Out: ...
 
 class Model:
     def __init__(self, path: str | PathLike[str]) -> None: ...
-    def synthesize(self, clean: ArrayLike, gain: float | None = None, seed: int = 0, frame: int = 0, out: Floats | None = None,
-                   **settings: Any) -> Floats: ...
+    def at_gain(
+        self,
+        gain: float | None,
+        *,
+        kind: str = "physics",
+        parameters: str = "sampled",
+        ratio: float = 1.0,
+        amplify: bool = False,
+        debias: bool = False,
+        shot: bool = True,
+        read: bool = True,
+        row: bool = True,
+        quantization: bool = True,
+        bias: bool = True,
+        exact: bool = False,
+        extrapolate_gain: bool = False,
+    ) -> Noise: ...
+    @overload
+    def synthesize(
+        self,
+        clean: Arrays,
+        gain: float | None = None,
+        seed: int = 0,
+        frame: int = 0,
+        out: None = None,
+        *,
+        row0: int = 0,
+        col0: int = 0,
+        kind: str = "physics",
+        parameters: str = "sampled",
+        ratio: float = 1.0,
+        amplify: bool = False,
+        debias: bool = False,
+        shot: bool = True,
+        read: bool = True,
+        row: bool = True,
+        quantization: bool = True,
+        bias: bool = True,
+        exact: bool = False,
+        extrapolate_gain: bool = False,
+    ) -> Floats: ...
+    @overload
+    def synthesize(
+        self,
+        clean: Arrays,
+        gain: float | None = None,
+        seed: int = 0,
+        frame: int = 0,
+        *,
+        out: Out,
+        row0: int = 0,
+        col0: int = 0,
+        kind: str = "physics",
+        parameters: str = "sampled",
+        ratio: float = 1.0,
+        amplify: bool = False,
+        debias: bool = False,
+        shot: bool = True,
+        read: bool = True,
+        row: bool = True,
+        quantization: bool = True,
+        bias: bool = True,
+        exact: bool = False,
+        extrapolate_gain: bool = False,
+    ) -> Out: ...
+    def random_gain(self, seed: int, frame: int) -> float: ...
     def save(self, path: str | PathLike[str], force: bool = False) -> None: ...
     def as_dict(self) -> dict[str, Any]: ...
     @property
@@ -41,12 +148,49 @@ class Model:
     @property
     def kinds(self) -> list[str]: ...
 
-def load_frame(path: str | PathLike[str], layout: str | None = None, black: float | None = None, white: float | None = None) -> Frame: ...
-def calibrate(session: str | PathLike[str], **settings: Any) -> Model: ...
-def denoise(dn: ArrayLike, *, layout: str, black: float = 0.0, white: float, model: Model | None = None, gain: float | None = None,
-            variance: bool = False, **settings: Any) -> dict[str, Any]: ...
-def stokes(dn_above_black: ArrayLike, layout: str) -> dict[str, Floats]: ...
-def evaluate(reference: ArrayLike, test: ArrayLike, layout: str, peak: float) -> dict[str, float]: ...
+def load_frame(
+    path: str | PathLike[str], layout: str | None = None, black: float | None = None, white: float | None = None
+) -> Frame: ...
+def calibrate(
+    session: Session | str | PathLike[str],
+    kinds: Sequence[str] = ("physics",),
+    *,
+    saturation_limit: float = 0.7,
+    shape: str = "likelihood",
+    single_frame: bool = False,
+    maps: bool = True,
+    level_step: float = 0.0,
+    bins: int = 240,
+    level_samples: int = 200000,
+    dark_frames: int = 16,
+) -> Model: ...
+def denoise(
+    raw: Frame | Arrays,
+    *,
+    layout: str | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    model: Model | None = None,
+    gain: float | None = None,
+    variance: bool = False,
+    method: str = "bm3d",
+    profile: str = "normal",
+    memory: float = 1024.0,
+    strength: float = 1.0,
+    row_noise: bool = True,
+) -> dict[str, Any]: ...
+def stokes(dn_above_black: Arrays, layout: str) -> dict[str, Floats]: ...
+def evaluate(reference: Arrays, test: Arrays, layout: str, peak: float) -> dict[str, float]: ...
+def compare_noise(
+    reference: Arrays,
+    test: Arrays,
+    layout: str,
+    clean: Arrays | None = None,
+    *,
+    bins: int = 128,
+    levels: int = 16,
+    remove_fixed_pattern: bool = False,
+) -> dict[str, Any]: ...
 def kld_nats(test_q: ArrayLike, reference_p: ArrayLike) -> float: ...
 def jsd_bits(a: ArrayLike, b: ArrayLike) -> float: ...
 def layouts() -> list[str]: ...

@@ -1,0 +1,139 @@
+#include "arrays.h"
+
+#include "malus/base/error.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+
+#include <fmt/format.h>
+
+namespace malus::python {
+namespace {
+
+// DLPack, version 0: the memory layout that __dlpack__() hands over
+// (https://dmlc.github.io/dlpack/latest/c_api.html).
+struct DlTensor {
+  void* data;
+  std::int32_t device_type, device_id;
+  std::int32_t dimensions;
+  std::uint8_t type_code, type_bits;
+  std::uint16_t type_lanes;
+  std::int64_t* shape;
+  std::int64_t* strides;  // in elements; null: C order
+  std::uint64_t byte_offset;
+};
+struct DlManagedTensor {
+  DlTensor tensor;
+  void* context;
+  void (*deleter)(DlManagedTensor*);
+};
+constexpr int kDlCpu = 1, kDlPinned = 3;  // CPU memory, plain or pinned for a GPU
+constexpr const char* kTypeLetters = "iuf";
+constexpr int kTypes = 3;
+
+py::array from_dlpack(const py::object& object) {
+  const auto device = object.attr("__dlpack_device__")().cast<std::pair<int, int>>();
+  if (device.first != kDlCpu && device.first != kDlPinned)
+    throw InputError("tensor", "lies in the memory of a device", "copy it first: tensor.cpu()");
+  const py::object capsule = object.attr("__dlpack__")();
+  auto* managed = static_cast<DlManagedTensor*>(PyCapsule_GetPointer(capsule.ptr(), "dltensor"));
+  if (!managed) throw py::error_already_set();
+  // From here the tensor is ours to give back.
+  PyCapsule_SetName(capsule.ptr(), "used_dltensor");
+  const py::capsule owner(managed, [](void* pointer) {
+    auto* tensor = static_cast<DlManagedTensor*>(pointer);
+    if (tensor->deleter) tensor->deleter(tensor);
+  });
+  const DlTensor& t = managed->tensor;
+  if (t.type_code >= kTypes || t.type_lanes != 1 || t.type_bits % 8 != 0)
+    throw py::type_error("tensor: its element type has no NumPy equal; convert it to float32");
+  const py::ssize_t bytes = t.type_bits / 8;
+  const std::vector<py::ssize_t> shape(t.shape, t.shape + t.dimensions);
+  std::vector<py::ssize_t> strides;
+  for (int i = 0; t.strides && i < t.dimensions; ++i) strides.push_back(t.strides[i] * bytes);
+  auto* data = static_cast<std::byte*>(t.data) + t.byte_offset;
+  return py::array(py::dtype(fmt::format("{}{}", kTypeLetters[t.type_code], bytes)), shape, strides,
+                   data, owner);
+}
+
+}  // namespace
+
+py::array array_from(const py::object& object) {
+  if (py::isinstance<py::array>(object)) return object.cast<py::array>();
+  if (py::hasattr(object, "__dlpack__")) return from_dlpack(object);
+  const py::object array = py::module_::import("numpy").attr("asarray")(object);
+  return array.cast<py::array>();
+}
+
+Array input_from(const py::object& object) {
+  const auto array = Array::ensure(array_from(object));
+  if (!array) throw py::error_already_set();
+  return array;
+}
+
+py::array output_from(const py::object& object) {
+  const py::array array = array_from(object);
+  const auto last = array.ndim() - 1;
+  if (!array.dtype().is(py::dtype::of<float>()) || !array.writeable() || last < 1 ||
+      (array.shape(last) > 1 && array.strides(last) != sizeof(float)))
+    throw py::type_error("out must be a writable float32 array with contiguous rows");
+  return array;
+}
+
+View<const float> view_of(const Array& array) {
+  if (array.ndim() != 2) throw py::value_error("expected a 2-D array [row, column]");
+  return {{array.data(), static_cast<std::size_t>(array.size())},
+          static_cast<int>(array.shape(0)),
+          static_cast<int>(array.shape(1)),
+          static_cast<std::ptrdiff_t>(array.shape(1))};
+}
+
+View<float> writable_view_of(py::array& array) {
+  const auto rows = static_cast<int>(array.shape(0)), cols = static_cast<int>(array.shape(1));
+  const auto stride = rows > 1 ? static_cast<std::ptrdiff_t>(array.strides(0)) /
+                                     static_cast<std::ptrdiff_t>(sizeof(float))
+                               : cols;
+  if (stride < cols) throw py::value_error("out must have rows in rising order of memory");
+  const auto size = rows ? static_cast<std::size_t>((rows - 1) * stride + cols) : 0;
+  return {{static_cast<float*>(array.mutable_data()), size}, rows, cols, stride};
+}
+
+py::array part_of(const py::array& array, py::ssize_t i) {
+  return array[py::int_(i)].cast<py::array>();
+}
+
+py::array array_of(Image image) {
+  auto held = std::make_unique<Image>(std::move(image));
+  const py::capsule owner(held.get(), [](void* pointer) { delete static_cast<Image*>(pointer); });
+  const Image& plane = *held.release();
+  return py::array_t<float>({plane.rows(), plane.cols()}, plane.values().data(), owner);
+}
+
+py::array array_sharing(Image& image, const py::object& owner) {
+  return py::array_t<float>({image.rows(), image.cols()}, image.values().data(), owner);
+}
+
+Image image_of(const Array& array) {
+  const auto view = view_of(array);
+  Image image(view.rows(), view.cols());
+  std::copy_n(view.data(), image.size(), image.values().data());
+  return image;
+}
+
+void PythonProgress::warn(std::string_view message) {
+  const std::lock_guard lock(mutex_);
+  warnings_.emplace_back(message);
+}
+
+bool PythonProgress::stop_requested() const {
+  const py::gil_scoped_acquire gil;
+  return PyErr_CheckSignals() != 0;
+}
+
+void PythonProgress::give_warnings() {
+  for (const auto& message : warnings_)
+    if (PyErr_WarnEx(PyExc_UserWarning, message.c_str(), 1) != 0) throw py::error_already_set();
+}
+
+}  // namespace malus::python

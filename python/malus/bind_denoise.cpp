@@ -1,0 +1,120 @@
+// Denoising and polarization.
+#include "malus/base/error.h"
+#include "malus/denoise/denoiser.h"
+#include "malus/denoise/estimate_noise.h"
+#include "malus/image/pack.h"
+#include "malus/polar/stokes.h"
+
+#include <optional>
+#include <string>
+
+#include "arrays.h"
+#include "model_with_sampler.h"
+#include "settings.h"
+#include <pybind11/stl.h>
+
+namespace malus::python {
+namespace {
+
+// A Frame, or an array with what an array does not know.
+RawFrame frame_from(const py::object& raw, const std::optional<std::string>& layout,
+                    const std::optional<double>& black, const std::optional<double>& white) {
+  RawFrame frame;
+  if (py::isinstance<RawFrame>(raw)) {
+    frame = raw.cast<const RawFrame&>();
+  } else {
+    if (!layout || !white)
+      throw InputError("array", "does not know its layout and white level",
+                       "give layout and white (and black), or a Frame");
+    frame.dn = image_of(input_from(raw));
+    frame.source = "array";
+  }
+  if (layout) frame.layout = SensorLayout::named(*layout);
+  if (black || layout)
+    frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()),
+                          black.value_or(frame.black_dn.empty() ? 0.0 : frame.black_dn.front()));
+  if (white) frame.white_dn = *white;
+  return frame;
+}
+
+py::dict denoise(const py::object& raw, const std::optional<std::string>& layout,
+                 const std::optional<double>& black, const std::optional<double>& white,
+                 const ModelWithSampler* model, const Gain& gain, bool variance,
+                 const py::kwargs& kwargs) {
+  const auto settings = settings_from<DenoiseSettings>(kwargs);
+  RawFrame frame = frame_from(raw, layout, black, white);
+  PythonProgress progress;
+  NoiseProfile profile;
+  Denoised result;
+  {
+    const py::gil_scoped_release release;
+    if (model) {
+      const GainSetting setting = gain ? model->model().gain_setting(*gain) : frame.gain;
+      if (!setting.decibel())
+        throw InputError("gain", "is not known", "give gain, in the model's unit");
+      profile = model->description().profile_at(setting);
+    } else {
+      const auto estimated = estimate_profile(frame);
+      if (!estimated) throw InputError("noise of the picture", estimated.reason(), "give a model");
+      profile = estimated->profile;
+    }
+    result = denoise_frame(std::move(frame), profile, settings, progress, variance);
+  }
+  progress.give_warnings();
+  py::dict out;
+  out["dn"] = array_of(std::move(result.dn_above_black));
+  out["variance"] =
+      result.variance_dn2 ? py::object(array_of(std::move(*result.variance_dn2))) : py::none();
+  out["sigma_used_dn"] = result.sigma_used_dn;
+  out["row_noise_removed_dn"] = result.row_noise_removed_dn;
+  out["noise_estimated_from_picture"] = profile.estimated_from_picture;
+  return out;
+}
+
+py::dict stokes(const py::object& dn_above_black, const std::string& layout_name) {
+  const auto layout = SensorLayout::named(layout_name);
+  require_polarized(layout, "array");
+  const Array mosaic = input_from(dn_above_black);
+  const auto view = view_of(mosaic);
+  std::optional<StokesPicture> picture;
+  {
+    const py::gil_scoped_release release;
+    picture = merge_greens(stokes_per_color(pack(view, layout), layout), layout);
+  }
+  const auto stacked = [&](auto&& plane_of) {
+    py::list planes;
+    for (const auto& s : picture->planes) planes.append(array_of(plane_of(s)));
+    return py::module_::import("numpy").attr("stack")(planes);
+  };
+  py::dict out;
+  out["s0"] = stacked([](const StokesPlanes& s) { return s.s0; });
+  out["s1"] = stacked([](const StokesPlanes& s) { return s.s1; });
+  out["s2"] = stacked([](const StokesPlanes& s) { return s.s2; });
+  out["dolp"] = stacked([](const StokesPlanes& s) { return dolp_of(s); });
+  out["aolp_deg"] = stacked([](const StokesPlanes& s) { return aolp_deg_of(s); });
+  return out;
+}
+
+}  // namespace
+
+void bind_denoise(py::module_& m) {
+  m.def("denoise", &denoise, py::arg("raw"), py::kw_only(), py::arg("layout") = py::none(),
+        py::arg("black") = py::none(), py::arg("white") = py::none(), py::arg("model") = py::none(),
+        py::arg("gain") = py::none(), py::arg("variance") = false,
+        ("Denoises one raw mosaic.\n\n"
+         "raw: a Frame, or an array [row, column] in DN, black included, with its layout, black "
+         "(0 if not given) and white [DN].\n"
+         "model: a Model; None estimates the noise from the picture. gain [dB or ISO]: that of "
+         "the Frame if not given.\n\n"
+         "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
+         "squared error [DN^2], with variance=True, else None), sigma_used_dn (per channel), "
+         "row_noise_removed_dn, noise_estimated_from_picture." +
+         settings_help<DenoiseSettings>())
+            .c_str());
+  m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"),
+        "Stokes parameters of a raw mosaic [row, column] in DN above black: dict of s0, s1, s2 "
+        "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column] at one "
+        "value per cell of the layout.");
+}
+
+}  // namespace malus::python

@@ -1,0 +1,93 @@
+// Frames and sessions.
+#include "malus/io/frame_file.h"
+#include "malus/io/session.h"
+
+#include <optional>
+#include <string>
+
+#include "arrays.h"
+#include <fmt/format.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+namespace malus::python {
+namespace {
+
+RawFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
+              const std::optional<double>& black, const std::optional<double>& white) {
+  FrameOptions options;
+  if (layout) options.layout = SensorLayout::named(*layout);
+  if (black) options.black_dn = {*black};
+  options.white_dn = white;
+  const py::gil_scoped_release release;
+  return load_frame(path, options);
+}
+
+RawFrame load_of_session(const Session& session, std::size_t group, std::size_t index) {
+  if (group >= session.groups.size() || index >= session.groups[group].paths.size())
+    throw py::index_error(fmt::format("the session has no frame {} in group {}", index, group));
+  const auto& frames = session.groups[group];
+  const py::gil_scoped_release release;
+  return load_frame(frames.paths[index], frame_options(session, frames));
+}
+
+}  // namespace
+
+void bind_frames(py::module_& m) {
+  py::class_<RawFrame>(m, "Frame",
+                       "One raw mosaic with its black and white level, gain and exposure.")
+      .def_property_readonly(
+          "dn",
+          [](const py::object& self) { return array_sharing(self.cast<RawFrame&>().dn, self); },
+          "float32 [row, column], DN, black included; shares the frame's memory")
+      .def_property_readonly(
+          "layout", [](const RawFrame& f) { return f.layout.name(); }, "name of the mosaic layout")
+      .def_property_readonly(
+          "channels", [](const RawFrame& f) { return f.layout.channel_names(); },
+          "names of the channels, row by row of the layout's cell")
+      .def_readonly("black_dn", &RawFrame::black_dn, "black level per channel, DN")
+      .def_readonly("white_dn", &RawFrame::white_dn, "saturation, black included, DN")
+      .def_property_readonly(
+          "gain_db", [](const RawFrame& f) { return f.gain.gain_db; }, "gain, dB, or None")
+      .def_property_readonly(
+          "iso", [](const RawFrame& f) { return f.gain.iso; }, "gain as ISO, or None")
+      .def_readonly("exposure_s", &RawFrame::exposure_s, "exposure time, s, or None")
+      .def_readonly("source", &RawFrame::source, "the file it came from");
+
+  py::class_<FrameGroup>(m, "FrameGroup", "Frames of a session that were taken alike.")
+      .def_property_readonly(
+          "kind", [](const FrameGroup& g) { return std::string(frame_kind_name(g.kind)); },
+          "bias, flat, burst, reference, short or long")
+      .def_property_readonly(
+          "gain_db", [](const FrameGroup& g) { return g.gain.gain_db; }, "gain, dB, or None")
+      .def_property_readonly(
+          "iso", [](const FrameGroup& g) { return g.gain.iso; }, "gain as ISO, or None")
+      .def_readonly("exposure_s", &FrameGroup::exposure_s, "exposure time, s, or None")
+      .def_readonly("level", &FrameGroup::level, "light level, or None")
+      .def_readonly("paths", &FrameGroup::paths, "files in order");
+
+  py::class_<Session>(m, "Session", "A session file: which frames were taken how.")
+      .def(py::init([](const std::filesystem::path& path) {
+             const py::gil_scoped_release release;
+             return load_session(path);
+           }),
+           py::arg("path"))
+      .def_property_readonly(
+          "sensor", [](const Session& s) { return s.sensor.name; }, "name of the sensor")
+      .def_property_readonly(
+          "layout",
+          [](const Session& s) {
+            return s.sensor.layout ? std::optional(s.sensor.layout->name()) : std::nullopt;
+          },
+          "name of the mosaic layout, or None where the files tell it")
+      .def_readonly("groups", &Session::groups, "list of FrameGroup")
+      .def("load", &load_of_session, py::arg("group"), py::arg("index"),
+           "Frame `index` of group `group`, read with the session's black, white and layout.");
+
+  m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
+        py::arg("black") = py::none(), py::arg("white") = py::none(),
+        "Reads TIFF, PNG, EXR, FITS, .npy or camera raw into a Frame: DN exactly as stored. "
+        "layout, black, white [DN] win over what the file says.");
+}
+
+}  // namespace malus::python

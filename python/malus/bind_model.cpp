@@ -1,0 +1,215 @@
+// Noise models: load, calibrate, draw.
+#include "malus/base/error.h"
+#include "malus/calibrate/calibrate.h"
+#include "malus/io/session.h"
+#include "malus/synthesize/model.h"
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "arrays.h"
+#include "model_json.h"
+#include "model_with_sampler.h"
+#include "settings.h"
+#include <fmt/format.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+namespace malus::python {
+namespace {
+
+struct Place {
+  std::uint64_t seed;
+  std::uint32_t frame;
+  int row0, col0;
+};
+
+struct Planes3D {
+  std::vector<py::array> keep_alive;
+  std::vector<View<const float>> clean;
+  std::vector<View<float>> noisy;
+};
+
+// [channel, row, column] as views of its planes.
+Planes3D planes_of(const py::array& clean, const py::array& noisy) {
+  Planes3D planes;
+  for (py::ssize_t k = 0; k < clean.shape(0); ++k) {
+    const auto from = part_of(clean, k).cast<Array>();
+    auto to = part_of(noisy, k);
+    planes.clean.push_back(view_of(from));
+    planes.noisy.push_back(writable_view_of(to));
+    planes.keep_alive.push_back(from);
+    planes.keep_alive.push_back(to);
+  }
+  return planes;
+}
+
+void draw_packed(const NoiseAtGain& noise, const py::array& clean, const py::array& noisy,
+                 const Place& place) {
+  const auto planes = planes_of(clean, noisy);
+  const py::gil_scoped_release release;
+  noise.synthesize_packed(planes.clean, planes.noisy, place.seed, place.frame);
+}
+
+py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, const Place& place,
+                      const py::object& out) {
+  const Array clean = input_from(clean_object);
+  const auto dimensions = clean.ndim();
+  if (dimensions < 2 || dimensions > 4)
+    throw py::value_error(
+        "clean has to be [row, column] (a mosaic), [channel, row, column] (packed planes) or "
+        "[frame, channel, row, column] (a batch of packed planes)");
+  if (dimensions > 2 && (place.row0 != 0 || place.col0 != 0))
+    throw py::value_error("row0 and col0 place a mosaic; packed planes are whole frames");
+  const std::vector<py::ssize_t> shape(clean.shape(), clean.shape() + dimensions);
+  py::array noisy = out.is_none() ? py::array(py::array_t<float>(shape)) : output_from(out);
+  if (noisy.ndim() != dimensions || !std::equal(shape.begin(), shape.end(), noisy.shape()))
+    throw py::value_error("out has another shape than the clean array");
+  if (dimensions == 2) {
+    const auto from = view_of(clean);
+    const auto to = writable_view_of(noisy);
+    const py::gil_scoped_release release;
+    noise.synthesize(from, to, place.seed, place.frame, place.row0, place.col0);
+  } else if (dimensions == 3) {
+    draw_packed(noise, clean, noisy, place);
+  } else {
+    Place at = place;
+    for (py::ssize_t i = 0; i < shape[0]; ++i, ++at.frame)
+      draw_packed(noise, part_of(clean, i), part_of(noisy, i), at);
+  }
+  return out.is_none() ? py::object(noisy) : out;
+}
+
+// JSON results become dictionaries through Python's own parser.
+py::object python_of(const nlohmann::ordered_json& json) {
+  return py::module_::import("json").attr("loads")(json.dump());
+}
+
+ModelWithSampler calibrate_session(const py::object& session_or_path,
+                                   const std::vector<std::string>& kinds,
+                                   const py::kwargs& kwargs) {
+  const auto settings = settings_from<CalibrationSettings>(kwargs);
+  PythonProgress progress;
+  std::optional<Session> session;
+  if (py::isinstance<Session>(session_or_path)) session = session_or_path.cast<Session>();
+  const auto path =
+      session ? std::filesystem::path{} : session_or_path.cast<std::filesystem::path>();
+  std::optional<NoiseModel> model;
+  {
+    const py::gil_scoped_release release;
+    if (!session) session = load_session(path);
+    model = calibrate(calibration_input(*session), settings, kinds, progress);
+  }
+  progress.give_warnings();
+  return ModelWithSampler(Model(std::move(*model)));
+}
+
+std::string synthesize_help() {
+  return "Noisy version of clean, float32, in the same shape.\n\n"
+         "clean: signal in DN above the black level: [row, column] mosaic, [channel, row, column] "
+         "packed planes\n"
+         "    in the model's channel order, or [frame, channel, row, column], a batch whose frames "
+         "are numbered\n"
+         "    frame, frame + 1, ...; a NumPy array, or a torch tensor on the CPU. Float32 in C "
+         "order is not copied.\n"
+         "gain: in the model's unit (dB, or ISO); None draws one per frame over the calibrated "
+         "range.\n"
+         "seed, frame: the same seed, frame and pixel give the same noise for any number of "
+         "threads.\n"
+         "out: float32 array or tensor of clean's shape, written in place and returned; may be "
+         "clean itself.\n"
+         "row0, col0: place of a mosaic's first pixel on the sensor: a crop gets the noise of its "
+         "place.\n\n"
+         "The result is DN above black, not rounded, not clipped.";
+}
+
+}  // namespace
+
+void bind_model(py::module_& m) {
+  py::class_<NoiseAtGain>(m, "Noise",
+                          "The noise of a model at one gain (or at random gains): Model.at_gain "
+                          "makes it.")
+      .def(
+          "synthesize",
+          [](const NoiseAtGain& noise, const py::object& clean, std::uint64_t seed,
+             std::uint32_t frame, const py::object& out, int row0, int col0) {
+            return synthesize(noise, clean, {seed, frame, row0, col0}, out);
+          },
+          py::arg("clean"), py::arg("seed") = 0, py::arg("frame") = 0, py::arg("out") = py::none(),
+          py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0, synthesize_help().c_str());
+
+  py::class_<ModelWithSampler>(m, "Model",
+                               "A noise model: a file that calibrate wrote, or a built-in one by "
+                               "name. Throws InputError.")
+      .def(py::init([](const std::filesystem::path& path) {
+             const py::gil_scoped_release release;
+             return std::make_unique<ModelWithSampler>(Model::load(path));
+           }),
+           py::arg("path"))
+      .def(
+          "at_gain",
+          [](ModelWithSampler& model, const Gain& gain, const py::kwargs& kwargs) {
+            return model.noise(gain, kwargs);
+          },
+          py::arg("gain"),
+          ("The noise at one gain [dB or ISO]; None: every frame draws its own." +
+           settings_help<SynthesisSettings>())
+              .c_str())
+      .def(
+          "synthesize",
+          [](ModelWithSampler& model, const py::object& clean, const Gain& gain, std::uint64_t seed,
+             std::uint32_t frame, const py::object& out, int row0, int col0,
+             const py::kwargs& kwargs) {
+            return synthesize(model.noise(gain, kwargs), clean, {seed, frame, row0, col0}, out);
+          },
+          py::arg("clean"), py::arg("gain") = py::none(), py::arg("seed") = 0, py::arg("frame") = 0,
+          py::arg("out") = py::none(), py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0,
+          (synthesize_help() + settings_help<SynthesisSettings>()).c_str())
+      .def(
+          "random_gain",
+          [](const ModelWithSampler& model, std::uint64_t seed, std::uint32_t frame) {
+            const auto gain = model.description().random_gain(seed, frame);
+            return gain.iso ? *gain.iso : gain.gain_db.value();
+          },
+          py::arg("seed"), py::arg("frame"),
+          "The gain [dB or ISO] that synthesize(gain=None) draws for this seed and frame.")
+      .def(
+          "save",
+          [](const ModelWithSampler& model, const std::filesystem::path& path, bool force) {
+            const py::gil_scoped_release release;
+            save_model(model.description(), path, force);
+          },
+          py::arg("path"), py::arg("force") = false,
+          "Writes HDF5; an existing file needs force=True.")
+      .def(
+          "as_dict",
+          [](const ModelWithSampler& model) {
+            return python_of(app::model_json(model.description()));
+          },
+          "What `malus model show --json` prints: every parameter with unit and standard error.")
+      .def_property_readonly(
+          "sensor", [](const ModelWithSampler& model) { return model.description().sensor; },
+          "Name of the sensor.")
+      .def_property_readonly(
+          "layout", [](const ModelWithSampler& model) { return model.description().layout.name(); },
+          "Name of the mosaic layout.")
+      .def_property_readonly(
+          "channels",
+          [](const ModelWithSampler& model) { return model.description().layout.channel_names(); },
+          "Names of the channels in the order of packed planes: row by row of the layout's cell.")
+      .def_property_readonly(
+          "kinds", [](const ModelWithSampler& model) { return model.description().kinds(); },
+          "Kinds of noise model that it holds.");
+
+  m.def("calibrate", &calibrate_session, py::arg("session"),
+        py::arg("kinds") = std::vector<std::string>{"physics"},
+        ("Session (or path of a session file) -> Model. kinds: of physics, gaussian, "
+         "nonparametric, dark-frames." +
+         settings_help<CalibrationSettings>())
+            .c_str());
+}
+
+}  // namespace malus::python

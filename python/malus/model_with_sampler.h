@@ -1,0 +1,46 @@
+// malus.Model: a model with the sampler of its last settings.
+#pragma once
+
+#include "malus/synthesize/model.h"
+
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "settings.h"
+#include <fmt/format.h>
+#include <pybind11/pybind11.h>
+
+namespace malus::python {
+
+using Gain = std::optional<double>;  ///< in the model's unit; empty: random
+
+/// A training loop calls synthesize with the same gain and settings again and again: their tables
+/// are kept until others come.
+class ModelWithSampler {
+ public:
+  explicit ModelWithSampler(Model model) : model_(std::move(model)) {}
+
+  /// Called with the interpreter's lock, which guards the cache.
+  NoiseAtGain noise(const Gain& gain, const pybind11::kwargs& kwargs) {
+    std::string key = gain ? fmt::format("{}", *gain) : "random";
+    for (const auto& [name, value] : kwargs)
+      key += fmt::format("|{}={}", pybind11::str(name).cast<std::string>(),
+                         pybind11::repr(value).cast<std::string>());
+    if (!last_ || key != key_) {
+      const auto settings = settings_from<SynthesisSettings>(kwargs);
+      last_ = gain ? model_.at_gain(*gain, settings) : model_.at_random_gain(settings);
+      key_ = key;
+    }
+    return *last_;
+  }
+  const Model& model() const { return model_; }
+  const NoiseModel& description() const { return model_.description(); }
+
+ private:
+  Model model_;
+  std::string key_;
+  std::optional<NoiseAtGain> last_;
+};
+
+}  // namespace malus::python

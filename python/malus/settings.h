@@ -1,0 +1,81 @@
+// Settings structs (malus/base/parameter.h) from keyword arguments, and their help text.
+#pragma once
+
+#include "malus/base/error.h"
+#include "malus/base/parameter.h"
+#include "malus/base/text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include <fmt/format.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+namespace malus::python {
+
+/// Throws InputError for a value outside its range or choices, TypeError for a wrong type or an
+/// unknown name (with the nearest).
+template <class Settings>
+Settings settings_from(const pybind11::kwargs& kwargs) {
+  namespace py = pybind11;
+  Settings settings;
+  std::vector<std::string> known;
+  Settings::describe(settings, [&](auto& value, const ParameterInfo& info) {
+    using Value = std::decay_t<decltype(value)>;
+    known.push_back(info.name);
+    if (!kwargs.contains(info.name.c_str())) return;
+    const py::object given = kwargs[info.name.c_str()];
+    try {
+      value = given.cast<Value>();
+    } catch (const py::cast_error&) {
+      throw py::type_error(
+          fmt::format("{}: {} has the wrong type", info.name, py::repr(given).cast<std::string>()));
+    }
+    if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>)
+      if (!(static_cast<double>(value) >= info.minimum &&
+            static_cast<double>(value) <= info.maximum))
+        throw InputError(info.name, fmt::format("{} is outside its range", value),
+                         fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+    if constexpr (std::is_same_v<Value, std::string>)
+      if (!info.choices.empty() &&
+          std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
+        throw InputError(info.name, fmt::format("{} is not known", value),
+                         "choose one of " + joined(info.choices));
+  });
+  for (const auto& [key, unused] : kwargs) {
+    const auto name = key.template cast<std::string>();
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw py::type_error(fmt::format("unknown keyword argument {}; did you mean {}?", name,
+                                       nearest_name(name, known)));
+  }
+  return settings;
+}
+
+/// One line per setting: name, default, unit, meaning.
+template <class Settings>
+std::string settings_help() {
+  std::string text = "\n\nFurther keyword arguments:\n";
+  const Settings settings;
+  Settings::describe(settings, [&](const auto& value, const ParameterInfo& info) {
+    using Value = std::decay_t<decltype(value)>;
+    std::string shown;
+    if constexpr (std::is_same_v<Value, bool>)
+      shown = value ? "True" : "False";
+    else if constexpr (std::is_same_v<Value, std::string>)
+      shown = "'" + value + "'";
+    else
+      shown = fmt::format("{}", value);
+    text += fmt::format("    {} = {}", info.name, shown);
+    if (!info.unit.empty() && info.unit != "1") text += fmt::format(" [{}]", info.unit);
+    text += ": " + info.help;
+    if (!info.choices.empty()) text += " (" + joined(info.choices) + ")";
+    text += "\n";
+  });
+  return text;
+}
+
+}  // namespace malus::python

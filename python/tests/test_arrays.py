@@ -1,0 +1,167 @@
+"""Arrays and tensors of every kind in and out: no copies where none are needed."""
+
+import numpy as np
+import pytest
+
+malus = pytest.importorskip("malus", reason="the Python module is not built (pybind11 is missing)")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return malus.Model("imx250myr-simulated")
+
+
+@pytest.fixture(scope="module")
+def torch():
+    return pytest.importorskip("torch", reason="needs PyTorch")
+
+
+class Tensor:
+    """Something that knows nothing but DLPack."""
+
+    def __init__(self, array):
+        self.array = array
+        self.asked = 0
+
+    def __dlpack__(self):
+        self.asked += 1
+        return self.array.__dlpack__()
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+def test_writes_into_a_tensor_and_returns_it(model):
+    clean, out = np.full((32, 64), 50, np.float32), Tensor(np.zeros((32, 64), np.float32))
+    result = model.synthesize(clean, gain=12, seed=1, out=out)
+    assert result is out and out.asked == 1
+    assert np.array_equal(out.array, model.synthesize(clean, gain=12, seed=1))
+
+
+def test_reads_a_transposed_tensor(model):
+    clean = np.arange(64 * 32, dtype=np.float32).reshape(64, 32)
+    assert np.array_equal(model.synthesize(Tensor(clean.T), gain=12, seed=1),
+                          model.synthesize(np.ascontiguousarray(clean.T), gain=12, seed=1))
+
+
+def test_a_tensor_of_a_device_is_refused(model):
+    class OnGpu(Tensor):
+        def __dlpack_device__(self):
+            return 2, 0
+
+    with pytest.raises(malus.InputError, match="memory of a device"):
+        model.synthesize(OnGpu(np.zeros((8, 8), np.float32)), gain=12)
+
+
+def test_torch_tensors_are_written_in_place(model, torch):
+    clean = torch.full((32, 64), 50.0)
+    out = torch.empty(32, 64)
+    assert model.synthesize(clean, gain=12, seed=1, out=out) is out
+    assert np.array_equal(out.numpy(), model.synthesize(clean.numpy(), gain=12, seed=1))
+    assert torch.equal(clean, torch.full((32, 64), 50.0))
+    model.synthesize(clean, gain=12, seed=1, out=clean)
+    assert torch.equal(clean, out)
+
+
+def test_torch_tensors_are_read_whatever_their_type(model, torch):
+    clean = torch.arange(32 * 64, dtype=torch.int32).reshape(32, 64)
+    expected = model.synthesize(clean.numpy().astype(np.float32), gain=12, seed=1)
+    for kind in (torch.int32, torch.int64, torch.float64, torch.float32):
+        assert np.array_equal(model.synthesize(clean.to(kind), gain=12, seed=1), expected)
+    with pytest.raises(TypeError, match="float32"):
+        model.synthesize(clean.to(torch.bfloat16), gain=12)
+
+
+def test_memory_of_tensors_is_given_back(model, torch):
+    """Two thousand borrowed tensors of 4 MB: a leak would hold them all."""
+    import resource
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for i in range(2000):
+        clean = torch.zeros(1024, 1024)
+        model.at_gain(12).synthesize(clean[:4, :4], seed=i)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB, of 8 GB
+
+
+def test_a_batch_is_its_frames(model):
+    clean = np.random.default_rng(0).uniform(0, 500, (3, 16, 8, 12)).astype(np.float32)
+    batch = model.synthesize(clean, gain=24, seed=5, frame=10)
+    for i in range(3):
+        assert np.array_equal(batch[i], model.synthesize(clean[i], gain=24, seed=5, frame=10 + i))
+    drawn = [model.random_gain(5, 10 + i) for i in range(3)]
+    random = model.synthesize(clean, gain=None, seed=5, frame=10)
+    for i in range(3):
+        assert np.array_equal(random[i], model.synthesize(clean[i], gain=drawn[i], seed=5, frame=10 + i))
+
+
+def test_a_crop_gets_the_noise_of_its_place(model):
+    clean = np.random.default_rng(0).uniform(0, 500, (64, 96)).astype(np.float32)
+    whole = model.synthesize(clean, gain=12, seed=3)
+    crop = model.synthesize(clean[8:40, 12:60], gain=12, seed=3, row0=8, col0=12)
+    assert np.array_equal(crop, whole[8:40, 12:60])
+
+
+def test_the_sampler_that_is_kept_never_answers_for_other_settings(model):
+    clean = np.full((32, 32), 100, np.float32)
+    first = model.synthesize(clean, gain=12, seed=1)
+    assert not np.array_equal(first, model.synthesize(clean, gain=12, seed=1, read=False))
+    assert not np.array_equal(first, model.synthesize(clean, gain=13, seed=1))
+    assert np.array_equal(first, model.synthesize(clean, gain=12, seed=1))
+    assert np.array_equal(first, model.at_gain(12).synthesize(clean, seed=1))
+
+
+@pytest.mark.parametrize("out", [
+    np.zeros((8, 8)),                                      # float64
+    np.zeros((8, 16), np.float32)[:, ::2],                 # gaps within rows
+    np.zeros((8, 9), np.float32),                          # another shape
+    np.broadcast_to(np.zeros(8, np.float32), (8, 8)),      # read-only
+])
+def test_outputs_that_cannot_be_written_in_place_are_refused(model, out):
+    with pytest.raises((TypeError, ValueError), match="out"):
+        model.synthesize(np.zeros((8, 8), np.float32), gain=12, out=out)
+
+
+def test_frames_share_their_memory(tmp_path):
+    np.save(tmp_path / "frame.npy", np.arange(64, dtype=np.uint16).reshape(8, 8))
+    frame = malus.load_frame(tmp_path / "frame.npy", layout="mono", black=2, white=63)
+    assert np.shares_memory(frame.dn, frame.dn)
+    pixels = frame.dn
+    del frame
+    assert np.array_equal(pixels, np.arange(64).reshape(8, 8))
+
+
+def test_a_session_knows_its_frames(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((8, 8), 70, np.uint16))
+    (tmp_path / "session.toml").write_text(
+        '[sensor]\nname = "s"\nlayout = "bayer-rggb"\nblack = 64\nwhite = 1023\n'
+        '[[frames]]\nkind = "bias"\ngain_db = 6\nexposure_s = 0.01\npaths = ["*.npy"]\n')
+    session = malus.Session(tmp_path / "session.toml")
+    group = session.groups[0]
+    assert (session.sensor, session.layout, group.kind, group.gain_db, group.iso) == ("s", "bayer-rggb", "bias", 6, None)
+    frame = session.load(0, 0)
+    assert frame.black_dn == [64] * 4 and frame.gain_db == 6 and frame.exposure_s == 0.01 and frame.dn[0, 0] == 70
+    with pytest.raises(IndexError):
+        session.load(0, 1)
+
+
+def test_frames_are_denoised_with_what_they_know(model, tmp_path):
+    clean = np.full((128, 128), 300, np.float32)
+    raw = np.clip(np.round(model.synthesize(clean, gain=24, seed=1) + 82), 0, 4095).astype(np.uint16)
+    np.save(tmp_path / "raw.npy", raw)
+    frame = malus.load_frame(tmp_path / "raw.npy", layout=model.layout, black=82, white=4095)
+    by_frame = malus.denoise(frame, model=model, gain=24)["dn"]
+    by_array = malus.denoise(raw, layout=model.layout, black=82, white=4095, model=model, gain=24)["dn"]
+    assert np.array_equal(by_frame, by_array)
+    with pytest.raises(malus.InputError, match="gain"):
+        malus.denoise(frame, model=model)
+    with pytest.raises(malus.InputError, match="layout"):
+        malus.denoise(raw, model=model, gain=24)
+
+
+def test_comparison_of_noise(model):
+    """Two draws of one model stay near the floor; another gain lies far above it."""
+    dark = np.zeros((256, 256), np.float32)
+    draw = lambda gain, first: np.stack([model.synthesize(dark, gain=gain, seed=1, frame=first + i) for i in range(4)])
+    same = malus.compare_noise(draw(12, 0), draw(12, 4), model.layout)
+    other = malus.compare_noise(draw(12, 0), draw(24, 4), model.layout)
+    assert len(same["sd_test"]) == 16
+    assert other["sqrt_jsd"] > 10 * same["sqrt_jsd"] and other["jsd"] == pytest.approx(other["sqrt_jsd"] ** 2)
