@@ -64,7 +64,7 @@ Page json_page(const fs::path& path, const std::string& prefix) {
   if (json.contains("image") || json.contains("results"))
     return {"Evaluation", name, evaluation_sections(json, prefix)};
   if (json.contains("charts") || json.contains("tables")) {
-    Page page{json.value("title", name), name, record_sections(json, prefix)};
+    Page page{json.value("title", name), name, record_sections(json, path.parent_path(), prefix)};
     return page;
   }
   throw InputError(path.string(), "holds neither an evaluation, a denoise run nor a record",

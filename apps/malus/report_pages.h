@@ -25,14 +25,14 @@ std::string calibration_title(const NoiseModel& model);
 
 /// One denoised frame.
 struct DenoisedFrame {
-  RawFrame before;             ///< as loaded: black level in
-  Image after_dn;              ///< DN above black, bias removed
-  NoiseProfile profile;        ///< what was taken out
-  Image variance_dn2;          ///< of after_dn; may be empty
+  RawFrame before;       ///< as loaded: black level in
+  Image after_dn;        ///< DN above black, bias removed
+  NoiseProfile profile;  ///< what was taken out
+  Image variance_dn2;    ///< of after_dn; may be empty
   /// The clean scene in the frame's own light, DN above black; may be empty.
   Image reference_dn;
   double reference_peak_dn = 0;  ///< what PSNR counts as white, in the frame's own light
-  nlohmann::ordered_json run;  ///< settings and timings as `denoise --json` prints them
+  nlohmann::ordered_json run;    ///< settings and timings as `denoise --json` prints them
 };
 /// Pictures before and after, what was done, metrics where there is a reference.
 std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::string& prefix = "");
@@ -41,8 +41,10 @@ std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::str
 std::vector<Section> evaluation_sections(const nlohmann::ordered_json& evaluation,
                                          const std::string& prefix = "");
 
-/// Curves and tables of a training or an experiment; docs/report.md has the format.
+/// Curves, tables and sample pictures of a training or an experiment; docs/report.md has the
+/// format. folder: what the pictures' file names are relative to.
 std::vector<Section> record_sections(const nlohmann::ordered_json& record,
+                                     const std::filesystem::path& folder = {},
                                      const std::string& prefix = "");
 
 /// A report of sections, with this program's name.
@@ -55,9 +57,9 @@ void write_calibration_report(const NoiseModel& model, const std::filesystem::pa
 /// For `denoise --report`.
 void write_denoise_report(const std::vector<DenoisedFrame>& frames,
                           const std::filesystem::path& path, bool force);
-/// For `train --report` and `experiment --report`.
+/// For `train --report` and `experiment --report`; folder as for record_sections.
 void write_record_report(const nlohmann::ordered_json& record, const std::filesystem::path& path,
-                         bool force);
+                         bool force, const std::filesystem::path& folder = {});
 /// For `evaluate --report`.
 void write_evaluation_report(const nlohmann::ordered_json& evaluation,
                              const std::filesystem::path& path, bool force);

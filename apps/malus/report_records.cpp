@@ -1,4 +1,5 @@
 #include "malus/base/error.h"
+#include "malus/io/frame_file.h"
 #include "malus/report/write_report.h"
 
 #include <cmath>
@@ -65,6 +66,30 @@ Chart chart_of(const Json& json) {
   return chart;
 }
 
+// Mosaics of one scene in DN above black, as float files.
+PicturesBlock pictures_of(const Json& json, const std::filesystem::path& folder) {
+  const double white = json.at("white_dn").get<double>();
+  PicturesBlock block{.title = text_of(json, "title"),
+                      .text = text_of(json, "text"),
+                      .layout = SensorLayout::named(json.at("layout").get<std::string>()),
+                      .white_dn = white};
+  FrameOptions options;
+  options.layout = block.layout;
+  for (const Json& from : json.at("files")) {
+    const std::filesystem::path file = folder / from.at("file").get<std::string>();
+    RawFrame frame = load_frame(file, options);
+    if (block.pictures.empty()) {
+      block.rows = frame.dn.rows();
+      block.cols = frame.dn.cols();
+    } else if (frame.dn.rows() != block.rows || frame.dn.cols() != block.cols) {
+      throw InputError(file.string(), "has another size than the pictures beside it",
+                       "list pictures of one scene");
+    }
+    block.pictures.push_back({text_of(from, "name"), std::move(frame.dn), 1});
+  }
+  return block;
+}
+
 struct Metric {
   const char *group, *key, *name, *unit;
 };
@@ -127,7 +152,8 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
   return {section};
 }
 
-std::vector<Section> record_sections(const Json& record, const std::string& prefix) {
+std::vector<Section> record_sections(const Json& record, const std::filesystem::path& folder,
+                                     const std::string& prefix) {
   Section section{prefix + "record", text_of(record, "title"), text_of(record, "text"), {}};
   try {
     if (record.contains("notes")) {
@@ -141,6 +167,9 @@ std::vector<Section> record_sections(const Json& record, const std::string& pref
     if (record.contains("charts"))
       for (const Json& chart : record.at("charts"))
         section.blocks.emplace_back(ChartsBlock{"", {{"", chart_of(chart)}}});
+    if (record.contains("pictures"))
+      for (const Json& pictures : record.at("pictures"))
+        section.blocks.emplace_back(pictures_of(pictures, folder));
   } catch (const Json::exception& error) {
     throw InputError("record", std::string("does not hold what a page needs: ") + error.what(),
                      "see docs/report.md for its format");
@@ -155,8 +184,9 @@ void write_evaluation_report(const Json& evaluation, const std::filesystem::path
       path, {.force = force});
 }
 
-void write_record_report(const Json& record, const std::filesystem::path& path, bool force) {
-  write_report(make_report(text_of(record, "title"), {}, record_sections(record)), path,
+void write_record_report(const Json& record, const std::filesystem::path& path, bool force,
+                         const std::filesystem::path& folder) {
+  write_report(make_report(text_of(record, "title"), {}, record_sections(record, folder)), path,
                {.force = force});
 }
 
