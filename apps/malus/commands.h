@@ -10,7 +10,7 @@ namespace malus::app {
   command(info) command(calibrate) command(session_from_emva) command(model) command(synthesize) \
       command(renoise) command(simulate) command(pairs) command(dataset) command(denoise)        \
           command(stokes) command(bench) command(evaluate) command(experiment) command(report)   \
-              command(normals)
+              command(normals) command(manual)
 // Commands of optional modules, built where the module is.
 #if defined(MALUS_WITH_CAPTURE)
 #define MALUS_OPTIONAL_COMMANDS(command) command(capture)

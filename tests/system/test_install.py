@@ -1,10 +1,14 @@
-"""`cmake --install` gives a program that runs and a library that a project of its own can use."""
+"""`cmake --install` gives a program that runs, a library that a project of its own can use, a Python module, man pages and
+completion; cpack makes Debian packages of them."""
 
+import shutil
 import subprocess
 
 import pytest
 
 from conftest import BUILD, ROOT
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -14,13 +18,28 @@ def prefix(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 def test_installed_program_runs(prefix):
     done = subprocess.run([prefix / "bin/malus", "model", "list"], capture_output=True, text=True)
     assert done.returncode == 0 and "imx250myr-simulated" in done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("file", ["share/man/man1/malus.1", "share/man/man1/malus-denoise.1",
+                                  "share/bash-completion/completions/malus", "share/zsh/vendor-completions/_malus",
+                                  "share/fish/vendor_completions.d/malus.fish", "include/malus/malus.h"])
+def test_installed_files_lie_where_they_are_looked_for(prefix, file):
+    assert (prefix / file).stat().st_size > 100
+
+
+def test_installed_python_module_works(prefix):
+    found = list(prefix.glob("lib/python3*/*-packages/malus/_malus*.so"))
+    if not found:
+        pytest.skip("the Python module is not built (pybind11 is missing)")
+    folder = found[0].parents[1]
+    done = subprocess.run(["/usr/bin/python3", "-c", "import malus; print(malus.__file__, malus.layouts())"], text=True,
+                          capture_output=True, env={"PYTHONPATH": str(folder)}, check=True)
+    assert str(folder) in done.stdout and "polar-bayer-rggb" in done.stdout
+
+
 def test_a_project_of_its_own_builds_and_runs(prefix, tmp_path):
     source = ROOT / "examples/cpp"
     lines = [line for line in (source / "noisy_frame.cpp").read_text().splitlines() if line.strip()]
@@ -32,3 +51,32 @@ def test_a_project_of_its_own_builds_and_runs(prefix, tmp_path):
     denoised = float(done.stdout.split("denoised")[1].split()[0])
     # The simulated sensor's bias is taken away again; what is left of the noise is small.
     assert abs(denoised - 200) < 15
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    if not shutil.which("dpkg-shlibdeps"):
+        pytest.skip("needs dpkg-dev")
+    folder = tmp_path_factory.mktemp("packages")
+    subprocess.run(["cpack", "-G", "DEB", "-B", folder], cwd=BUILD, check=True, capture_output=True)
+    return {path.name.split("_")[0]: path for path in folder.glob("*.deb")}
+
+
+def field(package, name):
+    return subprocess.run(["dpkg-deb", "-f", package, name], capture_output=True, text=True, check=True).stdout
+
+
+def test_debian_package_of_the_program_runs_from_where_it_is_unpacked(packages, tmp_path):
+    subprocess.run(["dpkg-deb", "-x", packages["malus"], tmp_path], check=True)
+    done = subprocess.run([tmp_path / "usr/bin/malus", "model", "list"], capture_output=True, text=True)
+    assert done.returncode == 0 and "imx250myr-simulated" in done.stdout
+    assert (tmp_path / "usr/share/man/man1/malus.1").exists()
+
+
+def test_debian_packages_name_what_they_need(packages):
+    assert {"malus", "libmalus-dev"} <= set(packages)
+    assert "libopenimageio" in field(packages["malus"], "Depends")
+    assert "torch" not in field(packages["malus"], "Depends")
+    assert "libtbb-dev" in field(packages["libmalus-dev"], "Depends")
+    if "python3-malus" in packages:
+        assert "python3-numpy" in field(packages["python3-malus"], "Depends")
