@@ -1,14 +1,16 @@
 // links: malus_noise
 // The model file: whatever the bytes, load_model returns a consistent model or throws InputError.
-#include "malus/base/error.h"
+// Under libFuzzer Debian 12's HDF5 (1.10.8) itself reads out of bounds on damaged files of the old
+// format, which has no checksums (good_h5py.h5 is one); files that malus writes have them. Findings
+// whose top frames lie in libhdf5 are not ours.
 #include "malus/noise/model.h"
 
-#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <string>
 
-#include <sys/mman.h>
+#include "target.h"
 #include <unistd.h>
 
 // The leak sanitizer asks for this: on damaged files HDF5 itself loses some memory.
@@ -16,15 +18,32 @@ extern "C" const char* __lsan_default_suppressions() {  // NOLINT: the sanitizer
   return "leak:libhdf5";
 }
 
-extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  const int file = memfd_create("model", MFD_CLOEXEC);
-  if (file < 0) std::abort();
-  if (write(file, data, size) != static_cast<ssize_t>(size)) std::abort();
-  try {
-    const malus::NoiseModel model = malus::load_model("/proc/self/fd/" + std::to_string(file));
-    if (!malus::contradiction_in(model).empty()) std::abort();
-  } catch (const malus::InputError&) {
-  }
-  close(file);
-  return 0;
+// HDF5 asks for what a damaged file claims, and takes no for an answer.
+extern "C" const char* __asan_default_options() {  // NOLINT: the sanitizer's name
+  return "allocator_may_return_null=1";
+}
+
+namespace {
+
+// A file with a name: HDF5 refuses the names of memory files (/proc/self/fd). In memory where the
+// machine has such a folder.
+struct ScratchFile {
+  std::filesystem::path path = [] {
+    const std::filesystem::path memory = "/dev/shm";
+    return (std::filesystem::is_directory(memory) ? memory
+                                                  : std::filesystem::temp_directory_path()) /
+           ("malus-model-fuzz-" + std::to_string(getpid()) + ".h5");
+  }();
+  ~ScratchFile() { std::filesystem::remove(path); }
+};
+
+}  // namespace
+
+void parse_bytes(std::span<const std::uint8_t> bytes) {
+  static const ScratchFile file;
+  std::ofstream(file.path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()),
+             static_cast<std::streamsize>(bytes.size()));
+  const malus::NoiseModel model = malus::load_model(file.path);
+  if (!malus::contradiction_in(model).empty()) std::abort();
 }
