@@ -6,7 +6,6 @@
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/tukey_lambda.h"
-#include "malus/synthesize/level_sampler.h"
 
 #include <algorithm>
 #include <cmath>
@@ -200,87 +199,6 @@ TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
   EXPECT_EQ(frame.dn(0, 0), 134.0f);  // row 3, column 4
   EXPECT_EQ(frame.dn(0, 2), 130.0f);  // column 6 comes round to 0
   EXPECT_EQ(frame.dn(1, 1), 105.0f);  // row 4 comes round to 0
-}
-
-NonparametricCalibration two_level_calibration() {
-  NonparametricCalibration calibration;
-  NonparametricChannel channel;
-  channel.level_dn = {0, 100};
-  channel.bin_edges_dn = {-3, -1, 0, 1, 5};
-  channel.pmf = {{0.1, 0.4, 0.4, 0.1}, {0.35, 0.15, 0.2, 0.3}};
-  channel.samples = {1000000, 1000000};
-  calibration.gain = kGain;
-  calibration.channels.assign(4, channel);
-  calibration.sigma_row_dn = {0, 0, 0, 0};
-  return calibration;
-}
-
-TEST(LevelSampler, DrawsTheHistogramExactlyAndMixesLevels) {
-  const auto calibration = two_level_calibration();
-  const LevelSampler sampler(SensorLayout::named("bayer-rggb"), calibration, 0);
-  const auto& edges = calibration.channels[0].bin_edges_dn;
-  // 99.99 % point of chi-square with 3 degrees of freedom: 21.1.
-  for (const double signal : {-20.0, 0.0, 25.0, 100.0, 300.0}) {
-    const double upper = std::clamp(signal / 100.0, 0.0, 1.0);
-    const Image clean(400, 500, static_cast<float>(signal));
-    Image noisy(400, 500);
-    sampler.apply(clean, noisy, {.seed = 6});
-    std::vector<double> counts(4, 0.0);
-    Moments inside;
-    for (const float v : noisy.values()) {
-      const double xi = static_cast<double>(v) - signal;
-      const auto bin = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
-          std::upper_bound(edges.begin(), edges.end(), xi) - edges.begin() - 1, 0, 3));
-      counts[bin] += 1;
-      if (bin == 3) inside.add((xi - 1) / 4);
-    }
-    double chi2 = 0;
-    for (std::size_t b = 0; b < 4; ++b) {
-      const double p = (1 - upper) * calibration.channels[0].pmf[0][b] +
-                       upper * calibration.channels[0].pmf[1][b];
-      const double expected = 200000 * p;
-      chi2 += (counts[b] - expected) * (counts[b] - expected) / expected;
-    }
-    EXPECT_LT(chi2, 21.1) << signal;
-    EXPECT_NEAR(inside.mean(), 0.5,
-                kSigmas * std::sqrt(1.0 / 12 / static_cast<double>(inside.count())));
-    EXPECT_NEAR(inside.variance(), 1.0 / 12, kSigmas * inside.variance_standard_error());
-  }
-}
-
-TEST(LevelSampler, CropsGiveTheSameBytesAndRowsShareTheirDraw) {
-  auto calibration = two_level_calibration();
-  calibration.sigma_row_dn = {1, 1, 1, 1};
-  const LevelSampler sampler(SensorLayout::named("bayer-rggb"), calibration, 2);
-  Image clean(50, 60), whole(50, 60), crop(20, 30);
-  for (int r = 0; r < 50; ++r)
-    for (int c = 0; c < 60; ++c) clean(r, c) = static_cast<float>(r * c) * 0.1f;
-  sampler.apply(clean, whole, {.seed = 7, .frame = 3});
-  sampler.apply(clean.view().window(11, 17, 20, 30), crop,
-                {.seed = 7, .frame = 3, .row0 = 11, .col0 = 17});
-  for (int r = 0; r < 20; ++r)
-    for (int c = 0; c < 30; ++c) ASSERT_EQ(crop(r, c), whole(r + 11, c + 17));
-}
-
-TEST(LevelSampler, UnevenLevelsAreFound) {
-  // One bin per level whose place tells the level: noise = level number, width nearly nothing.
-  NonparametricCalibration calibration;
-  NonparametricChannel channel;
-  channel.level_dn = {0, 0.5, 2, 3, 70, 71, 1000};
-  for (int b = 0; b <= 7; ++b) channel.bin_edges_dn.push_back(b);
-  for (std::size_t l = 0; l < 7; ++l) {
-    channel.pmf.emplace_back(7, 0.0);
-    channel.pmf.back()[l] = 1;
-  }
-  calibration.channels = {channel};
-  const LevelSampler sampler(SensorLayout::named("mono"), calibration, 0);
-  for (std::size_t l = 0; l < 7; ++l) {
-    const Image clean(8, 64, static_cast<float>(channel.level_dn[l]));
-    Image noisy(8, 64);
-    sampler.apply(clean, noisy, {});
-    for (const float v : noisy.values())
-      ASSERT_EQ(std::floor(static_cast<double>(v) - channel.level_dn[l]), static_cast<double>(l));
-  }
 }
 
 }  // namespace

@@ -37,22 +37,6 @@ struct RowJob {
 
 void run_row(const RowJob& job);
 
-/// The words of one group of kGroupColumns columns (pixel_words of each), by the vector unit.
-void group_words(std::uint64_t seed, std::uint32_t frame, int row, int group, std::uint32_t* shot,
-                 std::uint32_t* read);
-
-/// Calls visit(c, words) for the columns col0 + c, c < cols, of a row.
-template <class Visit>
-void for_each_word_pair(const DrawAddress& address, int row, int cols, Visit&& visit) {
-  std::uint32_t shot[kGroupColumns], read[kGroupColumns];
-  int held = -1;
-  for (int c = 0; c < cols; ++c) {
-    const int col = address.col0 + c, group = col / kGroupColumns, place = col % kGroupColumns;
-    if (group != held) group_words(address.seed, address.frame, row, held = group, shot, read);
-    visit(c, PixelWords{shot[place], read[place]});
-  }
-}
-
 /// Name of the instruction set in use, and the choice of another for tests ("" = the best).
 std::string kernel_target();
 std::vector<std::string> kernel_targets();

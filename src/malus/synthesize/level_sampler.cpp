@@ -2,33 +2,28 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/synthesize/compiled_kernel.h"
+#include "malus/synthesize/formation.h"
+#include "malus/synthesize/level_kernel.h"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 namespace malus {
 namespace {
 
-// The level at or below the start of the step before each: never above the true one, however the
+// The span at or below the start of the step before each: never above the true one, however the
 // signal's own step was rounded.
-std::vector<std::uint16_t> level_guesses(const std::vector<float>& level_dn, float start,
-                                         float per_dn) {
-  std::vector<std::uint16_t> guess;
+void append_guesses(const std::vector<double>& level_dn, float start, float per_dn,
+                    std::vector<std::uint32_t>& guess) {
   std::size_t level = 0;
   for (int g = 0; g <= kGuesses; ++g) {
-    const float signal = start + static_cast<float>(g - 1) / per_dn;
-    while (level + 2 < level_dn.size() && signal >= level_dn[level + 1]) ++level;
-    guess.push_back(static_cast<std::uint16_t>(level));
+    const float signal = per_dn > 0 ? start + static_cast<float>(g - 1) / per_dn : start;
+    while (level + 2 < level_dn.size() && signal >= static_cast<float>(level_dn[level + 1]))
+      ++level;
+    guess.push_back(static_cast<std::uint32_t>(level));
   }
-  return guess;
-}
-
-void append_places(const std::vector<double>& edges_dn, std::vector<BinPlace>& places) {
-  for (std::size_t b = 0; b + 1 < edges_dn.size(); ++b)
-    places.push_back(
-        {static_cast<float>(edges_dn[b]), static_cast<float>(edges_dn[b + 1] - edges_dn[b])});
 }
 
 }  // namespace
@@ -63,20 +58,12 @@ LevelSampler::LevelSampler(const SensorLayout& layout, const NonparametricCalibr
                            int row_group)
     : layout_(layout), row_group_(row_group) {
   MALUS_REQUIRE(static_cast<int>(calibration.channels.size()) == layout.channels());
-  channels_.resize(calibration.channels.size());
-  for (std::size_t c = 0; c < channels_.size(); ++c) {
+  for (std::size_t c = 0; c < calibration.channels.size(); ++c) {
     const NonparametricChannel& measured = calibration.channels[c];
-    Channel& channel = channels_[c];
-    for (const double level : measured.level_dn)
-      channel.level_dn.push_back(static_cast<float>(level));
-    append_places(measured.bin_edges_dn, channel.places);
-    for (const auto& pmf : measured.pmf) {
-      const auto cells = alias_cells(pmf);
-      channel.alias.insert(channel.alias.end(), cells.begin(), cells.end());
-    }
-    finish(channel, static_cast<int>(channel.places.size()), true);
-    if (!calibration.sigma_row_dn.empty())
-      channel.sigma_row_dn = static_cast<float>(calibration.sigma_row_dn[c]);
+    add_channel(measured.level_dn, measured.bin_edges_dn.size() - 1, true,
+                calibration.sigma_row_dn.empty() ? 0.0 : calibration.sigma_row_dn[c]);
+    add_places(measured.bin_edges_dn);
+    for (const auto& pmf : measured.pmf) add_cells(pmf);
   }
 }
 
@@ -85,36 +72,95 @@ LevelSampler::LevelSampler(const SensorLayout& layout,
                            const std::vector<double>& sigma_row_dn, int row_group)
     : layout_(layout), row_group_(row_group) {
   MALUS_REQUIRE(static_cast<int>(channels.size()) == layout.channels());
-  channels_.resize(channels.size());
-  for (std::size_t c = 0; c < channels_.size(); ++c) {
-    Channel& channel = channels_[c];
+  for (std::size_t c = 0; c < channels.size(); ++c) {
     const std::size_t bins = channels[c].front().pmf.size();
+    std::vector<double> level_dn;
+    for (const LevelDistribution& level : channels[c]) level_dn.push_back(level.level_dn);
+    add_channel(level_dn, bins, false, sigma_row_dn.empty() ? 0.0 : sigma_row_dn[c]);
     for (const LevelDistribution& level : channels[c]) {
       MALUS_REQUIRE(level.pmf.size() == bins && level.bin_edges_dn.size() == bins + 1);
-      channel.level_dn.push_back(static_cast<float>(level.level_dn));
-      append_places(level.bin_edges_dn, channel.places);
-      const auto cells = alias_cells(level.pmf);
-      channel.alias.insert(channel.alias.end(), cells.begin(), cells.end());
+      add_places(level.bin_edges_dn);
+      add_cells(level.pmf);
     }
-    finish(channel, static_cast<int>(bins), false);
-    if (!sigma_row_dn.empty()) channel.sigma_row_dn = static_cast<float>(sigma_row_dn[c]);
   }
 }
 
-void LevelSampler::finish(Channel& channel, int bins, bool shared_places) {
-  const float start = channel.level_dn.front();
-  const float range = channel.level_dn.back() - start;
-  const float per_dn = range > 0 ? static_cast<float>(kGuesses) / range : 0.0f;
-  if (range > 0) channel.guess = level_guesses(channel.level_dn, start, per_dn);
-  channel.tables = {.levels = static_cast<int>(channel.level_dn.size()),
-                    .bins = bins,
-                    .level_dn = channel.level_dn.data(),
-                    .alias = channel.alias.data(),
-                    .places = channel.places.data(),
-                    .places_per_level = shared_places ? 0 : bins,
-                    .guess = channel.guess.data(),
-                    .guess_start_dn = start,
-                    .guesses_per_dn = per_dn};
+void LevelSampler::add_channel(const std::vector<double>& level_dn, std::size_t bins,
+                               bool shared_places, double sigma_row_dn) {
+  MALUS_REQUIRE(!level_dn.empty());
+  Channel channel;
+  channel.sigma_row_dn = static_cast<float>(sigma_row_dn);
+  channel.guess_start_dn = static_cast<float>(level_dn.front());
+  const float range = static_cast<float>(level_dn.back()) - channel.guess_start_dn;
+  if (range > 0) channel.guesses_per_dn = static_cast<float>(kGuesses) / range;
+  const auto place = [](const auto& table) { return static_cast<std::uint32_t>(table.size()); };
+  channel.first_guess = place(guess_);
+  channel.first_span = place(spans_);
+  channel.last_span = static_cast<std::uint32_t>(std::max<std::size_t>(level_dn.size(), 2) - 2);
+  channel.bins = static_cast<std::uint32_t>(bins);
+  channel.first_cell = place(cells_);
+  channel.first_place = place(places_);
+  channel.places_per_level = shared_places ? 0 : channel.bins;
+  channels_.push_back(channel);
+  append_guesses(level_dn, channel.guess_start_dn, channel.guesses_per_dn, guess_);
+  for (std::size_t l = 0; l + 1 < level_dn.size(); ++l)
+    spans_.push_back({static_cast<float>(level_dn[l]), static_cast<float>(level_dn[l + 1])});
+  if (level_dn.size() == 1)
+    spans_.push_back({channel.guess_start_dn, std::numeric_limits<float>::infinity()});
+}
+
+void LevelSampler::add_places(const std::vector<double>& edges_dn) {
+  for (std::size_t b = 0; b + 1 < edges_dn.size(); ++b)
+    places_.push_back(
+        {static_cast<float>(edges_dn[b]), static_cast<float>(edges_dn[b + 1] - edges_dn[b])});
+}
+
+void LevelSampler::add_cells(const std::vector<double>& pmf) {
+  const auto cells = alias_cells(pmf);
+  cells_.insert(cells_.end(), cells.begin(), cells.end());
+}
+
+// The rows of one phase of the cell: channel numbers repeated along the row.
+struct LevelSampler::RowLanes {
+  std::vector<float> guess_start_dn, guesses_per_dn, sigma_row_dn;
+  std::vector<std::uint32_t> first_guess, first_span, last_span, bins, first_cell, first_place,
+      places_per_level;
+
+  void add(const Channel& channel) {
+    guess_start_dn.push_back(channel.guess_start_dn);
+    guesses_per_dn.push_back(channel.guesses_per_dn);
+    sigma_row_dn.push_back(channel.sigma_row_dn);
+    first_guess.push_back(channel.first_guess);
+    first_span.push_back(channel.first_span);
+    last_span.push_back(channel.last_span);
+    bins.push_back(channel.bins);
+    first_cell.push_back(channel.first_cell);
+    first_place.push_back(channel.first_place);
+    places_per_level.push_back(channel.places_per_level);
+  }
+  internal::LevelRowLanes view(const float* offset_dn) const {
+    return {static_cast<int>(bins.size()),
+            guess_start_dn.data(),
+            guesses_per_dn.data(),
+            offset_dn,
+            first_guess.data(),
+            first_span.data(),
+            last_span.data(),
+            bins.data(),
+            first_cell.data(),
+            first_place.data(),
+            places_per_level.data()};
+  }
+};
+
+std::vector<LevelSampler::RowLanes> LevelSampler::row_lanes() const {
+  const int period = std::lcm(layout_.cols(), kGroupColumns);
+  std::vector<RowLanes> phases(static_cast<std::size_t>(layout_.rows()));
+  for (int phase = 0; phase < layout_.rows(); ++phase)
+    for (int c = 0; c < period; ++c)
+      phases[static_cast<std::size_t>(phase)].add(
+          channels_[static_cast<std::size_t>(layout_.channel_at(phase, c))]);
+  return phases;
 }
 
 void LevelSampler::apply(View<const float> signal_dn, View<const float> base_dn, View<float> out_dn,
@@ -122,21 +168,29 @@ void LevelSampler::apply(View<const float> signal_dn, View<const float> base_dn,
   MALUS_REQUIRE(signal_dn.rows() == out_dn.rows() && signal_dn.cols() == out_dn.cols());
   MALUS_REQUIRE(base_dn.rows() == out_dn.rows() && base_dn.cols() == out_dn.cols());
   MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  const auto phases = row_lanes();
+  internal::LevelRowJob job;
+  job.tables = {guess_.data(), spans_.data(), cells_.data(), places_.data()};
+  job.seed = address.seed;
+  job.frame = address.frame;
+  job.col0 = address.col0;
+  job.cols = out_dn.cols();
   constexpr std::ptrdiff_t kRowsPerPiece = 8;
   parallel_for(0, out_dn.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    internal::LevelRowJob mine = job;
+    std::vector<float> offset_dn;
     for (int r = static_cast<int>(begin); r < end; ++r) {
-      const int row = address.row0 + r;
+      mine.row = address.row0 + r;
+      const RowLanes& lanes = phases[static_cast<std::size_t>(mine.row % layout_.rows())];
       const float z =
-          row_group_ > 0 ? static_cast<float>(row_group_draw(address, row, row_group_)) : 0.0f;
-      internal::for_each_word_pair(address, row, out_dn.cols(), [&](int c, PixelWords words) {
-        const float signal = signal_dn(r, c), base = base_dn(r, c);
-        const Channel& channel =
-            channels_[static_cast<std::size_t>(layout_.channel_at(row, address.col0 + c))];
-        out_dn(r, c) =
-            std::isfinite(signal) && std::isfinite(base)
-                ? base + level_noise(channel.tables, signal, words) + channel.sigma_row_dn * z
-                : base;
-      });
+          row_group_ > 0 ? static_cast<float>(row_group_draw(address, mine.row, row_group_)) : 0.0f;
+      offset_dn.clear();
+      for (const float sigma : lanes.sigma_row_dn) offset_dn.push_back(sigma * z);
+      mine.lanes = lanes.view(offset_dn.data());
+      mine.signal_dn = signal_dn.row(r);
+      mine.base_dn = base_dn.row(r);
+      mine.out_dn = out_dn.row(r);
+      internal::run_level_row(mine);
     }
   });
 }

@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/image/pack.h"
+#include "malus/synthesize/packed_rows.h"
 
 #include <algorithm>
 
@@ -19,11 +19,34 @@ void require_equal_sizes(View<const float> clean, View<float> noisy) {
                    "give arrays of equal size");
 }
 
-void copy(View<const float> from, View<float> to) {
-  parallel_for(0, from.rows(), 64, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
-    for (int r = static_cast<int>(first); r < static_cast<int>(last); ++r)
-      std::copy_n(from.row(r), from.cols(), to.row(r));
-  });
+constexpr int kMosaicRowsPerStrip = 32;
+constexpr std::ptrdiff_t kPieces = 16;  // of a frame: enough for any balance between cores
+
+// Rows first, first + 1, ... of the packed planes as a piece of the mosaic.
+void join_strip(const std::vector<View<const float>>& planes, const SensorLayout& layout, int first,
+                View<float> mosaic) {
+  const auto step = static_cast<std::size_t>(layout.cols());
+  std::vector<const float*> rows(step);
+  for (int r = 0; r < mosaic.rows(); ++r) {
+    for (std::size_t k = 0; k < step; ++k)
+      rows[k] = planes[static_cast<std::size_t>(r % layout.rows()) * step + k].row(
+          first + r / layout.rows());
+    internal::join_row(step, rows.data(), static_cast<std::size_t>(planes[0].cols()),
+                       mosaic.row(r));
+  }
+}
+
+void split_strip(View<const float> mosaic, const SensorLayout& layout, int first,
+                 const std::vector<View<float>>& planes) {
+  const auto step = static_cast<std::size_t>(layout.cols());
+  std::vector<float*> rows(step);
+  for (int r = 0; r < mosaic.rows(); ++r) {
+    for (std::size_t k = 0; k < step; ++k)
+      rows[k] = planes[static_cast<std::size_t>(r % layout.rows()) * step + k].row(
+          first + r / layout.rows());
+    internal::split_row(step, mosaic.row(r), static_cast<std::size_t>(planes[0].cols()),
+                        rows.data());
+  }
 }
 
 }  // namespace
@@ -43,19 +66,28 @@ void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_
                      fmt::format("{} planes for the {} channels of {}", clean_dn.size(),
                                  layout.channels(), layout.name()),
                      "give one plane per channel, in mosaic order");
-  Planes planes(layout.channels(), clean_dn[0].rows(), clean_dn[0].cols());
-  for (int k = 0; k < layout.channels(); ++k) {
-    const auto& plane = clean_dn[static_cast<std::size_t>(k)];
-    require_equal_sizes(plane, planes[k]);
-    require_equal_sizes(plane, noisy_dn[static_cast<std::size_t>(k)]);
-    copy(plane, planes[k]);
+  for (std::size_t k = 0; k < clean_dn.size(); ++k) {
+    require_equal_sizes(clean_dn[0], noisy_dn[k]);
+    require_equal_sizes(clean_dn[k], noisy_dn[k]);
   }
-  Image mosaic(planes.rows() * layout.rows(), planes.cols() * layout.cols());
-  unpack(planes, layout, mosaic);
-  synthesizer_->draw_into(mosaic, mosaic, gain_, DrawAddress{seed, frame, 0, 0});
-  planes = pack(mosaic, layout);
-  for (int k = 0; k < layout.channels(); ++k)
-    copy(planes[k], noisy_dn[static_cast<std::size_t>(k)]);
+  const auto packed_rows = static_cast<std::ptrdiff_t>(clean_dn[0].rows());
+  // Long enough to outweigh a draw's fixed cost, short enough to stay in a core's cache.
+  const std::ptrdiff_t strip = std::max(1, kMosaicRowsPerStrip / layout.rows());
+  const std::ptrdiff_t strips = (packed_rows + strip - 1) / strip;
+  const std::ptrdiff_t strips_per_piece = std::max<std::ptrdiff_t>(1, strips / kPieces);
+  parallel_for(0, strips, strips_per_piece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    Image mosaic;  // one per piece, reused by its strips
+    for (std::ptrdiff_t i = begin; i < end; ++i) {
+      const auto first = static_cast<int>(i * strip);
+      const auto rows = static_cast<int>(std::min(strip, packed_rows - first));
+      if (mosaic.rows() != rows * layout.rows())
+        mosaic = Image(rows * layout.rows(), clean_dn[0].cols() * layout.cols());
+      join_strip(clean_dn, layout, first, mosaic);
+      synthesizer_->draw_into(mosaic, mosaic, gain_,
+                              DrawAddress{seed, frame, first * layout.rows(), 0});
+      split_strip(mosaic, layout, first, noisy_dn);
+    }
+  });
 }
 
 Model Model::load(const std::filesystem::path& path) { return Model(load_model(path)); }

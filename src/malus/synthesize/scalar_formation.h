@@ -1,8 +1,10 @@
-// formation-inl.h for one pixel at a time: the twin that vector kernels are compared with, that
-// runs where no vector unit with fused multiply-add exists, and that CUDA compiles.
+// formation-inl.h and level_formation-inl.h for one pixel at a time: the twin that vector kernels
+// are compared with, that runs where no vector unit with fused multiply-add exists, and that CUDA
+// compiles.
 #pragma once
 
 #include "malus/synthesize/formation.h"
+#include "malus/synthesize/level_tables.h"
 
 #if !defined(__CUDACC__)
 #include <bit>
@@ -63,12 +65,41 @@ struct Arithmetic {
     a = lines[index].a;
     b = lines[index].b;
   }
+  MALUS_HOST_DEVICE static Word truncated(Real a) { return static_cast<Word>(a); }
+  MALUS_HOST_DEVICE static Real min(Real a, Real b) { return a < b ? a : b; }
+  template <int kBits>
+  MALUS_HOST_DEVICE static Word shifted_right(Word a) {
+    return a >> kBits;
+  }
+  MALUS_HOST_DEVICE static Truth below(Word a, Word b) { return a < b; }
+  MALUS_HOST_DEVICE static Truth at_least(Real a, Real b) { return a >= b; }
+  MALUS_HOST_DEVICE static Word add_where(Truth t, Word a, Word b) { return t ? a + b : a; }
+  MALUS_HOST_DEVICE static Word select(Truth t, Word a, Word b) { return t ? a : b; }
+  MALUS_HOST_DEVICE static void multiply_wide(Word a, Word b, Word& high, Word& low) {
+    const std::uint64_t product = std::uint64_t{a} * b;
+    high = static_cast<Word>(product >> 32);
+    low = static_cast<Word>(product);
+  }
+  MALUS_HOST_DEVICE static Word look_up(const Word* table, Word index) { return table[index]; }
+  MALUS_HOST_DEVICE static void look_up(const LevelSpan* table, Word index, Real& a, Real& b) {
+    a = table[index].low_dn;
+    b = table[index].high_dn;
+  }
+  MALUS_HOST_DEVICE static void look_up(const BinPlace* table, Word index, Real& a, Real& b) {
+    a = table[index].start_dn;
+    b = table[index].width_dn;
+  }
+  MALUS_HOST_DEVICE static void look_up(const AliasCell* table, Word index, Word& a, Word& b) {
+    a = table[index].threshold;
+    b = table[index].alias;
+  }
   MALUS_HOST_DEVICE static Real shot_upper_tail_where(Truth t, Real mean, Word w, Real count) {
     return t ? shot_upper_tail(mean, w) : count;
   }
 };
 
 #include "malus/synthesize/formation-inl.h"
+#include "malus/synthesize/level_formation-inl.h"
 
 #undef MALUS_FORMATION
 

@@ -5,6 +5,7 @@
 #include "malus/base/random.h"
 #include "malus/polar/fresnel.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -106,6 +107,31 @@ double srgb_to_linear(double value) {
 void srgb_to_linear(Planes& rgb) {
   for (Image& plane : rgb)
     for (float& v : plane.values()) v = static_cast<float>(srgb_to_linear(static_cast<double>(v)));
+}
+
+Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
+                    bool srgb) {
+  constexpr float kBrightest = 65504.0f;
+  std::vector<int> wanted{0};
+  if (picture.channels() >= 3) {
+    wanted = {0, 1, 2};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto found = std::find(names.begin(), names.end(), std::string(1, "RGB"[k]));
+      if (found != names.end()) wanted[k] = static_cast<int>(found - names.begin());
+    }
+  }
+  Planes linear(static_cast<int>(wanted.size()), picture.rows(), picture.cols());
+  const float scale = static_cast<float>(1.0 / white);
+  for (std::size_t k = 0; k < wanted.size(); ++k) {
+    const auto& from = picture[wanted[k]].values();
+    auto& to = linear[static_cast<int>(k)].values();
+    for (std::size_t i = 0; i < to.size(); ++i) {
+      const float v = from[i] * scale;
+      to[i] = v >= 0 ? std::min(v, kBrightest) : 0.0f;
+    }
+  }
+  if (srgb) srgb_to_linear(linear);
+  return linear;
 }
 
 Planes camera_rgb_of(const Planes& linear_rgb, const CameraResponse& response) {

@@ -9,6 +9,7 @@
 #include "malus/polar/stokes.h"
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 namespace malus {
@@ -53,6 +54,12 @@ struct SceneSettings {
 /// The sRGB tone curve undone (IEC 61966-2-1): value and result in [0,1].
 double srgb_to_linear(double value);
 void srgb_to_linear(Planes& rgb);
+
+/// The light of a picture: its channels named R, G, B (else the first three; the first alone of
+/// fewer than three), divided by white, the sRGB curve undone where srgb says so. NaN and negative
+/// light are dark, and nothing is brighter than a half float.
+Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
+                    bool srgb);
 
 /// Linear sRGB -> camera RGB in DN above black: matrix and white balance undone, scaled to white.
 /// Throws InputError on a matrix that is not 3 x 3 or cannot be inverted, or a balance not of

@@ -1,0 +1,7 @@
+// Instruction sets that the vector kernels are compiled for; included before highway's headers.
+// Wrappers with operators need vector types of known size, and one rounding per multiply-add needs
+// a fused unit: older x86 and all else run the scalar twin.
+#pragma once
+
+#define HWY_DISABLED_TARGETS \
+  (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV | HWY_SSSE3 | HWY_SSE4 | HWY_EMU128)
