@@ -18,6 +18,7 @@
 #include <optional>
 #include <vector>
 
+#include "denoise_method.h"
 #include "denoise_run.h"
 #include "flags.h"
 #include "program.h"
@@ -34,6 +35,7 @@ namespace fs = std::filesystem;
 struct DenoiseArguments {
   RawOptions raw;
   DenoiseSettings settings;
+  InferenceSettings inference;
   std::vector<fs::path> inputs;
   std::vector<fs::path> references;
   double reference_ratio = 1;
@@ -208,8 +210,9 @@ struct FrameJob {
   OutputNames names;
 };
 
-Json process(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
-             const FrameJob& job, const FrameOptions& options, Progress& progress, bool force,
+Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
+             const std::optional<NoiseModel>& model, const FrameJob& job,
+             const FrameOptions& options, Progress& progress, bool force,
              std::vector<DenoisedFrame>* report) {
   RawFrame frame = load_frame(job.input, options);
   const ProfileChoice choice = choose_profile(frame, model, arguments);
@@ -224,14 +227,15 @@ Json process(const DenoiseArguments& arguments, const std::optional<NoiseModel>&
   frame.dn = std::move(pixels);
   if (compared) add_reference(kept, job.reference, arguments.reference_ratio);
   const auto start = std::chrono::steady_clock::now();
-  Denoised result = denoise_frame(std::move(frame), choice.profile, arguments.settings, progress,
-                                  arguments.uncertainty);
+  Denoised result = denoiser(std::move(frame), choice.profile, progress);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (result.nonfinite_pixels > 0)
     warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
                      result.nonfinite_pixels));
   kept.run = describe(kept.before, result, choice, arguments, seconds);
+  if (const Json network = denoiser.description(); !network.is_null())
+    kept.run["network"] = network;
   kept.run["files"] = write_outputs(kept.before, result, job.names, force);
   kept.after_dn = std::move(result.dn_above_black);
   kept.variance_dn2 = result.variance_dn2.value_or(Image());
@@ -266,7 +270,7 @@ void check_references(const DenoiseArguments& arguments) {
 }
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
-  denoise_method(arguments.settings.method);
+  const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   check_references(arguments);
   std::optional<NoiseModel> model;
   FrameOptions options = arguments.raw.resolve();
@@ -290,7 +294,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
     const FrameJob job{arguments.inputs[i],
                        arguments.references.empty() ? fs::path() : arguments.references[i],
                        names[i]};
-    results.push_back(process(arguments, model, job, options, *progress, common.force,
+    results.push_back(process(arguments, denoiser, model, job, options, *progress, common.force,
                               arguments.report.empty() ? nullptr : &report));
     const Json& last = results.back();
     text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",
@@ -334,6 +338,7 @@ void add_denoise(CLI::App& app, Common& common) {
                     "allow a gain outside the calibrated range");
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->settings);
+  add_flags(*command, arguments->inference);
 }
 
 }  // namespace malus::app

@@ -1,0 +1,33 @@
+#include "denoise_method.h"
+
+#include "malus/base/error.h"
+
+#include "networks_door.h"
+
+namespace malus::app {
+
+FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
+                             bool uncertainty)
+    : settings_(settings), uncertainty_(uncertainty) {
+  if (!settings.method.ends_with(".safetensors")) {
+    denoise_method(settings.method);
+    return;
+  }
+  if (uncertainty)
+    throw InputError("--uncertainty", "a network gives none", "leave it out, or use --method bm3d");
+  network_ = networks().open_denoiser({settings.method, inference});
+}
+
+FrameDenoiser::~FrameDenoiser() = default;
+
+Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile,
+                                   Progress& progress) const {
+  if (network_) return network_->denoise(std::move(frame), profile, settings_, progress);
+  return denoise_frame(std::move(frame), profile, settings_, progress, uncertainty_);
+}
+
+nlohmann::ordered_json FrameDenoiser::description() const {
+  return network_ ? network_->description() : nlohmann::ordered_json();
+}
+
+}  // namespace malus::app

@@ -1,0 +1,34 @@
+// The method of one `malus denoise` run: a classical one by name, or a network from a weight file.
+#pragma once
+
+#include "malus/denoise/denoiser.h"
+#include "malus/neural/inference.h"
+
+#include <memory>
+
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+class NetworkDenoiser;
+
+class FrameDenoiser {
+ public:
+  /// Opens the weight file where settings.method ends in .safetensors; inference holds its
+  /// settings. Throws InputError on an unknown method, and where uncertainty is asked of one that
+  /// gives none.
+  FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
+                bool uncertainty);
+  ~FrameDenoiser();
+
+  Denoised operator()(RawFrame frame, const NoiseProfile& profile, Progress& progress) const;
+  /// For the record of a run; null for a classical method, whose settings say everything.
+  nlohmann::ordered_json description() const;
+
+ private:
+  DenoiseSettings settings_;
+  bool uncertainty_;
+  std::unique_ptr<NetworkDenoiser> network_;
+};
+
+}  // namespace malus::app

@@ -1,0 +1,90 @@
+#include "network_environment.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include <malloc.h>
+#include <unistd.h>
+
+namespace malus::app {
+namespace {
+
+// Says that the settings have been made, so that a program started anew does not do it again.
+constexpr const char* kDone = "MALUS_NETWORK_ENVIRONMENT";
+
+bool has_avx512() {
+#if defined(__x86_64__)
+  return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+#else
+  return false;
+#endif
+}
+
+// Debian's OpenBLAS in the build that shares OpenMP's threads with libtorch; the usual one has
+// threads of its own, which spin beside them.
+std::string openmp_blas_folder() {
+#if defined(__x86_64__)
+  const std::string folder = "/usr/lib/x86_64-linux-gnu/openblas-openmp";
+#else
+  const std::string folder = "/usr/lib/aarch64-linux-gnu/openblas-openmp";
+#endif
+  return std::filesystem::exists(folder + "/libblas.so.3") ? folder : "";
+}
+
+std::vector<std::string> own_arguments() {
+  std::ifstream file("/proc/self/cmdline", std::ios::binary);
+  const std::string all{std::istreambuf_iterator<char>(file), {}};
+  std::vector<std::string> arguments;
+  for (std::size_t start = 0; start < all.size();) {
+    const std::size_t end = std::min(all.find('\0', start), all.size());
+    arguments.push_back(all.substr(start, end - start));
+    start = end + 1;
+  }
+  return arguments;
+}
+
+}  // namespace
+
+std::vector<EnvironmentSetting> missing_network_environment() {
+  std::vector<EnvironmentSetting> missing;
+  if (std::getenv(kDone) != nullptr) return missing;
+  const auto want = [&](const char* name, const std::string& value) {
+    if (!value.empty() && std::getenv(name) == nullptr) missing.push_back({name, value});
+  };
+  if (has_avx512()) {
+    // OpenBLAS 0.3.21 knows no recent AMD processor and takes kernels for 256 bits; ATen stays with
+    // AVX2 by itself.
+    want("OPENBLAS_CORETYPE", "SkylakeX");
+    want("ATEN_CPU_CAPABILITY", "avx512");
+  }
+  if (const std::string folder = openmp_blas_folder(); !folder.empty()) {
+    const char* before = std::getenv("LD_LIBRARY_PATH");
+    missing.push_back({"LD_LIBRARY_PATH", before ? folder + ":" + before : folder});
+  } else {
+    want("OPENBLAS_NUM_THREADS", "1");
+  }
+  missing.push_back({kDone, "1"});
+  return missing;
+}
+
+void restart_with(const std::vector<EnvironmentSetting>& settings) {
+  std::vector<std::string> arguments = own_arguments();
+  if (arguments.empty()) return;
+  for (const EnvironmentSetting& s : settings) setenv(s.name.c_str(), s.value.c_str(), 1);
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  execv("/proc/self/exe", argv.data());
+}
+
+void keep_freed_memory() {
+  mallopt(M_MMAP_MAX, 0);
+  mallopt(M_TRIM_THRESHOLD, -1);
+  mallopt(M_TOP_PAD, 256 << 20);
+}
+
+}  // namespace malus::app

@@ -1,0 +1,38 @@
+// What malus_networks.so gives to the program.
+#include "malus/base/parallel.h"
+#include "malus/neural/inference.h"
+#include "malus/neural/threads.h"
+
+#include "networks.h"
+
+namespace malus::app {
+namespace {
+
+class PackageDenoiser final : public NetworkDenoiser {
+ public:
+  explicit PackageDenoiser(const NetworkDenoiserOptions& options)
+      : inference_(options.weights, options.settings) {}
+  Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
+                   Progress& progress) override {
+    return inference_.denoise(std::move(frame), profile, settings, progress);
+  }
+  nlohmann::ordered_json description() const override { return inference_.description(); }
+
+ private:
+  NetworkInference inference_;
+};
+
+std::unique_ptr<NetworkDenoiser> open_denoiser(const NetworkDenoiserOptions& options) {
+  return std::make_unique<PackageDenoiser>(options);
+}
+
+}  // namespace
+}  // namespace malus::app
+
+extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
+  using namespace malus::app;
+  static const NetworkFunctions functions{.interface = kNetworksInterface,
+                                          .open_denoiser = open_denoiser};
+  malus::use_network_threads(malus::thread_count());
+  return &functions;
+}

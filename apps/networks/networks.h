@@ -1,0 +1,48 @@
+// The door between the program and the networks. libtorch is large and must find its environment
+// set before it is loaded, so everything that needs it lives in a shared module, malus_networks.so,
+// that the program opens when a command asks for it. Both sides include this header and nothing
+// else of each other; it names no libtorch type, nor do the headers that it includes.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/denoise/denoiser.h"
+#include "malus/neural/inference.h"
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+/// Both sides must have been built from the same header: counted up with every change of it.
+inline constexpr int kNetworksInterface = 1;
+
+/// A network with its weights, ready for many frames.
+class NetworkDenoiser {
+ public:
+  virtual ~NetworkDenoiser() = default;
+  /// As denoise_frame (malus/denoise/denoiser.h); settings.method is not looked at.
+  virtual Denoised denoise(RawFrame frame, const NoiseProfile& profile,
+                           const DenoiseSettings& settings, Progress& progress) = 0;
+  /// Architecture, parameters, device, precision and what training wrote, for the record of a run.
+  virtual nlohmann::ordered_json description() const = 0;
+};
+
+struct NetworkDenoiserOptions {
+  std::filesystem::path weights;
+  InferenceSettings settings;
+};
+
+/// The module's functions. Threads were set before it was opened. They throw InputError, Cancelled.
+struct NetworkFunctions {
+  int interface;  ///< kNetworksInterface of the module
+  std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
+};
+
+/// What the module exports, by this name.
+using NetworkFunctionsEntry = const NetworkFunctions* (*)();
+inline constexpr const char* kNetworkFunctionsEntry = "malus_network_functions";
+
+}  // namespace malus::app

@@ -1,0 +1,151 @@
+#include "malus/neural/inference.h"
+
+#include "malus/base/error.h"
+#include "malus/image/pack.h"
+#include "malus/neural/package.h"
+#include "malus/neural/tiles.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include <ATen/autocast_mode.h>
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using Json = nlohmann::ordered_json;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+// Layers in bfloat16 while it lives.
+class Autocast {
+ public:
+  Autocast(bool wanted, bool cuda) : wanted_(wanted), cuda_(cuda) { set(wanted); }
+  ~Autocast() {
+    set(false);
+    if (wanted_) at::autocast::clear_cache();
+  }
+  Autocast(const Autocast&) = delete;
+  Autocast& operator=(const Autocast&) = delete;
+
+ private:
+  void set(bool on) const {
+    if (!wanted_) return;
+    if (cuda_) {
+      at::autocast::set_autocast_gpu_dtype(torch::kBFloat16);
+      at::autocast::set_enabled(on);
+    } else {
+      at::autocast::set_autocast_cpu_dtype(torch::kBFloat16);
+      at::autocast::set_cpu_enabled(on);
+    }
+  }
+  bool wanted_, cuda_;
+};
+
+}  // namespace
+
+struct NetworkInference::State {
+  LoadedPackage loaded;
+  InferenceSettings settings;
+  TileDemand demand;
+  torch::Device device{torch::kCPU};
+  bool bfloat16 = false;
+};
+
+NetworkInference::NetworkInference(const std::filesystem::path& weights,
+                                   const InferenceSettings& settings)
+    : state_(std::make_unique<State>()) {
+  state_->loaded = load_package(weights);
+  state_->settings = settings;
+  const std::string& architecture = state_->loaded.package.network.architecture;
+  state_->demand = tile_demand(state_->loaded.package.network);
+  state_->bfloat16 = settings.precision == "bfloat16";
+  // The others' attention is wrong or fails under autocast (docs/networks.md).
+  if (state_->bfloat16 && architecture != "unet" && architecture != "nafnet")
+    throw InputError("--precision bfloat16", "is not offered for " + architecture,
+                     "leave it out: float32");
+  if (settings.device == "cuda") {
+    if (!torch::cuda::is_available())
+      throw InputError("--device cuda", "this libtorch finds no CUDA device",
+                       "leave it out, or build with a libtorch that has CUDA");
+    state_->device = torch::kCUDA;
+    state_->loaded.network->to(state_->device);
+  }
+}
+
+NetworkInference::~NetworkInference() = default;
+
+Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
+                                   const DenoiseSettings& settings, Progress& progress) {
+  if (settings.strength != 1)
+    throw InputError("--strength", "a network takes out what it was trained to",
+                     "leave it out, or use --method bm3d");
+  const torch::InferenceMode no_gradients;
+  const auto start = Clock::now();
+  const NetworkPackage& package = state_->loaded.package;
+  PackageSettings wanted = package.settings;
+  wanted.row_noise = wanted.row_noise && settings.row_noise;
+  NetworkFrame prepared = prepare_network_frame(std::move(frame), profile, wanted, settings,
+                                                state_->settings.ratio, progress);
+  const SensorLayout layout = package.layout();
+  const int cell_rows = layout.rows(), cell_cols = layout.cols();
+  const int frame_rows = prepared.frame.dn.rows(), frame_cols = prepared.frame.dn.cols();
+  const std::int64_t rows = packed_size(frame_rows, cell_rows),
+                     cols = packed_size(frame_cols, cell_cols);
+  const double frame_bytes = 4.0 * frame_rows * static_cast<double>(frame_cols);
+  const double bytes = settings.memory_mib * 0x1p20 - 4 * frame_bytes;
+  const int batch = state_->settings.tile_batch;
+  const TileCore core = tile_core(rows, cols, bytes, batch, state_->demand);
+  if (core.rows == 0)
+    throw InputError(
+        "--memory",
+        fmt::format("{:.0f} MiB is too little for this network and frame", settings.memory_mib),
+        fmt::format(
+            "give at least {:.0f} MiB",
+            std::ceil((least_tile_bytes(batch, state_->demand) + 4 * frame_bytes) / 0x1p20)));
+  const auto filter_start = Clock::now();
+  const auto planes = run_tiled(
+      rows, cols, core, batch, state_->demand,
+      [&](const TileSpan& r, const TileSpan& c) {
+        const int row0 = static_cast<int>(r.begin) * cell_rows,
+                  col0 = static_cast<int>(c.begin) * cell_cols;
+        // A frame may end inside a cell.
+        return prepare_input(
+            prepared, {row0, col0, std::min(static_cast<int>(r.end) * cell_rows, frame_rows) - row0,
+                       std::min(static_cast<int>(c.end) * cell_cols, frame_cols) - col0});
+      },
+      [&](const torch::Tensor& input) {
+        const Autocast autocast(state_->bfloat16, state_->device.is_cuda());
+        return apply_network(*state_->loaded.network, package, input.to(state_->device));
+      },
+      progress, prepared.report.tiles);
+  Denoised result = std::move(prepared.report);
+  result.dn_above_black = restore_output(prepared, planes, {0, 0, frame_rows, frame_cols});
+  restore_nonfinite(prepared.frame, result);
+  result.times.push_back(
+      {"preparation", std::chrono::duration<double>(filter_start - start).count()});
+  result.times.push_back({"network", seconds_since(filter_start)});
+  return result;
+}
+
+Json NetworkInference::description() const {
+  const NetworkPackage& package = state_->loaded.package;
+  Json json{{"architecture", package.network.architecture},
+            {"settings", package.network.settings},
+            {"parameters", parameter_count(*state_->loaded.network)},
+            {"device", state_->settings.device},
+            {"precision", state_->settings.precision},
+            {"tiled_equals_whole", state_->demand.exact},
+            {"training", package.training}};
+  PackageSettings::describe(package.settings, [&](const auto& value, const ParameterInfo& info) {
+    json["package"][info.name] = value;
+  });
+  return json;
+}
+
+}  // namespace malus

@@ -1,0 +1,62 @@
+// A network package at work on frames of any size: overlapped tiles within a memory limit, batches,
+// precision and device. Names no libtorch type.
+#pragma once
+
+#include "malus/base/parameter.h"
+#include "malus/denoise/denoiser.h"
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace malus {
+
+struct InferenceSettings {
+  std::string device = "cpu", precision = "float32";
+  int tile_batch = 1;
+  std::optional<double> ratio;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    field(self.device, ParameterInfo{.name = "device",
+                                     .unit = "",
+                                     .help = "where a network runs",
+                                     .choices = {"cpu", "cuda"}});
+    field(self.precision,
+          ParameterInfo{.name = "precision",
+                        .unit = "",
+                        .help = "of a network's layers; bfloat16 for unet and nafnet",
+                        .choices = {"float32", "bfloat16"}});
+    field(self.tile_batch,
+          ParameterInfo{"tile_batch", "1", "tiles that a network filters at once", 1, 64});
+    field(self.ratio, ParameterInfo{"ratio", "1",
+                                    "low-light ratio, for networks that amplify by it", 1e-3, 1e4});
+  }
+};
+
+/// A network with its weights, ready for many frames.
+class NetworkInference {
+ public:
+  /// Reads and checks the weight file (package.h). Throws InputError, also where the device is not
+  /// there or the precision not offered for this architecture.
+  NetworkInference(const std::filesystem::path& weights, const InferenceSettings& settings);
+  ~NetworkInference();
+
+  /// As denoise_frame: settings' memory_mib bounds frame and tiles together, row_noise can be
+  /// switched off; its method is not looked at. Throws InputError as denoise_frame, on a layout
+  /// other than the package's, and on a strength other than 1; Cancelled.
+  Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
+                   Progress& progress);
+
+  /// Architecture, settings, parameters, tiles and the training record.
+  nlohmann::ordered_json description() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace malus

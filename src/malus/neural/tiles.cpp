@@ -1,0 +1,150 @@
+#include "malus/neural/tiles.h"
+
+#include "malus/base/error.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+
+std::int64_t rounded_up(std::int64_t value, std::int64_t multiple) {
+  return (value + multiple - 1) / multiple * multiple;
+}
+
+// Where nothing exact is possible: enough for the faded seams to vanish, in multiples.
+constexpr std::int64_t kFadedOverlap = 32;
+
+TileDemand faded(std::int64_t multiple, double bytes) {
+  return {multiple, rounded_up(kFadedOverlap, multiple), false, bytes};
+}
+
+// Position's share in a span whose core is [begin, end): 1 inside, falling over +-half around inner
+// edges.
+float share(std::int64_t at, std::int64_t begin, std::int64_t end, std::int64_t length,
+            std::int64_t half) {
+  const auto rise = [&](std::int64_t edge, std::int64_t position) {
+    if (half == 0) return position >= edge ? 1.0 : 0.0;
+    return std::clamp(
+        (static_cast<double>(position - edge + half) + 0.5) / (2.0 * static_cast<double>(half)),
+        0.0, 1.0);
+  };
+  const double from = begin == 0 ? 1.0 : rise(begin, at);
+  const double to = end >= length ? 1.0 : 1.0 - rise(end, at);
+  return static_cast<float>(std::min(from, to));
+}
+
+}  // namespace
+
+TileDemand tile_demand(const NetworkDescription& description) {
+  Json s = default_network_settings(description.architecture);
+  if (description.settings.is_object()) s.update(description.settings);
+  if (description.architecture == "unet") {
+    // Two 3x3 convolutions per level, 2 (1 + 2 + ... ) pixels on the way down and again, but for
+    // the lowest level, on the way up; the pooling grid of the lowest level.
+    const std::int64_t lowest = std::int64_t{1} << (s.value("levels", 5) - 1);
+    return {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true,
+            26.0 * s.at("width").get<double>()};
+  }
+  if (description.architecture == "nafnet")
+    return faded(std::int64_t{1} << s.at("enc_blk_nums").size(),
+                 42.0 * s.at("width").get<double>());
+  if (description.architecture == "restormer") return faded(8, 90.0 * s.at("dim").get<double>());
+  if (description.architecture == "uformer")
+    return faded(s.at("win_size").get<std::int64_t>() << 4,
+                 150.0 * s.at("embed_dim").get<double>());
+  return faded(s.at("window").get<std::int64_t>() << (s.at("depths").size() - 1),
+               110.0 * s.at("dim").get<double>());
+}
+
+std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const TileDemand& demand) {
+  MALUS_REQUIRE(length > 0 && core > 0);
+  if (core < length) MALUS_REQUIRE(core % demand.multiple == 0);
+  std::vector<TileSpan> spans;
+  const std::int64_t half = demand.exact ? 0 : demand.overlap / 2;
+  for (std::int64_t begin = 0; begin < length; begin += core) {
+    const std::int64_t end = std::min(begin + core, length);
+    TileSpan span{std::max<std::int64_t>(begin - demand.overlap, 0),
+                  std::min(end + demand.overlap, length),
+                  {}};
+    for (std::int64_t at = span.begin; at < span.end; ++at)
+      span.weight.push_back(share(at, begin, end, length, half));
+    spans.push_back(std::move(span));
+  }
+  return spans;
+}
+
+TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch,
+                   const TileDemand& demand) {
+  const double pixels = bytes / demand.bytes_per_pixel;
+  if (static_cast<double>(rows) * static_cast<double>(cols) <= pixels) return {rows, cols};
+  const std::int64_t margins = 2 * demand.overlap;
+  TileCore best;
+  double least_work = std::numeric_limits<double>::infinity();
+  for (std::int64_t across = 1; across <= cols; ++across) {
+    const std::int64_t core_cols = rounded_up((cols + across - 1) / across, demand.multiple);
+    const std::int64_t tile_cols = std::min(core_cols + margins, cols);
+    const double tile_rows = pixels / batch / static_cast<double>(tile_cols);
+    const std::int64_t core_rows = (static_cast<std::int64_t>(std::max(tile_rows, 0.0)) - margins) /
+                                   demand.multiple * demand.multiple;
+    if (core_rows <= 0) continue;
+    const std::int64_t down = (rows + core_rows - 1) / core_rows;
+    const double work = static_cast<double>(across * down) *
+                        static_cast<double>(core_rows + margins) * static_cast<double>(tile_cols);
+    if (work < least_work) best = {std::min(core_rows, rows), std::min(core_cols, cols)};
+    least_work = std::min(work, least_work);
+    if (core_cols <= demand.multiple) break;
+  }
+  return best;
+}
+
+double least_tile_bytes(int batch, const TileDemand& demand) {
+  const auto side = static_cast<double>(demand.multiple + 2 * demand.overlap);
+  return batch * side * side * demand.bytes_per_pixel;
+}
+
+torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& core, int batch,
+                        const TileDemand& demand,
+                        const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,
+                        const std::function<torch::Tensor(const torch::Tensor&)>& network,
+                        Progress& progress, int& tiles) {
+  const auto down = tile_spans(rows, core.rows, demand),
+             across = tile_spans(cols, core.cols, demand);
+  tiles = static_cast<int>(down.size() * across.size());
+  progress.begin("denoising", tiles);
+  torch::Tensor sum;
+  std::vector<std::pair<const TileSpan*, const TileSpan*>> places;
+  std::vector<torch::Tensor> waiting;
+  const auto flush = [&] {
+    if (waiting.empty()) return;
+    const auto results = network(torch::cat(waiting, 0)).to(torch::kCPU, torch::kFloat);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const auto& [r, c] = places[i];
+      if (!sum.defined()) sum = torch::zeros({1, results.size(1), rows, cols});
+      const auto weight = torch::tensor(r->weight).view({-1, 1}) * torch::tensor(c->weight);
+      sum.slice(2, r->begin, r->end)
+          .slice(3, c->begin, c->end)
+          .add_(results.slice(0, static_cast<std::int64_t>(i), static_cast<std::int64_t>(i) + 1) *
+                weight);
+    }
+    progress.advance(static_cast<std::int64_t>(places.size()));
+    places.clear();
+    waiting.clear();
+  };
+  for (const TileSpan& r : down)
+    for (const TileSpan& c : across) {
+      check_stop(progress);
+      auto tile = input(r, c);
+      if (!waiting.empty() &&
+          (std::ssize(waiting) >= batch || tile.sizes() != waiting.front().sizes()))
+        flush();
+      waiting.push_back(std::move(tile));
+      places.emplace_back(&r, &c);
+    }
+  flush();
+  return sum;
+}
+
+}  // namespace malus

@@ -1,0 +1,54 @@
+// Cutting a picture into overlapped tiles for a network: what a network needs around a tile, how
+// large tiles may be, and how their results are put together.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/neural/network.h"
+
+#include <functional>
+#include <vector>
+
+namespace malus {
+
+/// What an architecture demands of tiles, in pixels of its input planes.
+struct TileDemand {
+  std::int64_t multiple = 1;  ///< tiles begin at multiples of it, or the result changes
+  std::int64_t overlap = 0;   ///< around a tile's core
+  /// Nothing beyond the overlap reaches the core, so tiled equals whole. Otherwise (windows that
+  /// hand on over many blocks; statistics of the whole picture in nafnet and restormer) results
+  /// are faded into each other over the overlap.
+  bool exact = true;
+  double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured (docs/networks.md)
+};
+TileDemand tile_demand(const NetworkDescription& description);
+
+/// Part of a picture: a tile with its margins, and the weight of its results along each axis.
+struct TileSpan {
+  std::int64_t begin = 0, end = 0;
+  std::vector<float> weight;  ///< sums to 1 over all spans at every position
+};
+
+/// Covers [0, length) by spans of equal cores that begin at multiples.
+std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const TileDemand& demand);
+
+/// Rows and columns of a tile's core.
+struct TileCore {
+  std::int64_t rows = 0, cols = 0;
+};
+/// The whole picture where its bytes suffice, else the cores that cost the least work; 0 x 0 where
+/// even the smallest need more.
+TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch,
+                   const TileDemand& demand);
+/// Bytes of the smallest tiles.
+double least_tile_bytes(int batch, const TileDemand& demand);
+
+/// input(row span, column span) gives [1, channels, rows, cols] of a tile, network takes
+/// [batch, ...] of equal tiles and gives as many results of the same size.
+/// Returns [1, channels, rows, cols] of the whole picture. tiles: how many there were.
+torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& core, int batch,
+                        const TileDemand& demand,
+                        const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,
+                        const std::function<torch::Tensor(const torch::Tensor&)>& network,
+                        Progress& progress, int& tiles);
+
+}  // namespace malus

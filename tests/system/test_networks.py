@@ -1,0 +1,174 @@
+"""`malus denoise --method FILE.safetensors`, end to end, on weight files that the tests write themselves."""
+
+import json
+import os
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import BUILD, PROGRAM
+from weight_files import unet_package
+
+MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]
+
+pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+
+
+@pytest.fixture
+def noisy(malus, tmp_path):
+    """A raw frame of an odd size that ends inside a cell, with the simulated camera's noise."""
+    rows, cols = np.mgrid[0:201, 0:158]
+    clean = (600 + 300 * np.sin(cols / 21) * np.cos(rows / 17)).astype(np.float32)
+    np.save(tmp_path / "clean.npy", clean)
+    malus("synthesize", tmp_path / "clean.npy", "--layout", "polar-bayer-rggb", *MODEL, "--format", "npy",
+          "-o", tmp_path)
+    return tmp_path / "clean_000.npy"
+
+
+def denoised(malus, frame, folder, weights, *arguments):
+    result = malus("denoise", frame, "--method", weights, *MODEL, "--black", "82", "--white", "4095", "--format", "npy",
+                   "--json", "-o", folder, *arguments)
+    return np.load(folder / f"{frame.stem}_denoised.npy"), result.json
+
+
+def test_a_network_that_corrects_nothing_returns_the_frame(malus, noisy, tmp_path):
+    weights = unet_package(tmp_path / "zero.safetensors")
+    out, run = denoised(malus, noisy, tmp_path / "out", weights)
+    raw = np.load(noisy).astype(float)
+    model = malus("model", "show", "imx250myr-simulated", "--gain", "12", "--json").json
+    bias = np.array(model["gains"][0]["mu"]["mean"]).reshape(4, 4)
+    black = 82 + np.tile(bias, (51, 40))[:201, :158]
+    kept = raw < 4095
+    assert np.abs(out - (raw - black))[kept].max() < 1e-2
+    assert run["network"]["architecture"] == "unet" and run["network"]["tiled_equals_whole"]
+    record = json.loads((tmp_path / "out" / "clean_000_denoised.json").read_text())
+    assert record["run"]["network"] == run["network"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("domain,noise,guide", [("linear", "level", "none"), ("stabilised", "level", "bm3d")])
+def test_tiles_equal_the_whole(malus, tmp_path, domain, noise, guide):
+    rng = np.random.default_rng(3)
+    rows, cols = np.mgrid[0:2401, 0:2002]
+    frame = 82 + rng.normal(500 + 200 * np.sin(cols / 90) * np.cos(rows / 70), 12)
+    np.save(tmp_path / "frame.npy", frame.round().astype(np.uint16))
+    weights = unet_package(tmp_path / "w.safetensors", scale=1.0, width=16, domain=domain, noise_input=noise, guide=guide)
+    whole, one = denoised(malus, tmp_path / "frame.npy", tmp_path / "whole", weights, "--memory", "1000")
+    parts, many = denoised(malus, tmp_path / "frame.npy", tmp_path / "parts", weights, "--memory", "128")
+    assert one["tiles"] == 1 and many["tiles"] > 1
+    assert np.abs(whole - parts).max() < 1e-4 * 4013
+
+
+def test_a_guided_network_without_correction_equals_the_classical_method(malus, noisy, tmp_path):
+    weights = unet_package(tmp_path / "zero.safetensors", domain="stabilised", noise_input="level", guide="bm3d",
+                           guide_profile="normal", row_noise=True)
+    out, _ = denoised(malus, noisy, tmp_path / "network", weights)
+    classical, _ = denoised(malus, noisy, tmp_path / "classical", "bm3d")
+    assert np.abs(out - classical).max() < 0.05
+
+
+def test_pixels_that_are_not_numbers_and_saturated_ones_come_back(malus, noisy, tmp_path):
+    frame = np.load(noisy).astype(np.float32) - 82
+    frame[10, 20], frame[50, 60], frame[100:104, 100:104] = np.nan, np.inf, 4013
+    np.save(tmp_path / "odd.npy", frame)
+    weights = unet_package(tmp_path / "w.safetensors", scale=1.0)
+    malus("denoise", tmp_path / "odd.npy", "--method", weights, *MODEL, "--black", "0", "--white", "4013",
+          "--format", "npy", "-o", tmp_path / "out")
+    out = np.load(tmp_path / "out" / "odd_denoised.npy")
+    assert np.isnan(out[10, 20]) and np.isinf(out[50, 60])
+    odd = ~np.isfinite(out)
+    assert odd.sum() == 2
+    bias = np.array(malus("model", "show", "imx250myr-simulated", "--gain", "12", "--json").json["gains"][0]["mu"]["mean"])
+    assert np.abs(out[100:104, 100:104] - 4013 + bias.reshape(4, 4)).max() < 1e-2
+
+
+def test_many_frames_share_one_network_and_the_report_holds_them(malus, noisy, tmp_path):
+    np.save(tmp_path / "second.npy", np.load(noisy)[:64, :64])
+    weights = unet_package(tmp_path / "w.safetensors", scale=0.1)
+    result = malus("denoise", noisy, tmp_path / "second.npy", "--method", weights, *MODEL, "--black", "82", "--white",
+                   "4095", "--layout", "polar-bayer-rggb", "--planes", "--u16", "--report", tmp_path / "page.html",
+                   "--json", "-o", tmp_path / "out")
+    assert len(result.json["frames"]) == 2
+    assert (tmp_path / "page.html").stat().st_size > 10000
+    for stem in ("clean_000", "second"):
+        for suffix in ("_denoised.tif", "_denoised_u16.tif", "_planes.exr", "_denoised.json"):
+            assert (tmp_path / "out" / (stem + suffix)).exists()
+
+
+def test_bfloat16_stays_near_float32(malus, noisy, tmp_path):
+    weights = unet_package(tmp_path / "w.safetensors", scale=0.5)
+    exact, _ = denoised(malus, noisy, tmp_path / "a", weights)
+    rough, run = denoised(malus, noisy, tmp_path / "b", weights, "--precision", "bfloat16")
+    assert run["network"]["precision"] == "bfloat16"
+    change = np.abs(exact - denoised(malus, noisy, tmp_path / "c", unet_package(tmp_path / "zero.safetensors"))[0])
+    assert 0 < np.abs(rough - exact).max() < 0.05 * change.max()
+
+
+def spoiled(tmp_path, change, **package):
+    return unet_package(tmp_path / "bad.safetensors", change=change, **package)
+
+
+def without(key):
+    return lambda tensors, metadata: metadata.pop(key)
+
+
+def with_nan(tensors, metadata):
+    tensors["conv3_1.weight"][0, 0, 0, 0] = np.nan
+
+
+def without_layer(tensors, metadata):
+    del tensors["upv7.bias"]
+
+
+def other_architecture(tensors, metadata):
+    metadata["architecture"] = "unett"
+
+
+@pytest.mark.parametrize("change,word", [(without("architecture"), "architecture"), (without("malus_package"), "metadata"),
+                                         (with_nan, "conv3_1.weight"), (without_layer, "upv7.bias"),
+                                         (other_architecture, "unet")])
+def test_weight_files_that_do_not_fit_are_refused(refused, noisy, tmp_path, change, word):
+    line = refused("denoise", noisy, "--method", spoiled(tmp_path, change), *MODEL, "--black", "82", "--white", "4095",
+                   "-o", tmp_path / "out")
+    assert word in line
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_truncated_and_missing_weight_files_are_refused(refused, noisy, tmp_path):
+    weights = unet_package(tmp_path / "w.safetensors")
+    whole = weights.read_bytes()
+    for size in (0, 5, 100, len(whole) - 3):
+        weights.write_bytes(whole[:size])
+        assert "w.safetensors" in refused("denoise", noisy, "--method", weights, *MODEL, "-o", tmp_path / "out")
+    assert "none.safetensors" in refused("denoise", noisy, "--method", tmp_path / "none.safetensors", *MODEL,
+                                         "-o", tmp_path / "out")
+
+
+def test_another_layout_too_little_memory_and_what_networks_do_not_do(refused, noisy, tmp_path):
+    weights = unet_package(tmp_path / "w.safetensors")
+    raw = ["--black", "82", "--white", "4095", "-o", tmp_path / "out"]
+    np.save(tmp_path / "mono.npy", np.full((64, 64), 500, np.uint16))
+    assert "layout" in refused("denoise", tmp_path / "mono.npy", "--layout", "polar-mono", "--method", weights, *raw)
+    assert "--uncertainty" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty")
+    assert "--strength" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--strength", "2")
+    np.save(tmp_path / "large.npy", np.full((3000, 3000), 500, np.uint16))
+    assert "MiB" in refused("denoise", tmp_path / "large.npy", "--method", weights, *MODEL, *raw, "--memory", "128")
+
+
+def test_a_program_without_the_module_says_so(noisy, tmp_path):
+    program = tmp_path / "bin" / "malus"
+    program.parent.mkdir()
+    os.link(PROGRAM, program) if os.stat(PROGRAM).st_dev == os.stat(tmp_path).st_dev else program.write_bytes(
+        open(PROGRAM, "rb").read())
+    program.chmod(0o755)
+    done = subprocess.run([program, "denoise", noisy, "--method", "w.safetensors", "-o", tmp_path / "out"],
+                          capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.strip() == "malus: networks: this program was built without them; install libtorch-dev and build again"
+
+
+def test_the_program_itself_does_not_load_libtorch():
+    libraries = subprocess.run(["ldd", PROGRAM], capture_output=True, text=True, check=True).stdout
+    assert "torch" not in libraries
