@@ -62,10 +62,10 @@ PhysicsNoise mono(double K, double sigma_tl, double sigma_row, double mu) {
   return noise;
 }
 
-TEST(BinProbabilities, AgreeWithTheNumericDistribution) {
+TEST(PixelBins, AgreeWithTheNumericDistribution) {
   const PhysicsNoise noise = mono(2.0, 0.8, 0, -1);
   const PixelDistribution truth(noise.channels[0], noise.parts, 1.0, 30.0);
-  const auto p = bin_probabilities(noise, 0, 30.0, 0.7, 101);
+  const auto p = PixelBins(noise, 0).probabilities(30.0, 0.7, 101);
   double total = 0;
   for (int b = 1; b < 100; ++b) {
     const double low = 30.0 + 0.7 * (b - 50.5);

@@ -93,6 +93,7 @@ ChannelLevels physics_differences(const PhysicsNoise& from, const PhysicsNoise& 
     mine.resize(kLevels);
     const PhysicsChannel& one = from.channels[static_cast<std::size_t>(c)];
     const PhysicsChannel& two = to.channels[static_cast<std::size_t>(c)];
+    const PixelBins before_bins(from, c), after_bins(to, c);
     parallel_for(0, kLevels, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end); ++l) {
         const double share = static_cast<double>(l) / (kLevels - 1);
@@ -102,8 +103,8 @@ ChannelLevels physics_differences(const PhysicsNoise& from, const PhysicsNoise& 
         // Seven sd of the noisier one to either side, and room for the biases.
         const double width =
             2.0 * (7.0 * after + std::abs(one.mu_dn) + std::abs(two.mu_dn)) / kBins;
-        mine[l] = difference(level, width, bin_probabilities(from, c, level, width, kBins),
-                             bin_probabilities(to, c, level, width, kBins));
+        mine[l] = difference(level, width, before_bins.probabilities(level, width, kBins),
+                             after_bins.probabilities(level, width, kBins));
       }
     });
   }
@@ -123,21 +124,28 @@ std::vector<double> deconvolve(const std::vector<double>& p1, const std::vector<
                                int iterations) {
   MALUS_REQUIRE(p1.size() == p2.size() && !p1.empty());
   const std::size_t n = p1.size(), m = 2 * n - 1;
-  // Bins without probability at the source do nothing; keep its support only.
+  // Source bins that hold next to nothing move nothing.
+  constexpr double kNothing = 1e-12;
   std::size_t first = 0, last = n;
-  while (first < n && p1[first] <= 0) ++first;
-  while (last > first && p1[last - 1] <= 0) --last;
-  std::vector<double> d(m, 1.0 / static_cast<double>(m)), model(n), ratio(n);
+  while (first < n && p1[first] <= kNothing) ++first;
+  while (last > first && p1[last - 1] <= kNothing) --last;
+  std::vector<double> d(m, 1.0 / static_cast<double>(m)), model(n), ratio(n), gain(m);
   for (int iteration = 0; iteration < iterations; ++iteration) {
     // model[k] = sum over j of p1[j] d[k - j + n - 1]
     std::fill(model.begin(), model.end(), 0.0);
-    for (std::size_t j = first; j < last; ++j)
-      for (std::size_t k = 0; k < n; ++k) model[k] += p1[j] * d[k + (n - 1) - j];
+    for (std::size_t j = first; j < last; ++j) {
+      const double weight = p1[j];
+      const double* shifted = d.data() + (n - 1 - j);
+      for (std::size_t k = 0; k < n; ++k) model[k] += weight * shifted[k];
+    }
     for (std::size_t k = 0; k < n; ++k) ratio[k] = model[k] > 0 ? p2[k] / model[k] : 0.0;
     // Probability that a shift would push off the bins counts against it: p2 has none there.
-    std::vector<double> gain(m, 0.0);
-    for (std::size_t j = first; j < last; ++j)
-      for (std::size_t k = 0; k < n; ++k) gain[k + (n - 1) - j] += p1[j] * ratio[k];
+    std::fill(gain.begin(), gain.end(), 0.0);
+    for (std::size_t j = first; j < last; ++j) {
+      const double weight = p1[j];
+      double* shifted = gain.data() + (n - 1 - j);
+      for (std::size_t k = 0; k < n; ++k) shifted[k] += weight * ratio[k];
+    }
     for (std::size_t i = 0; i < m; ++i) d[i] *= gain[i];
   }
   const double total = std::accumulate(d.begin(), d.end(), 0.0);
@@ -145,32 +153,42 @@ std::vector<double> deconvolve(const std::vector<double>& p1, const std::vector<
   return d;
 }
 
-std::vector<double> bin_probabilities(const PhysicsNoise& noise, int channel, double signal_dn,
-                                      double width_dn, int bins) {
-  const PixelDistribution pixel(noise.channels[static_cast<std::size_t>(channel)], noise.parts,
-                                noise.quantization_dn, signal_dn);
-  constexpr int kPoints = 2000;
-  const double reach = std::max(-pixel.read().quantile(1e-9), 1e-9);
-  std::vector<double> table;
-  for (int i = 0; i <= kPoints; ++i)
-    table.push_back(pixel.read().cdf(reach * (2.0 * i / kPoints - 1.0)));
-  const auto read_cdf = [&](double x) {
-    const double at = (x / reach + 1.0) * 0.5 * kPoints;
-    if (at <= 0) return 0.0;
-    if (at >= kPoints) return 1.0;
-    const auto i = static_cast<std::size_t>(at);
-    return table[i] + (at - static_cast<double>(i)) * (table[i + 1] - table[i]);
-  };
+PixelBins::PixelBins(const PhysicsNoise& noise, int channel)
+    : channel_(noise.channels[static_cast<std::size_t>(channel)]),
+      parts_(noise.parts),
+      quantization_dn_(noise.quantization_dn) {
+  constexpr int kSteps = 2000;
+  const ReadDistribution read(channel_.lambda, parts_.read ? channel_.sigma_tl_dn : 0.0,
+                              parts_.quantization ? quantization_dn_ : 0.0);
+  reach_dn_ = std::max(-read.quantile(1e-9), 1e-9);
+  for (int i = 0; i <= kSteps; ++i)
+    read_cdf_.push_back(read.cdf(reach_dn_ * (2.0 * i / kSteps - 1.0)));
+}
+
+double PixelBins::read_cdf(double x_dn) const {
+  const auto steps = static_cast<double>(read_cdf_.size() - 1);
+  const double at = (x_dn / reach_dn_ + 1.0) * 0.5 * steps;
+  if (at <= 0) return 0.0;
+  if (at >= steps) return 1.0;
+  const auto i = static_cast<std::size_t>(at);
+  return read_cdf_[i] + (at - static_cast<double>(i)) * (read_cdf_[i + 1] - read_cdf_[i]);
+}
+
+std::vector<double> PixelBins::probabilities(double signal_dn, double width_dn, int bins) const {
+  const PixelDistribution pixel(channel_, parts_, quantization_dn_, signal_dn);
+  const auto &level_dn = pixel.levels_dn(), &probability = pixel.probabilities();
   std::vector<double> p;
-  double below = 0;
+  double below = 0, passed = 0;  // passed: probability of the levels that lie wholly below the edge
+  std::size_t first = 0;
   for (int b = 1; b <= bins; ++b) {
-    double cdf = 0;
+    double cdf = 1;
     if (b < bins) {
       const double edge = signal_dn + width_dn * (b - 0.5 * bins);
-      for (std::size_t i = 0; i < pixel.levels_dn().size(); ++i)
-        cdf += pixel.probabilities()[i] * read_cdf(edge - pixel.levels_dn()[i]);
-    } else {
-      cdf = 1;
+      while (first < level_dn.size() && level_dn[first] <= edge - reach_dn_)
+        passed += probability[first++];
+      cdf = passed;
+      for (std::size_t i = first; i < level_dn.size() && level_dn[i] < edge + reach_dn_; ++i)
+        cdf += probability[i] * read_cdf(edge - level_dn[i]);
     }
     p.push_back(std::max(cdf - below, 0.0));
     below = cdf;

@@ -24,11 +24,23 @@ namespace malus {
 std::vector<double> deconvolve(const std::vector<double>& p1, const std::vector<double>& p2,
                                int iterations = 300);
 
-/// Probabilities of equal bins of noisy - signal, `bins` of width_dn centred on zero; what lies
-/// outside counts to the end bins. Linear interpolation of the read noise's distribution function:
-/// error < 1e-5.
-std::vector<double> bin_probabilities(const PhysicsNoise& noise, int channel, double signal_dn,
-                                      double width_dn, int bins);
+/// One channel's noise on equal bins.
+class PixelBins {
+ public:
+  /// Tables the read noise's distribution function: a few milliseconds.
+  PixelBins(const PhysicsNoise& noise, int channel);
+  /// Probabilities of `bins` bins of noisy - signal, of width_dn, centred on zero; what lies
+  /// outside counts to the end bins. Error < 1e-5.
+  std::vector<double> probabilities(double signal_dn, double width_dn, int bins) const;
+
+ private:
+  double read_cdf(double x_dn) const;
+
+  PhysicsChannel channel_;
+  PhysicsParts parts_;
+  double quantization_dn_, reach_dn_;
+  std::vector<double> read_cdf_;  ///< at equal steps from -reach_dn_ to reach_dn_
+};
 
 class Renoiser {
  public:
