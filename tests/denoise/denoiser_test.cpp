@@ -112,6 +112,19 @@ TEST(DenoiseFrame, TilesEqualTheWhole) {
   EXPECT_EQ(largest, 0.0);
 }
 
+TEST(DenoiseFrame, TilesEqualTheWholeWithTwoScales) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const RawFrame frame = noisy_frame(scene(300, 333), noise, 6);
+  DenoiseSettings settings;
+  const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
+  ASSERT_EQ(whole.tiles, 1);
+  settings.memory_mib = 10;
+  const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
+  EXPECT_GT(tiled.tiles, 1);
+  EXPECT_EQ(whole.dn_above_black.values(), tiled.dn_above_black.values());
+  EXPECT_EQ(whole.variance_dn2->values(), tiled.variance_dn2->values());
+}
+
 TEST(DenoiseFrame, SameBytesForAnyThreadCount) {
   const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(300, 280), noise, 5);

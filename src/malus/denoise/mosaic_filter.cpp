@@ -136,27 +136,47 @@ Image smoothed(const internal::StackTile& noisy, const CellStatistics& statistic
   return sum;
 }
 
+// to += share * (other - to)
+void blend(Image& to, const Image& other, float share) {
+  for (std::size_t i = 0; i < to.size(); ++i)
+    to.values()[i] += share * (other.values()[i] - to.values()[i]);
+}
+
 }  // namespace
 
 MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
   using internal::StackStage;
-  const auto hard = [](int step, int search, int stack) {
-    return StackStage{
-        .block_cells = 4, .step = step, .search = search, .stack = stack, .threshold = 2.7f};
+  const auto hard = [](int side, int step, int search, int stack, float threshold) {
+    return StackStage{.block_cells = side,
+                      .step = step,
+                      .search = search,
+                      .stack = stack,
+                      .threshold = threshold};
   };
   const auto wiener = [](int step, int search, int stack) {
     return StackStage{
         .block_cells = 2, .step = step, .search = search, .stack = stack, .threshold = 0};
   };
-  if (profile == "fast") return {hard(15, 8, 16), {wiener(7, 8, 32)}};
-  if (profile == "normal") return {hard(11, 10, 32), {wiener(7, 10, 32), wiener(5, 10, 64)}};
-  if (profile == "high") return {hard(7, 13, 64), {wiener(5, 13, 64), wiener(3, 13, 64)}};
+  if (profile == "fast")
+    return {.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
+            .wiener = {wiener(7, 8, 32)},
+            .coarse_profile = ""};
+  if (profile == "normal")
+    return {.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 9, 10, 32, 2.5f)},
+            .wiener = {wiener(7, 10, 32), wiener(5, 10, 64)},
+            .coarse_profile = "fast"};
+  if (profile == "high")
+    return {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f)},
+            .wiener = {wiener(7, 10, 32), wiener(3, 10, 64)},
+            .coarse_profile = "normal"};
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
 }
 
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout) {
   const int period = std::max(layout.rows(), layout.cols());
-  int reach = reach_of(plan.hard, period) + kCell;
+  int reach = 0;
+  for (const internal::StackStage& stage : plan.hard)
+    reach = std::max(reach, reach_of(stage, period) + kCell);
   for (const internal::StackStage& stage : plan.wiener) reach += reach_of(stage, period);
   return reach;
 }
@@ -223,9 +243,17 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   input.frame_rows = frame_rows;
   input.frame_cols = frame_cols;
   input.rotations = &statistics.rotations;
-  Image pilot = smoothed(noisy, statistics);
+  MALUS_REQUIRE(!plan.hard.empty());
+  Image pilot;
+  {
+    const Image guide = smoothed(noisy, statistics);
+    input.guide = &guide;
+    pilot = internal::run_stage(input, plan.hard.front(), progress);
+    for (std::size_t i = 1; i < plan.hard.size(); ++i)
+      blend(pilot, internal::run_stage(input, plan.hard[i], progress),
+            1.0f / static_cast<float>(i + 1));
+  }
   input.guide = &pilot;
-  pilot = internal::run_stage(input, plan.hard, progress);
   for (std::size_t pass = 0; pass < plan.wiener.size(); ++pass)
     pilot = internal::run_stage(input, plan.wiener[pass], progress,
                                 pass + 1 == plan.wiener.size() ? variance_out : nullptr);

@@ -18,8 +18,10 @@
 namespace malus {
 
 struct MosaicFilterPlan {
-  internal::StackStage hard;
+  std::vector<internal::StackStage> hard;    ///< their mean is the first pilot
   std::vector<internal::StackStage> wiener;  ///< each takes the one before it for its pilot
+  std::string coarse_profile;  ///< how the frame of half the size is filtered, which corrects the
+                               ///< low frequencies (coarse_scale.h); empty: not at all
 };
 /// "fast", "normal" or "high"; throws InputError on another name.
 MosaicFilterPlan mosaic_filter_plan(const std::string& profile);

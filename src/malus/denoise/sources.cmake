@@ -6,8 +6,10 @@ set(denoise_SOURCES
     bm3d_parameters.cpp
     bm3d_pass.cpp
     bm3d_steps.cpp
+    coarse_scale.cpp
     denoiser.cpp
     estimate_noise.cpp
+    frame_filter.cpp
     mosaic_filter.cpp
     preparation.cpp
     row_noise.cpp

@@ -196,6 +196,12 @@ struct Shrinkage {
   Floats error;  ///< mean expected squared error per component, unit noise
 };
 
+/// Weight of a stack's estimates from the sum of its squared gains. One over the sum would be right
+/// for estimates with independent errors; overlapping stacks share theirs: the root, measured.
+HWY_INLINE float stack_weight(float squared_gains) {
+  return 1.0f / std::sqrt(std::max(squared_gains, 1.0f));
+}
+
 HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
   Floats kept{};
   const Floats zero{}, one = zero + 1.0f;
@@ -204,7 +210,7 @@ HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
     cells[i] = keep ? cells[i] : zero;
     kept += keep ? one : zero;
   }
-  return {1.0f / std::max(lane_sum(kept), 1.0f), kept / static_cast<float>(total)};
+  return {stack_weight(lane_sum(kept)), kept / static_cast<float>(total)};
 }
 
 HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int total) {
@@ -219,7 +225,7 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int total
     cells[i] *= gain;
     squares += gain * gain;
   }
-  return {1.0f / std::max(lane_sum(squares), 1.0f), error / static_cast<float>(total)};
+  return {stack_weight(lane_sum(squares)), error / static_cast<float>(total)};
 }
 
 HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {

@@ -1,0 +1,74 @@
+// Truth: means and straight lines worked out by hand.
+#include "malus/denoise/internal/coarse_scale.h"
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// Every channel has a level and a slope of its own.
+Image ramp(const SensorLayout& layout, int rows, int cols, double slope) {
+  Image image(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      image(r, c) = static_cast<float>(10 * layout.channel_at(r, c) + slope * (r / layout.rows()) +
+                                       0.5 * slope * layout.channel_at(r, c) * (c / layout.cols()));
+  return image;
+}
+
+TEST(CoarseScale, IsTwiceTheMeanOfFourPeriods) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  Image fine(8, 12);
+  for (int r = 0; r < 8; ++r)
+    for (int c = 0; c < 12; ++c) fine(r, c) = static_cast<float>(100 * r + c);
+  const auto pixel = [&](int r, int c) { return fine(r, c); };
+  const Image coarse = internal::coarse_frame(pixel, 8, 12, layout);
+  ASSERT_EQ(coarse.rows(), 4);
+  ASSERT_EQ(coarse.cols(), 6);
+  // Rows 1 and 3, columns 4 and 6; then rows 4 and 6, columns 9 and 11.
+  EXPECT_FLOAT_EQ(coarse(1, 2), 0.5f * (104 + 106 + 304 + 306));
+  EXPECT_FLOAT_EQ(coarse(2, 5), 0.5f * (409 + 411 + 609 + 611));
+}
+
+TEST(CoarseScale, OddSizesKeepEveryChannel) {
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  Image fine(70, 73);
+  for (int r = 0; r < 70; ++r)
+    for (int c = 0; c < 73; ++c) fine(r, c) = static_cast<float>(layout.channel_at(r, c));
+  const auto pixel = [&](int r, int c) { return fine(r, c); };
+  const Image coarse = internal::coarse_frame(pixel, 70, 73, layout);
+  ASSERT_EQ(coarse.rows(), 36);
+  ASSERT_EQ(coarse.cols(), 40);
+  for (int r = 0; r < coarse.rows(); ++r)
+    for (int c = 0; c < coarse.cols(); ++c)
+      ASSERT_EQ(coarse(r, c), 2.0f * static_cast<float>(layout.channel_at(r, c))) << r << ' ' << c;
+}
+
+TEST(CoarseScale, CorrectionReplacesStraightLines) {
+  for (const char* name : {"mono", "bayer-rggb", "polar-mono", "polar-bayer-rggb"}) {
+    const SensorLayout layout = SensorLayout::named(name);
+    const int rows = 24 * layout.rows(), cols = 32 * layout.cols();
+    const Image truth = ramp(layout, rows, cols, 0.3);
+    const auto pixel = [&](int r, int c) { return truth(r, c); };
+    const Image coarse = internal::coarse_frame(pixel, rows, cols, layout);
+    Image estimate = ramp(layout, rows, cols, 0.25);
+    internal::correct_low_frequencies(estimate, coarse, layout);
+    // Straight lines pass the smoothing and the interpolation unchanged, but for the border.
+    for (int r = 4 * layout.rows(); r < rows - 4 * layout.rows(); ++r)
+      for (int c = 4 * layout.cols(); c < cols - 4 * layout.cols(); ++c)
+        ASSERT_NEAR(estimate(r, c), truth(r, c), 1e-3) << name << ' ' << r << ' ' << c;
+  }
+}
+
+TEST(CoarseScale, FineDetailIsLeftAlone) {
+  const SensorLayout layout = SensorLayout::named("mono");
+  Image estimate(64, 64);
+  for (int r = 0; r < 64; ++r)
+    for (int c = 0; c < 64; ++c) estimate(r, c) = (r + c) % 2 ? 5.0f : -5.0f;
+  const Image before = estimate;
+  internal::correct_low_frequencies(estimate, Image(32, 32), layout);
+  EXPECT_EQ(estimate.values(), before.values());
+}
+
+}  // namespace
+}  // namespace malus
