@@ -28,7 +28,7 @@ struct Benchmark {
 };
 
 // benchmark_<name>() is defined in cmd_bench_<name>.cpp and returns a Benchmark.
-#define MALUS_BENCHMARKS(benchmark) benchmark(synthesize) benchmark(bm3d)
+#define MALUS_BENCHMARKS(benchmark) benchmark(synthesize) benchmark(packed) benchmark(bm3d)
 
 #define MALUS_DECLARE_BENCHMARK(name) Benchmark benchmark_##name();
 MALUS_BENCHMARKS(MALUS_DECLARE_BENCHMARK)

@@ -59,12 +59,15 @@ def test_writes_into_an_existing_array_without_copying(model):
     assert view.std() > 0 and not whole[:, 64:].any()
 
 
-def test_packed_planes_equal_the_packed_mosaic(model):
-    mosaic = np.random.default_rng(0).uniform(0, 500, (32, 64)).astype(np.float32)
-    packed = np.stack([mosaic[r::4, c::4] for r in range(4) for c in range(4)])
-    noisy = model.synthesize(mosaic, gain=24, seed=5)
-    expected = np.stack([noisy[r::4, c::4] for r in range(4) for c in range(4)])
-    assert np.array_equal(model.synthesize(packed, gain=24, seed=5), expected)
+@pytest.mark.parametrize("name, gain, rows, cols", [(MODEL, 24, 8, 16), (MODEL, 24, 70, 13), ("imx250mzr-simulated", 24, 41, 33),
+                                                    ("sony-a7s2", 1600, 129, 7)])
+def test_packed_planes_equal_the_packed_mosaic(name, gain, rows, cols):
+    model = malus.Model(name)
+    cell = {16: 4, 4: 2}[len(model.channels)]
+    mosaic = np.random.default_rng(0).uniform(0, 500, (rows * cell, cols * cell)).astype(np.float32)
+    pack = lambda m: np.stack([m[r::cell, c::cell] for r in range(cell) for c in range(cell)])
+    expected = pack(model.synthesize(mosaic, gain=gain, seed=5))
+    assert np.array_equal(model.synthesize(pack(mosaic), gain=gain, seed=5), expected)
 
 
 def test_other_threads_run_meanwhile(model):

@@ -1,0 +1,41 @@
+// Noise for a training batch, 16 packed planes of 512 x 512, into existing memory: the numbers that
+// the Python module and PyTorch are compared with (bench/peers/packed_*.py).
+#include "malus/base/parallel.h"
+#include "malus/base/random.h"
+#include "malus/synthesize/model.h"
+
+#include "benchmarks.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+constexpr int kChannels = 16, kSide = 512, kRepetitions = 25;
+constexpr double kGainDb = 12, kTopDn = 4000;
+
+std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
+  const int rows = context.quick ? 16 : kSide;
+  const auto noise = Model::load("imx250myr-simulated").at_gain(kGainDb);
+  Planes clean(kChannels, rows, kSide), noisy(kChannels, rows, kSide);
+  std::vector<View<const float>> from;
+  std::vector<View<float>> to;
+  for (int k = 0; k < kChannels; ++k) {
+    RandomSequence random(0, 0, Draw::kParameters, static_cast<std::uint64_t>(k));
+    for (float& v : clean[k].values()) v = static_cast<float>(kTopDn * random.uniform());
+    from.push_back(clean[k].view());
+    to.push_back(noisy[k].view());
+  }
+  std::uint32_t frame = 0;
+  const double seconds =
+      context.time_s([&] { noise.synthesize_packed(from, to, /*seed=*/1, frame++); }, kRepetitions);
+  const double pixels = static_cast<double>(kChannels) * rows * kSide;
+  return {
+      {"C++ library", pixels / seconds * 1e-6, "Mpx/s",
+       fmt::format("16 x {} x {} into existing memory, {} threads", rows, kSide, thread_count())}};
+}
+
+}  // namespace
+
+Benchmark benchmark_packed() { return {"packed", run}; }
+
+}  // namespace malus::app
