@@ -3,6 +3,8 @@
 
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/distribution.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <cmath>
 
@@ -63,6 +65,40 @@ TEST(Stabilizer, AMeasuredCurveAgreesWithTheAffineOneItSamples) {
       EXPECT_NEAR(measured.inverse(exact.forward(s)), exact.inverse(exact.forward(s)), 0.02) << s;
     }
   }
+}
+
+// Read noise with heavy tails (Tukey-lambda, lambda -0.2; Gaussian is 0.14), of which the
+// stabiliser knows the variance only; affine and tabulated curves. The truth is the numerical
+// distribution.
+TEST(Stabilizer, HeavyTailsBiasTheInverseByLessThanTwoHundredths) {
+  for (const double lambda : {-0.2, 0.14, 0.5})
+    for (const double K : {0.4, 1.55, 6.2})
+      for (const double read_e : {1.0, 2.4}) {
+        const double deviation = read_e * K;
+        const PhysicsChannel channel{
+            .gain_dn_per_e = K,
+            .lambda = lambda,
+            .mu_dn = 0,
+            .sigma_tl_dn = deviation / std::sqrt(tukey_lambda_variance(lambda)),
+            .sigma_row_dn = 0};
+        const double offset = deviation * deviation + 1.0 / 12;
+        std::vector<double> signal, variance;
+        for (double s = 0; s <= 4100; s += 4) {
+          signal.push_back(s);
+          variance.push_back(K * s + offset);
+        }
+        const Stabilizer affine(VarianceCurve::affine(K, offset), 4013);
+        const Stabilizer measured(VarianceCurve::table(signal, variance), 4013);
+        for (const double electrons : {0.0, 0.5, 2.0, 5.0, 20.0, 100.0}) {
+          const double s = electrons * K, local = std::sqrt(K * s + offset);
+          const PixelDistribution law(channel, PhysicsParts{}, 1.0, s);
+          for (const Stabilizer* stabilizer : {&affine, &measured}) {
+            const double mean = law.expectation([&](double x) { return stabilizer->forward(x); });
+            EXPECT_NEAR(stabilizer->inverse(mean), s, 0.02 * local)
+                << lambda << ", " << K << " DN/e-, " << electrons << " electrons";
+          }
+        }
+      }
 }
 
 TEST(Stabilizer, MeanOfIsTheInversesInverse) {
