@@ -77,9 +77,8 @@ TEST(CalibrateKinds, NonparametricLevelsHoldTheNoiseOfTheirSignal) {
 
 // A burst of a scene with many signals, its clean version known from a low-gain stack that has
 // another exposure.
-TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
+CalibrationInput burst_with_reference(const PhysicsNoise& noise) {
   CalibrationInput input;
-  const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
   const auto frame = [noise](double slope, double dark, std::uint32_t index, bool noisy) {
     RawFrame out;
     out.black_dn = {100};
@@ -102,6 +101,12 @@ TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
   reference.count = 2;
   reference.load = [frame](int) { return frame(3.0, 0.0, 0, false); };
   input.sets = {burst, reference};
+  return input;
+}
+
+TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
+  const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
+  const CalibrationInput input = burst_with_reference(noise);
   const NoiseModel model = calibrate(input, small_levels(), {"nonparametric"}, silent_progress());
   const NonparametricChannel& channel = model.nonparametric.at(0).channels.at(0);
   ASSERT_GT(channel.level_dn.size(), 30u);
@@ -114,6 +119,35 @@ TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
         << channel.level_dn[l];
   }
   EXPECT_NEAR(model.nonparametric[0].sigma_row_dn[0], noise.channels[0].sigma_row_dn, 0.15);
+}
+
+// Neither flats nor bias frames: the line comes from the burst's levels.
+TEST(CalibrateKinds, GaussianFromBurstsAlone) {
+  const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
+  const PhysicsChannel& truth = noise.channels[0];
+  const NoiseModel model =
+      calibrate(burst_with_reference(noise), small_levels(), {"gaussian"}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("gaussian"));
+  EXPECT_EQ(contradiction_in(model), "");
+  const GaussianCalibration& g = model.gaussian.at(0);
+  EXPECT_GT(g.levels, 30);
+  // The bins' width costs up to 2 % (NonparametricLevelsHoldTheNoiseOfTheirSignal).
+  EXPECT_NEAR(g.slope_dn[0], truth.gain_dn_per_e,
+              0.02 * truth.gain_dn_per_e + 4 * g.slope_stderr_dn[0]);
+  const double offset = pixel_variance(truth, 0) + truth.sigma_row_dn * truth.sigma_row_dn;
+  EXPECT_NEAR(g.offset_dn2[0], offset, 0.05 * offset + 4 * g.offset_stderr_dn2[0]);
+  EXPECT_LT(g.slope_stderr_dn[0], 0.02 * truth.gain_dn_per_e);
+}
+
+TEST(CalibrateKinds, ABurstOfOneLevelGivesNoLine) {
+  CalibrationInput input = burst_with_reference(polar_gain(12, "mono", 1).noise);
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      for (float& v : frame.dn.values()) v = 300.0f + static_cast<float>(i % 3);
+      return frame;
+    };
+  EXPECT_THROW(calibrate(input, small_levels(), {"gaussian"}, silent_progress()), InputError);
 }
 
 TEST(CalibrateKinds, TooFewSamplesAreRefusedWithTheNumber) {

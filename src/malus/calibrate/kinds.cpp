@@ -2,10 +2,10 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/gaussian_calibration.h"
 #include "malus/calibrate/nonparametric_calibration.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include <fmt/format.h>
 
@@ -19,25 +19,6 @@ bool contains(const std::vector<std::string>& kinds, const char* kind) {
 bool has_frames(const CalibrationInput& input, FrameKind kind) {
   return std::any_of(input.sets.begin(), input.sets.end(),
                      [kind](const FrameSet& set) { return set.kind == kind; });
-}
-
-// Variance against signal: the photon-transfer line through the dark point, rows and quantisation
-// in the offset.
-GaussianCalibration gaussian_of(const PhysicsCalibration& physics) {
-  GaussianCalibration out;
-  out.gain = physics.gain;
-  out.levels = static_cast<int>(
-      std::count_if(physics.transfer.begin(), physics.transfer.end(),
-                    [](const PhotonTransferPoint& p) { return p.channel == 0 && p.used; }));
-  out.slope_dn = physics.K.mean;
-  out.slope_stderr_dn = physics.K.standard_error;
-  out.bias_dn = physics.mu.mean;
-  for (std::size_t c = 0; c < physics.temporal_sd_dark_dn.size(); ++c) {
-    const double sd = physics.temporal_sd_dark_dn[c];
-    out.offset_dn2.push_back(sd * sd);
-    out.offset_stderr_dn2.push_back(2.0 * sd * physics.temporal_sd_dark_stderr_dn[c]);
-  }
-  return out;
 }
 
 // The reference of a burst: the one with its level label, else the only one.
@@ -74,17 +55,27 @@ std::vector<GainSetting> lit_gains(const CalibrationInput& input) {
   return gains;
 }
 
-void add_nonparametric(const CalibrationInput& input, const CalibrationSettings& settings,
-                       Progress& progress, NoiseModel& model) {
-  const std::vector<GainSetting> gains = lit_gains(input);
+// Gains with frames of a lit scene; InputError where there are none.
+std::vector<GainSetting> required_lit_gains(const CalibrationInput& input, const char* kind) {
+  std::vector<GainSetting> gains = lit_gains(input);
   if (gains.empty())
     throw InputError(input.origin, "has no bursts or flats of two frames or more",
-                     "a non-parametric model needs noise at many signal levels");
+                     fmt::format("a {} model needs noise at many signal levels", kind));
+  return gains;
+}
+
+// The distributions at these gains; what the model does not know of the sensor yet is taken from
+// the first frame.
+std::vector<NonparametricCalibration> measure_gains(const CalibrationInput& input,
+                                                    const std::vector<GainSetting>& gains,
+                                                    const CalibrationSettings& settings,
+                                                    Progress& progress, NoiseModel& model) {
   std::int64_t steps = 0;
   for (const GainSetting& gain : gains)
     for (const NoiseSource& source : sources_at(gain, input))
       steps += 2 * source.frames->count + (source.reference ? source.reference->count : 0);
   progress.begin("distributions", steps);
+  std::vector<NonparametricCalibration> measured;
   for (const GainSetting& gain : gains) {
     const std::vector<NoiseSource> sources = sources_at(gain, input);
     RawFrame first = load_first(*sources.front().frames);
@@ -97,10 +88,39 @@ void add_nonparametric(const CalibrationInput& input, const CalibrationSettings&
     }
     const auto physics = std::find_if(model.physics.begin(), model.physics.end(),
                                       [&](const PhysicsCalibration& p) { return p.gain == gain; });
-    model.nonparametric.push_back(
-        measure_levels(sources, first, physics == model.physics.end() ? nullptr : &*physics,
-                       model.row_group, settings, progress));
+    measured.push_back(measure_levels(sources, first,
+                                      physics == model.physics.end() ? nullptr : &*physics,
+                                      model.row_group, settings, progress));
   }
+  return measured;
+}
+
+// From the photon-transfer line where flats gave one, else from the levels of bursts.
+void add_gaussian(const CalibrationInput& input, const CalibrationSettings& settings,
+                  Progress& progress, NoiseModel& model) {
+  for (const PhysicsCalibration& physics : model.physics)
+    if (!physics.K.mean.empty()) model.gaussian.push_back(gaussian_of(physics));
+  std::vector<GainSetting> missing;
+  for (const GainSetting& gain : required_lit_gains(input, "Gaussian"))
+    if (std::none_of(model.gaussian.begin(), model.gaussian.end(),
+                     [&](const GaussianCalibration& g) { return g.gain == gain; }))
+      missing.push_back(gain);
+  const auto measured = measure_gains(input, missing, settings, progress, model);
+  for (const NonparametricCalibration& levels : measured) {
+    const double range = model.white_dn - model.black_dn.front();
+    const auto line = gaussian_of(levels, settings.saturation_limit * range);
+    if (!line)
+      throw InputError(input.origin,
+                       fmt::format("{}: no line of variance against signal: {}", levels.gain.text(),
+                                   line.reason()),
+                       "give a burst of a scene with many signal levels, or flats, or lower "
+                       "--level-samples");
+    model.gaussian.push_back(*line);
+  }
+  std::sort(model.gaussian.begin(), model.gaussian.end(),
+            [](const GaussianCalibration& a, const GaussianCalibration& b) {
+              return a.gain.decibel().value_or(0.0) < b.gain.decibel().value_or(0.0);
+            });
 }
 
 // Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black.
@@ -150,7 +170,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
       throw InputError("--kind", fmt::format("{} is not a kind of model", kind),
                        "choose of " + joined(calibrated_kinds()));
   NoiseModel model;
-  if (contains(kinds, "physics") || contains(kinds, "gaussian") || contains(kinds, "dark-frames") ||
+  if (contains(kinds, "physics") || contains(kinds, "dark-frames") ||
       has_frames(input, FrameKind::kBias)) {
     model = calibrate_physics(input, settings, progress);
   } else {
@@ -159,14 +179,10 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
     model.row_group = input.row_group.value_or(1);
     model.row_group_origin = input.row_group ? "declared" : "assumed";
   }
-  if (contains(kinds, "gaussian")) {
-    for (const PhysicsCalibration& physics : model.physics)
-      if (!physics.K.mean.empty()) model.gaussian.push_back(gaussian_of(physics));
-    if (model.gaussian.empty())
-      throw InputError(input.origin, "has no gain with a photon-transfer curve",
-                       "a Gaussian model needs flat frames at two light levels or more");
-  }
-  if (contains(kinds, "nonparametric")) add_nonparametric(input, settings, progress, model);
+  if (contains(kinds, "gaussian")) add_gaussian(input, settings, progress, model);
+  if (contains(kinds, "nonparametric"))
+    model.nonparametric = measure_gains(input, required_lit_gains(input, "non-parametric"),
+                                        settings, progress, model);
   if (contains(kinds, "dark-frames")) add_dark_frames(input, settings, progress, model);
   if (!contains(kinds, "physics")) {
     model.physics.clear();

@@ -7,6 +7,7 @@ set(calibrate_SOURCES
   flat_calibration.cpp
   frame_components.cpp
   frame_set.cpp
+  gaussian_calibration.cpp
   kinds.cpp
   level_histograms.cpp
   nonparametric_calibration.cpp

@@ -1,0 +1,19 @@
+// Heteroscedastic Gaussian noise, variance = slope s + offset, from what other kinds measured.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/noise/calibration.h"
+
+namespace malus {
+
+/// The photon-transfer line through the dark point, rows and quantisation in the offset. Contract:
+/// K and the temporal dark noise were measured.
+GaussianCalibration gaussian_of(const PhysicsCalibration& physics);
+
+/// A line through the variances of the signal levels up to highest_dn, each weighted by its
+/// sampling error; row noise goes into the offset. Standard errors grow where the levels scatter
+/// about the line by more than sampling. Undecided with fewer than three levels of a channel.
+Estimate<GaussianCalibration> gaussian_of(const NonparametricCalibration& levels,
+                                          double highest_dn);
+
+}  // namespace malus
