@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <string>
 
+#include "live_progress.h"
 #include "program.h"
 #include <fmt/format.h>
 #include <unistd.h>
@@ -41,10 +42,19 @@ void ask(const CaptureStep& step) {
   for (int c = std::getchar(); c != '\n' && c != EOF; c = std::getchar()) continue;
 }
 
+std::string live_text(const StepReport& step) {
+  return fmt::format("mean {:.1f} DN, noise {:.2f} DN, saturated {:.2f} %, lost {}", step.mean_dn,
+                     step.temporal_sd_dn, 100 * step.saturated_share, step.lost);
+}
+
 void take(const Common& common, const std::string& plan_path, const std::string& folder) {
   const auto plan = load_capture_plan(plan_path);
-  const auto progress = make_progress(common);
-  const auto report = capture(plan, folder, ask, *progress);
+  const auto remark = std::make_shared<Remark>();
+  const auto progress = make_live_progress(common, remark);
+  const auto report =
+      capture(plan, folder,
+              {.ask = ask, .watch = [&](const StepReport& step) { remark->set(live_text(step)); }},
+              *progress);
   Json steps = Json::array();
   std::string text = fmt::format("{}, {}, {:g} frames per second\n", report.camera,
                                  report.pixel_format, report.frame_rate_hz);

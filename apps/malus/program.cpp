@@ -11,6 +11,7 @@
 #include <mutex>
 #include <new>
 
+#include "live_progress.h"
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -29,7 +30,8 @@ void request_stop(int signal) {
 
 class TerminalProgress final : public Progress {
  public:
-  explicit TerminalProgress(bool visible) : visible_(visible) {}
+  TerminalProgress(bool visible, std::shared_ptr<const Remark> remark)
+      : visible_(visible), remark_(std::move(remark)) {}
   ~TerminalProgress() override { erase(); }
 
   void begin(std::string_view stage, std::int64_t total) override {
@@ -65,8 +67,8 @@ class TerminalProgress final : public Progress {
     constexpr int kWidth = 28;
     std::string bar(static_cast<std::size_t>(part * kWidth), '#');
     bar.resize(kWidth, '.');
-    fmt::print(stderr, "\r{} [{}] {:3.0f} %  {:.0f} s left \033[K", stage_, bar, 100 * part,
-               left_s);
+    fmt::print(stderr, "\r{} [{}] {:3.0f} %  {:.0f} s left  {}\033[K", stage_, bar, 100 * part,
+               left_s, remark_ ? remark_->text() : "");
     std::fflush(stderr);
     drawn_ = true;
   }
@@ -76,6 +78,7 @@ class TerminalProgress final : public Progress {
   }
 
   bool visible_, drawn_ = false;
+  std::shared_ptr<const Remark> remark_;
   std::mutex mutex_;
   std::string stage_;
   std::int64_t total_ = 0, done_ = 0;
@@ -119,9 +122,15 @@ void note(const Common& common, std::string_view line) {
 void warn(std::string_view line) { fmt::print(stderr, "warning: {}\n", line); }
 
 std::unique_ptr<Progress> make_progress(const Common& common) {
+  return make_live_progress(common, nullptr);
+}
+
+std::unique_ptr<Progress> make_live_progress(const Common& common,
+                                             std::shared_ptr<const Remark> remark) {
   std::signal(SIGINT, request_stop);
   std::signal(SIGTERM, request_stop);
-  return std::make_unique<TerminalProgress>(!common.quiet && isatty(STDERR_FILENO) == 1);
+  return std::make_unique<TerminalProgress>(!common.quiet && isatty(STDERR_FILENO) == 1,
+                                            std::move(remark));
 }
 
 int run_program(CLI::App& app, int argc, char** argv) {

@@ -79,8 +79,8 @@ TEST(Capture, FakeCameraGivesASessionThatLoads) {
   const TemporaryFolder folder;
   const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
   int asked = 0;
-  const auto report = capture(
-      plan, folder / "out", [&](const CaptureStep&) { ++asked; }, silent_progress());
+  const auto report = capture(plan, folder / "out", {.ask = [&](const CaptureStep&) { ++asked; }},
+                              silent_progress());
   EXPECT_EQ(asked, 1);
   const auto session = load_session(report.session);
   ASSERT_EQ(session.groups.size(), 4u);
@@ -99,13 +99,12 @@ TEST(Capture, FakeCameraGivesASessionThatLoads) {
 TEST(Capture, ContinuesAfterAnInterruption) {
   const TemporaryFolder folder;
   const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
-  const auto none = [](const CaptureStep&) {};
-  capture(plan, folder / "out", none, silent_progress());
+  capture(plan, folder / "out", {}, silent_progress());
   const auto kept = folder / "out" / "bias/g0/e0.0001/f000001.tif";
   const auto time = std::filesystem::last_write_time(kept);
   std::filesystem::remove(folder / "out" / "bias/g0/e0.0001/f000003.tif");
   std::filesystem::remove(folder / "out" / "session.toml");
-  const auto report = capture(plan, folder / "out", none, silent_progress());
+  const auto report = capture(plan, folder / "out", {}, silent_progress());
   EXPECT_EQ(report.steps[0].kept, 2);
   EXPECT_EQ(report.steps[0].taken, 3);
   EXPECT_EQ(report.steps[1].taken, 0);
@@ -115,18 +114,16 @@ TEST(Capture, ContinuesAfterAnInterruption) {
 
 TEST(Capture, RefusesTheFolderOfAnotherPlanAndImpossibleSettings) {
   const TemporaryFolder folder;
-  const auto none = [](const CaptureStep&) {};
-  capture(load_capture_plan(write_plan(folder, kFakePlan)), folder / "out", none,
-          silent_progress());
+  capture(load_capture_plan(write_plan(folder, kFakePlan)), folder / "out", {}, silent_progress());
   std::string other = kFakePlan;
   other.replace(other.find("frames = 5"), 10, "frames = 6");
-  EXPECT_THROW(capture(load_capture_plan(write_plan(folder, other)), folder / "out", none,
-                       silent_progress()),
-               InputError);
+  EXPECT_THROW(
+      capture(load_capture_plan(write_plan(folder, other)), folder / "out", {}, silent_progress()),
+      InputError);
   other.replace(other.find("[0, 6]"), 6, "[0, 600]");
-  EXPECT_THROW(capture(load_capture_plan(write_plan(folder, other)), folder / "new", none,
-                       silent_progress()),
-               InputError);
+  EXPECT_THROW(
+      capture(load_capture_plan(write_plan(folder, other)), folder / "new", {}, silent_progress()),
+      InputError);
   EXPECT_THROW(Camera("Fake_99"), InputError);
 }
 

@@ -75,6 +75,23 @@ class ErrorSlot {
   GError* error_ = nullptr;
 };
 
+// False where the buffer holds less than its own description says.
+bool copy_frame(ArvBuffer* buffer, CameraFrame& frame) {
+  const auto* format = known_format(arv_buffer_get_image_pixel_format(buffer));
+  frame.number = arv_buffer_get_frame_id(buffer);
+  frame.rows = arv_buffer_get_image_height(buffer);
+  frame.cols = arv_buffer_get_image_width(buffer);
+  std::size_t size = 0;
+  const auto* bytes = static_cast<const std::uint8_t*>(arv_buffer_get_data(buffer, &size));
+  if (!format || frame.rows <= 0 || frame.cols <= 0 || !bytes) return false;
+  const std::size_t wanted = raw_format_bytes(format->raw, frame.rows, frame.cols);
+  if (size < wanted) return false;
+  frame.format = format->raw;
+  frame.bits = format->bits;
+  frame.bytes.assign(bytes, bytes + wanted);
+  return true;
+}
+
 void update_list(bool with_fake) {
   with_fake ? arv_enable_interface("Fake") : arv_disable_interface("Fake");
   arv_update_device_list();
@@ -290,29 +307,22 @@ void Camera::stop() {
   handle_->check(error, "stopping the acquisition");
 }
 
-bool Camera::next(CameraFrame& frame, double timeout_s) {
+FrameStatus Camera::next(CameraFrame& frame, double timeout_s) {
   MALUS_REQUIRE(handle_->stream);
   ArvBuffer* buffer =
       arv_stream_timeout_pop_buffer(handle_->stream, static_cast<guint64>(timeout_s * 1e6));
-  if (!buffer) return false;
-  bool whole = arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS;
-  if (whole) {
-    const auto* format = known_format(arv_buffer_get_image_pixel_format(buffer));
-    frame.number = arv_buffer_get_frame_id(buffer);
-    frame.rows = arv_buffer_get_image_height(buffer);
-    frame.cols = arv_buffer_get_image_width(buffer);
-    std::size_t size = 0;
-    const auto* bytes = static_cast<const std::uint8_t*>(arv_buffer_get_data(buffer, &size));
-    whole = format && frame.rows > 0 && frame.cols > 0 && bytes &&
-            size >= raw_format_bytes(format->raw, frame.rows, frame.cols);
-    if (whole) {
-      frame.format = format->raw;
-      frame.bits = format->bits;
-      frame.bytes.assign(bytes, bytes + raw_format_bytes(format->raw, frame.rows, frame.cols));
-    }
-  }
+  if (!buffer) return FrameStatus::kNone;
+  const bool whole =
+      arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS && copy_frame(buffer, frame);
   arv_stream_push_buffer(handle_->stream, buffer);
-  return whole;
+  return whole ? FrameStatus::kWhole : FrameStatus::kDamaged;
+}
+
+StreamCounts Camera::counts() const {
+  MALUS_REQUIRE(handle_->stream);
+  guint64 completed = 0, failures = 0, underruns = 0;
+  arv_stream_get_statistics(handle_->stream, &completed, &failures, &underruns);
+  return {failures, underruns};
 }
 
 }  // namespace malus

@@ -30,6 +30,18 @@ struct CameraFrame {
   std::vector<std::uint8_t> bytes;
 };
 
+enum class FrameStatus {
+  kWhole,
+  kDamaged,  ///< packets are missing
+  kNone,     ///< nothing came in time
+};
+
+/// What a stream knows of itself since its start.
+struct StreamCounts {
+  std::uint64_t damaged = 0;     ///< frames with missing packets
+  std::uint64_t unreceived = 0;  ///< frames that found no free buffer
+};
+
 /// Cameras on all interfaces; the fake one only when asked for.
 std::vector<CameraIdentity> list_cameras(bool with_fake);
 /// The same with its pixel formats. Throws InputError.
@@ -66,8 +78,10 @@ class Camera {
   /// Starts streaming with this many buffers in flight.
   void start(int buffers);
   void stop();
-  /// Waits for the next frame; false after timeout_s, or when the frame came damaged.
-  bool next(CameraFrame& frame, double timeout_s);
+  /// Waits for the next frame; it is filled in when it came whole.
+  FrameStatus next(CameraFrame& frame, double timeout_s);
+  /// Contract: between start and stop.
+  StreamCounts counts() const;
 
  private:
   struct Handle;

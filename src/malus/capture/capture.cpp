@@ -8,6 +8,7 @@
 #include "malus/capture/frame_writer.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <iterator>
@@ -75,6 +76,15 @@ int whole_frames(const fs::path& folder, int wanted) {
   return count;
 }
 
+// What a run that was killed had begun to write (base/atomic_file.h: hidden names).
+void remove_unfinished(const fs::path& folder) {
+  std::vector<fs::path> unfinished;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.path().filename().string().starts_with(".") && entry.path().extension() == ".tif")
+      unfinished.push_back(entry.path());
+  for (const auto& path : unfinished) fs::remove(path);
+}
+
 RawFrame decoded(const CameraFrame& in, const CapturePlan& plan, const StepReport& report) {
   RawFrame frame;
   frame.dn = Image(in.rows, in.cols);
@@ -129,11 +139,27 @@ class LiveCheck {
   Moments mean_, saturated_, variance_;
 };
 
-// GigE Vision counts in 16 bits without 0 (or 64 bits); USB3 Vision in 64 from 0. A step back is a
-// new stream or a wrap.
-std::int64_t frames_missing(std::uint64_t before, std::uint64_t now) {
-  return now > before + 1 ? static_cast<std::int64_t>(now - before - 1) : 0;
-}
+// Frames that the camera sent in vain: gaps in its own count, or, for cameras that count only what
+// arrives, what the stream says.
+class LossCount {
+ public:
+  explicit LossCount(const StreamCounts& start) : start_(start) {}
+  // GigE Vision counts in 16 bits without 0 (or 64 bits); USB3 Vision in 64 from 0. A step back is
+  // a wrap.
+  void add(std::uint64_t number) {
+    if (last_ && number > *last_ + 1) gaps_ += number - *last_ - 1;
+    last_ = number;
+  }
+  std::int64_t lost(const StreamCounts& now) const {
+    const auto told = now.damaged - start_.damaged + now.unreceived - start_.unreceived;
+    return static_cast<std::int64_t>(std::max(gaps_, told));
+  }
+
+ private:
+  StreamCounts start_;
+  std::optional<std::uint64_t> last_;
+  std::uint64_t gaps_ = 0;
+};
 
 void settle(Camera& camera, int frames, double timeout_s, const Progress& progress) {
   CameraFrame unused;
@@ -145,14 +171,16 @@ void settle(Camera& camera, int frames, double timeout_s, const Progress& progre
 
 class Run {
  public:
-  Run(const CapturePlan& plan, const fs::path& folder, Camera& camera, Progress& progress)
-      : plan_(plan), folder_(folder), camera_(camera), progress_(progress) {}
+  Run(const CapturePlan& plan, const fs::path& folder, Camera& camera,
+      const CaptureWatcher& watcher, Progress& progress)
+      : plan_(plan), folder_(folder), camera_(camera), watcher_(watcher), progress_(progress) {}
 
   StepReport take(const CaptureStep& step) {
     StepReport report;
     report.step = step;
     const fs::path folder = folder_ / step.folder();
     make_output_folder(folder);
+    remove_unfinished(folder);
     report.kept = whole_frames(folder, step.frames);
     report.gain_db = camera_.set_gain_db(step.gain_db);
     report.exposure_s = camera_.set_exposure_s(step.exposure_s);
@@ -165,28 +193,20 @@ class Run {
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
+
   void stream(const fs::path& folder, StepReport& report) {
-    const double timeout_s = report.exposure_s + 2.0;
+    const double timeout_s = report.exposure_s + kPatience_s;
     camera_.start(kStreamBuffers);
     settle(camera_, plan_.settle_frames, timeout_s, progress_);
     LiveCheck check;
+    LossCount losses(camera_.counts());
     CameraFrame frame;
-    std::optional<std::uint64_t> last;
-    int damaged_in_a_row = 0;
     std::optional<FrameWriter> writer;
+    auto watched = Clock::now();
     while (report.kept + report.taken < report.step.frames) {
-      check_stop(progress_);
-      if (!camera_.next(frame, timeout_s)) {
-        ++report.lost;
-        if (++damaged_in_a_row > kMostDamaged)
-          throw InputError(plan_.source.string(),
-                           fmt::format("no whole frame in {} tries", kMostDamaged),
-                           "check the cable, the packet size and the bandwidth of the link");
-        continue;
-      }
-      damaged_in_a_row = 0;
-      if (last) report.lost += frames_missing(*last, frame.number);
-      last = frame.number;
+      wait_for_whole(frame, timeout_s);
+      losses.add(frame.number);
       RawFrame raw = decoded(frame, plan_, report);
       check.add(raw);
       if (!writer)
@@ -195,10 +215,37 @@ class Run {
       writer->write(frame_path(folder, report.kept + report.taken), std::move(raw));
       ++report.taken;
       progress_.advance(1);
+      if (Clock::now() - watched < kWatchInterval) continue;
+      watched = Clock::now();
+      report.lost = losses.lost(camera_.counts());
+      check.report(report);
+      watcher_.watch(report);
     }
+    report.lost = losses.lost(camera_.counts());
     if (writer) writer->finish();
     camera_.stop();
     check.report(report);
+    watcher_.watch(report);
+    warn_about(report);
+  }
+
+  void wait_for_whole(CameraFrame& frame, double timeout_s) {
+    for (int damaged = 0, silent = 0;;) {
+      check_stop(progress_);
+      const FrameStatus status = camera_.next(frame, timeout_s);
+      if (status == FrameStatus::kWhole) return;
+      if (status == FrameStatus::kDamaged && ++damaged == kMostDamaged)
+        throw InputError(plan_.source.string(),
+                         fmt::format("no whole frame in {} tries", kMostDamaged),
+                         "check the cable, the packet size and the bandwidth of the link");
+      if (status == FrameStatus::kNone && ++silent == kMostSilent)
+        throw InputError(plan_.source.string(),
+                         fmt::format("no frame came in {:g} s", silent * timeout_s),
+                         "check the cable and the camera's trigger; the same command continues");
+    }
+  }
+
+  void warn_about(const StepReport& report) {
     if (report.saturated_share > kSaturationWarning && report.step.kind != FrameKind::kBias)
       progress_.warn(
           fmt::format("{}: {:.2f} % of the pixels are saturated; lower the light or the exposure",
@@ -208,10 +255,13 @@ class Run {
                                  report.step.folder(), report.lost));
   }
 
-  static constexpr int kMostDamaged = 20;
+  static constexpr int kMostDamaged = 20, kMostSilent = 3;  // in a row
+  static constexpr double kPatience_s = 2;                  // beyond the exposure
+  static constexpr std::chrono::seconds kWatchInterval{1};
   const CapturePlan& plan_;
   fs::path folder_;
   Camera& camera_;
+  const CaptureWatcher& watcher_;
   Progress& progress_;
 };
 
@@ -238,16 +288,16 @@ fs::path write_session(const CapturePlan& plan, const fs::path& folder,
 }  // namespace
 
 CaptureReport capture(const CapturePlan& plan, const fs::path& folder,
-                      const std::function<void(const CaptureStep&)>& ask, Progress& progress) {
+                      const CaptureWatcher& watcher, Progress& progress) {
   claim_folder(plan, folder);
   Camera camera(plan.camera);
   CaptureReport report;
   report.camera = camera.name();
   report.pixel_format = prepare_camera(plan, camera);
   report.frame_rate_hz = camera.set_frame_rate_hz(plan.frame_rate_hz.value_or(0));
-  Run run(plan, folder, camera, progress);
+  Run run(plan, folder, camera, watcher, progress);
   for (const auto& step : plan.steps) {
-    if (!step.prompt.empty()) ask(step);
+    if (!step.prompt.empty()) watcher.ask(step);
     report.steps.push_back(run.take(step));
   }
   report.session = write_session(plan, folder, report);

@@ -18,7 +18,7 @@ struct StepReport {
   CaptureStep step;
   double gain_db = 0, exposure_s = 0;  ///< as the camera reports them
   int taken = 0, kept = 0;             ///< new frames; frames of an earlier run
-  std::int64_t lost = 0;               ///< lost or damaged, and taken again
+  std::int64_t lost = 0;               ///< frames that the camera sent in vain; others replace them
   double mean_dn = 0, temporal_sd_dn = 0, saturated_share = 0;  ///< of the new frames; 0 when none
 };
 
@@ -29,13 +29,21 @@ struct CaptureReport {
   std::filesystem::path session;
 };
 
+/// Who stands at the camera.
+struct CaptureWatcher {
+  /// A step with a prompt is about to start: "cover the lens".
+  std::function<void(const CaptureStep&)> ask = [](const CaptureStep&) {};
+  /// The live check: the step so far, about once a second and at its end.
+  std::function<void(const StepReport&)> watch = [](const StepReport&) {};
+};
+
 /// Checks the plan against the camera (ranges, pixel format) before the first frame; sets black
 /// level, size and features, turns automatic functions off; at each step waits for settings to
 /// settle, streams, and writes <folder>/<kind>/g<gain>/e<exposure>/f000001.tif. Whole frames of an
-/// interrupted run of the same plan are kept. Memory does not grow with the number of frames. ask
-/// is called with each step that has a prompt, before it starts. Throws InputError (camera, plan,
-/// folder of another plan) or Cancelled; then what is written is whole and a new call continues.
+/// interrupted run of the same plan are kept. Memory does not grow with the number of frames.
+/// Throws InputError (camera, plan, folder of another plan) or Cancelled; then what is written is
+/// whole and a new call continues.
 CaptureReport capture(const CapturePlan& plan, const std::filesystem::path& folder,
-                      const std::function<void(const CaptureStep&)>& ask, Progress& progress);
+                      const CaptureWatcher& watcher, Progress& progress);
 
 }  // namespace malus

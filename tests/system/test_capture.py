@@ -1,0 +1,234 @@
+"""malus capture against Aravis' fake cameras: in the process, and as a GigE Vision camera on the loopback interface.
+
+The fake camera draws a ramp that moves by one step with every frame: pixel (0, 0) counts frames modulo 256, so that lost and
+doubled frames can be seen in the pictures themselves.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+import tomllib
+import uuid
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import BUILD, PROGRAM
+
+pytestmark = pytest.mark.skipif(not (BUILD / "libmalus_capture.a").exists(), reason="built without capture (Aravis is missing)")
+
+PLAN = """
+[sensor]
+name = "fake"
+layout = "mono"
+black = 0
+[camera]
+id = "{camera}"
+width = 128
+height = 64
+[[capture]]
+kind = "bias"
+gain_db = 0
+exposure_s = 0.01
+frames = {frames}
+"""
+STEP = "bias/g0/e0.01"
+
+
+@pytest.fixture
+def plan(tmp_path):
+    def write(frames, camera="Fake_1", more=""):
+        path = tmp_path / "plan.toml"
+        path.write_text(PLAN.format(camera=camera, frames=frames) + more)
+        return path
+
+    return write
+
+
+def pictures(folder):
+    return sorted((folder / STEP).iterdir())
+
+
+def ramp(paths):
+    corner = np.array([np.asarray(Image.open(path))[0, 0] for path in paths], dtype=int)
+    return (corner + 1) // 256
+
+
+def steps(paths):
+    return np.diff(ramp(paths)) % 256
+
+
+def test_list_shows_the_camera_and_its_formats(malus):
+    cameras = {camera["id"]: camera for camera in malus("capture", "--list", "--json").json["cameras"]}
+    assert {"Mono8", "Mono16"} <= set(cameras["Fake_1"]["pixel_formats"])
+    assert "Fake_1" in malus("capture", "--list").out
+
+
+def test_live_check_is_what_the_frames_hold(malus, plan, tmp_path):
+    bright = '[[capture]]\nkind = "flat"\ngain_db = 6\nexposure_s = 0.02\nframes = 6\n'
+    done = malus("capture", plan(12, more=bright), "-o", tmp_path / "out", "--json")
+    for step in done.json["steps"]:
+        frames = [np.asarray(Image.open(path)).astype(float) for path in sorted((tmp_path / "out" / step["folder"]).iterdir())]
+        assert step["mean_dn"] == pytest.approx(np.mean(frames), rel=1e-6)
+        assert step["saturated_share"] == pytest.approx(np.mean(np.array(frames) >= 65535))
+        differences = [np.var(a - b) / 2 for a, b in zip(frames, frames[1:])]
+        assert step["temporal_sd_dn"] == pytest.approx(np.sqrt(np.mean(differences)), rel=1e-6)
+    assert done.json["steps"][1]["saturated_share"] > 0.5
+    assert "flat/g6" in done.err and "saturated" in done.err and "bias" not in done.err
+
+
+def test_from_camera_to_report(malus, plan, tmp_path):
+    flats = '[[capture]]\nkind = "flat"\ngain_db = 0\nexposure_s = [0.002, 0.004, 0.006, 0.008]\nframes = 4\n'
+    path = plan(10, more=flats)
+    path.write_text(path.read_text().replace("exposure_s = 0.01\n", "exposure_s = 0.0011\n"))
+    command = f"{PROGRAM} capture {path} -o {tmp_path}/out && " \
+              f"{PROGRAM} calibrate {tmp_path}/out/session.toml -o {tmp_path}/model.h5 --report {tmp_path}/report.html"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    shown = malus("model", "show", tmp_path / "model.h5", "--json").json
+    assert shown["sensor"] == "fake" and shown["gains"][0]["frames"] == 10 and shown["gains"][0]["K"]["value"][0] > 0
+    assert "<html" in (tmp_path / "report.html").read_text()[:2000]
+
+
+def check_complete(folder, frames, report):
+    paths = pictures(folder)
+    assert [path.name for path in paths] == [f"f{i + 1:06d}.tif" for i in range(frames)]
+    assert report["steps"][0]["taken"] + report["steps"][0]["kept"] == frames
+    session = tomllib.loads((folder / "session.toml").read_text())
+    assert session["frames"][0]["paths"] == [f"{STEP}/{path.name}" for path in paths]
+    assert np.asarray(Image.open(paths[-1])).shape == (64, 128)
+
+
+def run_and_end(plan, folder, frames, how):
+    """Starts a capture and ends it once so many frames lie in the folder; returns those up to the first gap."""
+    process = subprocess.Popen([PROGRAM, "capture", plan, "-o", folder], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not (folder / STEP).exists() or len(list((folder / STEP).glob("f*.tif"))) < frames:
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.002)
+    process.send_signal(how)
+    process.communicate()
+    whole = [path for i, path in enumerate(sorted((folder / STEP).glob("f*.tif"))) if path.name == f"f{i + 1:06d}.tif"]
+    return process.returncode, {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in whole}
+
+
+def test_killed_again_and_again_nothing_is_lost_or_doubled(malus, plan, tmp_path):
+    path, folder = plan(700), tmp_path / "out"
+    kept = {}
+    for frames in (50, 200, 400):
+        code, whole = run_and_end(path, folder, frames, signal.SIGKILL)
+        assert code == -signal.SIGKILL and len(whole) >= len(kept)
+        assert all(whole[old] == content for old, content in kept.items())
+        kept = whole
+    report = malus("capture", path, "-o", folder, "--json").json
+    check_complete(folder, 700, report)
+    assert report["steps"][0]["kept"] >= 390
+    assert all((old.stat().st_mtime_ns, old.read_bytes()) == content for old, content in kept.items())
+    # Within each run the camera's count goes on without a gap: only the four runs' seams differ.
+    assert np.count_nonzero(steps(pictures(folder)) != 1) <= 3
+
+
+def test_stopped_by_the_user_and_continued(malus, plan, tmp_path):
+    path, folder = plan(600), tmp_path / "out"
+    code, _ = run_and_end(path, folder, 100, signal.SIGINT)
+    assert code == 130 and not (folder / "session.toml").exists()
+    check_complete(folder, 600, malus("capture", path, "-o", folder, "--json").json)
+
+
+def test_what_the_camera_cannot_do_is_refused_before_the_first_frame(refused, plan, tmp_path):
+    path = plan(5, more='[[capture]]\nkind = "flat"\ngain_db = 600\nexposure_s = 0.01\nframes = 5\n')
+    assert "600 dB" in refused("capture", path, "-o", tmp_path / "out")
+    assert not (tmp_path / "out" / STEP).exists()
+    path.write_text(path.read_text().replace("[camera]", '[camera]\npixel_format = "Mono12p"').replace("600", "0"))
+    assert "Mono12p" in refused("capture", path, "-o", tmp_path / "other")
+
+
+@pytest.fixture
+def network_camera():
+    """network_camera(*options) starts a GigE Vision camera on the loopback interface; returns its id and process."""
+    program = shutil.which("arv-fake-gv-camera-0.8")
+    if program is None:
+        pytest.skip("needs arv-fake-gv-camera-0.8 (aravis-tools)")
+    started = []
+
+    def start(*options, serial=None):
+        serial = serial or "M" + uuid.uuid4().hex[:8]
+        process = subprocess.Popen([program, "-i", "127.0.0.1", "-s", serial, *options], stdout=subprocess.DEVNULL,
+                                   stderr=subprocess.DEVNULL)
+        started.append(process)
+        for _ in range(10):
+            listed = subprocess.run([PROGRAM, "capture", "--list", "--json"], capture_output=True, text=True).stdout
+            if serial in listed:
+                return f"Aravis-Fake-{serial}", serial, process
+            if process.poll() is not None:
+                break
+        pytest.skip("the fake GigE Vision camera does not run here (loopback interface)")
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_network_camera_without_a_gap(malus, plan, tmp_path, network_camera):
+    camera, _, _ = network_camera()
+    report = malus("capture", plan(1500, camera), "-o", tmp_path / "out", "--json").json
+    assert report["steps"][0]["lost"] == 0
+    check_complete(tmp_path / "out", 1500, report)
+    assert set(steps(pictures(tmp_path / "out"))) == {1}
+
+
+@pytest.mark.slow
+def test_lost_frames_are_taken_again_and_counted(malus, plan, tmp_path, network_camera):
+    """A link that loses 2 % of its packets: what is reported is what the ramp of the kept frames skips."""
+    camera, _, _ = network_camera("-r", "20")
+    done = malus("capture", plan(200, camera), "-o", tmp_path / "out", "--json")
+    check_complete(tmp_path / "out", 200, done.json)
+    skipped = int(np.sum(steps(pictures(tmp_path / "out")) - 1))
+    assert skipped > 10
+    # Frames lost before the first kept one was seen belong to no gap between kept ones.
+    assert skipped <= done.json["steps"][0]["lost"] <= skipped + 3
+    assert "were lost on the way and taken again" in done.err
+
+
+@pytest.mark.slow
+def test_a_camera_that_goes_away_is_named_and_the_rest_taken_later(malus, plan, tmp_path, network_camera):
+    camera, serial, process = network_camera()
+    path, folder = plan(800, camera), tmp_path / "out"
+    running = subprocess.Popen([PROGRAM, "capture", path, "-o", folder], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not (folder / STEP).exists() or len(list((folder / STEP).iterdir())) < 100:
+        assert running.poll() is None, running.stderr.read()
+        time.sleep(0.005)
+    process.kill()
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 1 and "no frame came" in said and said.count("\n") == 1
+    network_camera(serial=serial)
+    report = malus("capture", path, "-o", folder, "--json").json
+    assert report["steps"][0]["kept"] >= 100
+    check_complete(folder, 800, report)
+
+
+def peak_memory_kb(arguments, stdout):
+    with open(stdout, "w") as out:
+        process = subprocess.Popen([PROGRAM, *map(str, arguments)], stdout=out)
+        _, status, usage = os.wait4(process.pid, 0)
+    assert status == 0
+    return usage.ru_maxrss
+
+
+@pytest.mark.slow
+def test_ten_thousand_frames_at_full_rate(plan, tmp_path):
+    """None lost, none doubled, in memory that does not grow."""
+    peak_kb = {}
+    for frames in (1000, 10000):
+        folder, out = tmp_path / str(frames), tmp_path / f"{frames}.json"
+        peak_kb[frames] = peak_memory_kb(["capture", plan(frames), "-o", folder, "--json"], out)
+    report = json.loads(out.read_text())
+    assert report["frame_rate_hz"] >= 1000 and report["steps"][0]["lost"] == 0
+    check_complete(folder, 10000, report)
+    assert set(steps(pictures(folder))) == {1}
+    assert peak_kb[10000] < peak_kb[1000] + 40_000  # 10000 frames of 16 kB are 160 MB
