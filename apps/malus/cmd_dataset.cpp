@@ -10,7 +10,9 @@
 #include "malus/synthesize/dataset.h"
 #include "malus/synthesize/model.h"
 
+#include <charconv>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -70,8 +72,17 @@ Plan load_plan(const fs::path& path) {
 }
 
 int from_environment(std::initializer_list<const char*> names, int otherwise) {
-  for (const char* name : names)
-    if (const char* text = std::getenv(name)) return std::atoi(text);
+  for (const char* name : names) {
+    const char* text = std::getenv(name);
+    if (text == nullptr) continue;
+    int value = 0;
+    const char* end = text + std::strlen(text);
+    const auto [stop, error] = std::from_chars(text, end, value);
+    if (error != std::errc() || stop != end)
+      throw InputError(fmt::format("{}={}", name, text), "is not a whole number",
+                       "unset it, or give --rank and --world");
+    return value;
+  }
   return otherwise;
 }
 

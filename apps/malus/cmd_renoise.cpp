@@ -121,7 +121,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
                               .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
     if (naive)
       CompiledNoise(target_physics(model, to, !arguments.as_float))
-          .apply(result.view(), result.view(), address);
+          .apply(result.view(), result.view(), second_noise(address));
     else
       renoiser->apply(frame.dn, result, result, address);
     save_frame(names[i], renoised_frame(arguments, model, to, std::move(result)), save);

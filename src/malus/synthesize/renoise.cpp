@@ -196,6 +196,12 @@ std::vector<double> PixelBins::probabilities(double signal_dn, double width_dn, 
   return p;
 }
 
+DrawAddress second_noise(const DrawAddress& address) {
+  DrawAddress second = address;
+  second.seed ^= 0x5EC0'0D00'0015'E000u;
+  return second;
+}
+
 Renoiser::Renoiser(const SensorLayout& layout, const NonparametricCalibration& from,
                    const NonparametricCalibration& to, int row_group)
     : sampler_(layout, measured_differences(layout, from, to),
@@ -207,7 +213,7 @@ Renoiser::Renoiser(const PhysicsNoise& from, const PhysicsNoise& to, double whit
 
 void Renoiser::apply(View<const float> noisy_dn, View<const float> guide_dn,
                      View<float> renoised_dn, const DrawAddress& address) const {
-  sampler_.apply(guide_dn, noisy_dn, renoised_dn, address);
+  sampler_.apply(guide_dn, noisy_dn, renoised_dn, second_noise(address));
 }
 
 }  // namespace malus

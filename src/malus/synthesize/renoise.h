@@ -42,6 +42,10 @@ class PixelBins {
   std::vector<double> read_cdf_;  ///< at equal steps from -reach_dn_ to reach_dn_
 };
 
+/// The address that second noise is drawn at: a frame synthesized under the same seed and number
+/// must not meet the same random words again, or the two noises would be correlated.
+DrawAddress second_noise(const DrawAddress& address);
+
 class Renoiser {
  public:
   /// Both at one sensor. Throws InputError where the target is quieter than the source at some
@@ -51,7 +55,8 @@ class Renoiser {
   /// From physics noise at the two gains; white_dn: largest signal, DN above black.
   Renoiser(const PhysicsNoise& from, const PhysicsNoise& to, double white_dn);
 
-  /// renoised = noisy + a draw of d at the guide's level. All DN above black; in place if wanted.
+  /// renoised = noisy + a draw of d at the guide's level, at second_noise(address). All DN above
+  /// black; in place if wanted.
   void apply(View<const float> noisy_dn, View<const float> guide_dn, View<float> renoised_dn,
              const DrawAddress& address) const;
 
