@@ -55,6 +55,14 @@ def test_no_two_items_have_the_same_noise(example):
     assert np.abs(correlation - np.eye(24)).max() < 5 / np.sqrt(noise[0].size)
 
 
+def test_documentation_runs():
+    code = (EXAMPLES.parents[1] / "docs/python.md").read_text().split("```python")[1].split("```")[0]
+    names = {}
+    exec(code, names)
+    assert names["batch"].shape == (4, 16, 512, 512)
+    assert np.array_equal(names["out"], names["model"].synthesize(names["packed"], gain=None, seed=1, frame=7))
+
+
 def test_data_set_example_runs(example):
     out = run("noisy_pairs.py", "--workers", "2", "--epochs", "1")
     assert "64 pairs of 16x64x64" in out

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import BUILD, PROGRAM
+from conftest import BUILD, PROGRAM, ROOT
 
 pytestmark = pytest.mark.skipif(not (BUILD / "libmalus_capture.a").exists(), reason="built without capture (Aravis is missing)")
 
@@ -92,6 +92,20 @@ def test_from_camera_to_report(malus, plan, tmp_path):
     shown = malus("model", "show", tmp_path / "model.h5", "--json").json
     assert shown["sensor"] == "fake" and shown["gains"][0]["frames"] == 10 and shown["gains"][0]["K"]["value"][0] > 0
     assert "<html" in (tmp_path / "report.html").read_text()[:2000]
+
+
+def test_the_plan_of_the_documentation_is_taken(malus, tmp_path):
+    text = (ROOT / "docs/capture.md").read_text().split("```toml")[1].split("```")[0]
+    before, camera = text.split("[camera]")
+    _, captures = camera.split("[[capture]]", 1)
+    # The documentation's camera is a real one: the fake one takes its place, with its own range of gains.
+    captures = captures.replace("[0, 12, 24]", "[0, 5, 10]")
+    path = tmp_path / "plan.toml"
+    path.write_text(before + '[camera]\nid = "Fake_1"\nwidth = 32\nheight = 32\nsettle_frames = 0\n[[capture]]' + captures)
+    done = malus("capture", path, "-o", tmp_path / "out", "--json")
+    taken = [step["taken"] for step in done.json["steps"]]
+    assert taken == [100] * 3 + [4] * 15
+    assert done.err.count("Cover the lens") == 1 and done.err.count("evenly lit") == 1
 
 
 def check_complete(folder, frames, report):

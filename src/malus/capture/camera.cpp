@@ -285,13 +285,15 @@ double Camera::set_frame_rate_hz(double rate_hz) {
   return arv_camera_get_frame_rate(handle_->camera, error.out());
 }
 
-void Camera::start(int buffers) {
+void Camera::start(std::size_t buffer_bytes) {
   ErrorSlot error;
   handle_->stream = arv_camera_create_stream(handle_->camera, nullptr, nullptr, error.out());
   handle_->check(error, "opening the stream");
   const auto payload = arv_camera_get_payload(handle_->camera, error.out());
   handle_->check(error, "reading the size of a frame");
-  for (int i = 0; i < buffers; ++i)
+  const std::size_t buffers =
+      std::clamp<std::size_t>(buffer_bytes / std::max<std::size_t>(payload, 1), 8, 64);
+  for (std::size_t i = 0; i < buffers; ++i)
     arv_stream_push_buffer(handle_->stream, arv_buffer_new_allocate(payload));
   arv_camera_set_acquisition_mode(handle_->camera, ARV_ACQUISITION_MODE_CONTINUOUS, error.out());
   handle_->check(error, "setting continuous acquisition");

@@ -75,8 +75,8 @@ class Camera {
   /// 0 = the highest.
   double set_frame_rate_hz(double rate_hz);
 
-  /// Starts streaming with this many buffers in flight.
-  void start(int buffers);
+  /// Starts streaming with 8 to 64 frames in flight, as many as fit into so much memory.
+  void start(std::size_t buffer_bytes);
   void stop();
   /// Waits for the next frame; it is filled in when it came whole.
   FrameStatus next(CameraFrame& frame, double timeout_s);

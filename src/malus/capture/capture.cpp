@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kStreamBuffers = 64;
+constexpr std::size_t kStreamBytes = 256u << 20;
 constexpr std::size_t kQueueBytes = 256u << 20;  // frames that wait for the disk
 constexpr double kSaturationWarning = 0.001;
 constexpr const char* kPlanCopy = "plan.toml";
@@ -197,7 +197,7 @@ class Run {
 
   void stream(const fs::path& folder, StepReport& report) {
     const double timeout_s = report.exposure_s + kPatience_s;
-    camera_.start(kStreamBuffers);
+    camera_.start(kStreamBytes);
     settle(camera_, plan_.settle_frames, timeout_s, progress_);
     LiveCheck check;
     LossCount losses(camera_.counts());
