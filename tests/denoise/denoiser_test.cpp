@@ -102,7 +102,7 @@ TEST(DenoiseFrame, TilesEqualTheWhole) {
   DenoiseSettings settings = fast();
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings);
   ASSERT_EQ(whole.tiles, 1);
-  settings.memory_mib = 25;
+  settings.memory_mib = 27;
   const Denoised tiled = denoise_frame(frame, profile_of(noise), settings);
   EXPECT_GT(tiled.tiles, 1);
   double largest = 0;
@@ -170,6 +170,16 @@ TEST(DenoiseFrame, TheMeanOfADarkPictureIsKept) {
   for (const float v : result.dn_above_black.values()) mean += v / 65536.0;
   // Deviation of a pixel 4.3 DN: the mean of 65536 has 0.017, rows add 0.05.
   EXPECT_NEAR(mean, 2.0, 0.2);
+}
+
+TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {
+  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const RawFrame frame = noisy_frame(Image(2000, 1000, 100.0f), noise, 1);
+  for (const DenoiseMethod& method : denoise_methods()) {
+    DenoiseSettings settings = fast(method.name);
+    settings.memory_mib = 18;  // the frame and its result alone take 16
+    EXPECT_THROW(denoise_frame(frame, profile_of(noise), settings), InputError) << method.name;
+  }
 }
 
 TEST(DenoiseFrame, BadInputGetsOneLine) {

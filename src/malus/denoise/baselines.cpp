@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 #include "malus/denoise/bm3d.h"
+#include "malus/denoise/internal/memory_budget.h"
 #include "malus/image/pack.h"
 
 #include <algorithm>
@@ -70,10 +71,22 @@ Planes mixed(const Planes& planes, const Eigen::MatrixXd& matrix) {
   return out;
 }
 
+// Measured on frames of 5 and 60 megapixels: mosaic, result and planes, the planes' mixture, and
+// what BM3D holds beside the planes that it filters at once.
+double bytes_needed(const std::string& name, const PreparedFrame& frame) {
+  constexpr double kFrames = 12, kMixed = 4, kFilter = 20;
+  const double at_once = name == "paper-mbm3d" ? 1.0 : 1.0 / frame.layout.channels();
+  return (kFrames + (name == "vst-pca-bm3d" ? kMixed : 0.0) + kFilter * at_once) *
+         static_cast<double>(frame.dn.size());
+}
+
 }  // namespace
 
 Image run_baseline(const std::string& name, const PreparedFrame& frame, const NoiseProfile& profile,
                    const DenoiseSettings& settings, Progress& progress) {
+  const double needed = bytes_needed(name, frame);
+  if (needed > pixel_budget_bytes(settings.memory_mib))
+    refuse_memory(settings.memory_mib, needed, frame.dn.rows(), frame.dn.cols());
   Bm3dSettings bm3d_settings;
   bm3d_settings.profile = settings.profile;
   Planes planes = pack(frame.dn, frame.layout);

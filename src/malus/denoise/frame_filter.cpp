@@ -1,12 +1,10 @@
 #include "malus/denoise/internal/frame_filter.h"
 
-#include "malus/base/error.h"
 #include "malus/denoise/internal/coarse_scale.h"
+#include "malus/denoise/internal/memory_budget.h"
 
 #include <algorithm>
 #include <cmath>
-
-#include <fmt/format.h>
 
 namespace malus::internal {
 namespace {
@@ -20,17 +18,12 @@ struct TileSize {
 };
 
 TileSize plan_tiles(int rows, int cols, int reach, double memory_mib, double resident_values) {
-  const double pixels = (memory_mib * 0x1p20 - 4 * resident_values) / kBytesPerTilePixel;
+  const double pixels = (pixel_budget_bytes(memory_mib) - 4 * resident_values) / kBytesPerTilePixel;
   if ((rows + 2.0 * reach) * (cols + 2.0 * reach) <= pixels) return {rows, cols};
   const double side = std::sqrt(std::max(pixels, 0.0)) - 2.0 * reach;
   const double least = (kLeastCore + 2.0 * reach) * (kLeastCore + 2.0 * reach);
   if (side < kLeastCore)
-    throw InputError(
-        "--memory",
-        fmt::format("{:.0f} MiB is too little for a frame of {} x {} pixels", memory_mib, cols,
-                    rows),
-        fmt::format("give at least {:.0f} MiB",
-                    std::ceil((least * kBytesPerTilePixel + 4 * resident_values) / 0x1p20)));
+    refuse_memory(memory_mib, least * kBytesPerTilePixel + 4 * resident_values, rows, cols);
   const int core = static_cast<int>(side) / 2 * 2;  // tiles begin at even pixels
   return {core, core};
 }

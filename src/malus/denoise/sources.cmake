@@ -10,6 +10,7 @@ set(denoise_SOURCES
     denoiser.cpp
     estimate_noise.cpp
     frame_filter.cpp
+    memory_budget.cpp
     mosaic_filter.cpp
     preparation.cpp
     row_noise.cpp

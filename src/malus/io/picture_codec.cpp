@@ -183,16 +183,22 @@ Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels
 
 namespace {
 
+constexpr std::size_t kHeaderBytes = 1 << 16;
+constexpr int kStripRows = 64;  // a multiple of EXR's blocks; a frame is never copied whole
+
 template <class T>
-std::vector<T> interleaved(const Planes& planes) {
-  const auto channels = static_cast<std::size_t>(planes.channels());
-  std::vector<T> values(channels * planes[0].size());
-  for (std::size_t k = 0; k < channels; ++k) {
-    const auto& plane = planes[static_cast<int>(k)].values();
-    for (std::size_t i = 0; i < plane.size(); ++i)
-      values[i * channels + k] = static_cast<T>(plane[i]);
+bool write_strips(OIIO::ImageOutput& output, TypeDesc type, const Planes& planes) {
+  const int channels = planes.channels(), rows = planes.rows(), cols = planes.cols();
+  std::vector<T> strip;
+  for (int row0 = 0; row0 < rows; row0 += kStripRows) {
+    const int row1 = std::min(rows, row0 + kStripRows);
+    strip.clear();
+    for (int r = row0; r < row1; ++r)
+      for (int c = 0; c < cols; ++c)
+        for (int k = 0; k < channels; ++k) strip.push_back(static_cast<T>(planes[k](r, c)));
+    if (!output.write_scanlines(row0, row1, 0, type, strip.data())) return false;
   }
-  return values;
+  return true;
 }
 
 OIIO::ImageSpec output_spec(const std::string& codec, const Planes& planes,
@@ -218,10 +224,10 @@ OIIO::ImageSpec output_spec(const std::string& codec, const Planes& planes,
 
 bool write_pixels(OIIO::ImageOutput& output, const Planes& planes, SampleType type) {
   if (type == SampleType::kUint8)
-    return output.write_image(TypeDesc::UINT8, interleaved<std::uint8_t>(planes).data());
+    return write_strips<std::uint8_t>(output, TypeDesc::UINT8, planes);
   if (type == SampleType::kUint16)
-    return output.write_image(TypeDesc::UINT16, interleaved<std::uint16_t>(planes).data());
-  return output.write_image(TypeDesc::FLOAT, interleaved<float>(planes).data());
+    return write_strips<std::uint16_t>(output, TypeDesc::UINT16, planes);
+  return write_strips<float>(output, TypeDesc::FLOAT, planes);
 }
 
 }  // namespace
@@ -238,7 +244,9 @@ void write_picture(const fs::path& path, bool force, const std::string& codec, c
     spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
   // OpenImageIO does not notice a full disk (PNG and EXR not at all, TIFF not in the last strip),
   // so it writes to memory.
-  OIIO::Filesystem::IOVecOutput memory;
+  std::vector<unsigned char> bytes;
+  bytes.reserve(spec.image_bytes() + kHeaderBytes);  // growing would hold the file twice
+  OIIO::Filesystem::IOVecOutput memory(bytes);
   output->set_ioproxy(&memory);
   const bool good =
       output->open(path.string(), spec) && write_pixels(*output, planes, type) && output->close();
@@ -246,7 +254,6 @@ void write_picture(const fs::path& path, bool force, const std::string& codec, c
   if (!good || !message.empty())
     throw InputError(path.string(), fmt::format("cannot be encoded: {}", message),
                      "use another format");
-  const auto& bytes = memory.buffer();
   write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, force);
 }
 
