@@ -1,3 +1,5 @@
+#include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/capture/camera.h"
 #include "malus/capture/capture.h"
 
@@ -18,7 +20,14 @@ void list(const Common& common) {
   Json json = Json::array();
   std::string text;
   for (const auto& listed : list_cameras(true)) {
-    const auto camera = describe_camera(listed.id);
+    CameraIdentity camera = listed;
+    std::string formats;
+    try {
+      camera = describe_camera(listed.id);
+      formats = joined(camera.pixel_formats, " ");
+    } catch (const InputError& error) {  // held by another program: the others are listed still
+      formats = error.problem();
+    }
     json.push_back({{"id", camera.id},
                     {"vendor", camera.vendor},
                     {"model", camera.model},
@@ -26,10 +35,8 @@ void list(const Common& common) {
                     {"protocol", camera.protocol},
                     {"address", camera.address},
                     {"pixel_formats", camera.pixel_formats}});
-    text += fmt::format("{}  {} {} ({}, {})\n   ", camera.id, camera.vendor, camera.model,
-                        camera.serial, camera.protocol);
-    for (const auto& format : camera.pixel_formats) text += " " + format;
-    text += "\n";
+    text += fmt::format("{}  {} {} ({}, {})\n    {}\n", camera.id, camera.vendor, camera.model,
+                        camera.serial, camera.protocol, formats);
   }
   print_result(common, {{"cameras", json}}, text);
 }

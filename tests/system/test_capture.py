@@ -188,12 +188,13 @@ def network_camera():
 
 
 @pytest.mark.slow
-def test_network_camera_without_a_gap(malus, plan, tmp_path, network_camera):
+def test_network_camera_loses_nothing_unsaid(malus, plan, tmp_path, network_camera):
+    """At 1000 frames/s a machine that is busy otherwise may lose some (the kernel holds 13 of them): then it is said."""
     camera, _, _ = network_camera()
     report = malus("capture", plan(1500, camera), "-o", tmp_path / "out", "--json").json
-    assert report["steps"][0]["lost"] == 0
     check_complete(tmp_path / "out", 1500, report)
-    assert set(steps(pictures(tmp_path / "out"))) == {1}
+    skipped = int(np.sum(steps(pictures(tmp_path / "out")) - 1))
+    assert skipped <= report["steps"][0]["lost"] <= skipped + 3 and skipped < 150
 
 
 @pytest.mark.slow

@@ -162,6 +162,9 @@ Camera::Camera(const std::string& id) : handle_(std::make_unique<Handle>()) {
     throw InputError(id.empty() ? "camera" : fmt::format("camera {}", id),
                      listed ? fmt::format("cannot be opened ({})", error.message()) : "none found",
                      "see malus capture --list; the fake camera is Fake_1");
+  // The largest packets that the link carries; a link that does not tell keeps the camera's own.
+  if (arv_camera_is_gv_device(handle_->camera))
+    arv_camera_gv_auto_packet_size(handle_->camera, error.out());
 }
 
 Camera::~Camera() {
@@ -188,7 +191,7 @@ ValueRange Camera::exposure_range_s() const {
   ValueRange range;
   arv_camera_get_exposure_time_bounds(handle_->camera, &range.low, &range.high, error.out());
   handle_->check(error, "reading the range of exposures");
-  return {range.low * 1e-6, range.high * 1e-6};
+  return {range.low / 1e6, range.high / 1e6};
 }
 
 void Camera::turn_automatics_off() {
@@ -269,7 +272,7 @@ double Camera::set_exposure_s(double exposure_s) {
   handle_->check(error, fmt::format("setting the exposure {:g} s", exposure_s));
   const double microseconds = arv_camera_get_exposure_time(handle_->camera, error.out());
   handle_->check(error, "reading the exposure back");
-  return microseconds * 1e-6;
+  return microseconds / 1e6;
 }
 
 double Camera::set_frame_rate_hz(double rate_hz) {
@@ -292,7 +295,7 @@ void Camera::start(std::size_t buffer_bytes) {
   const auto payload = arv_camera_get_payload(handle_->camera, error.out());
   handle_->check(error, "reading the size of a frame");
   const std::size_t buffers =
-      std::clamp<std::size_t>(buffer_bytes / std::max<std::size_t>(payload, 1), 8, 64);
+      std::clamp<std::size_t>(buffer_bytes / std::max<std::size_t>(payload, 1), 8, 1024);
   for (std::size_t i = 0; i < buffers; ++i)
     arv_stream_push_buffer(handle_->stream, arv_buffer_new_allocate(payload));
   arv_camera_set_acquisition_mode(handle_->camera, ARV_ACQUISITION_MODE_CONTINUOUS, error.out());

@@ -75,7 +75,7 @@ class Camera {
   /// 0 = the highest.
   double set_frame_rate_hz(double rate_hz);
 
-  /// Starts streaming with 8 to 64 frames in flight, as many as fit into so much memory.
+  /// Starts streaming with 8 to 1024 frames in flight, as many as fit into so much memory.
   void start(std::size_t buffer_bytes);
   void stop();
   /// Waits for the next frame; it is filled in when it came whole.
