@@ -33,15 +33,6 @@ struct SimulateArguments {
 // Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
 Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
   const Picture picture = load_picture(path);
-  std::vector<int> wanted{0};
-  if (picture.planes.channels() >= 3) {
-    wanted = {0, 1, 2};
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto found =
-          std::find(picture.names.begin(), picture.names.end(), std::string(1, "RGB"[k]));
-      if (found != picture.names.end()) wanted[k] = static_cast<int>(found - picture.names.begin());
-    }
-  }
   const int rows = picture.planes.rows() / layout.rows() * layout.rows();
   const int cols = picture.planes.cols() / layout.cols() * layout.cols();
   if (rows == 0 || cols == 0)
@@ -49,17 +40,13 @@ Planes load_linear(const fs::path& path, const std::string& tone, const SensorLa
         path.string(),
         fmt::format("is smaller than one cell of {} x {}", layout.rows(), layout.cols()),
         "use a larger picture");
-  Planes linear(static_cast<int>(wanted.size()), rows, cols);
-  const float scale = picture.bits > 0 ? static_cast<float>(1.0 / picture.white) : 1.0f;
-  for (std::size_t k = 0; k < wanted.size(); ++k)
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < cols; ++c) {
-        const float v = picture.planes[wanted[k]](r, c) * scale;
-        if (!(v >= 0)) continue;  // NaN and negative light are dark
-        linear[static_cast<int>(k)](r, c) = std::min(v, 65504.0f);
-      }
-  if (tone == "srgb" || (tone == "auto" && picture.bits > 0)) srgb_to_linear(linear);
-  return linear;
+  const Planes light =
+      linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
+                   tone == "srgb" || (tone == "auto" && picture.bits > 0));
+  Planes cropped(light.channels(), rows, cols);
+  for (int k = 0; k < light.channels(); ++k)
+    for (int r = 0; r < rows; ++r) std::copy_n(light[k].row(r), cols, cropped[k].row(r));
+  return cropped;
 }
 
 void write_truth(const SimulateArguments& arguments, const std::string& stem,

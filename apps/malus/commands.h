@@ -8,9 +8,9 @@ namespace malus::app {
 // add_<command>(app, common) is defined in cmd_<command>.cpp.
 #define MALUS_COMMANDS(command)                                                                  \
   command(info) command(calibrate) command(session_from_emva) command(model) command(synthesize) \
-      command(renoise) command(simulate) command(pairs) command(dataset) command(denoise)        \
-          command(stokes) command(bench) command(evaluate) command(experiment) command(report)   \
-              command(normals) command(manual)
+      command(renoise) command(simulate) command(pairs) command(dataset) command(train)          \
+          command(denoise) command(stokes) command(bench) command(evaluate) command(experiment)  \
+              command(report) command(normals) command(manual)
 // Commands of optional modules, built where the module is.
 #if defined(MALUS_WITH_CAPTURE)
 #define MALUS_OPTIONAL_COMMANDS(command) command(capture)

@@ -4,6 +4,7 @@
 #include "malus/neural/threads.h"
 
 #include "networks.h"
+#include "train.h"
 
 namespace malus::app {
 namespace {
@@ -32,7 +33,8 @@ std::unique_ptr<NetworkDenoiser> open_denoiser(const NetworkDenoiserOptions& opt
 extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
   using namespace malus::app;
   static const NetworkFunctions functions{.interface = kNetworksInterface,
-                                          .open_denoiser = open_denoiser};
+                                          .open_denoiser = open_denoiser,
+                                          .train = train_network};
   malus::use_network_threads(malus::thread_count());
   return &functions;
 }

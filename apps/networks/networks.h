@@ -8,6 +8,7 @@
 #include "malus/denoise/denoiser.h"
 #include "malus/neural/inference.h"
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -17,7 +18,7 @@
 namespace malus::app {
 
 /// Both sides must have been built from the same header: counted up with every change of it.
-inline constexpr int kNetworksInterface = 1;
+inline constexpr int kNetworksInterface = 2;
 
 /// A network with its weights, ready for many frames.
 class NetworkDenoiser {
@@ -35,10 +36,18 @@ struct NetworkDenoiserOptions {
   InferenceSettings settings;
 };
 
+/// `malus train`: see malus/neural/trainer.h.
+struct TrainCall {
+  std::filesystem::path config, folder;
+  bool resume = false, force = false;
+  std::uint64_t seed = 0;
+};
+
 /// The module's functions. Threads were set before it was opened. They throw InputError, Cancelled.
 struct NetworkFunctions {
   int interface;  ///< kNetworksInterface of the module
   std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
+  nlohmann::ordered_json (*train)(const TrainCall& call, Progress& progress);
 };
 
 /// What the module exports, by this name.

@@ -15,4 +15,5 @@ set(io_SOURCES
   session.cpp
   session_write.cpp
   shard.cpp
+  shard_read.cpp
 )

@@ -48,7 +48,7 @@ FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& f
                          const NoiseProfile& profile, std::optional<double> ratio)
     : layout_(frame.layout),
       stabilised_(settings.domain == "stabilised"),
-      noise_level_(settings.noise_input == "level") {
+      noise_level_(settings.noise_input != "none") {
   for (const ChannelProfile& channel : profile.channels) variances_.push_back(channel.variance);
   if (stabilised_) {
     stabilizers_ = make_stabilizers(profile, frame.saturated_dn, 1.0);
@@ -130,16 +130,19 @@ Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols) co
   return mosaic;
 }
 
-NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
+NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                    const PackageSettings& settings,
                                    const DenoiseSettings& classical, std::optional<double> ratio,
                                    Progress& progress) {
-  check_frame(frame, profile);
+  check_frame(frame, measured);
   if (const SensorLayout wanted = SensorLayout::named(settings.layout); !(frame.layout == wanted))
     throw InputError(
         frame.source,
         fmt::format("has the layout {}, the network {}", frame.layout.name(), settings.layout),
         "give a network for this layout");
+  NoiseProfile profile = measured;
+  if (!settings.remove_bias)
+    for (ChannelProfile& channel : profile.channels) channel.bias_dn = 0;
   Denoised report;
   PreparedFrame prepared = prepare_frame(std::move(frame), profile, settings.row_noise, report);
   Image guide_dn;

@@ -21,7 +21,9 @@ struct Architecture {
 
 const std::vector<Architecture>& registry() {
   static const std::vector<Architecture> architectures = {
-      {"unet", make_unet, {{"in_channels", 16}, {"out_channels", 16}, {"width", 32}}},
+      {"unet",
+       make_unet,
+       {{"in_channels", 16}, {"out_channels", 16}, {"width", 32}, {"levels", 5}, {"upscale", 1}}},
       {"nafnet",
        make_nafnet,
        {{"img_channel", 16},

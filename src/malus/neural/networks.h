@@ -7,7 +7,9 @@ namespace malus {
 
 /// See-in-the-Dark U-Net (Chen et al., CVPR 2018): five levels of two 3x3 convolutions, LeakyReLU
 /// 0.2, transposed convolutions up, skip connections. Settings: in_channels, out_channels, width
-/// (32).
+/// (32), levels (5), upscale (1: as large as the input; 2: a head that gives pictures of twice the
+/// planes' size by pixel shuffle, which is how a Bayer mosaic's four planes become RGB: joint
+/// denoising and demosaicking, neural ISP; 001, S4 and S6).
 std::shared_ptr<Network> make_unet(const nlohmann::json& settings);
 
 /// NAFNet (Chen et al., ECCV 2022). Settings: img_channel, width, middle_blk_num, enc_blk_nums,

@@ -15,6 +15,7 @@ using Json = nlohmann::json;
 
 constexpr const char* kKey = "malus_package";
 constexpr int kVersion = 1;
+constexpr double kSeenDeviations = 8;  // brings signals in units of the noise to about 1
 
 // How the architectures call their channel counts.
 struct ChannelKeys {
@@ -153,12 +154,28 @@ LoadedPackage load_package(const std::filesystem::path& path) {
   return loaded;
 }
 
+torch::Tensor noise_level_of(const NetworkPackage& package, const torch::Tensor& input) {
+  const std::int64_t before =
+      package.planes() * (package.settings.guide == "none" ? std::int64_t{1} : std::int64_t{2});
+  return input.size(1) > before ? input.slice(1, before) : torch::ones_like(input.slice(1, 0, 1));
+}
+
 torch::Tensor apply_network(Network& network, const NetworkPackage& package,
                             const torch::Tensor& input) {
   const std::int64_t planes = package.planes();
-  const torch::Tensor output = network.forward(input).slice(1, 0, planes);
-  return package.settings.residual && !adds_input(package) ? output + input.slice(1, 0, planes)
-                                                           : output;
+  const torch::Tensor base = input.slice(1, 0, planes);
+  if (package.settings.noise_input != "units") {
+    const torch::Tensor output = network.forward(input).slice(1, 0, planes);
+    return package.settings.residual && !adds_input(package) ? output + base : output;
+  }
+  const torch::Tensor level = noise_level_of(package, input);
+  std::vector<torch::Tensor> seen{base / (kSeenDeviations * level)};
+  if (package.settings.guide != "none")
+    seen.push_back((input.slice(1, planes, 2 * planes) - base) / level);
+  seen.push_back(level);
+  torch::Tensor output = network.forward(torch::cat(seen, 1)).slice(1, 0, planes);
+  if (adds_input(package)) output = output - seen.front();
+  return package.settings.residual ? base + level * output : level * output;
 }
 
 }  // namespace malus

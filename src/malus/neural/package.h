@@ -19,7 +19,7 @@ namespace malus {
 struct PackageSettings {
   std::string layout = "polar-bayer-rggb", domain = "stabilised", noise_input = "level",
               guide = "none", guide_profile = "normal", amplification = "auto";
-  bool residual = true, row_noise = true;
+  bool residual = true, row_noise = true, remove_bias = true;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
@@ -36,8 +36,9 @@ struct PackageSettings {
            {"stabilised", "linear"});
     choice(self.noise_input, "noise_input",
            "level: the noise deviation as further input, one plane where it is the same "
-           "everywhere (stabilised), else one per channel",
-           {"level", "none"});
+           "everywhere (stabilised), else one per channel; units: also, the network works in units "
+           "of it",
+           {"level", "units", "none"});
     choice(self.guide, "guide",
            "bm3d: the classical denoiser's result as further input planes; a residual network then "
            "corrects it",
@@ -52,6 +53,9 @@ struct PackageSettings {
                                        "noisy planes where there is none"});
     field(self.row_noise,
           ParameterInfo{"row_noise", "", "row noise is estimated and removed before the network"});
+    field(self.remove_bias, ParameterInfo{"remove_bias", "",
+                                          "the model's mean bias of every channel is subtracted "
+                                          "before the network (000, 5.1)"});
   }
 };
 
@@ -138,7 +142,12 @@ struct MosaicWindow {
 /// [1, input_planes, rows, cols] of a window of the frame.
 torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& window);
 
+/// [batch, 1 or planes, rows, cols]: the noise planes of an input; ones where it has none.
+torch::Tensor noise_level_of(const NetworkPackage& package, const torch::Tensor& input);
+
 /// [batch, planes, rows, cols]: the network's forward pass and, for a residual, the base added.
+/// In units of the noise deviation σ (noise_input "units") the network sees base / 8σ, with a guide
+/// (noisy - guide) / σ, and σ; its correction is multiplied by σ.
 torch::Tensor apply_network(Network& network, const NetworkPackage& package,
                             const torch::Tensor& input);
 

@@ -1,1 +1,27 @@
-set(neural_SOURCES frame_domain.cpp hybrid.cpp inference.cpp layers.cpp loss.cpp nafnet.cpp network.cpp package.cpp restormer.cpp safetensors.cpp uformer.cpp unet.cpp threads.cpp tiles.cpp)
+set(neural_SOURCES
+  checkpoint.cpp
+  clean_scenes.cpp
+  example_pool.cpp
+  frame_domain.cpp
+  hybrid.cpp
+  inference.cpp
+  layers.cpp
+  loss.cpp
+  nafnet.cpp
+  network.cpp
+  optimizer.cpp
+  package.cpp
+  raw_pairs.cpp
+  recorded_pairs.cpp
+  restormer.cpp
+  safetensors.cpp
+  threads.cpp
+  tiles.cpp
+  trainer.cpp
+  training_config.cpp
+  training_log.cpp
+  uformer.cpp
+  unet.cpp
+  validation.cpp
+  workers.cpp
+)

@@ -13,15 +13,17 @@ torch::Tensor activated(const torch::Tensor& x) { return torch::leaky_relu(x, 0.
 
 class UNet final : public Network {
  public:
-  explicit UNet(const nlohmann::json& s) {
+  explicit UNet(const nlohmann::json& s) : upscale_(s.at("upscale")) {
     const std::int64_t in = s.at("in_channels"), out = s.at("out_channels"), width = s.at("width");
+    const std::int64_t levels = s.at("levels");
+    multiple_ = std::int64_t{1} << (levels - 1);
     std::int64_t from = in;
-    for (int level = 1; level <= kLevels; ++level) {
+    for (std::int64_t level = 1; level <= levels; ++level) {
       const std::int64_t to = width << (level - 1);
       down_.push_back(make_pair("conv" + std::to_string(level), from, to));
       from = to;
     }
-    for (int level = kLevels + 1; level < 2 * kLevels; ++level) {
+    for (std::int64_t level = levels + 1; level < 2 * levels; ++level) {
       const std::int64_t to = from / 2;
       up_.push_back(
           register_module("upv" + std::to_string(level),
@@ -29,12 +31,13 @@ class UNet final : public Network {
       merge_.push_back(make_pair("conv" + std::to_string(level), from, to));
       from = to;
     }
-    last_ = register_module("conv10_1", Conv2d(Conv2dOptions(from, out, 1)));
+    last_ = register_module("conv" + std::to_string(2 * levels) + "_1",
+                            Conv2d(Conv2dOptions(from, out * upscale_ * upscale_, 1)));
   }
 
   torch::Tensor forward(torch::Tensor x) override {
     const auto rows = x.size(2), cols = x.size(3);
-    x = pad_to_multiple(x, 1 << (kLevels - 1));
+    x = pad_to_multiple(x, multiple_);
     std::vector<torch::Tensor> skips;
     for (std::size_t level = 0; level < down_.size(); ++level) {
       if (level > 0) x = torch::max_pool2d(x, 2);
@@ -43,11 +46,12 @@ class UNet final : public Network {
     }
     for (std::size_t i = 0; i < up_.size(); ++i)
       x = merge_[i].run(torch::cat({up_[i](x), skips[skips.size() - 2 - i]}, 1));
-    return last_(x).slice(2, 0, rows).slice(3, 0, cols);
+    return torch::pixel_shuffle(last_(x), upscale_)
+        .slice(2, 0, rows * upscale_)
+        .slice(3, 0, cols * upscale_);
   }
 
  private:
-  static constexpr int kLevels = 5;
   struct Pair {
     Conv2d first{nullptr}, second{nullptr};
     torch::Tensor run(const torch::Tensor& x) { return activated(second(activated(first(x)))); }
@@ -56,6 +60,7 @@ class UNet final : public Network {
     return {register_module(name + "_1", Conv2d(Conv2dOptions(from, to, 3).padding(1))),
             register_module(name + "_2", Conv2d(Conv2dOptions(to, to, 3).padding(1)))};
   }
+  std::int64_t multiple_ = 1, upscale_;
   std::vector<Pair> down_, merge_;
   std::vector<ConvTranspose2d> up_;
   Conv2d last_{nullptr};

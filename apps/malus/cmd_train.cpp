@@ -1,0 +1,128 @@
+// malus train: a network from a configuration file; one process, or many that torchrun, mpirun or
+// srun started.
+#include <filesystem>
+#include <memory>
+
+#include "networks_door.h"
+#include "program.h"
+#include "report_pages.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct TrainArguments {
+  fs::path config, folder, report;
+  bool resume = false;
+};
+
+// The log's value of a key over the steps.
+Json curve(const Json& log, const char* key) {
+  Json x = Json::array(), y = Json::array();
+  for (const Json& line : log)
+    if (line.contains(key)) {
+      x.push_back(line["step"]);
+      y.push_back(line[key]);
+    }
+  return {{"name", key}, {"x", x}, {"y", y}};
+}
+
+Json validation_curve(const Json& log, const char* metric, const char* name) {
+  Json x = Json::array(), y = Json::array();
+  for (const Json& line : log)
+    if (line.contains("validation")) {
+      x.push_back(line["step"]);
+      y.push_back(line["validation"][metric]);
+    }
+  return {{"name", name}, {"x", x}, {"y", y}};
+}
+
+Json score_row(const char* name, const Json& score) {
+  return {{"name", name},
+          {"cells", {score["image_psnr_db"], score["dolp_psnr_db"], score["aolp_circular_deg"]}}};
+}
+
+// Curves and the last validation, as a record that a report shows (docs/report.md).
+Json record_of(const Json& run) {
+  const Json& log = run["log"];
+  const Json steps = {{"name", "step"}, {"unit", "1"}};
+  Json record{{"title", fmt::format("Training of {}", run["architecture"].get<std::string>())},
+              {"text", fmt::format("{} parameters, {} steps in {:.0f} s on {}, {} worker(s)",
+                                   run["parameters"].get<std::int64_t>(),
+                                   run["steps"].get<std::int64_t>(), run["seconds"].get<double>(),
+                                   run["device"].get<std::string>(), run["workers"].get<int>())},
+              {"tables", Json::array()},
+              {"charts", Json::array()}};
+  const auto chart = [&](const char* title, const char* unit, Json series) {
+    record["charts"].push_back({{"title", title},
+                                {"x", steps},
+                                {"y", {{"name", title}, {"unit", unit}}},
+                                {"series", std::move(series)}});
+  };
+  chart("Loss", "1", Json::array({curve(log, "loss")}));
+  chart("Learning rate", "1", Json::array({curve(log, "rate")}));
+  Json last;
+  for (const Json& line : log)
+    if (line.contains("validation")) last = line["validation"];
+  if (last.is_null()) return record;
+  chart("Validation", "dB",
+        Json::array({validation_curve(log, "image_psnr_db", "image PSNR"),
+                     validation_curve(log, "dolp_psnr_db", "DoLP PSNR")}));
+  Json table{{"title", "Last validation"},
+             {"head", "frames"},
+             {"columns",
+              {{{"name", "image PSNR"}, {"unit", "dB"}},
+               {{"name", "DoLP PSNR"}, {"unit", "dB"}},
+               {{"name", "AoLP circular error"}, {"unit", "deg"}}}},
+             {"rows", Json::array({score_row("noisy", run["noisy"])})}};
+  if (run.contains("guide")) table["rows"].push_back(score_row("guide", run["guide"]));
+  table["rows"].push_back(score_row("network", last));
+  record["tables"].push_back(std::move(table));
+  return record;
+}
+
+void run_train(const TrainArguments& arguments, const Common& common) {
+  const NetworkFunctions& functions = networks();
+  const auto progress = make_progress(common);
+  const fs::path folder =
+      arguments.folder.empty() ? fs::path(arguments.config).replace_extension() : arguments.folder;
+  Json run = functions.train({.config = arguments.config,
+                              .folder = folder,
+                              .resume = arguments.resume,
+                              .force = common.force,
+                              .seed = common.seed},
+                             *progress);
+  if (run.contains("rank")) return;  // worker 0 speaks for all
+  if (!arguments.report.empty())
+    write_record_report(record_of(run), arguments.report, common.force);
+  std::string text = fmt::format("{}: {} steps in {:.0f} s\n", run["weights"].get<std::string>(),
+                                 run["steps"].get<std::int64_t>(), run["seconds"].get<double>());
+  for (const Json& line : run["log"])
+    if (line.contains("validation"))
+      text += fmt::format("step {}: image {:.2f} dB, DoLP {:.2f} dB, AoLP {:.2f} deg\n",
+                          line["step"].get<std::int64_t>(),
+                          line["validation"]["image_psnr_db"].get<double>(),
+                          line["validation"]["dolp_psnr_db"].get<double>(),
+                          line["validation"]["aolp_circular_deg"].get<double>());
+  print_result(common, run, text);
+}
+
+}  // namespace
+
+void add_train(CLI::App& app, Common& common) {
+  const auto arguments = std::make_shared<TrainArguments>();
+  CLI::App* command =
+      add_command(app, common, "train", "Trains a network on synthetic or captured noise",
+                  [arguments, &common] { run_train(*arguments, common); });
+  command->add_option("CONFIG", arguments->config, "configuration (TOML)")->required();
+  command->add_option("-o,--output", arguments->folder,
+                      "folder of checkpoint, log and weights; the configuration's name without its "
+                      "ending when left out");
+  command->add_flag("--resume", arguments->resume, "go on from the folder's last checkpoint");
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
+}
+
+}  // namespace malus::app

@@ -1,0 +1,35 @@
+// bfloat16 layers for a while. Only for networks of convolutions (unet, nafnet): the attention of
+// the others is wrong or fails under it (docs/networks.md).
+#pragma once
+
+#include <ATen/autocast_mode.h>
+#include <torch/torch.h>
+
+namespace malus {
+
+/// Layers in bfloat16 while it lives.
+class Autocast {
+ public:
+  Autocast(bool wanted, bool cuda) : wanted_(wanted), cuda_(cuda) { set(wanted); }
+  ~Autocast() {
+    set(false);
+    if (wanted_) at::autocast::clear_cache();
+  }
+  Autocast(const Autocast&) = delete;
+  Autocast& operator=(const Autocast&) = delete;
+
+ private:
+  void set(bool on) const {
+    if (!wanted_) return;
+    if (cuda_) {
+      at::autocast::set_autocast_gpu_dtype(torch::kBFloat16);
+      at::autocast::set_enabled(on);
+    } else {
+      at::autocast::set_autocast_cpu_dtype(torch::kBFloat16);
+      at::autocast::set_cpu_enabled(on);
+    }
+  }
+  bool wanted_, cuda_;
+};
+
+}  // namespace malus

@@ -1,0 +1,88 @@
+#include "malus/neural/checkpoint.h"
+
+#include "malus/base/error.h"
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr const char* kKey = "malus_checkpoint";
+constexpr const char* kRemedy = "start again without --resume";
+
+// Every tensor of the state under its name in the file.
+template <class Visit>
+void for_each_tensor(TrainingState& state, Visit&& visit) {
+  std::size_t i = 0;
+  for (auto& item : state.network.named_parameters()) {
+    visit("weights/" + item.key(), item.value());
+    visit("average/" + item.key(), state.average[i]);
+    visit("first_moment/" + item.key(), state.adam.first_moments()[i]);
+    visit("second_moment/" + item.key(), state.adam.second_moments()[i]);
+    ++i;
+  }
+  for (auto& item : state.network.named_buffers()) visit("buffers/" + item.key(), item.value());
+}
+
+// The path of the first value that differs, "" when none does.
+std::string first_difference(const Json& now, const Json& then, const std::string& at) {
+  if (now == then) return "";
+  if (!now.is_object() || !then.is_object()) return at;
+  for (const auto& [key, value] : now.items())
+    if (const std::string found =
+            first_difference(value, then.value(key, Json()), at.empty() ? key : at + "." + key);
+        !found.empty())
+      return found;
+  return at;
+}
+
+}  // namespace
+
+void save_checkpoint(const TrainingState& state, const Json& description,
+                     const std::filesystem::path& path) {
+  TrainingState copy = state;
+  TensorFile file;
+  for_each_tensor(copy, [&](const std::string& name, const torch::Tensor& tensor) {
+    file.tensors[name] = from_torch(tensor.detach().cpu());
+  });
+  file.metadata[kKey] = Json{
+      {"step", state.step},
+      {"best_score_db", state.best_score_db},
+      {"seconds", state.seconds},
+      {"description",
+       description}}.dump();
+  save_tensor_file(file, path);
+}
+
+void load_checkpoint(TrainingState& state, const Json& description,
+                     const std::filesystem::path& path) {
+  const torch::NoGradGuard no_gradients;
+  const TensorFile file = load_tensor_file(path);
+  const auto found = file.metadata.find(kKey);
+  if (found == file.metadata.end()) throw InputError(path.string(), "is not a checkpoint", kRemedy);
+  try {
+    const Json facts = Json::parse(found->second);
+    if (const std::string other = first_difference(description, facts.at("description"), "");
+        description != facts.at("description"))
+      throw InputError(
+          path.string(),
+          fmt::format("belongs to a run with another {}", other.empty() ? "configuration" : other),
+          "set it as it was, or start again without --resume");
+    state.step = facts.at("step").get<std::int64_t>();
+    state.best_score_db = facts.at("best_score_db").get<double>();
+    state.seconds = facts.at("seconds").get<double>();
+  } catch (const Json::exception& error) {
+    throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()), kRemedy);
+  }
+  for_each_tensor(state, [&](const std::string& name, torch::Tensor& tensor) {
+    const auto stored = file.tensors.find(name);
+    if (stored == file.tensors.end() || torch::IntArrayRef(stored->second.shape) != tensor.sizes())
+      throw InputError(path.string(), fmt::format("lacks \"{}\" or its size differs", name),
+                       kRemedy);
+    tensor.copy_(to_torch(stored->second));
+  });
+}
+
+}  // namespace malus

@@ -1,0 +1,184 @@
+#include "malus/neural/clean_scenes.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/io/picture_file.h"
+#include "malus/polar/symmetry.h"
+#include "malus/synthesize/scene.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostPixels = std::size_t{1} << 27;  // held: 512 MiB per Stokes parameter
+// Surfaces of the reliefs (synthesize/scene.h): wide, so that networks see every polarization.
+constexpr double kReliefLow = 15, kReliefHigh = 85, kIndexLow = 1.3, kIndexHigh = 2.0;
+constexpr double kBumpsLow = 2, kBumpsHigh = 60;
+
+std::size_t pick(RandomSequence& random, std::size_t count) {
+  return std::min(count - 1,
+                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
+}
+
+double between(RandomSequence& random, double low, double high) {
+  return low + (high - low) * random.uniform();
+}
+
+// The rectangle at (row0, col0) in steps of 1/zoom, interpolated linearly.
+Image cut(const Image& from, double row0, double col0, double zoom, int rows, int cols) {
+  Image out(rows, cols);
+  if (from.empty()) return out;
+  for (int r = 0; r < rows; ++r) {
+    const double y = row0 + r / zoom;
+    const int i = std::clamp(static_cast<int>(y), 0, from.rows() - 1);
+    const int below = std::min(i + 1, from.rows() - 1);
+    const auto v = static_cast<float>(y - i);
+    for (int c = 0; c < cols; ++c) {
+      const double x = col0 + c / zoom;
+      const int k = std::clamp(static_cast<int>(x), 0, from.cols() - 1);
+      const int right = std::min(k + 1, from.cols() - 1);
+      const auto u = static_cast<float>(x - k);
+      out(r, c) = (1 - v) * ((1 - u) * from(i, k) + u * from(i, right)) +
+                  v * ((1 - u) * from(below, k) + u * from(below, right));
+    }
+  }
+  return out;
+}
+
+SceneSettings random_surface(RandomSequence& random) {
+  SceneSettings settings;
+  settings.relief_deg = between(random, kReliefLow, kReliefHigh);
+  settings.index = between(random, kIndexLow, kIndexHigh);
+  settings.gloss = random.uniform();
+  settings.bumps = static_cast<int>(kBumpsLow * std::pow(kBumpsHigh / kBumpsLow, random.uniform()));
+  return settings;
+}
+
+// Two surfaces, the brighter and the darker half of the picture: polarization changes where the
+// picture has its edges.
+std::vector<StokesPlanes> polarized(const Planes& light, RandomSequence& random, std::uint64_t seed,
+                                    std::uint32_t number) {
+  const SceneSettings first = random_surface(random), second = random_surface(random);
+  PolarScene bright = polarized_scene(light, first, seed, number);
+  const PolarScene dark = polarized_scene(light, second, seed + 1, number);
+  const Image& guide = light[light.channels() / 2];
+  double mean = 0;
+  for (const float v : guide.values()) mean += static_cast<double>(v);
+  mean /= static_cast<double>(guide.size());
+  for (std::size_t k = 0; k < bright.stokes.size(); ++k)
+    for (std::size_t i = 0; i < guide.size(); ++i) {
+      if (static_cast<double>(guide.values()[i]) >= mean) continue;
+      bright.stokes[k].s0.values()[i] = dark.stokes[k].s0.values()[i];
+      bright.stokes[k].s1.values()[i] = dark.stokes[k].s1.values()[i];
+      bright.stokes[k].s2.values()[i] = dark.stokes[k].s2.values()[i];
+    }
+  return std::move(bright.stokes);
+}
+
+}  // namespace
+
+std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
+  std::array<Planes, 4> angles;
+  for (std::size_t k = 0; k < 4; ++k) {
+    fs::path path;
+    for (const char* ending : {".png", ".tif", ".tiff", ".exr"}) {
+      path = folder / fmt::format("I{}{}", 45 * k, ending);
+      if (fs::exists(path)) break;
+    }
+    if (!fs::exists(path))
+      throw InputError(folder.string(), fmt::format("holds no picture I{}", 45 * k),
+                       "give a folder with I0, I45, I90 and I135 (.png, .tif or .exr)");
+    const Picture picture = load_picture(path);
+    angles[k] =
+        linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0, false);
+    if (angles[k].rows() != angles[0].rows() || angles[k].cols() != angles[0].cols() ||
+        angles[k].channels() != angles[0].channels())
+      throw InputError(path.string(), "has another size or other channels than I0",
+                       "give four pictures of one scene");
+  }
+  std::vector<StokesPlanes> stokes;
+  for (int c = 0; c < angles[0].channels(); ++c)
+    stokes.push_back(stokes_of({angles[0][c], angles[1][c], angles[2][c], angles[3][c]}));
+  return stokes;
+}
+
+CleanScenes::CleanScenes(const TrainingConfig& config)
+    : data_(config.data),
+      tone_(config.tone),
+      cell_(std::lcm(std::lcm(config.package.layout().rows(), config.package.layout().cols()), 2)),
+      pictures_(config.pictures),
+      scenes_(config.scenes) {}
+
+std::shared_ptr<const CleanScenes::Light> CleanScenes::source(std::size_t index) const {
+  const std::lock_guard lock(mutex_);
+  if (const auto found = held_.find(index); found != held_.end()) return found->second;
+  Light light;
+  if (index < pictures_.size()) {
+    const Picture picture = load_picture(pictures_[index]);
+    const Planes linear =
+        linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
+                     tone_ == "srgb" || (tone_ == "auto" && picture.bits > 0));
+    for (const Image& plane : linear) light.push_back({plane, Image(), Image()});
+  } else {
+    light = load_angle_scene(scenes_[index - pictures_.size()]);
+  }
+  if (held_pixels_ > kMostPixels) {
+    held_.clear();
+    held_pixels_ = 0;
+  }
+  held_pixels_ += light[0].s0.size() * light.size();
+  return held_[index] = std::make_shared<const Light>(std::move(light));
+}
+
+CleanScenes::Light CleanScenes::piece_of(const Light& whole, bool picture, std::uint64_t seed,
+                                         std::uint32_t number) const {
+  RandomSequence random(seed, number, Draw::kScene, 2);
+  const double zoom = std::pow(data_.zoom, random.uniform());
+  const auto side = [&](int size) {
+    return std::min(static_cast<int>((size - 1) * zoom), data_.example) / cell_ * cell_;
+  };
+  const int rows = side(whole[0].s0.rows()), cols = side(whole[0].s0.cols());
+  const double row0 = between(random, 0, whole[0].s0.rows() - 1 - rows / zoom);
+  const double col0 = between(random, 0, whole[0].s0.cols() - 1 - cols / zoom);
+  // Unzoomed pieces keep their pixels.
+  const auto start = [&](double position) {
+    return data_.zoom > 1 ? position : std::floor(position);
+  };
+  const auto cut_out = [&](const Image& plane) {
+    return cut(plane, std::max(start(row0), 0.0), std::max(start(col0), 0.0), zoom, rows, cols);
+  };
+  Light piece;
+  for (const StokesPlanes& color : whole)
+    piece.push_back({cut_out(color.s0), cut_out(color.s1), cut_out(color.s2)});
+  if (!picture || !data_.polarized) return piece;
+  Planes light(static_cast<int>(piece.size()), 0, 0);
+  for (std::size_t k = 0; k < piece.size(); ++k) light[static_cast<int>(k)] = piece[k].s0;
+  return polarized(light, random, seed, number);
+}
+
+std::vector<StokesPlanes> CleanScenes::draw(std::uint64_t seed, std::uint32_t number) const {
+  RandomSequence random(seed, number, Draw::kScene, 3);
+  const std::size_t index = pick(random, size());
+  const Symmetry symmetry = kSymmetries[pick(random, kSymmetries.size())].symmetry;
+  const auto whole = source(index);
+  if (std::min(whole->front().s0.rows(), whole->front().s0.cols()) <= data_.patch)
+    throw InputError(
+        (index < pictures_.size() ? pictures_[index] : scenes_[index - pictures_.size()]).string(),
+        fmt::format("of {} x {} pixels is not larger than a patch of {}", whole->front().s0.cols(),
+                    whole->front().s0.rows(), data_.patch),
+        "use larger pictures or a smaller patch");
+  Light piece = piece_of(*whole, index < pictures_.size(), seed, number);
+  if (data_.symmetries)
+    for (StokesPlanes& color : piece) color = transformed(color, symmetry);
+  return piece;
+}
+
+}  // namespace malus

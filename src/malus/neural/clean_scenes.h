@@ -1,0 +1,48 @@
+// Clean light to train on: pieces of pictures, polarized by a random relief, and of scenes that
+// were photographed behind four polarizer angles. A piece is a function of (seed, number).
+#pragma once
+
+#include "malus/image/view.h"
+#include "malus/neural/training_config.h"
+#include "malus/polar/stokes.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// A folder of pictures I0, I45, I90, I135 (.png, .tif, .exr) of one size: Stokes parameters of its
+/// red, green and blue (or its single channel), as fractions of white. Throws InputError.
+std::vector<StokesPlanes> load_angle_scene(const std::filesystem::path& folder);
+
+class CleanScenes {
+ public:
+  /// Of config.pictures and config.scenes. Nothing is loaded yet.
+  explicit CleanScenes(const TrainingConfig& config);
+  std::size_t size() const { return pictures_.size() + scenes_.size(); }
+
+  /// Three or one StokesPlanes, fractions of white, at most data.example pixels a side and whole
+  /// cells of the layout. Cut, enlarged, polarized, mirrored and turned as [data] says. Throws
+  /// InputError on pictures that cannot be read or are smaller than a patch. Any thread.
+  std::vector<StokesPlanes> draw(std::uint64_t seed, std::uint32_t number) const;
+
+ private:
+  using Light = std::vector<StokesPlanes>;
+  std::shared_ptr<const Light> source(std::size_t index) const;
+  Light piece_of(const Light& whole, bool picture, std::uint64_t seed, std::uint32_t number) const;
+
+  TrainingDataSettings data_;
+  std::string tone_;
+  int cell_;  ///< pieces are whole multiples of it
+  std::vector<std::filesystem::path> pictures_, scenes_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::size_t, std::shared_ptr<const Light>> held_;
+  mutable std::size_t held_pixels_ = 0;
+};
+
+}  // namespace malus

@@ -1,0 +1,121 @@
+#include "malus/neural/example_pool.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr std::int64_t kAhead = 1;  // generations made before they are needed
+
+std::int64_t below(RandomSequence& random, std::int64_t count) {
+  return std::min(count - 1,
+                  static_cast<std::int64_t>(random.uniform() * static_cast<double>(count)));
+}
+
+}  // namespace
+
+TrainingExample make_example(const RawPair& pair, const PackageSettings& settings) {
+  const torch::NoGradGuard no_gradients;
+  const NetworkFrame frame =
+      prepare_network_frame(pair.noisy, pair.profile, settings, {}, pair.ratio);
+  const MosaicWindow whole{0, 0, pair.clean_dn.rows(), pair.clean_dn.cols()};
+  return {prepare_input(frame, whole)[0].clone(), frame.domain.clean_planes(pair.clean_dn)[0]};
+}
+
+ExamplePool::ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed,
+                         std::int64_t first_step)
+    : maker_(std::move(maker)), shape_(shape), seed_(seed) {
+  wanted_ = newest_generation(first_step) + kAhead;
+  first_generation_ = std::max<std::int64_t>(0, newest_generation(first_step) - shape_.pool + 1);
+  thread_ = std::thread([this] { work(); });
+}
+
+ExamplePool::~ExamplePool() {
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+std::int64_t ExamplePool::newest_generation(std::int64_t step) const {
+  return static_cast<std::int64_t>(std::floor(static_cast<double>(step) * shape_.refresh));
+}
+
+void ExamplePool::work() {
+  try {
+    std::unique_lock lock(mutex_);
+    while (!stop_) {
+      const std::int64_t next = first_generation_ + static_cast<std::int64_t>(generations_.size());
+      if (next > wanted_) {
+        changed_.wait(lock);
+        continue;
+      }
+      lock.unlock();
+      std::vector<TrainingExample> generation;
+      for (int place = 0; place < shape_.places; ++place) {
+        {
+          const std::lock_guard check(mutex_);
+          if (stop_) return;
+        }
+        generation.push_back(
+            maker_(static_cast<std::uint32_t>(next * shape_.batch + shape_.first_place + place)));
+      }
+      lock.lock();
+      generations_.push_back(std::move(generation));
+      changed_.notify_all();
+    }
+  } catch (...) {  // handed to whoever waits
+    const std::lock_guard lock(mutex_);
+    failure_ = std::current_exception();
+    changed_.notify_all();
+  }
+}
+
+TrainingExample ExamplePool::batch(std::int64_t step) {
+  const std::int64_t newest = newest_generation(step);
+  const std::int64_t oldest = std::max<std::int64_t>(0, newest - shape_.pool + 1);
+  std::unique_lock lock(mutex_);
+  wanted_ = newest + kAhead;
+  for (; first_generation_ < oldest && !generations_.empty(); ++first_generation_)
+    generations_.pop_front();
+  changed_.notify_all();
+  const auto start = std::chrono::steady_clock::now();
+  changed_.wait(lock, [&] {
+    return failure_ || first_generation_ + static_cast<std::int64_t>(generations_.size()) > newest;
+  });
+  waiting_s_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (failure_) std::rethrow_exception(failure_);
+  std::vector<torch::Tensor> inputs, targets;
+  for (int place = 0; place < shape_.places; ++place) {
+    RandomSequence random(seed_, static_cast<std::uint32_t>(step), Draw::kUser,
+                          static_cast<std::uint64_t>(shape_.first_place + place));
+    const std::int64_t generation = oldest + below(random, newest - oldest + 1);
+    const TrainingExample& example =
+        generations_[static_cast<std::size_t>(generation - first_generation_)]
+                    [static_cast<std::size_t>(place)];
+    const std::int64_t rows = example.input.size(1), cols = example.input.size(2);
+    if (rows < shape_.patch_rows || cols < shape_.patch_cols)
+      throw InputError("an example", fmt::format("has planes of {} x {} only", cols, rows),
+                       "use a smaller patch or larger pictures");
+    const std::int64_t row0 = below(random, rows - shape_.patch_rows + 1);
+    const std::int64_t col0 = below(random, cols - shape_.patch_cols + 1);
+    const auto cut = [&](const torch::Tensor& planes) {
+      return planes.slice(1, row0, row0 + shape_.patch_rows)
+          .slice(2, col0, col0 + shape_.patch_cols);
+    };
+    inputs.push_back(cut(example.input));
+    targets.push_back(cut(example.target));
+  }
+  return {torch::stack(inputs), torch::stack(targets)};
+}
+
+}  // namespace malus

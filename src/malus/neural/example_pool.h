@@ -1,0 +1,74 @@
+// Examples for training, made ahead by a background thread and used more than once, because the
+// classical guide is dear. What a step sees depends on the seed and the step alone: not on threads,
+// nor on how many workers share the batch, nor on where an interrupted run went on.
+//
+// Every place of the whole batch has its own lane of examples: number = generation * batch + place.
+// At a step the lane holds the last `pool` generations up to floor(step * refresh).
+#pragma once
+
+#include "malus/neural/raw_pairs.h"
+
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include <torch/torch.h>
+
+namespace malus {
+
+/// Network input and target planes: [channels, rows, cols] each, one size.
+struct TrainingExample {
+  torch::Tensor input, target;
+};
+
+/// A pair in the network's domain, guide and all. Throws InputError.
+TrainingExample make_example(const RawPair& pair, const PackageSettings& settings);
+
+struct PoolShape {
+  int batch = 8;                    ///< of all workers
+  int first_place = 0, places = 8;  ///< this worker's
+  int pool = 32;
+  double refresh = 0.25;
+  std::int64_t patch_rows = 32, patch_cols = 32;  ///< in planes
+};
+
+class ExamplePool {
+ public:
+  using Maker = std::function<TrainingExample(std::uint32_t number)>;
+  /// Begins to make the examples of first_step at once. maker is called from another thread.
+  ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed, std::int64_t first_step);
+  ~ExamplePool();
+  ExamplePool(const ExamplePool&) = delete;
+  ExamplePool& operator=(const ExamplePool&) = delete;
+
+  /// Patches of this worker's places at a step, [places, channels, rows, cols]. Waits for examples
+  /// that are not there yet; throws what the maker threw. Steps must not fall.
+  TrainingExample batch(std::int64_t step);
+  /// Share of the time since the start that batch() waited.
+  double waiting_s() const { return waiting_s_; }
+
+ private:
+  std::int64_t newest_generation(std::int64_t step) const;
+  void work();
+
+  Maker maker_;
+  PoolShape shape_;
+  std::uint64_t seed_;
+  std::int64_t first_generation_;                         ///< of lanes_'s front
+  std::int64_t wanted_;                                   ///< newest generation that may be made
+  std::deque<std::vector<TrainingExample>> generations_;  ///< [generation][place]
+  std::exception_ptr failure_;
+  bool stop_ = false;
+  double waiting_s_ = 0;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::thread thread_;
+};
+
+}  // namespace malus

@@ -1,0 +1,168 @@
+#include "malus/neural/raw_pairs.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/neural/recorded_pairs.h"
+#include "malus/synthesize/model.h"
+#include "malus/synthesize/scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+std::size_t pick(RandomSequence& random, std::size_t count) {
+  return std::min(count - 1,
+                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
+}
+
+double log_between(RandomSequence& random, double low, double high) {
+  return low * std::pow(high / low, random.uniform());
+}
+
+void multiply(std::vector<double>& values, double factor) {
+  for (double& value : values) value *= factor;
+}
+
+void multiply(ChannelStatistics& statistics, double factor) {
+  multiply(statistics.mean, factor);
+  multiply(statistics.spread, factor);
+  multiply(statistics.covariance.values, factor * factor);
+}
+
+// Clean scenes with the noise of a random sensor.
+class SyntheticPairs final : public PairSource {
+ public:
+  explicit SyntheticPairs(const TrainingConfig& config)
+      : scenes_(config),
+        noise_(config.noise),
+        synthesis_(config.synthesis),
+        exposure_low_(config.data.exposure_low),
+        exposure_high_(std::max(config.data.exposure_high, config.data.exposure_low)) {
+    for (const auto& path : config.models) {
+      models_.push_back(load_model(path));
+      if (!(models_.back().layout == config.package.layout()))
+        throw InputError(path.string(),
+                         fmt::format("is of a sensor with the layout {}, the package of {}",
+                                     models_.back().layout.name(), config.package.settings.layout),
+                         "name models of one layout");
+      if (noise_.jitter > 0 && (models_.back().physics.empty() || synthesis_.kind != "physics"))
+        throw InputError(path.string(), "cannot be varied: jitter is for kind \"physics\"",
+                         "use jitter = 0");
+    }
+  }
+
+  RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
+    RandomSequence random(seed, number, Draw::kParameters, 1);
+    const NoiseModel& base = models_[pick(random, models_.size())];
+    GainSetting gain = base.random_gain(seed, number);
+    if (!noise_.gains.empty())
+      gain = Model(base).gain_setting(noise_.gains[pick(random, noise_.gains.size())]);
+    SynthesisSettings synthesis = synthesis_;
+    synthesis.ratio = log_between(random, noise_.ratio_low, noise_.ratio_high);
+    const double exposure = log_between(random, exposure_low_, exposure_high_);
+    const NoiseModel sensor =
+        noise_.jitter > 0 ? jittered_sensor(base, gain, noise_.jitter, seed, number) : base;
+    Image clean = mosaic_of(scenes_.draw(seed, number), sensor.layout);
+    const double white = sensor.white_dn - sensor.black_dn.front();
+    for (float& v : clean.values())
+      v = static_cast<float>(std::clamp(static_cast<double>(v) * exposure, 0.0, 1.0) * white);
+    RawPair pair;
+    pair.noisy = Synthesizer(sensor, synthesis)
+                     .draw_raw(clean, gain, {.seed = seed, .frame = number}, sensor.black_dn,
+                               sensor.white_dn);
+    pair.noisy.source = fmt::format("example {}", number);
+    pair.profile = sensor.profile_at(gain);
+    pair.ratio = synthesis.ratio;
+    for (float& v : clean.values()) v = static_cast<float>(static_cast<double>(v) / pair.ratio);
+    pair.clean_dn = std::move(clean);
+    return pair;
+  }
+
+ private:
+  CleanScenes scenes_;
+  std::vector<NoiseModel> models_;
+  TrainingNoiseSettings noise_;
+  SynthesisSettings synthesis_;
+  double exposure_low_, exposure_high_;
+};
+
+// Several sources, each by its weight.
+class MixedPairs final : public PairSource {
+ public:
+  void add(std::unique_ptr<PairSource> source, std::size_t weight) {
+    sources_.push_back(std::move(source));
+    weights_.push_back(weight);
+  }
+  RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
+    RandomSequence random(seed, number, Draw::kParameters, 2);
+    std::size_t at =
+        pick(random, std::accumulate(weights_.begin(), weights_.end(), std::size_t{0}));
+    std::size_t i = 0;
+    while (at >= weights_[i]) at -= weights_[i++];
+    return sources_[i]->pair(seed, number);
+  }
+
+ private:
+  std::vector<std::unique_ptr<PairSource>> sources_;
+  std::vector<std::size_t> weights_;
+};
+
+}  // namespace
+
+NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
+                           std::uint64_t seed, std::uint32_t number) {
+  RandomSequence random(seed, number, Draw::kParameters, 3);
+  const auto factor = [&] { return std::exp(jitter * random.normal()); };
+  const GainParameters p = model.parameters_at(gain);
+  PhysicsCalibration entry;
+  entry.gain = p.gain;
+  entry.K.mean = p.K;
+  entry.mu.mean = p.mu_dn;
+  entry.mu.covariance = p.mu_covariance;
+  entry.sigma_row.mean = p.sigma_row_dn;
+  entry.sigma_row.covariance = p.sigma_row_covariance;
+  entry.sigma_tl.mean = p.sigma_tl_dn;
+  entry.sigma_tl.spread = p.sigma_tl_spread_dn;
+  entry.lambda.mean = p.lambda;
+  multiply(entry.K, factor());
+  multiply(entry.sigma_tl, factor());
+  multiply(entry.sigma_row, factor());
+  multiply(entry.mu, factor());
+  NoiseModel sensor;
+  sensor.sensor = model.sensor;
+  sensor.layout = model.layout;
+  sensor.black_dn = model.black_dn;
+  sensor.white_dn = model.white_dn;
+  sensor.quantization_dn = model.quantization_dn;
+  sensor.row_group = model.row_group;
+  sensor.origin = model.origin + ", varied";
+  sensor.physics = {std::move(entry)};
+  return sensor;
+}
+
+Image middle_of(const Image& mosaic, const SensorLayout& layout, int side) {
+  const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
+  const auto length = [&](int size) { return std::min(size, side) / cell * cell; };
+  const int rows = length(mosaic.rows()), cols = length(mosaic.cols());
+  const int row0 = (mosaic.rows() - rows) / 2 / cell * cell;
+  const int col0 = (mosaic.cols() - cols) / 2 / cell * cell;
+  Image middle(rows, cols);
+  for (int r = 0; r < rows; ++r) std::copy_n(mosaic.row(row0 + r) + col0, cols, middle.row(r));
+  return middle;
+}
+
+std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config) {
+  auto mixed = std::make_unique<MixedPairs>();
+  if (const std::size_t clean = config.pictures.size() + config.scenes.size(); clean > 0)
+    mixed->add(std::make_unique<SyntheticPairs>(config), clean);
+  if (!config.shards.empty()) mixed->add(open_shards(config), config.shards.size());
+  if (!config.pairs.empty()) mixed->add(open_captured_pairs(config), config.pairs.size());
+  return mixed;
+}
+
+}  // namespace malus

@@ -1,0 +1,190 @@
+#include "malus/neural/recorded_pairs.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/image/pack.h"
+#include "malus/io/frame_file.h"
+#include "malus/io/shard_read.h"
+
+#include <algorithm>
+#include <fstream>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+namespace fs = std::filesystem;
+
+std::size_t pick(RandomSequence& random, std::size_t count) {
+  return std::min(count - 1,
+                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
+}
+
+NoiseModel only_model(const TrainingConfig& config) {
+  if (config.models.size() != 1)
+    throw InputError(config.source.string(),
+                     fmt::format("names {} noise models", config.models.size()),
+                     "name the one that describes the recorded pairs");
+  return load_model(config.models.front());
+}
+
+Json load_json(const fs::path& path) {
+  std::ifstream in(path);
+  if (!in) throw InputError(path.string(), "cannot be read", "check the name and the rights");
+  try {
+    return Json::parse(in);
+  } catch (const Json::exception& error) {
+    throw InputError(path.string(), fmt::format("is not JSON ({})", error.what()),
+                     "give what malus wrote");
+  }
+}
+
+GainSetting gain_of(const Json& facts) {
+  GainSetting gain;
+  if (facts.at("gain_db").is_number()) gain.gain_db = facts.at("gain_db").get<double>();
+  if (facts.at("iso").is_number()) gain.iso = facts.at("iso").get<double>();
+  return gain;
+}
+
+class ShardPairs final : public PairSource {
+ public:
+  explicit ShardPairs(const TrainingConfig& config) : model_(only_model(config)) {
+    for (const fs::path& path : config.shards) {
+      const Json dataset = load_json(path.parent_path() / "dataset.json");
+      const bool amplified = dataset.at("noise").at("amplify").get<bool>();
+      const bool debiased = dataset.at("noise").at("debias").get<bool>();
+      const auto entries = shard_entries(path);
+      for (std::size_t i = 0; i + 2 < entries.size(); i += 3)
+        samples_.push_back({path, entries[i], entries[i + 1], entries[i + 2], amplified, debiased});
+    }
+    if (samples_.empty())
+      throw InputError(config.source.string(), "its shards hold no samples",
+                       "make them with malus dataset");
+  }
+
+  RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
+    RandomSequence random(seed, number, Draw::kScene, 4);
+    const Sample& sample = samples_[pick(random, samples_.size())];
+    const std::string where = sample.path.string();
+    const Json facts = Json::parse(shard_content(sample.path, sample.facts));
+    RawPair pair;
+    pair.ratio = facts.at("ratio").get<double>();
+    pair.profile = model_.profile_at(gain_of(facts));
+    pair.clean_dn = mosaic(sample, sample.clean);
+    pair.noisy.dn = mosaic(sample, sample.noisy);
+    const auto scale = static_cast<float>(sample.amplified ? 1.0 / pair.ratio : 1.0);
+    for (Image* image : {&pair.clean_dn, &pair.noisy.dn})
+      for (float& v : image->values()) v *= scale;
+    pair.noisy.layout = model_.layout;
+    pair.noisy.source = where;
+    pair.noisy.white_dn = model_.white_dn - model_.black_dn.front();
+    // What the bias' removal will subtract again.
+    for (const ChannelProfile& channel : pair.profile.channels)
+      pair.noisy.black_dn.push_back(sample.debiased ? -channel.bias_dn : 0.0);
+    return pair;
+  }
+
+ private:
+  struct Sample {
+    fs::path path;
+    ShardEntry clean, noisy, facts;
+    bool amplified, debiased;
+  };
+  Image mosaic(const Sample& sample, const ShardEntry& entry) const {
+    const Planes planes = planes_of_npy(shard_content(sample.path, entry), entry.name);
+    if (planes.channels() != model_.layout.channels())
+      throw InputError(sample.path.string(),
+                       fmt::format("holds {} planes per sample", planes.channels()),
+                       "name the noise model that it was made with");
+    Image out(planes.rows() * model_.layout.rows(), planes.cols() * model_.layout.cols());
+    unpack(planes, model_.layout, out);
+    return out;
+  }
+
+  NoiseModel model_;
+  std::vector<Sample> samples_;
+};
+
+class CapturedPairs final : public PairSource {
+ public:
+  explicit CapturedPairs(const TrainingConfig& config)
+      : model_(only_model(config)), side_(config.data.example) {
+    for (const fs::path& list : config.pairs)
+      for (const Json& entry : load_json(list).at("pairs"))
+        pairs_.push_back({list.parent_path() / entry.at("short").get<std::string>(),
+                          list.parent_path() / entry.at("reference").get<std::string>(),
+                          entry.at("ratio").get<double>(), gain_of(entry)});
+    if (pairs_.empty())
+      throw InputError(config.source.string(), "its pairs are none", "make them with malus pairs");
+  }
+
+  RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
+    RandomSequence random(seed, number, Draw::kScene, 5);
+    const Recorded& recorded = pairs_[pick(random, pairs_.size())];
+    FrameOptions options;
+    options.layout = model_.layout;
+    RawPair pair;
+    pair.noisy = load_frame(recorded.noisy, options);
+    Image clean = load_frame(recorded.clean, options).dn;
+    if (clean.rows() != pair.noisy.dn.rows() || clean.cols() != pair.noisy.dn.cols())
+      throw InputError(recorded.noisy.string(), "has another size than its reference",
+                       "make the pairs again");
+    for (float& v : clean.values()) v = static_cast<float>(static_cast<double>(v) / recorded.ratio);
+    const int cell =
+        std::lcm(std::lcm(model_.layout.rows(), model_.layout.cols()), model_.row_group);
+    const int rows = std::min(clean.rows(), side_) / cell * cell;
+    const int cols = std::min(clean.cols(), side_) / cell * cell;
+    const auto start = [&](int size, int length) {
+      return cell *
+             static_cast<int>(pick(random, static_cast<std::size_t>((size - length) / cell + 1)));
+    };
+    const int row0 = start(clean.rows(), rows), col0 = start(clean.cols(), cols);
+    pair.clean_dn = window(clean, row0, col0, rows, cols);
+    pair.noisy.dn = window(pair.noisy.dn, row0, col0, rows, cols);
+    pair.profile = model_.profile_at(recorded.gain);
+    pair.ratio = recorded.ratio;
+    return pair;
+  }
+
+ private:
+  struct Recorded {
+    fs::path noisy, clean;
+    double ratio;
+    GainSetting gain;
+  };
+  static Image window(const Image& from, int row0, int col0, int rows, int cols) {
+    Image out(rows, cols);
+    for (int r = 0; r < rows; ++r) std::copy_n(from.row(row0 + r) + col0, cols, out.row(r));
+    return out;
+  }
+
+  NoiseModel model_;
+  int side_;
+  std::vector<Recorded> pairs_;
+};
+
+template <class Source>
+std::unique_ptr<PairSource> opened(const TrainingConfig& config) {
+  try {
+    return std::make_unique<Source>(config);
+  } catch (const Json::exception& error) {
+    throw InputError(config.source.string(),
+                     fmt::format("its recorded pairs cannot be read ({})", error.what()),
+                     "make them with malus dataset or malus pairs");
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<PairSource> open_shards(const TrainingConfig& config) {
+  return opened<ShardPairs>(config);
+}
+
+std::unique_ptr<PairSource> open_captured_pairs(const TrainingConfig& config) {
+  return opened<CapturedPairs>(config);
+}
+
+}  // namespace malus

@@ -1,0 +1,18 @@
+// Pairs that lie in files: the shards of `malus dataset`, the pairs of `malus pairs`.
+#pragma once
+
+#include "malus/neural/raw_pairs.h"
+
+#include <memory>
+
+namespace malus {
+
+/// Shards (WebDataset tars) with dataset.json beside them; their noise is described by the one
+/// noise model of the configuration. A sample is an example. Throws InputError.
+std::unique_ptr<PairSource> open_shards(const TrainingConfig& config);
+
+/// pairs.json lists with their frames beside them; noise as above. An example is a piece at whole
+/// cells and row groups. Throws InputError.
+std::unique_ptr<PairSource> open_captured_pairs(const TrainingConfig& config);
+
+}  // namespace malus

@@ -1,0 +1,369 @@
+#include "malus/neural/trainer.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/neural/autocast.h"
+#include "malus/neural/checkpoint.h"
+#include "malus/neural/example_pool.h"
+#include "malus/neural/loss.h"
+#include "malus/neural/training_log.h"
+#include "malus/neural/validation.h"
+
+#include <chrono>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using Clock = std::chrono::steady_clock;
+namespace fs = std::filesystem;
+
+PoolShape pool_shape(const TrainingConfig& config, const Workers& workers) {
+  if (config.train.batch % workers.size() != 0)
+    throw InputError(config.source.string(),
+                     fmt::format("batch = {} cannot be shared by {} workers evenly",
+                                 config.train.batch, workers.size()),
+                     "use a multiple of their number");
+  const SensorLayout layout = config.package.layout();
+  PoolShape shape;
+  shape.batch = config.train.batch;
+  shape.places = config.train.batch / workers.size();
+  shape.first_place = workers.rank() * shape.places;
+  shape.pool = config.data.pool;
+  shape.refresh = config.data.refresh;
+  shape.patch_rows = config.data.patch / layout.rows();
+  shape.patch_cols = config.data.patch / layout.cols();
+  return shape;
+}
+
+Json json_of(const ValidationScore& score) {
+  return {{"image_psnr_db", score.image_psnr_db},
+          {"dolp_psnr_db", score.dolp_psnr_db},
+          {"aolp_circular_deg", score.aolp_circular_deg}};
+}
+
+bool wants_bfloat16(const TrainingConfig& config, const torch::Device& device) {
+  const std::string& architecture = config.package.network.architecture;
+  const bool possible = architecture == "unet" || architecture == "nafnet";
+  if (config.train.precision == "bfloat16" && !possible)
+    throw InputError(config.source.string(), "precision = \"bfloat16\" is not for " + architecture,
+                     "use \"auto\" or \"float32\"");
+  return config.train.precision == "bfloat16" ||
+         (config.train.precision == "auto" && possible && device.is_cuda());
+}
+
+// libtorch's own start makes the U-Net's signals fade from layer to layer, for there is no norm
+// that lifts them again: He et al., ICCV 2015, Eq. 14, for LeakyReLU 0.2; transposed convolutions
+// have no activation behind them and one tap per input.
+void begin_unet(Network& network) {
+  const torch::NoGradGuard no_gradients;
+  for (auto& item : network.named_parameters()) {
+    torch::Tensor& value = item.value();
+    if (value.dim() == 1)
+      value.zero_();
+    else if (item.key().starts_with("upv"))
+      value.normal_(0, 1 / std::sqrt(static_cast<double>(value.size(0))));
+    else
+      torch::nn::init::kaiming_normal_(value, 0.2);
+  }
+}
+
+// The last convolution that gives as many planes as the network does is set to zero, so that a
+// residual network begins by returning its base.
+void begin_with_base(Network& network, const NetworkPackage& package) {
+  const torch::NoGradGuard no_gradients;
+  const std::int64_t planes = package.network.settings.value("img_channel", package.planes());
+  std::string last;
+  for (const auto& item : network.named_parameters())
+    if (item.value().dim() == 4 && item.value().size(0) == planes) last = item.key();
+  if (last.empty()) return;
+  const std::string stem = last.substr(0, last.rfind('.') + 1);
+  for (auto& item : network.named_parameters())
+    if (item.key() == stem + "weight" || item.key() == stem + "bias") item.value().zero_();
+}
+
+// What one step tells.
+struct StepFigures {
+  double loss, base_loss;  ///< base: of the guide, or of the noisy planes
+  double gradient_norm, rate;
+  bool stop;
+};
+
+class Trainer {
+ public:
+  Trainer(const TrainingConfig& config, const TrainOptions& options, Workers& workers,
+          Progress& progress)
+      : config_(config),
+        options_(options),
+        workers_(workers),
+        progress_(progress),
+        layout_(config.package.layout()),
+        device_(training_device(config.train)),
+        bfloat16_(wants_bfloat16(config, device_)),
+        description_(config_json(config)),
+        network_(seeded_network()),
+        adam_(network_->parameters(), config.train.beta1, config.train.beta2),
+        state_{*network_, adam_, average_} {
+    description_["seed"] = options.seed;
+    for (const torch::Tensor& parameter : network_->parameters())
+      average_.push_back(parameter.detach().clone());
+  }
+
+  Json run() {
+    open_folder();
+    const auto source = make_pair_source(config_);
+    const Validation validation(config_, options_.seed + 1, progress_);
+    if (leader()) log_.emplace(file("log.jsonl"), state_.step);
+    if (leader() && state_.step == 0 && !validation.empty()) log_start(validation);
+    ExamplePool pool(
+        [&](std::uint32_t number) {
+          return make_example(source->pair(options_.seed, number), config_.package.settings);
+        },
+        pool_shape(config_, workers_), options_.seed, state_.step);
+    progress_.begin("training", config_.train.steps);
+    progress_.advance(state_.step);
+    const double before = state_.seconds;
+    const auto start = Clock::now();
+    while (state_.step < config_.train.steps) {
+      const StepFigures figures = step(pool);
+      ++state_.step;
+      state_.seconds = before + std::chrono::duration<double>(Clock::now() - start).count();
+      after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
+    }
+    if (!leader()) return {{"rank", workers_.rank()}};
+    save_package(file("weights.safetensors"));
+    return record(validation);
+  }
+
+ private:
+  bool leader() const { return workers_.rank() == 0; }
+  fs::path file(const char* name) const { return options_.folder / name; }
+
+  std::shared_ptr<Network> seeded_network() const {
+    torch::manual_seed(options_.seed);
+    auto network = make_network(config_.package.network);
+    if (config_.package.network.architecture == "unet") begin_unet(*network);
+    if (config_.package.settings.residual) begin_with_base(*network, config_.package);
+    network->to(device_);
+    return network;
+  }
+
+  void open_folder() {
+    const fs::path checkpoint = file("checkpoint.safetensors");
+    if (leader()) make_output_folder(options_.folder);
+    if (options_.resume && fs::exists(checkpoint))
+      load_checkpoint(state_, description_, checkpoint);
+    else if (leader() && !options_.resume)
+      check_output(checkpoint, options_.force);
+  }
+
+  StepFigures step(ExamplePool& pool) {
+    const TrainingExample batch = pool.batch(state_.step);
+    const auto parameters = network_->parameters();
+    for (const torch::Tensor& parameter : parameters)
+      if (parameter.grad().defined()) parameter.mutable_grad().reset();
+    const torch::Tensor input = batch.input.to(device_), target = batch.target.to(device_);
+    torch::Tensor output;
+    {
+      const Autocast autocast(bfloat16_, device_.is_cuda());
+      output = apply_network(*network_, config_.package, input).to(torch::kFloat32);
+    }
+    const torch::Tensor loss = loss_of(input, output, target);
+    loss.backward();
+    StepFigures figures{.loss = loss.item<double>(),
+                        .base_loss = base_loss_of(input, target),
+                        .gradient_norm = 0,
+                        .rate = learning_rate_at(config_.train, state_.step),
+                        .stop = progress_.stop_requested()};
+    share(parameters, figures);
+    figures.gradient_norm = clip_gradients(parameters, config_.train.clip);
+    if (!std::isfinite(figures.loss) || !std::isfinite(figures.gradient_norm))
+      throw InputError(config_.source.string(),
+                       fmt::format("the loss is no number any more at step {}", state_.step),
+                       "lower learning_rate, then --resume from the last checkpoint");
+    adam_.update(figures.rate, state_.step);
+    update_average(average_, parameters, config_.train.average, state_.step);
+    return figures;
+  }
+
+  // A package in units of the noise has its loss in them too, or dark examples would count most.
+  torch::Tensor loss_of(const torch::Tensor& input, const torch::Tensor& output,
+                        const torch::Tensor& target) const {
+    if (config_.package.settings.noise_input != "units")
+      return training_loss(config_.train, layout_, output, target);
+    const torch::Tensor level = noise_level_of(config_.package, input);
+    return training_loss(config_.train, layout_, output / level, target / level);
+  }
+
+  double base_loss_of(const torch::Tensor& input, const torch::Tensor& target) const {
+    const torch::NoGradGuard no_gradients;
+    return loss_of(input, input.slice(1, 0, target.size(1)), target).item<double>();
+  }
+
+  // Gradients, losses and the wish to stop become the mean over the workers, in one message.
+  void share(const std::vector<torch::Tensor>& parameters, StepFigures& figures) {
+    if (workers_.size() == 1) return;
+    std::vector<torch::Tensor> parts;
+    for (const torch::Tensor& parameter : parameters)
+      parts.push_back(parameter.grad().defined() ? parameter.grad().flatten()
+                                                 : torch::zeros_like(parameter).flatten());
+    parts.push_back(
+        torch::tensor({figures.loss, figures.stop ? 1.0 : 0.0}, parts.front().options()));
+    torch::Tensor all = torch::cat(parts);
+    workers_.sum(all);
+    all.div_(workers_.size());
+    std::int64_t at = 0;
+    for (const torch::Tensor& parameter : parameters) {
+      if (parameter.grad().defined())
+        parameter.grad().copy_(all.slice(0, at, at + parameter.numel()).view_as(parameter));
+      at += parameter.numel();
+    }
+    figures.loss = all[at].item<double>();
+    figures.base_loss = all[at + 1].item<double>();
+    figures.stop = all[at + 2].item<double>() > 0;
+  }
+
+  void after_step(const StepFigures& figures, const Validation& validation, double waiting) {
+    const TrainSettings& train = config_.train;
+    const bool last = state_.step == train.steps;
+    progress_.advance(1);
+    if (leader() && (state_.step % train.log_every == 0 || last))
+      log_->write({{"step", state_.step},
+                   {"loss", figures.loss},
+                   {"base_loss", figures.base_loss},
+                   {"rate", figures.rate},
+                   {"gradient_norm", figures.gradient_norm},
+                   {"seconds", state_.seconds},
+                   {"waiting", waiting}});
+    if (leader() && !validation.empty() && (state_.step % config_.validation.every == 0 || last))
+      validate(validation);
+    if (leader() && (state_.step % train.checkpoint_every == 0 || last || figures.stop))
+      save_checkpoint(state_, description_, file("checkpoint.safetensors"));
+    if (figures.stop && !last) throw Cancelled();
+  }
+
+  void log_start(const Validation& validation) {
+    Json line{{"step", 0}, {"noisy", json_of(validation.noisy_score())}};
+    if (config_.package.settings.guide != "none") line["guide"] = json_of(validation.guide_score());
+    log_->write(line);
+  }
+
+  // The averaged weights for as long as the object lives.
+  class Averaged {
+   public:
+    explicit Averaged(Trainer& trainer) : trainer_(trainer) { exchange(); }
+    ~Averaged() { exchange(); }
+    Averaged(const Averaged&) = delete;
+    Averaged& operator=(const Averaged&) = delete;
+
+   private:
+    void exchange() {
+      if (trainer_.config_.train.average <= 0) return;
+      const auto parameters = trainer_.network_->parameters();
+      for (std::size_t i = 0; i < parameters.size(); ++i) {
+        const torch::Tensor held = parameters[i].data();
+        parameters[i].set_data(trainer_.average_[i]);
+        trainer_.average_[i] = held;
+      }
+    }
+    Trainer& trainer_;
+  };
+
+  void validate(const Validation& validation) {
+    ValidationScore score;
+    {
+      const Averaged averaged(*this);
+      network_->eval();
+      score = validation.score(*network_, config_.package);
+      network_->train();
+    }
+    log_->write({{"step", state_.step}, {"validation", json_of(score)}});
+    if (const double sum = score.image_psnr_db + score.dolp_psnr_db; sum > state_.best_score_db) {
+      state_.best_score_db = sum;
+      save_package(file("best.safetensors"));
+    }
+  }
+
+  void save_package(const fs::path& path) {
+    const Averaged averaged(*this);
+    NetworkPackage package = config_.package;
+    package.training = {{"steps", state_.step},
+                        {"seconds", std::round(state_.seconds)},
+                        {"device", device_.str()},
+                        {"workers", workers_.size()},
+                        {"pictures", config_.pictures.size()},
+                        {"scenes", config_.scenes.size()},
+                        {"shards", config_.shards.size()},
+                        {"pairs", config_.pairs.size()},
+                        {"seed", options_.seed},
+                        {"data", description_["data"]},
+                        {"noise", description_["noise"]},
+                        {"train", description_["train"]}};
+    for (const Json& line : log_->lines()) {
+      if (line.contains("guide")) package.training["guide"] = line["guide"];
+      if (line.contains("validation")) package.training["validation"] = line["validation"];
+    }
+    TensorFile weights = package_file(package, *network_);
+    save_tensor_file(weights, path);
+  }
+
+  Json record(const Validation& validation) const {
+    Json record{{"config", config_.source.string()},
+                {"architecture", config_.package.network.architecture},
+                {"parameters", parameter_count(*network_)},
+                {"steps", state_.step},
+                {"workers", workers_.size()},
+                {"device", device_.str()},
+                {"seconds", state_.seconds},
+                {"weights", file("weights.safetensors").string()},
+                {"log", log_->lines()}};
+    if (!validation.empty()) {
+      record["noisy"] = json_of(validation.noisy_score());
+      if (config_.package.settings.guide != "none")
+        record["guide"] = json_of(validation.guide_score());
+      record["best_score_db"] = state_.best_score_db;
+    }
+    return record;
+  }
+
+  const TrainingConfig& config_;
+  const TrainOptions& options_;
+  Workers& workers_;
+  Progress& progress_;
+  SensorLayout layout_;
+  torch::Device device_;
+  bool bfloat16_;
+  nlohmann::json description_;
+  std::shared_ptr<Network> network_;
+  Adam adam_;
+  std::vector<torch::Tensor> average_;
+  TrainingState state_;
+  std::optional<TrainingLog> log_;
+};
+
+}  // namespace
+
+torch::Device training_device(const TrainSettings& settings) {
+  const bool there = torch::cuda::is_available();
+  if (settings.device == "cuda" && !there)
+    throw InputError("device = \"cuda\"", "this libtorch finds no GPU", "use device = \"cpu\"");
+  return settings.device != "cpu" && there ? torch::kCUDA : torch::kCPU;
+}
+
+torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& layout,
+                            const torch::Tensor& output, const torch::Tensor& target) {
+  if (settings.loss == "l1") return l1_distance(output, target);
+  const torch::Tensor stokes = stokes_loss(output, target, layout);
+  if (settings.loss == "stokes") return stokes;
+  return l1_distance(output, target) + settings.stokes_weight * stokes;
+}
+
+Json train(const TrainingConfig& config, const TrainOptions& options, Workers& workers,
+           Progress& progress) {
+  return Trainer(config, options, workers, progress).run();
+}
+
+}  // namespace malus

@@ -1,0 +1,199 @@
+#include "malus/neural/training_config.h"
+
+#include "malus/base/error.h"
+#include "malus/io/config_section.h"
+#include "malus/io/shard.h"
+
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+namespace fs = std::filesystem;
+
+template <class Settings>
+std::vector<std::string> names_of() {
+  const Settings settings;
+  std::vector<std::string> names;
+  Settings::describe(settings,
+                     [&](const auto&, const ParameterInfo& info) { names.push_back(info.name); });
+  return names;
+}
+
+template <class Settings>
+Json json_of(const Settings& settings) {
+  Json json;
+  Settings::describe(
+      settings, [&](const auto& value, const ParameterInfo& info) { json[info.name] = value; });
+  return json;
+}
+
+// Files (or folders) of patterns relative to the configuration.
+std::vector<fs::path> matches(const ConfigSection& section, const char* key,
+                              const fs::path& folder) {
+  std::vector<fs::path> all;
+  for (const std::string& pattern : section.texts(key)) {
+    if (fs::is_directory(folder / pattern)) {
+      all.push_back(folder / pattern);
+      continue;
+    }
+    const auto found = files_matching(folder, pattern);
+    if (found.empty())
+      section.fail(key, fmt::format("\"{}\" matches no file", pattern), "check the pattern");
+    all.insert(all.end(), found.begin(), found.end());
+  }
+  return all;
+}
+
+// The network's own settings are those of its architecture, by the kinds of their defaults.
+NetworkDescription read_network(const ConfigSection& section) {
+  if (!section.has("architecture"))
+    section.fail("architecture", "is missing", "name one, e.g. \"unet\"");
+  NetworkDescription network{*section.text("architecture"), Json::object()};
+  const Json defaults = default_network_settings(network.architecture);
+  std::vector<std::string> known{"architecture"};
+  for (const auto& [key, value] : defaults.items()) known.push_back(key);
+  section.require_known(known);
+  for (const auto& [key, value] : defaults.items()) {
+    if (!section.has(key)) continue;
+    if (value.is_boolean())
+      network.settings[key] = *section.flag(key);
+    else if (value.is_string())
+      network.settings[key] = *section.text(key);
+    else if (value.is_number_integer())
+      network.settings[key] = *section.whole_number(key, 0, 1 << 20);
+    else if (value.is_number())
+      network.settings[key] = *section.number(key);
+    else {
+      std::vector<int> list;
+      for (const double number : section.numbers(key)) list.push_back(static_cast<int>(number));
+      network.settings[key] = list;
+    }
+  }
+  return network;
+}
+
+void read_noise(const ConfigSection& section, const fs::path& folder, TrainingConfig& config) {
+  auto also = names_of<TrainingNoiseSettings>();
+  also.push_back("models");
+  section.read(config.synthesis, also);
+  also = names_of<SynthesisSettings>();
+  also.push_back("models");
+  section.read(config.noise, also);
+  for (const char* key : {"ratio", "debias", "amplify"})
+    if (section.has(key))
+      section.fail(key, "has no meaning here",
+                   "give ratio_low and ratio_high; bias and amplification belong to [package]");
+  if (config.noise.ratio_low > config.noise.ratio_high)
+    section.fail("ratio_low", "is above ratio_high", "exchange them");
+  for (const std::string& name : section.texts("models")) {
+    const fs::path beside = folder / name;
+    config.models.push_back(fs::exists(beside) ? beside : fs::path(name));
+  }
+  if (config.models.empty()) section.fail("models", "is missing", "name one or more noise models");
+}
+
+void read_validation(const ConfigSection& section, const fs::path& folder, TrainingConfig& config) {
+  section.read(config.validation, {"scenes", "cases"});
+  config.validation_scenes = matches(section, "scenes", folder);
+  for (const std::string& text : section.texts("cases")) {
+    const std::size_t colon = text.find(':');
+    try {
+      config.cases.push_back({std::stod(text), std::stod(text.substr(colon + 1))});
+    } catch (const std::exception&) {
+      section.fail("cases", fmt::format("\"{}\" is not GAIN:RATIO", text), "e.g. \"12:60\"");
+    }
+  }
+  if (!config.validation_scenes.empty() && config.cases.empty())
+    section.fail("cases", "is missing", "e.g. [\"12:10\", \"12:60\"]");
+}
+
+void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
+  const SensorLayout layout = config.package.layout();
+  const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
+  for (const auto& [name, size] :
+       {std::pair{"patch", config.data.patch}, std::pair{"example", config.data.example}})
+    if (size % cell != 0)
+      root.fail(name, fmt::format("= {} is not made of whole cells and row groups", size),
+                fmt::format("use a multiple of {}", cell));
+  if (config.data.patch > config.data.example)
+    root.fail("patch", "is larger than example", "make example larger");
+  if (config.train.loss != "l1" && !layout.polarized())
+    root.fail("loss", fmt::format("= \"{}\" needs polarizer angles", config.train.loss),
+              "use \"l1\"");
+  if (config.pictures.empty() && config.scenes.empty() && config.shards.empty() &&
+      config.pairs.empty())
+    root.fail("data", "names no pictures, scenes, shards or pairs", "give one of them");
+  const double planes = config.package.planes() + config.package.input_planes();
+  const double bytes = 4.0 * planes * config.data.example * config.data.example /
+                       layout.channels() * config.data.pool * config.train.batch;
+  if (bytes > config.data.memory_mib * 0x1p20)
+    root.fail("pool", fmt::format("would take up to {:.0f} MiB", std::ceil(bytes / 0x1p20)),
+              fmt::format("allow it with memory, or make pool, batch or example smaller"));
+}
+
+Json json_of(const std::vector<fs::path>& paths) {
+  Json json = Json::array();
+  for (const fs::path& path : paths) json.push_back(path.filename().string());
+  return json;
+}
+
+}  // namespace
+
+TrainingConfig load_training_config(const fs::path& path) {
+  const ConfigSection root = ConfigSection::load(path, "the training configuration");
+  root.require_known({"network", "package", "data", "noise", "train", "validation"});
+  const fs::path folder = path.parent_path();
+  TrainingConfig config;
+  config.source = path;
+  const auto network = root.section("network"), data = root.section("data"),
+             noise = root.section("noise");
+  if (!network) root.fail("network", "is missing", "add a [network] table");
+  if (!data) root.fail("data", "is missing", "add a [data] table");
+  if (!noise) root.fail("noise", "is missing", "add a [noise] table");
+  if (const auto section = root.section("package")) section->read(config.package.settings);
+  SensorLayout::named(config.package.settings.layout);
+  config.package.network = fitted_network(read_network(*network), config.package.settings);
+  data->read(config.data, {"pictures", "scenes", "shards", "pairs", "tone"});
+  config.pictures = matches(*data, "pictures", folder);
+  config.scenes = matches(*data, "scenes", folder);
+  config.shards = matches(*data, "shards", folder);
+  config.pairs = matches(*data, "pairs", folder);
+  config.tone = data->text("tone").value_or("auto");
+  if (config.tone != "auto" && config.tone != "srgb" && config.tone != "linear")
+    data->fail("tone", fmt::format("\"{}\" is not known", config.tone), "use auto, srgb or linear");
+  read_noise(*noise, folder, config);
+  if (const auto section = root.section("train")) section->read(config.train);
+  if (const auto section = root.section("validation")) read_validation(*section, folder, config);
+  check_sizes(root, config);
+  return config;
+}
+
+Json config_json(const TrainingConfig& config) {
+  Json cases = Json::array();
+  for (const ValidationCase& one : config.cases)
+    cases.push_back(fmt::format("{:g}:{:g}", one.gain, one.ratio));
+  Json noise = json_of(config.noise);
+  noise.update(json_of(config.synthesis));
+  noise["models"] = json_of(config.models);
+  return {{"network",
+           {{"architecture", config.package.network.architecture},
+            {"settings", config.package.network.settings}}},
+          {"package", json_of(config.package.settings)},
+          {"data", json_of(config.data)},
+          {"pictures", json_of(config.pictures)},
+          {"scenes", json_of(config.scenes)},
+          {"shards", json_of(config.shards)},
+          {"pairs", json_of(config.pairs)},
+          {"tone", config.tone},
+          {"noise", noise},
+          {"train", json_of(config.train)},
+          {"validation", json_of(config.validation)},
+          {"validation_scenes", json_of(config.validation_scenes)},
+          {"cases", cases}};
+}
+
+}  // namespace malus

@@ -1,0 +1,42 @@
+// How well a network denoises frames that it was not trained on: scenes with known light, a
+// camera's noise at fixed gains and light, the metrics of 000 Table 1.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/neural/package.h"
+#include "malus/neural/training_config.h"
+
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct ValidationScore {
+  double image_psnr_db = 0, dolp_psnr_db = 0, aolp_circular_deg = 0;  ///< means over the frames
+};
+
+class Validation {
+ public:
+  /// Makes the frames of config.validation_scenes at config.cases with the first noise model, and
+  /// their guides: once. Throws InputError.
+  Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress);
+  bool empty() const { return frames_.empty(); }
+
+  ValidationScore score(Network& network, const NetworkPackage& package) const;
+  ValidationScore noisy_score() const { return noisy_; }
+  ValidationScore guide_score() const { return guide_; }  ///< zero without a guide
+
+ private:
+  struct Frame {
+    NetworkFrame noisy;
+    Image reference_dn;  ///< before the light was divided by ratio
+    double ratio;
+    double peak_dn;
+  };
+  ValidationScore mean_score(const std::vector<Image>& results) const;
+
+  std::vector<Frame> frames_;
+  ValidationScore noisy_, guide_;
+};
+
+}  // namespace malus

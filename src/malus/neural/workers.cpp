@@ -1,0 +1,132 @@
+#include "malus/neural/workers.h"
+
+#include "malus/base/error.h"
+
+#include <chrono>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+#include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
+#if defined(USE_C10D_NCCL)
+#include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
+#endif
+
+namespace malus {
+namespace {
+
+class SingleWorker final : public Workers {
+ public:
+  int rank() const override { return 0; }
+  int size() const override { return 1; }
+  void sum(torch::Tensor&) override {}
+  void broadcast(torch::Tensor&) override {}
+};
+
+class WorkerGroup final : public Workers {
+ public:
+  WorkerGroup(WorkerPlace place, c10::intrusive_ptr<c10d::ProcessGroup> group)
+      : place_(place), group_(std::move(group)) {}
+  int rank() const override { return place_.rank; }
+  int size() const override { return place_.size; }
+  void sum(torch::Tensor& values) override {
+    run(values, [&](std::vector<torch::Tensor>& list) { return group_->allreduce(list); });
+  }
+  void broadcast(torch::Tensor& values) override {
+    run(values, [&](std::vector<torch::Tensor>& list) { return group_->broadcast(list); });
+  }
+
+ private:
+  template <class Call>
+  void run(torch::Tensor& values, const Call& call) {
+    std::vector<torch::Tensor> list{values};
+    try {
+      call(list)->wait();
+    } catch (const std::exception& error) {
+      const std::string text = error.what();
+      throw InputError(fmt::format("worker {} of {}", place_.rank, place_.size),
+                       "another worker was lost (" + text.substr(0, text.find('\n')) + ")",
+                       "start all workers again with --resume: the last checkpoint is good");
+    }
+  }
+
+  WorkerPlace place_;
+  c10::intrusive_ptr<c10d::ProcessGroup> group_;
+};
+
+// The first of the variables that is set, as a whole number.
+int number_of(std::initializer_list<const char*> names, int otherwise) {
+  for (const char* name : names)
+    if (const char* text = std::getenv(name)) {
+      char* end = nullptr;
+      const long value = std::strtol(text, &end, 10);
+      if (end == text || *end != '\0' || value < 0 || value > 65535)
+        throw InputError(name, fmt::format("= \"{}\" is not a number of a process or port", text),
+                         "unset it, or start with torchrun, mpirun or srun");
+      return static_cast<int>(value);
+    }
+  return otherwise;
+}
+
+c10::intrusive_ptr<c10d::ProcessGroup> make_group(const WorkerPlace& place,
+                                                  const c10::intrusive_ptr<c10d::Store>& store,
+                                                  std::chrono::milliseconds timeout,
+                                                  [[maybe_unused]] const torch::Device& device) {
+#if defined(USE_C10D_NCCL)
+  if (device.is_cuda()) {
+    auto options = c10d::ProcessGroupNCCL::Options::create();
+    options->timeout = timeout;
+    return c10::make_intrusive<c10d::ProcessGroupNCCL>(store, place.rank, place.size, options);
+  }
+#endif
+  auto options = c10d::ProcessGroupGloo::Options::create(timeout);
+  // The same variable as PyTorch's own programs: the network interface to listen on.
+  const char* interface = std::getenv("GLOO_SOCKET_IFNAME");
+  options->devices.push_back(interface ? c10d::ProcessGroupGloo::createDeviceForInterface(interface)
+                                       : c10d::ProcessGroupGloo::createDefaultDevice());
+  return c10::make_intrusive<c10d::ProcessGroupGloo>(store, place.rank, place.size, options);
+}
+
+}  // namespace
+
+std::unique_ptr<Workers> single_worker() { return std::make_unique<SingleWorker>(); }
+
+WorkerPlace worker_place_of_environment() {
+  WorkerPlace place;
+  place.rank = number_of({"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"}, 0);
+  place.size = number_of({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1);
+  if (place.size < 1 || place.rank >= place.size)
+    throw InputError(fmt::format("worker {} of {}", place.rank, place.size), "does not exist",
+                     "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
+  return place;
+}
+
+std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device) {
+  const WorkerPlace place = worker_place_of_environment();
+  if (place.size == 1) return single_worker();
+  const char* address = std::getenv("MASTER_ADDR");
+  const std::chrono::milliseconds timeout(static_cast<std::int64_t>(timeout_s * 1000));
+  c10d::TCPStoreOptions options;
+  options.port =
+      static_cast<std::uint16_t>(number_of({"MASTER_PORT"}, c10d::TCPStoreOptions::kDefaultPort));
+  // torchrun serves the meeting point itself.
+  const char* served = std::getenv("TORCHELASTIC_USE_AGENT_STORE");
+  options.isServer = place.rank == 0 && !(served && std::string(served) == "True");
+  options.numWorkers = static_cast<std::size_t>(place.size);
+  options.timeout = timeout;
+  const std::string host = address ? address : "127.0.0.1";
+  try {
+    const auto store = c10::make_intrusive<c10d::TCPStore>(host, options);
+    return std::make_unique<WorkerGroup>(place, make_group(place, store, timeout, device));
+  } catch (const std::exception& error) {
+    const std::string text = error.what();
+    throw InputError(fmt::format("worker {} of {}", place.rank, place.size),
+                     fmt::format("does not meet the others at {}:{} ({})", host, options.port,
+                                 text.substr(0, text.find('\n'))),
+                     "check MASTER_ADDR and MASTER_PORT, and that all workers were started");
+  }
+}
+
+}  // namespace malus

@@ -1,0 +1,339 @@
+// Truth: closed forms (schedules, a scene whose angle is known), torch's own Adam, and that the
+// same run comes out however it is cut into parts or shared by workers.
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/image/pack.h"
+#include "malus/io/picture_file.h"
+#include "malus/neural/checkpoint.h"
+#include "malus/neural/clean_scenes.h"
+#include "malus/neural/example_pool.h"
+#include "malus/neural/optimizer.h"
+#include "malus/neural/raw_pairs.h"
+#include "malus/neural/trainer.h"
+#include "malus/neural/training_log.h"
+#include "malus/synthesize/scene.h"
+
+#include <cmath>
+#include <fstream>
+#include <numbers>
+
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::TemporaryFolder;
+
+TEST(Schedule, WarmsUpLinearlyThenFallsAsACosineOrInSteps) {
+  TrainSettings settings;
+  settings.learning_rate = 1e-3;
+  settings.warm_up = 10;
+  settings.steps = 110;
+  settings.final_rate = 0.1;
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 0), 1e-4);
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 9), 1e-3);
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 10), 1e-3);
+  EXPECT_NEAR(learning_rate_at(settings, 60), 0.55e-3, 1e-12);  // halfway between 1 and 0.1
+  EXPECT_NEAR(learning_rate_at(settings, 110), 1e-4, 1e-12);
+  settings.schedule = "step";
+  settings.step_every = 20;
+  settings.step_factor = 0.5;
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 29), 1e-3);
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 30), 0.5e-3);
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 70), 0.125e-3);
+  settings.schedule = "constant";
+  EXPECT_DOUBLE_EQ(learning_rate_at(settings, 109), 1e-3);
+}
+
+TEST(AdamUpdate, AgreesWithTorchsOwn) {
+  torch::manual_seed(3);
+  auto ours = torch::randn({5, 7}).requires_grad_();
+  auto theirs = ours.detach().clone().requires_grad_();
+  const auto target = torch::randn({5, 7});
+  Adam adam({ours}, 0.9, 0.99);
+  torch::optim::Adam reference({theirs}, torch::optim::AdamOptions(0.05).betas({0.9, 0.99}));
+  for (int step = 0; step < 20; ++step) {
+    for (auto* x : {&ours, &theirs}) {
+      x->mutable_grad().reset();
+      ((*x - target).pow(4)).sum().backward();
+    }
+    adam.update(0.05, step);
+    reference.step();
+  }
+  EXPECT_LT((ours - theirs).abs().max().item<double>(), 1e-5);
+}
+
+TEST(ClipGradients, KeepsTheDirectionAndLimitsTheNorm) {
+  auto a = torch::zeros({2}).requires_grad_(), b = torch::zeros({1}).requires_grad_();
+  const auto set = [&] {
+    a.mutable_grad() = torch::tensor({3.0f, 0.0f});
+    b.mutable_grad() = torch::tensor({4.0f});
+  };
+  set();
+  EXPECT_NEAR(clip_gradients({a, b}, 0), 5, 1e-6);
+  EXPECT_FLOAT_EQ(b.grad().item<float>(), 4);
+  EXPECT_NEAR(clip_gradients({a, b}, 1), 5, 1e-6);
+  EXPECT_NEAR(a.grad()[0].item<float>(), 0.6, 1e-6);
+  EXPECT_NEAR(b.grad().item<float>(), 0.8, 1e-6);
+}
+
+// Four pictures of a plain surface whose light is polarized at 30 degrees, brighter to the right.
+struct AngleScene {
+  explicit AngleScene(const TemporaryFolder& folder, int rows = 48, int cols = 64)
+      : path(folder / "scene") {
+    std::filesystem::create_directories(path);
+    for (int k = 0; k < 4; ++k) {
+      Planes planes(3, rows, cols);
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < cols; ++c)
+          for (int color = 0; color < 3; ++color)
+            planes[color](r, c) = static_cast<float>(
+                light(c, color) * 0.5 *
+                (1 + kDegree * std::cos(std::numbers::pi / 90 * (kAngle - 45.0 * k))));
+      save_picture(path / ("I" + std::to_string(45 * k) + ".exr"), planes, {"R", "G", "B"});
+    }
+  }
+  static double light(int c, int color) { return (0.2 + 0.1 * color) * (1 + c / 64.0); }
+  static constexpr double kDegree = 0.4, kAngle = 30;
+  std::filesystem::path path;
+};
+
+TrainingConfig scene_config(const AngleScene& scene) {
+  TrainingConfig config;
+  config.package.settings.layout = "polar-bayer-rggb";
+  config.package.network =
+      fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, config.package.settings);
+  config.scenes = {scene.path};
+  config.models = {"imx250myr-simulated"};
+  config.data.example = 48;
+  config.data.patch = 32;
+  config.data.pool = 3;
+  config.data.refresh = 0.5;
+  config.train.batch = 4;
+  config.train.steps = 7;
+  config.train.warm_up = 2;
+  config.train.checkpoint_every = 1000;
+  config.train.log_every = 1;
+  return config;
+}
+
+// Mirrored and turned, the light's angle turns with the picture: every piece of the scene has one
+// angle, 30 degrees or what the symmetry makes of it, and the mosaic shows it behind the
+// polarizers where the sensor has them.
+TEST(Augmentation, TurnsPolarizationWithThePicture) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const CleanScenes scenes(scene_config(scene));
+  std::map<int, int> seen;
+  for (std::uint32_t number = 0; number < 60; ++number) {
+    const auto piece = scenes.draw(5, number);
+    ASSERT_EQ(piece.size(), 3u);
+    const StokesPlanes& red = piece[0];
+    // Which way the light rises tells the symmetry, up to the mirror images that it cannot tell.
+    const double right = red.s0(0, red.s0.cols() - 1) - red.s0(0, 0);
+    const double down = red.s0(red.s0.rows() - 1, 0) - red.s0(0, 0);
+    const double angle = aolp_deg_of({red.s0(3, 3), red.s1(3, 3), red.s2(3, 3)});
+    EXPECT_NEAR(dolp_of({red.s0(3, 3), red.s1(3, 3), red.s2(3, 3)}), AngleScene::kDegree, 1e-3);
+    if (std::abs(right) > std::abs(down)) {  // identity, half turn: 30; mirrored: 150
+      EXPECT_LT(std::min(std::abs(angle - 30), std::abs(angle - 150)), 0.1) << number;
+    } else {  // quarter turns: 120; transposed: 60
+      EXPECT_LT(std::min(std::abs(angle - 120), std::abs(angle - 60)), 0.1) << number;
+    }
+    ++seen[static_cast<int>(std::lround(angle))];
+    const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+    const Image mosaic = mosaic_of(piece, layout);
+    const int channel = layout.channel_at(1, 1);  // R0
+    ASSERT_EQ(layout.channel_name(channel), "R0");
+    const double expected =
+        0.5 * red.s0(1, 1) * (1 + AngleScene::kDegree * std::cos(std::numbers::pi / 90 * angle));
+    EXPECT_NEAR(mosaic(1, 1), expected, 1e-3 * expected);
+  }
+  EXPECT_EQ(seen.size(), 4u);
+}
+
+TEST(Pool, IsTheSameHoweverTheBatchIsSharedAndWhereverItBegins) {
+  const auto maker = [](std::uint32_t number) {
+    RandomSequence random(1, number, Draw::kUser);
+    const auto value = static_cast<float>(random.uniform());
+    const auto planes = torch::arange(2 * 6 * 6, torch::kFloat32).reshape({2, 6, 6}) + 1000 * value;
+    return TrainingExample{planes, planes.slice(0, 0, 1)};
+  };
+  PoolShape shape{.batch = 4,
+                  .first_place = 0,
+                  .places = 4,
+                  .pool = 3,
+                  .refresh = 0.4,
+                  .patch_rows = 2,
+                  .patch_cols = 3};
+  ExamplePool whole(maker, shape, 9, 0);
+  shape.places = 2;
+  ExamplePool first(maker, shape, 9, 0);
+  shape.first_place = 2;
+  ExamplePool late(maker, shape, 9, 11);
+  for (int step = 0; step < 30; ++step) {
+    const auto all = whole.batch(step);
+    ASSERT_EQ(all.input.sizes(), (std::vector<std::int64_t>{4, 2, 2, 3}));
+    EXPECT_TRUE(torch::equal(first.batch(step).input, all.input.slice(0, 0, 2)));
+    if (step >= 11) {
+      EXPECT_TRUE(torch::equal(late.batch(step).input, all.input.slice(0, 2, 4)));
+    }
+  }
+}
+
+TEST(Pool, HandsOnWhatItsMakerThrows) {
+  const PoolShape shape{.batch = 1,
+                        .first_place = 0,
+                        .places = 1,
+                        .pool = 1,
+                        .refresh = 1,
+                        .patch_rows = 2,
+                        .patch_cols = 2};
+  ExamplePool pool([](std::uint32_t) -> TrainingExample { throw InputError("a", "b", "c"); }, shape,
+                   0, 0);
+  EXPECT_THROW(pool.batch(0), InputError);
+}
+
+TEST(Sensors, AreVariedByTheStatedSpread) {
+  const NoiseModel model = load_model("imx250myr-simulated");
+  const GainSetting gain{12.0, {}};
+  const double K = model.parameters_at(gain).K[0];
+  double sum = 0, squares = 0;
+  constexpr int kSensors = 2000;
+  for (std::uint32_t i = 0; i < kSensors; ++i) {
+    const NoiseModel sensor = jittered_sensor(model, gain, 0.3, 4, i);
+    EXPECT_EQ(contradiction_in(sensor), "");
+    const double x = std::log(sensor.parameters_at(gain).K[0] / K);
+    sum += x;
+    squares += x * x;
+  }
+  // Five standard errors: 0.3 / sqrt(2000) and 0.3 / sqrt(4000).
+  EXPECT_NEAR(sum / kSensors, 0, 0.034);
+  EXPECT_NEAR(std::sqrt(squares / kSensors), 0.3, 0.024);
+}
+
+std::vector<torch::Tensor> weights_in(const std::filesystem::path& path) {
+  std::vector<torch::Tensor> all;
+  for (const auto& [name, stored] : load_tensor_file(path).tensors) all.push_back(to_torch(stored));
+  return all;
+}
+
+// Stops when a number of steps was made.
+class StopAfter final : public Progress {
+ public:
+  explicit StopAfter(int steps) : left_(steps) {}
+  void begin(std::string_view, std::int64_t) override {}
+  void advance(std::int64_t) override { --left_; }
+  void warn(std::string_view) override {}
+  bool stop_requested() const override { return left_ <= 1; }
+
+ private:
+  int left_;
+};
+
+TEST(Training, GoesOnToTheSameBitsAsAnUnbrokenRun) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  const auto worker = single_worker();
+  const auto once = train(config, {folder / "once", false, false, 3}, *worker, silent_progress());
+  EXPECT_EQ(once["steps"], 7);
+  EXPECT_EQ(once["log"].size(), 7u);
+  StopAfter stop(4);
+  EXPECT_THROW(train(config, {folder / "parts", false, false, 3}, *worker, stop), Cancelled);
+  const auto parts = train(config, {folder / "parts", true, false, 3}, *worker, silent_progress());
+  EXPECT_EQ(parts["log"].size(), 7u);
+  for (const char* file : {"weights.safetensors", "checkpoint.safetensors"}) {
+    const auto a = weights_in(folder / "once" / file), b = weights_in(folder / "parts" / file);
+    ASSERT_EQ(a.size(), b.size());
+    for (std::size_t i = 0; i < a.size(); ++i) EXPECT_TRUE(torch::equal(a[i], b[i])) << file << i;
+  }
+  // Another seed is another run; other settings are refused, and so is a run over an old one.
+  const auto other = train(config, {folder / "other", false, false, 4}, *worker, silent_progress());
+  EXPECT_NE(other["log"].back()["loss"], once["log"].back()["loss"]);
+  EXPECT_THROW(train(config, {folder / "once", false, false, 3}, *worker, silent_progress()),
+               InputError);
+  config.train.learning_rate *= 2;
+  EXPECT_THROW(train(config, {folder / "once", true, false, 3}, *worker, silent_progress()),
+               InputError);
+}
+
+TEST(Training, LearnsToRemoveNoise) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder, 96, 96);
+  TrainingConfig config = scene_config(scene);
+  config.package.settings.layout = "polar-mono";
+  config.package.settings.noise_input = "units";
+  config.package.network =
+      fitted_network({"unet", {{"width", 12}, {"levels", 2}}}, config.package.settings);
+  config.models = {"imx250mzr-simulated"};
+  config.noise.ratio_low = config.noise.ratio_high = 10;
+  config.noise.gains = {12};
+  config.train.steps = 150;
+  config.train.learning_rate = 3e-3;
+  config.train.average = 0.9;
+  config.train.log_every = 150;
+  config.validation_scenes = {scene.path};
+  config.cases = {{12, 10}};
+  config.validation.every = 150;
+  const auto worker = single_worker();
+  const auto run = train(config, {folder / "run", false, false, 1}, *worker, silent_progress());
+  // A short run on a tiny network; a long one would earn several times as much.
+  EXPECT_GT(run["log"].back()["validation"]["image_psnr_db"].get<double>(),
+            run["noisy"]["image_psnr_db"].get<double>() + 1);
+  const LoadedPackage loaded = load_package(folder / "run" / "weights.safetensors");
+  EXPECT_EQ(loaded.package.training["steps"], 150);
+}
+
+TEST(Log, DropsWhatTheCheckpointDoesNotKnow) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "log.jsonl") << "{\"step\":1}\n{\"step\":5}\n{\"st";
+  TrainingLog log(folder / "log.jsonl", 3);
+  log.write({{"step", 4}});
+  EXPECT_EQ(log.lines().size(), 2u);
+  std::ifstream in(folder / "log.jsonl");
+  std::string text((std::istreambuf_iterator<char>(in)), {});
+  EXPECT_EQ(text, "{\"step\":1}\n{\"step\":4}\n");
+}
+
+TEST(Config, NamesWhatIsWrong) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const std::string good =
+      "[network]\narchitecture = \"unet\"\nwidth = 4\n[data]\nscenes = [\"scene\"]\nexample = 48\n"
+      "patch = 32\n[noise]\nmodels = [\"imx250myr-simulated\"]\n[train]\nsteps = 5\n";
+  const auto load = [&](const std::string& text) {
+    std::ofstream(folder / "config.toml") << text;
+    return load_training_config(folder / "config.toml");
+  };
+  EXPECT_EQ(load(good).package.network.settings["in_channels"], 17);
+  const auto with = [&](const std::string& from, const std::string& to) {
+    std::string text = good;
+    text.replace(text.find(from), from.size(), to);
+    return text;
+  };
+  for (const auto& [from, to, word] : std::vector<std::array<const char*, 3>>{
+           {"unet", "unett", "unet"},
+           {"width = 4", "widht = 4", "width"},
+           {"width = 4", "width = \"a\"", "width"},
+           {"[\"scene\"]", "[\"nothing*\"]", "nothing"},
+           {"patch = 32", "patch = 30", "patch"},
+           {"patch = 32", "patch = 64", "patch"},
+           {"steps = 5", "steps = 0", "steps"},
+           {"steps = 5", "loss = \"l2\"", "loss"},
+           {"models = [\"imx250myr-simulated\"]", "ratio_low = 5", "ratio_low"},
+           {"[noise]", "[noise]\nratio = 5", "ratio"},
+           {"[train]", "[trian]", "trian"}}) {
+    try {
+      load(with(from, to));
+      ADD_FAILURE() << to << " was taken";
+    } catch (const InputError& error) {
+      const std::string text = error.what();
+      EXPECT_NE(text.find(word), std::string::npos) << text;
+      EXPECT_EQ(text.find('\n'), std::string::npos) << text;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace malus
