@@ -16,9 +16,9 @@ constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
 // The filter's gains and matches come from the same samples, so that estimate is too small:
-// measured on three scenes at three light levels it must be multiplied by 1.8 to 3.2
+// measured on four scenes at three light levels it must be multiplied by 1.4 to 6.1
 // (docs/denoising.md).
-constexpr float kOptimism = 2.5f;
+constexpr float kOptimism = 3.5f;
 
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
