@@ -73,6 +73,19 @@ def test_renoise_refuses_quieter_targets_and_missing_guides(malus, refused, tmp_
     assert "outside the calibrated range" in refused(*arguments, "--from", 6, "--to", 90)
 
 
+def test_noise_on_noise_beats_the_naive_method_in_noise_and_in_detail(malus, tmp_path):
+    y, x = np.mgrid[:128, :160]
+    fine = np.repeat(np.repeat(np.random.default_rng(6).uniform(-25, 25, (32, 40)), 4, 0), 4, 1)
+    np.save(tmp_path / "clean.npy", (150 + 100 * np.sin(x / 25) * np.cos(y / 19) + fine).clip(5).astype(np.float32))
+    result = malus("experiment", "renoise", tmp_path / "clean.npy", "--from", 12, "--to", 18, "--frames", 6, "--json").json
+    by_name = {row["name"]: row for row in result["variants"]}
+    ours, naive = by_name["noise on noise, bm3d"], by_name["naive: bm3d + new noise"]
+    best = by_name["frames of the target gain"]
+    assert ours["sqrt_jsd"] < 0.85 * naive["sqrt_jsd"] and ours["sqrt_jsd"] < 1.25 * best["sqrt_jsd_floor"]
+    assert ours["detail_psnr_db"] > naive["detail_psnr_db"] + 0.2
+    assert ours["detail_psnr_db"] == pytest.approx(best["detail_psnr_db"], abs=0.3)
+
+
 # pairs
 
 def write_pairs_session(folder, light, exposure=0.001):
