@@ -18,6 +18,7 @@ from ._malus import (
     Model,
     Noise,
     Session,
+    __version__,
     calibrate,
     compare_noise,
     denoise,

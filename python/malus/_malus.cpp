@@ -25,6 +25,7 @@ void one_thread_after_fork() {
 
 PYBIND11_MODULE(_malus, m) {
   m.doc() = "Measure a camera's noise, imitate it and remove it";
+  m.attr("__version__") = MALUS_VERSION;
   static py::exception<InputError> input_error(m, "InputError", PyExc_ValueError);
   input_error.doc() = "Bad input or environment: what is wrong with what, and what to do.";
   py::register_exception_translator([](std::exception_ptr pending) {

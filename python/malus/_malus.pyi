@@ -6,6 +6,8 @@ from typing import Any, Protocol, TypeVar, overload
 import numpy
 from numpy.typing import ArrayLike, NDArray
 
+__version__: str
+
 Floats = NDArray[numpy.float32]
 
 class DLPack(Protocol):

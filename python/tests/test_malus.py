@@ -1,4 +1,7 @@
+import os
 import pathlib
+import re
+import subprocess
 import threading
 import time
 
@@ -119,6 +122,27 @@ def test_divergences():
     expected = 0.5 * np.sum(p * np.log2(p / middle)) + 0.5 * np.sum(q * np.log2(q / middle))
     assert malus.jsd_bits(a, b) == pytest.approx(expected)
     assert malus.kld_nats(a, b) == pytest.approx(np.sum(p * np.log(p / q)))
+
+
+def test_errors_have_the_words_of_the_program(model, tmp_path):
+    program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
+    if not program.exists():
+        pytest.skip("needs the program beside the module")
+    np.save(tmp_path / "clean.npy", np.zeros((8, 8), np.float32))
+    synthesize = [tmp_path / "clean.npy", "--layout", "polar-bayer-rggb", "-o", tmp_path / "out"]
+    for call, arguments in ((lambda: malus.Model("/no/such.h5"), ["model", "show", "/no/such.h5"]),
+                            (lambda: malus.Session("/no/such.toml"), ["calibrate", "/no/such.toml", "-o", tmp_path / "m.h5"]),
+                            (lambda: model.synthesize(np.zeros((8, 8)), gain=99),
+                             ["synthesize", *synthesize, "--model", MODEL, "--gain", "99"])):
+        with pytest.raises(malus.InputError) as raised:
+            call()
+        done = subprocess.run([program, *arguments], capture_output=True, text=True)
+        assert done.returncode == 1
+        assert done.stderr.strip() == f"malus: {raised.value}"
+
+
+def test_version_is_the_program_s():
+    assert malus.__version__ == re.search(r"VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text().split("project(")[1])[1]
 
 
 @pytest.mark.parametrize("call, error", [
