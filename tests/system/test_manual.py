@@ -36,12 +36,17 @@ def long_flags(text):
 
 @needs("man")
 def test_a_page_holds_every_flag_of_help(malus, manual):
-    for command in commands(malus):
-        shown = subprocess.run(["man", "-l", manual / f"man/man1/malus-{command}.1"], capture_output=True, text=True, check=True,
-                               env={"MANWIDTH": "400", "PATH": "/usr/bin:/bin", "LC_ALL": "C.UTF-8"}).stdout
-        options = malus(command, "--help").out.split("Options:")[1].split("Subcommands:")[0]
-        missing = long_flags("\n".join(re.findall(r"^ +(-.*?)(?:  |$)", options, re.MULTILINE))) - long_flags(shown)
-        assert not missing, f"{command}: {missing}"
+    names = [f"malus-{command}" for command in commands(malus)]
+    shown = subprocess.run(["man", "-l", *(manual / f"man/man1/{name}.1" for name in names)], capture_output=True, text=True,
+                           check=True, env={"MANWIDTH": "400", "PATH": "/usr/bin:/bin", "LC_ALL": "C.UTF-8"}).stdout
+    parts = re.split(r"^(MALUS-[A-Z-]+)\(1\).*$", shown, flags=re.MULTILINE)
+    pages = dict(zip(parts[1::2], parts[2::2]))
+    assert list(pages) == [name.upper() for name in names]
+    for name in names:
+        options = malus(name.removeprefix("malus-"), "--help").out.split("Options:")[1].split("Subcommands:")[0]
+        flags = long_flags("\n".join(re.findall(r"^ +(-.*?)(?:  |$)", options, re.MULTILINE)))
+        missing = flags - long_flags(pages[name.upper()])
+        assert len(flags) > 0 and not missing, f"{name}: {missing}"
 
 
 @needs("mandoc")
