@@ -332,3 +332,42 @@ def test_gaussian_model_from_a_burst_alone(malus, refused, tmp_path):
     assert gain["slope"]["value"][0] == pytest.approx(0.5, rel=0.04)
     assert gain["offset"]["value"][0] == pytest.approx(4 + 1 / 12, abs=5 * gain["offset"]["stderr"][0] + 2)
     refused("calibrate", session("bias.toml", "bias"), "--kind", "gaussian", "-o", tmp_path / "none.h5")
+
+
+# real frames
+
+def row_spectrum(frames):
+    """Power of the rows' temporal offsets in eight bands, low to high; offsets of white noise give equal numbers."""
+    rows = frames.mean(axis=2)
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    rows -= rows.mean(axis=0)
+    power = (np.abs(np.fft.rfft(rows, axis=1)) ** 2).mean(axis=0) / rows.shape[1] * len(rows) / (len(rows) - 1)
+    return np.array([band.mean() for band in np.array_split(power[1:], 8)])
+
+
+@pytest.mark.slow
+def test_synthesized_dark_frames_have_the_rows_of_real_ones(malus, shared, tmp_path):
+    images = shared / "emva001/images"
+    dark = sorted(images.glob("d_s_000_*.png"))
+    flats = sorted(images.glob("b_[0-9]*.png"))
+    text = '[sensor]\nlayout = "mono"\nblack = 0\nwhite = 4095\n'
+    for kind, level, paths in [("bias", 0, dark[::2])] + [("flat", i + 1, flats[2 * i:2 * i + 2]) for i in range(len(flats) // 2)]:
+        text += f'[[frames]]\nkind = "{kind}"\nlevel = {level}\nexposure_s = {level / 1000}\ngain_db = 0\npaths = ['
+        text += ", ".join(f'"{path}"' for path in paths) + "]\n"
+    (tmp_path / "s.toml").write_text(text)
+    malus("calibrate", tmp_path / "s.toml", "--kind", "physics", "nonparametric", "--level-samples", 50000, "-o", tmp_path / "m.h5")
+    real = np.stack([np.array(Image.open(path)).astype(float) for path in dark[1::2]])
+    np.save(tmp_path / "dark.npy", np.zeros(real.shape[1:], np.float32))
+    spectra = {}
+    for name, flags in (("rows", []), ("none", ["--no-row"])):
+        malus("synthesize", tmp_path / "dark.npy", "-m", tmp_path / "m.h5", "--kind", "nonparametric", "--gain", 0, "--frames", 25,
+              "-o", tmp_path / name, *flags)
+        drawn = np.stack([np.array(Image.open(path)).astype(float) for path in sorted((tmp_path / name).iterdir())])
+        spectra[name] = row_spectrum(drawn)
+    truth = row_spectrum(real)
+    print("real", truth.round(3), "drawn", spectra["rows"].round(3), "without row noise", spectra["none"].round(3))
+    # 25 frames of 30 frequencies a band: sampling error 3.7 % a band and set. The camera's own rows drift slowly (lowest band),
+    # which independent draws do not.
+    assert spectra["rows"].mean() == pytest.approx(truth.mean(), rel=0.08)
+    assert (np.abs(np.log2(spectra["rows"] / truth)) < 1).all()
+    assert spectra["none"].mean() < 0.1 * truth.mean()
