@@ -210,8 +210,8 @@ class Trainer {
     for (const torch::Tensor& parameter : parameters)
       parts.push_back(parameter.grad().defined() ? parameter.grad().flatten()
                                                  : torch::zeros_like(parameter).flatten());
-    parts.push_back(
-        torch::tensor({figures.loss, figures.stop ? 1.0 : 0.0}, parts.front().options()));
+    parts.push_back(torch::tensor({figures.loss, figures.base_loss, figures.stop ? 1.0 : 0.0},
+                                  parts.front().options()));
     torch::Tensor all = torch::cat(parts);
     workers_.sum(all);
     all.div_(workers_.size());

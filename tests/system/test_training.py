@@ -1,0 +1,245 @@
+"""`malus train`: what it writes, that it goes on where it was killed, several workers, mistakes in configurations."""
+
+import json
+import os
+import signal
+import socket
+import struct
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import BUILD, PROGRAM
+
+pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+
+CONFIG = """
+[network]
+architecture = "unet"
+width = 4
+levels = 2
+[package]
+layout = "polar-mono"
+noise_input = "units"
+[data]
+scenes = ["scene"]
+example = 64
+patch = 32
+pool = 3
+refresh = 0.5
+[noise]
+models = ["imx250mzr-simulated"]
+gains = [6, 12]
+ratio_low = 5
+ratio_high = 20
+jitter = 0.2
+[train]
+steps = {steps}
+batch = 4
+warm_up = 5
+learning_rate = 1e-3
+checkpoint_every = {checkpoint_every}
+log_every = 1
+timeout = 20
+"""
+
+
+@pytest.fixture
+def config(tmp_path):
+    """config(steps): a configuration beside four pictures of a smooth scene, polarized at 20 degrees."""
+    (tmp_path / "scene").mkdir()
+    rows, cols = np.mgrid[0:80, 0:96]
+    light = 0.4 + 0.3 * np.sin(rows / 9) * np.cos(cols / 7)
+    for angle in (0, 45, 90, 135):
+        seen = 0.5 * light * (1 + 0.5 * np.cos(2 * np.radians(angle - 20)))
+        Image.fromarray((seen * 65535).astype(np.uint16)).save(tmp_path / "scene" / f"I{angle}.png")
+
+    def write(steps, checkpoint_every=2, text=CONFIG):
+        path = tmp_path / "config.toml"
+        path.write_text(text.format(steps=steps, checkpoint_every=checkpoint_every))
+        return path
+
+    return write
+
+
+def tensors(path):
+    """A safetensors file by its specification: {name: array}, metadata."""
+    data = path.read_bytes()
+    size = struct.unpack("<Q", data[:8])[0]
+    header = json.loads(data[8 : 8 + size])
+    metadata = header.pop("__metadata__")
+    body = data[8 + size :]
+    return {
+        name: np.frombuffer(body[slice(*entry["data_offsets"])], np.float32).reshape(entry["shape"])
+        for name, entry in header.items()
+    }, metadata
+
+
+def step_of(folder):
+    checkpoint = folder / "checkpoint.safetensors"
+    if not checkpoint.exists():
+        return -1
+    return json.loads(tensors(checkpoint)[1]["malus_checkpoint"])["step"]
+
+
+def start(*arguments, **environment):
+    return subprocess.Popen(
+        [PROGRAM, "train", *map(str, arguments), "-q", "--threads", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **environment},
+    )
+
+
+def wait_for_step(process, folder, step):
+    deadline = time.time() + 120
+    while step_of(folder) < step:
+        assert process.poll() is None, process.communicate()[1]
+        assert time.time() < deadline
+        time.sleep(0.01)
+
+
+def same(one, other):
+    a, b = tensors(one)[0], tensors(other)[0]
+    assert a.keys() == b.keys()
+    return all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def test_a_run_leaves_weights_log_checkpoint_and_report(malus, config, tmp_path):
+    out = tmp_path / "run"
+    run = malus("train", config(6), "-o", out, "--json", "--report", tmp_path / "run.html").json
+    assert run["steps"] == 6 and run["workers"] == 1
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines] == [1, 2, 3, 4, 5, 6]
+    assert all(np.isfinite(line["loss"]) and line["seconds"] > 0 for line in lines)
+    weights, metadata = tensors(out / "weights.safetensors")
+    assert metadata["architecture"] == "unet"
+    assert weights["conv1_1.weight"].shape == (4, 5, 3, 3)  # four planes and the noise level
+    package = json.loads(metadata["malus_package"])
+    assert package["training"]["steps"] == 6 and package["training"]["scenes"] == 1
+    assert sum(w.size for w in weights.values()) == run["parameters"]
+    assert "<html" in (tmp_path / "run.html").read_text()[:2000].lower()
+    # The weights denoise.
+    frame = np.full((64, 64), 300, np.uint16)
+    np.save(tmp_path / "frame.npy", frame)
+    malus("denoise", tmp_path / "frame.npy", "--method", out / "weights.safetensors", "--model", "imx250mzr-simulated",
+          "--gain", "12", "--black", "82", "--white", "4095", "-o", tmp_path / "denoised")
+
+
+def test_killed_at_any_instant_it_goes_on_to_the_same_bits(malus, config, tmp_path):
+    path = config(24, 1)
+    malus("train", path, "-o", tmp_path / "once", "--threads", "1")
+    parts = tmp_path / "parts"
+    for step in (1, 7, 8, 15):
+        process = start(path, "-o", parts, "--resume")
+        wait_for_step(process, parts, step)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        assert not list(parts.glob("weights*"))
+    malus("train", path, "-o", parts, "--resume", "--threads", "1")
+    assert same(tmp_path / "once" / "weights.safetensors", parts / "weights.safetensors")
+    assert same(tmp_path / "once" / "checkpoint.safetensors", parts / "checkpoint.safetensors")
+    steps = [json.loads(line)["step"] for line in (parts / "log.jsonl").read_text().splitlines()]
+    assert steps == list(range(1, 25))
+
+
+def test_an_interrupt_stops_after_a_step_with_a_checkpoint(malus, config, tmp_path):
+    path, out = config(100000, 2), tmp_path / "run"
+    process = start(path, "-o", out)
+    wait_for_step(process, out, 2)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    reached = step_of(out)
+    assert [json.loads(line)["step"] for line in (out / "log.jsonl").read_text().splitlines()][-1] == reached
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def start_two(path, out, rank="RANK", size="WORLD_SIZE", resume=False):
+    port = str(free_port())
+    return [
+        start(path, "-o", out, *(["--resume"] if resume else []),
+              **{rank: str(i), size: "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "GLOO_SOCKET_IFNAME": "lo"})
+        for i in range(2)
+    ]
+
+
+@pytest.mark.parametrize(
+    "rank,size",
+    [
+        ("RANK", "WORLD_SIZE"),
+        pytest.param("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE", marks=pytest.mark.slow),
+        pytest.param("PMI_RANK", "PMI_SIZE", marks=pytest.mark.slow),
+        pytest.param("SLURM_PROCID", "SLURM_NTASKS", marks=pytest.mark.slow),
+    ],
+)
+def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, config, tmp_path, rank, size):
+    path = config(1)
+    malus("train", path, "-o", tmp_path / "one", "--threads", "1")
+    for process in start_two(path, tmp_path / "two", rank, size):
+        out, err = process.communicate(timeout=120)
+        assert process.returncode == 0, err
+    one, two = (tensors(tmp_path / name / "checkpoint.safetensors")[0] for name in ("one", "two"))
+    gradients = [name for name in one if name.startswith("first_moment/")]
+    assert gradients
+    for name in gradients:  # after one step the first moment is 0.1 of the gradient
+        assert np.abs(10 * one[name] - 10 * two[name]).max() < 1e-6, name
+    assert max(np.abs(one[name]).max() for name in gradients) > 1e-4
+
+
+def test_a_lost_worker_stops_the_run_and_the_checkpoint_is_good(malus, config, tmp_path):
+    path, out = config(100000, 1), tmp_path / "run"
+    workers = start_two(path, out)
+    wait_for_step(workers[0], out, 3)
+    workers[1].send_signal(signal.SIGKILL)
+    workers[1].communicate()
+    _, err = workers[0].communicate(timeout=60)
+    assert workers[0].returncode == 1
+    lines = [line for line in err.splitlines() if line.startswith("malus: ")]
+    assert len(lines) == 1 and "worker 0 of 2" in lines[0] and "--resume" in lines[0], err
+    reached = step_of(out)
+    assert reached >= 3
+    again = start_two(path, out, resume=True)
+    wait_for_step(again[0], out, reached + 2)
+    for process in again:
+        process.send_signal(signal.SIGINT)
+    assert [process.wait(60) for process in again] == [130, 130]
+
+
+@pytest.mark.parametrize(
+    "old,new,word",
+    [
+        ('"unet"', '"unnet"', "unet"),
+        ('"polar-mono"', '"polar-bayer-rggb"', "layout"),
+        ('["scene"]', '["nowhere/*"]', "nowhere"),
+        ("width = 4", "depth = 4", "depth"),
+        ("patch = 32", "patch = 96", "patch"),
+        ('["imx250mzr-simulated"]', '["nobody.h5"]', "nobody"),
+        ("batch = 4", "batch = 0", "batch"),
+        ("batch = 4", 'device = "cuda"\nprecision = "half"', "precision"),
+        ("[train]", "[train", "config.toml"),
+    ],
+)
+def test_a_bad_configuration_is_one_line(refused, config, tmp_path, old, new, word):
+    assert old in CONFIG
+    line = refused("train", config(3, 2, CONFIG.replace(old, new)), "-o", tmp_path / "run")
+    assert word in line
+
+
+def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
+    out = tmp_path / "run"
+    malus("train", config(2), "-o", out)
+    assert "exists" in refused("train", config(2), "-o", out)
+    assert "steps" in refused("train", config(4), "-o", out, "--resume")
+    malus("train", config(2), "-o", out, "--force")
+    (out / "checkpoint.safetensors").write_bytes((out / "checkpoint.safetensors").read_bytes()[:-100])
+    refused("train", config(2), "-o", out, "--resume")
