@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 import signal
 import socket
 import struct
@@ -213,6 +214,20 @@ def test_a_lost_worker_stops_the_run_and_the_checkpoint_is_good(malus, config, t
     for process in again:
         process.send_signal(signal.SIGINT)
     assert [process.wait(60) for process in again] == [130, 130]
+
+
+@pytest.mark.slow
+def test_two_hosts_train_together(malus, config, tmp_path):
+    path = config(3)
+    malus("train", path, "-o", tmp_path / "one", "--threads", "1")
+    script = pathlib.Path(__file__).with_name("two_hosts.sh")
+    done = subprocess.run([script, PROGRAM, path, tmp_path / "two"], capture_output=True, text=True, timeout=240)
+    if done.returncode == 77:
+        pytest.skip(done.stderr.strip())
+    assert done.returncode == 0, done.stderr
+    one, two = (tensors(tmp_path / name / "weights.safetensors")[0] for name in ("one", "two"))
+    for name in one:
+        assert np.abs(one[name] - two[name]).max() < 1e-5, name
 
 
 @pytest.mark.parametrize(
