@@ -12,6 +12,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -79,20 +80,29 @@ Planes collect(const StokesPicture& picture, Function image) {
   return planes;
 }
 
-std::vector<Planes> data_of(const StokesPicture& picture) {
-  return {collect(picture, [](const StokesPlanes& s) { return s.s0; }),
-          collect(picture, [](const StokesPlanes& s) { return s.s1; }),
-          collect(picture, [](const StokesPlanes& s) { return s.s2; }),
-          collect(picture, [](const StokesPlanes& s) { return dolp_of(s); }),
-          collect(picture, [](const StokesPlanes& s) { return aolp_deg_of(s); })};
+// Products are made one after the other as they are written: a full-resolution colour frame's are
+// several times its size.
+using Product = std::function<Planes()>;
+
+std::vector<Product> data_of(const StokesPicture& picture) {
+  const auto every = [&picture](auto image) {
+    return Product([&picture, image] { return collect(picture, image); });
+  };
+  return {every([](const StokesPlanes& s) { return s.s0; }),
+          every([](const StokesPlanes& s) { return s.s1; }),
+          every([](const StokesPlanes& s) { return s.s2; }),
+          every([](const StokesPlanes& s) { return dolp_of(s); }),
+          every([](const StokesPlanes& s) { return aolp_deg_of(s); })};
 }
 
-std::vector<Planes> pictures_of(const StokesPicture& picture, const RenderSettings& settings) {
-  const StokesPlanes mean = mean_stokes(picture.planes);
-  const Image dolp = dolp_of(mean), aolp = aolp_deg_of(mean);
-  SignedPictures differences = render_s1_s2(mean, settings);
-  return {render_s0(picture, settings), std::move(differences.s1), std::move(differences.s2),
-          render_dolp(dolp, settings), render_aolp(aolp, dolp, settings)};
+// mean: of the picture's colours.
+std::vector<Product> pictures_of(const StokesPicture& picture, const StokesPlanes& mean,
+                                 const RenderSettings& settings) {
+  return {[&] { return render_s0(picture, settings); },
+          [&] { return std::move(render_s1_s2(mean, settings).s1); },
+          [&] { return std::move(render_s1_s2(mean, settings).s2); },
+          [&] { return render_dolp(dolp_of(mean), settings); },
+          [&] { return render_aolp(aolp_deg_of(mean), dolp_of(mean), settings); }};
 }
 
 // Mean over the defined pixels, and the share of the others.
@@ -135,11 +145,10 @@ Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseMo
   return model ? variance_by_model(frame, *model) : load_variance(arguments.variance[index], frame);
 }
 
-void save_all(const std::vector<fs::path>& paths, std::vector<Planes> products,
+void save_all(const std::vector<fs::path>& paths, const std::vector<Product>& products,
               const std::vector<std::string>& channels, const SaveOptions& options, Json& files) {
   for (std::size_t k = 0; k < products.size(); ++k) {
-    save_picture(paths[k], products[k], channels, options);
-    products[k] = Planes();
+    save_picture(paths[k], products[k](), channels, options);
     files.push_back(paths[k].string());
   }
 }
@@ -154,26 +163,30 @@ Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& 
   std::array<Planes, 3> confidence;
   if (arguments.confidence())
     confidence = confidence_of(picture, variance_of(arguments, model, index, frame), frame.layout);
-  std::vector<Planes> data = data_of(picture);
+  std::vector<Product> data = data_of(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
   Json json{{"input", input.string()},
             {"layout", frame.layout.name()},
-            {"rows", data[0].rows()},
-            {"cols", data[0].cols()},
+            {"rows", picture.planes[0].s0.rows()},
+            {"cols", picture.planes[0].s0.cols()},
             {"channels", channels}};
-  json.update(summary_of(data[3]));
-  if (arguments.confidence()) data.insert(data.end(), confidence.begin(), confidence.end());
+  json.update(summary_of(data[3]()));
+  if (arguments.confidence())
+    for (const Planes& planes : confidence) data.push_back([&planes] { return planes; });
   SaveOptions save;
   save.force = force;
-  save_all(names.data, std::move(data), channels, save, json["files"]);
+  save_all(names.data, data, channels, save, json["files"]);
   if (!arguments.pictures) return json;
-  std::vector<Planes> pictures = pictures_of(picture, arguments.render);
-  if (arguments.confidence())
-    for (Planes& p : confidence_pictures(confidence, arguments.render))
-      pictures.push_back(std::move(p));
+  const StokesPlanes mean = mean_stokes(picture.planes);
+  std::vector<Product> pictures = pictures_of(picture, mean, arguments.render);
+  std::array<Planes, 3> shown;
+  if (arguments.confidence()) {
+    shown = confidence_pictures(confidence, arguments.render);
+    for (const Planes& planes : shown) pictures.push_back([&planes] { return planes; });
+  }
   save.type = SampleType::kUint8;
-  save_all(names.picture, std::move(pictures), {}, save, json["files"]);
+  save_all(names.picture, pictures, {}, save, json["files"]);
   return json;
 }
 

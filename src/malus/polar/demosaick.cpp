@@ -13,6 +13,7 @@
 namespace malus {
 namespace {
 
+using internal::for_rows;
 using internal::Lattice;
 
 // Settings relative to the mosaic's mean square, chosen on polar-scenes (docs/polarization.md).
@@ -30,7 +31,7 @@ int mirrored(int x, int size) {
 // Broken pixels get the mean of the finite samples of their channel one cell away.
 Image filled(View<const float> mosaic, const SensorLayout& layout) {
   Image out(mosaic.rows(), mosaic.cols());
-  for (int r = 0; r < out.rows(); ++r)
+  for_rows(out.rows(), [&](int r) {
     for (int c = 0; c < out.cols(); ++c) {
       out(r, c) = mosaic(r, c);
       if (std::isfinite(out(r, c))) continue;
@@ -45,6 +46,7 @@ Image filled(View<const float> mosaic, const SensorLayout& layout) {
         }
       out(r, c) = count > 0 ? static_cast<float>(sum / count) : 0.0f;
     }
+  });
   return out;
 }
 
@@ -63,13 +65,14 @@ Image bilinear_plane(const Image& mosaic, const SensorLayout& layout, Color colo
   };
   // The same tent for every site: where two sites overlap, the nearer one weighs more.
   Image sites(rows, cols), values(rows, cols);
-  for (int r = 0; r < rows; ++r)
+  for_rows(rows, [&](int r) {
     for (int c = 0; c < cols; ++c) {
       const Site& site = layout.site(layout.channel_at(r, c));
       if (display_color(site.color) != color || site.angle_deg != angle_deg) continue;
       sites(r, c) = 1;
       values(r, c) = mosaic(r, c);
     }
+  });
   const auto spread = [&](const Image& image) {
     Image across(rows, cols), both(rows, cols);
     parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
@@ -110,11 +113,12 @@ struct Gradients {
 Gradients gradients_of(const Image& mosaic) {
   const int rows = mosaic.rows(), cols = mosaic.cols();
   Image down(rows, cols), right(rows, cols);
-  for (int r = 0; r < rows; ++r)
+  for_rows(rows, [&](int r) {
     for (int c = 0; c < cols; ++c) {
       down(r, c) = std::abs(mosaic(mirrored(r + 2, rows), c) - mosaic(r, c));
       right(r, c) = std::abs(mosaic(r, mirrored(c + 2, cols)) - mosaic(r, c));
     }
+  });
   return {internal::box_mean(down, 1), internal::box_mean(right, 1)};
 }
 
@@ -172,7 +176,7 @@ Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green
     value = 0.5f * (a + b) + 0.25f * curvature;
     slope = std::abs(a - b) + 0.5f * std::abs(curvature) * 0.5f;
   };
-  for (int r = 0; r < rows; ++r)
+  for_rows(rows, [&](int r) {
     for (int c = 0; c < cols; ++c) {
       const auto at = [&](int dr, int dc) {
         return bayer(mirrored(r + dr, rows), mirrored(c + dc, cols));
@@ -181,17 +185,19 @@ Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green
                slope_across(r, c));
       estimate(at(-1, 0), at(1, 0), at(-2, 0), at(2, 0), at(0, 0), down(r, c), slope_down(r, c));
     }
+  });
   slope_across = internal::box_mean(slope_across, 1);
   slope_down = internal::box_mean(slope_down, 1);
   const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(bayer)) + kTinyDn);
   Image green = bayer;
-  for (int r = 0; r < rows; ++r)
+  for_rows(rows, [&](int r) {
     for (int c = 0; c < cols; ++c) {
       if (is_green(r, c)) continue;
       const float h = 1 / ((slope_across(r, c) + floor) * (slope_across(r, c) + floor));
       const float v = 1 / ((slope_down(r, c) + floor) * (slope_down(r, c) + floor));
       green(r, c) = (h * across(r, c) + v * down(r, c)) / (h + v);
     }
+  });
   return green;
 }
 

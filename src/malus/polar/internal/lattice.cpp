@@ -1,22 +1,10 @@
 #include "malus/polar/internal/lattice.h"
 
-#include "malus/base/parallel.h"
-
 #include <algorithm>
 #include <vector>
 
 namespace malus::internal {
 namespace {
-
-constexpr int kRowsPerTask = 32;
-
-// body(row) in parallel.
-template <class Function>
-void for_rows(int rows, Function body) {
-  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
-    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) body(r);
-  });
-}
 
 // value(i) of every element of equally sized images.
 template <class Function>

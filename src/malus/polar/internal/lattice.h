@@ -2,9 +2,20 @@
 // gaps between them.
 #pragma once
 
+#include "malus/base/parallel.h"
 #include "malus/image/view.h"
 
 namespace malus::internal {
+
+inline constexpr int kRowsPerTask = 32;
+
+/// body(row) in parallel.
+template <class Function>
+void for_rows(int rows, const Function& body) {
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) body(r);
+  });
+}
 
 /// Positions (row + i stride, col + j stride) of a picture.
 struct Lattice {
