@@ -10,6 +10,7 @@ import zipfile
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+BUILD = pathlib.Path(os.environ.get("MALUS_BUILD", ROOT / "build/release"))
 pytestmark = pytest.mark.slow
 
 USE = """
@@ -28,15 +29,20 @@ def environment(tmp_path_factory):
     return folder
 
 
-def pip(environment, *arguments, **options):
+def pip(environment, *arguments, build=str(BUILD)):
     # An index that does not answer: nothing may be downloaded.
     return subprocess.run([environment / "bin/pip", *arguments], capture_output=True, text=True, cwd=ROOT,
                           env={**os.environ, "PIP_INDEX_URL": "http://127.0.0.1:9/", "PIP_RETRIES": "0",
-                               "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PYTHONPATH": ""}, **options)
+                               "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PYTHONPATH": "", "MALUS_BUILD_DIR": build})
 
 
-def test_pip_install(environment, tmp_path):
-    done = pip(environment, "install", ".")
+@pytest.mark.parametrize("build", [
+    pytest.param(str(BUILD), id="of the build that is tested"),
+    pytest.param("", id="from the sources", marks=pytest.mark.skipif(
+        shutil.which("ccache") is None, reason="needs ccache: without it everything is compiled once more")),
+])
+def test_pip_install(environment, tmp_path, build):
+    done = pip(environment, "install", ".", build=build)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     used = subprocess.run([environment / "bin/python", "-c", USE], capture_output=True, text=True, cwd=tmp_path,
                           env={"PATH": os.environ["PATH"]})
