@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 
+#include "model_from_dng.h"
 #include "model_json.h"
 #include "program.h"
 #include <fmt/format.h>
@@ -119,6 +120,7 @@ void add_model(CLI::App& app, Common& common) {
       [&common, checked] { check(common, *checked); });
   check_command->add_option("model", *checked, "model file or name of a built-in model")
       ->required();
+  add_model_from_dng(*model, common);
   add_command(*model, common, "list", "The built-in noise models", [&common] { list(common); });
 }
 

@@ -4,11 +4,11 @@ import io
 import json
 import os
 import signal
+import struct
 import subprocess
 import tarfile
 import time
 
-import h5py
 import numpy as np
 import pytest
 from PIL import Image
@@ -371,3 +371,48 @@ def test_synthesized_dark_frames_have_the_rows_of_real_ones(malus, shared, tmp_p
     assert spectra["rows"].mean() == pytest.approx(truth.mean(), rel=0.08)
     assert (np.abs(np.log2(spectra["rows"] / truth)) < 1).all()
     assert spectra["none"].mean() < 0.1 * truth.mean()
+
+
+# DNG
+
+def write_dng(path, pairs):
+    """A little-endian TIFF with nothing but a NoiseProfile."""
+    numbers = [value for pair in pairs for value in pair]
+    path.write_bytes(struct.pack("<2sHIHHHIII", b"II", 42, 8, 1, 51041, 12, len(numbers), 26, 0) +
+                     struct.pack(f"<{len(numbers)}d", *numbers))
+    return path
+
+
+def test_noise_profile_of_a_dng_becomes_a_model(malus, refused, tmp_path):
+    pairs = [(4e-4, 2e-6), (3e-4, 1e-6), (5e-4, 3e-6)]  # red, green, blue
+    frame = write_dng(tmp_path / "frame.dng", pairs)
+    facts = ["--layout", "bayer-grbg", "--black", 64, "--white", 1064, "--iso", 800]
+    malus("model", "from-dng", frame, *facts, "-o", tmp_path / "m.h5")
+    shown = malus("model", "show", tmp_path / "m.h5", "--json").json
+    (gaussian,) = shown["gaussian"]
+    assert gaussian["iso"] == 800 and "frame.dng" in shown["origin"]
+    planes = [pairs[k] for k in (1, 0, 2, 1)]
+    assert np.allclose(gaussian["slope"]["value"], [s * 1000 for s, _ in planes])
+    assert np.allclose(gaussian["offset"]["value"], [o * 1e6 for _, o in planes])
+    np.save(tmp_path / "flat.npy", np.full((400, 400), 500, np.float32))
+    malus("synthesize", tmp_path / "flat.npy", "-m", tmp_path / "m.h5", "--kind", "gaussian", "--iso", 800, "--float",
+          "--format", "npy", "-o", tmp_path / "out")
+    noise = np.load(tmp_path / "out/flat_000.npy").astype(float) - 500
+    for channel, (slope, offset) in enumerate(planes):
+        variance = noise[channel // 2::2, channel % 2::2].var()
+        assert variance == pytest.approx(slope * 1000 * 500 + offset * 1e6, rel=5 * np.sqrt(2 / 40000))
+    assert "that is none" in refused("model", "from-dng", write_dng(tmp_path / "no.dng", []), *facts, "-o", tmp_path / "n.h5")
+    refused("model", "from-dng", tmp_path / "flat.npy", *facts, "-o", tmp_path / "n.h5")
+    refused("model", "from-dng", frame, *facts, "-o", tmp_path / "m.h5")
+
+
+def test_noise_profile_of_a_real_phone(malus, shared, tmp_path):
+    frame = shared / "bayer-raw/s25u_linear_jxl.dng"
+    result = malus("model", "from-dng", frame, "--layout", "bayer-grbg", "--black", 0, "--white", 65535, "--iso", 50,
+                   "-o", tmp_path / "m.h5", "--json").json
+    content = frame.read_bytes()
+    tag = content.index(struct.pack("<HH", 51041, 12))
+    count, offset = struct.unpack_from("<II", content, tag + 4)
+    numbers = struct.unpack_from(f"<{count}d", content, offset)
+    green = numbers[2 if count == 6 else 0]
+    assert result["slope_dn"][0] == pytest.approx(green * 65535)

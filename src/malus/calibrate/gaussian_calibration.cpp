@@ -1,5 +1,7 @@
 #include "malus/calibrate/gaussian_calibration.h"
 
+#include "malus/base/error.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -98,6 +100,30 @@ Estimate<GaussianCalibration> gaussian_of(const NonparametricCalibration& levels
     out.bias_dn.push_back(bias / samples);
   }
   return out;
+}
+
+NoiseModel gaussian_model_of(const DngNoiseProfile& profile, const RawFrame& frame) {
+  NoiseModel model;
+  model.layout = frame.layout;
+  model.black_dn = frame.black_dn;
+  model.white_dn = frame.white_dn;
+  GaussianCalibration gaussian;
+  gaussian.gain = frame.gain;
+  for (int c = 0; c < model.layout.channels(); ++c) {
+    const double range = frame.white_dn - frame.black_dn[static_cast<std::size_t>(c)];
+    if (!(range > 0))
+      throw InputError("NoiseProfile", fmt::format("white {} lies not above black", frame.white_dn),
+                       "give --black and --white");
+    const Color color = model.layout.site(c).color;
+    const std::size_t plane = profile.slope.size() < 3 || color == Color::kRed ? 0
+                              : color == Color::kBlue                          ? 2
+                                                                               : 1;
+    gaussian.slope_dn.push_back(profile.slope[plane] * range);
+    gaussian.offset_dn2.push_back(profile.offset[plane] * range * range);
+  }
+  gaussian.bias_dn.assign(gaussian.slope_dn.size(), 0.0);
+  model.gaussian = {gaussian};
+  return model;
 }
 
 }  // namespace malus

@@ -2,7 +2,8 @@
 #pragma once
 
 #include "malus/base/estimate.h"
-#include "malus/noise/calibration.h"
+#include "malus/io/dng_noise.h"
+#include "malus/noise/model.h"
 
 namespace malus {
 
@@ -15,5 +16,10 @@ GaussianCalibration gaussian_of(const PhysicsCalibration& physics);
 /// about the line by more than sampling. Undecided with fewer than three levels of a channel.
 Estimate<GaussianCalibration> gaussian_of(const NonparametricCalibration& levels,
                                           double highest_dn);
+
+/// A model of one gain from the NoiseProfile of a DNG frame; quantisation is part of its offset.
+/// frame: layout, black, white and gain; pixels are not looked at. InputError where white is not
+/// above black.
+NoiseModel gaussian_model_of(const DngNoiseProfile& profile, const RawFrame& frame);
 
 }  // namespace malus

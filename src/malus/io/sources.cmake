@@ -1,6 +1,7 @@
 set(io_SOURCES
   config_section.cpp
   camera_raw.cpp
+  dng_noise.cpp
   emva_description.cpp
   file_bytes.cpp
   fits.cpp

@@ -1,0 +1,65 @@
+// malus model from-dng: the noise model that a camera wrote into its DNG frames.
+#include "model_from_dng.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/calibrate/gaussian_calibration.h"
+#include "malus/io/dng_noise.h"
+
+#include <filesystem>
+#include <memory>
+
+#include "raw_options.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+struct Arguments {
+  RawOptions raw;
+  std::filesystem::path frame, model;
+};
+
+// Layout and levels from the flags alone where they say everything, so that frames whose
+// compression nobody here decodes serve too; else from the file.
+RawFrame facts_of(const std::filesystem::path& path, const FrameOptions& options) {
+  if (!options.layout || options.black_dn.empty() || !options.white_dn)
+    return probe_frame(path, options).frame;
+  RawFrame frame;
+  frame.layout = *options.layout;
+  frame.black_dn = options.black_dn;
+  frame.black_dn.resize(static_cast<std::size_t>(frame.layout.channels()), frame.black_dn.front());
+  frame.white_dn = *options.white_dn;
+  frame.gain = options.gain;
+  return frame;
+}
+
+void run(const Arguments& arguments, const Common& common) {
+  check_output(arguments.model, common.force);
+  const DngNoiseProfile profile = read_dng_noise_profile(arguments.frame);
+  NoiseModel model = gaussian_model_of(profile, facts_of(arguments.frame, arguments.raw.resolve()));
+  model.origin = "NoiseProfile of " + arguments.frame.filename().string();
+  save_model(model, arguments.model, common.force);
+  const GaussianCalibration& g = model.gaussian.front();
+  print_result(
+      common,
+      {{"model", arguments.model.string()},
+       {"frame", arguments.frame.string()},
+       {"slope_dn", g.slope_dn},
+       {"offset_dn2", g.offset_dn2}},
+      fmt::format("{}: variance {:.4g} DN s + {:.4g} DN² in channel {}\n", arguments.model.string(),
+                  g.slope_dn.front(), g.offset_dn2.front(), model.layout.channel_name(0)));
+}
+
+}  // namespace
+
+void add_model_from_dng(CLI::App& model, Common& common) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* command =
+      add_command(model, common, "from-dng", "Gaussian model from the NoiseProfile of a DNG frame",
+                  [arguments, &common] { run(*arguments, common); });
+  command->add_option("FRAME", arguments->frame, "DNG frame; its gain is the model's")->required();
+  command->add_option("-o,--output", arguments->model, "model file to write")->required();
+  arguments->raw.add_to(*command);
+}
+
+}  // namespace malus::app
