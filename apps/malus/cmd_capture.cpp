@@ -50,7 +50,7 @@ void ask(const CaptureStep& step) {
 }
 
 std::string live_text(const StepReport& step) {
-  return fmt::format("mean {:.1f} DN, noise {:.2f} DN, saturated {:.2f} %, lost {}", step.mean_dn,
+  return fmt::format("mean {:.1f}, noise {:.2f} DN, saturated {:.2f} %, lost {}", step.mean_dn,
                      step.temporal_sd_dn, 100 * step.saturated_share, step.lost);
 }
 

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <csignal>
@@ -13,6 +14,7 @@
 
 #include "live_progress.h"
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 namespace malus::app {
@@ -64,11 +66,17 @@ class TerminalProgress final : public Progress {
     const double part =
         total_ > 0 ? std::min(1.0, static_cast<double>(done_) / static_cast<double>(total_)) : 0.0;
     const double left_s = part > 0 ? elapsed_s * (1.0 - part) / part : 0.0;
-    constexpr int kWidth = 28;
-    std::string bar(static_cast<std::size_t>(part * kWidth), '#');
-    bar.resize(kWidth, '.');
-    fmt::print(stderr, "\r{} [{}] {:3.0f} %  {:.0f} s left  {}\033[K", stage_, bar, 100 * part,
-               left_s, remark_ ? remark_->text() : "");
+    const std::string remark = remark_ ? remark_->text() : "";
+    const int width = remark.empty() ? 28 : 12;
+    std::string bar(static_cast<std::size_t>(part * width), '#');
+    bar.resize(static_cast<std::size_t>(width), '.');
+    std::string line = fmt::format("{} [{}] {:3.0f} %  {:.0f} s left  {}", stage_, bar, 100 * part,
+                                   left_s, remark);
+    // A line that wraps could not be drawn over.
+    winsize terminal{};
+    if (ioctl(STDERR_FILENO, TIOCGWINSZ, &terminal) == 0 && terminal.ws_col > 0)
+      line.resize(std::min<std::size_t>(line.size(), terminal.ws_col - 1u));
+    fmt::print(stderr, "\r{}\033[K", line);
     std::fflush(stderr);
     drawn_ = true;
   }

@@ -81,6 +81,21 @@ def test_live_check_is_what_the_frames_hold(malus, plan, tmp_path):
     assert "flat/g6" in done.err and "saturated" in done.err and "bias" not in done.err
 
 
+def test_live_check_is_shown_on_a_terminal(plan, tmp_path):
+    ours, terminal = os.openpty()
+    with subprocess.Popen([PROGRAM, "capture", plan(2500), "-o", tmp_path / "out"], stdout=subprocess.DEVNULL, stderr=terminal):
+        os.close(terminal)
+        shown = b""
+        while True:
+            try:
+                shown += os.read(ours, 4096)
+            except OSError:  # its other end is closed
+                break
+    os.close(ours)
+    lines = shown.decode().split("\r")
+    assert any("bias 0 dB 0.01 s [" in line and "mean " in line and "saturated 0.00 %, lost 0" in line for line in lines)
+
+
 def test_from_camera_to_report(malus, plan, tmp_path):
     flats = '[[capture]]\nkind = "flat"\ngain_db = 0\nexposure_s = [0.002, 0.004, 0.006, 0.008]\nframes = 4\n'
     path = plan(10, more=flats)
