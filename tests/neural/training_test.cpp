@@ -258,6 +258,36 @@ TEST(Training, GoesOnToTheSameBitsAsAnUnbrokenRun) {
                InputError);
 }
 
+TEST(Training, ResidualNetworksBeginByReturningTheirBase) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const std::vector<NetworkDescription> networks = {
+      {"unet", {{"width", 4}, {"levels", 2}}},
+      {"nafnet",
+       {{"width", 4}, {"middle_blk_num", 1}, {"enc_blk_nums", {1}}, {"dec_blk_nums", {1}}}},
+      {"restormer",
+       {{"dim", 8},
+        {"num_blocks", {1, 1, 1, 1}},
+        {"num_refinement_blocks", 1},
+        {"heads", {1, 1, 1, 1}}}},
+      {"uformer", {{"embed_dim", 4}, {"num_heads", {1, 1, 1, 1, 1, 1, 1, 1, 1}}}},
+      {"malus", {{"dim", 8}, {"depths", {1, 1}}, {"heads", {1, 1}}}}};
+  const auto worker = single_worker();
+  for (const NetworkDescription& network : networks) {
+    TrainingConfig config = scene_config(scene);
+    config.package.settings.layout = "polar-mono";
+    config.package.network = fitted_network(network, config.package.settings);
+    config.models = {"imx250mzr-simulated"};
+    config.train.steps = 1;
+    const auto run =
+        train(config, {folder / network.architecture, false, false, 3}, *worker, silent_progress());
+    const auto& line = run["log"].back();
+    EXPECT_NEAR(line["loss"].get<double>(), line["base_loss"].get<double>(), 1e-6)
+        << network.architecture;
+    EXPECT_GT(line["gradient_norm"].get<double>(), 0) << network.architecture;
+  }
+}
+
 TEST(Training, LearnsToRemoveNoise) {
   const TemporaryFolder folder;
   const AngleScene scene(folder, 96, 96);

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
+#include "malus/neural/autocast.h"
 #include "malus/neural/package.h"
 #include "malus/neural/tiles.h"
 
@@ -9,7 +10,6 @@
 #include <chrono>
 #include <cmath>
 
-#include <ATen/autocast_mode.h>
 #include <fmt/format.h>
 
 namespace malus {
@@ -21,31 +21,6 @@ using Json = nlohmann::ordered_json;
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
-
-// Layers in bfloat16 while it lives.
-class Autocast {
- public:
-  Autocast(bool wanted, bool cuda) : wanted_(wanted), cuda_(cuda) { set(wanted); }
-  ~Autocast() {
-    set(false);
-    if (wanted_) at::autocast::clear_cache();
-  }
-  Autocast(const Autocast&) = delete;
-  Autocast& operator=(const Autocast&) = delete;
-
- private:
-  void set(bool on) const {
-    if (!wanted_) return;
-    if (cuda_) {
-      at::autocast::set_autocast_gpu_dtype(torch::kBFloat16);
-      at::autocast::set_enabled(on);
-    } else {
-      at::autocast::set_autocast_cpu_dtype(torch::kBFloat16);
-      at::autocast::set_cpu_enabled(on);
-    }
-  }
-  bool wanted_, cuda_;
-};
 
 }  // namespace
 

@@ -71,18 +71,15 @@ void begin_unet(Network& network) {
   }
 }
 
-// The last convolution that gives as many planes as the network does is set to zero, so that a
-// residual network begins by returning its base.
-void begin_with_base(Network& network, const NetworkPackage& package) {
+// The last convolution is set to zero, so that a residual network begins by returning its base.
+void begin_with_base(Network& network, const NetworkDescription& description) {
   const torch::NoGradGuard no_gradients;
-  const std::int64_t planes = package.network.settings.value("img_channel", package.planes());
-  std::string last;
-  for (const auto& item : network.named_parameters())
-    if (item.value().dim() == 4 && item.value().size(0) == planes) last = item.key();
-  if (last.empty()) return;
-  const std::string stem = last.substr(0, last.rfind('.') + 1);
+  const std::string unets =
+      fmt::format("conv{}_1", 2 * description.settings.value("levels", std::int64_t{5}));
   for (auto& item : network.named_parameters())
-    if (item.key() == stem + "weight" || item.key() == stem + "bias") item.value().zero_();
+    for (const std::string& last :
+         {unets, std::string("ending"), std::string("output"), std::string("output_proj.proj.0")})
+      if (item.key() == last + ".weight" || item.key() == last + ".bias") item.value().zero_();
 }
 
 // What one step tells.
@@ -146,7 +143,7 @@ class Trainer {
     torch::manual_seed(options_.seed);
     auto network = make_network(config_.package.network);
     if (config_.package.network.architecture == "unet") begin_unet(*network);
-    if (config_.package.settings.residual) begin_with_base(*network, config_.package);
+    if (config_.package.settings.residual) begin_with_base(*network, config_.package.network);
     network->to(device_);
     return network;
   }

@@ -124,6 +124,9 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
   if (config.train.loss != "l1" && !layout.polarized())
     root.fail("loss", fmt::format("= \"{}\" needs polarizer angles", config.train.loss),
               "use \"l1\"");
+  if (config.package.network.settings.value("upscale", 1) != 1)
+    root.fail("upscale", "gives pictures of another size than the noisy planes",
+              "leave it out: packages denoise mosaics");
   if (config.pictures.empty() && config.scenes.empty() && config.shards.empty() &&
       config.pairs.empty())
     root.fail("data", "names no pictures, scenes, shards or pairs", "give one of them");
