@@ -6,24 +6,15 @@
 
 #include <bit>
 #include <cstdint>
+#include <cstdio>
 
+#include "../synthesize/sixteen_channels.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
-PhysicsNoise sixteen_channels() {
-  PhysicsNoise noise;
-  noise.layout = SensorLayout::named("polar-bayer-rggb");
-  for (int c = 0; c < 16; ++c)
-    noise.channels.push_back({.gain_dn_per_e = 0.4 + 0.05 * c,
-                              .lambda = -0.2 + 0.03 * c,
-                              .mu_dn = -2.0 + 0.1 * c,
-                              .sigma_tl_dn = 0.8 + 0.05 * c,
-                              .sigma_row_dn = 0.2});
-  noise.row_group = 2;
-  return noise;
-}
+using testing::sixteen_channels;
 
 TEST(DeviceNoise, EqualsTheCpuBitForBit) {
   if (!cuda::device_available()) GTEST_SKIP() << "no CUDA device answers";
@@ -43,6 +34,16 @@ TEST(DeviceNoise, EqualsTheCpuBitForBit) {
         ASSERT_EQ(std::bit_cast<std::uint32_t>(cpu(r, c)), std::bit_cast<std::uint32_t>(gpu(r, c)))
             << r << ' ' << c << ' ' << cpu(r, c) << ' ' << gpu(r, c);
   }
+}
+
+// 4 Gpx/s of floats fill a PCIe 4 link: drawing must not be what a frame waits for.
+TEST(DeviceNoise, DrawsFasterThanFramesCanBeFetched) {
+  if (!cuda::device_available()) GTEST_SKIP() << "no CUDA device answers";
+  const cuda::DeviceRates rates =
+      cuda::measure_rates(CompiledNoise(sixteen_channels()), 16384, 16384);
+  std::printf("  %s: %.1f Gpx/s drawn, %.1f copied on the device\n", cuda::device_name().c_str(),
+              1e-9 * rates.drawn, 1e-9 * rates.copied);
+  EXPECT_GE(rates.drawn, 4e9);
 }
 
 TEST(DeviceNoise, SaysWhenThereIsNoDevice) {

@@ -3,6 +3,7 @@
 #include "malus/cuda/synthesize.h"
 #include "malus/synthesize/scalar_formation.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
@@ -82,16 +83,17 @@ struct DeviceNoise::Tables {
   CompiledParts parts;
   DeviceArray<CompiledChannel> channels;
   DeviceArray<TailLine> normal, read;
+  DeviceArray<float> row_deviate;  // kept from call to call: allocating would stop the device
+  int rows_held = 0;
 };
 
 DeviceNoise::DeviceNoise(const CompiledNoise& noise) {
   check_status(device_available() ? cudaSuccess : cudaErrorNoDevice, "looking for a device");
   const CompiledParts& parts = noise.parts();
-  tables_ = std::make_unique<Tables>(Tables{parts, DeviceArray<CompiledChannel>(parts.channels),
-                                            DeviceArray<TailLine>(normal_tail_lines()),
-                                            parts.read_lines
-                                                ? DeviceArray<TailLine>(*parts.read_lines)
-                                                : DeviceArray<TailLine>()});
+  tables_ = std::make_unique<Tables>(Tables{
+      parts, DeviceArray<CompiledChannel>(parts.channels),
+      DeviceArray<TailLine>(normal_tail_lines()),
+      parts.read_lines ? DeviceArray<TailLine>(*parts.read_lines) : DeviceArray<TailLine>()});
 }
 
 DeviceNoise::~DeviceNoise() = default;
@@ -109,7 +111,13 @@ void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_st
     deviates.push_back(parts.row_noise ? static_cast<float>(row_group_draw(
                                              address, address.row0 + r, parts.row_group))
                                        : 0.0f);
-  const DeviceArray<float> row_deviate(deviates);
+  if (rows > tables_->rows_held) {
+    tables_->row_deviate = DeviceArray<float>(deviates.size());
+    tables_->rows_held = rows;
+  }
+  check_status(cudaMemcpy(tables_->row_deviate.get(), deviates.data(),
+                          deviates.size() * sizeof(float), cudaMemcpyHostToDevice),
+               "copying to the device");
   const FormationTables tables{tables_->normal.get(), tables_->read.get(), parts.shot,
                                parts.quantization_dn};
   const Frame frame{
@@ -120,7 +128,8 @@ void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_st
   const dim3 threads(64, 4);
   const dim3 blocks(static_cast<unsigned>(groups * 16 + 63) / 64u,
                     static_cast<unsigned>(rows + 3) / 4u);
-  draw_noise<<<blocks, threads>>>(frame, tables, tables_->channels.get(), row_deviate.get());
+  draw_noise<<<blocks, threads>>>(frame, tables, tables_->channels.get(),
+                                  tables_->row_deviate.get());
   check_status(cudaGetLastError(), "starting the kernel");
 }
 
@@ -143,6 +152,47 @@ void DeviceNoise::apply(View<const float> clean_dn, View<float> noisy_dn,
   check_status(cudaMemcpy2D(noisy_dn.data(), pitch(noisy_dn.stride()), pixels.get(), width, width,
                             rows, cudaMemcpyDeviceToHost),
                "copying from the device");
+}
+
+namespace {
+
+// Seconds of work(), by the device's clock; the median of several.
+template <class Work>
+double device_seconds(const Work& work) {
+  constexpr int kRepetitions = 21;
+  cudaEvent_t start{}, stop{};
+  check_status(cudaEventCreate(&start), "timing");
+  check_status(cudaEventCreate(&stop), "timing");
+  std::vector<float> times;
+  for (int i = 0; i < kRepetitions; ++i) {
+    check_status(cudaEventRecord(start), "timing");
+    work();
+    check_status(cudaEventRecord(stop), "timing");
+    check_status(cudaEventSynchronize(stop), "timing");
+    times.push_back(0);
+    check_status(cudaEventElapsedTime(&times.back(), start, stop), "timing");
+  }
+  cudaEventDestroy(start);
+  cudaEventDestroy(stop);
+  std::nth_element(times.begin(), times.begin() + kRepetitions / 2, times.end());
+  return 1e-3 * static_cast<double>(times[kRepetitions / 2]);
+}
+
+}  // namespace
+
+DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols) {
+  const DeviceNoise device(noise);
+  const auto pixels = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
+  const DeviceArray<float> clean(std::vector<float>(pixels, 500.0f)), noisy(pixels);
+  const double drawn_s = device_seconds([&] {
+    device.apply_on_device(clean.get(), cols, noisy.get(), cols, rows, cols, {.seed = 1});
+  });
+  const double copied_s = device_seconds([&] {
+    check_status(
+        cudaMemcpyAsync(noisy.get(), clean.get(), pixels * sizeof(float), cudaMemcpyDeviceToDevice),
+        "copying on the device");
+  });
+  return {static_cast<double>(pixels) / drawn_s, static_cast<double>(pixels) / copied_s};
 }
 
 }  // namespace malus::cuda

@@ -8,7 +8,8 @@
 
 namespace malus::cuda {
 
-/// A model's tables on the device. Throws InputError where no device answers (device.h).
+/// A model's tables on the device; one thread at a time. Throws InputError where no device answers
+/// (device.h).
 class DeviceNoise {
  public:
   explicit DeviceNoise(const CompiledNoise& noise);
@@ -28,5 +29,12 @@ class DeviceNoise {
   struct Tables;
   std::unique_ptr<Tables> tables_;
 };
+
+/// Pixels per second of a frame in the device's memory, row draws of the host included: noise
+/// drawn, and the same frame copied. Throws InputError as DeviceNoise does.
+struct DeviceRates {
+  double drawn = 0, copied = 0;
+};
+DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols);
 
 }  // namespace malus::cuda
