@@ -15,22 +15,26 @@ namespace malus::python {
 
 using Gain = std::optional<double>;  ///< in the model's unit; empty: random
 
-/// A training loop calls synthesize with the same gain and settings again and again: their tables
-/// are kept until others come.
+/// A training loop calls synthesize with the same settings again and again: their sampler, which
+/// keeps its tables of the gains drawn last, is kept until others come.
 class ModelWithSampler {
  public:
   explicit ModelWithSampler(Model model) : model_(std::move(model)) {}
 
   /// Called with the interpreter's lock, which guards the cache.
   NoiseAtGain noise(const Gain& gain, const pybind11::kwargs& kwargs) {
-    std::string key = gain ? fmt::format("{}", *gain) : "random";
+    std::string key;
     for (const auto& [name, value] : kwargs)
-      key += fmt::format("|{}={}", pybind11::str(name).cast<std::string>(),
+      key += fmt::format("{}={}|", pybind11::str(name).cast<std::string>(),
                          pybind11::repr(value).cast<std::string>());
-    if (!last_ || key != key_) {
-      const auto settings = settings_from<SynthesisSettings>(kwargs);
-      last_ = gain ? model_.at_gain(*gain, settings) : model_.at_random_gain(settings);
+    if (!sampler_ || key != key_) {
+      last_.reset();
+      sampler_ = model_.at_random_gain(settings_from<SynthesisSettings>(kwargs));
       key_ = key;
+    }
+    if (!last_ || gain != gain_) {
+      last_ = sampler_->with_gain(gain);
+      gain_ = gain;
     }
     return *last_;
   }
@@ -40,7 +44,9 @@ class ModelWithSampler {
  private:
   Model model_;
   std::string key_;
-  std::optional<NoiseAtGain> last_;
+  std::optional<NoiseAtGain> sampler_;
+  Gain gain_;
+  std::optional<NoiseAtGain> last_;  ///< of gain_
 };
 
 }  // namespace malus::python

@@ -19,6 +19,20 @@ void require_equal_sizes(View<const float> clean, View<float> noisy) {
                    "give arrays of equal size");
 }
 
+// ISO where the model was measured in ISO, decibels elsewhere.
+GainSetting setting_in_unit_of(const NoiseModel& model, double gain) {
+  const auto in_iso = [](const auto& entries) {
+    return !entries.empty() && entries.front().gain.iso.has_value();
+  };
+  GainSetting setting;
+  if (in_iso(model.physics) || in_iso(model.gaussian) || in_iso(model.nonparametric) ||
+      in_iso(model.dark_frames))
+    setting.iso = gain;
+  else
+    setting.gain_db = gain;
+  return setting;
+}
+
 constexpr int kMosaicRowsPerStrip = 32;
 constexpr std::ptrdiff_t kPieces = 16;  // of a frame: enough for any balance between cores
 
@@ -90,31 +104,29 @@ void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_
   });
 }
 
+NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
+  if (!gain) return {synthesizer_, std::nullopt};
+  const auto& settings = synthesizer_->settings();
+  const auto setting = setting_in_unit_of(synthesizer_->model(), *gain);
+  // Refused here, not at the first draw.
+  if (settings.kind == "physics")
+    synthesizer_->model().parameters_at(setting, settings.extrapolate_gain
+                                                     ? GainRange::kAllowExtrapolation
+                                                     : GainRange::kCalibratedOnly);
+  return {synthesizer_, setting};
+}
+
 Model Model::load(const std::filesystem::path& path) { return Model(load_model(path)); }
 
 Model::Model(NoiseModel description)
     : description_(std::make_shared<const NoiseModel>(std::move(description))) {}
 
 GainSetting Model::gain_setting(double gain) const {
-  const auto in_iso = [](const auto& entries) {
-    return !entries.empty() && entries.front().gain.iso.has_value();
-  };
-  GainSetting setting;
-  const auto& d = *description_;
-  if (in_iso(d.physics) || in_iso(d.gaussian) || in_iso(d.nonparametric) || in_iso(d.dark_frames))
-    setting.iso = gain;
-  else
-    setting.gain_db = gain;
-  return setting;
+  return setting_in_unit_of(*description_, gain);
 }
 
 NoiseAtGain Model::at_gain(double gain, const SynthesisSettings& settings) const {
-  const auto setting = gain_setting(gain);
-  // Refused here, not at the first draw.
-  if (settings.kind == "physics")
-    description_->parameters_at(setting, settings.extrapolate_gain ? GainRange::kAllowExtrapolation
-                                                                   : GainRange::kCalibratedOnly);
-  return {std::make_shared<const Synthesizer>(*description_, settings), setting};
+  return at_random_gain(settings).with_gain(gain);
 }
 
 NoiseAtGain Model::at_random_gain(const SynthesisSettings& settings) const {

@@ -27,6 +27,10 @@ class NoiseAtGain {
                          const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
                          std::uint32_t frame = 0) const;
 
+  /// The same settings at another gain, as Model::at_gain (empty: random, as at_random_gain),
+  /// without a new copy of the model.
+  NoiseAtGain with_gain(const std::optional<double>& gain) const;
+
  private:
   friend class Model;
   NoiseAtGain(std::shared_ptr<const Synthesizer> synthesizer, std::optional<GainSetting> gain)
