@@ -230,6 +230,44 @@ def test_two_hosts_train_together(malus, config, tmp_path):
         assert np.abs(one[name] - two[name]).max() < 1e-5, name
 
 
+def base_loss(malus, folder, data):
+    """L1 distance of noisy and clean planes in units of the stated noise, mean over some steps of no learning."""
+    text = CONFIG.replace('scenes = ["scene"]', data).replace("jitter = 0.2", "").replace("batch = 4", 'batch = 4\nloss = "l1"')
+    path = folder / "config.toml"
+    path.write_text(text.format(steps=8, checkpoint_every=100).replace("1e-3", "0"))
+    malus("train", path, "-o", folder / "run")
+    lines = (folder / "run" / "log.jsonl").read_text().splitlines()
+    return np.mean([json.loads(line)["base_loss"] for line in lines])
+
+
+@pytest.fixture
+def clean(tmp_path):
+    rows, cols = np.mgrid[0:256, 0:192]
+    np.save(tmp_path / "clean.npy", (1500 + 900 * np.sin(rows / 31) * np.cos(cols / 23)).astype(np.float32))
+    return tmp_path / "clean.npy"
+
+
+# Unit Gaussian noise has a mean absolute value of sqrt(2/pi) = 0.798; Tukey-lambda read noise and what the removal of
+# row noise and the bias of a frame leave make it a little different.
+def test_shards_are_taken_with_the_noise_they_were_made_with(malus, clean, tmp_path):
+    (tmp_path / "dataset.toml").write_text(
+        'model = "imx250mzr-simulated"\nclean = ["clean.npy"]\n[dataset]\nsamples = 12\npatch = 64\nratios = [5, 20]\n')
+    malus("dataset", tmp_path / "dataset.toml", "-o", tmp_path / "shards")
+    assert abs(base_loss(malus, tmp_path, 'shards = ["shards/*.tar"]') - 0.8) < 0.06
+
+
+def test_captured_pairs_are_taken_with_their_ratio_and_gain(malus, clean, tmp_path):
+    pairs = []
+    for gain, ratio in ((6, 5), (12, 20)):
+        folder = tmp_path / f"g{gain}"
+        malus("synthesize", clean, "--model", "imx250mzr-simulated", "--gain", gain, "--ratio", ratio, "-o", folder)
+        noisy = next(folder.glob("clean_000.*"))
+        pairs.append({"name": folder.name, "short": f"{folder.name}/{noisy.name}", "reference": "clean.npy",
+                      "ratio": ratio, "gain_db": gain, "iso": None})
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": pairs}))
+    assert abs(base_loss(malus, tmp_path, 'pairs = ["pairs.json"]') - 0.8) < 0.06
+
+
 @pytest.mark.parametrize(
     "old,new,word",
     [

@@ -112,11 +112,13 @@ class CapturedPairs final : public PairSource {
  public:
   explicit CapturedPairs(const TrainingConfig& config)
       : model_(only_model(config)), side_(config.data.example) {
-    for (const fs::path& list : config.pairs)
-      for (const Json& entry : load_json(list).at("pairs"))
-        pairs_.push_back({list.parent_path() / entry.at("short").get<std::string>(),
-                          list.parent_path() / entry.at("reference").get<std::string>(),
+    for (const fs::path& path : config.pairs) {
+      const Json list = load_json(path);
+      for (const Json& entry : list.at("pairs"))
+        pairs_.push_back({path.parent_path() / entry.at("short").get<std::string>(),
+                          path.parent_path() / entry.at("reference").get<std::string>(),
                           entry.at("ratio").get<double>(), gain_of(entry)});
+    }
     if (pairs_.empty())
       throw InputError(config.source.string(), "its pairs are none", "make them with malus pairs");
   }
