@@ -204,6 +204,19 @@ Json metrics_json(const DenoisedFrame& frame) {
   return {{"before", metrics(before.dn)}, {"after", metrics(frame.after_dn)}};
 }
 
+// The layout comes from the flags or the model; black and white from the flags, else the file, else
+// the model: a frame that malus wrote above black says so itself.
+FrameOptions completed(const FrameOptions& options, const std::optional<NoiseModel>& model,
+                       const fs::path& input) {
+  if (!model) return options;
+  FrameOptions fallback;
+  fallback.layout = model->layout;
+  const RawFrame known = probe_frame(input, merged(options, fallback)).frame;
+  if (!known.black_known) fallback.black_dn = model->black_dn;
+  if (!known.white_known && model->white_dn > 0) fallback.white_dn = model->white_dn;
+  return merged(options, fallback);
+}
+
 // One frame's part of the job.
 struct FrameJob {
   fs::path input, reference;  ///< the reference may be empty
@@ -214,7 +227,7 @@ Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
              const std::optional<NoiseModel>& model, const FrameJob& job,
              const FrameOptions& options, Progress& progress, bool force,
              std::vector<DenoisedFrame>* report) {
-  RawFrame frame = load_frame(job.input, options);
+  RawFrame frame = load_frame(job.input, completed(options, model, job.input));
   const ProfileChoice choice = choose_profile(frame, model, arguments);
   warn_about(frame, job.input);
   const bool compared = !job.reference.empty();
@@ -273,15 +286,8 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   check_references(arguments);
   std::optional<NoiseModel> model;
-  FrameOptions options = arguments.raw.resolve();
-  if (!arguments.model.empty()) {
-    model = load_model(arguments.model);
-    FrameOptions fallback;
-    fallback.layout = model->layout;
-    fallback.black_dn = model->black_dn;
-    if (model->white_dn > 0) fallback.white_dn = model->white_dn;
-    options = merged(options, fallback);
-  }
+  const FrameOptions options = arguments.raw.resolve();
+  if (!arguments.model.empty()) model = load_model(arguments.model);
   make_output_folder(arguments.folder);
   const std::vector<OutputNames> names = plan_outputs(arguments, common.force);
   if (!arguments.report.empty()) check_output(arguments.report, common.force);

@@ -1,0 +1,132 @@
+"""Stokes, normals, evaluate and denoise on pictures drawn here, judged by numpy and by the shapes that were drawn."""
+
+import numpy as np
+import pytest
+
+# The cell of polar-mono.
+ANGLES = np.array([[90, 45], [135, 0]])
+LAYOUT = ["--layout", "polar-mono", "--black", "0", "--white", "4080"]
+INDEX = 1.5
+
+
+def diffuse_dolp(zenith):
+    """Degree of polarization of light from inside a dielectric (Atkinson and Hancock, IEEE TIP 15, 2006, Eq. 7)."""
+    s2, n = np.sin(zenith) ** 2, INDEX
+    return (n - 1 / n) ** 2 * s2 / (2 + 2 * n * n - (n + 1 / n) ** 2 * s2
+                                    + 4 * np.cos(zenith) * np.sqrt(n * n - s2))
+
+
+def ellipsoids(cells, parts):
+    """Normals x right, y up, z to the camera, one per cell; NaN outside. parts: (row, column, radius down, across)."""
+    rows, cols = np.mgrid[:cells, :cells] + 0.5
+    normals = np.full((3, cells, cells), np.nan)
+    for row, col, down, across in parts:
+        u, v = (cols - col) / across, (row - rows) / down
+        inside = u * u + v * v < 0.97
+        z = np.sqrt(1 - np.where(inside, u * u + v * v, 0))
+        n = np.stack([u / across, v / down, z / min(down, across)])
+        n /= np.linalg.norm(n, axis=0)
+        normals[:, inside] = n[:, inside]
+    return normals
+
+
+OBJECTS = {
+    "sphere": [(96, 96, 85, 85)],
+    "ellipsoid": [(96, 96, 50, 88)],
+    "four spheres": [(48, 48, 42, 42), (48, 144, 42, 42), (144, 48, 42, 42), (144, 144, 42, 42)],
+}
+
+
+def rendered(normals, brightest=3000):
+    """Mosaic of a matt surface lit from the camera, polarized by diffuse reflection; the four pixels of a cell see the
+    same point, so that what is measured is the noise and not the sampling."""
+    inside = np.isfinite(normals[2]).repeat(2, 0).repeat(2, 1)
+    x, y, z = np.where(np.isfinite(normals), normals, 0.5).repeat(2, 1).repeat(2, 2)
+    zenith, azimuth = np.arccos(np.clip(z, 0, 1)), np.arctan2(y, x)
+    polarizer = np.radians(np.tile(ANGLES, normals.shape[1:]))
+    light = brightest * (0.3 + 0.7 * z) * (1 + diffuse_dolp(zenith) * np.cos(2 * (polarizer - azimuth)))
+    return np.where(inside, light, 0.004 * brightest).astype(np.float32)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OBJECTS)
+def test_denoising_brings_normals_back(malus, tmp_path, name):
+    """The table of docs/polarization.md (-s prints it): mean angular error of the normals, one per cell."""
+    normals = ellipsoids(192, OBJECTS[name])
+    np.save(tmp_path / "clean.npy", rendered(normals))
+    np.save(tmp_path / "truth.npy", normals.astype(np.float32))
+    np.save(tmp_path / "mask.npy", np.isfinite(normals[2]).astype(np.float32))
+
+    def error(path):
+        shown = malus("normals", path, *LAYOUT, "-o", tmp_path / "normals", "--mask", tmp_path / "mask.npy",
+                      "--reference", tmp_path / "truth.npy", "--index", INDEX, "--force", "--json")
+        return shown.json["mean_angular_error_deg"]
+
+    clean = error(tmp_path / "clean.npy")
+    assert clean < 0.1
+    for ratio in (3, 10, 30):
+        model = ["--model", "imx250mzr-simulated", "--gain", "12"]
+        malus("synthesize", tmp_path / "clean.npy", *LAYOUT, *model, "--ratio", ratio, "--seed", "4", "--float",
+              "-o", tmp_path / "raw", "--force")
+        malus("denoise", tmp_path / "raw/clean_000.tif", *model, "-o", tmp_path / "out", "--force")
+        noisy, denoised = error(tmp_path / "raw/clean_000.tif"), error(tmp_path / "out/clean_000_denoised.tif")
+        print(f"| {name} | 1/{ratio} | {clean:.2f} | {noisy:.1f} | {denoised:.1f} |")
+        assert denoised < 0.3 * noisy
+
+
+def stokes(mosaic):
+    i90, i45, i135, i0 = mosaic[::2, ::2], mosaic[::2, 1::2], mosaic[1::2, ::2], mosaic[1::2, 1::2]
+    return (i0 + i45 + i90 + i135) / 2, i0 - i90, i45 - i135
+
+
+def test_evaluate_agrees_with_numpy(malus, tmp_path):
+    rng = np.random.default_rng(8)
+    reference = rng.uniform(500, 2000, (64, 96)).astype(np.float32)
+    test = (reference + rng.normal(0, 60, reference.shape)).astype(np.float32)
+    np.save(tmp_path / "reference.npy", reference)
+    np.save(tmp_path / "test.npy", test)
+    result = malus("evaluate", "--reference", tmp_path / "reference.npy", "--test", tmp_path / "test.npy", *LAYOUT,
+                   "--json").json
+    result = result.get("results", [result])[0]
+    mse = np.mean((test.astype(float) - reference) ** 2)
+    assert result["image"]["psnr"] == pytest.approx(10 * np.log10(4080**2 / mse), abs=1e-3)
+    (s0, s1, s2), (t0, t1, t2) = stokes(reference.astype(float)), stokes(test.astype(float))
+    dolp, shown = np.clip(np.hypot(s1, s2) / s0, 0, 1), np.clip(np.hypot(t1, t2) / t0, 0, 1)
+    assert result["dolp"]["psnr"] == pytest.approx(-10 * np.log10(np.mean((dolp - shown) ** 2)), abs=1e-3)
+    turn = np.degrees(np.angle(np.exp(1j * (np.arctan2(s2, s1) - np.arctan2(t2, t1))))) / 2
+    assert result["aolp"]["circular_deg"] == pytest.approx(np.sqrt(np.sum(dolp * turn**2) / np.sum(dolp)), rel=1e-3)
+
+
+def test_full_resolution_stokes_of_a_uniform_scene(malus, tmp_path):
+    dolp, aolp = 0.3, 20.0
+    mosaic = 1000 * (1 + dolp * np.cos(2 * np.radians(np.tile(ANGLES, (24, 20)) - aolp)))
+    np.save(tmp_path / "m.npy", mosaic.astype(np.float32))
+    malus("stokes", tmp_path / "m.npy", *LAYOUT, "--full", "-o", tmp_path, "--format", "npy")
+    read = {name: np.load(tmp_path / f"m_{name}.npy").squeeze() for name in ("s0", "dolp", "aolp")}
+    assert read["s0"].shape == mosaic.shape
+    assert np.allclose(read["s0"], 2000, rtol=1e-5)
+    assert np.allclose(read["dolp"], dolp, atol=1e-5) and np.allclose(read["aolp"], aolp, atol=1e-3)
+
+
+def test_a_frame_that_says_it_is_above_black_is_believed(malus, tmp_path):
+    """The model's black level is for files that do not know theirs."""
+    model = ["--model", "imx250mzr-simulated", "--gain", "12"]
+    np.save(tmp_path / "c.npy", np.full((64, 64), 300, np.float32))
+    malus("synthesize", tmp_path / "c.npy", *LAYOUT, *model, "--ratio", "1", "--float", "-o", tmp_path / "raw")
+    malus("denoise", tmp_path / "raw/c_000.tif", *model, "-o", tmp_path / "out", "--format", "npy")
+    assert np.load(tmp_path / "out/c_000_denoised.npy").mean() == pytest.approx(300, abs=10)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 97), (97, 1), (3, 5), (66, 70)])
+@pytest.mark.parametrize("kind", ["constant", "saturated", "nan"])
+def test_denoise_takes_any_picture(malus, tmp_path, shape, kind):
+    value = {"constant": 500, "saturated": 4080, "nan": np.nan}[kind]
+    np.save(tmp_path / "f.npy", np.full(shape, value, np.float32))
+    malus("denoise", tmp_path / "f.npy", *LAYOUT, "--model", "imx250mzr-simulated", "--gain", "12", "-o", tmp_path / "out",
+          "--format", "npy", "--uncertainty")
+    out = np.load(tmp_path / "out/f_denoised.npy").reshape(shape)
+    if kind == "nan":
+        assert np.isnan(out).all()
+    else:  # the model's bias is below 20 DN, its dark noise below 5
+        assert np.abs(out - value).max() < 25
+        assert np.ptp(out) < 1
