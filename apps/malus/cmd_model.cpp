@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "model_from_dng.h"
+#include "model_import.h"
 #include "model_json.h"
 #include "program.h"
 #include <fmt/format.h>
@@ -99,8 +100,8 @@ void list(const Common& common) {
 }  // namespace
 
 void add_model(CLI::App& app, Common& common) {
-  CLI::App* model =
-      app.add_subcommand("model", "Show or check a noise model, or list the built-in ones");
+  CLI::App* model = app.add_subcommand(
+      "model", "Show or check a noise model, list the built-in ones, or import weights");
   model->require_subcommand(1);
   auto arguments = std::make_shared<ShowArguments>();
   CLI::App* show_command =
@@ -120,6 +121,7 @@ void add_model(CLI::App& app, Common& common) {
       [&common, checked] { check(common, *checked); });
   check_command->add_option("model", *checked, "model file or name of a built-in model")
       ->required();
+  add_import_weights(*model, common);
   add_model_from_dng(*model, common);
   add_command(*model, common, "list", "The built-in noise models", [&common] { list(common); });
 }

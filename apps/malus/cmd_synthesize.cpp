@@ -7,10 +7,12 @@
 
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <vector>
 
 #include "flags.h"
+#include "networks_door.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -54,19 +56,19 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
 }
 
 // The clean mosaic in DN above black.
-Image load_clean(const fs::path& path, const FrameOptions& options, const NoiseModel& model) {
+Image load_clean(const fs::path& path, const FrameOptions& options, const SensorLayout& layout) {
   RawFrame frame = load_frame(path, options);
-  if (frame.layout_known && !(frame.layout == model.layout))
-    throw InputError(path.string(),
-                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
-                                 model.layout.name()),
-                     "use the model of this sensor, or declare the layout with --layout");
+  if (frame.layout_known && !(frame.layout == layout))
+    throw InputError(
+        path.string(),
+        fmt::format("has the layout {}, the noise model {}", frame.layout.name(), layout.name()),
+        "use the model of this sensor, or declare the layout with --layout");
   if (frame.bits > 0 && !frame.black_known)
     throw InputError(path.string(), "holds integers, but its black level is not known",
                      "give --black (0 where black is subtracted already)");
-  frame.layout = model.layout;
-  if (frame.black_dn.size() != static_cast<std::size_t>(model.layout.channels()))
-    frame.black_dn.assign(static_cast<std::size_t>(model.layout.channels()),
+  frame.layout = layout;
+  if (frame.black_dn.size() != static_cast<std::size_t>(layout.channels()))
+    frame.black_dn.assign(static_cast<std::size_t>(layout.channels()),
                           frame.black_dn.empty() ? 0.0 : frame.black_dn[0]);
   subtract_black(frame);
   std::int64_t odd = 0;
@@ -95,6 +97,51 @@ RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& argumen
   return frame;
 }
 
+// What draws the frames: a calibrated model, or a trained Noise Flow.
+struct FrameSource {
+  std::string sensor;
+  SensorLayout layout;
+  std::function<RawFrame(const Image& clean, const DrawAddress& address)> draw;
+};
+
+FrameSource calibrated_source(const SynthesizeArguments& arguments,
+                              const std::optional<GainSetting>& gain) {
+  const auto synthesizer =
+      std::make_shared<const Synthesizer>(load_model(arguments.model), arguments.settings);
+  return {synthesizer->model().sensor, synthesizer->model().layout,
+          [=, &arguments](const Image& clean, const DrawAddress& address) {
+            return draw(*synthesizer, arguments, clean, gain, address);
+          }};
+}
+
+FrameSource flow_source(const SynthesizeArguments& arguments,
+                        const std::optional<GainSetting>& gain) {
+  SynthesisSettings plain;
+  plain.ratio = arguments.settings.ratio;
+  if (settings_json(plain) != settings_json(arguments.settings))
+    throw InputError("--model " + arguments.model.string(),
+                     "a Noise Flow has none of the parts that these settings change",
+                     "of the settings give --ratio alone");
+  if (!gain)
+    throw InputError("--gain random", "is not offered by a Noise Flow", "give a gain in dB");
+  const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
+  return {"Noise Flow", SensorLayout::named(flow->sensor().layout),
+          [=, &arguments](const Image& clean, const DrawAddress& address) {
+            Image signal = clean;
+            for (float& value : signal.values())
+              value = static_cast<float>(value / arguments.settings.ratio);
+            if (!arguments.as_float) return flow->draw_raw(signal.view(), *gain, address);
+            RawFrame frame;
+            frame.dn = flow->draw(signal.view(), *gain, address);
+            frame.layout = SensorLayout::named(flow->sensor().layout);
+            frame.black_dn.assign(flow->sensor().black_dn.size(), 0.0);
+            frame.white_dn = flow->sensor().white_dn - flow->sensor().black_dn.front();
+            frame.gain = *gain;
+            frame.black_known = frame.white_known = frame.layout_known = true;
+            return frame;
+          }};
+}
+
 std::vector<std::vector<fs::path>> plan_outputs(const SynthesizeArguments& arguments, bool force) {
   std::vector<std::vector<fs::path>> plans(arguments.inputs.size());
   for (int n = 0; n < arguments.frames; ++n) {
@@ -111,7 +158,9 @@ std::vector<std::vector<fs::path>> plan_outputs(const SynthesizeArguments& argum
 void run_synthesize(const SynthesizeArguments& arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   const auto gain = gain_of(arguments);
-  const Synthesizer synthesizer(load_model(arguments.model), arguments.settings);
+  const FrameSource source = arguments.model.extension() == ".safetensors"
+                                 ? flow_source(arguments, gain)
+                                 : calibrated_source(arguments, gain);
   make_output_folder(arguments.folder);
   const auto plans = plan_outputs(arguments, common.force);
   const auto progress = make_progress(common);
@@ -123,14 +172,13 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
   Json frames = Json::array();
   std::uint32_t number = arguments.first_frame;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
-    const Image clean = load_clean(arguments.inputs[i], options, synthesizer.model());
+    const Image clean = load_clean(arguments.inputs[i], options, source.layout);
     for (int n = 0; n < arguments.frames; ++n, ++number) {
       check_stop(*progress);
-      const RawFrame noisy = draw(synthesizer, arguments, clean, gain,
-                                  {.seed = common.seed,
-                                   .frame = number,
-                                   .row0 = arguments.origin[0],
-                                   .col0 = arguments.origin[1]});
+      const RawFrame noisy = source.draw(clean, {.seed = common.seed,
+                                                 .frame = number,
+                                                 .row0 = arguments.origin[0],
+                                                 .col0 = arguments.origin[1]});
       const fs::path& output = plans[i][static_cast<std::size_t>(n)];
       save_frame(output, noisy, save);
       frames.push_back({{"input", arguments.inputs[i].string()},
@@ -147,7 +195,7 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
                         f["input"].get<std::string>(), f["frame"].get<std::uint32_t>());
   print_result(common,
                {{"model", arguments.model.string()},
-                {"sensor", synthesizer.model().sensor},
+                {"sensor", source.sensor},
                 {"seed", common.seed},
                 {"settings", settings_json(arguments.settings)},
                 {"frames", frames}},
@@ -165,7 +213,9 @@ void add_synthesize(CLI::App& app, Common& common) {
       ->add_option("CLEAN", arguments->inputs,
                    "clean mosaics: float in DN above black, or integers with --black")
       ->required();
-  command->add_option("-m,--model", arguments->model, "noise model: a file or a built-in name")
+  command
+      ->add_option("-m,--model", arguments->model,
+                   "noise model: a file or a built-in name; or a trained Noise Flow (.safetensors)")
       ->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   auto* gain = command->add_option("--gain", arguments->gain,

@@ -13,19 +13,22 @@ namespace fs = std::filesystem;
 
 constexpr const char* kModuleName = "malus_networks.so";
 
-// Beside the program in the build folder; in lib/malus beside bin/ when installed.
+// Beside the program in the build folder; in lib/malus beside bin/ when installed. Empty where it
+// was not built.
 fs::path module_path() {
   std::error_code error;
   const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
   for (const fs::path& candidate :
        {folder / kModuleName, folder / ".." / MALUS_LIBRARY_FOLDER / "malus" / kModuleName})
     if (fs::exists(candidate, error)) return candidate;
-  throw InputError("networks", "this program was built without them",
-                   "install libtorch-dev and build again");
+  return {};
 }
 
 const NetworkFunctions* open_module() {
   const fs::path path = module_path();
+  if (path.empty())
+    throw InputError("networks", "this program was built without them",
+                     "install libtorch-dev and build again");
   if (const auto missing = missing_network_environment(); !missing.empty()) restart_with(missing);
   keep_freed_memory();
   void* module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
@@ -40,6 +43,8 @@ const NetworkFunctions* open_module() {
 }
 
 }  // namespace
+
+bool have_networks() { return !module_path().empty(); }
 
 const NetworkFunctions& networks() {
   static const NetworkFunctions* const functions = open_module();

@@ -11,4 +11,7 @@ namespace malus::app {
 /// set in the environment stays. Throws InputError where the module was not built.
 const NetworkFunctions& networks();
 
+/// Whether the module was built.
+bool have_networks();
+
 }  // namespace malus::app

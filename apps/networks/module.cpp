@@ -23,6 +23,27 @@ class PackageDenoiser final : public NetworkDenoiser {
   NetworkInference inference_;
 };
 
+class NoiseFlowSampler final : public FlowSampler {
+ public:
+  explicit NoiseFlowSampler(const std::filesystem::path& weights) : model_(weights) {}
+  const NoiseFlowSensor& sensor() const override { return model_.sensor(); }
+  Image draw(View<const float> clean_dn, const GainSetting& gain,
+             const DrawAddress& address) override {
+    return model_.draw(clean_dn, gain, address);
+  }
+  RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
+                    const DrawAddress& address) override {
+    return model_.draw_raw(clean_dn, gain, address);
+  }
+
+ private:
+  NoiseFlowModel model_;
+};
+
+std::unique_ptr<FlowSampler> open_flow(const std::filesystem::path& weights) {
+  return std::make_unique<NoiseFlowSampler>(weights);
+}
+
 std::unique_ptr<NetworkDenoiser> open_denoiser(const NetworkDenoiserOptions& options) {
   return std::make_unique<PackageDenoiser>(options);
 }
@@ -34,7 +55,11 @@ extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
   using namespace malus::app;
   static const NetworkFunctions functions{.interface = kNetworksInterface,
                                           .open_denoiser = open_denoiser,
-                                          .train = train_network};
+                                          .train = train_network,
+                                          .open_flow = open_flow,
+                                          .import_checkpoint = malus::import_checkpoint,
+                                          .measure = malus::measure_network,
+                                          .named_networks = malus::named_networks};
   malus::use_network_threads(malus::thread_count());
   return &functions;
 }

@@ -7,6 +7,9 @@
 #include "malus/base/progress.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/neural/inference.h"
+#include "malus/neural/measure.h"
+#include "malus/neural/noise_flow_file.h"
+#include "malus/neural/torch_checkpoint.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -43,11 +46,27 @@ struct TrainCall {
   std::uint64_t seed = 0;
 };
 
+/// A trained Noise Flow (malus/neural/noise_flow_file.h).
+class FlowSampler {
+ public:
+  virtual ~FlowSampler() = default;
+  virtual const NoiseFlowSensor& sensor() const = 0;
+  virtual Image draw(View<const float> clean_dn, const GainSetting& gain,
+                     const DrawAddress& address) = 0;
+  virtual RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
+                            const DrawAddress& address) = 0;
+};
+
 /// The module's functions. Threads were set before it was opened. They throw InputError, Cancelled.
 struct NetworkFunctions {
   int interface;  ///< kNetworksInterface of the module
   std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
   nlohmann::ordered_json (*train)(const TrainCall& call, Progress& progress);
+  std::unique_ptr<FlowSampler> (*open_flow)(const std::filesystem::path& weights);
+  nlohmann::ordered_json (*import_checkpoint)(const ImportRequest& request);
+  NetworkCost (*measure)(const NamedNetwork& network, int channels, int rows, int cols,
+                         int repetitions);
+  std::vector<NamedNetwork> (*named_networks)();
 };
 
 /// What the module exports, by this name.

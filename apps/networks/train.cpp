@@ -1,10 +1,28 @@
 #include "train.h"
 
+#include "malus/base/atomic_file.h"
+#include "malus/neural/noise_flow_training.h"
 #include "malus/neural/trainer.h"
 
 namespace malus::app {
 
+namespace {
+
+// Noise Flows train in minutes: one process, from the start.
+nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
+  const auto weights = call.folder / "weights.safetensors";
+  if (std::filesystem::is_directory(call.folder)) check_output(weights, call.force);
+  NoiseFlowFit fit = train_noise_flow_config(call.config, call.seed, progress);
+  make_output_folder(call.folder);
+  fit.model.save(weights, fit.record);
+  fit.record["weights"] = weights.string();
+  return fit.record;
+}
+
+}  // namespace
+
 nlohmann::ordered_json train_network(const TrainCall& call, Progress& progress) {
+  if (is_noise_flow_config(call.config)) return train_flow(call, progress);
   const TrainingConfig config = load_training_config(call.config);
   const auto workers =
       workers_of_environment(config.train.timeout_s, training_device(config.train));

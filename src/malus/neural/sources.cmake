@@ -7,16 +7,23 @@ set(neural_SOURCES
   inference.cpp
   layers.cpp
   loss.cpp
+  measure.cpp
   nafnet.cpp
   network.cpp
+  noise_flow.cpp
+  noise_flow_config.cpp
+  noise_flow_file.cpp
+  noise_flow_training.cpp
   optimizer.cpp
   package.cpp
+  pickle.cpp
   raw_pairs.cpp
   recorded_pairs.cpp
   restormer.cpp
   safetensors.cpp
   threads.cpp
   tiles.cpp
+  torch_checkpoint.cpp
   trainer.cpp
   training_config.cpp
   training_log.cpp

@@ -1,0 +1,60 @@
+// Clean polarization scenes with a camera's noise, and how near a denoiser comes to them: what the
+// experiments on denoising share.
+#pragma once
+
+#include "malus/noise/model.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "denoise_method.h"
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+/// How a scene is taken.
+struct LightCase {
+  double gain_db = 0, ratio = 1;
+};
+/// "12:60"; throws InputError.
+LightCase light_case_of(const std::string& text);
+
+struct CleanScene {
+  std::string name;
+  Image clean_dn;  ///< mosaic, white is the camera's
+};
+/// The pictures I0, I45, I90, I135 of a folder through the sensor's mosaic, the middle crop x crop
+/// pixels. Throws InputError, also on a model without polarizers.
+CleanScene load_scene(const std::filesystem::path& folder, const NoiseModel& model, int crop);
+
+/// Sums over scenes and cases.
+struct SceneScore {
+  std::string name;
+  double image_psnr_db = 0, dolp_psnr_db = 0, aolp_deg = 0, seconds = 0;
+  int count = 0;
+};
+
+/// One noisy frame of a scene. The same seed gives the same frame.
+struct NoisyScene {
+  RawFrame frame;
+  NoiseProfile profile;
+  const CleanScene* clean = nullptr;
+  double ratio = 1, range_dn = 0;
+};
+NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const NoiseModel& model,
+                      std::uint64_t seed);
+
+/// Adds what is left of the frame's noise: of the frame itself without a denoiser.
+void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoiser* denoiser);
+
+/// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md).
+nlohmann::ordered_json score_json(const std::vector<SceneScore>& scores);
+std::string score_text(const std::vector<SceneScore>& scores);
+nlohmann::ordered_json score_record(const std::string& title, const std::string& note,
+                                    const std::vector<SceneScore>& scores);
+
+/// "bm3d", "bm3d/fast", "bm3d/normal/no-row-noise", "folder/weights.safetensors"
+DenoiseSettings method_settings_of(const std::string& text);
+
+}  // namespace malus::app

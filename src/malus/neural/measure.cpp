@@ -1,0 +1,96 @@
+#include "malus/neural/measure.h"
+
+#include "malus/neural/network.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include <ATen/record_function.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+
+thread_local double counted = 0;
+
+double size_of(const torch::IValue& value, std::int64_t dimension) {
+  return static_cast<double>(value.toTensor().size(dimension));
+}
+
+// Multiplications of one operation, from its inputs.
+double work_of(const at::RecordFunction& call) {
+  const std::string_view name = call.name();
+  const auto inputs = call.inputs();
+  if (name == "aten::mm")
+    return size_of(inputs[0], 0) * size_of(inputs[0], 1) * size_of(inputs[1], 1);
+  if (name == "aten::addmm")
+    return size_of(inputs[1], 0) * size_of(inputs[1], 1) * size_of(inputs[2], 1);
+  if (name == "aten::bmm")
+    return size_of(inputs[0], 0) * size_of(inputs[0], 1) * size_of(inputs[0], 2) *
+           size_of(inputs[1], 2);
+  if (name == "aten::convolution") {
+    const auto &x = inputs[0].toTensor(), &weight = inputs[1].toTensor();
+    const bool transposed = inputs[6].toBool();
+    const auto stride = inputs[3].toIntVector();
+    double places = static_cast<double>(x.size(0) * x.size(2) * x.size(3));
+    if (!transposed) places /= static_cast<double>(stride[0] * stride[1]);
+    return places * static_cast<double>(weight.numel());
+  }
+  return 0;
+}
+
+std::unique_ptr<at::ObserverContext> count(const at::RecordFunction& call) {
+  counted += work_of(call);
+  return nullptr;
+}
+
+double count_work(Network& network, const torch::Tensor& input) {
+  counted = 0;
+  const auto handle = at::addThreadLocalCallback(
+      at::RecordFunctionCallback(count).needsInputs(true).scopes({at::RecordScope::FUNCTION}));
+  network.forward(input);
+  at::removeCallback(handle);
+  return counted;
+}
+
+Json uformer(int dim, std::vector<int> depths) {
+  return {{"embed_dim", dim}, {"depths", std::move(depths)}};
+}
+
+}  // namespace
+
+std::vector<NamedNetwork> named_networks() {
+  const Json empty = Json::object();
+  return {{"unet", "unet", empty},
+          {"nafnet-32", "nafnet", empty},
+          {"uformer-t", "uformer", uformer(16, {2, 2, 2, 2, 2, 2, 2, 2, 2})},
+          {"uformer-s", "uformer", uformer(32, {2, 2, 2, 2, 2, 2, 2, 2, 2})},
+          {"uformer-b", "uformer", uformer(32, {1, 2, 8, 8, 2, 8, 8, 2, 1})},
+          {"restormer", "restormer", empty},
+          {"malus-small", "malus", empty},
+          {"malus-base", "malus", {{"dim", 48}, {"depths", {2, 4, 4, 6}}}}};
+}
+
+NetworkCost measure_network(const NamedNetwork& named, int channels, int rows, int cols,
+                            int repetitions) {
+  using Clock = std::chrono::steady_clock;
+  const torch::NoGradGuard no_gradients;
+  torch::manual_seed(1);
+  const auto network = make_network({named.architecture, named.settings});
+  network->eval();
+  const auto input = torch::rand({1, channels, rows, cols});
+  NetworkCost cost{parameter_count(*network), count_work(*network, input), 0};
+  std::vector<double> times;
+  for (int i = 0; i < repetitions; ++i) {
+    const auto start = Clock::now();
+    network->forward(input);
+    times.push_back(std::chrono::duration<double>(Clock::now() - start).count());
+  }
+  if (times.empty()) return cost;
+  std::nth_element(times.begin(), times.begin() + std::ssize(times) / 2, times.end());
+  cost.seconds = times[times.size() / 2];
+  return cost;
+}
+
+}  // namespace malus

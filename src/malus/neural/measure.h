@@ -1,0 +1,30 @@
+// What a network costs: values, multiplications, seconds. Names no libtorch type.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace malus {
+
+/// A published or own size of an architecture.
+struct NamedNetwork {
+  std::string name, architecture;
+  nlohmann::json settings;
+};
+/// The sizes of docs/networks.md: unet, nafnet-32, uformer-t, -s, -b, restormer, malus-small,
+/// malus-base, all with 16 channels in and out.
+std::vector<NamedNetwork> named_networks();
+
+struct NetworkCost {
+  std::int64_t parameters = 0;
+  double multiply_adds = 0;  ///< of a forward pass: convolutions, linear layers, attention products
+  double seconds = 0;        ///< median of a forward pass, batch 1, float32
+};
+/// channels x rows x cols of random values; repetitions 0 measures no time.
+NetworkCost measure_network(const NamedNetwork& network, int channels, int rows, int cols,
+                            int repetitions);
+
+}  // namespace malus

@@ -1,0 +1,86 @@
+#include "malus/base/error.h"
+#include "malus/io/config_section.h"
+#include "malus/io/frame_file.h"
+#include "malus/io/shard.h"
+#include "malus/neural/noise_flow_training.h"
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr const char* kArchitecture = "noise-flow";
+
+ConfigSection root_of(const std::filesystem::path& config) {
+  return ConfigSection::load(config, "the training configuration");
+}
+
+NoiseFlowSensor read_sensor(const ConfigSection& section) {
+  section.require_known({"layout", "black", "white"});
+  NoiseFlowSensor sensor;
+  const auto layout = section.text("layout");
+  if (!layout) section.fail("layout", "is missing", "name the sensor's layout");
+  const auto channels = static_cast<std::size_t>(SensorLayout::named(*layout).channels());
+  sensor.layout = *layout;
+  sensor.black_dn = section.numbers("black");
+  if (sensor.black_dn.size() == 1) sensor.black_dn.assign(channels, sensor.black_dn.front());
+  if (sensor.black_dn.size() != channels)
+    section.fail("black", "is missing or of another length", "give one number, or one per channel");
+  const auto white = section.number("white");
+  if (!white || !(*white > sensor.black_dn.front()))
+    section.fail("white", "is missing or not above black", "give the saturation in DN");
+  sensor.white_dn = *white;
+  return sensor;
+}
+
+std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseFlowSensor& sensor) {
+  section.require_known({"noisy", "clean", "gain_db", "iso"});
+  FrameOptions options;
+  options.layout = SensorLayout::named(sensor.layout);
+  options.black_dn = sensor.black_dn;
+  options.white_dn = sensor.white_dn;
+  const GainSetting gain{section.number("gain_db"), section.number("iso")};
+  const auto folder = std::filesystem::path(section.source()).parent_path();
+  const auto load = [&](const std::filesystem::path& path) {
+    RawFrame frame = load_frame(path, options);
+    // Float files hold DN above black already.
+    if (frame.bits > 0) subtract_black(frame);
+    return frame;
+  };
+  const auto clean_name = section.text("clean");
+  if (!clean_name) section.fail("clean", "is missing", "give the clean frame");
+  const RawFrame clean = load(folder / *clean_name);
+  std::vector<NoiseFlowPair> pairs;
+  for (const std::string& pattern : section.texts("noisy"))
+    for (const auto& path : files_matching(folder, pattern)) {
+      RawFrame noisy = load(path);
+      pairs.push_back({std::move(noisy.dn), clean.dn, gain.decibel() ? gain : noisy.gain});
+    }
+  if (pairs.empty()) section.fail("noisy", "names no frame", "give files or patterns");
+  return pairs;
+}
+
+}  // namespace
+
+bool is_noise_flow_config(const std::filesystem::path& config) {
+  const auto network = root_of(config).section("network");
+  return network && network->text("architecture") == kArchitecture;
+}
+
+NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config, std::uint64_t seed,
+                                     Progress& progress) {
+  const ConfigSection root = root_of(config);
+  root.require_known({"network", "sensor", "pairs", "train"});
+  root.section("network")->require_known({"architecture"});
+  const auto sensor_section = root.section("sensor");
+  if (!sensor_section) root.fail("sensor", "is missing", "add a [sensor] table");
+  const NoiseFlowSensor sensor = read_sensor(*sensor_section);
+  NoiseFlowSettings settings;
+  if (const auto train = root.section("train")) train->read(settings);
+  std::vector<NoiseFlowPair> pairs;
+  for (const ConfigSection& section : root.sections("pairs"))
+    for (NoiseFlowPair& pair : read_pairs(section, sensor)) pairs.push_back(std::move(pair));
+  return train_noise_flow(sensor, pairs, settings, seed, progress);
+}
+
+}  // namespace malus

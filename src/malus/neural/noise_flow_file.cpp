@@ -1,0 +1,191 @@
+#include "malus/neural/noise_flow_file.h"
+
+#include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/base/random.h"
+#include "malus/image/pack.h"
+#include "malus/neural/network.h"
+#include "malus/neural/noise_flow.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr const char* kArchitecture = "noise-flow";
+constexpr const char* kKey = "malus_noise_flow";
+constexpr const char* kRemedy = "give a weight file that malus train wrote for noise-flow";
+// This part of the random numbers' counter is the flow's own.
+constexpr Draw kFlowDraw = Draw::kUser;
+
+torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
+  const Planes packed = pack(mosaic, layout);
+  auto tensor = torch::empty({1, packed.channels(), packed.rows(), packed.cols()});
+  float* to = tensor.data_ptr<float>();
+  for (const Image& plane : packed)
+    for (const float value : plane.values())
+      *to++ = static_cast<float>(static_cast<double>(value) / scale);
+  return tensor;
+}
+
+// Every parameter must be there with its shape, finite, and nothing left over.
+void fill(NoiseFlow& network, const TensorFile& file, const std::string& source) {
+  const torch::NoGradGuard no_gradients;
+  const auto parameters = network.named_parameters();
+  for (const auto& item : parameters) {
+    const auto found = file.tensors.find(item.key());
+    if (found == file.tensors.end() ||
+        item.value().sizes() != torch::IntArrayRef(found->second.shape))
+      throw InputError(source, fmt::format("its weight \"{}\" is missing or misshaped", item.key()),
+                       kRemedy);
+    const auto values = to_torch(found->second);
+    if (!torch::isfinite(values).all().item().toBool())
+      throw InputError(source,
+                       fmt::format("weight \"{}\" holds values that are not numbers", item.key()),
+                       "train again");
+    torch::Tensor(item.value()).copy_(values);
+  }
+  if (parameters.size() != file.tensors.size())
+    throw InputError(source, "holds weights that belong to no layer", kRemedy);
+}
+
+}  // namespace
+
+struct NoiseFlowModel::State {
+  NoiseFlowSensor sensor;
+  std::int64_t steps, width;
+  std::shared_ptr<NoiseFlow> network;
+};
+
+NoiseFlowModel::NoiseFlowModel(NoiseFlowSensor sensor, std::int64_t steps, std::int64_t width) {
+  const auto channels = SensorLayout::named(sensor.layout).channels();
+  state_ = std::make_unique<State>(
+      State{std::move(sensor), steps, width, std::make_shared<NoiseFlow>(channels, steps, width)});
+}
+
+NoiseFlowModel::~NoiseFlowModel() = default;
+NoiseFlowModel::NoiseFlowModel(NoiseFlowModel&&) noexcept = default;
+NoiseFlowModel& NoiseFlowModel::operator=(NoiseFlowModel&&) noexcept = default;
+
+NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
+  const std::string source = path.string();
+  const TensorFile file = load_tensor_file(path);
+  const auto kind = file.metadata.find("architecture"), text = file.metadata.find(kKey);
+  if (kind == file.metadata.end() || kind->second != kArchitecture || text == file.metadata.end())
+    throw InputError(source, "holds no Noise Flow", kRemedy);
+  try {
+    const Json json = Json::parse(text->second);
+    NoiseFlowSensor sensor{json.at("layout"), json.at("black_dn").get<std::vector<double>>(),
+                           json.at("white_dn"), json.at("lowest_gain_db"),
+                           json.at("highest_gain_db")};
+    const std::int64_t steps = json.at("steps"), width = json.at("width");
+    if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
+        steps > 64 || width < 1 || width > 1024 || !(sensor.white_dn > sensor.black_dn.front()))
+      throw InputError(source, "its description does not fit together", kRemedy);
+    *this = NoiseFlowModel(std::move(sensor), steps, width);
+  } catch (const Json::exception& error) {
+    throw InputError(source, fmt::format("its description cannot be read ({})", error.what()),
+                     kRemedy);
+  }
+  fill(*state_->network, file, source);
+}
+
+const NoiseFlowSensor& NoiseFlowModel::sensor() const { return state_->sensor; }
+NoiseFlow& NoiseFlowModel::network() { return *state_->network; }
+
+double NoiseFlowModel::scale_dn() const {
+  return state_->sensor.white_dn - state_->sensor.black_dn.front();
+}
+
+double NoiseFlowModel::log_gain(const GainSetting& gain) {
+  MALUS_REQUIRE(gain.decibel());
+  return *gain.decibel() * std::log(10.0) / 20.0;
+}
+
+void NoiseFlowModel::save(const std::filesystem::path& path, const Json& training) const {
+  TensorFile file;
+  file.metadata["architecture"] = kArchitecture;
+  const NoiseFlowSensor& sensor = state_->sensor;
+  file.metadata[kKey] = Json{
+      {"layout", sensor.layout},
+      {"black_dn", sensor.black_dn},
+      {"white_dn", sensor.white_dn},
+      {"lowest_gain_db", sensor.lowest_gain_db},
+      {"highest_gain_db", sensor.highest_gain_db},
+      {"steps", state_->steps},
+      {"width", state_->width},
+      {"training",
+       training}}.dump();
+  for (const auto& item : state_->network->named_parameters())
+    file.tensors[item.key()] = from_torch(item.value());
+  save_tensor_file(file, path);
+}
+
+Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
+                           const DrawAddress& address) {
+  const torch::NoGradGuard no_gradients;
+  const NoiseFlowSensor& known = state_->sensor;
+  if (!gain.decibel()) throw InputError("the gain", "is not known", "give --gain or --iso");
+  const double gain_db = *gain.decibel();
+  if (gain_db < known.lowest_gain_db - 0.01 || gain_db > known.highest_gain_db + 0.01)
+    throw InputError(fmt::format("gain {:.4g} dB", gain_db),
+                     fmt::format("the flow was trained from {:.4g} to {:.4g} dB",
+                                 known.lowest_gain_db, known.highest_gain_db),
+                     "give a gain inside");
+  const SensorLayout cell = layout();
+  const int rows = clean_dn.rows(), cols = clean_dn.cols();
+  // Normals by place in the whole frame, so that a crop draws the frame's own.
+  Image normals(rows, cols);
+  parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < cols; ++c) {
+        const std::uint64_t index = static_cast<std::uint64_t>(address.row0 + r) << 32 |
+                                    static_cast<std::uint32_t>(address.col0 + c);
+        const PhiloxBlock block = random_block(address.seed, address.frame, index, kFlowDraw);
+        normals(r, c) =
+            static_cast<float>(normal_quantile(uniform_open(block.word[0], block.word[1])));
+      }
+  });
+  const auto noise = state_->network->inverse(planes_of(normals.view(), cell, 1.0),
+                                              planes_of(clean_dn, cell, scale_dn()),
+                                              torch::full({1}, log_gain(gain), torch::kFloat));
+  const auto values = noise.contiguous();
+  Planes packed(cell.channels(), static_cast<int>(values.size(2)),
+                static_cast<int>(values.size(3)));
+  const float* from = values.data_ptr<float>();
+  for (Image& plane : packed) {
+    std::copy_n(from, plane.size(), plane.values().begin());
+    from += plane.size();
+  }
+  Image noisy(rows, cols);
+  unpack(packed, cell, noisy);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      noisy(r, c) = static_cast<float>(static_cast<double>(clean_dn(r, c)) +
+                                       static_cast<double>(noisy(r, c)) * scale_dn());
+  return noisy;
+}
+
+RawFrame NoiseFlowModel::draw_raw(View<const float> clean_dn, const GainSetting& gain,
+                                  const DrawAddress& address) {
+  RawFrame frame;
+  frame.dn = draw(clean_dn, gain, address);
+  frame.layout = layout();
+  frame.black_dn = state_->sensor.black_dn;
+  frame.white_dn = state_->sensor.white_dn;
+  frame.gain = gain;
+  frame.black_known = frame.white_known = frame.layout_known = true;
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c)
+      frame.dn(r, c) = static_cast<float>(
+          std::clamp(std::round(static_cast<double>(frame.dn(r, c)) + frame.black_at(r, c)), 0.0,
+                     frame.white_dn));
+  return frame;
+}
+
+}  // namespace malus

@@ -1,0 +1,60 @@
+// A trained Noise Flow as a noise model of one sensor: its file, and frames drawn from it. Names no
+// libtorch type.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/synthesize/exact.h"
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace malus {
+
+class NoiseFlow;
+
+/// What belongs to the sensor, stored beside the weights.
+struct NoiseFlowSensor {
+  std::string layout;
+  std::vector<double> black_dn;                    ///< nominal, per channel
+  double white_dn = 0;                             ///< black included
+  double lowest_gain_db = 0, highest_gain_db = 0;  ///< of the training pairs
+};
+
+class NoiseFlowModel {
+ public:
+  /// Reads and checks a weight file with architecture "noise-flow". Throws InputError.
+  explicit NoiseFlowModel(const std::filesystem::path& path);
+  NoiseFlowModel(NoiseFlowSensor sensor, std::int64_t steps, std::int64_t width);
+  ~NoiseFlowModel();
+  NoiseFlowModel(NoiseFlowModel&&) noexcept;
+  NoiseFlowModel& operator=(NoiseFlowModel&&) noexcept;
+
+  const NoiseFlowSensor& sensor() const;
+  SensorLayout layout() const { return SensorLayout::named(sensor().layout); }
+  NoiseFlow& network();
+  /// Writes beside the final name and renames. Throws InputError.
+  void save(const std::filesystem::path& path, const nlohmann::json& training) const;
+
+  /// Clean mosaic plus noise, in DN above black, nothing rounded or clipped. The same seed, frame
+  /// and place give the same noise; a crop differs within a few pixels of its edges, where the
+  /// couplings' convolutions look beyond it. Throws InputError outside the trained gains.
+  Image draw(View<const float> clean_dn, const GainSetting& gain, const DrawAddress& address);
+  /// As the camera would write it: black added, rounded, clipped at 0 and white.
+  RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
+                    const DrawAddress& address);
+
+  /// The gain as the network takes it: natural logarithm of its factor.
+  static double log_gain(const GainSetting& gain);
+  /// DN of the network's unit.
+  double scale_dn() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace malus

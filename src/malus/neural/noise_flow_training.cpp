@@ -1,0 +1,175 @@
+#include "malus/neural/noise_flow_training.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/image/pack.h"
+#include "malus/neural/noise_flow.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <numbers>
+
+#include <ATen/CPUGeneratorImpl.h>
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kMostGradient = 10.0;
+constexpr Draw kCropDraw = static_cast<Draw>(65);
+
+struct PlanePair {
+  torch::Tensor noise, clean;  ///< [channel, row, col], unit scale
+  double log_gain;
+};
+
+torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout) {
+  const Planes packed = pack(mosaic, layout);
+  auto tensor = torch::empty({packed.channels(), packed.rows(), packed.cols()});
+  float* to = tensor.data_ptr<float>();
+  for (const Image& plane : packed)
+    to = std::copy(plane.values().begin(), plane.values().end(), to);
+  return tensor;
+}
+
+bool whole_numbers(const torch::Tensor& values) {
+  return torch::equal(values, torch::round(values));
+}
+
+PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model,
+                     const at::Generator& generator) {
+  const SensorLayout layout = model.layout();
+  auto noisy = planes_of(pair.noisy_dn.view(), layout);
+  if (whole_numbers(noisy))
+    noisy = noisy + torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5;
+  const auto clean = planes_of(pair.clean_dn.view(), layout);
+  return {(noisy - clean) / model.scale_dn(), clean / model.scale_dn(),
+          NoiseFlowModel::log_gain(pair.gain)};
+}
+
+// Straight line of squared noise over the signal: where the first layer starts.
+void start(NoiseFlow& network, const std::vector<PlanePair>& pairs) {
+  double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
+  for (const PlanePair& pair : pairs) {
+    const auto x = pair.clean.to(torch::kDouble), y = pair.noise.to(torch::kDouble).square();
+    n += static_cast<double>(x.numel());
+    sx += x.sum().item().toDouble();
+    sy += y.sum().item().toDouble();
+    sxx += x.square().sum().item().toDouble();
+    sxy += (x * y).sum().item().toDouble();
+  }
+  const double spread = sxx - sx * sx / n, mean = sy / n;
+  const double slope = spread > 1e-9 * n ? std::max((sxy - sx * sy / n) / spread, 0.0) : 0.0;
+  network.start_at(std::max(slope, 1e-3 * mean), std::max(mean - slope * sx / n, 1e-2 * mean));
+}
+
+void check_pairs(const std::vector<NoiseFlowPair>& pairs, const SensorLayout& layout, int crop) {
+  if (pairs.empty())
+    throw InputError("Noise Flow", "there are no pairs to learn from",
+                     "give noisy and clean frames");
+  for (const NoiseFlowPair& pair : pairs) {
+    if (pair.noisy_dn.rows() != pair.clean_dn.rows() ||
+        pair.noisy_dn.cols() != pair.clean_dn.cols())
+      throw InputError("Noise Flow", "a noisy and its clean frame differ in size",
+                       "give frames of one scene");
+    if (packed_size(pair.noisy_dn.rows(), layout.rows()) < crop ||
+        packed_size(pair.noisy_dn.cols(), layout.cols()) < crop)
+      throw InputError("Noise Flow", fmt::format("a frame is smaller than crops of {}", crop),
+                       "give larger frames or a smaller crop");
+    if (!pair.gain.decibel())
+      throw InputError("Noise Flow", "the gain of a pair is not known", "give gain_db or iso");
+  }
+}
+
+struct Batch {
+  torch::Tensor noise, clean, gain;
+};
+
+Batch draw_batch(const std::vector<PlanePair>& pairs, const NoiseFlowSettings& settings,
+                 std::uint64_t seed, int step) {
+  RandomSequence random(seed, static_cast<std::uint32_t>(step), kCropDraw);
+  std::vector<torch::Tensor> noise, clean;
+  std::vector<float> gain;
+  const auto below = [&](std::int64_t count) {
+    return std::min(static_cast<std::int64_t>(random.uniform() * static_cast<double>(count)),
+                    count - 1);
+  };
+  for (int i = 0; i < settings.batch; ++i) {
+    const PlanePair& pair = pairs[static_cast<std::size_t>(below(std::ssize(pairs)))];
+    const auto row = below(pair.noise.size(1) - settings.crop + 1),
+               col = below(pair.noise.size(2) - settings.crop + 1);
+    const auto cut = [&](const torch::Tensor& t) {
+      return t.slice(1, row, row + settings.crop).slice(2, col, col + settings.crop);
+    };
+    noise.push_back(cut(pair.noise));
+    clean.push_back(cut(pair.clean));
+    gain.push_back(static_cast<float>(pair.log_gain));
+  }
+  return {torch::stack(noise), torch::stack(clean), torch::tensor(gain)};
+}
+
+}  // namespace
+
+NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlowPair>& pairs,
+                              const NoiseFlowSettings& settings, std::uint64_t seed,
+                              Progress& progress) {
+  check_pairs(pairs, SensorLayout::named(sensor.layout), settings.crop);
+  sensor.lowest_gain_db = sensor.highest_gain_db = *pairs.front().gain.decibel();
+  for (const NoiseFlowPair& pair : pairs) {
+    sensor.lowest_gain_db = std::min(sensor.lowest_gain_db, *pair.gain.decibel());
+    sensor.highest_gain_db = std::max(sensor.highest_gain_db, *pair.gain.decibel());
+  }
+  torch::manual_seed(seed);
+  NoiseFlowFit fit{NoiseFlowModel(std::move(sensor), settings.couplings, settings.width), {}};
+  const auto generator = at::detail::createCPUGenerator(seed);
+  std::vector<PlanePair> planes;
+  for (const NoiseFlowPair& pair : pairs) planes.push_back(plane_pair(pair, fit.model, generator));
+  NoiseFlow& network = fit.model.network();
+  start(network, planes);
+  torch::optim::Adam adam(network.parameters(), torch::optim::AdamOptions(settings.learning_rate));
+  const auto begin = std::chrono::steady_clock::now();
+  const double values = static_cast<double>(network.channels()) * settings.crop * settings.crop;
+  progress.begin("training", settings.steps);
+  Json log = Json::array();
+  const int every = std::max(settings.steps / 50, 1);
+  for (int step = 0; step < settings.steps; ++step) {
+    check_stop(progress);
+    const double phase = static_cast<double>(step) / settings.steps;
+    for (auto& group : adam.param_groups())
+      static_cast<torch::optim::AdamOptions&>(group.options())
+          .lr(settings.learning_rate * 0.5 * (1 + std::cos(std::numbers::pi * phase)));
+    const Batch batch = draw_batch(planes, settings, seed, step);
+    const auto loss = -network.log_likelihood(batch.noise, batch.clean, batch.gain).mean() / values;
+    adam.zero_grad();
+    loss.backward();
+    torch::nn::utils::clip_grad_norm_(network.parameters(), kMostGradient);
+    adam.step();
+    const double nats = -loss.item().toDouble();
+    if (!std::isfinite(nats))
+      throw InputError("Noise Flow",
+                       fmt::format("the likelihood is no number after {} steps", step),
+                       "lower learning_rate, and look for pixels that are not finite");
+    // Density of values in DN, not in the network's unit.
+    if (step % every == 0 || step + 1 == settings.steps)
+      log.push_back({{"step", step}, {"log_likelihood", nats - std::log(fit.model.scale_dn())}});
+    progress.advance(1);
+  }
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  std::int64_t count = 0;
+  for (const auto& parameter : network.parameters()) count += parameter.numel();
+  fit.record = {{"architecture", "noise-flow"},
+                {"parameters", count},
+                {"steps", settings.steps},
+                {"seconds", seconds},
+                {"pairs", pairs.size()},
+                {"device", "cpu"},
+                {"workers", 1},
+                {"log", log}};
+  return fit;
+}
+
+}  // namespace malus

@@ -1,0 +1,55 @@
+// Fits a Noise Flow to pairs of noisy and clean frames by maximum likelihood. Names no libtorch
+// type.
+#pragma once
+
+#include "malus/base/parameter.h"
+#include "malus/base/progress.h"
+#include "malus/neural/noise_flow_file.h"
+
+#include <filesystem>
+#include <vector>
+
+namespace malus {
+
+struct NoiseFlowSettings {
+  int couplings = 8, width = 16, steps = 1500, batch = 16, crop = 24;
+  double learning_rate = 2e-3;
+
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    field(self.couplings, ParameterInfo{"couplings", "1", "invertible steps in all", 0, 64});
+    field(self.width, ParameterInfo{"width", "1", "channels of a coupling's network", 1, 256});
+    field(self.steps, ParameterInfo{"steps", "1", "training steps", 1, 1e7});
+    field(self.batch, ParameterInfo{"batch", "1", "crops per step", 1, 4096});
+    field(self.crop, ParameterInfo{"crop", "pixel", "side of a crop in the planes", 4, 1024});
+    field(self.learning_rate,
+          ParameterInfo{"learning_rate", "1", "of Adam; falls to nothing by a cosine", 1e-7, 1});
+  }
+};
+
+struct NoiseFlowPair {
+  Image noisy_dn, clean_dn;  ///< mosaics in DN above black, of one size
+  GainSetting gain;
+};
+
+struct NoiseFlowFit {
+  NoiseFlowModel model;
+  /// steps, seconds, log: mean log-likelihood per value in nats (values in DN), by step.
+  nlohmann::ordered_json record;
+};
+
+/// Frames of whole numbers are spread over their unit, so that a density exists. Saturated samples
+/// take part: pairs should not hold many. Fills the sensor's gain range. Throws InputError on no
+/// pairs, frames that are too small or of unequal size, unknown gains; Cancelled.
+NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlowPair>& pairs,
+                              const NoiseFlowSettings& settings, std::uint64_t seed,
+                              Progress& progress = silent_progress());
+
+/// Whether a training configuration asks for a Noise Flow; and the training that it describes:
+/// [network] architecture = "noise-flow"; [sensor] layout, black, white; [[pairs]] noisy, clean
+/// (files or patterns; several noisy ones may share a clean one), gain_db or iso; [train] settings.
+bool is_noise_flow_config(const std::filesystem::path& config);
+NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config, std::uint64_t seed,
+                                     Progress& progress);
+
+}  // namespace malus

@@ -1,0 +1,142 @@
+#include "malus/neural/noise_flow.h"
+
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/evaluate/divergence.h"
+#include "malus/neural/noise_flow_training.h"
+
+#include <cmath>
+
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// A flow whose couplings do something: random weights where training starts with zeros.
+NoiseFlow busy_flow(std::int64_t channels, std::int64_t steps) {
+  torch::manual_seed(5);
+  NoiseFlow flow(channels, steps, 6);
+  const torch::NoGradGuard no_gradients;
+  for (const auto& item : flow.named_parameters())
+    if (!item.key().ends_with("mixing")) torch::Tensor(item.value()).normal_(0, 0.15);
+  flow.to(torch::kDouble);
+  return flow;
+}
+
+TEST(NoiseFlow, InverseUndoesForward) {
+  for (const std::int64_t channels : {1, 4, 16}) {
+    auto flow = busy_flow(channels, 4);
+    const auto noise = torch::randn({2, channels, 7, 6}, torch::kDouble);
+    const auto clean = torch::rand({2, channels, 7, 6}, torch::kDouble);
+    const auto gain = torch::tensor({0.3, 1.2}, torch::kDouble);
+    const auto back = flow.inverse(flow.forward(noise, clean, gain).z, clean, gain);
+    EXPECT_LT((back - noise).abs().max().item().toDouble(), 1e-9) << channels;
+  }
+}
+
+// Change of variables against the whole numeric Jacobian.
+TEST(NoiseFlow, LogDeterminantIsThatOfTheJacobian) {
+  auto flow = busy_flow(2, 4);
+  const torch::NoGradGuard no_gradients;
+  const auto noise = torch::randn({1, 2, 3, 2}, torch::kDouble);
+  const auto clean = torch::rand({1, 2, 3, 2}, torch::kDouble);
+  const auto gain = torch::tensor({0.7}, torch::kDouble);
+  const auto n = noise.numel();
+  auto jacobian = torch::empty({n, n}, torch::kDouble);
+  constexpr double kStep = 1e-6;
+  for (std::int64_t i = 0; i < n; ++i) {
+    auto up = noise.clone(), down = noise.clone();
+    up.view(-1)[i] += kStep;
+    down.view(-1)[i] -= kStep;
+    jacobian.select(1, i).copy_(
+        (flow.forward(up, clean, gain).z - flow.forward(down, clean, gain).z).reshape(-1) /
+        (2 * kStep));
+  }
+  const double expected = std::get<1>(torch::linalg_slogdet(jacobian)).item().toDouble();
+  EXPECT_NEAR(flow.forward(noise, clean, gain).log_det.item().toDouble(), expected, 1e-5);
+}
+
+// Without couplings the flow is a heteroscedastic Gaussian: its likelihood has a closed form.
+TEST(NoiseFlow, LikelihoodOfTheGaussianLayersIsExact) {
+  NoiseFlow flow(1, 0, 1);
+  flow.start_at(0.02, 0.003);
+  const auto clean = torch::tensor({0.5}).view({1, 1, 1, 1});
+  const auto noise = torch::tensor({0.1}).view({1, 1, 1, 1});
+  const double variance = 0.02 * 0.5 + 0.003;
+  EXPECT_NEAR(flow.log_likelihood(noise, clean, torch::zeros({1})).item().toDouble(),
+              -0.5 * (0.01 / variance + std::log(2 * M_PI * variance)), 1e-5);
+}
+
+constexpr double kSlopeDn = 2.5, kOffsetDn2 = 30;
+
+// Heteroscedastic Gaussian noise on a ramp: variance = slope * signal + offset.
+NoiseFlowPair simulated_pair(std::uint32_t frame) {
+  NoiseFlowPair pair{Image(96, 96), Image(96, 96), {.gain_db = 12.0, .iso = {}}};
+  RandomSequence random(8, frame, Draw::kScene);
+  for (int r = 0; r < 96; ++r)
+    for (int c = 0; c < 96; ++c) {
+      const double signal = 20.0 + 9.0 * c;
+      pair.clean_dn(r, c) = static_cast<float>(signal);
+      pair.noisy_dn(r, c) =
+          static_cast<float>(signal + std::sqrt(kSlopeDn * signal + kOffsetDn2) * random.normal());
+    }
+  return pair;
+}
+
+NoiseFlowSensor sensor() { return {"bayer-rggb", {64, 64, 64, 64}, 1087, 0, 0}; }
+
+TEST(NoiseFlow, LearnsAHeteroscedasticGaussian) {
+  std::vector<NoiseFlowPair> pairs;
+  for (std::uint32_t frame = 0; frame < 4; ++frame) pairs.push_back(simulated_pair(frame));
+  NoiseFlowSettings settings;
+  settings.couplings = 2;
+  settings.width = 4;
+  settings.steps = 120;
+  settings.batch = 4;
+  settings.crop = 16;
+  auto fit = train_noise_flow(sensor(), pairs, settings, 3);
+  const testing::TemporaryFolder folder;
+  fit.model.save(folder / "flow.safetensors", fit.record);
+  NoiseFlowModel model(folder / "flow.safetensors");
+  const NoiseFlowPair truth = simulated_pair(77);
+  const GainSetting gain{.gain_db = 12.0, .iso = {}};
+  const Image drawn = model.draw(truth.clean_dn.view(), gain, {.seed = 1, .frame = 2});
+  // Deviation at the dark and the bright end.
+  for (const auto& [from, to] : {std::pair{0, 24}, {72, 96}}) {
+    double square = 0, expected = 0;
+    for (int r = 0; r < 96; ++r)
+      for (int c = from; c < to; ++c) {
+        square += std::pow(static_cast<double>(drawn(r, c) - truth.clean_dn(r, c)), 2);
+        expected += kSlopeDn * static_cast<double>(truth.clean_dn(r, c)) + kOffsetDn2;
+      }
+    // 2304 samples: 3 % standard error of the variance; training itself is brief.
+    EXPECT_NEAR(square / expected, 1, 0.15) << from;
+  }
+  EXPECT_THROW(model.draw(truth.clean_dn.view(), {.gain_db = 24.0, .iso = {}}, {}), InputError);
+}
+
+TEST(NoiseFlow, TheSameSeedAndFrameDrawTheSameNoise) {
+  NoiseFlowModel model(sensor(), 0, 1);
+  const GainSetting gain{.gain_db = 0.0, .iso = {}};
+  Image clean(20, 24);
+  for (float& v : clean.values()) v = 300;
+  const Image whole = model.draw(clean.view(), gain, {.seed = 4, .frame = 9});
+  EXPECT_EQ(whole, model.draw(clean.view(), gain, {.seed = 4, .frame = 9}));
+  EXPECT_NE(whole, model.draw(clean.view(), gain, {.seed = 4, .frame = 10}));
+  // Without couplings a crop draws the frame's own noise.
+  const Image part = model.draw(clean.view().window(4, 6, 8, 10), gain,
+                                {.seed = 4, .frame = 9, .row0 = 4, .col0 = 6});
+  for (int r = 0; r < 8; ++r)
+    for (int c = 0; c < 10; ++c) EXPECT_EQ(part(r, c), whole(r + 4, c + 6));
+}
+
+TEST(NoiseFlow, PairsThatCannotBeLearntFromAreRefused) {
+  EXPECT_THROW(train_noise_flow(sensor(), {}, {}, 0), InputError);
+  NoiseFlowPair pair = simulated_pair(0);
+  pair.gain = {};
+  EXPECT_THROW(train_noise_flow(sensor(), {pair}, {}, 0), InputError);
+}
+
+}  // namespace
+}  // namespace malus

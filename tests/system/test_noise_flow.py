@@ -1,0 +1,87 @@
+"""Noise Flow from the command line: trained on pairs, drawn from, compared with the truth."""
+
+import json
+
+import numpy as np
+import pytest
+
+from conftest import BUILD
+
+pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+
+BLACK, WHITE, SLOPE, OFFSET = 64, 1087, 2.5, 30
+RAW = ["--layout", "bayer-rggb", "--gain", "12"]
+CONFIG = f"""
+[network]
+architecture = "noise-flow"
+[sensor]
+layout = "bayer-rggb"
+black = {BLACK}
+white = {WHITE}
+[[pairs]]
+noisy = "noisy_*.npy"
+clean = "clean.npy"
+gain_db = 12
+[train]
+couplings = 2
+width = 4
+steps = 150
+batch = 4
+crop = 16
+"""
+
+
+@pytest.fixture
+def pairs(tmp_path):
+    clean = np.tile(np.repeat(np.linspace(40, 700, 12), 16), (160, 1)).astype(np.float32)
+    np.save(tmp_path / "clean.npy", clean)
+    rng = np.random.default_rng(2)
+    for k in range(4):
+        noisy = clean + rng.normal(0, 1, clean.shape) * np.sqrt(SLOPE * clean + OFFSET)
+        np.save(tmp_path / f"noisy_{k}.npy", (noisy + BLACK).round().clip(0, WHITE).astype(np.uint16))
+    (tmp_path / "flow.toml").write_text(CONFIG)
+    return tmp_path
+
+
+@pytest.fixture
+def trained(malus, pairs):
+    run = malus("train", pairs / "flow.toml", "-o", pairs / "flow", "--json").json
+    assert run["log"][-1]["log_likelihood"] > run["log"][0]["log_likelihood"] - 0.05
+    return pairs
+
+
+def test_drawn_frames_are_near_the_truth_and_repeat_with_the_seed(malus, trained):
+    malus("synthesize", trained / "clean.npy", "--model", trained / "flow/weights.safetensors", *RAW, "--frames", "4",
+          "--format", "npy", "-o", trained / "drawn", "--seed", "3")
+    drawn = sorted((trained / "drawn").glob("*.npy"))
+    assert len(drawn) == 4 and np.load(drawn[0]).dtype == np.uint16
+    compared = malus("evaluate", "--noise", "--reference", *sorted(trained.glob("noisy_*.npy")), "--test", *drawn,
+                     "--clean", trained / "clean.npy", *RAW, "--black", BLACK, "--white", WHITE, "--json").json
+    pooled = compared["pooled"]
+    # 123,000 samples on both sides: the floor is what two samples of one law show; the training is brief.
+    assert pooled["sqrt_jsd"] < pooled["sqrt_jsd_floor"] + 0.03, json.dumps(pooled)
+    frames = []
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        malus("synthesize", trained / "clean.npy", "--model", trained / "flow/weights.safetensors", *RAW, "--format",
+              "npy", "--seed", seed, "-o", trained / name)
+        frames.append(np.load(trained / name / "clean_000.npy"))
+    assert (frames[0] == frames[1]).all() and (frames[0] != frames[2]).any()
+
+
+def test_what_a_flow_cannot_do_is_refused(refused, trained):
+    flow = trained / "flow/weights.safetensors"
+    base = ["synthesize", trained / "clean.npy", "--layout", "bayer-rggb", "-o", trained / "out"]
+    assert "24" in refused(*base, "--model", flow, "--gain", "24")
+    assert "random" in refused(*base, "--model", flow, "--gain", "random")
+    assert "--model" in refused(*base, "--model", flow, "--gain", "12", "--no-shot")
+    whole = flow.read_bytes()
+    flow.write_bytes(whole[:-8])
+    assert "weights.safetensors" in refused(*base, "--model", flow, "--gain", "12")
+
+
+@pytest.mark.parametrize("old,new,word", [("couplings", "cuplings", "couplings"), ("clean.npy", "none.npy", "none.npy"),
+                                          ("black = 64", "black = [1, 2]", "black"), ("noisy_*", "nosy_*", "noisy")])
+def test_bad_configurations_are_refused(refused, pairs, old, new, word):
+    (pairs / "bad.toml").write_text(CONFIG.replace(old, new))
+    assert word in refused("train", pairs / "bad.toml", "-o", pairs / "bad")
+    assert not (pairs / "bad").exists()
