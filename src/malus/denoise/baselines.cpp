@@ -61,6 +61,35 @@ Eigen::MatrixXd principal_components(const Planes& planes) {
   return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(covariance).eigenvectors();
 }
 
+// Rows: S0, S1, S2 and the redundant difference of every colour's four angles, orthonormal.
+// Channels without three companions stay as they are.
+Eigen::MatrixXd stokes_components(const SensorLayout& layout) {
+  const int n = layout.channels();
+  Eigen::MatrixXd matrix = Eigen::MatrixXd::Identity(n, n);
+  const double root = std::sqrt(0.5);
+  const double rows[4][4] = {
+      {0.5, 0.5, 0.5, 0.5}, {root, 0, -root, 0}, {0, root, 0, -root}, {0.5, -0.5, 0.5, -0.5}};
+  for (const Color color : layout.colors()) {
+    std::vector<int> channels;  // of 0, 45, 90, 135 degrees
+    for (int angle = 0; angle < 180; angle += 45)
+      for (int k = 0; k < n; ++k)
+        if (layout.site(k).color == color && layout.site(k).angle_deg == angle)
+          channels.push_back(k);
+    if (channels.size() != 4) continue;
+    for (std::size_t i = 0; i < 4; ++i)
+      for (std::size_t k = 0; k < 4; ++k) matrix(channels[i], channels[k]) = rows[i][k];
+  }
+  return matrix;
+}
+
+// What blocks are matched on: the components that are sums.
+std::vector<float> intensity_weights(const Eigen::MatrixXd& matrix) {
+  std::vector<float> weights;
+  for (Eigen::Index i = 0; i < matrix.rows(); ++i)
+    weights.push_back(matrix.row(i).sum() > 0.99 ? 1.0f : 0.0f);
+  return weights;
+}
+
 // planes <- matrix * planes, channel-wise.
 Planes mixed(const Planes& planes, const Eigen::MatrixXd& matrix) {
   Planes out(planes.channels(), planes.rows(), planes.cols());
@@ -75,8 +104,10 @@ Planes mixed(const Planes& planes, const Eigen::MatrixXd& matrix) {
 // what BM3D holds beside the planes that it filters at once.
 double bytes_needed(const std::string& name, const PreparedFrame& frame) {
   constexpr double kFrames = 12, kMixed = 4, kFilter = 20;
-  const double at_once = name == "paper-mbm3d" ? 1.0 : 1.0 / frame.layout.channels();
-  return (kFrames + (name == "vst-pca-bm3d" ? kMixed : 0.0) + kFilter * at_once) *
+  const bool joint = name == "paper-mbm3d" || name == "vst-stokes-bm3d";
+  const bool mixes = name == "vst-pca-bm3d" || name == "vst-stokes-bm3d";
+  const double at_once = joint ? 1.0 : 1.0 / frame.layout.channels();
+  return (kFrames + (mixes ? kMixed : 0.0) + kFilter * at_once) *
          static_cast<double>(frame.dn.size());
 }
 
@@ -112,6 +143,11 @@ Image run_baseline(const std::string& name, const PreparedFrame& frame, const No
       planes = mixed(planes, axes.transpose());
       filter_each(planes, sigma, bm3d_settings, progress);
       planes = mixed(planes, axes);
+    } else if (name == "vst-stokes-bm3d") {
+      const Eigen::MatrixXd matrix = stokes_components(frame.layout);
+      planes =
+          bm3d(mixed(planes, matrix), sigma, bm3d_settings, intensity_weights(matrix), progress);
+      planes = mixed(planes, matrix.transpose());
     } else {
       MALUS_REQUIRE(name == "vst-bm3d");
       filter_each(planes, sigma, bm3d_settings, progress);

@@ -61,6 +61,7 @@ const std::vector<DenoiseMethod>& denoise_methods() {
       {"bm3d", "calibrated, joint over all channels, adaptive to local colour and polarization",
        true},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
+      {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
       {"vst-bm3d", "baseline: stabilised, each plane filtered alone", false},
       {"paper-mbm3d", "baseline: all planes jointly with one estimated deviation", false},
       {"paper-bm3d", "baseline: each plane alone with its estimated deviation", false},
