@@ -21,12 +21,12 @@ double cell_start(int cell) {
       std::bit_cast<float>((kTailFirst + static_cast<std::uint32_t>(cell)) << kTailShift));
 }
 
-// Mean-square projection of the parabola through the values at x0, the middle and x1: its slope is
-// the chord's, its middle lies a third of the way from the curve to the chord.
-TailLine projected(double x0, double x1, double left, double middle, double right) {
-  const double slope = (right - left) / (x1 - x0);
-  const double centre = middle + (0.5 * (left + right) - middle) / 3.0;
-  return {static_cast<float>(centre - slope * 0.5 * (x0 + x1)), static_cast<float>(slope)};
+// Mean-square projection of the parabola through the values at a cell's start, middle and end: its
+// slope is the chord's, its middle lies a third of the way from the curve to the chord.
+TailLine projected(double middle_x, double cells_per_x, double left, double middle, double right) {
+  const double slope = (right - left) * cells_per_x;
+  const double centre = middle + (0.5 * (left + right) - middle) * (1.0 / 3.0);
+  return {static_cast<float>(centre - slope * middle_x), static_cast<float>(slope)};
 }
 
 // (e^(lambda log) - 1) / lambda, log itself at lambda = 0.
@@ -57,19 +57,18 @@ class TukeyLambdaPoints {
     const double unit = std::ldexp(1.0 / kPointsPerOctave, number - (kOctaves + 1));
     // What the first term left out adds is below 2^-40 of the series.
     const int terms = std::min(static_cast<int>(series_.size()), 40 / (kOctaves - number) + 1);
-    for (int j = 0; j < kPointsPerOctave; ++j) {
-      const double mantissa = of_mantissa_[static_cast<std::size_t>(j)];
-      const double low = of_octave + mantissa + lambda_ * of_octave * mantissa;
-      const double p = unit * (kPointsPerOctave + j);
-      double high = 0;
-      if (number >= kOctaves - 2) {
-        high = power_less_one(std::log1p(-p), lambda_);
-      } else {
-        for (int k = terms; k-- > 0;) high = high * p + series_[static_cast<std::size_t>(k)];
-        high *= p;
-      }
-      quantile[static_cast<std::size_t>(j)] = high - low;
+    std::array<double, kPointsPerOctave> p{}, high{};  // high: of (1-p)^lambda
+    for (std::size_t j = 0; j < p.size(); ++j) p[j] = unit * static_cast<double>(p.size() + j);
+    if (number >= kOctaves - 2) {
+      for (std::size_t j = 0; j < p.size(); ++j)
+        high[j] = power_less_one(std::log1p(-p[j]), lambda_);
+    } else {  // term by term, all points at once: the compiler's vectors take them
+      for (int k = terms; k-- > 0;)
+        for (std::size_t j = 0; j < p.size(); ++j)
+          high[j] = (high[j] + series_[static_cast<std::size_t>(k)]) * p[j];
     }
+    for (std::size_t j = 0; j < p.size(); ++j)
+      quantile[j] = high[j] - (of_octave + of_mantissa_[j] + lambda_ * of_octave * of_mantissa_[j]);
   }
 
  private:
@@ -87,7 +86,8 @@ std::vector<TailLine> tail_lines(const std::function<double(double p)>& upper_qu
     const double x0 = cell_start(cell), x1 = cell_start(cell + 1);
     const double right = upper_quantile(x1 * 0x1p-32);
     const double middle = upper_quantile(0.5 * (x0 + x1) * 0x1p-32);
-    lines[static_cast<std::size_t>(cell)] = projected(x0, x1, left, middle, right);
+    lines[static_cast<std::size_t>(cell)] =
+        projected(0.5 * (x0 + x1), 1.0 / (x1 - x0), left, middle, right);
     left = right;
   }
   lines.back() = {static_cast<float>(upper_quantile(0.5)), 0.0f};
@@ -103,12 +103,12 @@ void append_tukey_lambda_lines(double lambda, std::vector<TailLine>& lines) {
       points.octave(octave + 1, next);
     else
       next[0] = 0.0;  // the median
+    const double step = std::ldexp(0.5, octave) / kCellsPerOctave;
     for (int cell = 0; cell < kCellsPerOctave; ++cell) {
       const auto j = static_cast<std::size_t>(2 * cell);
-      const double x0 = cell_start(octave * kCellsPerOctave + cell);
-      const double x1 = cell_start(octave * kCellsPerOctave + cell + 1);
       const double right = cell + 1 < kCellsPerOctave ? at[j + 2] : next[0];
-      lines.push_back(projected(x0, x1, at[j], at[j + 1], right));
+      lines.push_back(
+          projected(step * (kCellsPerOctave + cell + 0.5), 1.0 / step, at[j], at[j + 1], right));
     }
     at = next;
   }

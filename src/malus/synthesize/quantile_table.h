@@ -33,7 +33,7 @@ struct TailLine {
 std::vector<TailLine> tail_lines(const std::function<double(double p)>& upper_quantile);
 
 /// The same for the Tukey-lambda distribution of scale 1, appended to `lines`: equal to tail_lines
-/// of its quantile function up to the rounding of a float, ten times faster. -0.5 < lambda <= 8.
+/// of its quantile function up to the rounding of a float, eight times faster. -0.5 < lambda <= 8.
 void append_tukey_lambda_lines(double lambda, std::vector<TailLine>& lines);
 
 /// The standard normal distribution's lines; made once.
