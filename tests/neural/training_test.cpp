@@ -288,6 +288,24 @@ TEST(Training, ResidualNetworksBeginByReturningTheirBase) {
   }
 }
 
+TEST(Training, HalfTheBitsGiveNearlyTheSameLoss) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.package.settings.residual = false;
+  config.train.steps = 1;
+  const auto worker = single_worker();
+  const auto full = train(config, {folder / "full", false, false, 3}, *worker, silent_progress());
+  config.train.precision = "bfloat16";
+  const auto half = train(config, {folder / "half", false, false, 3}, *worker, silent_progress());
+  const double loss = full["log"].back()["loss"].get<double>();
+  EXPECT_NE(half["log"].back()["loss"].get<double>(), loss);
+  EXPECT_NEAR(half["log"].back()["loss"].get<double>(), loss, 0.02 * loss);  // 8 bits of mantissa
+  config.package.network.architecture = "restormer";
+  EXPECT_THROW(train(config, {folder / "other", false, false, 3}, *worker, silent_progress()),
+               InputError);
+}
+
 TEST(Training, LearnsToRemoveNoise) {
   const TemporaryFolder folder;
   const AngleScene scene(folder, 96, 96);

@@ -167,8 +167,8 @@ def free_port():
 
 def start_two(path, out, rank="RANK", size="WORLD_SIZE", resume=False):
     port = str(free_port())
-    return [
-        start(path, "-o", out, *(["--resume"] if resume else []),
+    return [  # only worker 0 needs the folder
+        start(path, "-o", out if i == 0 else out / "elsewhere", *(["--resume"] if resume else []),
               **{rank: str(i), size: "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "GLOO_SOCKET_IFNAME": "lo"})
         for i in range(2)
     ]
@@ -214,6 +214,7 @@ def test_a_lost_worker_stops_the_run_and_the_checkpoint_is_good(malus, config, t
     for process in again:
         process.send_signal(signal.SIGINT)
     assert [process.wait(60) for process in again] == [130, 130]
+    assert not (out / "elsewhere").exists()
 
 
 @pytest.mark.slow

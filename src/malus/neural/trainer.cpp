@@ -148,13 +148,26 @@ class Trainer {
     return network;
   }
 
+  // Worker 0 alone has the folder; the others begin with what it holds.
   void open_folder() {
-    const fs::path checkpoint = file("checkpoint.safetensors");
-    if (leader()) make_output_folder(options_.folder);
-    if (options_.resume && fs::exists(checkpoint))
-      load_checkpoint(state_, description_, checkpoint);
-    else if (leader() && !options_.resume)
-      check_output(checkpoint, options_.force);
+    if (leader()) {
+      make_output_folder(options_.folder);
+      const fs::path checkpoint = file("checkpoint.safetensors");
+      if (options_.resume && fs::exists(checkpoint))
+        load_checkpoint(state_, description_, checkpoint);
+      else if (!options_.resume)
+        check_output(checkpoint, options_.force);
+    }
+    if (workers_.size() == 1) return;
+    torch::Tensor step = torch::tensor({state_.step}, torch::dtype(torch::kInt64).device(device_));
+    workers_.broadcast(step);
+    state_.step = step.item<std::int64_t>();
+    for (const auto& list :
+         {network_->parameters(), average_, adam_.first_moments(), adam_.second_moments()})
+      for (const torch::Tensor& values : list) {
+        torch::Tensor shared = values.detach();
+        workers_.broadcast(shared);
+      }
   }
 
   StepFigures step(ExamplePool& pool) {
