@@ -251,7 +251,7 @@ Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
     kept.run["network"] = network;
   kept.run["files"] = write_outputs(kept.before, result, job.names, force);
   kept.after_dn = std::move(result.dn_above_black);
-  kept.variance_dn2 = result.variance_dn2.value_or(Image());
+  if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
   if (compared) kept.run["against_reference"] = metrics_json(kept);
   Json record = run_record(kept.before, choice.profile, job.input, job.names.mosaic, kept.run);
   if (compared) name_reference(record, job.reference, arguments.reference_ratio, job.names.mosaic);
