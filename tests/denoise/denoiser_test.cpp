@@ -116,14 +116,17 @@ TEST(DenoiseFrame, TilesEqualTheWhole) {
   EXPECT_EQ(largest, 0.0);
 }
 
-TEST(DenoiseFrame, TilesEqualTheWholeWithTwoScales) {
+TEST(DenoiseFrame, TilesAndThreadsDoNotChangeTwoScales) {
   const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(300, 333), noise, 6);
   DenoiseSettings settings;
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
   ASSERT_EQ(whole.tiles, 1);
   settings.memory_mib = 10;
+  const int before = thread_count();
+  set_thread_count(before == 1 ? 3 : 1);
   const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
+  set_thread_count(before);
   EXPECT_GT(tiled.tiles, 1);
   EXPECT_EQ(whole.dn_above_black.values(), tiled.dn_above_black.values());
   EXPECT_EQ(whole.variance_dn2->values(), tiled.variance_dn2->values());
