@@ -1,5 +1,9 @@
 // Noise synthesis: the compiled sampler against the plain definition and against copying the frame.
 #include "malus/base/parallel.h"
+#ifdef MALUS_WITH_CUDA
+#include "malus/cuda/device.h"
+#include "malus/cuda/synthesize.h"
+#endif
 #include "malus/noise/model.h"
 #include "malus/synthesize/compiled.h"
 #include "malus/synthesize/compiled_kernel.h"
@@ -83,6 +87,18 @@ void add_patch_lines(Bench& bench, const NoiseModel& model, const GainSetting& g
   time_of("a patch at a random gain", std::nullopt);
 }
 
+#ifdef MALUS_WITH_CUDA
+void add_device_lines(Bench& bench, const CompiledNoise& noise) {
+  if (!cuda::device_available()) return;
+  const int side = bench.context.quick ? 512 : 16384;
+  const cuda::DeviceRates rates = cuda::measure_rates(noise, side, side);
+  bench.lines.push_back({"physics, GPU", 1e-6 * rates.drawn, "Mpx/s", cuda::device_name()});
+  bench.lines.push_back({"copy on the GPU", 1e-6 * rates.copied, "Mpx/s", ""});
+  bench.lines.push_back(
+      {"physics as a share of copying, GPU", 100 * rates.drawn / rates.copied, "%", ""});
+}
+#endif
+
 std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
   const int rows = context.quick ? 64 : kRows;
   Bench bench{context, rows, rows * 1e-6 * kCols, {}};
@@ -130,6 +146,9 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
   const double compile_s = context.time_s([&] { const CompiledNoise again(noise); }, 5);
   bench.lines.push_back({"compiling 16 channels", 1e3 * compile_s, "ms", "per set of parameters"});
   add_patch_lines(bench, model, gain);
+#ifdef MALUS_WITH_CUDA
+  add_device_lines(bench, compiled);
+#endif
   return bench.lines;
 }
 
