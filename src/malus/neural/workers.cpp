@@ -8,9 +8,13 @@
 #include <vector>
 
 #include <fmt/format.h>
+// libtorch's header needs Gloo's own, which come in a package of their own.
+#if defined(USE_C10D_GLOO) && __has_include(<gloo/algorithm.h>)
+#define MALUS_WITH_GLOO
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
-#if defined(USE_C10D_NCCL)
+#endif
+#if defined(MALUS_WITH_GLOO) && defined(USE_C10D_NCCL)
 #include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
 #endif
 
@@ -25,6 +29,21 @@ class SingleWorker final : public Workers {
   void broadcast(torch::Tensor&) override {}
 };
 
+// The first of the variables that is set, as a whole number.
+int number_of(std::initializer_list<const char*> names, int otherwise) {
+  for (const char* name : names)
+    if (const char* text = std::getenv(name)) {
+      char* end = nullptr;
+      const long value = std::strtol(text, &end, 10);
+      if (end == text || *end != '\0' || value < 0 || value > 65535)
+        throw InputError(name, fmt::format("= \"{}\" is not a number of a process or port", text),
+                         "unset it, or start with torchrun, mpirun or srun");
+      return static_cast<int>(value);
+    }
+  return otherwise;
+}
+
+#if defined(MALUS_WITH_GLOO)
 class WorkerGroup final : public Workers {
  public:
   WorkerGroup(WorkerPlace place, c10::intrusive_ptr<c10d::ProcessGroup> group)
@@ -56,20 +75,6 @@ class WorkerGroup final : public Workers {
   c10::intrusive_ptr<c10d::ProcessGroup> group_;
 };
 
-// The first of the variables that is set, as a whole number.
-int number_of(std::initializer_list<const char*> names, int otherwise) {
-  for (const char* name : names)
-    if (const char* text = std::getenv(name)) {
-      char* end = nullptr;
-      const long value = std::strtol(text, &end, 10);
-      if (end == text || *end != '\0' || value < 0 || value > 65535)
-        throw InputError(name, fmt::format("= \"{}\" is not a number of a process or port", text),
-                         "unset it, or start with torchrun, mpirun or srun");
-      return static_cast<int>(value);
-    }
-  return otherwise;
-}
-
 c10::intrusive_ptr<c10d::ProcessGroup> make_group(const WorkerPlace& place,
                                                   const c10::intrusive_ptr<c10d::Store>& store,
                                                   std::chrono::milliseconds timeout,
@@ -89,23 +94,8 @@ c10::intrusive_ptr<c10d::ProcessGroup> make_group(const WorkerPlace& place,
   return c10::make_intrusive<c10d::ProcessGroupGloo>(store, place.rank, place.size, options);
 }
 
-}  // namespace
-
-std::unique_ptr<Workers> single_worker() { return std::make_unique<SingleWorker>(); }
-
-WorkerPlace worker_place_of_environment() {
-  WorkerPlace place;
-  place.rank = number_of({"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"}, 0);
-  place.size = number_of({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1);
-  if (place.size < 1 || place.rank >= place.size)
-    throw InputError(fmt::format("worker {} of {}", place.rank, place.size), "does not exist",
-                     "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
-  return place;
-}
-
-std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device) {
-  const WorkerPlace place = worker_place_of_environment();
-  if (place.size == 1) return single_worker();
+std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
+                                     const torch::Device& device) {
   const char* address = std::getenv("MASTER_ADDR");
   const std::chrono::milliseconds timeout(static_cast<std::int64_t>(timeout_s * 1000));
   c10d::TCPStoreOptions options;
@@ -127,6 +117,34 @@ std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::D
                                  text.substr(0, text.find('\n'))),
                      "check MASTER_ADDR and MASTER_PORT, and that all workers were started");
   }
+}
+#endif
+
+}  // namespace
+
+std::unique_ptr<Workers> single_worker() { return std::make_unique<SingleWorker>(); }
+
+WorkerPlace worker_place_of_environment() {
+  WorkerPlace place;
+  place.rank = number_of({"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"}, 0);
+  place.size = number_of({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1);
+  if (place.size < 1 || place.rank >= place.size)
+    throw InputError(fmt::format("worker {} of {}", place.rank, place.size), "does not exist",
+                     "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
+  return place;
+}
+
+std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device) {
+  const WorkerPlace place = worker_place_of_environment();
+  if (place.size == 1) return single_worker();
+#if defined(MALUS_WITH_GLOO)
+  return meet_others(place, timeout_s, device);
+#else
+  static_cast<void>(timeout_s);
+  static_cast<void>(device);
+  throw InputError(fmt::format("worker {} of {}", place.rank, place.size),
+                   "this program was built for one worker", "install libgloo-dev and build again");
+#endif
 }
 
 }  // namespace malus
