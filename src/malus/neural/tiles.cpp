@@ -46,17 +46,17 @@ TileDemand tile_demand(const NetworkDescription& description) {
     // the lowest level, on the way up; the pooling grid of the lowest level.
     const std::int64_t lowest = std::int64_t{1} << (s.value("levels", 5) - 1);
     return {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true,
-            26.0 * s.at("width").get<double>()};
+            60.0 * s.at("width").get<double>()};
   }
   if (description.architecture == "nafnet")
     return faded(std::int64_t{1} << s.at("enc_blk_nums").size(),
-                 42.0 * s.at("width").get<double>());
-  if (description.architecture == "restormer") return faded(8, 90.0 * s.at("dim").get<double>());
+                 80.0 * s.at("width").get<double>());
+  if (description.architecture == "restormer") return faded(8, 200.0 * s.at("dim").get<double>());
   if (description.architecture == "uformer")
     return faded(s.at("win_size").get<std::int64_t>() << 4,
-                 150.0 * s.at("embed_dim").get<double>());
+                 250.0 * s.at("embed_dim").get<double>());
   return faded(s.at("window").get<std::int64_t>() << (s.at("depths").size() - 1),
-               110.0 * s.at("dim").get<double>());
+               200.0 * s.at("dim").get<double>());
 }
 
 std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const TileDemand& demand) {

@@ -18,7 +18,9 @@ struct TileDemand {
   /// hand on over many blocks; statistics of the whole picture in nafnet and restormer) results
   /// are faded into each other over the overlap.
   bool exact = true;
-  double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured (docs/networks.md)
+  /// Peak of a forward pass in float32: measured for unet, estimated from the peers' peaks for the
+  /// others.
+  double bytes_per_pixel = 0;
 };
 TileDemand tile_demand(const NetworkDescription& description);
 

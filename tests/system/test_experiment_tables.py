@@ -1,0 +1,53 @@
+"""`malus experiment table2`: rows trained for a few steps, scored alike, not trained again."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import BUILD, ROOT
+
+pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+
+
+@pytest.fixture
+def experiment(tmp_path):
+    rng = np.random.default_rng(1)
+    (tmp_path / "pictures").mkdir()
+    Image.fromarray(rng.integers(30, 220, (96, 96, 3), dtype=np.uint8)).save(tmp_path / "pictures/a.png")
+    (tmp_path / "scene").mkdir()
+    rows, cols = np.mgrid[0:64, 0:64]
+    for k, angle in enumerate((0, 45, 90, 135)):
+        light = 110 + 40 * np.sin(cols / 9) + 30 * np.cos(rows / 7 + k)
+        Image.fromarray(np.repeat(light[..., None], 3, 2).astype(np.uint8)).save(tmp_path / f"scene/I{angle}.png")
+    full = (ROOT / "experiments/table2/full.toml").read_text()
+    for old, new in (("../pictures", "pictures"), ("width = 12", "width = 2"), ("levels = 4", "levels = 2"),
+                     ("example = 256", "example = 64"), ("patch = 128", "patch = 32"), ("pool = 8", "pool = 1"),
+                     ("steps = 250", "steps = 3")):
+        assert old in full
+        full = full.replace(old, new)
+    (tmp_path / "full.toml").write_text(full)
+    (tmp_path / "rows.toml").write_text('[[rows]]\nname = "classical"\nmethod = "bm3d/fast"\n'
+                                        '[[rows]]\nname = "full"\nconfig = "full.toml"\n')
+    return tmp_path
+
+
+def test_rows_are_scored_and_not_trained_again(malus, experiment):
+    run = ["experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out",
+           "--cases", "12:10", "--json"]
+    first = malus(*run, "--report", experiment / "page.html").json
+    assert [row["name"] for row in first["rows"]] == ["noisy", "classical", "full"]
+    assert first["rows"][1]["image_psnr_db"] > first["rows"][0]["image_psnr_db"] + 3
+    assert (experiment / "page.html").stat().st_size > 10000
+    weights = experiment / "out/full/weights.safetensors"
+    written = weights.read_bytes()
+    again = malus(*run).json
+    assert weights.read_bytes() == written
+    assert [row["image_psnr_db"] for row in again["rows"]] == [row["image_psnr_db"] for row in first["rows"]]
+
+
+def test_bad_rows_are_refused(refused, experiment):
+    run = ["experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out"]
+    for text, word in (("", "rows"), ('[[rows]]\nname = "a"\n', "config"), ('[[rows]]\nnme = "a"\n', "name"),
+                       ('[[rows]]\nname = "a"\nmethod = "bm3e"\n', "bm3d")):
+        (experiment / "rows.toml").write_text(text)
+        assert word in refused(*run, "-q")
