@@ -45,7 +45,7 @@ Json score_row(const char* name, const Json& score) {
           {"cells", {score["image_psnr_db"], score["dolp_psnr_db"], score["aolp_circular_deg"]}}};
 }
 
-// Curves and the last validation, as a record that a report shows (docs/report.md).
+// Curves, the last validation and a sample of it, as a record that a report shows (docs/report.md).
 Json record_of(const Json& run) {
   const Json& log = run["log"];
   const Json steps = {{"name", "step"}, {"unit", "1"}};
@@ -64,6 +64,7 @@ Json record_of(const Json& run) {
   };
   chart("Loss", "1", Json::array({curve(log, "loss")}));
   chart("Learning rate", "1", Json::array({curve(log, "rate")}));
+  if (run.contains("sample")) record["pictures"] = Json::array({run["sample"]});
   Json last;
   for (const Json& line : log)
     if (line.contains("validation")) last = line["validation"];
@@ -97,7 +98,7 @@ void run_train(const TrainArguments& arguments, const Common& common) {
                              *progress);
   if (run.contains("rank")) return;  // worker 0 speaks for all
   if (!arguments.report.empty())
-    write_record_report(record_of(run), arguments.report, common.force);
+    write_record_report(record_of(run), arguments.report, common.force, folder);
   std::string text = fmt::format("{}: {} steps in {:.0f} s\n", run["weights"].get<std::string>(),
                                  run["steps"].get<std::int64_t>(), run["seconds"].get<double>());
   for (const Json& line : run["log"])

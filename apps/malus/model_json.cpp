@@ -189,16 +189,7 @@ void keep_gain(std::vector<Calibration>& calibrations, const GainSetting& gain) 
 }
 
 PhysicsCalibration interpolated_entry(const NoiseModel& model, const GainParameters& p) {
-  PhysicsCalibration entry;
-  entry.gain = p.gain;
-  entry.K.mean = p.K;
-  entry.mu.mean = p.mu_dn;
-  entry.mu.covariance = p.mu_covariance;
-  entry.sigma_row.mean = p.sigma_row_dn;
-  entry.sigma_row.covariance = p.sigma_row_covariance;
-  entry.sigma_tl.mean = p.sigma_tl_dn;
-  entry.sigma_tl.spread = p.sigma_tl_spread_dn;
-  entry.lambda.mean = p.lambda;
+  PhysicsCalibration entry = calibration_of(p);
   entry.temporal_sd_dark_dn = temporal_sd_dark_dn(physics_of(model, p));
   entry.warnings = {"not measured at this gain: from the joint model"};
   return entry;

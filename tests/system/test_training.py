@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import signal
 import socket
 import struct
@@ -129,6 +130,21 @@ def test_a_run_leaves_weights_log_checkpoint_and_report(malus, config, tmp_path)
     np.save(tmp_path / "frame.npy", frame)
     malus("denoise", tmp_path / "frame.npy", "--method", out / "weights.safetensors", "--model", "imx250mzr-simulated",
           "--gain", "12", "--black", "82", "--white", "4095", "-o", tmp_path / "denoised")
+
+
+def test_the_page_shows_what_validation_saw(malus, config, tmp_path):
+    text = CONFIG + '[validation]\nscenes = ["scene"]\ncases = ["12:10"]\ncrop = 64\nevery = 3\n'
+    malus("train", config(6, text=text), "-o", tmp_path / "run", "--report", tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text(encoding="utf-8")
+    report = json.loads(re.search(r'id="malus-report">(.*?)</script>', page, re.S).group(1))
+    pictures = [b for b in report["sections"][0]["blocks"] if b["kind"] == "pictures"]
+    assert [p["name"] for p in pictures[0]["pictures"]] == ["noisy", "network", "clean"]
+    # The clean sample is the scene in DN: the middle 64 pixels of the mosaic of its four pictures.
+    clean = np.load(tmp_path / "run" / "sample" / "clean.npy")
+    noisy = np.load(tmp_path / "run" / "sample" / "noisy.npy")
+    assert clean.shape == noisy.shape == (64, 64)
+    assert abs(noisy.mean() / clean.mean() - 1) < 0.05
+    assert 0.02 < (noisy - clean).std() / clean.mean() < 1
 
 
 def test_killed_at_any_instant_it_goes_on_to_the_same_bits(malus, config, tmp_path):

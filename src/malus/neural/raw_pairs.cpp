@@ -118,17 +118,7 @@ NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, dou
                            std::uint64_t seed, std::uint32_t number) {
   RandomSequence random(seed, number, Draw::kParameters, 3);
   const auto factor = [&] { return std::exp(jitter * random.normal()); };
-  const GainParameters p = model.parameters_at(gain);
-  PhysicsCalibration entry;
-  entry.gain = p.gain;
-  entry.K.mean = p.K;
-  entry.mu.mean = p.mu_dn;
-  entry.mu.covariance = p.mu_covariance;
-  entry.sigma_row.mean = p.sigma_row_dn;
-  entry.sigma_row.covariance = p.sigma_row_covariance;
-  entry.sigma_tl.mean = p.sigma_tl_dn;
-  entry.sigma_tl.spread = p.sigma_tl_spread_dn;
-  entry.lambda.mean = p.lambda;
+  PhysicsCalibration entry = calibration_of(model.parameters_at(gain));
   multiply(entry.K, factor());
   multiply(entry.sigma_tl, factor());
   multiply(entry.sigma_row, factor());

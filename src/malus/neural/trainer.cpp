@@ -132,7 +132,13 @@ class Trainer {
     }
     if (!leader()) return {{"rank", workers_.rank()}};
     save_package(file("weights.safetensors"));
-    return record(validation);
+    Json made = record(validation);
+    if (!validation.empty()) {
+      const Averaged averaged(*this);
+      network_->eval();
+      made["sample"] = validation.save_sample(*network_, config_.package, file("sample"));
+    }
+    return made;
   }
 
  private:

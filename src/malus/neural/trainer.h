@@ -3,7 +3,7 @@
 //
 // Files in the run's folder, all written by worker 0: checkpoint.safetensors (to go on),
 // log.jsonl (one JSON object per line), best.safetensors (package with the best validation so far),
-// weights.safetensors (package at the end).
+// weights.safetensors (package at the end), sample/ (the first validation frame as mosaics).
 #pragma once
 
 #include "malus/base/progress.h"

@@ -1,6 +1,8 @@
 #include "malus/neural/validation.h"
 
+#include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/io/picture_file.h"
 #include "malus/neural/clean_scenes.h"
 #include "malus/neural/raw_pairs.h"
 #include "malus/synthesize/model.h"
@@ -41,17 +43,45 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
   if (!guides.empty()) guide_ = mean_score(guides);
 }
 
-ValidationScore Validation::score(Network& network, const NetworkPackage& package) const {
+Image Validation::result(const Frame& frame, Network& network,
+                         const NetworkPackage& package) const {
   const torch::NoGradGuard no_gradients;
   const auto device = network.parameters().front().device();
+  const MosaicWindow whole{0, 0, frame.reference_dn.rows(), frame.reference_dn.cols()};
+  const auto planes = apply_network(network, package, prepare_input(frame.noisy, whole).to(device));
+  return restore_output(frame.noisy, planes, whole);
+}
+
+ValidationScore Validation::score(Network& network, const NetworkPackage& package) const {
   std::vector<Image> results;
-  for (const Frame& frame : frames_) {
-    const MosaicWindow whole{0, 0, frame.reference_dn.rows(), frame.reference_dn.cols()};
-    const auto planes =
-        apply_network(network, package, prepare_input(frame.noisy, whole).to(device));
-    results.push_back(restore_output(frame.noisy, planes, whole));
-  }
+  for (const Frame& frame : frames_) results.push_back(result(frame, network, package));
   return mean_score(results);
+}
+
+nlohmann::ordered_json Validation::save_sample(Network& network, const NetworkPackage& package,
+                                               const std::filesystem::path& folder) const {
+  MALUS_REQUIRE(!empty());
+  const Frame& frame = frames_.front();
+  std::filesystem::create_directories(folder);
+  nlohmann::ordered_json entry{{"title", "First validation frame"},
+                               {"text", "In the clean scene's light."},
+                               {"layout", frame.noisy.frame.layout.name()},
+                               {"white_dn", frame.peak_dn},
+                               {"files", nlohmann::ordered_json::array()}};
+  SaveOptions options;
+  options.type = SampleType::kFloat;
+  options.force = true;
+  const auto save = [&](const std::string& name, Image dn, double ratio) {
+    for (float& v : dn.values()) v *= static_cast<float>(ratio);
+    save_picture(folder / (name + ".npy"), dn, options);
+    const auto file = folder.filename() / (name + ".npy");
+    entry["files"].push_back({{"name", name}, {"file", file.string()}});
+  };
+  save("noisy", frame.noisy.frame.dn, frame.ratio);
+  if (!frame.noisy.guide_dn.empty()) save("guide", frame.noisy.guide_dn, frame.ratio);
+  save("network", result(frame, network, package), frame.ratio);
+  save("clean", frame.reference_dn, 1);
+  return entry;
 }
 
 ValidationScore Validation::mean_score(const std::vector<Image>& results) const {

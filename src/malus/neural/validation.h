@@ -6,6 +6,7 @@
 #include "malus/neural/package.h"
 #include "malus/neural/training_config.h"
 
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,11 @@ class Validation {
   bool empty() const { return frames_.empty(); }
 
   ValidationScore score(Network& network, const NetworkPackage& package) const;
+  /// Writes the first frame as float mosaics (.npy, DN above black in the clean scene's light) into
+  /// folder: noisy, the guide if any, the network's result, clean. Result: the entry for a report's
+  /// pictures (docs/report.md), names relative to folder's parent. Contract: not empty().
+  nlohmann::ordered_json save_sample(Network& network, const NetworkPackage& package,
+                                     const std::filesystem::path& folder) const;
   ValidationScore noisy_score() const { return noisy_; }
   ValidationScore guide_score() const { return guide_; }  ///< zero without a guide
 
@@ -33,6 +39,7 @@ class Validation {
     double ratio;
     double peak_dn;
   };
+  Image result(const Frame& frame, Network& network, const NetworkPackage& package) const;
   ValidationScore mean_score(const std::vector<Image>& results) const;
 
   std::vector<Frame> frames_;

@@ -332,6 +332,20 @@ double gain_db_of_log_K(const JointSegment& segment, double log_K) {
   return 0.5 * (low + high);
 }
 
+PhysicsCalibration calibration_of(const GainParameters& parameters) {
+  PhysicsCalibration entry;
+  entry.gain = parameters.gain;
+  entry.K.mean = parameters.K;
+  entry.mu.mean = parameters.mu_dn;
+  entry.mu.covariance = parameters.mu_covariance;
+  entry.sigma_row.mean = parameters.sigma_row_dn;
+  entry.sigma_row.covariance = parameters.sigma_row_covariance;
+  entry.sigma_tl.mean = parameters.sigma_tl_dn;
+  entry.sigma_tl.spread = parameters.sigma_tl_spread_dn;
+  entry.lambda.mean = parameters.lambda;
+  return entry;
+}
+
 GainParameters joint_parameters(const JointSegment& segment, double gain_db) {
   const double K = segment.K_of_gain.at(gain_db, segment.knots_db, gain_db);
   const double log_K = std::log(K);

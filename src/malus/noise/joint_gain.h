@@ -75,6 +75,10 @@ Estimate<JointGainModel> fit_joint_model(const std::vector<PhysicsCalibration>& 
 /// The joint model's parameters of a segment at a gain in dB; extrapolates outside the knots.
 GainParameters joint_parameters(const JointSegment& segment, double gain_db);
 
+/// The parameters as a model's entry for their gain: what was not asked of the joint model (frames,
+/// standard errors, maps) is absent.
+PhysicsCalibration calibration_of(const GainParameters& parameters);
+
 /// The gain in dB at which the segment's K̂ has this logarithm; inside the knots.
 double gain_db_of_log_K(const JointSegment& segment, double log_K);
 
