@@ -21,8 +21,8 @@ nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& pr
 void add_reference(DenoisedFrame& frame, const std::filesystem::path& path, double ratio);
 
 /// Notes in a record what add_reference was given.
-void name_reference(nlohmann::ordered_json& record, const std::filesystem::path& path,
-                    double ratio, const std::filesystem::path& result);
+void name_reference(nlohmann::ordered_json& record, const std::filesystem::path& path, double ratio,
+                    const std::filesystem::path& result);
 
 /// Loads input and result of a record. Throws InputError.
 DenoisedFrame load_run(const std::filesystem::path& record_file,
