@@ -2,6 +2,7 @@
 #include "malus/noise/data_sheet.h"
 #include "malus/report/write_report.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "report_pages.h"
@@ -110,12 +111,13 @@ std::string sensor_name(const NoiseModel& model) {
 }
 
 Section summary(const NoiseModel& model) {
-  Section section{
-      "summary",
-      "Summary",
-      fmt::format("{}, {}, {} gain{}. {}", sensor_name(model), model.layout.name(),
-                  model.physics.size(), model.physics.size() == 1 ? "" : "s", model.origin),
-      {}};
+  const std::size_t gains = std::max({model.physics.size(), model.gaussian.size(),
+                                      model.nonparametric.size(), model.dark_frames.size()});
+  Section section{"summary",
+                  "Summary",
+                  fmt::format("{}, {}, {} gain{}. {}", sensor_name(model), model.layout.name(),
+                              gains, gains == 1 ? "" : "s", model.origin),
+                  {}};
   section.blocks.emplace_back(findings(model));
   if (model.physics.empty()) return section;
   section.blocks.emplace_back(key_figures(model));

@@ -93,11 +93,17 @@ Chart level_chart(const NonparametricCalibration& n, const NonparametricChannel&
   for (const std::size_t level : some_levels(channel.level_dn.size())) {
     PointSeries series{.name = fmt::format("{:.4g} DN", channel.level_dn[level]),
                        .mark = Mark::kLine};
-    for (std::size_t bin = 0; bin < channel.pmf[level].size(); ++bin) {
+    // Less than a tenth of one sample is what is left of taking the row noise out: not shown.
+    const double samples = static_cast<double>(channel.samples[level]);
+    const double least = samples > 0 ? 0.1 / samples : 0;
+    const std::vector<double>& pmf = channel.pmf[level];
+    const auto shown = [&](double p) { return p > least; };
+    const auto first = std::find_if(pmf.begin(), pmf.end(), shown) - pmf.begin();
+    const auto last = pmf.rend() - std::find_if(pmf.rbegin(), pmf.rend(), shown);
+    for (auto bin = static_cast<std::size_t>(first); bin < static_cast<std::size_t>(last); ++bin) {
       const double low = channel.bin_edges_dn[bin], high = channel.bin_edges_dn[bin + 1];
       series.x.push_back(0.5 * (low + high));
-      const double density = channel.pmf[level][bin] / (high - low);
-      series.y.push_back(density > 0 ? density : Measured::kNone);
+      series.y.push_back(shown(pmf[bin]) ? pmf[bin] / (high - low) : Measured::kNone);
     }
     chart.series.emplace_back(std::move(series));
   }

@@ -16,7 +16,7 @@ const kSymbols = { circle: "circle", triangle: "triangle", square: "rect", diamo
 const kManyCategories = 8;
 
 function nameGap(axis: Axis, horizontal: boolean): number {
-  if (axis.scale !== "category") return horizontal ? 28 : 54;
+  if (axis.scale !== "category") return horizontal ? 28 : 60;
   return horizontal && axis.categories.length <= kManyCategories ? 28 : 62;
 }
 
