@@ -75,8 +75,7 @@ Page json_page(const fs::path& path, const std::string& prefix) {
 Page page_of(const fs::path& path, const std::string& prefix) {
   if (is_json(path)) return json_page(path, prefix);
   const NoiseModel model = load_model(path);
-  return {calibration_title(model),
-          fmt::format("{}, {} channels", model.layout.name(), model.layout.channels()),
+  return {calibration_title(model), calibration_subtitle(model),
           calibration_sections(model, prefix)};
 }
 

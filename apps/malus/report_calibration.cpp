@@ -168,14 +168,16 @@ std::string calibration_title(const NoiseModel& model) {
   return "Calibration of " + sensor_name(model);
 }
 
+std::string calibration_subtitle(const NoiseModel& model) {
+  const int channels = model.layout.channels();
+  return fmt::format("{}, {} channel{}", model.layout.name(), channels, channels == 1 ? "" : "s");
+}
+
 void write_calibration_report(const NoiseModel& model, const std::filesystem::path& path,
                               bool force) {
-  write_report(
-      make_report(calibration_title(model),
-                  fmt::format("{}, {} channel{}", model.layout.name(), model.layout.channels(),
-                              model.layout.channels() == 1 ? "" : "s"),
-                  calibration_sections(model)),
-      path, {.force = force});
+  write_report(make_report(calibration_title(model), calibration_subtitle(model),
+                           calibration_sections(model)),
+               path, {.force = force});
 }
 
 }  // namespace malus::app

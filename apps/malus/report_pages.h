@@ -20,8 +20,9 @@ namespace malus::app {
 /// data sheet of a model (000 Fig. 2-5). prefix tells sections of several models apart.
 std::vector<Section> calibration_sections(const NoiseModel& model, const std::string& prefix = "");
 
-/// "Calibration of <sensor>"
+/// "Calibration of <sensor>"; layout and number of channels.
 std::string calibration_title(const NoiseModel& model);
+std::string calibration_subtitle(const NoiseModel& model);
 
 /// One denoised frame.
 struct DenoisedFrame {
