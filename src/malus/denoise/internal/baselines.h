@@ -8,8 +8,8 @@
 
 namespace malus::internal {
 
-/// name: of denoise_methods(), not the default. The whole frame at once: throws InputError where the
-/// memory setting is too small for that. Result: mosaic in DN above black.
+/// name: of denoise_methods(), not the default. The whole frame at once: throws InputError where
+/// the memory setting is too small for that. Result: mosaic in DN above black.
 Image run_baseline(const std::string& name, const PreparedFrame& frame, const NoiseProfile& profile,
                    const DenoiseSettings& settings, Progress& progress);
 
