@@ -1,6 +1,7 @@
 #include "malus/noise/distribution.h"
 
 #include "malus/base/error.h"
+#include "malus/base/log_gamma.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -120,7 +121,7 @@ PixelDistribution::PixelDistribution(const PhysicsChannel& channel, const Physic
   const double reach = 8.0 * std::sqrt(m) + 45.0;
   const double first = std::max(0.0, std::floor(m - reach)), last = std::ceil(m + reach);
   for (double n = first; n <= last; n += 1.0) {
-    const double p = std::exp(n * std::log(m) - m - std::lgamma(n + 1.0));
+    const double p = std::exp(n * std::log(m) - m - log_gamma(n + 1.0));
     if (p < 1e-18) continue;
     level_dn_.push_back(K * n + offset);
     probability_.push_back(p);

@@ -1,5 +1,7 @@
 #include "malus/noise/tukey_lambda.h"
 
+#include "malus/base/log_gamma.h"
+
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -61,7 +63,7 @@ double tukey_lambda_variance(double lambda) {
   const double lambda2 = lambda * lambda;
   const double g = std::abs(lambda) < kSeriesBelow
                        ? gamma_ratio_series(lambda) * lambda2
-                       : 2.0 * std::lgamma(1.0 + lambda) - std::lgamma(1.0 + 2.0 * lambda);
+                       : 2.0 * log_gamma(1.0 + lambda) - log_gamma(1.0 + 2.0 * lambda);
   // Γ(2λ+2) = (1+2λ) Γ(1+2λ), so the variance is 2 (1 - e^g) / (λ² (1+2λ)).
   const double one_minus_ratio =
       std::abs(lambda) < 1e-100 ? -gamma_ratio_series(lambda) : -std::expm1(g) / lambda2;

@@ -4,6 +4,7 @@
 // Mathematics and Economics 12, 1993), 2.3 uniforms on average. The same source serves CPU and GPU.
 #pragma once
 
+#include "malus/base/log_gamma.h"
 #include "malus/base/random.h"
 
 #if !defined(__CUDACC__)
@@ -42,7 +43,7 @@ MALUS_HOST_DEVICE double poisson_draw(double mean, Uniforms& uniforms) {
     if (us >= 0.07 && v <= squeeze) return count;
     if (count < 0.0 || (us < 0.013 && v > us)) continue;
     if (log(v * inverse_alpha / (a / (us * us) + b)) <=
-        -mean + count * log_mean - lgamma(count + 1.0))
+        -mean + count * log_mean - log_gamma(count + 1.0))
       return count;
   }
 }
