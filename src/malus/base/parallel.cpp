@@ -13,10 +13,6 @@
 // without (CMakeLists.txt), and it is told what a fork and a join order.
 #if defined(MALUS_THREAD_SANITIZER)
 #include <sanitizer/tsan_interface.h>
-// Memory that the library clears for itself.
-extern "C" const char* __tsan_default_suppressions() {  // NOLINT: the sanitizer's name
-  return "called_from_lib:libtbb.so\n";
-}
 #else
 namespace {
 void __tsan_release(void*) {}  // NOLINT: the sanitizer's names
