@@ -6,7 +6,7 @@ from PIL import Image
 
 from conftest import BUILD, ROOT
 
-pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
 
 
 @pytest.fixture

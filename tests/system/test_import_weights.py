@@ -12,7 +12,7 @@ from conftest import BUILD
 torch = pytest.importorskip("torch", reason="needs Python's torch")
 from plain_networks import NAFNet, UNet  # noqa: E402
 
-pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
 
 SIDE, BLACK, WHITE = 256, 100.0, 4095.0
 NETWORKS = {

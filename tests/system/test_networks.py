@@ -13,7 +13,7 @@ from weight_files import unet_package
 
 MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]
 
-pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
 
 
 @pytest.fixture

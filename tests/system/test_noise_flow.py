@@ -7,7 +7,7 @@ import pytest
 
 from conftest import BUILD
 
-pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
 
 BLACK, WHITE, SLOPE, OFFSET = 64, 1087, 2.5, 30
 RAW = ["--layout", "bayer-rggb", "--gain", "12"]

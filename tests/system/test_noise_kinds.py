@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 
 def write_mono_session(folder, gain=0.5, read=2.0):
     """Bias frames, flats and a burst of a camera with Gaussian read noise; black 100, 12 bit."""

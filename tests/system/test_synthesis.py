@@ -14,6 +14,8 @@ from PIL import Image
 
 from conftest import PROGRAM
 
+pytestmark = pytest.mark.slow
+
 MODEL = "imx250myr-simulated"
 
 

@@ -16,7 +16,7 @@ from PIL import Image
 
 from conftest import BUILD, PROGRAM
 
-pytestmark = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
 
 CONFIG = """
 [network]
