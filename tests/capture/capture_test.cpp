@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/capture/camera.h"
+#include "malus/capture/loss_count.h"
 
 #include <fstream>
 
@@ -12,6 +13,28 @@ namespace malus {
 namespace {
 
 using testing::TemporaryFolder;
+
+std::uint64_t lost_between(std::initializer_list<std::uint64_t> numbers) {
+  LossCount count;
+  for (const std::uint64_t number : numbers) count.add(number);
+  return count.lost();
+}
+
+TEST(LossCount, GapsAreCountedAlsoWhereThe16BitCountTurns) {
+  EXPECT_EQ(lost_between({7}), 0u);
+  EXPECT_EQ(lost_between({7, 8, 10, 13}), 3u);
+  EXPECT_EQ(lost_between({65534, 65535, 1, 2}), 0u);  // GigE Vision leaves out 0
+  EXPECT_EQ(lost_between({65534, 2}), 2u);
+  EXPECT_EQ(lost_between({65533, 65535, 4}), 4u);
+  EXPECT_EQ(lost_between({65535, 0, 1}), 0u);
+  EXPECT_EQ(lost_between({65535, 65536, 65538}), 1u);  // a 64-bit count does not turn
+}
+
+TEST(LossCount, FramesOutOfOrderAndNewBeginningsAreNoLosses) {
+  EXPECT_EQ(lost_between({10, 9, 10}), 0u);
+  EXPECT_EQ(lost_between({900, 1, 2}), 0u);
+  EXPECT_EQ(lost_between({1u << 20, 0}), 0u);
+}
 
 std::filesystem::path write_plan(const TemporaryFolder& folder, const std::string& text) {
   const auto path = folder / "plan.toml";

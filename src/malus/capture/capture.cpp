@@ -6,6 +6,7 @@
 #include "malus/base/statistics.h"
 #include "malus/capture/camera.h"
 #include "malus/capture/frame_writer.h"
+#include "malus/capture/loss_count.h"
 
 #include <algorithm>
 #include <chrono>
@@ -139,27 +140,13 @@ class LiveCheck {
   Moments mean_, saturated_, variance_;
 };
 
-// Frames that the camera sent in vain: gaps in its own count, or, for cameras that count only what
+// What was lost since the start: gaps in the camera's count, or, for cameras that count only what
 // arrives, what the stream says.
-class LossCount {
- public:
-  explicit LossCount(const StreamCounts& start) : start_(start) {}
-  // GigE Vision counts in 16 bits without 0 (or 64 bits); USB3 Vision in 64 from 0. A step back is
-  // a wrap.
-  void add(std::uint64_t number) {
-    if (last_ && number > *last_ + 1) gaps_ += number - *last_ - 1;
-    last_ = number;
-  }
-  std::int64_t lost(const StreamCounts& now) const {
-    const auto told = now.damaged - start_.damaged + now.unreceived - start_.unreceived;
-    return static_cast<std::int64_t>(std::max(gaps_, told));
-  }
-
- private:
-  StreamCounts start_;
-  std::optional<std::uint64_t> last_;
-  std::uint64_t gaps_ = 0;
-};
+std::int64_t lost_frames(const LossCount& gaps, const StreamCounts& start,
+                         const StreamCounts& now) {
+  const auto told = now.damaged - start.damaged + now.unreceived - start.unreceived;
+  return static_cast<std::int64_t>(std::max(gaps.lost(), told));
+}
 
 void settle(Camera& camera, int frames, double timeout_s, const Progress& progress) {
   CameraFrame unused;
@@ -200,13 +187,14 @@ class Run {
     camera_.start(kStreamBytes);
     settle(camera_, plan_.settle_frames, timeout_s, progress_);
     LiveCheck check;
-    LossCount losses(camera_.counts());
+    const StreamCounts start = camera_.counts();
+    LossCount gaps;
     CameraFrame frame;
     std::optional<FrameWriter> writer;
     auto watched = Clock::now();
     while (report.kept + report.taken < report.step.frames) {
       wait_for_whole(frame, timeout_s);
-      losses.add(frame.number);
+      gaps.add(frame.number);
       RawFrame raw = decoded(frame, plan_, report);
       check.add(raw);
       if (!writer)
@@ -217,11 +205,11 @@ class Run {
       progress_.advance(1);
       if (Clock::now() - watched < kWatchInterval) continue;
       watched = Clock::now();
-      report.lost = losses.lost(camera_.counts());
+      report.lost = lost_frames(gaps, start, camera_.counts());
       check.report(report);
       watcher_.watch(report);
     }
-    report.lost = losses.lost(camera_.counts());
+    report.lost = lost_frames(gaps, start, camera_.counts());
     if (writer) writer->finish();
     camera_.stop();
     check.report(report);
