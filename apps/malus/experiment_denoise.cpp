@@ -58,11 +58,7 @@ void run(const Arguments& arguments, const Common& common) {
                   {"methods", score_json(scores)}};
   if (!arguments.report.empty())
     write_record_report(
-        score_record("Experiment: denoising methods",
-                     fmt::format("Means over the scenes and over the cases (gain : low-light "
-                                 "ratio) {}; noise of {}.",
-                                 json["cases"].dump(), arguments.model),
-                     scores),
+        score_record("Experiment: denoising methods", arguments.cases, arguments.model, scores),
         arguments.report, common.force);
   print_result(common, json, score_text(scores));
 }

@@ -98,11 +98,7 @@ void run(const TableArguments& arguments, const Common& common, const std::strin
                   {"crop", arguments.crop},
                   {"rows", score_json(scores)}};
   if (!arguments.report.empty())
-    write_record_report(score_record(title,
-                                     fmt::format("Means over the scenes and over the cases (gain : "
-                                                 "low-light ratio) {}; noise of {}.",
-                                                 json["cases"].dump(), arguments.model),
-                                     scores),
+    write_record_report(score_record(title, arguments.cases, arguments.model, scores),
                         arguments.report, common.force);
   print_result(common, json, score_text(scores));
 }

@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
-#include "malus/io/picture_file.h"
+#include "malus/io/angle_pictures.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
@@ -25,9 +25,7 @@ int picture_channel(Color color, int channels) {
 }  // namespace
 
 CleanScene load_scene(const fs::path& folder, const NoiseModel& model, int crop) {
-  std::vector<Picture> angles;
-  for (const int angle : {0, 45, 90, 135})
-    angles.push_back(load_picture(folder / fmt::format("I{}.png", angle)));
+  const std::array<Picture, 4> angles = load_angle_pictures(folder);
   const int cell = std::max(model.layout.rows(), model.layout.cols());
   const auto middle = [&](int size, int& start) {
     const int length = std::min(size, crop) / cell * cell;
@@ -146,10 +144,12 @@ std::string score_text(const std::vector<SceneScore>& scores) {
   return table;
 }
 
-Json score_record(const std::string& title, const std::string& note,
-                  const std::vector<SceneScore>& scores) {
+Json score_record(const std::string& title, const std::vector<std::string>& cases,
+                  const std::string& model, const std::vector<SceneScore>& scores) {
   Json table = {{"title", "Means over scenes and cases"},
-                {"note", note},
+                {"note", fmt::format("Means over the scenes and over the cases (gain : low-light "
+                                     "ratio) {}; noise of {}.",
+                                     Json(cases).dump(), model)},
                 {"head", "method"},
                 {"columns",
                  {{{"name", "image PSNR"}, {"unit", "dB"}},

@@ -51,7 +51,8 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoise
 /// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md).
 nlohmann::ordered_json score_json(const std::vector<SceneScore>& scores);
 std::string score_text(const std::vector<SceneScore>& scores);
-nlohmann::ordered_json score_record(const std::string& title, const std::string& note,
+nlohmann::ordered_json score_record(const std::string& title, const std::vector<std::string>& cases,
+                                    const std::string& model,
                                     const std::vector<SceneScore>& scores);
 
 /// "bm3d", "bm3d/fast", "bm3d/normal/no-row-noise", "folder/weights.safetensors"

@@ -1,4 +1,5 @@
 set(io_SOURCES
+  angle_pictures.cpp
   config_section.cpp
   camera_raw.cpp
   dng_noise.cpp

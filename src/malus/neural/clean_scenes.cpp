@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/random.h"
-#include "malus/io/picture_file.h"
+#include "malus/io/angle_pictures.h"
 #include "malus/polar/symmetry.h"
 #include "malus/synthesize/scene.h"
 
@@ -87,23 +87,10 @@ std::vector<StokesPlanes> polarized(const Planes& light, RandomSequence& random,
 
 std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
   std::array<Planes, 4> angles;
-  for (std::size_t k = 0; k < 4; ++k) {
-    fs::path path;
-    for (const char* ending : {".png", ".tif", ".tiff", ".exr"}) {
-      path = folder / fmt::format("I{}{}", 45 * k, ending);
-      if (fs::exists(path)) break;
-    }
-    if (!fs::exists(path))
-      throw InputError(folder.string(), fmt::format("holds no picture I{}", 45 * k),
-                       "give a folder with I0, I45, I90 and I135 (.png, .tif or .exr)");
-    const Picture picture = load_picture(path);
-    angles[k] =
+  std::size_t next = 0;
+  for (const Picture& picture : load_angle_pictures(folder))
+    angles[next++] =
         linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0, false);
-    if (angles[k].rows() != angles[0].rows() || angles[k].cols() != angles[0].cols() ||
-        angles[k].channels() != angles[0].channels())
-      throw InputError(path.string(), "has another size or other channels than I0",
-                       "give four pictures of one scene");
-  }
   std::vector<StokesPlanes> stokes;
   for (int c = 0; c < angles[0].channels(); ++c)
     stokes.push_back(stokes_of({angles[0][c], angles[1][c], angles[2][c], angles[3][c]}));
