@@ -4,7 +4,6 @@
 #include "malus/base/error.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
-#include "malus/evaluate/evaluation.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
@@ -192,16 +191,12 @@ void write_record(const fs::path& path, const Json& record, bool force) {
 
 // Metrics before and after, for the record.
 Json metrics_json(const DenoisedFrame& frame) {
-  RawFrame before = frame.before;
-  subtract_black(before);
-  const auto metrics = [&](const Image& test) {
+  const auto values = [](const std::vector<Quantity>& metrics) {
     Json json;
-    for (const Quantity& quantity : quantities_of(
-             evaluate_mosaics(frame.reference_dn, test, before.layout, frame.reference_peak_dn)))
-      json[quantity.name] = quantity.value.front();
+    for (const Quantity& quantity : metrics) json[quantity.name] = quantity.value.front();
     return json;
   };
-  return {{"before", metrics(before.dn)}, {"after", metrics(frame.after_dn)}};
+  return {{"before", values(frame.metrics_before)}, {"after", values(frame.metrics_after)}};
 }
 
 // The layout comes from the flags or the model; black and white from the flags, else the file, else
@@ -252,7 +247,10 @@ Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
   kept.run["files"] = write_outputs(kept.before, result, job.names, force);
   kept.after_dn = std::move(result.dn_above_black);
   if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
-  if (compared) kept.run["against_reference"] = metrics_json(kept);
+  if (compared) {
+    measure_against_reference(kept);
+    kept.run["against_reference"] = metrics_json(kept);
+  }
   Json record = run_record(kept.before, choice.profile, job.input, job.names.mosaic, kept.run);
   if (compared) name_reference(record, job.reference, arguments.reference_ratio, job.names.mosaic);
   write_record(job.names.record, record, force);

@@ -1,6 +1,7 @@
 #include "denoise_run.h"
 
 #include "malus/base/error.h"
+#include "malus/evaluate/evaluation.h"
 #include "malus/io/frame_file.h"
 
 #include "frame_input.h"
@@ -81,6 +82,17 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
   frame.reference_peak_dn = (before.white_dn - before.black_dn.front()) / ratio;
 }
 
+void measure_against_reference(DenoisedFrame& frame) {
+  RawFrame before = frame.before;
+  subtract_black(before);
+  const auto metrics = [&](const Image& test) {
+    return quantities_of(
+        evaluate_mosaics(frame.reference_dn, test, before.layout, frame.reference_peak_dn));
+  };
+  frame.metrics_before = metrics(before.dn);
+  frame.metrics_after = metrics(frame.after_dn);
+}
+
 void name_reference(Json& record, const fs::path& path, double ratio, const fs::path& result) {
   record["reference_file"] = relative_to(path, result.parent_path());
   record["reference_ratio"] = ratio;
@@ -105,9 +117,11 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.after_dn = load_frame(folder / record.at("result_file").get<std::string>(), plain).dn;
     frame.profile = profile_of_record(record, *options.layout);
     frame.run = record.at("run");
-    if (record.contains("reference_file"))
+    if (record.contains("reference_file")) {
       add_reference(frame, folder / record.at("reference_file").get<std::string>(),
                     record.at("reference_ratio").get<double>());
+      measure_against_reference(frame);
+    }
     return frame;
   } catch (const Json::exception& error) {
     throw InputError(record_file.string(),

@@ -20,6 +20,9 @@ nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& pr
 /// not of the frame's size.
 void add_reference(DenoisedFrame& frame, const std::filesystem::path& path, double ratio);
 
+/// The metrics of the frame and of its result; the frame must have a reference.
+void measure_against_reference(DenoisedFrame& frame);
+
 /// Notes in a record what add_reference was given.
 void name_reference(nlohmann::ordered_json& record, const std::filesystem::path& path, double ratio,
                     const std::filesystem::path& result);

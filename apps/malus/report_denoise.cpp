@@ -1,5 +1,4 @@
 #include "malus/denoise/denoiser.h"
-#include "malus/evaluate/evaluation.h"
 #include "malus/image/pack.h"
 #include "malus/polar/stokes.h"
 #include "malus/polar/uncertainty.h"
@@ -83,11 +82,9 @@ PicturesBlock pictures(const DenoisedFrame& frame) {
 }
 
 TableBlock metrics(const DenoisedFrame& frame) {
-  const double peak = frame.reference_peak_dn;
-  const auto row = [&](const std::string& name, const Image& test) {
+  const auto row = [](const std::string& name, const std::vector<Quantity>& metrics) {
     TableBlock::Row made{name, {}};
-    for (const Quantity& quantity :
-         quantities_of(evaluate_mosaics(frame.reference_dn, test, frame.before.layout, peak)))
+    for (const Quantity& quantity : metrics)
       made.cells.emplace_back(Measured{quantity.value.front(), Measured::kNone});
     return made;
   };
@@ -96,9 +93,8 @@ TableBlock metrics(const DenoisedFrame& frame) {
       .note = {},
       .head = "picture",
       .columns = {},
-      .rows = {row("before", above_black(frame.before)), row("after", frame.after_dn)}};
-  for (const Quantity& quantity : quantities_of(
-           evaluate_mosaics(frame.reference_dn, frame.after_dn, frame.before.layout, peak)))
+      .rows = {row("before", frame.metrics_before), row("after", frame.metrics_after)}};
+  for (const Quantity& quantity : frame.metrics_after)
     table.columns.push_back({quantity.description, quantity.unit});
   return table;
 }
