@@ -209,10 +209,13 @@ void add_evaluate(CLI::App& app, Common& common) {
       ->group(group);
   command->add_option("--clean", noise.clean, "the scene without noise; left out: a uniform scene")
       ->group(group);
-  command->add_option("--model", noise.model, "noise model in place of --test")->group(group);
-  command->add_option("--kind", noise.kind, "kind of the model's noise")
-      ->capture_default_str()
+  command
+      ->add_option(
+          "--model", noise.model,
+          "noise model in place of --test: a file, a built-in name, or a trained Noise Flow "
+          "(.safetensors)")
       ->group(group);
+  command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")->group(group);
   command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
       ->check(CLI::Range(0, 1000000))
       ->group(group);

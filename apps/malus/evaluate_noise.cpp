@@ -5,9 +5,11 @@
 #include "malus/noise/model.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <functional>
 #include <memory>
 
 #include "frame_input.h"
+#include "networks_door.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -22,40 +24,70 @@ NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& op
           }};
 }
 
-// Frames of the model in place of a camera's: rounded and clipped when the reference's are whole
-// numbers.
-NoiseFrames frames_of_model(const NoiseArguments& arguments, const Common& common,
-                            const RawFrame& reference, const std::optional<Image>& clean,
-                            std::shared_ptr<const Synthesizer> synthesizer) {
-  const int count =
-      arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
-  const Image scene = clean ? *clean : Image(reference.dn.rows(), reference.dn.cols());
-  const GainSetting gain = reference.gain;
-  const bool rounded = reference.bits > 0;
-  return {count, [=, seed = common.seed](int k) {
-            const DrawAddress address{seed, static_cast<std::uint32_t>(k), 0, 0};
-            if (!rounded) return synthesizer->draw(scene, gain, address).dn;
+// What stands in place of a camera: frames in DN above black, rounded and clipped as the camera's
+// are, or not.
+struct NoiseSource {
+  SensorLayout layout;
+  std::function<Image(const Image& clean, const GainSetting& gain, const DrawAddress& address,
+                      bool rounded)>
+      draw;
+};
+
+NoiseSource calibrated_source(const NoiseArguments& arguments) {
+  SynthesisSettings settings;
+  settings.kind = arguments.kind.value_or(settings.kind);
+  const auto synthesizer =
+      std::make_shared<const Synthesizer>(load_model(arguments.model), settings);
+  return {synthesizer->model().layout,
+          [=](const Image& clean, const GainSetting& gain, const DrawAddress& address,
+              bool rounded) -> Image {
+            if (!rounded) return synthesizer->draw(clean, gain, address).dn;
             const NoiseModel& model = synthesizer->model();
-            RawFrame frame = synthesizer->draw_raw(scene, gain, address, model.black_dn,
+            RawFrame frame = synthesizer->draw_raw(clean, gain, address, model.black_dn,
                                                    model.white_dn > 0 ? model.white_dn : 65535.0);
             subtract_black(frame);
-            return frame.dn;
+            return std::move(frame.dn);
           }};
 }
 
-std::shared_ptr<const Synthesizer> synthesizer_for(const NoiseArguments& arguments,
-                                                   const RawFrame& reference) {
-  NoiseModel model = load_model(arguments.model);
-  if (reference.layout_known && !(reference.layout == model.layout))
+NoiseSource flow_source(const NoiseArguments& arguments) {
+  if (arguments.kind)
+    throw InputError("--kind " + *arguments.kind, "means nothing to a Noise Flow", "leave it out");
+  const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
+  return {SensorLayout::named(flow->sensor().layout),
+          [=](const Image& clean, const GainSetting& gain, const DrawAddress& address,
+              bool rounded) -> Image {
+            if (!rounded) return flow->draw(clean.view(), gain, address);
+            RawFrame frame = flow->draw_raw(clean.view(), gain, address);
+            subtract_black(frame);
+            return std::move(frame.dn);
+          }};
+}
+
+NoiseSource source_for(const NoiseArguments& arguments, const RawFrame& reference) {
+  NoiseSource source = arguments.model.extension() == ".safetensors" ? flow_source(arguments)
+                                                                     : calibrated_source(arguments);
+  if (reference.layout_known && !(reference.layout == source.layout))
     throw InputError(reference.source,
                      fmt::format("has the layout {}, the noise model {}", reference.layout.name(),
-                                 model.layout.name()),
+                                 source.layout.name()),
                      "use the model of this sensor, or declare the layout with --layout");
   if (!reference.gain.decibel())
     throw InputError(reference.source, "its gain is not known", "give --gain or --iso");
-  SynthesisSettings settings;
-  settings.kind = arguments.kind;
-  return std::make_shared<const Synthesizer>(std::move(model), settings);
+  return source;
+}
+
+// Rounded and clipped when the reference's are whole numbers.
+NoiseFrames frames_drawn(const NoiseSource& source, const NoiseArguments& arguments,
+                         const Common& common, const RawFrame& reference,
+                         const std::optional<Image>& clean) {
+  const int count =
+      arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
+  const Image scene = clean ? *clean : Image(reference.dn.rows(), reference.dn.cols());
+  return {count, [draw = source.draw, scene, seed = common.seed, gain = reference.gain,
+                  rounded = reference.bits > 0](int k) {
+            return draw(scene, gain, {seed, static_cast<std::uint32_t>(k), 0, 0}, rounded);
+          }};
 }
 
 Json json_of(const NoiseDistance& d) {
@@ -142,9 +174,9 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
   SensorLayout layout = first.layout;
   NoiseFrames test;
   if (!arguments.model.empty()) {
-    const auto synthesizer = synthesizer_for(arguments, first);
-    layout = synthesizer->model().layout;
-    test = frames_of_model(arguments, common, first, clean, synthesizer);
+    const NoiseSource source = source_for(arguments, first);
+    layout = source.layout;
+    test = frames_drawn(source, arguments, common, first, clean);
   } else {
     test = frames_of(arguments.test, options);
   }

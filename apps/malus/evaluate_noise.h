@@ -4,6 +4,8 @@
 #include "malus/evaluate/noise_comparison.h"
 
 #include <filesystem>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "program.h"
@@ -14,8 +16,8 @@ namespace malus::app {
 struct NoiseArguments {
   std::vector<std::filesystem::path> reference, test;
   std::filesystem::path clean, model;
-  std::string kind = "physics";
-  int frames = 0;  ///< drawn from the model; 0 = as many as reference frames
+  std::optional<std::string> kind;  ///< of a calibrated model's noise
+  int frames = 0;                   ///< drawn from the model; 0 = as many as reference frames
   NoiseComparisonSettings settings;
 };
 

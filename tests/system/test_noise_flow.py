@@ -68,12 +68,30 @@ def test_drawn_frames_are_near_the_truth_and_repeat_with_the_seed(malus, trained
     assert (frames[0] == frames[1]).all() and (frames[0] != frames[2]).any()
 
 
+def test_a_flow_is_compared_like_any_noise_model(malus, trained):
+    flow, clean = trained / "flow/weights.safetensors", trained / "clean.npy"
+    compare = ["evaluate", "--noise", "--reference", *sorted(trained.glob("noisy_*.npy")), "--clean", clean, *RAW,
+               "--black", BLACK, "--white", WHITE, "--seed", "3", "--json"]
+    compared = malus(*compare, "--model", flow).json
+    # The flow draws what synthesize draws: the same frames through files give the same numbers.
+    malus("synthesize", clean, "--model", flow, *RAW, "--frames", "4", "--format", "npy", "--seed", "3", "-o",
+          trained / "drawn")
+    assert compared == malus(*compare, "--test", *sorted((trained / "drawn").glob("*.npy"))).json
+    levels = {round(level["signal_dn"]): level["sqrt_jsd"] for level in compared["levels"]}
+    assert len(levels) == 12 and max(levels) > 650 and compared["pooled"]["sqrt_jsd"] < 0.1
+
+
 def test_what_a_flow_cannot_do_is_refused(refused, trained):
     flow = trained / "flow/weights.safetensors"
     base = ["synthesize", trained / "clean.npy", "--layout", "bayer-rggb", "-o", trained / "out"]
     assert "24" in refused(*base, "--model", flow, "--gain", "24")
     assert "random" in refused(*base, "--model", flow, "--gain", "random")
     assert "--model" in refused(*base, "--model", flow, "--gain", "12", "--no-shot")
+    noise = ["evaluate", "--noise", "--reference", trained / "noisy_0.npy", "--clean", trained / "clean.npy", "--black",
+             BLACK, "--white", WHITE, "--model", flow]
+    assert "--kind" in refused(*noise, *RAW, "--kind", "gaussian")
+    assert "layout" in refused(*noise, "--layout", "bayer-bggr", "--gain", "12")
+    assert "24" in refused(*noise, "--layout", "bayer-rggb", "--gain", "24")
     whole = flow.read_bytes()
     flow.write_bytes(whole[:-8])
     assert "weights.safetensors" in refused(*base, "--model", flow, "--gain", "12")
