@@ -193,5 +193,52 @@ TEST(BoxMean, EqualsItsDefinitionAtEveryBorder) {
   }
 }
 
+// Grey that varies with two waves, colours in fixed proportions: nowhere worse than what linear
+// interpolation between samples two pixels apart may do, half the second derivative in each
+// direction.
+TEST(DemosaickBayer, KeepsItsSamplesAndFollowsSmoothColours) {
+  for (const char* name : {"bayer-rggb", "bayer-bggr", "bayer-grbg", "bayer-gbrg"}) {
+    const SensorLayout layout = SensorLayout::named(name);
+    const int rows = 46, cols = 63;
+    constexpr std::array<double, 3> kShare = {0.7, 1.0, 0.4};
+    const auto truth = [&](int color, int r, int c) {
+      return kShare[static_cast<std::size_t>(color)] *
+             (500 + 200 * std::sin(0.11 * r) + 150 * std::cos(0.09 * c));
+    };
+    const auto color_at = [&](int r, int c) {
+      const Color color = layout.site(layout.channel_at(r, c)).color;
+      return color == Color::kRed ? 0 : color == Color::kBlue ? 2 : 1;
+    };
+    Image mosaic(rows, cols);
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) mosaic(r, c) = static_cast<float>(truth(color_at(r, c), r, c));
+    const Planes rgb = demosaick_bayer(mosaic, layout);
+    ASSERT_EQ(rgb.channels(), 3);
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        ASSERT_NEAR(rgb[color_at(r, c)](r, c), mosaic(r, c), 1e-3) << name;
+        if (r < 6 || c < 6 || r >= rows - 6 || c >= cols - 6) continue;
+        for (int color = 0; color < 3; ++color)
+          ASSERT_NEAR(rgb[color](r, c), truth(color, r, c),
+                      0.5 * (0.11 * 0.11 * 200 + 0.09 * 0.09 * 150))
+              << name << color << ' ' << r;
+      }
+  }
+}
+
+TEST(DemosaickBayer, FillsWhatIsNoNumberAndRefusesOtherSensors) {
+  const SensorLayout layout = SensorLayout::named("bayer-rggb");
+  Image flat(16, 16);
+  for (float& v : flat.values()) v = 80;
+  flat(5, 7) = std::nanf("");
+  for (const Image& plane : demosaick_bayer(flat, layout))
+    for (const float v : plane.values()) EXPECT_NEAR(v, 80, 1e-3);
+  EXPECT_THROW(demosaick_bayer(Image(3, 16), layout), InputError);
+  for (const char* other : {"mono", "polar-mono", "polar-bayer-rggb"}) {
+    EXPECT_FALSE(is_bayer(SensorLayout::named(other)));
+    EXPECT_THROW(demosaick_bayer(flat, SensorLayout::named(other)), InputError);
+  }
+}
+
 }  // namespace
 }  // namespace malus

@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/image/pack.h"
+#include "malus/polar/internal/bayer.h"
 #include "malus/polar/internal/lattice.h"
 
 #include <algorithm>
@@ -13,48 +14,13 @@
 namespace malus {
 namespace {
 
+using internal::display_color;
 using internal::for_rows;
+using internal::kGradientFloor;
+using internal::kTinyDn;
 using internal::Lattice;
-
-// Settings relative to the mosaic's mean square, chosen on polar-scenes (docs/polarization.md).
-constexpr double kGuideEpsilon = 1.2e-3;  // variance below which a guide is not trusted
-constexpr double kGradientFloor = 0.01;   // gradients below it, relative to the rms, are noise
-constexpr double kTinyDn = 1e-6;          // keeps weights of dark frames finite in float
-
-Color display_color(Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; }
-
-int mirrored(int x, int size) {
-  if (x < 0) x = -x;
-  return x < size ? x : 2 * (size - 1) - x;
-}
-
-// Broken pixels get the mean of the finite samples of their channel one cell away.
-Image filled(View<const float> mosaic, const SensorLayout& layout) {
-  Image out(mosaic.rows(), mosaic.cols());
-  for_rows(out.rows(), [&](int r) {
-    for (int c = 0; c < out.cols(); ++c) {
-      out(r, c) = mosaic(r, c);
-      if (std::isfinite(out(r, c))) continue;
-      double sum = 0;
-      int count = 0;
-      for (int dr = -1; dr <= 1; ++dr)
-        for (int dc = -1; dc <= 1; ++dc) {
-          const int row = r + dr * layout.rows(), col = c + dc * layout.cols();
-          if (row < 0 || col < 0 || row >= out.rows() || col >= out.cols()) continue;
-          const float v = mosaic(row, col);
-          if (std::isfinite(v)) sum += v, ++count;
-        }
-      out(r, c) = count > 0 ? static_cast<float>(sum / count) : 0.0f;
-    }
-  });
-  return out;
-}
-
-double mean_square(const Image& image) {
-  double sum = 0;
-  for (float v : image.values()) sum += double{v} * double{v};
-  return sum / static_cast<double>(image.size());
-}
+using internal::mean_square;
+using internal::mirrored;
 
 // The mean of all sites of one colour and angle, each interpolated linearly.
 Image bilinear_plane(const Image& mosaic, const SensorLayout& layout, Color color, int angle_deg) {
@@ -165,42 +131,6 @@ StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, do
   return stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]});
 }
 
-// Green at every pixel of a Bayer picture: Hamilton and Adams (US patent 5629734, 1997), both
-// directions weighted by their inverse squared gradients instead of a choice between them.
-Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green) {
-  const int rows = bayer.rows(), cols = bayer.cols();
-  Image across(rows, cols), down(rows, cols), slope_across(rows, cols), slope_down(rows, cols);
-  const auto estimate = [](float a, float b, float far_a, float far_b, float here, float& value,
-                           float& slope) {
-    const float curvature = 2 * here - far_a - far_b;
-    value = 0.5f * (a + b) + 0.25f * curvature;
-    slope = std::abs(a - b) + 0.5f * std::abs(curvature) * 0.5f;
-  };
-  for_rows(rows, [&](int r) {
-    for (int c = 0; c < cols; ++c) {
-      const auto at = [&](int dr, int dc) {
-        return bayer(mirrored(r + dr, rows), mirrored(c + dc, cols));
-      };
-      estimate(at(0, -1), at(0, 1), at(0, -2), at(0, 2), at(0, 0), across(r, c),
-               slope_across(r, c));
-      estimate(at(-1, 0), at(1, 0), at(-2, 0), at(2, 0), at(0, 0), down(r, c), slope_down(r, c));
-    }
-  });
-  slope_across = internal::box_mean(slope_across, 1);
-  slope_down = internal::box_mean(slope_down, 1);
-  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(bayer)) + kTinyDn);
-  Image green = bayer;
-  for_rows(rows, [&](int r) {
-    for (int c = 0; c < cols; ++c) {
-      if (is_green(r, c)) continue;
-      const float h = 1 / ((slope_across(r, c) + floor) * (slope_across(r, c) + floor));
-      const float v = 1 / ((slope_down(r, c) + floor) * (slope_down(r, c) + floor));
-      green(r, c) = (h * across(r, c) + v * down(r, c)) / (h + v);
-    }
-  });
-  return green;
-}
-
 // One angle's pixels form a Bayer picture of half the size; each of the three planes of the result
 // gets its pixels at that angle's places.
 void demosaick_colors(const Image& mosaic, const SensorLayout& layout, int row, int col,
@@ -210,23 +140,13 @@ void demosaick_colors(const Image& mosaic, const SensorLayout& layout, int row, 
   const auto color_at = [&](int r, int c) {
     return display_color(layout.site(layout.channel_at(row + 2 * r, col + 2 * c)).color);
   };
-  std::map<Color, Image> full;
-  full[Color::kGreen1] =
-      green_of(bayer, [&](int r, int c) { return color_at(r, c) == Color::kGreen1; });
-  for (int r = 0; r < 2; ++r)
-    for (int c = 0; c < 2; ++c) {
-      if (color_at(r, c) == Color::kGreen1) continue;
-      const Lattice own{r, c, 2};
-      full[color_at(r, c)] = internal::guided_upsampled(internal::sampled(bayer, own), own,
-                                                        full[Color::kGreen1], epsilon);
-    }
-  for (const auto& [color, image] : full)
+  for (const auto& [color, image] : internal::bayer_colors(bayer, color_at, epsilon))
     for (int r = 0; r < image.rows(); ++r)
       for (int c = 0; c < image.cols(); ++c) planes[color](row + 2 * r, col + 2 * c) = image(r, c);
 }
 
 StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
-  const double epsilon = kGuideEpsilon * mean_square(mosaic) + 1e-20;
+  const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
   if (!layout.colored()) return {{""}, {residual_angles(mosaic, layout, epsilon)}};
   std::map<Color, Image> planes;
   for (Color color : display_colors(layout)) planes[color] = Image(mosaic.rows(), mosaic.cols());
@@ -256,6 +176,24 @@ StokesPicture bilinear(const Image& mosaic, const SensorLayout& layout) {
   return picture;
 }
 
+// Row by row: green on one diagonal, two other colours on the other.
+bool is_bayer_pattern(const std::array<Color, 4>& cell) {
+  const auto green = Color::kGreen1;
+  const bool main = cell[0] == green && cell[3] == green && cell[1] != green && cell[2] != green &&
+                    cell[1] != cell[2];
+  const bool other = cell[1] == green && cell[2] == green && cell[0] != green && cell[3] != green &&
+                     cell[0] != cell[3];
+  return main || other;
+}
+
+void check_size(View<const float> mosaic, const SensorLayout& layout) {
+  if (mosaic.rows() < 2 * layout.rows() || mosaic.cols() < 2 * layout.cols())
+    throw InputError("demosaicking",
+                     fmt::format("{} x {} pixels are fewer than two {} x {} cells each way",
+                                 mosaic.cols(), mosaic.rows(), layout.cols(), layout.rows()),
+                     "use a larger frame, or one value per cell");
+}
+
 }  // namespace
 
 bool supports_residual(const SensorLayout& layout) {
@@ -275,28 +213,45 @@ bool supports_residual(const SensorLayout& layout) {
     }
   }
   if (!layout.colored()) return true;
-  const auto green = Color::kGreen1;
-  const bool main = blocks[0] == green && blocks[3] == green && blocks[1] != green &&
-                    blocks[2] != green && blocks[1] != blocks[2];
-  const bool other = blocks[1] == green && blocks[2] == green && blocks[0] != green &&
-                     blocks[3] != green && blocks[0] != blocks[3];
-  return main || other;
+  return is_bayer_pattern(blocks);
 }
 
 StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, Demosaicking method) {
   require_polarized(layout, "demosaicking");
-  if (mosaic.rows() < 2 * layout.rows() || mosaic.cols() < 2 * layout.cols())
-    throw InputError("demosaicking",
-                     fmt::format("{} x {} pixels are fewer than two {} x {} cells each way",
-                                 mosaic.cols(), mosaic.rows(), layout.cols(), layout.rows()),
-                     "use a larger frame, or one value per cell");
-  const Image finite = filled(mosaic, layout);
+  check_size(mosaic, layout);
+  const Image finite = internal::filled(mosaic, layout);
   if (method == Demosaicking::kBilinear) return bilinear(finite, layout);
   if (!supports_residual(layout))
     throw InputError(fmt::format("layout {}", layout.name()),
                      "residual interpolation needs 2x2 blocks of one colour with four angles",
                      "use bilinear demosaicking");
   return residual(finite, layout);
+}
+
+bool is_bayer(const SensorLayout& layout) {
+  if (layout.polarized() || layout.rows() != 2 || layout.cols() != 2) return false;
+  std::array<Color, 4> sites;
+  for (int k = 0; k < 4; ++k)
+    sites[static_cast<std::size_t>(k)] =
+        display_color(layout.site(layout.channel_at(k / 2, k % 2)).color);
+  return is_bayer_pattern(sites);
+}
+
+Planes demosaick_bayer(View<const float> mosaic, const SensorLayout& layout) {
+  if (!is_bayer(layout))
+    throw InputError(fmt::format("layout {}", layout.name()), "is no Bayer pattern",
+                     "give a mosaic of a Bayer sensor");
+  check_size(mosaic, layout);
+  const Image finite = internal::filled(mosaic, layout);
+  auto colors = internal::bayer_colors(
+      finite,
+      [&](int r, int c) { return display_color(layout.site(layout.channel_at(r, c)).color); },
+      internal::kGuideEpsilon * mean_square(finite) + 1e-20);
+  Planes rgb(3, 0, 0);
+  int next = 0;
+  for (const Color color : {Color::kRed, Color::kGreen1, Color::kBlue})
+    rgb[next++] = std::move(colors[color]);
+  return rgb;
 }
 
 }  // namespace malus

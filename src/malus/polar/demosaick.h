@@ -35,4 +35,12 @@ bool supports_residual(const SensorLayout& layout);
 StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout,
                         Demosaicking method = Demosaicking::kResidual);
 
+/// Two greens on one diagonal of 2x2 sites, red and blue on the other, no polarizers.
+bool is_bayer(const SensorLayout& layout);
+
+/// R, G, B planes of a Bayer mosaic's size in its unit, colours as in kResidual. Pixels that are
+/// not finite are filled first. Throws InputError where the layout is no Bayer pattern or the
+/// mosaic smaller than two cells.
+Planes demosaick_bayer(View<const float> mosaic, const SensorLayout& layout);
+
 }  // namespace malus

@@ -2,6 +2,7 @@ set(polar_SOURCES
   color_map.cpp
   demosaick.cpp
   fresnel.cpp
+  internal/bayer.cpp
   internal/lattice.cpp
   layout_check.cpp
   legend.cpp

@@ -1,0 +1,90 @@
+#include "malus/polar/internal/bayer.h"
+
+#include "malus/polar/internal/lattice.h"
+
+#include <cmath>
+
+namespace malus::internal {
+namespace {
+
+// Green at every pixel of a Bayer picture: Hamilton and Adams (US patent 5629734, 1997), both
+// directions weighted by their inverse squared gradients instead of a choice between them.
+Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green) {
+  const int rows = bayer.rows(), cols = bayer.cols();
+  Image across(rows, cols), down(rows, cols), slope_across(rows, cols), slope_down(rows, cols);
+  const auto estimate = [](float a, float b, float far_a, float far_b, float here, float& value,
+                           float& slope) {
+    const float curvature = 2 * here - far_a - far_b;
+    value = 0.5f * (a + b) + 0.25f * curvature;
+    slope = std::abs(a - b) + 0.5f * std::abs(curvature) * 0.5f;
+  };
+  for_rows(rows, [&](int r) {
+    for (int c = 0; c < cols; ++c) {
+      const auto at = [&](int dr, int dc) {
+        return bayer(mirrored(r + dr, rows), mirrored(c + dc, cols));
+      };
+      estimate(at(0, -1), at(0, 1), at(0, -2), at(0, 2), at(0, 0), across(r, c),
+               slope_across(r, c));
+      estimate(at(-1, 0), at(1, 0), at(-2, 0), at(2, 0), at(0, 0), down(r, c), slope_down(r, c));
+    }
+  });
+  slope_across = box_mean(slope_across, 1);
+  slope_down = box_mean(slope_down, 1);
+  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(bayer)) + kTinyDn);
+  Image green = bayer;
+  for_rows(rows, [&](int r) {
+    for (int c = 0; c < cols; ++c) {
+      if (is_green(r, c)) continue;
+      const float h = 1 / ((slope_across(r, c) + floor) * (slope_across(r, c) + floor));
+      const float v = 1 / ((slope_down(r, c) + floor) * (slope_down(r, c) + floor));
+      green(r, c) = (h * across(r, c) + v * down(r, c)) / (h + v);
+    }
+  });
+  return green;
+}
+
+}  // namespace
+
+double mean_square(const Image& image) {
+  double sum = 0;
+  for (float v : image.values()) sum += double{v} * double{v};
+  return sum / static_cast<double>(image.size());
+}
+
+Image filled(View<const float> mosaic, const SensorLayout& layout) {
+  Image out(mosaic.rows(), mosaic.cols());
+  for_rows(out.rows(), [&](int r) {
+    for (int c = 0; c < out.cols(); ++c) {
+      out(r, c) = mosaic(r, c);
+      if (std::isfinite(out(r, c))) continue;
+      double sum = 0;
+      int count = 0;
+      for (int dr = -1; dr <= 1; ++dr)
+        for (int dc = -1; dc <= 1; ++dc) {
+          const int row = r + dr * layout.rows(), col = c + dc * layout.cols();
+          if (row < 0 || col < 0 || row >= out.rows() || col >= out.cols()) continue;
+          const float v = mosaic(row, col);
+          if (std::isfinite(v)) sum += v, ++count;
+        }
+      out(r, c) = count > 0 ? static_cast<float>(sum / count) : 0.0f;
+    }
+  });
+  return out;
+}
+
+std::map<Color, Image> bayer_colors(const Image& bayer,
+                                    const std::function<Color(int, int)>& color_at,
+                                    double epsilon) {
+  std::map<Color, Image> full;
+  const Image& green = full[Color::kGreen1] =
+      green_of(bayer, [&](int r, int c) { return color_at(r, c) == Color::kGreen1; });
+  for (int r = 0; r < 2; ++r)
+    for (int c = 0; c < 2; ++c) {
+      if (color_at(r, c) == Color::kGreen1) continue;
+      const Lattice own{r, c, 2};
+      full[color_at(r, c)] = guided_upsampled(sampled(bayer, own), own, green, epsilon);
+    }
+  return full;
+}
+
+}  // namespace malus::internal

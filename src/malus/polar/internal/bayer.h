@@ -1,0 +1,38 @@
+// Red, green and blue at every pixel of a Bayer picture: what demosaicking with and without
+// polarizers shares.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+#include <functional>
+#include <map>
+
+namespace malus::internal {
+
+// Settings relative to the mosaic's mean square, chosen on polar-scenes (docs/polarization.md).
+inline constexpr double kGuideEpsilon = 1.2e-3;  // variance below which a guide is not trusted
+inline constexpr double kGradientFloor =
+    0.01;                                // gradients below it, relative to the rms, are noise
+inline constexpr double kTinyDn = 1e-6;  // keeps weights of dark frames finite in float
+
+/// Both greens are one colour of a picture.
+inline Color display_color(Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; }
+
+/// A position beyond the border, mirrored at the outermost pixel.
+inline int mirrored(int x, int size) {
+  if (x < 0) x = -x;
+  return x < size ? x : 2 * (size - 1) - x;
+}
+
+double mean_square(const Image& image);
+
+/// Pixels that are not finite get the mean of the finite samples of their channel one cell away.
+Image filled(View<const float> mosaic, const SensorLayout& layout);
+
+/// bayer: finite, at least 4 x 4. color_at: kGreen1 on one diagonal, two other colours on the
+/// other. Green by Hamilton and Adams, the others by residual interpolation along it (lattice.h).
+std::map<Color, Image> bayer_colors(const Image& bayer,
+                                    const std::function<Color(int, int)>& color_at, double epsilon);
+
+}  // namespace malus::internal
