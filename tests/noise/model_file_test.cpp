@@ -143,6 +143,10 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[0].sigma_tl.mean[0] = NAN; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.black_dn[0] = 5000; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.row_group = 0; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[0].row_drift.drift.share = 1.2; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].row_drift.length_stderr = -1; }),
+            "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].row_drift.pop_back(); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].lambda.pop_back(); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].knots_db[1] = -1; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.gaussian[0].slope_dn = {1.0}; }), "");

@@ -33,6 +33,7 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.K_intercept_stderr_dn2 = {0.01, 0.02};
   p.mu = statistics2(-0.5 * K, -0.6 * K);
   p.sigma_row = statistics2(0.2 * K, 0.25 * K);
+  p.row_drift = {{0.2 + 0.01 * gain_db, 3.0}, 0.02, 0.4};
   p.sigma_tl = statistics2(1.3 * K, 1.4 * K);
   p.lambda = statistics2(0.1, 0.12);
   p.sigma_column = statistics2(0.02, 0.03);
@@ -72,8 +73,14 @@ inline NoiseModel full_model() {
   channel.samples = {200000, 250000};
   channel.bin_edges_dn = {-2.0, 0.0, 1.0, 3.0};
   channel.pmf = {{0.25, 0.5, 0.25}, {0.5, 0.25, 0.25}};
-  m.nonparametric = {
-      {{6.0, {}}, 40, {channel, channel}, {0.3, 0.4}, {0.01, 0.02}, {0.8, 0.81}, {"few samples"}}};
+  m.nonparametric = {{{6.0, {}},
+                      40,
+                      {channel, channel},
+                      {0.3, 0.4},
+                      {0.01, 0.02},
+                      {{0.3, 5.0}, 0.02, 0.5},
+                      {0.8, 0.81},
+                      {"few samples"}}};
   m.dark_frames = {{{6.0, {}}, {Image(4, 6, 1.0F), Image(4, 6, -2.0F)}}};
   m.defects = {{5, 6, "hot", 12.5}, {7, 8, "dead", -9.0}};
   return m;

@@ -71,8 +71,9 @@ TEST_P(EveryTarget, EqualsTheScalarTwinBitForBit) {
     const DrawAddress place{.seed = 0x1234567890ABCDEF, .frame = 77, .row0 = 5, .col0 = 19};
     compiled.apply(clean, noisy, place);
     using A = scalar::Arithmetic;
+    const auto deviates = row_deviates(place, 37, 2, noise.row_drift);
     for (int r = 0; r < 37; ++r) {
-      const auto z = static_cast<float>(row_group_draw(place, 5 + r, 2));
+      const auto z = static_cast<float>(deviates[static_cast<std::size_t>(r)]);
       for (int c = 0; c < 131; ++c) {
         const PhysicsChannel& p =
             noise.channels[static_cast<std::size_t>(noise.layout.channel_at(5 + r, 19 + c))];

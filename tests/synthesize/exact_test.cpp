@@ -140,6 +140,43 @@ TEST(ExactNoise, RowGroupsShareOneDrawScaledPerChannel) {
   EXPECT_NEAR(z.variance(), 1, kSigmas * z.variance_standard_error());
 }
 
+TEST(RowDeviates, WhiteOnesAreTheGroupsDraws) {
+  const DrawAddress place{.seed = 21, .frame = 4, .row0 = 7};
+  const auto z = row_deviates(place, 12, 2, {});
+  for (int r = 0; r < 12; ++r)
+    EXPECT_EQ(z[static_cast<std::size_t>(r)], row_group_draw(place, (7 + r) / 2));
+}
+
+TEST(RowDeviates, DependOnTheirPlaceAndNotOnTheWindow) {
+  const RowDrift drift{0.5, 20.0};
+  const auto all = row_deviates({.seed = 22, .frame = 1}, 500, 2, drift);
+  for (const int row0 : {0, 1, 7, 211, 499})
+    for (const int rows : {1, 2, 5, 130})
+      if (row0 + rows <= 500) {
+        const auto window = row_deviates({.seed = 22, .frame = 1, .row0 = row0}, rows, 2, drift);
+        for (int r = 0; r < rows; ++r)
+          ASSERT_EQ(window[static_cast<std::size_t>(r)], all[static_cast<std::size_t>(row0 + r)]);
+      }
+  EXPECT_TRUE(row_deviates({.seed = 22}, 0, 2, drift).empty());
+}
+
+// Over many frames, from the first row of a frame on: unit variance, and the stated correlation.
+TEST(RowDeviates, HaveTheStatedAutocorrelation) {
+  for (const RowDrift drift : {RowDrift{0.33, 2.0}, RowDrift{1.0, 6.0}, RowDrift{0.1, 30.0}}) {
+    constexpr int kFrames = 40000;
+    for (const int lag : {0, 1, 2, 5, 12}) {
+      Moments product;
+      for (std::uint32_t f = 0; f < kFrames; ++f) {
+        const auto z = row_deviates({.seed = 23, .frame = f}, 13, 1, drift);
+        product.add(z[0] * z[static_cast<std::size_t>(lag)]);
+      }
+      EXPECT_NEAR(product.mean(), row_autocorrelation(drift, lag),
+                  kSigmas * std::sqrt(product.variance() / kFrames))
+          << drift.share << ' ' << lag;
+    }
+  }
+}
+
 TEST(ExactNoise, CropsAndThreadsGiveTheSameBytes) {
   PhysicsNoise noise;
   noise.layout = SensorLayout::named("bayer-rggb");
@@ -149,6 +186,7 @@ TEST(ExactNoise, CropsAndThreadsGiveTheSameBytes) {
                               .mu_dn = 0.1 * c,
                               .sigma_tl_dn = 1.0 + c,
                               .sigma_row_dn = 0.3});
+  noise.row_drift = {0.7, 5.0};
   Image clean(61, 83);
   for (int r = 0; r < 61; ++r)
     for (int c = 0; c < 83; ++c) clean(r, c) = static_cast<float>(r * 7 + c) * 0.37f;

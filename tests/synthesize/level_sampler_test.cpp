@@ -66,6 +66,7 @@ TEST(LevelSampler, DrawsTheHistogramExactlyAndMixesLevels) {
 TEST(LevelSampler, CropsGiveTheSameBytesAndRowsShareTheirDraw) {
   auto calibration = two_level_calibration();
   calibration.sigma_row_dn = {1, 1, 1, 1};
+  calibration.row_drift.drift = {0.5, 2.0};
   const LevelSampler sampler(SensorLayout::named("bayer-rggb"), calibration, 2);
   Image clean(50, 60), whole(50, 60), crop(20, 30);
   for (int r = 0; r < 50; ++r)
@@ -159,7 +160,8 @@ TEST_P(EveryLevelTarget, EqualsThePlainDefinitionBitForBit) {
   const auto channels = uneven_channels();
   const SensorLayout layout = SensorLayout::named("bayer-rggb");
   const std::vector<double> sigma_row{0.5, 1, 1.5, 2};
-  const LevelSampler sampler(layout, channels, sigma_row, 2);
+  const RowDrift drift{0.6, 4.0};
+  const LevelSampler sampler(layout, channels, sigma_row, 2, drift);
   const Image signal = mixed_signals(23, 131);
   Image base(23, 131), noisy(23, 131);
   for (int r = 0; r < 23; ++r)
@@ -167,8 +169,9 @@ TEST_P(EveryLevelTarget, EqualsThePlainDefinitionBitForBit) {
   base(4, 5) = std::numeric_limits<float>::infinity();
   const DrawAddress place{.seed = 0xFEDCBA9876543210, .frame = 3, .row0 = 7, .col0 = 41};
   sampler.apply(signal, base, noisy, place);
+  const auto deviates = row_deviates(place, 23, 2, drift);
   for (int r = 0; r < 23; ++r) {
-    const auto z = static_cast<float>(row_group_draw(place, 7 + r, 2));
+    const auto z = static_cast<float>(deviates[static_cast<std::size_t>(r)]);
     for (int c = 0; c < 131; ++c) {
       const auto channel = static_cast<std::size_t>(layout.channel_at(7 + r, 41 + c));
       float expected = base(r, c);
@@ -184,7 +187,8 @@ TEST_P(EveryLevelTarget, EqualsThePlainDefinitionBitForBit) {
 }
 
 TEST_P(EveryLevelTarget, ThreadsAndTilesGiveTheSameBytes) {
-  const LevelSampler sampler(SensorLayout::named("bayer-rggb"), uneven_channels(), {1, 1, 1, 1}, 2);
+  const LevelSampler sampler(SensorLayout::named("bayer-rggb"), uneven_channels(), {1, 1, 1, 1}, 2,
+                             {0.6, 4.0});
   Image signal(60, 203);
   for (int r = 0; r < 60; ++r)
     for (int c = 0; c < 203; ++c) signal(r, c) = static_cast<float>((r * 37 + c * 11) % 4000);

@@ -16,6 +16,7 @@ inline PhysicsNoise sixteen_channels() {
                               .sigma_tl_dn = 0.8 + 0.05 * c,
                               .sigma_row_dn = 0.2 + 0.02 * c});
   noise.row_group = 2;
+  noise.row_drift = {0.4, 3.0};
   return noise;
 }
 

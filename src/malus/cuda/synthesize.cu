@@ -106,11 +106,12 @@ void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_st
   MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
   if (rows == 0 || cols == 0) return;
   const CompiledParts& parts = tables_->parts;
-  std::vector<float> deviates;
-  for (int r = 0; r < rows; ++r)
-    deviates.push_back(parts.row_noise ? static_cast<float>(row_group_draw(
-                                             address, address.row0 + r, parts.row_group))
-                                       : 0.0f);
+  std::vector<float> deviates(static_cast<std::size_t>(rows), 0.0f);
+  if (parts.row_noise) {
+    const auto z = row_deviates(address, rows, parts.row_group, parts.row_drift);
+    std::transform(z.begin(), z.end(), deviates.begin(),
+                   [](double v) { return static_cast<float>(v); });
+  }
   if (rows > tables_->rows_held) {
     tables_->row_deviate = DeviceArray<float>(deviates.size());
     tables_->rows_held = rows;

@@ -4,6 +4,7 @@
 #include "malus/image/raw_frame.h"
 #include "malus/image/view.h"
 #include "malus/noise/matrix.h"
+#include "malus/noise/row_drift.h"
 
 #include <cstdint>
 #include <string>
@@ -47,6 +48,7 @@ struct PhysicsCalibration {
   std::vector<double> K_intercept_dn2, K_intercept_stderr_dn2;  ///< of the photon-transfer line
   ChannelStatistics mu;                                         ///< DN above black
   ChannelStatistics sigma_row;                                  ///< DN
+  MeasuredRowDrift row_drift;                                   ///< of the row groups' offsets
   ChannelStatistics sigma_tl;                                   ///< DN
   ChannelStatistics lambda;                                     ///< 1
   ChannelStatistics sigma_column;                               ///< DN; reported, not synthesized
@@ -100,6 +102,7 @@ struct NonparametricCalibration {
   int frames = 0;
   std::vector<NonparametricChannel> channels;             ///< one per channel of the layout
   std::vector<double> sigma_row_dn, sigma_row_stderr_dn;  ///< sd of the row groups' offsets
+  MeasuredRowDrift row_drift;
   std::vector<double> K;  ///< DN/e-, where flats gave it: lets gains be compared; may be empty
   std::vector<std::string> warnings;
   bool operator==(const NonparametricCalibration&) const = default;

@@ -170,6 +170,7 @@ NonparametricCalibration interpolated(const NonparametricCalibration& low,
   for (std::size_t c = 0; c < low.channels.size(); ++c)
     out.channels.push_back(interpolated_channel(low.channels[c], high.channels[c], t));
   out.sigma_row_dn = mixed(low.sigma_row_dn, high.sigma_row_dn, t);
+  out.row_drift.drift = interpolated(low.row_drift.drift, high.row_drift.drift, t);
   out.K = mixed(low.K, high.K, t);
   out.warnings = {"not measured at this gain: interpolated between " + low.gain.text() + " and " +
                   high.gain.text()};

@@ -189,7 +189,11 @@ JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
   for (const PhysicsCalibration* gain : gains) {
     segment.knots_db.push_back(*gain->gain.decibel());
     segment.lambda.push_back(gain->lambda.mean);
+    segment.row_drift.push_back(gain->row_drift.drift);
   }
+  if (std::all_of(segment.row_drift.begin(), segment.row_drift.end(),
+                  [](const RowDrift& drift) { return drift.white(); }))
+    segment.row_drift.clear();
   const Series log_K = log_K_series(gains);
   segment.knots_log_K = log_K.value;
   if (gains.size() > 1)
@@ -259,6 +263,17 @@ double excess(std::span<const double> x, std::span<const double> y, std::size_t 
   if (left) allowed.include(slope(i - 1));
   if (right) allowed.include(slope(i + 1));
   return std::max(allowed.low - slope(i), slope(i) - allowed.high) * (x[i + 1] - x[i]);
+}
+
+RowDrift drift_at(const JointSegment& segment, double gain_db) {
+  const auto& knots = segment.knots_db;
+  if (segment.row_drift.empty()) return {};
+  const auto above = std::upper_bound(knots.begin(), knots.end(), gain_db);
+  if (above == knots.begin()) return segment.row_drift.front();
+  if (above == knots.end()) return segment.row_drift.back();
+  const auto i = static_cast<std::size_t>(above - knots.begin());
+  return interpolated(segment.row_drift[i - 1], segment.row_drift[i],
+                      (gain_db - knots[i - 1]) / (knots[i] - knots[i - 1]));
 }
 
 }  // namespace
@@ -343,6 +358,7 @@ PhysicsCalibration calibration_of(const GainParameters& parameters) {
   entry.sigma_tl.mean = parameters.sigma_tl_dn;
   entry.sigma_tl.spread = parameters.sigma_tl_spread_dn;
   entry.lambda.mean = parameters.lambda;
+  entry.row_drift.drift = parameters.row_drift;
   return entry;
 }
 
@@ -366,6 +382,7 @@ GainParameters joint_parameters(const JointSegment& segment, double gain_db) {
   }
   p.mu_covariance = covariance_of(segment.mu_correlation, mu_deviation);
   p.sigma_row_covariance = covariance_of(segment.sigma_row_correlation, row_deviation);
+  p.row_drift = drift_at(segment, gain_db);
   return p;
 }
 

@@ -46,6 +46,7 @@ struct JointSegment {
   SquareMatrix mu_correlation,
       sigma_row_correlation;                ///< mean over the gains, nearest positive semi-definite
   std::vector<std::vector<double>> lambda;  ///< per knot, per channel; interpolated
+  std::vector<RowDrift> row_drift;          ///< per knot; interpolated; empty: white at all of them
 
   double log_K_low() const { return knots_log_K.front(); }
   double log_K_high() const { return knots_log_K.back(); }
@@ -66,6 +67,7 @@ struct GainParameters {
   std::vector<double> K, lambda, mu_dn, sigma_row_dn, sigma_tl_dn;
   std::vector<double> sigma_tl_spread_dn;
   SquareMatrix mu_covariance, sigma_row_covariance;  ///< positive semi-definite
+  RowDrift row_drift;
 };
 
 /// Fits the joint model. Gains without K are left out and named in the notes. Undecided with fewer

@@ -93,6 +93,7 @@ GainParameters measured_parameters(const PhysicsCalibration& calibration, int ch
   p.sigma_tl_spread_dn = or_zero(calibration.sigma_tl.spread, channels);
   p.mu_covariance = usable_covariance(calibration.mu, channels);
   p.sigma_row_covariance = usable_covariance(calibration.sigma_row, channels);
+  p.row_drift = calibration.row_drift.drift;
   return p;
 }
 
@@ -257,6 +258,7 @@ PhysicsNoise physics_of(const NoiseModel& model, const GainParameters& p) {
   PhysicsNoise noise;
   noise.layout = model.layout;
   noise.row_group = model.row_group;
+  noise.row_drift = p.row_drift;
   noise.quantization_dn = model.quantization_dn;
   for (std::size_t c = 0; c < p.K.size(); ++c)
     noise.channels.push_back({.gain_dn_per_e = p.K[c],

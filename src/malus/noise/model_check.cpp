@@ -66,6 +66,13 @@ void check_statistics(Findings& findings, const ChannelStatistics& s, int channe
     check_sized(findings, frame, n, where + " per frame", Need::kRequired);
 }
 
+void check_drift(Findings& findings, const MeasuredRowDrift& measured, const std::string& at) {
+  const std::string problem = contradiction_in(measured.drift);
+  findings.require(problem.empty(), at + "row drift", problem);
+  findings.require(measured.share_stderr >= 0 && measured.length_stderr >= 0, at + "row drift",
+                   "has a standard error that is none");
+}
+
 void check_image(Findings& findings, const Image& image, const SensorLayout& layout,
                  const std::string& where) {
   findings.require(
@@ -100,6 +107,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   for (const auto& counts : p.residual_counts)
     findings.require(all_finite(counts), at + "residual counts", "hold a value that is not finite");
   check_matrix(findings, p.row_correlation, channels, at + "row_correlation");
+  check_drift(findings, p.row_drift, at);
   for (const auto& point : p.transfer)
     findings.require(point.channel >= 0 && point.channel < channels, at + "photon transfer",
                      "names a channel that the layout lacks");
@@ -142,6 +150,10 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
   findings.require(s.lambda.size() == knots, "joint model: lambda", "does not fit its gains");
   for (const auto& knot : s.lambda)
     check_values(findings, knot, n, "joint model: lambda", Need::kRequired);
+  findings.require(s.row_drift.empty() || s.row_drift.size() == knots, "joint model: row drift",
+                   "does not fit its gains");
+  for (const RowDrift& drift : s.row_drift)
+    check_drift(findings, {.drift = drift}, "joint model: ");
 }
 
 void check_gaussian(Findings& findings, const GaussianCalibration& g, std::size_t channels) {
@@ -186,6 +198,7 @@ void check_nonparametric(Findings& findings, const NonparametricCalibration& n,
   for (const auto& channel : n.channels) check_channel(findings, channel, at);
   check_values(findings, n.sigma_row_dn, channels, at + "sigma_row");
   check_sized(findings, n.sigma_row_stderr_dn, channels, at + "sigma_row standard error");
+  check_drift(findings, n.row_drift, at);
   check_values(findings, n.K, channels, at + "K");
 }
 

@@ -4,6 +4,7 @@
 #include "malus/base/error.h"
 #include "malus/noise/builtin_models.h"
 #include "malus/noise/internal/hdf5_archive.h"
+#include "malus/noise/internal/joint_file.h"
 #include "malus/noise/model.h"
 
 #include <algorithm>
@@ -53,6 +54,23 @@ void transfer_statistics(Archive& parent, const std::string& name, const std::st
                   what + ": covariance over the frames between channels, sampling error removed"},
                  s.covariance);
   archive.table({"per_frame", unit, what + ": each frame's own, per channel"}, s.per_frame);
+}
+
+// One group; absent where the rows are white.
+template <class Archive, class Drift>
+void transfer_drift(Archive& parent, Drift& d) {
+  if constexpr (Archive::kReading) {
+    if (!parent.holds("row_drift")) return;
+  } else {
+    if (d.drift.white()) return;
+  }
+  auto archive = parent.group("row_drift");
+  archive.number({"share", "1", "slow part of sigma_row squared"}, d.drift.share);
+  archive.number({"share_stderr", "1", "standard error of share"}, d.share_stderr);
+  archive.number({"length_groups", "row groups", "over which the slow part falls to 1/e"},
+                 d.drift.length_groups);
+  archive.number({"length_stderr", "row groups", "standard error of length_groups"},
+                 d.length_stderr);
 }
 
 // Columns of the photon-transfer points <-> one data set per column.
@@ -116,6 +134,7 @@ void transfer_physics(Archive& archive, Calibration& p) {
                   p.K_intercept_stderr_dn2);
   transfer_statistics(archive, "mu", "DN", "mean of dark pixels above the black level", p.mu);
   transfer_statistics(archive, "sigma_row", "DN", "sd of the row groups' offsets", p.sigma_row);
+  transfer_drift(archive, p.row_drift);
   transfer_statistics(archive, "sigma_tl", "DN", "Tukey-lambda scale of read noise", p.sigma_tl);
   transfer_statistics(archive, "lambda", "1", "Tukey-lambda shape of read noise", p.lambda);
   transfer_statistics(archive, "sigma_column", "DN", "sd of the columns' offsets", p.sigma_column);
@@ -135,91 +154,6 @@ void transfer_physics(Archive& archive, Calibration& p) {
       {"residual_counts", "1", "bias frames' |residuals| per channel and cell; last: rest"},
       p.residual_counts);
   archive.texts({"warnings", "", "what the calibration warned about"}, p.warnings);
-}
-
-// One data set per member of the laws, channels along the first axis.
-struct LawColumns {
-  std::vector<double> slope, intercept, slope_stderr, intercept_stderr, residual_sd, weight;
-  std::vector<std::int64_t> signed_linear;
-  std::vector<std::vector<double>> residual;
-};
-
-template <class Archive>
-void transfer_columns(Archive& archive, const std::string& x, LawColumns& t) {
-  archive.numbers({"slope", "1", "slope of log " + x + " against log K"}, t.slope);
-  archive.numbers({"intercept", "1", "log " + x + " at log K = 0"}, t.intercept);
-  archive.numbers({"slope_stderr", "1", "standard error of slope"}, t.slope_stderr);
-  archive.numbers({"intercept_stderr", "1", "standard error of intercept"}, t.intercept_stderr);
-  archive.numbers({"residual_sd", "1", "sd of log " + x + " about the line"}, t.residual_sd);
-  archive.numbers({"residual_weight", "1", "share of the residuals that errors do not explain"},
-                  t.weight);
-  archive.integers({"signed_linear", "1", "1: " + x + " itself was fitted, not its logarithm"},
-                   t.signed_linear);
-  archive.table({"residual", "1", "residual per channel and knot"}, t.residual);
-}
-
-void transfer_laws(Hdf5Writer& parent, const std::string& name,
-                   const std::vector<LogLinear>& laws) {
-  LawColumns t;
-  for (const LogLinear& law : laws) {
-    t.slope.push_back(law.slope);
-    t.intercept.push_back(law.intercept);
-    t.slope_stderr.push_back(law.slope_stderr);
-    t.intercept_stderr.push_back(law.intercept_stderr);
-    t.residual_sd.push_back(law.residual_sd);
-    t.weight.push_back(law.residual_weight);
-    t.signed_linear.push_back(law.signed_linear);
-    t.residual.push_back(law.residual);
-  }
-  Hdf5Writer archive = parent.group(name);
-  transfer_columns(archive, name, t);
-}
-
-void transfer_laws(const Hdf5Reader& parent, const std::string& name,
-                   std::vector<LogLinear>& laws) {
-  const Hdf5Reader archive = parent.group(name);
-  LawColumns t;
-  transfer_columns(archive, name, t);
-  const std::size_t n = t.slope.size();
-  for (std::size_t size :
-       {t.intercept.size(), t.slope_stderr.size(), t.intercept_stderr.size(), t.residual_sd.size(),
-        t.weight.size(), t.signed_linear.size(), t.residual.size()})
-    if (size != n) archive.fail("", "has columns of different lengths");
-  for (std::size_t c = 0; c < n; ++c)
-    laws.push_back({t.slope[c], t.intercept[c], t.slope_stderr[c], t.intercept_stderr[c],
-                    t.residual_sd[c], t.signed_linear[c] != 0, t.residual[c], t.weight[c]});
-}
-
-template <class Archive, class Segment>
-void transfer_segment(Archive& archive, Segment& s) {
-  archive.numbers({"knots_db", "dB", "gains fitted; ISO as 20 log10(iso/100)"}, s.knots_db);
-  archive.numbers({"knots_log_K", "1", "log of the mean K of the channels at the knots"},
-                  s.knots_log_K);
-  archive.numbers({"K_ratio", "1", "K of a channel over the mean K"}, s.K_ratio);
-  std::vector<LogLinear> K_of_gain;
-  if constexpr (!Archive::kReading) K_of_gain = {s.K_of_gain};
-  transfer_laws(archive, "K_of_gain", K_of_gain);
-  if constexpr (Archive::kReading) {
-    if (K_of_gain.size() != 1) archive.fail("K_of_gain", "is not one line");
-    s.K_of_gain = K_of_gain[0];
-  }
-  transfer_laws(archive, "minus_mu", s.minus_mu);
-  transfer_laws(archive, "mu_variance", s.mu_variance);
-  transfer_laws(archive, "sigma_row", s.sigma_row);
-  transfer_laws(archive, "sigma_row_variance", s.sigma_row_variance);
-  transfer_laws(archive, "sigma_tl", s.sigma_tl);
-  transfer_laws(archive, "sigma_tl_spread", s.sigma_tl_spread);
-  archive.matrix({"mu_correlation", "1", "correlation of mu between channels"}, s.mu_correlation);
-  archive.matrix({"sigma_row_correlation", "1", "correlation of sigma_row between channels"},
-                 s.sigma_row_correlation);
-  archive.table({"lambda", "1", "Tukey-lambda shape per knot and channel"}, s.lambda);
-}
-
-template <class Archive, class Joint>
-void transfer_joint(Archive& archive, Joint& joint) {
-  archive.list("segments", joint.segments,
-               [](auto& child, auto& segment) { transfer_segment(child, segment); });
-  archive.texts({"notes", "", "what the fit of the joint model found"}, joint.notes);
 }
 
 template <class Archive, class Calibration>
@@ -250,6 +184,7 @@ void transfer_nonparametric(Archive& archive, Calibration& n) {
   archive.numbers({"sigma_row_dn", "DN", "sd of the row groups' offsets"}, n.sigma_row_dn);
   archive.numbers({"sigma_row_stderr_dn", "DN", "standard error of sigma_row_dn"},
                   n.sigma_row_stderr_dn);
+  transfer_drift(archive, n.row_drift);
   archive.numbers({"K", "DN/e-", "overall system gain"}, n.K);
   archive.texts({"warnings", "", "what the calibration warned about"}, n.warnings);
 }
@@ -351,7 +286,7 @@ void transfer_model(Archive& archive, Model& m) {
   }
   if (m.joint) {
     auto joint = archive.group("joint");
-    transfer_joint(joint, *m.joint);
+    internal::transfer_joint(joint, *m.joint);
   }
   archive.list("gaussian", m.gaussian, [](auto& child, auto& g) { transfer_gaussian(child, g); });
   archive.list("nonparametric", m.nonparametric,

@@ -28,6 +28,7 @@ struct PhysicsNoise {
   SensorLayout layout;
   std::vector<PhysicsChannel> channels;  ///< one per channel of the layout
   int row_group = 1;                     ///< mosaic rows that share one draw of row noise
+  RowDrift row_drift;                    ///< what the draws of neighbouring row groups share
   double quantization_dn = 1.0;          ///< q: step of the converter; 0 = none
   PhysicsParts parts;
 };

@@ -66,6 +66,7 @@ void CompiledNoise::make_read_lines(const PhysicsNoise& noise) {
 void CompiledNoise::use_physics(const PhysicsNoise& noise) {
   parts_.layout = noise.layout;
   parts_.row_group = noise.row_group;
+  parts_.row_drift = noise.row_drift;
   parts_.row_noise = noise.parts.row;
   parts_.shot = noise.parts.shot ? ShotKind::kPoisson : ShotKind::kNone;
   parts_.quantization_dn =
@@ -136,6 +137,8 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
   job.out_u16 = out_u16;
   job.step_dn = static_cast<float>(camera.step_dn);
   job.white_dn = static_cast<float>(std::min(camera.white_dn, 65535.0));
+  std::vector<double> deviates(static_cast<std::size_t>(rows), 0.0);
+  if (parts_.row_noise) deviates = row_deviates(address, rows, parts_.row_group, parts_.row_drift);
   constexpr std::ptrdiff_t kRowsPerPiece = 8;
   parallel_for(0, rows, kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     internal::RowJob mine = job;
@@ -143,9 +146,7 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
     for (std::ptrdiff_t r = begin; r < end; ++r) {
       mine.row = address.row0 + static_cast<int>(r);
       const LaneArrays& lanes = phases[static_cast<std::size_t>(mine.row % parts_.layout.rows())];
-      const float z = parts_.row_noise
-                          ? static_cast<float>(row_group_draw(address, mine.row, parts_.row_group))
-                          : 0.0f;
+      const auto z = static_cast<float>(deviates[static_cast<std::size_t>(r)]);
       for (std::size_t c = 0; c < offset_dn.size(); ++c)
         offset_dn[c] = lanes.mu_dn[c] + lanes.sigma_row_dn[c] * z;
       mine.lanes = {period,

@@ -5,7 +5,8 @@
 // How: shot noise is drawn as whole electrons, by summing probabilities below 5 electrons and by
 // the asymptotic inverse of the Poisson distribution above; read noise by its quantile function in
 // 2049 cells (quantile_table.h); quantisation from the low bits of the shot word; row noise once
-// per row group. formation-inl.h holds the lines of one pixel.
+// per row group (row_deviates in exact.h, the same for both). formation-inl.h holds the lines of
+// one pixel.
 #pragma once
 
 #include "malus/image/view.h"
@@ -51,6 +52,7 @@ struct CompiledParts {
   ShotKind shot = ShotKind::kPoisson;
   bool row_noise = true;
   int row_group = 1;
+  RowDrift row_drift;
   float quantization_dn = 0;
 };
 

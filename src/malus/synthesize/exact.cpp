@@ -6,6 +6,7 @@
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/poisson.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -70,14 +71,45 @@ void check_physics(const PhysicsNoise& noise) {
     throw InputError("noise parameters",
                      fmt::format("quantization step is {} DN", noise.quantization_dn),
                      "declare a step of 0 or more");
+  if (const std::string problem = contradiction_in(noise.row_drift); !problem.empty())
+    throw InputError("noise parameters", "the row drift " + problem,
+                     "check the noise model with `malus model show`");
   for (int c = 0; c < noise.layout.channels(); ++c)
     check_channel(noise.channels[static_cast<std::size_t>(c)], noise.layout.channel_name(c));
 }
 
-double row_group_draw(const DrawAddress& address, int row, int row_group) {
-  const auto block = random_block(address.seed, address.frame,
-                                  static_cast<std::uint64_t>(row / row_group), Draw::kRow);
+double row_group_draw(const DrawAddress& address, std::int64_t group) {
+  const auto block =
+      random_block(address.seed, address.frame, static_cast<std::uint64_t>(group), Draw::kRow);
   return normal_quantile(uniform_open(block.word[0], block.word[1]));
+}
+
+std::vector<double> row_deviates(const DrawAddress& address, int rows, int row_group,
+                                 const RowDrift& drift) {
+  std::vector<double> z(static_cast<std::size_t>(rows));
+  if (rows == 0) return z;
+  const std::vector<double> kernel = row_kernel(drift);
+  const auto before = static_cast<int>(kernel.size()) - 1;
+  const int first = address.row0 / row_group, last = (address.row0 + rows - 1) / row_group;
+  constexpr std::ptrdiff_t kGroupsPerPiece = 128;
+  std::vector<double> draws(static_cast<std::size_t>(last - first + 1 + before));
+  parallel_for(0, std::ssize(draws), kGroupsPerPiece,
+               [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+                 for (std::ptrdiff_t i = begin; i < end; ++i)
+                   draws[static_cast<std::size_t>(i)] =
+                       row_group_draw(address, std::int64_t{first} - before + i);
+               });
+  parallel_for(first, last + 1, kGroupsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (std::ptrdiff_t group = begin; group < end; ++group) {
+      const double* newest = &draws[static_cast<std::size_t>(group - first + before)];
+      double sum = 0;
+      for (int j = 0; j <= before; ++j) sum += kernel[static_cast<std::size_t>(j)] * newest[-j];
+      const auto from = std::max<std::ptrdiff_t>(group * row_group - address.row0, 0);
+      const auto to = std::min<std::ptrdiff_t>((group + 1) * row_group - address.row0, rows);
+      std::fill(z.begin() + from, z.begin() + to, sum);
+    }
+  });
+  return z;
 }
 
 double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn,
@@ -105,11 +137,14 @@ void add_noise_exact(const PhysicsNoise& noise, View<const float> clean_dn, View
   check_physics(noise);
   MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
   MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  std::vector<double> deviates(static_cast<std::size_t>(clean_dn.rows()), 0.0);
+  if (noise.parts.row)
+    deviates = row_deviates(address, clean_dn.rows(), noise.row_group, noise.row_drift);
   constexpr std::ptrdiff_t kRowsPerPiece = 8;
   parallel_for(0, clean_dn.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < end; ++r) {
       const int row = address.row0 + r;
-      const double z = noise.parts.row ? row_group_draw(address, row, noise.row_group) : 0.0;
+      const double z = deviates[static_cast<std::size_t>(r)];
       for (int c = 0; c < clean_dn.cols(); ++c) {
         const int col = address.col0 + c;
         const int channel = noise.layout.channel_at(row, col);

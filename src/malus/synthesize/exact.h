@@ -4,6 +4,8 @@
 //   D = K * Poisson(s / K) + mu + TukeyLambda(lambda, sigma_TL) + sigma_b * z(row group) + U(-q/2,
 //   q/2)
 //
+// z is drawn anew for every row group, or drifts slowly from group to group (noise/row_drift.h).
+//
 // s is the clean pixel in DN above black, and so is D. Nothing is rounded or clamped: that is the
 // camera's last step (camera_output.h), and where it rounds, rounding is the quantisation noise.
 #pragma once
@@ -12,6 +14,7 @@
 #include "malus/noise/physics.h"
 
 #include <cstdint>
+#include <vector>
 
 namespace malus {
 
@@ -28,9 +31,15 @@ struct DrawAddress {
 /// positive, lambda outside (-0.5, 8], a negative sigma, anything not finite, row_group < 1.
 void check_physics(const PhysicsNoise& noise);
 
-/// The row group's standard normal deviate, shared by all channels in it (each scales it by its own
-/// sigma_b). row: mosaic row in the frame.
-double row_group_draw(const DrawAddress& address, int row, int row_group);
+/// The standard normal draw of a row group; groups before the frame's first have negative numbers.
+double row_group_draw(const DrawAddress& address, std::int64_t group);
+
+/// z of mosaic rows address.row0, row0 + 1, ..., equal inside a row group and shared by all
+/// channels in it, each of which scales it by its own sigma_b: the groups' draws weighted with
+/// row_kernel(). White rows get the draws themselves. Same values for any row0 and number of rows
+/// that hold a row.
+std::vector<double> row_deviates(const DrawAddress& address, int rows, int row_group,
+                                 const RowDrift& drift);
 
 /// One pixel without its row term. signal_dn <= 0 has no shot noise and keeps its (negative) value;
 /// NaN and infinities stay what they are.

@@ -56,7 +56,7 @@ std::vector<AliasCell> alias_cells(const std::vector<double>& probabilities) {
 
 LevelSampler::LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
                            int row_group)
-    : layout_(layout), row_group_(row_group) {
+    : layout_(layout), row_group_(row_group), row_drift_(calibration.row_drift.drift) {
   MALUS_REQUIRE(static_cast<int>(calibration.channels.size()) == layout.channels());
   for (std::size_t c = 0; c < calibration.channels.size(); ++c) {
     const NonparametricChannel& measured = calibration.channels[c];
@@ -69,8 +69,9 @@ LevelSampler::LevelSampler(const SensorLayout& layout, const NonparametricCalibr
 
 LevelSampler::LevelSampler(const SensorLayout& layout,
                            const std::vector<std::vector<LevelDistribution>>& channels,
-                           const std::vector<double>& sigma_row_dn, int row_group)
-    : layout_(layout), row_group_(row_group) {
+                           const std::vector<double>& sigma_row_dn, int row_group,
+                           const RowDrift& row_drift)
+    : layout_(layout), row_group_(row_group), row_drift_(row_drift) {
   MALUS_REQUIRE(static_cast<int>(channels.size()) == layout.channels());
   for (std::size_t c = 0; c < channels.size(); ++c) {
     const std::size_t bins = channels[c].front().pmf.size();
@@ -175,6 +176,8 @@ void LevelSampler::apply(View<const float> signal_dn, View<const float> base_dn,
   job.frame = address.frame;
   job.col0 = address.col0;
   job.cols = out_dn.cols();
+  std::vector<double> deviates(static_cast<std::size_t>(out_dn.rows()), 0.0);
+  if (row_group_ > 0) deviates = row_deviates(address, out_dn.rows(), row_group_, row_drift_);
   constexpr std::ptrdiff_t kRowsPerPiece = 8;
   parallel_for(0, out_dn.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     internal::LevelRowJob mine = job;
@@ -182,8 +185,7 @@ void LevelSampler::apply(View<const float> signal_dn, View<const float> base_dn,
     for (int r = static_cast<int>(begin); r < end; ++r) {
       mine.row = address.row0 + r;
       const RowLanes& lanes = phases[static_cast<std::size_t>(mine.row % layout_.rows())];
-      const float z =
-          row_group_ > 0 ? static_cast<float>(row_group_draw(address, mine.row, row_group_)) : 0.0f;
+      const auto z = static_cast<float>(deviates[static_cast<std::size_t>(r)]);
       offset_dn.clear();
       for (const float sigma : lanes.sigma_row_dn) offset_dn.push_back(sigma * z);
       mine.lanes = lanes.view(offset_dn.data());

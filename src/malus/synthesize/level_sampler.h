@@ -30,10 +30,10 @@ class LevelSampler {
   LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
                int row_group);
   /// Per channel its levels, rising, all with equally many bins; sigma_row_dn: one per channel or
-  /// empty.
+  /// empty; row_drift: of the rows.
   LevelSampler(const SensorLayout& layout,
                const std::vector<std::vector<LevelDistribution>>& channels,
-               const std::vector<double>& sigma_row_dn, int row_group);
+               const std::vector<double>& sigma_row_dn, int row_group, const RowDrift& row_drift);
 
   /// DN above black in and out, in place if wanted; as CompiledNoise::apply.
   void apply(View<const float> clean_dn, View<float> noisy_dn, const DrawAddress& address) const {
@@ -64,6 +64,7 @@ class LevelSampler {
   std::vector<AliasCell> cells_;
   std::vector<BinPlace> places_;
   int row_group_ = 0;
+  RowDrift row_drift_;
 };
 
 /// Walker's tables of bin probabilities (non-negative, any sum above 0); thresholds in 2^-24.

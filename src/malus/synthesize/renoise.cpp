@@ -53,6 +53,19 @@ std::vector<double> row_difference(const std::vector<double>& from, const std::v
   return added;
 }
 
+double sum_of_squares(const std::vector<double>& values) {
+  return std::inner_product(values.begin(), values.end(), values.begin(), 0.0);
+}
+
+// Drift of the rows to add: autocovariances add, and the added slow part has the target's length.
+RowDrift drift_difference(const std::vector<double>& from_dn, const RowDrift& from,
+                          const std::vector<double>& to_dn, const RowDrift& to) {
+  const double before = sum_of_squares(from_dn), after = sum_of_squares(to_dn);
+  if (to.white() || !(after > before)) return {};
+  const double share = (after * to.share - before * from.share) / (after - before);
+  return share > 0 ? RowDrift{std::min(share, 1.0), to.length_groups} : RowDrift{};
+}
+
 ChannelLevels measured_differences(const SensorLayout& layout, const NonparametricCalibration& from,
                                    const NonparametricCalibration& to) {
   MALUS_REQUIRE(static_cast<int>(from.channels.size()) == layout.channels() &&
@@ -205,11 +218,14 @@ DrawAddress second_noise(const DrawAddress& address) {
 Renoiser::Renoiser(const SensorLayout& layout, const NonparametricCalibration& from,
                    const NonparametricCalibration& to, int row_group)
     : sampler_(layout, measured_differences(layout, from, to),
-               row_difference(from.sigma_row_dn, to.sigma_row_dn), row_group) {}
+               row_difference(from.sigma_row_dn, to.sigma_row_dn), row_group,
+               drift_difference(from.sigma_row_dn, from.row_drift.drift, to.sigma_row_dn,
+                                to.row_drift.drift)) {}
 
 Renoiser::Renoiser(const PhysicsNoise& from, const PhysicsNoise& to, double white_dn)
     : sampler_(from.layout, physics_differences(from, to, white_dn),
-               row_difference(row_sigmas(from), row_sigmas(to)), to.row_group) {}
+               row_difference(row_sigmas(from), row_sigmas(to)), to.row_group,
+               drift_difference(row_sigmas(from), from.row_drift, row_sigmas(to), to.row_drift)) {}
 
 void Renoiser::apply(View<const float> noisy_dn, View<const float> guide_dn,
                      View<float> renoised_dn, const DrawAddress& address) const {
