@@ -106,7 +106,8 @@ std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double hig
                                          double strength) {
   std::vector<Stabilizer> stabilizers;
   for (const ChannelProfile& channel : profile.channels)
-    stabilizers.emplace_back(channel.variance.scaled(strength * strength), highest_dn);
+    stabilizers.emplace_back(channel.variance.scaled(strength * strength), highest_dn,
+                             channel.law ? *channel.law : NoiseLaw::gaussian(channel.variance));
   return stabilizers;
 }
 

@@ -153,7 +153,8 @@ NoiseProfile nonparametric_profile(const NoiseModel& model,
       variance.push_back(level_moments(measured, level).variance_dn2);
     profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance);
     // The distributions hold the dark bias as their mean.
-    if (!measured.pmf.empty()) profile.channels[c].bias_dn = level_moments(measured, 0).mean_dn;
+    profile.channels[c].bias_dn = level_moments(measured, 0).mean_dn;
+    profile.channels[c].law = NoiseLaw::measured(measured, profile.channels[c].bias_dn);
     if (!calibration.sigma_row_dn.empty())
       profile.channels[c].sigma_row_dn = calibration.sigma_row_dn[c];
     if (!calibration.K.empty()) profile.channels[c].gain_dn_per_e = calibration.K[c];
@@ -230,7 +231,9 @@ NoiseProfile profile_of(const PhysicsNoise& noise) {
              (noise.parts.read ? read_variance_dn2(channel) : 0.0) + quantization),
          .bias_dn = noise.parts.bias ? channel.mu_dn : 0.0,
          .sigma_row_dn = noise.parts.row ? channel.sigma_row_dn : 0.0,
-         .gain_dn_per_e = channel.gain_dn_per_e});
+         .gain_dn_per_e = channel.gain_dn_per_e,
+         .law = NoiseLaw::physics(channel, noise.parts,
+                                  noise.parts.quantization ? noise.quantization_dn : 0.0)});
   }
   return profile;
 }

@@ -9,27 +9,16 @@ namespace malus {
 namespace {
 
 constexpr double kInverseStep = 0.05;      // in deviations; quadratic error 1.6e-4 K
-constexpr double kPoissonMean = 60.0;      // above, a Gaussian gives the expectation to 1e-4
 constexpr double kMarginDeviations = 9.0;  // of the tables beyond the signals that occur
 constexpr double kNoiseFloor = 2e-5;       // of the highest signal
 constexpr int kForwardKnots = 8192;
 
-// E g(Z), Z standard normal: the trapezoidal rule, which converges faster than any power here.
-template <class Function>
-double normal_mean(const Function& g) {
-  constexpr double kStep = 0.25, kLimit = 6.0;
-  double sum = 0, total = 0;
-  for (double z = -kLimit; z <= kLimit; z += kStep) {
-    const double weight = std::exp(-0.5 * z * z);
-    sum += weight * g(z);
-    total += weight;
-  }
-  return sum / total;
-}
-
 }  // namespace
 
 Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn)
+    : Stabilizer(variance, highest_dn, NoiseLaw::gaussian(variance)) {}
+
+Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const NoiseLaw& law)
     : variance_(variance), floor_dn2_(std::pow(kNoiseFloor * highest_dn, 2)) {
   MALUS_REQUIRE(highest_dn > 0 && std::isfinite(highest_dn));
   if (variance_.is_affine()) {
@@ -37,14 +26,11 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn)
     const double offset = std::max(variance_.offset_dn2(), floor_dn2_);
     dark_deviation_dn_ = std::sqrt(offset + 0.375 * slope * slope);
     negative_deviation_dn_ = std::sqrt(std::max(offset, 0.0625 * slope * slope));
-    for (int n = 0; slope > 0 && n < 3 * kPoissonMean; ++n)
-      dark_expectation_.push_back(
-          normal_mean([&](double z) { return forward(slope * n + std::sqrt(offset) * z); }));
   } else {
     dark_deviation_dn_ = std::sqrt(std::max(variance_(0.0), floor_dn2_));
     build_forward_table(highest_dn);
   }
-  build_inverse_table(highest_dn);
+  build_inverse_table(highest_dn, law);
 }
 
 void Stabilizer::build_forward_table(double highest_dn) {
@@ -76,40 +62,32 @@ double Stabilizer::forward(double dn) const {
   return integral_[i] + (position - static_cast<double>(i)) * (integral_[i + 1] - integral_[i]);
 }
 
-double Stabilizer::expected(double signal_dn) const {
-  const double slope = variance_.is_affine() ? std::max(variance_.slope_dn(), 0.0) : 0.0;
-  const double electrons = slope > 0 ? signal_dn / slope : 0.0;
-  if (slope > 0 && signal_dn > 0 && electrons < kPoissonMean) {
-    double sum = 0, probability = std::exp(-electrons);
-    for (std::size_t n = 0; n < dark_expectation_.size(); ++n) {
-      sum += probability * dark_expectation_[n];
-      probability *= electrons / static_cast<double>(n + 1);
-    }
-    return sum;
-  }
-  const double deviation = std::sqrt(std::max(variance_(signal_dn), floor_dn2_));
-  return normal_mean([&](double z) { return forward(signal_dn + deviation * z); });
-}
-
-void Stabilizer::build_inverse_table(double highest_dn) {
+void Stabilizer::build_inverse_table(double highest_dn, const NoiseLaw& law) {
   // Knots of the expectation, evenly spaced in the stabilised domain, from below the darkest sample
-  // to above the brightest one; then resampled on an even grid.
-  std::vector<double> mean, signal;
-  double s = -kMarginDeviations * dark_deviation_dn_;
+  // to above the brightest one; then resampled on an even grid. Both hold the signal 0, where the
+  // shot noise sets in and the expectation has a bend.
+  std::vector<double> knots;
   const double top =
       highest_dn + kMarginDeviations * std::sqrt(std::max(variance_(highest_dn), floor_dn2_));
-  while (s < top) {
-    const double value = expected(s);
-    if (mean.empty() || value > mean.back()) {  // rounding must not break the order
-      mean.push_back(value);
-      signal.push_back(s);
-    }
+  constexpr int kBelow = static_cast<int>(kMarginDeviations / kInverseStep);
+  for (int i = -kBelow; i < 0; ++i) knots.push_back(i * kInverseStep * dark_deviation_dn_);
+  for (double s = 0; s < top;) {
+    knots.push_back(s);
     const double deviation = std::sqrt(std::max(variance_(s), floor_dn2_));
     s += kInverseStep * std::max(deviation, dark_deviation_dn_);
   }
-  inverse_low_ = mean.front();
+  const std::vector<double> expected =
+      law.expectations([this](double dn) { return forward(dn); }, knots);
+  std::vector<double> mean, signal;
+  for (std::size_t i = 0; i < knots.size(); ++i)
+    if (mean.empty() || expected[i] > mean.back()) {  // rounding must not break the order
+      mean.push_back(expected[i]);
+      signal.push_back(knots[i]);
+    }
+  const double at_zero = expected[kBelow];
+  inverse_low_ = at_zero - kInverseStep * std::floor((at_zero - mean.front()) / kInverseStep);
   std::size_t i = 0;
-  for (double value = mean.front(); value <= mean.back(); value += kInverseStep) {
+  for (double value = inverse_low_; value <= mean.back(); value += kInverseStep) {
     while (i + 2 < mean.size() && mean[i + 1] < value) ++i;
     const double t = (value - mean[i]) / (mean[i + 1] - mean[i]);
     signal_dn_.push_back(signal[i] + t * (signal[i + 1] - signal[i]));

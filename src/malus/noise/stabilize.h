@@ -5,12 +5,12 @@
 // where the variance is flat, f goes on as a straight line, so negative samples keep their value.
 // Inverse: s such that E[f(noisy) | s] equals the given value (Mäkitalo, Foi, "Optimal inversion of
 // the generalized Anscombe transformation for Poisson-Gaussian noise", IEEE TIP 22(1), 2013), so a
-// filter that averages stabilised samples comes back without bias. The expectation is summed over
-// the Poisson-Gaussian law of the affine curve, and over a Gaussian for measured curves; the shape
-// of the read noise (Tukey-lambda) enters through its variance.
+// filter that averages stabilised samples comes back without bias. The expectation is that of the
+// model's own distribution (noise_law.h): Poisson and Tukey-lambda, or the measured one.
 #pragma once
 
-#include "malus/noise/profile.h"
+#include "malus/noise/noise_law.h"
+#include "malus/noise/variance_curve.h"
 
 #include <vector>
 
@@ -20,6 +20,10 @@ class Stabilizer {
  public:
   /// highest_dn: largest signal above black that occurs, > 0. A channel without noise is given a
   /// deviation of 2e-5 of it, so that the transformation exists.
+  /// law: distribution of the samples, of which the curve may be a multiple (a stronger or weaker
+  /// denoising); the inverse is unbiased for it whatever the curve.
+  Stabilizer(const VarianceCurve& variance, double highest_dn, const NoiseLaw& law);
+  /// With NoiseLaw::gaussian(variance).
   Stabilizer(const VarianceCurve& variance, double highest_dn);
 
   /// Sample in DN above black and bias -> value whose noise has deviation 1. Rising everywhere.
@@ -32,9 +36,8 @@ class Stabilizer {
   double inverse_slope(double stabilized) const;
 
  private:
-  double expected(double signal_dn) const;
   void build_forward_table(double highest_dn);
-  void build_inverse_table(double highest_dn);
+  void build_inverse_table(double highest_dn, const NoiseLaw& law);
 
   VarianceCurve variance_;
   double floor_dn2_;              ///< least variance
@@ -44,7 +47,6 @@ class Stabilizer {
   double signal_step_dn_ = 0;
   std::vector<double> signal_dn_;  ///< inverse at inverse_low_ + i * kInverseStep
   double inverse_low_ = 0;
-  std::vector<double> dark_expectation_;  ///< E f(K n + read noise), n = 0, 1, ...; affine only
 };
 
 }  // namespace malus

@@ -1,4 +1,4 @@
-#include "malus/noise/profile.h"
+#include "malus/noise/variance_curve.h"
 
 #include "malus/base/error.h"
 

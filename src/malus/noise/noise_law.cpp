@@ -1,0 +1,122 @@
+#include "malus/noise/noise_law.h"
+
+#include "malus/base/error.h"
+#include "malus/noise/distribution.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace malus {
+namespace {
+
+// Below, the Poisson sum; above, three nodes with a Gaussian's moments. For 2 sqrt(n) its skewness
+// then costs n^-1.5 / 8 deviations.
+constexpr int kPoissonMean = 60;
+constexpr double kLeastWeight = 1e-10;  // of a node
+
+}  // namespace
+
+NoiseLaw::Nodes NoiseLaw::normal_nodes(double deviation) {
+  if (!(deviation > 0)) return {{0.0, 1.0}};
+  // The trapezoidal rule, which converges faster than any power here.
+  constexpr double kStep = 0.25, kLimit = 6.0;
+  Nodes nodes;
+  double total = 0;
+  for (double z = -kLimit; z <= kLimit; z += kStep) {
+    nodes.push_back({deviation * z, std::exp(-0.5 * z * z)});
+    total += nodes.back().weight;
+  }
+  for (Node& node : nodes) node.weight /= total;
+  return nodes;
+}
+
+NoiseLaw NoiseLaw::gaussian(const VarianceCurve& variance) {
+  NoiseLaw law;
+  if (variance.is_affine()) {
+    law.shot_dn_per_e_ = std::max(variance.slope_dn(), 0.0);
+    law.nodes_ = {normal_nodes(std::sqrt(std::max(variance.offset_dn2(), 0.0)))};
+  } else {
+    law.deviation_ = variance;
+    law.nodes_ = {normal_nodes(1.0)};
+  }
+  return law;
+}
+
+NoiseLaw NoiseLaw::physics(const PhysicsChannel& channel, const PhysicsParts& parts,
+                           double quantization_dn) {
+  NoiseLaw law;
+  law.shot_dn_per_e_ = parts.shot ? channel.gain_dn_per_e : 0.0;
+  const ReadDistribution read(channel.lambda, parts.read ? channel.sigma_tl_dn : 0.0,
+                              parts.quantization ? quantization_dn : 0.0);
+  Nodes nodes;
+  for (const ReadDistribution::Node& node : read.nodes())
+    if (node.weight > kLeastWeight) nodes.push_back({node.x_dn, node.weight});
+  law.nodes_ = {nodes};
+  return law;
+}
+
+NoiseLaw NoiseLaw::measured(const NonparametricChannel& channel, double bias_dn) {
+  MALUS_REQUIRE(!channel.level_dn.empty() && channel.level_dn.size() == channel.pmf.size());
+  NoiseLaw law;
+  law.level_dn_ = channel.level_dn;
+  for (const std::vector<double>& pmf : channel.pmf) {
+    Nodes nodes;
+    double total = 0;
+    for (std::size_t b = 0; b < pmf.size(); ++b) {
+      if (!(pmf[b] > 0)) continue;
+      const double low = channel.bin_edges_dn[b], high = channel.bin_edges_dn[b + 1];
+      // Two nodes have the mean and variance of the uniform bin.
+      const double middle = 0.5 * (low + high) - bias_dn,
+                   apart = 0.5 * (high - low) / std::numbers::sqrt3;
+      nodes.push_back({middle - apart, 0.5 * pmf[b]});
+      nodes.push_back({middle + apart, 0.5 * pmf[b]});
+      total += pmf[b];
+    }
+    for (Node& node : nodes) node.weight /= total;
+    law.nodes_.push_back(std::move(nodes));
+  }
+  return law;
+}
+
+double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_dn) const {
+  const auto over = [&](std::size_t level, double scale) {
+    double sum = 0;
+    for (const Node& node : nodes_[level]) sum += node.weight * f(signal_dn + scale * node.x_dn);
+    return sum;
+  };
+  if (deviation_) return over(0, std::sqrt((*deviation_)(signal_dn)));
+  if (level_dn_.empty() || signal_dn <= level_dn_.front()) return over(0, 1.0);
+  if (signal_dn >= level_dn_.back()) return over(level_dn_.size() - 1, 1.0);
+  const auto above = static_cast<std::size_t>(
+      std::upper_bound(level_dn_.begin(), level_dn_.end(), signal_dn) - level_dn_.begin());
+  const double share =
+      (signal_dn - level_dn_[above - 1]) / (level_dn_[above] - level_dn_[above - 1]);
+  return (1.0 - share) * over(above - 1, 1.0) + share * over(above, 1.0);
+}
+
+std::vector<double> NoiseLaw::expectations(const std::function<double(double)>& f,
+                                           const std::vector<double>& signals_dn) const {
+  std::vector<double> result, of_count;  // of_count[n]: E f(K n + read noise)
+  const double K = shot_dn_per_e_;
+  for (const double s : signals_dn) {
+    if (!(K > 0 && s > 0)) {
+      result.push_back(mean_at(f, s));
+    } else if (s >= kPoissonMean * K) {
+      const double apart = std::sqrt(3.0 * K * s);
+      result.push_back((mean_at(f, s - apart) + 4.0 * mean_at(f, s) + mean_at(f, s + apart)) / 6.0);
+    } else {
+      const double electrons = s / K;
+      double sum = 0, probability = std::exp(-electrons);
+      for (std::size_t n = 0; n < 3 * kPoissonMean; ++n) {
+        if (of_count.size() <= n) of_count.push_back(mean_at(f, K * static_cast<double>(n)));
+        sum += probability * of_count[n];
+        probability *= electrons / static_cast<double>(n + 1);
+      }
+      result.push_back(sum);
+    }
+  }
+  return result;
+}
+
+}  // namespace malus

@@ -1,0 +1,47 @@
+// The distribution of a channel's pixels about their clean signal (row noise excluded), in the form
+// that expectations need: nodes and weights. One form for all kinds of models: physics (Poisson and
+// Tukey-lambda, 000 Eq. 1-4), heteroscedastic Gaussian, and measured distributions (001, S1-S2).
+#pragma once
+
+#include "malus/noise/calibration.h"
+#include "malus/noise/physics.h"
+#include "malus/noise/variance_curve.h"
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+namespace malus {
+
+class NoiseLaw {
+ public:
+  /// Of a variance curve whose distribution is not known further: Poisson of the slope and a
+  /// Gaussian of the offset for an affine curve, a Gaussian for a table.
+  static NoiseLaw gaussian(const VarianceCurve& variance);
+  /// Poisson, Tukey-lambda and quantisation; without the channel's mean mu.
+  static NoiseLaw physics(const PhysicsChannel& channel, const PhysicsParts& parts,
+                          double quantization_dn);
+  /// Measured levels; between two of them a mixture by the fractional distance, as when sampling;
+  /// the outer ones go on. The bias is subtracted: it is what a profile holds as the channel's.
+  static NoiseLaw measured(const NonparametricChannel& channel, double bias_dn);
+
+  /// E f(pixel) for clean signals in DN above black and bias; f continuous. Error for functions
+  /// with the curvature of a variance stabilisation: below 1e-3 of the local deviation.
+  std::vector<double> expectations(const std::function<double(double)>& f,
+                                   const std::vector<double>& signals_dn) const;
+
+ private:
+  struct Node {
+    double x_dn, weight;
+  };
+  using Nodes = std::vector<Node>;
+  static Nodes normal_nodes(double deviation);
+  double mean_at(const std::function<double(double)>& f, double signal_dn) const;
+
+  double shot_dn_per_e_ = 0;      ///< 0: no Poisson part
+  std::vector<double> level_dn_;  ///< signals of the nodes; empty where one set serves them all
+  std::vector<Nodes> nodes_;      ///< per level
+  std::optional<VarianceCurve> deviation_;  ///< squared, for nodes of a normal deviate
+};
+
+}  // namespace malus

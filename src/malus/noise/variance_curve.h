@@ -1,0 +1,30 @@
+// Variance of a pixel against its signal.
+#pragma once
+
+#include <vector>
+
+namespace malus {
+
+/// Variance of a pixel about its clean signal (row noise excluded) against the signal in DN above
+/// black.
+class VarianceCurve {
+ public:
+  /// variance = max(slope_dn * signal, 0) + offset_dn2: Poisson-Gaussian, physics, heteroscedastic
+  /// Gaussian.
+  static VarianceCurve affine(double slope_dn, double offset_dn2);
+  /// Piecewise linear through measured knots (rising signals), constant outside: non-parametric
+  /// models.
+  static VarianceCurve table(std::vector<double> signal_dn, std::vector<double> variance_dn2);
+  double operator()(double signal_dn) const;
+  /// The curve with every variance multiplied by factor > 0.
+  VarianceCurve scaled(double factor) const;
+  bool is_affine() const { return signal_dn_.empty(); }
+  double slope_dn() const { return slope_dn_; }      ///< contract: is_affine()
+  double offset_dn2() const { return offset_dn2_; }  ///< contract: is_affine()
+
+ private:
+  double slope_dn_ = 0, offset_dn2_ = 0;
+  std::vector<double> signal_dn_, variance_dn2_;
+};
+
+}  // namespace malus

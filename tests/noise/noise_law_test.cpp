@@ -1,0 +1,69 @@
+// Truth: the first two moments of every kind's noise, known in closed form.
+#include "malus/noise/noise_law.h"
+
+#include "malus/noise/tukey_lambda.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+void expect_moments(const NoiseLaw& law, double signal, double mean, double variance) {
+  const double first = law.expectations([](double x) { return x; }, {signal}).front();
+  const double second =
+      law.expectations([&](double x) { return (x - mean) * (x - mean); }, {signal}).front();
+  EXPECT_NEAR(first, mean, 1e-6 * (1 + std::sqrt(variance))) << signal;
+  EXPECT_NEAR(second, variance, 1e-5 * (1 + variance)) << signal;
+}
+
+TEST(NoiseLaw, PhysicsHasTheVarianceOfItsParts) {
+  const PhysicsChannel channel{.gain_dn_per_e = 1.5,
+                               .lambda = -0.1,
+                               .mu_dn = 7,  // left out
+                               .sigma_tl_dn = 2,
+                               .sigma_row_dn = 1};
+  const double read = 4 * tukey_lambda_variance(-0.1);
+  const NoiseLaw whole = NoiseLaw::physics(channel, PhysicsParts{}, 1.0);
+  for (const double s : {-5.0, 0.0, 3.0, 89.0, 91.0, 2000.0})
+    expect_moments(whole, s, s, 1.5 * std::max(s, 0.0) + read + 1.0 / 12);
+  PhysicsParts parts;
+  parts.shot = parts.quantization = false;
+  expect_moments(NoiseLaw::physics(channel, parts, 1.0), 50, 50, read);
+}
+
+TEST(NoiseLaw, GaussianHasTheCurvesVariance) {
+  const NoiseLaw affine = NoiseLaw::gaussian(VarianceCurve::affine(0.7, 9));
+  const NoiseLaw table = NoiseLaw::gaussian(VarianceCurve::table({0, 100}, {9, 79}));
+  const NoiseLaw none = NoiseLaw::gaussian(VarianceCurve::affine(0, 0));
+  for (const double s : {0.0, 10.0, 100.0}) {
+    expect_moments(affine, s, s, 0.7 * s + 9);
+    expect_moments(table, s, s, 0.7 * s + 9);
+    expect_moments(none, s, s, 0);
+  }
+}
+
+TEST(NoiseLaw, MeasuredMixesTheLevelsAround) {
+  NonparametricChannel channel;
+  channel.level_dn = {10, 30};
+  channel.samples = {100, 100};
+  channel.bin_edges_dn = {-3, 1, 3};
+  channel.pmf = {{0.5, 0.5}, {0.25, 0.75}};
+  // Means 0.5 and 1.25; second moments of the uniform bins 7/3 and 13/3.
+  const auto moments = [&](double share, double bias) {
+    const double mean = (1 - share) * 0.5 + share * 1.25;
+    const double square =
+        (1 - share) * (0.5 * 7 / 3 + 0.5 * 13 / 3) + share * (0.25 * 7 / 3 + 0.75 * 13 / 3);
+    return std::pair{mean - bias, square - mean * mean};
+  };
+  const NoiseLaw law = NoiseLaw::measured(channel, 0.5);
+  for (const auto& [signal, share] :
+       {std::pair{4.0, 0.0}, {10.0, 0.0}, {15.0, 0.25}, {30.0, 1.0}, {99.0, 1.0}}) {
+    const auto [mean, variance] = moments(share, 0.5);
+    expect_moments(law, signal, signal + mean, variance);
+  }
+}
+
+}  // namespace
+}  // namespace malus
