@@ -1,5 +1,5 @@
-// links: malus_neural
-#include "malus/neural/safetensors.h"
+// links: malus_weights
+#include "malus/weights/safetensors.h"
 
 #include "target.h"
 

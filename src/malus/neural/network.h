@@ -3,7 +3,7 @@
 // float tensors of any size: padding is inside.
 #pragma once
 
-#include "malus/neural/safetensors.h"
+#include "malus/weights/safetensors.h"
 
 #include <string>
 #include <vector>

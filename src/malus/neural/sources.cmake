@@ -16,11 +16,9 @@ set(neural_SOURCES
   noise_flow_training.cpp
   optimizer.cpp
   package.cpp
-  pickle.cpp
   raw_pairs.cpp
   recorded_pairs.cpp
   restormer.cpp
-  safetensors.cpp
   threads.cpp
   tiles.cpp
   torch_checkpoint.cpp

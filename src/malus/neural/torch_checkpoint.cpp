@@ -3,21 +3,16 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/neural/package.h"
-#include "malus/neural/pickle.h"
+#include "malus/weights/torch_archive.h"
 
-#include <algorithm>
+#include <cstring>
 
-#include <caffe2/serialize/inline_container.h>
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
 
-using caffe2::serialize::PyTorchStreamReader;
-using Kind = PickleValue::Kind;
 using Json = nlohmann::json;
-
-constexpr const char* kRemedy = "save the state dict again with torch.save";
 
 torch::ScalarType type_of(const std::string& dtype) {
   return dtype == "F32"    ? torch::kFloat
@@ -29,54 +24,14 @@ torch::ScalarType type_of(const std::string& dtype) {
                            : torch::kByte;
 }
 
-// A bounded view of its storage, as a contiguous tensor.
-torch::Tensor tensor_of(const PickleTensor& stored, PyTorchStreamReader& archive,
-                        const std::string& name, const std::string& source) {
-  const auto fail = [&](const char* problem) -> void {
-    throw InputError(source, fmt::format("weight \"{}\" {}", name, problem), kRemedy);
-  };
-  if (stored.storage.dtype.empty()) fail("has a type that weights do not have");
-  if (stored.shape.size() != stored.stride.size() || stored.shape.size() > 8)
-    fail("has no proper shape");
-  auto [data, bytes] = archive.getRecord("data/" + stored.storage.key);
-  const auto type = type_of(stored.storage.dtype);
-  const auto available = static_cast<std::int64_t>(bytes / torch::elementSize(type));
-  std::int64_t last = stored.offset;
-  bool empty = false;
-  for (std::size_t i = 0; i < stored.shape.size(); ++i) {
-    const auto size = stored.shape[i], stride = stored.stride[i];
-    if (size < 0 || stride < 0 || size > available || stride > available)
-      fail("reaches beyond its data");
-    empty = empty || size == 0;
-    last += std::max<std::int64_t>(size - 1, 0) * stride;
-  }
-  if (stored.offset < 0 || (!empty && last >= available)) fail("reaches beyond its data");
-  const auto values = torch::from_blob(data.get(), {available}, type);
-  return values.as_strided(stored.shape, stored.stride, stored.offset).clone();
-}
-
-// Every tensor of a table by its key; empty where it holds none.
-std::vector<std::pair<std::string, const PickleTensor*>> tensors_in(const PickleValue& value) {
-  std::vector<std::pair<std::string, const PickleTensor*>> tensors;
-  for (const auto& [key, item] : value.table)
-    if (key->kind == Kind::kText && item->kind == Kind::kTensor)
-      tensors.emplace_back(key->text, &item->tensor);
-  return tensors;
-}
-
-std::vector<std::pair<std::string, const PickleTensor*>> weights_in(const PickleValue& value,
-                                                                    const std::string& source) {
-  auto tensors = tensors_in(value);
-  for (const char* name :
-       {"params_ema", "params", "state_dict", "model_state_dict", "model", "weights"})
-    for (const auto& [key, item] : value.table)
-      if (tensors.empty() && key->text == name) tensors = tensors_in(*item);
-  if (tensors.empty()) throw InputError(source, "holds no table of weights", kRemedy);
-  constexpr std::string_view kParallel = "module.";
-  if (std::all_of(tensors.begin(), tensors.end(),
-                  [&](const auto& t) { return t.first.starts_with(kParallel); }))
-    for (auto& tensor : tensors) tensor.first.erase(0, kParallel.size());
-  return tensors;
+torch::Tensor tensor_of(const ArchivedTensor& archived) {
+  const auto type = type_of(archived.dtype);
+  if (archived.values.empty()) return torch::empty(archived.shape, type);
+  // An archive's values may lie at any byte.
+  const auto size = static_cast<std::int64_t>(torch::elementSize(type));
+  const auto values = torch::empty({std::ssize(archived.values) / size}, type);
+  std::memcpy(values.data_ptr(), archived.values.data(), archived.values.size());
+  return values.as_strided(archived.shape, archived.stride);
 }
 
 // What a public network usually is: linear light in and out, nothing else.
@@ -107,24 +62,14 @@ PackageSettings package_settings(const Json& wanted) {
 }  // namespace
 
 TensorFile read_torch_checkpoint(const std::filesystem::path& path) {
-  const std::string source = path.string();
-  if (!std::filesystem::is_regular_file(path))
-    throw InputError(source, "is no file", "give a checkpoint written by torch.save");
-  try {
-    PyTorchStreamReader archive(source);
-    auto [data, bytes] = archive.getRecord("data.pkl");
-    const auto root =
-        parse_pickle({static_cast<const std::byte*>(data.get()), bytes}, source + " (data.pkl)");
-    TensorFile file;
-    for (const auto& [name, stored] : weights_in(*root, source)) {
-      const auto tensor = tensor_of(*stored, archive, name, source);
-      file.tensors[name] = from_torch(tensor.is_floating_point() ? tensor.to(torch::kFloat)
-                                                                 : tensor.to(torch::kLong));
-    }
-    return file;
-  } catch (const c10::Error&) {
-    throw InputError(source, "is no whole archive of torch.save (PyTorch 1.6 or newer)", kRemedy);
+  const std::vector<std::byte> bytes = read_weight_file(path);
+  TensorFile file;
+  for (const ArchivedTensor& archived : parse_torch_archive(bytes, path.string())) {
+    const auto tensor = tensor_of(archived);
+    file.tensors[archived.name] =
+        from_torch(tensor.to(tensor.is_floating_point() ? torch::kFloat : torch::kLong));
   }
+  return file;
 }
 
 nlohmann::ordered_json import_checkpoint(const ImportRequest& request) {

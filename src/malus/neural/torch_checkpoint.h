@@ -2,7 +2,7 @@
 // anything in them.
 #pragma once
 
-#include "malus/neural/safetensors.h"
+#include "malus/weights/safetensors.h"
 
 #include <filesystem>
 #include <string>
@@ -11,10 +11,8 @@
 
 namespace malus {
 
-/// The tensors of a saved state dict, as float32 and I64, by name. Where the file holds a table of
-/// several things the weights are looked for under params_ema, params, state_dict,
-/// model_state_dict, model, weights, in this order; a "module." before all names (DataParallel) is
-/// taken away. Throws InputError, also on files older than PyTorch 1.6 (no zip).
+/// The tensors of a saved state dict, as float32 and I64, by name; where they are looked for:
+/// malus/weights/torch_archive.h. Throws InputError, also on files older than PyTorch 1.6 (no zip).
 TensorFile read_torch_checkpoint(const std::filesystem::path& path);
 
 struct ImportRequest {

@@ -31,6 +31,9 @@ std::size_t dtype_size(const std::string& dtype);
 TensorFile parse_tensor_file(std::span<const std::byte> bytes, const std::string& name);
 TensorFile load_tensor_file(const std::filesystem::path& path);
 
+/// The bytes of a weight file. Throws InputError.
+std::vector<std::byte> read_weight_file(const std::filesystem::path& path);
+
 /// Writes beside the final name and renames. Throws InputError.
 void save_tensor_file(const TensorFile& file, const std::filesystem::path& path);
 

@@ -1,10 +1,8 @@
-#include "malus/neural/pickle.h"
+#include "malus/weights/pickle.h"
 
 #include "malus/base/error.h"
 
-#include <cstring>
 #include <map>
-#include <optional>
 
 #include <fmt/format.h>
 
@@ -13,21 +11,21 @@ namespace {
 
 using Kind = PickleValue::Kind;
 
-PicklePointer value_of(Kind kind) {
-  auto value = std::make_shared<PickleValue>();
-  value->kind = kind;
-  return value;
-}
+// A state dict of 1000 weights has about 30,000 values, its optimizer's three times as many.
+constexpr std::size_t kMostValues = 1 << 20;
+constexpr std::size_t kMostPushes = 4 * kMostValues;  // values that are taken again count too
+constexpr std::size_t kLongestName = 256;
+constexpr std::size_t kMostDimensions = 8;
 
-std::optional<std::string> dtype_of(const std::string& name) {
+// "" for types that weights do not have.
+std::string dtype_of(const std::string& name) {
   static const std::map<std::string, std::string> known = {
       {"torch FloatStorage", "F32"},     {"torch HalfStorage", "F16"},
       {"torch BFloat16Storage", "BF16"}, {"torch LongStorage", "I64"},
       {"torch DoubleStorage", "F64"},    {"torch IntStorage", "I32"},
       {"torch ByteStorage", "U8"},       {"torch BoolStorage", "U8"}};
   const auto found = known.find(name);
-  if (found == known.end()) return std::nullopt;
-  return found->second;
+  return found == known.end() ? "" : found->second;
 }
 
 class Parser {
@@ -35,12 +33,11 @@ class Parser {
   Parser(std::span<const std::byte> bytes, std::string name)
       : bytes_(bytes), name_(std::move(name)) {}
 
-  PicklePointer run() {
-    while (true) {
-      const auto code = byte();
-      if (code == '.') return pop();
-      if (!constant(code) && !container(code) && !memo(code)) special(code);
-    }
+  Pickle run() {
+    for (auto code = byte(); code != '.'; code = byte())
+      if (!number(code) && !words(code) && !container(code) && !memo(code)) special(code);
+    pickle_.root = pop();
+    return std::move(pickle_);
   }
 
  private:
@@ -71,35 +68,49 @@ class Parser {
     return out;
   }
 
-  void push(PicklePointer value) { stack_.push_back(std::move(value)); }
-  void push_number(std::int64_t number) {
-    push(value_of(Kind::kNumber));
-    stack_.back()->number = number;
+  PickleValue* made(Kind kind) {
+    if (pickle_.values.size() == kMostValues)
+      fail(fmt::format("holds more than {} values", kMostValues));
+    pickle_.values.emplace_back().kind = kind;
+    return &pickle_.values.back();
   }
-  void push_text(std::string words, Kind kind = Kind::kText) {
-    push(value_of(kind));
-    stack_.back()->text = std::move(words);
+  void push(PickleValue* value) {
+    if (++pushes_ > kMostPushes) fail(fmt::format("names values more than {} times", kMostPushes));
+    stack_.push_back(value);
   }
-  PicklePointer pop() {
+  void push_number(std::int64_t value) {
+    push(made(Kind::kNumber));
+    stack_.back()->number = value;
+  }
+  void push_text(std::string text, Kind kind = Kind::kText) {
+    push(made(kind));
+    stack_.back()->text = std::move(text);
+  }
+  // Texts may be taken from the memo again and again, so their sums must not grow with them.
+  void push_name(const std::string& module, const std::string& name) {
+    if (module.size() + name.size() > kLongestName) fail("holds a name without end");
+    push_text(module + " " + name, Kind::kName);
+  }
+  PickleValue* pop() {
     if (stack_.empty()) fail("is no pickle of torch.save");
-    auto value = std::move(stack_.back());
+    PickleValue* value = stack_.back();
     stack_.pop_back();
     return value;
   }
-  std::vector<PicklePointer> pop_marked() {
+  std::vector<PickleValue*> pop_marked() {
     if (marks_.empty() || marks_.back() > stack_.size()) fail("is no pickle of torch.save");
     const auto from = stack_.begin() + static_cast<std::ptrdiff_t>(marks_.back());
-    std::vector<PicklePointer> items(from, stack_.end());
+    std::vector<PickleValue*> items(from, stack_.end());
     stack_.erase(from, stack_.end());
     marks_.pop_back();
     return items;
   }
-  void push_sequence(std::vector<PicklePointer> items) {
-    push(value_of(Kind::kSequence));
+  void push_sequence(std::vector<PickleValue*> items) {
+    push(made(Kind::kSequence));
     stack_.back()->items = std::move(items);
   }
   void push_last(std::size_t count) {
-    std::vector<PicklePointer> items(count);
+    std::vector<PickleValue*> items(count);
     for (std::size_t i = count; i-- > 0;) items[i] = pop();
     push_sequence(std::move(items));
   }
@@ -108,17 +119,8 @@ class Parser {
     return *stack_.back();
   }
 
-  bool constant(unsigned char code) {
+  bool number(unsigned char code) {
     switch (code) {
-      case 0x80:
-        take(1);
-        return true;  // PROTO
-      case 0x95:
-        take(8);
-        return true;  // FRAME
-      case 'N':
-        push(value_of(Kind::kOther));
-        return true;
       case 0x88:
         push_number(1);
         return true;
@@ -139,30 +141,17 @@ class Parser {
         return true;
       case 'G':
         take(8);
-        push(value_of(Kind::kOther));
+        push(made(Kind::kOther));
         return true;
-      case 'X':
-        push_text(text(little(4)));
+      case 'N':
+        push(made(Kind::kOther));
         return true;
-      case 0x8c:
-        push_text(text(little(1)));
+      case 0x80:  // PROTO
+        take(1);
         return true;
-      case 'B':
-        push_text(text(little(4)));
+      case 0x95:  // FRAME
+        take(8);
         return true;
-      case 'C':
-        push_text(text(little(1)));
-        return true;
-      case 'c': {
-        const std::string module = line();
-        push_text(module + " " + line(), Kind::kName);
-        return true;
-      }
-      case 0x93: {  // STACK_GLOBAL
-        const auto name = pop(), module = pop();
-        push_text(module->text + " " + name->text, Kind::kName);
-        return true;
-      }
       default:
         return false;
     }
@@ -173,13 +162,38 @@ class Parser {
     const int count = static_cast<int>(little(1));
     if (count > 8) {
       take(static_cast<std::uint64_t>(count));
-      push(value_of(Kind::kOther));
+      push(made(Kind::kOther));
       return;
     }
     std::uint64_t value = little(count);
     if (count > 0 && count < 8 && (value >> (8 * count - 1) & 1) != 0)
       value |= ~std::uint64_t{0} << (8 * count);
     push_number(static_cast<std::int64_t>(value));
+  }
+
+  bool words(unsigned char code) {
+    switch (code) {
+      case 'X':
+      case 'B':
+        push_text(text(little(4)));
+        return true;
+      case 0x8c:
+      case 'C':
+        push_text(text(little(1)));
+        return true;
+      case 'c': {
+        const std::string module = line();
+        push_name(module, line());
+        return true;
+      }
+      case 0x93: {  // STACK_GLOBAL
+        const PickleValue *name = pop(), *module = pop();
+        push_name(module->text, name->text);
+        return true;
+      }
+      default:
+        return false;
+    }
   }
 
   bool container(unsigned char code) {
@@ -194,7 +208,7 @@ class Parser {
         push_sequence({});
         return true;
       case '}':
-        push(value_of(Kind::kTable));
+        push(made(Kind::kTable));
         return true;
       case 0x8f:
         push_sequence({});
@@ -213,19 +227,20 @@ class Parser {
         push_last(3);
         return true;
       case 'a': {
-        auto item = pop();
-        top().items.push_back(std::move(item));
+        PickleValue* item = pop();
+        top().items.push_back(item);
         return true;
       }
       case 'e':
       case 0x90: {
-        auto items = pop_marked();
-        for (auto& item : items) top().items.push_back(std::move(item));
+        const auto items = pop_marked();
+        auto& list = top().items;
+        list.insert(list.end(), items.begin(), items.end());
         return true;
       }
       case 's': {
-        auto item = pop(), key = pop();
-        top().table.emplace_back(std::move(key), std::move(item));
+        PickleValue *item = pop(), *key = pop();
+        top().table.emplace_back(key, item);
         return true;
       }
       case 'u': {
@@ -271,7 +286,7 @@ class Parser {
   void special(unsigned char code) {
     if (code == 'Q') return persistent();
     if (code == 'R' || code == 0x81) {  // REDUCE, NEWOBJ: a call, which is not made
-      const auto arguments = pop(), function = pop();
+      const PickleValue *arguments = pop(), *function = pop();
       return push(result_of(*function, *arguments));
     }
     if (code == 'b') {  // BUILD: an object's attributes mean nothing here
@@ -283,47 +298,61 @@ class Parser {
   }
   // ("storage", type, key, device, elements)
   void persistent() {
-    const auto id = pop();
-    if (id->items.size() < 5 || id->items[0]->text != "storage") fail("is no pickle of torch.save");
-    auto storage = value_of(Kind::kStorage);
-    const auto dtype = dtype_of(id->items[1]->text);
-    storage->storage = {dtype.value_or(""), id->items[2]->text};
-    push(storage);
+    const PickleValue* id = pop();
+    if (id->items.size() < 5 || id->items[0]->text != "storage" ||
+        id->items[2]->text.size() > kLongestName)
+      fail("is no pickle of torch.save");
+    push(made(Kind::kStorage));
+    stack_.back()->tensor.dtype = dtype_of(id->items[1]->text);
+    stack_.back()->tensor.key = id->items[2]->text;
   }
 
-  PicklePointer result_of(const PickleValue& function, const PickleValue& arguments) const {
+  PickleValue* result_of(const PickleValue& function, const PickleValue& arguments) {
     const auto& given = arguments.items;
-    if (function.text == "collections OrderedDict") {
-      auto table = value_of(Kind::kTable);
-      if (!given.empty())
-        for (const auto& pair : given[0]->items)
-          if (pair->items.size() == 2) table->table.emplace_back(pair->items[0], pair->items[1]);
-      return table;
-    }
+    if (function.text == "collections OrderedDict") return table_of(given);
     if (function.text == "torch._utils _rebuild_parameter" && !given.empty()) return given[0];
     if (function.text == "torch._utils _rebuild_tensor_v2" && given.size() >= 4 &&
-        given[0]->kind == Kind::kStorage) {
-      auto tensor = value_of(Kind::kTensor);
-      tensor->tensor.storage = given[0]->storage;
-      tensor->tensor.offset = given[1]->number;
-      for (const auto& size : given[2]->items) tensor->tensor.shape.push_back(size->number);
-      for (const auto& step : given[3]->items) tensor->tensor.stride.push_back(step->number);
-      return tensor;
-    }
-    return value_of(Kind::kOther);
+        given[0]->kind == Kind::kStorage)
+      return tensor_of(given);
+    return made(Kind::kOther);
+  }
+  // OrderedDict(pairs): the pairs may come from the memo again and again, so their number is
+  // limited by what the file could have said in full.
+  PickleValue* table_of(const std::vector<PickleValue*>& given) {
+    PickleValue* table = made(Kind::kTable);
+    if (given.empty()) return table;
+    copied_ += given[0]->items.size();
+    if (copied_ > bytes_.size()) fail("repeats its tables without end");
+    for (const PickleValue* pair : given[0]->items)
+      if (pair->items.size() == 2) table->table.emplace_back(pair->items[0], pair->items[1]);
+    return table;
+  }
+  PickleValue* tensor_of(const std::vector<PickleValue*>& given) {
+    if (given[2]->items.size() > kMostDimensions ||
+        given[3]->items.size() != given[2]->items.size())
+      fail("holds a tensor without a proper shape");
+    PickleValue* value = made(Kind::kTensor);
+    PickleTensor& tensor = value->tensor;
+    tensor.dtype = given[0]->tensor.dtype;
+    tensor.key = given[0]->tensor.key;
+    tensor.offset = given[1]->number;
+    for (const PickleValue* size : given[2]->items) tensor.shape.push_back(size->number);
+    for (const PickleValue* step : given[3]->items) tensor.stride.push_back(step->number);
+    return value;
   }
 
   std::span<const std::byte> bytes_;
   std::string name_;
-  std::size_t at_ = 0;
-  std::vector<PicklePointer> stack_;
+  std::size_t at_ = 0, copied_ = 0, pushes_ = 0;
+  Pickle pickle_;
+  std::vector<PickleValue*> stack_;
   std::vector<std::size_t> marks_;
-  std::map<std::uint64_t, PicklePointer> memo_;
+  std::map<std::uint64_t, PickleValue*> memo_;
 };
 
 }  // namespace
 
-PicklePointer parse_pickle(std::span<const std::byte> bytes, const std::string& name) {
+Pickle parse_pickle(std::span<const std::byte> bytes, const std::string& name) {
   return Parser(bytes, name).run();
 }
 

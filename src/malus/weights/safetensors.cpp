@@ -1,4 +1,4 @@
-#include "malus/neural/safetensors.h"
+#include "malus/weights/safetensors.h"
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstring>
 #include <fstream>
-#include <iterator>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -115,12 +114,22 @@ TensorFile parse_tensor_file(std::span<const std::byte> bytes, const std::string
   return file;
 }
 
-TensorFile load_tensor_file(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path))
+std::vector<std::byte> read_weight_file(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto fail = [&] {
     throw InputError(path.string(), "cannot be read", "check the name and the rights");
-  const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
-  return parse_tensor_file(std::as_bytes(std::span(bytes)), path.string());
+  };
+  if (!std::filesystem::is_regular_file(path, error)) fail();
+  std::ifstream in(path, std::ios::binary);
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (!in || error) fail();
+  std::vector<std::byte> bytes(size);
+  if (!in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size))) fail();
+  return bytes;
+}
+
+TensorFile load_tensor_file(const std::filesystem::path& path) {
+  return parse_tensor_file(read_weight_file(path), path.string());
 }
 
 void save_tensor_file(const TensorFile& file, const std::filesystem::path& path) {

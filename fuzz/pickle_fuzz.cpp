@@ -1,0 +1,8 @@
+// links: malus_weights
+#include "malus/weights/pickle.h"
+
+#include "target.h"
+
+void parse_bytes(std::span<const std::uint8_t> bytes) {
+  (void)malus::parse_pickle(std::as_bytes(bytes), "fuzz");
+}

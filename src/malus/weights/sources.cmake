@@ -1,0 +1,6 @@
+set(weights_SOURCES
+  pickle.cpp
+  safetensors.cpp
+  stored_zip.cpp
+  torch_archive.cpp
+)
