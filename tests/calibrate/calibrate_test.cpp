@@ -121,6 +121,45 @@ TEST(CalibratePhysics, FrameToFrameSpreadIsSeparatedFromSamplingError) {
   EXPECT_LT(mean(steady.sigma_tl.spread) / mean(steady.sigma_tl.mean), 0.02);
 }
 
+// Drifting rows: the row group is still told, σ_b is all of the rows' deviation, and what the drift
+// does to the frames' means is not taken for a bias that varies.
+TEST(CalibratePhysics, SlowDriftOfTheRowsIsMeasuredApart) {
+  for (const auto& [layout, row_group] : {std::pair("polar-bayer-rggb", 2), {"mono", 1}}) {
+    SimulatedCamera camera;
+    camera.rows = 256;
+    camera.cols = row_group > 1 ? 64 : 128;
+    camera.flat_levels = 0;
+    camera.seed = 5;
+    camera.gains.push_back(polar_gain(18, layout, row_group));
+    camera.gains[0].noise.row_drift = {0.8, 4.0};
+    const NoiseModel model = calibrated(camera);
+    EXPECT_EQ(model.row_group, row_group);
+    EXPECT_EQ(model.row_group_origin, "detected");
+    const PhysicsCalibration& p = model.physics[0];
+    EXPECT_NEAR(p.row_drift.drift.share, 0.8, 4 * p.row_drift.share_stderr) << layout;
+    EXPECT_NEAR(p.row_drift.drift.length_groups, 4.0, 4 * p.row_drift.length_stderr) << layout;
+    EXPECT_LT(p.row_drift.share_stderr, 0.05);
+    for (std::size_t c = 0; c < camera.gains[0].noise.channels.size(); ++c) {
+      const double sigma = camera.gains[0].noise.channels[c].sigma_row_dn;
+      EXPECT_NEAR(p.sigma_row.mean[c], sigma, 4 * p.sigma_row.standard_error[c]) << layout << c;
+      // 100 frames see spreads down to half of one frame's sampling error. White rows' sampling
+      // alone would leave 0.15 σ_b of μ and 0.06 σ_b of σ_b on the sensor of one channel.
+      if (row_group > 1) continue;
+      EXPECT_LT(p.mu.spread[c], 0.11 * sigma);
+      EXPECT_LT(p.sigma_row.spread[c], 0.05 * sigma);
+    }
+  }
+}
+
+TEST(CalibratePhysics, SingleFramesShowNoDrift) {
+  SimulatedCamera camera = small_camera(3);
+  camera.flat_levels = 0;
+  camera.rows = 128;
+  camera.gains[0].noise.row_drift = {0.8, 4.0};
+  EXPECT_FALSE(calibrated(camera).physics[0].row_drift.drift.white());
+  EXPECT_TRUE(calibrated(camera, {.single_frame = true}).physics[0].row_drift.drift.white());
+}
+
 TEST(CalibratePhysics, FixedPatternIsMeasured) {
   SimulatedCamera camera = small_camera();
   camera.rows = camera.cols = 256;

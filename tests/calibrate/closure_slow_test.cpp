@@ -1,6 +1,7 @@
 // Closure: what the compiled sampler draws from a model, calibration finds again: covariances
 // between channels, which vary a frame's parameters together, and the laws over gain.
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/row_drift_fit.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <cmath>
@@ -14,6 +15,7 @@ namespace {
 constexpr int kBiasFrames = 300, kLevels = 6, kRows = 64, kCols = 512;
 // A channel lies in every second row group: 16 groups of 128 pixels in a frame.
 constexpr double kGroups = kRows / 4, kGroupPixels = kCols / 4;
+constexpr RowDrift kDrift{0.4, 1.5};
 
 FrameSet drawn_set(const std::shared_ptr<const Synthesizer>& camera, FrameKind kind, double gain_db,
                    float level_dn, int count, std::uint64_t seed) {
@@ -36,6 +38,9 @@ struct Closure {
   NoiseModel truth = load_model("builtin:imx250myr-simulated");
   NoiseModel found;
   Closure() {
+    // The built-in model's rows are white.
+    for (PhysicsCalibration& p : truth.physics) p.row_drift.drift = kDrift;
+    truth.joint = fit_joint_model(truth.physics).value();
     const auto camera = std::make_shared<const Synthesizer>(truth, SynthesisSettings{});
     CalibrationInput input;
     input.row_group = truth.row_group;
@@ -82,7 +87,8 @@ TEST(Closure, CovariancesBetweenChannels) {
                              ? read_variance_dn2(closure().truth.physics_at(truth.gain).channels[0])
                              : truth.temporal_sd_dark_dn[0] * truth.temporal_sd_dark_dn[0];
     const double group = row + pixel / kGroupPixels;  // variance of a group's mean
-    expect_covariance(found.mu.covariance, truth.mu.covariance, group / kGroups, "mu", db);
+    const double slow = row * drift_of_means(kDrift, static_cast<int>(kGroups), 2, 0);
+    expect_covariance(found.mu.covariance, truth.mu.covariance, (group + slow) / kGroups, "mu", db);
     // Where rows are lost in the pixels' noise, their deviation is no normal variable.
     if (row < pixel / kGroupPixels) continue;
     ++gains_with_rows;
@@ -90,6 +96,21 @@ TEST(Closure, CovariancesBetweenChannels) {
                       group * group / (2 * row * (kGroups - 1)), "sigma_row", db);
   }
   EXPECT_GE(gains_with_rows, 3);
+}
+
+// Found wherever the rows are seen at all, within four standard errors.
+TEST(Closure, RowDrift) {
+  int found_at = 0;
+  for (const PhysicsCalibration& found : closure().found.physics) {
+    const MeasuredRowDrift& row = found.row_drift;
+    if (row.drift.white()) continue;
+    ++found_at;
+    EXPECT_NEAR(row.drift.share, kDrift.share, 4 * row.share_stderr) << found.gain.text();
+    EXPECT_NEAR(row.drift.length_groups, kDrift.length_groups, 4 * row.length_stderr)
+        << found.gain.text();
+    EXPECT_LT(row.share_stderr, 0.1) << found.gain.text();
+  }
+  EXPECT_GE(found_at, 3);
 }
 
 TEST(Closure, LawsOverGain) {

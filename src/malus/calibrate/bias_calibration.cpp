@@ -4,6 +4,7 @@
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/fixed_pattern.h"
+#include "malus/calibrate/row_drift_fit.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -23,7 +24,7 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 // All bias frames of one gain, one entry per frame: a few kilobytes each, whatever the frame's
 // size.
 struct BiasFrames {
-  FrameSeries mean, pixel, row, column, total;
+  FrameSeries mean, pixel, row, column, total, row_offset;
   std::vector<std::vector<ResidualHistogram>> residuals;  ///< [frame][channel]
 
   void add(FrameComponents&& frame) {
@@ -36,6 +37,7 @@ struct BiasFrames {
     row.push_back(std::move(frame.row_variance_dn2));
     column.push_back(std::move(frame.column_variance_dn2));
     total.push_back(std::move(sum));
+    row_offset.push_back(std::move(frame.row_offset_dn));
     residuals.push_back(std::move(frame.residuals));
   }
 };
@@ -55,7 +57,7 @@ struct SamplingErrors {
 };
 
 SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames& frames,
-                               const SquareMatrix& row_covariance) {
+                               const SquareMatrix& row_covariance, const RowDrift& drift) {
   const int n = geometry.channels();
   SamplingErrors e{SquareMatrix(n), SquareMatrix(n), SquareMatrix(n), SquareMatrix(n)};
   const auto pixel = mean_over_frames(frames.pixel), column = mean_over_frames(frames.column);
@@ -67,9 +69,16 @@ SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames&
     const double freedom = pixels - groups - cols + 1.0;
     for (int b = 0; b < n; ++b) {
       double shared = a == b ? std::max(row_covariance(a, a), 0.0) : row_covariance(a, b);
-      e.mean(a, b) = shared / groups;
+      const double slow =
+          std::sqrt(std::max(row_covariance(a, a), 0.0) * std::max(row_covariance(b, b), 0.0));
+      const int n_groups = geometry.channel_groups(a), stride = geometry.group_stride(a),
+                shift = geometry.group_phase(b) - geometry.group_phase(a);
+      e.mean(a, b) = (shared + slow * drift_of_means(drift, n_groups, stride, shift)) / groups;
       if (a == b) shared += var / in_group;
-      e.row(a, b) = 2.0 * shared * shared / (groups - 1.0);
+      e.row(a, b) =
+          2.0 *
+          (shared * shared + slow * slow * drift_of_variances(drift, n_groups, stride, shift)) /
+          (groups - 1.0);
     }
     e.mean(a, a) += var / pixels + col_var / cols;
     e.row(a, a) += 2.0 * var * var / (in_group * in_group * freedom);
@@ -192,9 +201,39 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
   }
 }
 
+// White where the frames do not show more. What drift moves from the rows' variance in a frame to
+// the frame's mean is given back to the former.
+void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& frames,
+                   PhysicsCalibration& out) {
+  const std::vector<double> pixel = mean_over_frames(frames.pixel);
+  std::vector<double> explained;
+  for (int g = 0; g < geometry.group_phases(); ++g) {
+    double variance = 0, pixels = 0;
+    for (int c = 0; c < geometry.channels(); ++c) {
+      variance += geometry.group_pixels(g, c) * pixel[at(c)];
+      pixels += geometry.group_pixels(g, c);
+    }
+    explained.push_back(kept * variance / (pixels * pixels));
+  }
+  const auto count = static_cast<double>(frames.row_offset.size());
+  out.row_drift = fit_row_drift(frames.row_offset, explained, static_cast<int>(kept * count + 0.5))
+                      .value_or({});
+  for (int c = 0; c < geometry.channels(); ++c) {
+    const int groups = geometry.channel_groups(c);
+    const double lost =
+        drift_of_means(out.row_drift.drift, groups, geometry.group_stride(c), 0) / (groups - 1.0);
+    for (std::size_t f = 0; f < frames.row.size(); ++f) {
+      const double given_back = frames.row[f][at(c)] * lost / (1.0 - lost);
+      frames.row[f][at(c)] += given_back;
+      frames.total[f][at(c)] += given_back;
+    }
+  }
+}
+
 void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
                      const SquareMatrix& row_covariance, PhysicsCalibration& out) {
-  const SamplingErrors sampling = sampling_errors(geometry, frames, row_covariance);
+  const SamplingErrors sampling =
+      sampling_errors(geometry, frames, row_covariance, out.row_drift.drift);
   out.mu = frame_statistics(frames.mean, sampling.mean);
   out.sigma_row = deviation_statistics(frames.row, sampling.row);
   out.sigma_column = deviation_statistics(frames.column, sampling.column);
@@ -231,10 +270,10 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
   return pass;
 }
 
-void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, int row_group,
+void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
                   double quantization_dn, const CalibrationSettings& settings, Progress& progress,
                   PhysicsCalibration& out) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group.rows);
   out.bias_frames = set.count;
   const bool several = set.count >= 2, remove_pattern = !settings.single_frame && several;
   Image pattern = dark.temporal.release_mean_frame_dn();
@@ -247,6 +286,8 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, in
   BiasFrames frames;
   for_each_frame(set, &first, progress,
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
+  if (row_group.known && remove_pattern)
+    measure_drift(geometry, 1.0 - 1.0 / set.count, frames, out);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), out);
   measure_shapes(frames, analyzer, quantization_dn, settings, first.layout, out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);

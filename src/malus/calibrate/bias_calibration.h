@@ -21,10 +21,17 @@ struct DarkPass {
 /// `first` gives size, layout and black level.
 DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress);
 
-/// Second pass: takes every frame apart and fills mu, sigma_row, sigma_column, sigma_tl, lambda,
+/// Row group in force, and whether it was declared or detected: a wrong one looks like drift.
+struct RowGroup {
+  int rows = 1;
+  bool known = false;
+};
+
+/// Second pass: takes every frame apart and fills mu, sigma_row, row_drift (white unless the row
+/// group is known and the fixed pattern removed), sigma_column, sigma_tl, lambda,
 /// temporal_sd_dark, dsnu, dark_shading, row_correlation, bias_frames and warnings of `out`. Takes
 /// the mean frame of `dark`.
-void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, int row_group,
+void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
                   double quantization_dn, const CalibrationSettings& settings, Progress& progress,
                   PhysicsCalibration& out);
 

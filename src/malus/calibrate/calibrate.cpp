@@ -108,7 +108,8 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
       temporal ? detect_row_group(dark.rows, mean_pixel_variance(dark), first.dn.cols())
                : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
       out.warnings);
-  measure_bias(*plan.bias, first, dark, group, quantization_dn, settings, progress, out);
+  measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, quantization_dn,
+               settings, progress, out);
   if (!temporal) {
     out.warnings.push_back(
         "only one bias frame: its fixed pattern is part of the read noise, and the gain K cannot "

@@ -102,6 +102,15 @@ FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
     out.column_variance_dn2[at(c)] = (column_means.variance() - pixel / rows) / kept_;
     out.mean_dn[at(c)] = mean + pattern_mean_dn_[at(c)] - black_dn_[at(c)];
   }
+  for (int g = 0; g < geometry_.groups(); ++g) {
+    double sum = 0;
+    int pixels = 0;
+    for (int c = 0; c < geometry_.channels(); ++c) {
+      sum += s.group[geometry_.group_index(g, c)];
+      pixels += geometry_.group_pixels(g, c);
+    }
+    out.row_offset_dn.push_back(sum / pixels);
+  }
   add_row_covariance(s, out);
   fill_histograms(dn, s, out);
   return out;

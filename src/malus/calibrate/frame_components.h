@@ -18,6 +18,7 @@ struct FrameComponents {
   std::vector<double> pixel_variance_dn2;   ///< read noise and quantisation
   std::vector<double> row_variance_dn2;     ///< σ_b²: of row-group means minus σ²_pix / n
   std::vector<double> column_variance_dn2;  ///< the same for columns
+  std::vector<double> row_offset_dn;        ///< per row group: mean of all its pixels' residuals
   std::vector<ResidualHistogram>
       residuals;  ///< of pixels about the mean of the rest of their group
 };

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <numeric>
 #include <vector>
 
 namespace malus {
@@ -40,6 +41,11 @@ class MosaicGeometry {
   int cell_cols() const { return cell_cols_; }
   int channels() const { return channels_; }
   int row_group() const { return row_group_; }
+  /// Row groups after which the layout repeats, and the first of them that holds the channel;
+  /// row groups from one that holds it to the next.
+  int group_phases() const { return std::lcm(cell_rows_, row_group_) / row_group_; }
+  int group_phase(int c) const { return c / cell_cols_ / row_group_; }
+  int group_stride(int c) const { return (groups() + channel_groups(c) / 2) / channel_groups(c); }
   int groups() const { return (rows_ + row_group_ - 1) / row_group_; }
   int channel(int row, int col) const { return (row % cell_rows_) * cell_cols_ + col % cell_cols_; }
   /// Columns (rows) of the mosaic that hold the channel.

@@ -339,7 +339,7 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
         physics ? physics->sigma_row.standard_error[c]
                 : 0.5 * (std::sqrt(sigma * sigma + 2 * row_error[c]) - sigma));
   }
-  if (physics) out.K = physics->K.mean;
+  if (physics) out.K = physics->K.mean, out.row_drift = physics->row_drift;
   return out;
 }
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -9,12 +10,13 @@
 namespace malus {
 namespace {
 
-constexpr double kSharedAbove = 0.5, kStandardErrors = 3.0;
+constexpr double kStandardErrors = 3.0;
 
 struct Shared {
   double ratio = 0, standard_error = 0;
-  bool yes() const { return ratio - kStandardErrors * standard_error > kSharedAbove; }
-  bool no() const { return ratio + kStandardErrors * standard_error < kSharedAbove; }
+  double above = 0.5;  ///< shared above it
+  bool yes() const { return ratio - kStandardErrors * standard_error > above; }
+  bool no() const { return ratio + kStandardErrors * standard_error < above; }
   bool open() const { return !yes() && !no(); }
   std::string text() const { return fmt::format("{:.2f} ± {:.2f}", ratio, standard_error); }
 };
@@ -43,8 +45,12 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_varia
         "row noise is too weak: {:.3g} DN² against a standard error of {:.3g} DN², and 3 of these "
         "are needed",
         row_variance, row_variance_se)};
-  const Shared even = shared(rows, 2, 0, row_variance), odd = shared(rows, 2, 1, row_variance),
-               second = shared(rows, 4, 1, row_variance), fourth = shared(rows, 4, 3, row_variance);
+  Shared even = shared(rows, 2, 0, row_variance), odd = shared(rows, 2, 1, row_variance),
+         second = shared(rows, 4, 1, row_variance), fourth = shared(rows, 4, 3, row_variance);
+  // Rows that drift slowly are alike across groups too: shared is what lies nearer to 1 than to the
+  // least alike pairs.
+  const double least = std::max(0.0, std::min({even.ratio, odd.ratio, second.ratio, fourth.ratio}));
+  for (Shared* pairs : {&even, &odd, &second, &fourth}) pairs->above = 0.5 * (1.0 + least);
   if (even.no() && odd.no()) return 1;
   if (even.yes() && second.no() && fourth.no()) return 2;
   if (even.yes() && second.yes() && fourth.no()) return 4;
@@ -55,8 +61,8 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_varia
         odd.text(), even.text())};
   return Undecided{fmt::format(
       "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; neither pattern of 1, 2 "
-      "or 4 rows is three standard errors away from one half",
-      even.text(), odd.text())};
+      "or 4 rows is three standard errors away from {:.2f}",
+      even.text(), odd.text(), even.above)};
 }
 
 }  // namespace malus

@@ -10,8 +10,9 @@ namespace malus {
 /// Groups that can be told apart: 1, 2 or 4 rows, starting at row 0.
 /// pixel_variance_dn2: temporal variance of a pixel without row noise, averaged over channels.
 /// Decides by the covariance of neighbouring rows' means over frames, for pairs inside and across
-/// the groups, relative to the row noise itself: above one half is shared. Undecided when a ratio
-/// is within three standard errors of one half (row noise too weak), when fewer than two frames
+/// the groups, relative to the row noise itself: shared is what lies above the middle between
+/// 1 and the smallest ratio (0, or what slow drift gives any two rows). Undecided when a ratio is
+/// within three standard errors of that middle (row noise too weak), when fewer than two frames
 /// were seen, or when pairs on odd rows are shared and even ones are not (the groups start on an
 /// odd row: the frames were cropped).
 Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);

@@ -12,6 +12,7 @@ set(calibrate_SOURCES
   level_histograms.cpp
   nonparametric_calibration.cpp
   photon_transfer.cpp
+  row_drift_fit.cpp
   row_group.cpp
   temporal.cpp
   tukey_fit.cpp

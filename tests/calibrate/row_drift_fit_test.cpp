@@ -1,0 +1,104 @@
+#include "malus/calibrate/row_drift_fit.h"
+
+#include "malus/base/random.h"
+#include "malus/base/statistics.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// Rows that drift, drawn by their definition as a sum of two parts and not by row_kernel(): the
+// slow part starts in its stationary state. Each frame has a level of its own.
+FrameSeries drifting_offsets(const RowDrift& drift, int frames, int groups, double pixel_variance,
+                             std::uint64_t seed) {
+  FrameSeries series;
+  const double decay = drift.white() ? 0.0 : std::exp(-1.0 / drift.length_groups);
+  for (int f = 0; f < frames; ++f) {
+    RandomSequence random(seed, static_cast<std::uint32_t>(f), Draw::kRow);
+    const double level = random.normal();
+    double slow = random.normal();
+    std::vector<double> frame;
+    for (int g = 0; g < groups; ++g) {
+      // Odd groups have other channels: another deviation, another level.
+      const double sigma = g % 2 ? 1.3 : 0.8;
+      frame.push_back(
+          level * (1 + g % 2) +
+          sigma * (std::sqrt(drift.share) * slow + std::sqrt(1 - drift.share) * random.normal()) +
+          std::sqrt(pixel_variance) * sigma * random.normal());
+      slow = decay * slow + std::sqrt(1 - decay * decay) * random.normal();
+    }
+    series.push_back(std::move(frame));
+  }
+  return series;
+}
+
+std::vector<double> explained(double pixel_variance) {
+  return {pixel_variance * 0.8 * 0.8, pixel_variance * 1.3 * 1.3};
+}
+
+// Mean error over 60 data sets within 4 of its standard errors, scatter as claimed (a variance of
+// 60 values has a relative error of 18 %; 4 of them).
+TEST(RowDriftFit, IsUnbiasedWithTheScatterItClaims) {
+  constexpr int kSets = 60;
+  const struct {
+    RowDrift drift;
+    int frames, groups;
+  } cases[] = {{{0.33, 2.0}, 25, 240}, {{0.8, 5.0}, 40, 120}, {{0.3, 20.0}, 30, 400}};
+  for (const auto& c : cases) {
+    Moments share, length;
+    for (std::uint64_t seed = 0; seed < kSets; ++seed) {
+      const auto found = fit_row_drift(drifting_offsets(c.drift, c.frames, c.groups, 0.4, seed),
+                                       explained(0.4), c.frames);
+      ASSERT_TRUE(found) << found.reason();
+      share.add((found->drift.share - c.drift.share) / found->share_stderr);
+      length.add((found->drift.length_groups - c.drift.length_groups) / found->length_stderr);
+    }
+    const double limit = 4 / std::sqrt(kSets);
+    EXPECT_NEAR(share.mean(), 0, limit) << c.drift.length_groups;
+    EXPECT_NEAR(length.mean(), 0, limit) << c.drift.length_groups;
+    EXPECT_NEAR(share.variance(), 1, 0.75) << c.drift.length_groups;
+    EXPECT_NEAR(length.variance(), 1, 0.75) << c.drift.length_groups;
+  }
+}
+
+// White rows: the stated chance of a false drift is 1 in 1000; none of 200 is seen.
+TEST(RowDriftFit, WhiteRowsStayWhite) {
+  for (std::uint64_t seed = 0; seed < 200; ++seed)
+    EXPECT_FALSE(fit_row_drift(drifting_offsets({}, 10, 128, 0.4, seed), explained(0.4), 10));
+}
+
+TEST(RowDriftFit, SaysWhyItCannotDecide) {
+  const auto few = fit_row_drift(drifting_offsets({0.9, 4}, 3, 128, 0, 1), {1, 1}, 3);
+  ASSERT_FALSE(few);
+  EXPECT_NE(few.reason().find("3 frames of 128"), std::string::npos);
+  const auto small = fit_row_drift(drifting_offsets({0.9, 4}, 30, 16, 0, 1), {1, 1}, 30);
+  EXPECT_FALSE(small);
+  const FrameSeries constant(10, std::vector<double>(64, 2.0));
+  const auto none = fit_row_drift(constant, {0.1}, 10);
+  ASSERT_FALSE(none);
+  EXPECT_NE(none.reason().find("too little row noise"), std::string::npos);
+}
+
+// Against the sums over all pairs of groups, written out.
+TEST(RowDriftSampling, EqualsTheSumOverAllPairs) {
+  const RowDrift drift{0.6, 3.0};
+  for (const int shift : {0, 1, -2}) {
+    double means = 0, variances = 0;
+    for (int a = 0; a < 20; ++a)
+      for (int b = 0; b < 20; ++b) {
+        const int lag = std::abs(3 * (b - a) + shift);
+        if (lag == 0) continue;
+        means += row_autocorrelation(drift, lag) / 20;
+        variances += std::pow(row_autocorrelation(drift, lag), 2) / 20;
+      }
+    EXPECT_NEAR(drift_of_means(drift, 20, 3, shift), means, 1e-12);
+    EXPECT_NEAR(drift_of_variances(drift, 20, 3, shift), variances, 1e-12);
+  }
+  EXPECT_EQ(drift_of_means({}, 20, 3, 0), 0.0);
+}
+
+}  // namespace
+}  // namespace malus
