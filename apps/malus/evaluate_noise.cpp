@@ -106,6 +106,7 @@ Json json_of(const NoiseStructure& s) {
           {"sd_dn", s.sd_dn},
           {"sigma_row_dn", s.row_sd_dn},
           {"sigma_column_dn", s.column_sd_dn},
+          {"row_power_dn2", s.row_power_dn2},
           {"correlation_along_row", s.along_row},
           {"correlation_along_column", s.along_column}};
 }
@@ -152,6 +153,11 @@ std::string text_of(const NoiseComparison& c, int bins) {
   row("standard deviation [DN]", c.reference.sd_dn, c.test.sd_dn);
   row("row noise [DN]", c.reference.row_sd_dn, c.test.row_sd_dn);
   row("column noise [DN]", c.reference.column_sd_dn, c.test.column_sd_dn);
+  const auto &one = c.reference.row_power_dn2, &two = c.test.row_power_dn2;
+  for (std::size_t band = 0; band < std::min(one.size(), two.size()); ++band)
+    text += fmt::format("  {:<32}{:>12.4f}{:>12.4f}\n",
+                        fmt::format("row power, band {} of {} [DN²]", band + 1, kRowBands),
+                        one[band], two[band]);
   for (std::size_t i = 0; i < static_cast<std::size_t>(kLags); ++i) {
     text += fmt::format("  {:<32}{:>12.4f}{:>12.4f}\n",
                         fmt::format("correlation, {} along the row", i + 1),

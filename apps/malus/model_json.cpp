@@ -44,6 +44,26 @@ Json value_json(const Values& value, const Values& standard_error, const char* u
       {"value", array_or_null(value)}, {"stderr", array_or_null(standard_error)}, {"unit", unit}};
 }
 
+Json drift_json(const MeasuredRowDrift& measured) {
+  if (measured.drift.white()) return nullptr;
+  return {{"share",
+           {{"value", measured.drift.share}, {"stderr", measured.share_stderr}, {"unit", "1"}}},
+          {"length",
+           {{"value", measured.drift.length_groups},
+            {"stderr", measured.length_stderr},
+            {"unit", "row groups"}}}};
+}
+
+Json drifts_json(const std::vector<RowDrift>& drifts) {
+  if (drifts.empty()) return nullptr;
+  Json json = {{"share", Json::array()}, {"length", Json::array()}};
+  for (const RowDrift& drift : drifts) {
+    json["share"].push_back(drift.share);
+    json["length"].push_back(drift.length_groups);
+  }
+  return json;
+}
+
 Json transfer_json(const std::vector<PhotonTransferPoint>& points) {
   Json json = {{"channel", Json::array()},    {"exposure_s", Json::array()},
                {"mean_dn", Json::array()},    {"variance_dn2", Json::array()},
@@ -68,6 +88,7 @@ Json physics_json(const PhysicsCalibration& p) {
   json["K"] = value_json(p.K.mean, p.K.standard_error, "DN/e-");
   json["mu"] = statistics_json(p.mu, "DN", true);
   json["sigma_row"] = statistics_json(p.sigma_row, "DN", true);
+  json["row_drift"] = drift_json(p.row_drift);
   json["sigma_tl"] = statistics_json(p.sigma_tl, "DN", false);
   json["lambda"] = statistics_json(p.lambda, "1", false);
   json["read_noise"] = value_json(read_noise_e(p), {}, "e-");
@@ -121,7 +142,8 @@ Json segment_json(const JointSegment& segment) {
           {"residuals", law_member_json(segment, &LogLinear::residual)},
           {"signed_linear", law_member_json(segment, &LogLinear::signed_linear)},
           {"mu_correlation", matrix_json(segment.mu_correlation)},
-          {"sigma_row_correlation", matrix_json(segment.sigma_row_correlation)}};
+          {"sigma_row_correlation", matrix_json(segment.sigma_row_correlation)},
+          {"row_drift", drifts_json(segment.row_drift)}};
 }
 
 Json joint_json(const JointGainModel& joint) {
@@ -170,6 +192,7 @@ Json nonparametric_json(const NonparametricCalibration& n) {
   }
   json["channels"] = channels;
   json["sigma_row"] = value_json(n.sigma_row_dn, n.sigma_row_stderr_dn, "DN");
+  json["row_drift"] = drift_json(n.row_drift);
   json["K"] = value_json(n.K, {}, "DN/e-");
   json["warnings"] = n.warnings;
   return json;

@@ -34,6 +34,10 @@ NoticesBlock findings(const NoiseModel& model) {
                                             model.row_group_origin)
                               : fmt::format("{} mosaic rows share one draw of row noise ({}).",
                                             model.row_group, model.row_group_origin));
+  for (const PhysicsCalibration& p : model.physics)
+    if (!p.row_drift.drift.white())
+      add(NoticeLevel::kNote,
+          fmt::format("{}: rows drift slowly, {}.", p.gain.text(), text_of(p.row_drift)));
   if (!model.defects.empty())
     add(NoticeLevel::kNote,
         fmt::format("{} defect pixels are listed in the model.", model.defects.size()));

@@ -256,6 +256,9 @@ std::vector<Quantity> quantities_of(const NoiseComparison& c) {
     all.push_back(list("sigma_row" + suffix, "σ_b", "DN", "row noise per channel", s->row_sd_dn));
     all.push_back(
         list("sigma_column" + suffix, "σ_c", "DN", "column noise per channel", s->column_sd_dn));
+    all.push_back(list("row_power" + suffix, "P_b", "DN^2",
+                       "power of the rows' means in eight bands, low to high frequency",
+                       s->row_power_dn2));
     all.push_back(list("correlation_along_row" + suffix, "ρ", "1",
                        "correlation of pixels 1, 2, ... apart in a row", s->along_row));
     all.push_back(list("correlation_along_column" + suffix, "ρ", "1",

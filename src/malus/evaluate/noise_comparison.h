@@ -56,10 +56,15 @@ struct NoiseStructure {
   std::vector<double> sd_dn;      ///< per channel, all noise together
   std::vector<double> row_sd_dn;  ///< per channel: rows' offsets beyond what pixel noise explains
   std::vector<double> column_sd_dn;  ///< per channel
+  /// Power of the mosaic rows' means in kRowBands equal bands of frequency, low to high, DN²;
+  /// channel means removed, pixel noise included. White rows: equal powers, each the variance of
+  /// the means. Empty for frames with too few rows.
+  std::vector<double> row_power_dn2;
   /// Correlation of mosaic neighbours, channels scaled to one variance; lags 1, 2, ... kLags.
   std::vector<double> along_row, along_column;
 };
 inline constexpr int kLags = 4;
+inline constexpr int kRowBands = 8;
 
 struct NoiseComparison {
   NoiseDistance pooled;

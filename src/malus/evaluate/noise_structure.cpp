@@ -5,8 +5,9 @@
 #include "malus/image/pack.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <complex>
+#include <numbers>
 #include <numeric>
 
 namespace malus {
@@ -52,6 +53,42 @@ Spread centre(Image& plane) {
   return spread;
 }
 
+// Means of the mosaic's rows, from planes with mean 0.
+std::vector<double> row_means(const Planes& planes, const SensorLayout& layout) {
+  std::vector<double> means(static_cast<std::size_t>(planes.rows() * layout.rows()), 0.0);
+  for (int k = 0; k < planes.channels(); ++k)
+    for (int r = 0; r < planes.rows(); ++r) {
+      double& mean = means[static_cast<std::size_t>(r * layout.rows() + k / layout.cols())];
+      for (int c = 0; c < planes.cols(); ++c)
+        mean += double{planes[k](r, c)} / (planes.cols() * layout.cols());
+    }
+  return means;
+}
+
+// Periodogram from the lowest frequency above 0 to half a cycle per row, averaged in kRowBands
+// bands that differ by one frequency at most.
+std::vector<double> row_power(const std::vector<double>& means) {
+  const std::size_t n = means.size(), frequencies = n / 2;
+  constexpr std::size_t kBands = kRowBands;
+  if (frequencies < kBands) return {};
+  std::vector<std::complex<double>> turn(n);
+  for (std::size_t i = 0; i < n; ++i)
+    turn[i] =
+        std::polar(1.0, 2 * std::numbers::pi * static_cast<double>(i) / static_cast<double>(n));
+  std::vector<double> power(kBands, 0.0);
+  std::size_t first = 1;
+  for (std::size_t band = 0; band < kBands; ++band) {
+    const std::size_t count = frequencies / kBands + (band < frequencies % kBands);
+    for (std::size_t j = first; j < first + count; ++j) {
+      std::complex<double> sum;
+      for (std::size_t r = 0; r < n; ++r) sum += means[r] * turn[j * r % n];
+      power[band] += std::norm(sum) / static_cast<double>(n * count);
+    }
+    first += count;
+  }
+  return power;
+}
+
 // Mean product of pixels (row, col) and (row + down, col + right).
 double lagged_product(const Image& image, int down, int right) {
   if (image.rows() <= down || image.cols() <= right) return 0;
@@ -79,6 +116,7 @@ StructureSums::StructureSums(const SensorLayout& layout)
 
 void StructureSums::add(const Image& noise) {
   Planes planes = pack(noise, layout_);
+  std::vector<float> scale;  // to variance 1
   for (int k = 0; k < planes.channels(); ++k) {
     const Spread spread = centre(planes[k]);
     ChannelSums& sums = channels_[static_cast<std::size_t>(k)];
@@ -86,9 +124,13 @@ void StructureSums::add(const Image& noise) {
     sums.variance += spread.variance;
     sums.row_variance += spread.row_variance;
     sums.column_variance += spread.column_variance;
-    const auto scale = static_cast<float>(spread.variance > 0 ? 1 / std::sqrt(spread.variance) : 0);
-    for (float& v : planes[k].values()) v *= scale;
+    scale.push_back(static_cast<float>(spread.variance > 0 ? 1 / std::sqrt(spread.variance) : 0));
   }
+  const std::vector<double> power = row_power(row_means(planes, layout_));
+  row_power_.resize(power.size());
+  for (std::size_t band = 0; band < power.size(); ++band) row_power_[band] += power[band];
+  for (int k = 0; k < planes.channels(); ++k)
+    for (float& v : planes[k].values()) v *= scale[static_cast<std::size_t>(k)];
   Image scaled(noise.rows(), noise.cols());
   unpack(planes, layout_, scaled);
   for (int lag = 1; lag <= kLags; ++lag) {
@@ -112,7 +154,8 @@ NoiseStructure StructureSums::result() const {
   }
   structure.along_row = along_row_;
   structure.along_column = along_column_;
-  for (auto* list : {&structure.along_row, &structure.along_column})
+  structure.row_power_dn2 = row_power_;
+  for (auto* list : {&structure.along_row, &structure.along_column, &structure.row_power_dn2})
     for (double& v : *list) v /= frames_;
   return structure;
 }

@@ -21,7 +21,7 @@ class StructureSums {
   SensorLayout layout_;
   int frames_ = 0;
   std::vector<ChannelSums> channels_;
-  std::vector<double> along_row_, along_column_;
+  std::vector<double> along_row_, along_column_, row_power_;
 };
 
 }  // namespace malus

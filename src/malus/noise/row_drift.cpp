@@ -1,5 +1,7 @@
 #include "malus/noise/row_drift.h"
 
+#include "malus/base/error.h"
+
 #include <cmath>
 
 #include <fmt/format.h>
@@ -14,6 +16,17 @@ std::string contradiction_in(const RowDrift& drift) {
     return fmt::format("has a length of {} row groups, not between {} and {}", drift.length_groups,
                        kShortestRowDrift, kLongestRowDrift);
   return "";
+}
+
+std::string text_of(const MeasuredRowDrift& measured) {
+  MALUS_REQUIRE(!measured.drift.white());
+  const auto with_error = [](double value, double error, int digits) {
+    return error > 0 ? fmt::format("{:.{}f} ± {:.{}f}", value, digits, error, digits)
+                     : fmt::format("{:.{}f}", value, digits);
+  };
+  return fmt::format("{} % of the rows' variance, over {} row groups",
+                     with_error(100 * measured.drift.share, 100 * measured.share_stderr, 0),
+                     with_error(measured.drift.length_groups, measured.length_stderr, 1));
 }
 
 double row_autocorrelation(const RowDrift& drift, int lag) {

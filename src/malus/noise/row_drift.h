@@ -34,6 +34,10 @@ struct MeasuredRowDrift {
 /// What is impossible about the drift; empty when nothing is.
 std::string contradiction_in(const RowDrift& drift);
 
+/// "33 ± 2 % of the rows' variance, over 2.0 ± 0.1 row groups"; errors of 0 (published,
+/// interpolated) are left out. Contract: not white.
+std::string text_of(const MeasuredRowDrift& measured);
+
 /// rho(lag), lag >= 0 in row groups.
 double row_autocorrelation(const RowDrift& drift, int lag);
 
