@@ -1,3 +1,5 @@
+#include "malus/neural/internal/strips.h"
+#include "malus/neural/internal/windows.h"
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
@@ -33,6 +35,17 @@ class ShuffledTransposedAttentionImpl : public Module {
         torch::matmul(attention, v).permute({0, 3, 2, 1}).reshape({windows, pixels, dim});
     return proj_(mixed);
   }
+  // The same for the kernels, with the norm before it: the shuffle is in the order of the weights.
+  internal::ChannelAttention packed(const LayerNorm& norm) const {
+    const auto dim = proj_->weight.size(0);
+    const auto order = torch::arange(dim).view({dim / heads_, heads_}).t().reshape(-1);
+    const auto temperature = temperature_.detach().reshape(-1).contiguous();
+    return {packed_norm(norm),
+            {qkv_->weight.view({3, dim, dim}).index_select(1, order).reshape({3 * dim, dim}), {}},
+            {temperature.data_ptr<float>(), temperature.data_ptr<float>() + heads_},
+            {proj_->weight.index_select(1, order), proj_->bias},
+            heads_};
+  }
 
  private:
   std::int64_t heads_;
@@ -46,7 +59,7 @@ TORCH_MODULE(ShuffledTransposedAttention);
 class HybridBlockImpl : public Module {
  public:
   HybridBlockImpl(std::int64_t dim, std::int64_t heads, std::int64_t window, std::int64_t shift)
-      : window_(window), shift_(shift) {
+      : heads_(heads), window_(window), shift_(shift) {
     norm1_ = register_module("norm1", LayerNorm(LayerNormOptions({dim})));
     sw_ma_ = register_module("sw_ma", WindowAttention(dim, window, heads));
     norm2_ = register_module("norm2", LayerNorm(LayerNormOptions({dim})));
@@ -55,6 +68,8 @@ class HybridBlockImpl : public Module {
     mlp_ = register_module("mlp", LeFF(dim, 2 * dim));
   }
   torch::Tensor forward(torch::Tensor x) {
+    if (internal::kernels_apply(x) && internal::windows_apply(x.size(3), heads_, window_))
+      return with_kernels(x.contiguous());
     const auto rows = x.size(1), cols = x.size(2);
     torch::Tensor mask;
     if (shift_ > 0) {
@@ -70,7 +85,24 @@ class HybridBlockImpl : public Module {
   }
 
  private:
-  std::int64_t window_, shift_;
+  struct Packed {
+    internal::PixelAttention pixels;
+    internal::ChannelAttention channels;
+    internal::StripLayer wide;
+    internal::PackedLinear project;
+  };
+  torch::Tensor with_kernels(const torch::Tensor& x) {
+    const Packed& packed = packed_.of(*this, [&] {
+      return Packed{sw_ma_->packed(norm1_), w_msta_->packed(norm2_), mlp_->packed(norm3_),
+                    mlp_->packed_project()};
+    });
+    return internal::strip_feed_forward(
+        internal::attend_in_windows(x, window_, shift_, packed.pixels, &packed.channels),
+        packed.wide, internal::StripActivation::kGelu, packed.project);
+  }
+
+  std::int64_t heads_, window_, shift_;
+  internal::Cached<Packed> packed_;
   LayerNorm norm1_{nullptr}, norm2_{nullptr}, norm3_{nullptr};
   WindowAttention sw_ma_{nullptr};
   ShuffledTransposedAttention w_msta_{nullptr};

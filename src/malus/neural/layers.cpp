@@ -1,5 +1,8 @@
 #include "malus/neural/layers.h"
 
+#include "malus/neural/internal/strips.h"
+#include "malus/neural/internal/windows.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -55,6 +58,11 @@ torch::Tensor from_windows(const torch::Tensor& windows, std::int64_t window, st
       .reshape({-1, rows, cols, channels});
 }
 
+internal::RowNorm packed_norm(const torch::nn::LayerNorm& norm) {
+  return {norm->weight.data_ptr<float>(), norm->bias.data_ptr<float>(),
+          static_cast<float>(norm->options.eps())};
+}
+
 torch::Tensor shift_mask(std::int64_t rows, std::int64_t cols, std::int64_t window,
                          std::int64_t shift, const torch::TensorOptions& options) {
   auto region = torch::zeros({1, rows, cols, 1}, options);
@@ -90,10 +98,7 @@ torch::Tensor WindowAttentionImpl::forward(const torch::Tensor& x, const torch::
   const auto q = split(to_q_(x)) * (1.0 / std::sqrt(static_cast<double>(head_dim_)));
   const auto kv = to_kv_(x).chunk(2, -1);
   auto attention = torch::matmul(q, split(kv[0]).transpose(-2, -1));
-  attention = attention + bias_table_.index({index_.view(-1).to(torch::kLong)})
-                              .view({n, n, heads_})
-                              .permute({2, 0, 1})
-                              .unsqueeze(0);
+  attention = attention + relative_bias().unsqueeze(0);
   if (mask.defined()) {
     const auto windows = mask.size(0);
     attention =
@@ -102,6 +107,22 @@ torch::Tensor WindowAttentionImpl::forward(const torch::Tensor& x, const torch::
   }
   const auto mixed = torch::matmul(torch::softmax(attention, -1), split(kv[1]));
   return proj_(mixed.transpose(1, 2).reshape({batch, n, dim}));
+}
+
+torch::Tensor WindowAttentionImpl::relative_bias() const {
+  const auto n = index_.size(0);
+  return bias_table_.index({index_.view(-1).to(torch::kLong)})
+      .view({n, n, heads_})
+      .permute({2, 0, 1});
+}
+
+internal::PixelAttention WindowAttentionImpl::packed(const torch::nn::LayerNorm& norm) const {
+  return {packed_norm(norm),
+          {},
+          {torch::cat({to_q_->weight, to_kv_->weight}), torch::cat({to_q_->bias, to_kv_->bias})},
+          relative_bias().contiguous(),
+          {proj_->weight, proj_->bias},
+          heads_};
 }
 
 LeFFImpl::LeFFImpl(std::int64_t dim, std::int64_t hidden) {
@@ -116,6 +137,17 @@ LeFFImpl::LeFFImpl(std::int64_t dim, std::int64_t hidden) {
 torch::Tensor LeFFImpl::forward(const torch::Tensor& x) {
   const auto wide = linear1_->forward(x).permute({0, 3, 1, 2});
   return linear2_->forward(dwconv_->forward(wide).permute({0, 2, 3, 1}));
+}
+
+internal::StripLayer LeFFImpl::packed(const torch::nn::LayerNorm& norm) const {
+  const auto& wide = *linear1_->ptr(0)->as<torch::nn::Linear>();
+  const auto& depthwise = *dwconv_->ptr(0)->as<torch::nn::Conv2d>();
+  return {packed_norm(norm), {wide.weight, wide.bias}, true, {depthwise.weight, depthwise.bias}};
+}
+
+internal::PackedLinear LeFFImpl::packed_project() const {
+  const auto& narrow = *linear2_->ptr(0)->as<torch::nn::Linear>();
+  return {narrow.weight, narrow.bias};
 }
 
 }  // namespace malus

@@ -3,6 +3,13 @@
 
 #include <torch/torch.h>
 
+namespace malus::internal {
+struct PixelAttention;
+struct RowNorm;
+class PackedLinear;
+struct StripLayer;
+}  // namespace malus::internal
+
 namespace malus {
 
 /// Pads right and below to a multiple: by reflection where the picture is large enough, else by
@@ -18,6 +25,9 @@ torch::Tensor to_windows(const torch::Tensor& x, std::int64_t window);
 torch::Tensor from_windows(const torch::Tensor& windows, std::int64_t window, std::int64_t rows,
                            std::int64_t cols);
 
+/// A layer norm for the kernels.
+internal::RowNorm packed_norm(const torch::nn::LayerNorm& norm);
+
 /// Additive mask [windows, window², window²] that keeps a shifted window's wrapped parts apart (0
 /// or -100; Swin, Liu et al. ICCV 2021, 3.2).
 torch::Tensor shift_mask(std::int64_t rows, std::int64_t cols, std::int64_t window,
@@ -30,8 +40,12 @@ class WindowAttentionImpl : public torch::nn::Module {
   WindowAttentionImpl(std::int64_t dim, std::int64_t window, std::int64_t heads);
   /// x: [batch * windows, window², dim]; mask: undefined or [windows, window², window²].
   torch::Tensor forward(const torch::Tensor& x, const torch::Tensor& mask);
+  /// The same for the kernels (internal/windows.h), with the norm before it.
+  internal::PixelAttention packed(const torch::nn::LayerNorm& norm) const;
 
  private:
+  torch::Tensor relative_bias() const;  ///< [heads, window², window²]
+
   std::int64_t heads_, head_dim_;
   torch::Tensor bias_table_, index_;
   torch::nn::Linear to_q_{nullptr}, to_kv_{nullptr}, proj_{nullptr};
@@ -44,6 +58,9 @@ class LeFFImpl : public torch::nn::Module {
  public:
   LeFFImpl(std::int64_t dim, std::int64_t hidden);
   torch::Tensor forward(const torch::Tensor& x);
+  /// The same for the kernels (internal/strips.h), with the norm before it; and its last layer.
+  internal::StripLayer packed(const torch::nn::LayerNorm& norm) const;
+  internal::PackedLinear packed_project() const;
 
  private:
   torch::nn::Sequential linear1_{nullptr}, dwconv_{nullptr}, linear2_{nullptr};

@@ -45,7 +45,10 @@ std::unique_ptr<at::ObserverContext> count(const at::RecordFunction& call) {
   return nullptr;
 }
 
+// The layers of libtorch are counted: without gradients the kernels would take their place.
 double count_work(Network& network, const torch::Tensor& input) {
+  const torch::AutoGradMode gradients(true);
+  for (torch::Tensor& parameter : network.parameters()) parameter.set_requires_grad(false);
   counted = 0;
   const auto handle = at::addThreadLocalCallback(
       at::RecordFunctionCallback(count).needsInputs(true).scopes({at::RecordScope::FUNCTION}));

@@ -1,3 +1,5 @@
+#include "malus/neural/internal/convolution.h"
+#include "malus/neural/internal/strips.h"
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
@@ -20,6 +22,9 @@ class PixelNormImpl : public Module {
   torch::Tensor forward(const torch::Tensor& x) {
     return torch::layer_norm(x.permute({0, 2, 3, 1}), {x.size(1)}, weight_, bias_, 1e-6)
         .permute({0, 3, 1, 2});
+  }
+  internal::RowNorm packed() const {
+    return {weight_.data_ptr<float>(), bias_.data_ptr<float>(), 1e-6F};
   }
 
  private:
@@ -48,6 +53,8 @@ class NAFBlockImpl : public Module {
     gamma_ = register_parameter("gamma", torch::zeros({1, c, 1, 1}));
   }
   torch::Tensor forward(const torch::Tensor& input) {
+    if (internal::kernels_apply(input) && input.size(1) % internal::kLane == 0)
+      return internal::channels_first(with_kernels(internal::channels_last(input)));
     auto x = simple_gate(conv2_(conv1_(norm1_(input))));
     x = x * sca_->forward(x);
     const auto y = input + conv3_(x) * beta_;
@@ -55,6 +62,63 @@ class NAFBlockImpl : public Module {
   }
 
  private:
+  struct Packed {
+    internal::StripLayer wide;
+    internal::RowNorm norm;
+    internal::PackedLinear conv3, conv4, conv5;  ///< the third and fifth with beta and gamma
+  };
+  Packed packed() const {
+    const auto scaled = [](const Conv2d& layer, const torch::Tensor& scale) {
+      return internal::PackedLinear(layer->weight * scale.view({-1, 1, 1, 1}),
+                                    layer->bias * scale.view(-1));
+    };
+    return {
+        {norm1_->packed(), {conv1_->weight, conv1_->bias}, false, {conv2_->weight, conv2_->bias}},
+        norm2_->packed(),
+        scaled(conv3_, beta_),
+        {conv4_->weight, conv4_->bias},
+        scaled(conv5_, gamma_)};
+  }
+  torch::Tensor with_kernels(const torch::Tensor& x) {
+    const Packed& layers = packed_.of(*this, [&] { return packed(); });
+    const auto b = x.size(0), c = x.size(3), pixels = x.size(1) * x.size(2);
+    const auto gated = torch::empty_like(x), sums = torch::zeros({internal::strip_tasks(x), c});
+    internal::for_each_strip(x, layers.wide, [&](const internal::StripPiece& piece) {
+      float* to = gated.data_ptr<float>() + piece.pixel * c;
+      internal::gate_halves(piece.wide, piece.pixels, c, false, to);
+      internal::add_columns(to, c, piece.pixels, c, false, sums.data_ptr<float>() + piece.task * c);
+    });
+    const auto mean = sums.view({b, -1, c}).sum(1, false, torch::kDouble) / pixels;
+    const auto factors =
+        sca_->forward(mean.to(torch::kFloat).view({b, c, 1, 1})).reshape({b, c}).contiguous();
+    return second_half(layers, x, gated, factors);
+  }
+  // Everything after the pooled attention, a few pixels at a time.
+  static torch::Tensor second_half(const Packed& layers, const torch::Tensor& x,
+                                   const torch::Tensor& gated, const torch::Tensor& factors) {
+    constexpr std::ptrdiff_t kPixels = 128;
+    const std::ptrdiff_t c = x.size(3), image_pixels = x.size(1) * x.size(2),
+                         pieces = (image_pixels + kPixels - 1) / kPixels;
+    const auto y = x.clone();
+    internal::for_each_task(x.size(0) * pieces, [&](std::ptrdiff_t task) {
+      const std::ptrdiff_t image = task / pieces, first = task % pieces * kPixels,
+                           count = std::min(kPixels, image_pixels - first),
+                           pixel = image * image_pixels + first;
+      internal::Scratch scratch(3 * kPixels * c);
+      float *narrow = scratch.take(kPixels * c), *wide = scratch.take(2 * kPixels * c),
+            *out = y.data_ptr<float>() + pixel * c;
+      internal::scale_columns(gated.data_ptr<float>() + pixel * c, c, count, c,
+                              factors.data_ptr<float>() + image * c, narrow, c);
+      layers.conv3.run(narrow, count, out, c, true);
+      internal::normalize_rows(layers.norm, out, c, count, c, narrow);
+      layers.conv4.run(narrow, count, wide, 2 * c);
+      internal::gate_halves(wide, count, c, false, narrow);
+      layers.conv5.run(narrow, count, out, c, true);
+    });
+    return y;
+  }
+
+  internal::Cached<Packed> packed_;
   Conv2d conv1_{nullptr}, conv2_{nullptr}, conv3_{nullptr}, conv4_{nullptr}, conv5_{nullptr};
   Sequential sca_{nullptr};
   PixelNorm norm1_{nullptr}, norm2_{nullptr};
@@ -95,6 +159,7 @@ class NAFNet final : public Network {
   torch::Tensor forward(torch::Tensor input) override {
     const auto rows = input.size(2), cols = input.size(3);
     input = zero_pad_to_multiple(input, std::int64_t{1} << encoders_->size());
+    if (internal::kernels_apply(input)) input = input.contiguous(torch::MemoryFormat::ChannelsLast);
     auto x = intro_(input);
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_->size(); ++i) {

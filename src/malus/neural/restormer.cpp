@@ -1,3 +1,5 @@
+#include "malus/neural/internal/convolution.h"
+#include "malus/neural/internal/strips.h"
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
@@ -24,6 +26,10 @@ class ChannelNormImpl : public Module {
       // the slow var().
       y = bias_free(y);
     return y.permute({0, 3, 1, 2});
+  }
+  internal::RowNorm packed() const {
+    return {weight_.data_ptr<float>(), bias_.defined() ? bias_.data_ptr<float>() : nullptr,
+            static_cast<float>(kEpsilon), !bias_.defined()};
   }
 
  private:
@@ -69,6 +75,56 @@ class TransposedAttentionImpl : public Module {
     const auto attention = torch::softmax(torch::matmul(q, k.transpose(-2, -1)) * temperature_, -1);
     return project_out_(torch::matmul(attention, v).reshape({b, c, h, w}));
   }
+  internal::StripLayer packed(const ChannelNorm& norm) const {
+    return {norm->packed(),
+            {qkv_->weight, qkv_->bias},
+            false,
+            {qkv_dwconv_->weight, qkv_dwconv_->bias}};
+  }
+  // x + attention of x, [batch, rows, cols, channels]. Attention over the picture is one matrix for
+  // its values, and so is the projection: their product is applied at once.
+  torch::Tensor with_kernels(const internal::StripLayer& layer, const torch::Tensor& x) const {
+    const auto b = x.size(0), c = x.size(3), width = c / heads_;
+    const auto products = torch::zeros({internal::strip_tasks(x), heads_ * width * width});
+    const auto squares = torch::zeros({internal::strip_tasks(x), 2 * c});
+    const auto values = torch::empty_like(x);
+    float* kept = values.data_ptr<float>();
+    internal::for_each_strip(x, layer, [&](const internal::StripPiece& piece) {
+      const float* q = piece.wide;
+      internal::add_columns(q, 3 * c, piece.pixels, 2 * c, true,
+                            squares.data_ptr<float>() + piece.task * 2 * c);
+      for (std::int64_t head = 0; head < heads_; ++head) {
+        internal::MatrixProduct p{.rows = width, .inner = piece.pixels, .cols = width};
+        p.a = q + head * width;
+        p.a_row = 1;
+        p.a_inner = 3 * c;
+        p.b = p.a + c;
+        p.b_inner = 3 * c;
+        p.c = products.data_ptr<float>() + (piece.task * heads_ + head) * width * width;
+        p.c_row = width;
+        p.add = true;
+        internal::multiply(p);
+      }
+      for (std::ptrdiff_t i = 0; i < piece.pixels; ++i)
+        std::copy_n(q + i * 3 * c + 2 * c, c, kept + (piece.pixel + i) * c);
+    });
+    const auto sum = [&](const torch::Tensor& t, torch::IntArrayRef shape) {
+      return t.view({b, -1, t.size(1)}).sum(1, false, torch::kDouble).view(shape);
+    };
+    const auto norms = sum(squares, {b, 2, heads_, width}).sqrt().clamp_min(1e-12);
+    const auto attention =
+        torch::softmax(sum(products, {b, heads_, width, width}) / norms.select(1, 0).unsqueeze(3) /
+                           norms.select(1, 1).unsqueeze(2) * temperature_,
+                       -1)
+            .to(torch::kFloat);
+    auto y = x.clone();
+    const auto out = project_out_->weight.view({c, heads_, width}).transpose(0, 1);
+    for (std::int64_t image = 0; image < b; ++image)
+      internal::add_linear({torch::matmul(out, attention[image]).transpose(0, 1).reshape({c, c}),
+                            project_out_->bias},
+                           values[image], y[image]);
+    return y;
+  }
 
  private:
   std::int64_t heads_;
@@ -90,26 +146,67 @@ class GatedFeedForwardImpl : public Module {
     const auto halves = dwconv_(project_in_(x)).chunk(2, 1);
     return project_out_(torch::gelu(halves[0]) * halves[1]);
   }
+  // For the kernels each half is filled up to whole vectors by channels of zeros.
+  internal::StripLayer packed(const ChannelNorm& norm) const {
+    return {norm->packed(),
+            {filled(project_in_->weight, 2), filled(project_in_->bias, 2)},
+            false,
+            {filled(dwconv_->weight, 2), filled(dwconv_->bias, 2)}};
+  }
+  internal::PackedLinear packed_project() const {
+    const auto weight = project_out_->weight.flatten(1);
+    return {filled(weight.t(), 1).t(), project_out_->bias};
+  }
 
  private:
+  // Every part of the first dimension becomes as long as whole vectors are.
+  static torch::Tensor filled(const torch::Tensor& t, std::int64_t parts) {
+    if (!t.defined()) return t;
+    const auto length = t.size(0) / parts;
+    auto shape = t.sizes().vec();
+    shape[0] = internal::whole_lanes(length) - length;
+    std::vector<torch::Tensor> pieces;
+    for (const auto& part : t.chunk(parts, 0)) {
+      pieces.push_back(part);
+      pieces.push_back(torch::zeros(shape));
+    }
+    return torch::cat(pieces);
+  }
   Conv2d project_in_{nullptr}, dwconv_{nullptr}, project_out_{nullptr};
 };
 TORCH_MODULE(GatedFeedForward);
 
 class BlockImpl : public Module {
  public:
-  BlockImpl(std::int64_t dim, std::int64_t heads, double expansion, bool bias, bool bias_free) {
+  BlockImpl(std::int64_t dim, std::int64_t heads, double expansion, bool bias, bool bias_free)
+      : whole_vectors_(dim / heads % internal::kLane == 0) {
     norm1_ = register_module("norm1", ChannelNorm(dim, bias_free));
     attn_ = register_module("attn", TransposedAttention(dim, heads, bias));
     norm2_ = register_module("norm2", ChannelNorm(dim, bias_free));
     ffn_ = register_module("ffn", GatedFeedForward(dim, expansion, bias));
   }
   torch::Tensor forward(torch::Tensor x) {
+    if (internal::kernels_apply(x) && whole_vectors_) return with_kernels(x);
     x = x + attn_(norm1_(x));
     return x + ffn_(norm2_(x));
   }
 
  private:
+  struct Packed {
+    internal::StripLayer attention, wide;
+    internal::PackedLinear project;
+  };
+  torch::Tensor with_kernels(const torch::Tensor& x) {
+    const Packed& packed = packed_.of(*this, [&] {
+      return Packed{attn_->packed(norm1_), ffn_->packed(norm2_), ffn_->packed_project()};
+    });
+    const auto attended = attn_->with_kernels(packed.attention, internal::channels_last(x));
+    return internal::channels_first(internal::strip_feed_forward(
+        attended, packed.wide, internal::StripActivation::kGateWithGelu, packed.project));
+  }
+
+  bool whole_vectors_;
+  internal::Cached<Packed> packed_;
   ChannelNorm norm1_{nullptr}, norm2_{nullptr};
   TransposedAttention attn_{nullptr};
   GatedFeedForward ffn_{nullptr};
@@ -149,6 +246,7 @@ class Restormer final : public Network {
   torch::Tensor forward(torch::Tensor input) override {
     const auto rows = input.size(2), cols = input.size(3);
     input = pad_to_multiple(input, 1 << (kLevels - 1));
+    if (internal::kernels_apply(input)) input = input.contiguous(torch::MemoryFormat::ChannelsLast);
     auto x = patch_embed_(input);
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_.size(); ++i) {

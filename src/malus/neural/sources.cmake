@@ -1,10 +1,13 @@
 set(neural_SOURCES
   checkpoint.cpp
   clean_scenes.cpp
+  convolution.cpp
   example_pool.cpp
   frame_domain.cpp
   hybrid.cpp
   inference.cpp
+  kernels_pixel.cpp
+  kernels_product.cpp
   layers.cpp
   loss.cpp
   measure.cpp
@@ -16,9 +19,11 @@ set(neural_SOURCES
   noise_flow_training.cpp
   optimizer.cpp
   package.cpp
+  packed.cpp
   raw_pairs.cpp
   recorded_pairs.cpp
   restormer.cpp
+  strips.cpp
   threads.cpp
   tiles.cpp
   torch_checkpoint.cpp
@@ -28,5 +33,6 @@ set(neural_SOURCES
   uformer.cpp
   unet.cpp
   validation.cpp
+  windows.cpp
   workers.cpp
 )

@@ -1,3 +1,5 @@
+#include "malus/neural/internal/strips.h"
+#include "malus/neural/internal/windows.h"
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
@@ -13,7 +15,7 @@ class LeWinBlockImpl : public Module {
  public:
   LeWinBlockImpl(std::int64_t dim, std::int64_t heads, std::int64_t window, std::int64_t shift,
                  bool modulated)
-      : window_(window), shift_(shift) {
+      : heads_(heads), window_(window), shift_(shift) {
     if (modulated) modulator_ = register_module("modulator", Embedding(window * window, dim));
     norm1_ = register_module("norm1", LayerNorm(LayerNormOptions({dim})));
     attn_ = register_module("attn", WindowAttention(dim, window, heads));
@@ -21,6 +23,8 @@ class LeWinBlockImpl : public Module {
     mlp_ = register_module("mlp", LeFF(dim, 4 * dim));
   }
   torch::Tensor forward(const torch::Tensor& input) {
+    if (internal::kernels_apply(input) && internal::windows_apply(input.size(3), heads_, window_))
+      return with_kernels(input.contiguous());
     const auto rows = input.size(1), cols = input.size(2);
     auto x = norm1_(input);
     torch::Tensor mask;
@@ -37,7 +41,24 @@ class LeWinBlockImpl : public Module {
   }
 
  private:
-  std::int64_t window_, shift_;
+  struct Packed {
+    internal::PixelAttention attention;
+    internal::StripLayer wide;
+    internal::PackedLinear project;
+  };
+  torch::Tensor with_kernels(const torch::Tensor& x) {
+    const Packed& packed = packed_.of(*this, [&] {
+      Packed made{attn_->packed(norm1_), mlp_->packed(norm2_), mlp_->packed_project()};
+      if (!modulator_.is_empty()) made.attention.modulator = modulator_->weight.detach();
+      return made;
+    });
+    return internal::strip_feed_forward(
+        internal::attend_in_windows(x, window_, shift_, packed.attention, nullptr), packed.wide,
+        internal::StripActivation::kGelu, packed.project);
+  }
+
+  std::int64_t heads_, window_, shift_;
+  internal::Cached<Packed> packed_;
   Embedding modulator_{nullptr};
   LayerNorm norm1_{nullptr}, norm2_{nullptr};
   WindowAttention attn_{nullptr};

@@ -1,3 +1,4 @@
+#include "malus/neural/internal/convolution.h"
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
@@ -9,7 +10,9 @@ using torch::nn::Conv2dOptions;
 using torch::nn::ConvTranspose2d;
 using torch::nn::ConvTranspose2dOptions;
 
-torch::Tensor activated(const torch::Tensor& x) { return torch::leaky_relu(x, 0.2); }
+constexpr float kLeak = 0.2F;
+
+torch::Tensor activated(const torch::Tensor& x) { return torch::leaky_relu(x, kLeak); }
 
 class UNet final : public Network {
  public:
@@ -38,6 +41,14 @@ class UNet final : public Network {
   torch::Tensor forward(torch::Tensor x) override {
     const auto rows = x.size(2), cols = x.size(3);
     x = pad_to_multiple(x, multiple_);
+    x = internal::kernels_apply(x) ? with_kernels(x) : with_layers(x);
+    return torch::pixel_shuffle(x, upscale_)
+        .slice(2, 0, rows * upscale_)
+        .slice(3, 0, cols * upscale_);
+  }
+
+ private:
+  torch::Tensor with_layers(torch::Tensor x) {
     std::vector<torch::Tensor> skips;
     for (std::size_t level = 0; level < down_.size(); ++level) {
       if (level > 0) x = torch::max_pool2d(x, 2);
@@ -46,12 +57,45 @@ class UNet final : public Network {
     }
     for (std::size_t i = 0; i < up_.size(); ++i)
       x = merge_[i].run(torch::cat({up_[i](x), skips[skips.size() - 2 - i]}, 1));
-    return torch::pixel_shuffle(last_(x), upscale_)
-        .slice(2, 0, rows * upscale_)
-        .slice(3, 0, cols * upscale_);
+    return last_(x);
   }
 
- private:
+  // The same in the kernels' order of memory; skips are joined where they are read.
+  struct Packed {
+    std::vector<std::array<internal::PackedConvolution, 2>> down, merge;
+    std::vector<internal::PackedDoubling> up;
+    internal::PackedConvolution last;
+  };
+  Packed packed() const {
+    const auto pair = [](const Pair& layers) {
+      return std::array{internal::PackedConvolution(layers.first, kLeak),
+                        internal::PackedConvolution(layers.second, kLeak)};
+    };
+    Packed made;
+    for (const Pair& layers : down_) made.down.push_back(pair(layers));
+    for (const Pair& layers : merge_) made.merge.push_back(pair(layers));
+    for (const auto& layer : up_) made.up.emplace_back(layer);
+    made.last = internal::PackedConvolution(last_);
+    return made;
+  }
+  torch::Tensor with_kernels(const torch::Tensor& input) {
+    const Packed& layers = packed_.of(*this, [&] { return packed(); });
+    auto x = internal::channels_last(input);
+    std::vector<torch::Tensor> skips;
+    for (std::size_t level = 0; level < down_.size(); ++level) {
+      if (level > 0) x = internal::channels_last(torch::max_pool2d(internal::channels_first(x), 2));
+      x = convolve(layers.down[level][1], convolve(layers.down[level][0], x));
+      skips.push_back(x);
+    }
+    skips.pop_back();
+    for (std::size_t i = 0; i < up_.size(); ++i) {
+      x = convolve(layers.merge[i][1],
+                   convolve(layers.merge[i][0], double_size(layers.up[i], x), skips.back()));
+      skips.pop_back();
+    }
+    return internal::channels_first(convolve(layers.last, x)).contiguous();
+  }
+
   struct Pair {
     Conv2d first{nullptr}, second{nullptr};
     torch::Tensor run(const torch::Tensor& x) { return activated(second(activated(first(x)))); }
@@ -60,6 +104,7 @@ class UNet final : public Network {
     return {register_module(name + "_1", Conv2d(Conv2dOptions(from, to, 3).padding(1))),
             register_module(name + "_2", Conv2d(Conv2dOptions(to, to, 3).padding(1)))};
   }
+  internal::Cached<Packed> packed_;
   std::int64_t multiple_ = 1, upscale_;
   std::vector<Pair> down_, merge_;
   std::vector<ConvTranspose2d> up_;

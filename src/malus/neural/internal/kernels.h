@@ -1,0 +1,78 @@
+// Inner loops of the networks' forward pass on a CPU: products with packed weights and what lies
+// between them. Pixels lie one after the other with their channels together (NHWC); one thread per
+// call; channels in multiples of kLane where not said otherwise. Written for inference only.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+namespace malus::internal {
+
+/// Values of one vector; columns of packed weights are filled up to a multiple of it.
+inline constexpr std::ptrdiff_t kLane = 16;
+/// Most columns that a panel of packed weights has.
+inline constexpr std::ptrdiff_t kPanel = 3 * kLane;
+
+constexpr std::ptrdiff_t whole_lanes(std::ptrdiff_t n) { return (n + kLane - 1) / kLane * kLane; }
+
+/// c = a · b + bias, or c += ... . With taps, row i of a is the joint of `inner` values at each
+/// a + i · a_row + tap: a convolution's window.
+struct MatrixProduct {
+  std::ptrdiff_t rows = 0, inner = 0, cols = 0;
+  const float* a = nullptr;
+  std::ptrdiff_t a_row = 0, a_inner = 1;
+  std::span<const std::ptrdiff_t> taps{};  ///< empty: one, at 0
+  const float* b = nullptr;                ///< packed by pack_columns, or
+  std::ptrdiff_t b_inner = 0;              ///< where not 0: plain rows at this distance
+  const float* bias = nullptr;             ///< cols values
+  float* c = nullptr;
+  std::ptrdiff_t c_row = 0;
+  /// The same for several groups of rows, whose corners lie so far apart.
+  std::ptrdiff_t groups = 1, a_group = 0, c_group = 0;
+  bool add = false;  ///< to what c holds
+  float leak = 1;    ///< at last y -> max(y, leak · y): a leaky ReLU where below 1
+};
+void multiply(const MatrixProduct& product);
+
+/// Packs b[k · inner_stride + n · col_stride], k < inner, n < cols into panels of columns; `to`
+/// takes inner · whole_lanes(cols) values.
+void pack_columns(const float* b, std::ptrdiff_t inner, std::ptrdiff_t cols,
+                  std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to);
+
+/// y = gelu(x), by the error function (|error| < 4e-7 of it).
+void gelu(float* x, std::ptrdiff_t count);
+/// Rows of 2 · width values become width: first half · second half, or gelu(first) · second. y may
+/// be where the halves are.
+void gate_halves(const float* halves, std::ptrdiff_t rows, std::ptrdiff_t width, bool with_gelu,
+                 float* y);
+/// y += scale · x.
+void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count);
+
+/// Columns of x [rows, columns], whose rows lie x_row apart: sums += they or their squares; and y =
+/// x · factors, rows of y y_row apart.
+void add_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows, std::ptrdiff_t columns,
+                 bool squared, float* sums);
+void scale_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                   std::ptrdiff_t columns, const float* factors, float* y, std::ptrdiff_t y_row);
+
+/// Rows of x are brought to mean 0 and variance 1 (bias_free: only divided by the deviation), then
+/// y = normal · weight + bias (null: none).
+struct RowNorm {
+  const float *weight = nullptr, *bias = nullptr;
+  float epsilon = 1e-5F;
+  bool bias_free = false;
+};
+void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                    std::ptrdiff_t channels, float* y);
+
+/// One row of a depth-wise 3x3 convolution: rows[] are three rows of cols + 2 pixels, weight [9]
+/// [channels] and bias (null: none); y has cols pixels.
+void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
+                   std::ptrdiff_t cols, std::ptrdiff_t channels, float* y);
+
+/// softmax of every row of cols values of (x · scale + bias); bias null: none. blocked (null: none)
+/// labels columns and rows: values whose labels differ get -100 (shifted windows, Swin).
+void softmax_rows(float* x, std::ptrdiff_t rows, std::ptrdiff_t cols, float scale,
+                  const float* bias, const float* labels);
+
+}  // namespace malus::internal

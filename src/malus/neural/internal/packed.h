@@ -1,0 +1,86 @@
+// Layers prepared for the kernels of a forward pass: weights packed once and again when they
+// change.
+#pragma once
+
+#include "malus/neural/internal/kernels.h"
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include <torch/torch.h>
+
+namespace malus::internal {
+
+/// Whether a forward pass may take the kernels: no gradients wanted, float32, on a CPU, not under
+/// autocast. Else the layers of libtorch do the same.
+bool kernels_apply(const torch::Tensor& x);
+
+/// task(i) for i < tasks, on libtorch's threads.
+void for_each_task(std::ptrdiff_t tasks, const std::function<void(std::ptrdiff_t)>& task);
+
+/// Working memory of one task, aligned for vectors.
+class Scratch {
+ public:
+  explicit Scratch(std::ptrdiff_t values);
+  float* take(std::ptrdiff_t values);  ///< in multiples of kLane
+
+ private:
+  torch::Tensor memory_;
+  std::ptrdiff_t used_ = 0;
+};
+
+/// y = W x + b of every row.
+class PackedLinear {
+ public:
+  PackedLinear() = default;
+  /// weight [outputs, inputs], or [outputs, inputs, rows, cols] of a convolution, whose taps are
+  /// then packed row by row; bias [outputs] or undefined.
+  PackedLinear(const torch::Tensor& weight, const torch::Tensor& bias);
+  std::ptrdiff_t inner() const { return inner_; }
+  std::ptrdiff_t cols() const { return cols_; }
+  /// The product without its matrices a and c.
+  MatrixProduct product() const;
+  void run(const float* a, std::ptrdiff_t rows, float* c, std::ptrdiff_t c_row,
+           bool add = false) const;
+
+ private:
+  std::ptrdiff_t inner_ = 0, cols_ = 0;
+  torch::Tensor packed_, bias_;
+};
+
+/// Weight of a depth-wise 3x3 convolution [channels, 1, 3, 3] and its bias (or undefined) as
+/// depthwise_row takes them.
+struct PackedDepthwise {
+  torch::Tensor weight, bias;
+  PackedDepthwise() = default;
+  PackedDepthwise(const torch::Tensor& weight, const torch::Tensor& bias);
+  const float* bias_data() const { return bias.defined() ? bias.data_ptr<float>() : nullptr; }
+};
+
+/// What a module derives from its parameters, derived again when one of them has changed.
+template <class Derived>
+class Cached {
+ public:
+  template <class Make>
+  const Derived& of(const torch::nn::Module& module, Make&& make) {
+    std::vector<std::pair<const void*, std::uint32_t>> state;
+    bool versioned = true;
+    for (const torch::Tensor& parameter : module.parameters()) {
+      versioned = versioned && !parameter.is_inference();
+      state.emplace_back(parameter.data_ptr(), versioned ? parameter._version() : 0);
+    }
+    if (!derived_ || !versioned || state != state_) {
+      const torch::NoGradGuard no_gradients;
+      derived_.emplace(make());
+      state_ = std::move(state);
+    }
+    return *derived_;
+  }
+
+ private:
+  std::optional<Derived> derived_;
+  std::vector<std::pair<const void*, std::uint32_t>> state_;
+};
+
+}  // namespace malus::internal

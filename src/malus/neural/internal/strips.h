@@ -1,0 +1,39 @@
+// A linear layer with a depth-wise 3x3 convolution after it, over strips of a picture, so that the
+// wide values between them live in the cache only: the heart of LeFF (Uformer), of Restormer's
+// attention and feed-forward and of NAFNet's first half.
+#pragma once
+
+#include "malus/neural/internal/packed.h"
+
+namespace malus::internal {
+
+/// normal -> expand -> (gelu) -> depth-wise 3x3.
+struct StripLayer {
+  RowNorm norm;
+  PackedLinear expand;  ///< outputs in multiples of kLane
+  bool gelu = false;
+  PackedDepthwise depthwise;
+};
+
+/// A piece of a picture whose wide values are ready.
+struct StripPiece {
+  std::ptrdiff_t task;    ///< < strip_tasks: for sums that are folded in order
+  std::ptrdiff_t pixel;   ///< the first one's place in [batch, rows, cols]
+  std::ptrdiff_t pixels;  ///< that follow one another there
+  float* wide;            ///< [pixels, expand.cols()]
+};
+
+/// How many tasks a picture [batch, rows, cols, channels] is cut into; depends on its size alone.
+std::ptrdiff_t strip_tasks(const torch::Tensor& x);
+
+/// Calls use for all pieces of x (contiguous, channels last), each once, on many threads; it may
+/// overwrite the wide values.
+void for_each_strip(const torch::Tensor& x, const StripLayer& layer,
+                    const std::function<void(const StripPiece&)>& use);
+
+/// x + project(activation(strip)), where the activation is gelu, or halves the values by gating.
+enum class StripActivation { kGelu, kGateWithGelu };
+torch::Tensor strip_feed_forward(const torch::Tensor& x, const StripLayer& layer,
+                                 StripActivation activation, const PackedLinear& project);
+
+}  // namespace malus::internal

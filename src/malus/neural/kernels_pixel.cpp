@@ -1,0 +1,222 @@
+// What lies between the products: norms, activations, depth-wise convolutions, softmax.
+#include "malus/neural/internal/kernels.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "malus/neural/kernels_pixel.cpp"
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
+#include <hwy/foreach_target.h>
+// After foreach_target.
+#include <cmath>
+
+#include <hwy/contrib/math/math-inl.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace malus::internal::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using Tag = hn::CappedTag<float, kLane>;
+using Vec = hn::Vec<Tag>;
+constexpr std::ptrdiff_t kWidth = hn::MaxLanes(Tag());
+
+// erf(z) = z P(z²) / Q(z²) for 0 <= z <= 4, fitted by weighted least squares to the largest error
+// of 2.1e-8 (4.0e-7 in float); erf(4) = 1 - 1.5e-8.
+constexpr float kErfP[] = {1.128378976e+00F, 1.962496325e-01F, 5.346756743e-02F,
+                           4.003675784e-03F, 2.880424165e-04F, 1.974828395e-06F};
+constexpr float kErfQ[] = {
+    1.0F, 5.072528669e-01F, 1.164767002e-01F, 1.544447994e-02F, 1.216367860e-03F, 3.748089890e-05F};
+constexpr float kHalfRoot2 = 0.70710678118654752F;
+
+// x Φ(x) = x/2 + |x|/2 · erf(|x| / √2)
+HWY_INLINE Vec gelu_of(Vec x) {
+  const Tag d;
+  const Vec size = hn::Abs(x);
+  const Vec z = hn::Min(hn::Mul(size, hn::Set(d, kHalfRoot2)), hn::Set(d, 4.0F));
+  const Vec t = hn::Mul(z, z);
+  Vec p = hn::Set(d, kErfP[5]), q = hn::Set(d, kErfQ[5]);
+  for (int i = 4; i >= 0; --i) {
+    p = hn::MulAdd(p, t, hn::Set(d, kErfP[i]));
+    q = hn::MulAdd(q, t, hn::Set(d, kErfQ[i]));
+  }
+  const Vec half = hn::Set(d, 0.5F);
+  return hn::MulAdd(hn::Mul(size, half), hn::Div(hn::Mul(z, p), q), hn::Mul(x, half));
+}
+
+void gelu(float* x, std::ptrdiff_t count) {
+  const Tag d;
+  for (std::ptrdiff_t i = 0; i < count; i += kWidth)
+    hn::StoreU(gelu_of(hn::LoadU(d, x + i)), d, x + i);
+}
+
+void gate_halves(const float* halves, std::ptrdiff_t rows, std::ptrdiff_t width, bool with_gelu,
+                 float* y) {
+  const Tag d;
+  for (std::ptrdiff_t r = 0; r < rows; ++r, halves += 2 * width, y += width)
+    for (std::ptrdiff_t i = 0; i < width; i += kWidth) {
+      const Vec a = hn::LoadU(d, halves + i), b = hn::LoadU(d, halves + width + i);
+      hn::StoreU(hn::Mul(with_gelu ? gelu_of(a) : a, b), d, y + i);
+    }
+}
+
+void add_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows, std::ptrdiff_t columns,
+                 bool squared, float* sums) {
+  const Tag d;
+  for (std::ptrdiff_t c = 0; c < columns; c += kWidth) {
+    Vec sum = hn::LoadU(d, sums + c);
+    for (std::ptrdiff_t r = 0; r < rows; ++r) {
+      const Vec value = hn::LoadU(d, x + r * x_row + c);
+      sum = squared ? hn::MulAdd(value, value, sum) : hn::Add(sum, value);
+    }
+    hn::StoreU(sum, d, sums + c);
+  }
+}
+
+void scale_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                   std::ptrdiff_t columns, const float* factors, float* y, std::ptrdiff_t y_row) {
+  const Tag d;
+  for (std::ptrdiff_t c = 0; c < columns; c += kWidth) {
+    const Vec factor = hn::LoadU(d, factors + c);
+    for (std::ptrdiff_t r = 0; r < rows; ++r)
+      hn::StoreU(hn::Mul(hn::LoadU(d, x + r * x_row + c), factor), d, y + r * y_row + c);
+  }
+}
+
+void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count) {
+  const Tag d;
+  const Vec factor = hn::Set(d, scale);
+  for (std::ptrdiff_t i = 0; i < count; i += kWidth)
+    hn::StoreU(hn::MulAdd(factor, hn::LoadU(d, x + i), hn::LoadU(d, y + i)), d, y + i);
+}
+
+void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                    std::ptrdiff_t channels, float* y) {
+  const Tag d;
+  const float per_channel = 1.0F / static_cast<float>(channels);
+  for (std::ptrdiff_t r = 0; r < rows; ++r, x += x_row, y += channels) {
+    Vec sum = hn::Zero(d), squares = hn::Zero(d);
+    for (std::ptrdiff_t c = 0; c < channels; c += kWidth) sum = hn::Add(sum, hn::LoadU(d, x + c));
+    const Vec mean = hn::Mul(hn::SumOfLanes(d, sum), hn::Set(d, per_channel));
+    for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
+      const Vec centred = hn::Sub(hn::LoadU(d, x + c), mean);
+      squares = hn::MulAdd(centred, centred, squares);
+    }
+    const float variance = hn::GetLane(hn::SumOfLanes(d, squares)) * per_channel;
+    const Vec inverse = hn::Set(d, 1.0F / std::sqrt(variance + norm.epsilon));
+    const Vec shift = norm.bias_free ? hn::Zero(d) : mean;
+    for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
+      Vec value = hn::Mul(hn::Sub(hn::LoadU(d, x + c), shift), inverse);
+      value = hn::Mul(value, hn::LoadU(d, norm.weight + c));
+      if (norm.bias != nullptr) value = hn::Add(value, hn::LoadU(d, norm.bias + c));
+      hn::StoreU(value, d, y + c);
+    }
+  }
+}
+
+// kPixels pixels of one vector of channels: what three rows give to them.
+template <int kPixels>
+HWY_INLINE void depthwise_pixels(const float* const rows[3], const Vec (&weight)[9], Vec bias,
+                                 std::ptrdiff_t at, std::ptrdiff_t channels, float* y) {
+  const Tag d;
+  Vec sum[kPixels];
+  for (int i = 0; i < kPixels; ++i) sum[i] = bias;
+  for (int r = 0; r < 3; ++r) {
+    Vec value[kPixels + 2];
+    for (int i = 0; i < kPixels + 2; ++i) value[i] = hn::LoadU(d, rows[r] + at + i * channels);
+    for (int i = 0; i < kPixels; ++i)
+      for (int c = 0; c < 3; ++c) sum[i] = hn::MulAdd(value[i + c], weight[3 * r + c], sum[i]);
+  }
+  for (int i = 0; i < kPixels; ++i) hn::StoreU(sum[i], d, y + at + i * channels);
+}
+
+void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
+                   std::ptrdiff_t cols, std::ptrdiff_t channels, float* y) {
+  const Tag d;
+  constexpr int kPixels = kWidth == kLane ? 8 : 2;
+  for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
+    Vec taps[9];
+    for (int i = 0; i < 9; ++i) taps[i] = hn::LoadU(d, weight + i * channels + c);
+    const Vec start = bias == nullptr ? hn::Zero(d) : hn::LoadU(d, bias + c);
+    std::ptrdiff_t pixel = 0;
+    for (; pixel + kPixels <= cols; pixel += kPixels)
+      depthwise_pixels<kPixels>(rows, taps, start, pixel * channels + c, channels, y);
+    for (; pixel < cols; ++pixel)
+      depthwise_pixels<1>(rows, taps, start, pixel * channels + c, channels, y);
+  }
+}
+
+void softmax_rows(float* x, std::ptrdiff_t rows, std::ptrdiff_t cols, float scale,
+                  const float* bias, const float* labels) {
+  const Tag d;
+  constexpr float kApart = -100.0F;
+  const Vec factor = hn::Set(d, scale);
+  for (std::ptrdiff_t r = 0; r < rows; ++r, x += cols) {
+    Vec most = hn::Set(d, -3.0e38F);
+    for (std::ptrdiff_t c = 0; c < cols; c += kWidth) {
+      Vec value = hn::Mul(hn::LoadU(d, x + c), factor);
+      if (bias != nullptr) value = hn::Add(value, hn::LoadU(d, bias + r * cols + c));
+      if (labels != nullptr)
+        value = hn::Add(value,
+                        hn::IfThenElseZero(hn::Ne(hn::LoadU(d, labels + c), hn::Set(d, labels[r])),
+                                           hn::Set(d, kApart)));
+      hn::StoreU(value, d, x + c);
+      most = hn::Max(most, value);
+    }
+    most = hn::MaxOfLanes(d, most);
+    Vec sum = hn::Zero(d);
+    for (std::ptrdiff_t c = 0; c < cols; c += kWidth) {
+      const Vec value = hn::Exp(d, hn::Sub(hn::LoadU(d, x + c), most));
+      hn::StoreU(value, d, x + c);
+      sum = hn::Add(sum, value);
+    }
+    const Vec inverse = hn::Set(d, 1.0F / hn::GetLane(hn::SumOfLanes(d, sum)));
+    for (std::ptrdiff_t c = 0; c < cols; c += kWidth)
+      hn::StoreU(hn::Mul(hn::LoadU(d, x + c), inverse), d, x + c);
+  }
+}
+
+}  // namespace malus::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace malus::internal {
+
+HWY_EXPORT(gelu);
+HWY_EXPORT(gate_halves);
+HWY_EXPORT(add_columns);
+HWY_EXPORT(scale_columns);
+HWY_EXPORT(add_scaled);
+HWY_EXPORT(normalize_rows);
+HWY_EXPORT(depthwise_row);
+HWY_EXPORT(softmax_rows);
+
+void gelu(float* x, std::ptrdiff_t count) { HWY_DYNAMIC_DISPATCH(gelu)(x, count); }
+void gate_halves(const float* halves, std::ptrdiff_t rows, std::ptrdiff_t width, bool with_gelu,
+                 float* y) {
+  HWY_DYNAMIC_DISPATCH(gate_halves)(halves, rows, width, with_gelu, y);
+}
+void add_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows, std::ptrdiff_t columns,
+                 bool squared, float* sums) {
+  HWY_DYNAMIC_DISPATCH(add_columns)(x, x_row, rows, columns, squared, sums);
+}
+void scale_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                   std::ptrdiff_t columns, const float* factors, float* y, std::ptrdiff_t y_row) {
+  HWY_DYNAMIC_DISPATCH(scale_columns)(x, x_row, rows, columns, factors, y, y_row);
+}
+void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count) {
+  HWY_DYNAMIC_DISPATCH(add_scaled)(y, x, scale, count);
+}
+void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                    std::ptrdiff_t channels, float* y) {
+  HWY_DYNAMIC_DISPATCH(normalize_rows)(norm, x, x_row, rows, channels, y);
+}
+void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
+                   std::ptrdiff_t cols, std::ptrdiff_t channels, float* y) {
+  HWY_DYNAMIC_DISPATCH(depthwise_row)(rows, weight, bias, cols, channels, y);
+}
+void softmax_rows(float* x, std::ptrdiff_t rows, std::ptrdiff_t cols, float scale,
+                  const float* bias, const float* labels) {
+  HWY_DYNAMIC_DISPATCH(softmax_rows)(x, rows, cols, scale, bias, labels);
+}
+
+}  // namespace malus::internal
+#endif

@@ -1,0 +1,168 @@
+// The kernels of inference against libtorch's layers and plain sums, on odd sizes.
+#include "malus/neural/internal/convolution.h"
+#include "malus/neural/network.h"
+
+#include "support.h"
+#include <ATen/Parallel.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using internal::MatrixProduct;
+
+double difference(const torch::Tensor& a, const torch::Tensor& b) {
+  return (a - b).abs().max().item<double>();
+}
+
+// Widths in whole vectors, so that every block has its kernels.
+NetworkDescription wide(const std::string& name) {
+  if (name == "unet") return {name, {{"in_channels", 5}, {"out_channels", 3}, {"width", 16}}};
+  if (name == "nafnet")
+    return {name,
+            {{"img_channel", 5},
+             {"width", 16},
+             {"middle_blk_num", 1},
+             {"enc_blk_nums", {1, 2}},
+             {"dec_blk_nums", {1, 1}}}};
+  if (name == "restormer")
+    return {name,
+            {{"inp_channels", 5},
+             {"out_channels", 5},
+             {"dim", 16},
+             {"num_blocks", {1, 1, 1, 1}},
+             {"num_refinement_blocks", 1}}};
+  if (name == "uformer") return {name, {{"in_chans", 5}, {"dd_in", 5}, {"embed_dim", 16}}};
+  return {name, {{"in_channels", 5}, {"out_channels", 5}, {"dim", 16}, {"depths", {2, 1, 1, 1}}}};
+}
+
+// Weights away from their first values: nothing is zero that could hide a term.
+std::shared_ptr<Network> scattered_network(const std::string& name) {
+  torch::manual_seed(5);
+  auto network = make_network(wide(name));
+  const torch::NoGradGuard no_gradients;
+  for (torch::Tensor& parameter : network->parameters())
+    parameter.add_(0.05 * torch::randn_like(parameter));
+  return network;
+}
+
+torch::Tensor by_layers(Network& network, const torch::Tensor& x) {
+  const torch::AutoGradMode gradients(true);
+  return network.forward(x).detach();
+}
+
+TEST(Kernels, GiveWhatTheLayersOfEveryNetworkGive) {
+  const torch::NoGradGuard no_gradients;
+  for (const auto& name : network_names()) {
+    const auto network = scattered_network(name);
+    for (const auto& [batch, rows, cols] : {std::tuple{1, 1, 3}, {2, 131, 70}, {1, 24, 150}}) {
+      const auto x = torch::rand({batch, 5, rows, cols});
+      const auto plain = by_layers(*network, x), fast = network->forward(x);
+      ASSERT_EQ(fast.sizes(), plain.sizes());
+      EXPECT_LT(difference(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+          << name << " " << rows << " x " << cols;
+      EXPECT_FALSE(torch::equal(fast, plain)) << name << " took the layers twice";
+    }
+  }
+}
+
+TEST(Kernels, FollowChangedWeights) {
+  const torch::NoGradGuard no_gradients;
+  for (const auto& name : network_names()) {
+    const auto network = scattered_network(name);
+    const auto x = torch::rand({1, 5, 32, 32});
+    const auto before = network->forward(x);
+    for (torch::Tensor& parameter : network->parameters()) parameter.mul_(1.1);
+    EXPECT_GT(difference(network->forward(x), before), 1e-3) << name;
+    EXPECT_LT(difference(network->forward(x), by_layers(*network, x)), 1e-4) << name;
+  }
+}
+
+TEST(Kernels, GiveTheSameBytesForAnyNumberOfThreads) {
+  const torch::NoGradGuard no_gradients;
+  const int threads = at::get_num_threads();
+  for (const auto& name : network_names()) {
+    const auto network = scattered_network(name);
+    const auto x = torch::rand({1, 5, 90, 130});
+    at::set_num_threads(1);
+    const auto one = network->forward(x);
+    at::set_num_threads(3);
+    EXPECT_TRUE(torch::equal(network->forward(x), one)) << name;
+  }
+  at::set_num_threads(threads);
+}
+
+// Sums in double over taps, with every choice that a product has.
+TEST(Kernels, ProductsAgreeWithPlainSums) {
+  torch::manual_seed(7);
+  for (const auto& [rows, inner, cols, taps] : {std::tuple{1, 1, 1, 1},
+                                                {13, 5, 19, 1},
+                                                {70, 33, 48, 1},
+                                                {9, 20, 100, 9},
+                                                {17, 500, 51, 3}}) {
+    const auto a = torch::randn({rows + taps, inner}), b = torch::randn({taps * inner, cols}),
+               bias = torch::randn({cols}), start = torch::randn({rows, cols});
+    std::vector<std::ptrdiff_t> offsets;
+    auto expected = start.to(torch::kDouble) + bias;
+    for (int t = 0; t < taps; ++t) {
+      offsets.push_back(t * inner);
+      expected += torch::matmul(a.slice(0, t, t + rows).to(torch::kDouble),
+                                b.slice(0, t * inner, (t + 1) * inner).to(torch::kDouble));
+    }
+    expected = torch::leaky_relu(expected, 0.2);
+    auto packed = torch::empty({taps * inner * internal::whole_lanes(cols)});
+    internal::pack_columns(b.data_ptr<float>(), taps * inner, cols, cols, 1,
+                           packed.data_ptr<float>());
+    for (const bool plain : {false, true}) {
+      if (plain && (taps > 1 || cols % internal::kLane != 0)) continue;
+      auto c = start.clone();
+      MatrixProduct p{.rows = rows, .inner = inner, .cols = cols, .a = a.data_ptr<float>()};
+      p.a_row = inner;
+      p.taps = offsets;
+      p.b = plain ? b.data_ptr<float>() : packed.data_ptr<float>();
+      p.b_inner = plain ? cols : 0;
+      p.bias = bias.data_ptr<float>();
+      p.c = c.data_ptr<float>();
+      p.c_row = cols;
+      p.add = true;
+      p.leak = 0.2F;
+      internal::multiply(p);
+      EXPECT_LT(difference(c.to(torch::kDouble), expected), 2e-6 * (taps * inner + 10));
+    }
+  }
+}
+
+TEST(Kernels, GeluIsAsExactAsDocumented) {
+  auto x = torch::linspace(-12, 12, 48000);
+  const auto wanted =
+      0.5 * x.to(torch::kDouble) * torch::erfc(-x.to(torch::kDouble) / std::sqrt(2.0));
+  const auto relative = (x.to(torch::kDouble).abs() + 1e-3);
+  internal::gelu(x.data_ptr<float>(), x.numel());
+  EXPECT_LT(((x.to(torch::kDouble) - wanted).abs() / relative).max().item<double>(), 4e-7);
+}
+
+TEST(Kernels, ConvolutionsAgreeWithTheLayers) {
+  using namespace torch::nn;
+  torch::manual_seed(9);
+  const torch::NoGradGuard no_gradients;
+  for (const auto& [kernel, stride] : {std::pair{1, 1}, {2, 2}, {3, 1}, {4, 2}}) {
+    Conv2d layer(Conv2dOptions(11, 21, kernel).stride(stride).padding((kernel - 1) / 2));
+    const auto x = torch::randn({2, 11, 22, 138});
+    const auto first = internal::channels_last(x.slice(1, 0, 4)),
+               more = internal::channels_last(x.slice(1, 4));
+    const auto y = internal::channels_first(
+        internal::convolve(internal::PackedConvolution(layer), first, more));
+    const auto expected = layer(x);
+    ASSERT_EQ(y.sizes(), expected.sizes());
+    EXPECT_LT(difference(y, expected), 1e-5) << kernel;
+  }
+  ConvTranspose2d doubling(ConvTranspose2dOptions(11, 21, 2).stride(2));
+  const auto x = torch::randn({2, 11, 7, 9});
+  EXPECT_LT(difference(internal::channels_first(internal::double_size(
+                           internal::PackedDoubling(doubling), internal::channels_last(x))),
+                       doubling(x)),
+            1e-5);
+}
+
+}  // namespace
+}  // namespace malus
