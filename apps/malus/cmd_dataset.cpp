@@ -2,6 +2,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/unfinished_files.h"
 #include "malus/image/pack.h"
 #include "malus/io/config_section.h"
 #include "malus/io/frame_file.h"
@@ -207,6 +208,10 @@ void run_dataset(const DatasetArguments& arguments, const Common& common) {
   sample_recipe(plan.dataset, factory.model.description().layout,
                 factory.model.description().row_group, factory.sources.sizes(), common.seed, 0);
   make_output_folder(arguments.folder);
+  // Of runs that were killed; workers that share the folder go on with theirs.
+  remove_unfinished(arguments.folder, [](std::string_view name) {
+    return name == "dataset.json" || (name.starts_with("shard-") && name.ends_with(".tar"));
+  });
   check_same_dataset(arguments.folder / "dataset.json", describe(plan, factory, common.seed),
                      common.force);
   const int shards = (plan.dataset.samples + plan.dataset.shard_size - 1) / plan.dataset.shard_size;

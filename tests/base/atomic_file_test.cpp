@@ -1,11 +1,16 @@
 #include "malus/base/atomic_file.h"
 
 #include "malus/base/error.h"
+#include "malus/base/unfinished_files.h"
 
+#include <chrono>
 #include <fstream>
 #include <iterator>
+#include <string>
 
 #include "support.h"
+#include <sys/wait.h>
+#include <unistd.h>
 
 namespace malus {
 namespace {
@@ -58,6 +63,52 @@ TEST(AtomicFile, RefusesAFolderAndAMissingParent) {
   const testing::TemporaryFolder folder;
   EXPECT_THROW(AtomicFile(folder.path(), true), InputError);
   EXPECT_THROW(AtomicFile(folder / "absent/x", true), InputError);
+}
+
+// The name that a process gives which then ends.
+std::filesystem::path name_of_the_dead(const std::filesystem::path& path) {
+  int ends[2];
+  EXPECT_EQ(::pipe(ends), 0);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const std::string name = unfinished_name(path).string();
+    ::_exit(::write(ends[1], name.data(), name.size()) == std::ssize(name) ? 0 : 1);
+  }
+  int status = 1;
+  EXPECT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_EQ(status, 0);
+  std::string name(4096, ' ');
+  name.resize(static_cast<std::size_t>(::read(ends[0], name.data(), name.size())));
+  ::close(ends[0]);
+  ::close(ends[1]);
+  return name;
+}
+
+TEST(UnfinishedFiles, OfTheDeadAreRemovedAndOfTheLivingKept) {
+  const testing::TemporaryFolder folder;
+  const auto wanted = [](std::string_view name) { return name.starts_with("shard-"); };
+  const auto dead = name_of_the_dead(folder / "shard-1.tar"),
+             other = name_of_the_dead(folder / "dataset.json"),
+             alive = unfinished_name(folder / "shard-2.tar");
+  EXPECT_EQ(dead.parent_path(), folder.path());
+  for (const auto& path : {dead, other, alive, folder / "shard-3.tar", folder / ".shard-4.tar",
+                           folder / ".00000000-x-0-shard-5.tar"})
+    std::ofstream(path) << "half";
+  EXPECT_EQ(remove_unfinished(folder.path(), wanted), 1);
+  EXPECT_FALSE(std::filesystem::exists(dead));
+  EXPECT_EQ(files_in(folder.path()), 5);
+  EXPECT_EQ(remove_unfinished(folder.path() / "absent", wanted), 0);
+}
+
+TEST(UnfinishedFiles, OfAnotherMachineAreRemovedAfterADay) {
+  const testing::TemporaryFolder folder;
+  // Number 1 is alive here, which says nothing about another machine.
+  const auto fresh = folder / ".elsewhere-1-0-a.tar", old = folder / ".elsewhere-1-0-b.tar";
+  for (const auto& path : {fresh, old}) std::ofstream(path) << "half";
+  std::filesystem::last_write_time(
+      old, std::filesystem::file_time_type::clock::now() - std::chrono::hours(25));
+  EXPECT_EQ(remove_unfinished(folder.path(), [](std::string_view) { return true; }), 1);
+  EXPECT_TRUE(std::filesystem::exists(fresh));
 }
 
 }  // namespace

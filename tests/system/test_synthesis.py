@@ -254,6 +254,7 @@ def test_killed_dataset_goes_on_to_the_same_bytes(malus, tmp_path):
     assert result["kept"] == len(done) and result["made"] == 100 - len(done)
     malus("dataset", plan, "-o", tmp_path / "whole")
     assert shards(out) == shards(tmp_path / "whole")
+    assert not list(out.glob(".*"))  # what the killed run had begun is gone
 
 
 def test_dataset_refuses_bad_plans(malus, refused, tmp_path):

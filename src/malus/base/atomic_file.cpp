@@ -1,8 +1,8 @@
 #include "malus/base/atomic_file.h"
 
 #include "malus/base/error.h"
+#include "malus/base/unfinished_files.h"
 
-#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -65,10 +65,7 @@ void make_output_folder(const fs::path& folder) {
 AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)) {
   check_output(path_, force);
   direct_ = is_device(path_);
-  static std::atomic<unsigned> counter{0};
-  temporary_ = direct_ ? path_
-                       : folder_of(path_) / fmt::format(".{}-{}-{}", ::getpid(), counter++,
-                                                        path_.filename().string());
+  temporary_ = direct_ ? path_ : unfinished_name(path_);
 }
 
 AtomicFile::~AtomicFile() {

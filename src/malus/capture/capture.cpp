@@ -4,6 +4,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/base/unfinished_files.h"
 #include "malus/capture/camera.h"
 #include "malus/capture/frame_writer.h"
 #include "malus/capture/loss_count.h"
@@ -75,15 +76,6 @@ int whole_frames(const fs::path& folder, int wanted) {
   int count = 0;
   while (count < wanted && fs::exists(frame_path(folder, count))) ++count;
   return count;
-}
-
-// What a run that was killed had begun to write (base/atomic_file.h: hidden names).
-void remove_unfinished(const fs::path& folder) {
-  std::vector<fs::path> unfinished;
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.path().filename().string().starts_with(".") && entry.path().extension() == ".tif")
-      unfinished.push_back(entry.path());
-  for (const auto& path : unfinished) fs::remove(path);
 }
 
 RawFrame decoded(const CameraFrame& in, const CapturePlan& plan, const StepReport& report) {
@@ -167,7 +159,7 @@ class Run {
     report.step = step;
     const fs::path folder = folder_ / step.folder();
     make_output_folder(folder);
-    remove_unfinished(folder);
+    remove_unfinished(folder, [](std::string_view name) { return name.ends_with(".tif"); });
     report.kept = whole_frames(folder, step.frames);
     report.gain_db = camera_.set_gain_db(step.gain_db);
     report.exposure_s = camera_.set_exposure_s(step.exposure_s);
