@@ -8,7 +8,10 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <cmath>
+#include <cstdio>
+#include <cstring>
 #include <limits>
 #include <memory>
 
@@ -183,7 +186,6 @@ Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels
 
 namespace {
 
-constexpr std::size_t kHeaderBytes = 1 << 16;
 constexpr int kStripRows = 64;  // a multiple of EXR's blocks; a frame is never copied whole
 
 template <class T>
@@ -230,31 +232,83 @@ bool write_pixels(OIIO::ImageOutput& output, const Planes& planes, SampleType ty
   return write_strips<float>(output, TypeDesc::FLOAT, planes);
 }
 
-}  // namespace
+// OpenImageIO does not notice a full disk (PNG and EXR not at all, TIFF not in the last strip):
+// this file does.
+class WatchedFile final : public OIIO::Filesystem::IOFile {
+ public:
+  explicit WatchedFile(std::FILE* file) : IOFile(file, Write) {}
+  size_t write(const void* bytes, size_t size) override {
+    errno = 0;
+    return watched(IOFile::write(bytes, size), size);
+  }
+  size_t pwrite(const void* bytes, size_t size, int64_t offset) override {
+    errno = 0;
+    return watched(IOFile::pwrite(bytes, size, offset), size);
+  }
+  void flush() const override {
+    if (std::fflush(m_file) != 0) reason_ = errno;
+  }
+  /// errno of what could not be written; 0 where nothing went wrong.
+  int reason() const { return reason_; }
 
-void write_picture(const fs::path& path, bool force, const std::string& codec, const Planes& planes,
-                   const std::vector<std::string>& names, SampleType type,
-                   const std::string& description, std::optional<double> exposure_s) {
-  check_output(path, force);
+ private:
+  size_t watched(size_t done, size_t wanted) {
+    if (done != wanted && reason_ == 0) reason_ = errno != 0 ? errno : EIO;
+    return done;
+  }
+  mutable int reason_ = 0;
+};
+
+// Throws InputError for what OpenImageIO notices itself.
+void encode(const fs::path& path, const std::string& codec, const OIIO::ImageSpec& spec,
+            const Planes& planes, SampleType type, OIIO::Filesystem::IOProxy& to) {
   const auto output = OIIO::ImageOutput::create(codec);
   MALUS_REQUIRE(output != nullptr);
-  OIIO::ImageSpec spec = output_spec(codec, planes, names, type);
-  if (!description.empty()) spec.attribute("ImageDescription", description);
-  if (exposure_s && codec == "openexr")
-    spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
-  // OpenImageIO does not notice a full disk (PNG and EXR not at all, TIFF not in the last strip),
-  // so it writes to memory.
-  std::vector<unsigned char> bytes;
-  bytes.reserve(spec.image_bytes() + kHeaderBytes);  // growing would hold the file twice
-  OIIO::Filesystem::IOVecOutput memory(bytes);
-  output->set_ioproxy(&memory);
+  output->set_ioproxy(&to);
   const bool good =
       output->open(path.string(), spec) && write_pixels(*output, planes, type) && output->close();
   const std::string message = output->geterror();
   if (!good || !message.empty())
     throw InputError(path.string(), fmt::format("cannot be encoded: {}", message),
                      "use another format");
-  write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, force);
+}
+
+// Devices and pipes have no places to go back to: the file is made in memory.
+void encode_to_device(const fs::path& path, const std::string& codec, const OIIO::ImageSpec& spec,
+                      const Planes& planes, SampleType type) {
+  std::vector<unsigned char> bytes;
+  OIIO::Filesystem::IOVecOutput memory(bytes);
+  encode(path, codec, spec, planes, type, memory);
+  write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, true);
+}
+
+struct CloseFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+
+}  // namespace
+
+void write_picture(const fs::path& path, bool force, const std::string& codec, const Planes& planes,
+                   const std::vector<std::string>& names, SampleType type,
+                   const std::string& description, std::optional<double> exposure_s) {
+  AtomicFile file(path, force);
+  OIIO::ImageSpec spec = output_spec(codec, planes, names, type);
+  if (!description.empty()) spec.attribute("ImageDescription", description);
+  if (exposure_s && codec == "openexr")
+    spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
+  if (file.temporary() == file.path()) return encode_to_device(path, codec, spec, planes, type);
+  std::unique_ptr<std::FILE, CloseFile> stream(std::fopen(file.temporary().c_str(), "wb"));
+  if (!stream) file.fail(std::strerror(errno));
+  WatchedFile watched(stream.get());
+  try {
+    encode(path, codec, spec, planes, type, watched);
+  } catch (const InputError&) {
+    if (watched.reason() == 0) throw;  // else the disk is what is to be said
+  }
+  watched.flush();
+  if (watched.reason() != 0) file.fail(std::strerror(watched.reason()));
+  if (std::fclose(stream.release()) != 0) file.fail(std::strerror(errno));
+  file.commit();
 }
 
 }  // namespace malus::internal
