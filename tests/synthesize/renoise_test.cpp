@@ -100,6 +100,37 @@ TEST(Renoiser, GivesTheTargetsMomentsAtEveryLevel) {
   }
 }
 
+// Rows of the target's autocorrelation, whatever the source's: 40 frames of 400 row means; the
+// error of a covariance of drifting rows is below 2.5 times that of white ones.
+TEST(Renoiser, RowsGetTheTargetsDrift) {
+  PhysicsNoise from = mono(0.5, 0.6, 0.5, 0), to = mono(2.0, 1.5, 1.5, 0);
+  from.row_drift = {0.3, 2.0};
+  to.row_drift = {0.6, 4.0};
+  const Renoiser renoiser(from, to, 2000);
+  const CompiledNoise source(from);
+  const Image clean(400, 64, 0.0f);
+  Image noisy(400, 64), again(400, 64);
+  Moments lagged[3];
+  for (std::uint32_t frame = 0; frame < 40; ++frame) {
+    source.apply(clean.view(), noisy.view(), {.seed = 2, .frame = frame});
+    renoiser.apply(noisy, clean, again, {.seed = 2, .frame = frame});
+    std::vector<double> mean(400, 0.0);
+    for (int r = 0; r < 400; ++r)
+      for (int c = 0; c < 64; ++c) mean[static_cast<std::size_t>(r)] += double{again(r, c)} / 64;
+    for (std::size_t lag = 1; lag <= 3; ++lag)
+      for (std::size_t r = lag; r < 400; ++r) lagged[lag - 1].add(mean[r] * mean[r - lag]);
+  }
+  // The source's slow part keeps its shorter length: the sum is the target's at lag 1 only nearly.
+  const double slow_from = 0.25 * 0.3, slow_added = 2.25 * 0.6 - slow_from;
+  for (int lag = 1; lag <= 3; ++lag) {
+    const Moments& m = lagged[lag - 1];
+    const double error = 2.5 * std::sqrt(m.variance() / static_cast<double>(m.count()));
+    EXPECT_NEAR(m.mean(), slow_from * std::exp(-lag / 2.0) + slow_added * std::exp(-lag / 4.0),
+                4 * error)
+        << lag;
+  }
+}
+
 // A guide that lost all detail: noise on noise keeps the detail of the noisy frame, the naive
 // scheme (guide + new noise) has lost it.
 TEST(Renoiser, KeepsDetailThatTheGuideLost) {
