@@ -156,6 +156,17 @@ TEST(Kernels, ConvolutionsAgreeWithTheLayers) {
     ASSERT_EQ(y.sizes(), expected.sizes());
     EXPECT_LT(difference(y, expected), 1e-5) << kernel;
   }
+  // Widths that Winograd's algorithm takes: tiles that end inside the picture, two sources.
+  for (const auto& [rows, cols] : {std::pair{1, 1}, {6, 131}, {65, 4}, {34, 50}}) {
+    Conv2d layer(Conv2dOptions(48, 32, 3).padding(1));
+    const internal::PackedConvolution packed(layer, 0.2F);
+    ASSERT_TRUE(packed.winograd.defined());
+    const auto x = torch::randn({2, 48, rows, cols});
+    const auto y = internal::channels_first(
+        internal::convolve(packed, internal::channels_last(x.slice(1, 0, 16)),
+                           internal::channels_last(x.slice(1, 16))));
+    EXPECT_LT(difference(y, torch::leaky_relu(layer(x), 0.2)), 2e-5) << rows << " x " << cols;
+  }
   ConvTranspose2d doubling(ConvTranspose2dOptions(11, 21, 2).stride(2));
   const auto x = torch::randn({2, 11, 7, 9});
   EXPECT_LT(difference(internal::channels_first(internal::double_size(

@@ -10,6 +10,10 @@ namespace {
 constexpr std::ptrdiff_t kCols = 64, kMostRows = 16, kPatchBytes = 384 * 1024;
 // Pixels of a product without neighbours.
 constexpr std::ptrdiff_t kPixels = 192;
+// Winograd: most channels in and out, beyond which its 36 matrices of weights cost more than the
+// multiplications that they save; tiles along a row; bytes of a task's elements in the cache.
+constexpr std::ptrdiff_t kWinogradChannels = 384, kTileCols = 16, kElementBytes = 640 * 1024;
+constexpr std::ptrdiff_t kElements = 36, kTile = 4, kWindow = 6;
 
 // Channels of one pixel, joined from two pictures.
 struct Source {
@@ -74,11 +78,97 @@ PackedConvolution::PackedConvolution(const torch::nn::Conv2d& layer, float leak_
       cols(layer->weight.size(3)),
       stride(layer->options.stride()->at(0)),
       padding((rows - 1) / 2),
-      leak(leak_of_activation) {}
+      leak(leak_of_activation) {
+  const std::int64_t in = taps.inner(), out = taps.cols();
+  if (rows != 3 || cols != 3 || stride != 1 || in % kLane != 0 || out % kLane != 0 ||
+      in + out > kWinogradChannels)
+    return;
+  const auto g = torch::tensor({{1.0 / 4, 0.0, 0.0},
+                                {-1.0 / 6, -1.0 / 6, -1.0 / 6},
+                                {-1.0 / 6, 1.0 / 6, -1.0 / 6},
+                                {1.0 / 24, 1.0 / 12, 1.0 / 6},
+                                {1.0 / 24, -1.0 / 12, 1.0 / 6},
+                                {0.0, 0.0, 1.0}},
+                               torch::kDouble);
+  const auto elements = torch::matmul(torch::matmul(g, layer->weight.to(torch::kDouble)), g.t())
+                            .permute({2, 3, 1, 0})
+                            .to(torch::kFloat)
+                            .contiguous();  // [6, 6, in, out]
+  winograd = torch::empty({kElements, in * out}, torch::kFloat);
+  for (std::int64_t i = 0; i < kElements; ++i)
+    pack_columns(elements.data_ptr<float>() + i * in * out, in, out, out, 1,
+                 winograd.data_ptr<float>() + i * in * out);
+}
+
+namespace {
+
+// One task of convolve_by_winograd: tiles of rows [row0, row1) and columns [col0, col1).
+void winograd_task(const PackedConvolution& layer, const Source& source, std::ptrdiff_t image,
+                   std::ptrdiff_t row0, std::ptrdiff_t row1, std::ptrdiff_t col0,
+                   std::ptrdiff_t col1, float* y) {
+  const std::ptrdiff_t in = source.channels(), out = layer.taps.cols();
+  const std::ptrdiff_t down = (row1 - row0 + kTile - 1) / kTile,
+                       across = (col1 - col0 + kTile - 1) / kTile, tiles = down * across;
+  const std::ptrdiff_t patch_cols = kTile * across + 2, patch_rows = kTile * down + 2;
+  Scratch scratch(patch_rows * patch_cols * in + kElements * tiles * (in + out));
+  float *patch = scratch.take(patch_rows * patch_cols * in),
+        *v = scratch.take(kElements * tiles * in), *m = scratch.take(kElements * tiles * out);
+  for (std::ptrdiff_t r = 0; r < patch_rows; ++r)
+    source.gather(image, row0 - 1 + r, col0 - 1, patch_cols, patch + r * patch_cols * in);
+  for (std::ptrdiff_t i = 0; i < tiles; ++i)
+    winograd_input(patch + (i / across * patch_cols + i % across) * kTile * in, patch_cols * in, in,
+                   v + i * in, tiles * in);
+  MatrixProduct p{.rows = tiles, .inner = in, .cols = out, .a_row = in};
+  p.c_row = out;
+  for (std::ptrdiff_t e = 0; e < kElements; ++e) {
+    p.a = v + e * tiles * in;
+    p.b = layer.winograd.data_ptr<float>() + e * in * out;
+    p.c = m + e * tiles * out;
+    multiply(p);
+  }
+  for (std::ptrdiff_t i = 0; i < tiles; ++i) {
+    const std::ptrdiff_t row = row0 + i / across * kTile, col = col0 + i % across * kTile;
+    winograd_output({.m = m + i * out,
+                     .m_element = tiles * out,
+                     .channels = out,
+                     .bias = layer.taps.product().bias,
+                     .leak = layer.leak,
+                     .y = y + ((image * source.rows + row) * source.cols + col) * out,
+                     .y_row = source.cols * out,
+                     .rows = std::min(kTile, row1 - row),
+                     .cols = std::min(kTile, col1 - col)});
+  }
+}
+
+torch::Tensor convolve_by_winograd(const PackedConvolution& layer, const torch::Tensor& x,
+                                   const Source& source) {
+  const std::ptrdiff_t out = layer.taps.cols(), rows = source.rows, cols = source.cols;
+  const std::ptrdiff_t tile_bytes =
+      kElements * (source.channels() + out) * static_cast<std::ptrdiff_t>(sizeof(float));
+  const std::ptrdiff_t tiles =
+      std::clamp(kElementBytes / tile_bytes, std::ptrdiff_t{16}, std::ptrdiff_t{64});
+  const std::ptrdiff_t chunks = (cols + kTile * kTileCols - 1) / (kTile * kTileCols);
+  const std::ptrdiff_t across = ((cols + kTile - 1) / kTile + chunks - 1) / chunks;
+  const std::ptrdiff_t chunk = kTile * across,
+                       band = kTile * std::max<std::ptrdiff_t>(tiles / across, 1),
+                       bands = (rows + band - 1) / band;
+  torch::Tensor y = torch::empty({x.size(0), rows, cols, out}, torch::kFloat);
+  float* to = y.data_ptr<float>();
+  for_each_task(x.size(0) * bands * chunks, [&](std::ptrdiff_t task) {
+    const std::ptrdiff_t row = task / chunks % bands * band, col = task % chunks * chunk;
+    if (col < cols)
+      winograd_task(layer, source, task / (bands * chunks), row, std::min(row + band, rows), col,
+                    std::min(col + chunk, cols), to);
+  });
+  return y;
+}
+
+}  // namespace
 
 torch::Tensor convolve(const PackedConvolution& layer, const torch::Tensor& x,
                        const torch::Tensor& more) {
   const Source source(x, more);
+  if (layer.winograd.defined()) return convolve_by_winograd(layer, x, source);
   const Pieces pieces(layer, source);
   const std::ptrdiff_t in = source.channels(), out = layer.taps.cols();
   std::vector<std::ptrdiff_t> taps;

@@ -3,11 +3,13 @@ set(neural_SOURCES
   clean_scenes.cpp
   convolution.cpp
   example_pool.cpp
+  failures.cpp
   frame_domain.cpp
   hybrid.cpp
   inference.cpp
   kernels_pixel.cpp
   kernels_product.cpp
+  kernels_winograd.cpp
   layers.cpp
   loss.cpp
   measure.cpp

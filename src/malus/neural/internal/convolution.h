@@ -12,6 +12,9 @@ struct PackedConvolution {
   PackedLinear taps;
   std::ptrdiff_t rows = 1, cols = 1, stride = 1, padding = 0;
   float leak = 1;  ///< y -> max(y, leak · y)
+  /// For 3x3 with stride 1 and few enough channels: the weights of the 36 elements of Winograd's
+  /// F(4x4, 3x3), packed one after the other.
+  torch::Tensor winograd;
 
   PackedConvolution() = default;
   explicit PackedConvolution(const torch::nn::Conv2d& layer, float leak_of_activation = 1);

@@ -70,6 +70,22 @@ void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, s
 void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
                    std::ptrdiff_t cols, std::ptrdiff_t channels, float* y);
 
+/// Winograd's F(4x4, 3x3) on one tile. Input: 6x6 pixels of x, whose rows lie x_row apart, become
+/// 36 elements [channels] of v, v_element apart.
+void winograd_input(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t channels, float* v,
+                    std::ptrdiff_t v_element);
+/// Output: 36 elements [channels] of m, m_element apart, become rows x cols (at most 4x4) pixels of
+/// y, whose rows lie y_row apart; with bias (null: none) and leaky ReLU as in MatrixProduct.
+struct WinogradOutput {
+  const float* m = nullptr;
+  std::ptrdiff_t m_element = 0, channels = 0;
+  const float* bias = nullptr;
+  float leak = 1;
+  float* y = nullptr;
+  std::ptrdiff_t y_row = 0, rows = 4, cols = 4;
+};
+void winograd_output(const WinogradOutput& output);
+
 /// softmax of every row of cols values of (x · scale + bias); bias null: none. blocked (null: none)
 /// labels columns and rows: values whose labels differ get -100 (shifted windows, Swin).
 void softmax_rows(float* x, std::ptrdiff_t rows, std::ptrdiff_t cols, float scale,
