@@ -1,4 +1,4 @@
-// malus experiment denoise: clean polarization scenes, a camera's noise, every denoising method,
+// malus experiment denoise: clean scenes, a camera's noise, every denoising method,
 // and how near each comes: the shape of 000 Table 1.
 #include "malus/base/atomic_file.h"
 #include "malus/denoise/denoiser.h"
@@ -67,15 +67,17 @@ void run(const Arguments& arguments, const Common& common) {
 
 void add_denoise_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* command =
-      add_command(experiment, common, "denoise",
-                  "denoising methods on clean polarization scenes with a camera's noise",
-                  [arguments, &common] { run(*arguments, common); });
-  command->add_option("SCENE", arguments->scenes, "folders with I0.png, I45.png, I90.png, I135.png")
+  CLI::App* command = add_command(experiment, common, "denoise",
+                                  "denoising methods on clean scenes with a camera's noise",
+                                  [arguments, &common] { run(*arguments, common); });
+  command
+      ->add_option("SCENE", arguments->scenes,
+                   "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
+                   "polarizers also pictures")
       ->required();
   command->add_option("--model", arguments->model, "noise model, a file or a built-in name")
       ->capture_default_str();
-  command->add_option("--cases", arguments->cases, "gain [dB] : low-light ratio")
+  command->add_option("--cases", arguments->cases, "gain [dB, or ISO] : low-light ratio")
       ->capture_default_str();
   command->add_option(
       "--methods", arguments->methods,

@@ -3,6 +3,8 @@
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/angle_pictures.h"
+#include "malus/synthesize/model.h"
+#include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
@@ -16,16 +18,43 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-// Where a mosaic pixel's colour is found in an RGB picture; 0 in a picture of one channel.
-int picture_channel(Color color, int channels) {
-  if (channels < 3) return 0;
-  return color == Color::kRed ? 0 : color == Color::kBlue ? 2 : 1;
+// Light behind four polarizer angles, or of one picture without polarization; fractions of white.
+std::vector<Planes> scene_light(const fs::path& path) {
+  const auto light = [](const Picture& picture, bool srgb) {
+    return linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
+                        srgb);
+  };
+  std::vector<Planes> angles;
+  if (fs::is_directory(path)) {
+    for (const Picture& picture : load_angle_pictures(path))
+      angles.push_back(light(picture, false));
+  } else {
+    const Picture picture = load_picture(path);
+    angles.push_back(light(picture, picture.bits > 0));
+  }
+  return angles;
+}
+
+// What a pixel behind the site's colour filter and polarizer sees.
+double light_at(const std::vector<Planes>& angles, const Site& site, int row, int col) {
+  const int channels = angles.front().channels();
+  const int color = channels < 3                 ? 0
+                    : site.color == Color::kRed  ? 0
+                    : site.color == Color::kBlue ? 2
+                                                 : 1;
+  const auto value = [&](std::size_t angle) { return double{angles[angle][color](row, col)}; };
+  if (angles.size() == 1) return value(0);
+  if (site.angle_deg) return value(static_cast<std::size_t>(*site.angle_deg / 45));
+  return (value(0) + value(1) + value(2) + value(3)) / 4;
 }
 
 }  // namespace
 
-CleanScene load_scene(const fs::path& folder, const NoiseModel& model, int crop) {
-  const std::array<Picture, 4> angles = load_angle_pictures(folder);
+CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
+  const std::vector<Planes> angles = scene_light(path);
+  if (angles.size() == 1 && model.layout.polarized())
+    throw InputError(path.string(), "is one picture, the model of a polarization camera",
+                     "give folders with I0, I45, I90 and I135, or the model of another camera");
   const int cell = std::max(model.layout.rows(), model.layout.cols());
   const auto middle = [&](int size, int& start) {
     const int length = std::min(size, crop) / cell * cell;
@@ -33,19 +62,17 @@ CleanScene load_scene(const fs::path& folder, const NoiseModel& model, int crop)
     return length;
   };
   int row0 = 0, col0 = 0;
-  const int rows = middle(angles[0].planes.rows(), row0),
-            cols = middle(angles[0].planes.cols(), col0);
-  CleanScene scene{folder.filename().string(), Image(rows, cols)};
+  const int rows = middle(angles[0].rows(), row0), cols = middle(angles[0].cols(), col0);
+  if (rows == 0 || cols == 0)
+    throw InputError(path.string(), "is smaller than one cell of the sensor's mosaic",
+                     "give a larger picture");
+  CleanScene scene{path.filename().string(), Image(rows, cols)};
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       const int channel = model.layout.channel_at(r, c);
-      const Site& site = model.layout.site(channel);
-      if (!site.angle_deg)
-        throw InputError("--model", "is not of a polarization camera", "give another model");
-      const Picture& picture = angles[static_cast<std::size_t>(*site.angle_deg / 45)];
-      const Image& plane = picture.planes[picture_channel(site.color, picture.planes.channels())];
       const double white = model.white_dn - model.black_dn[static_cast<std::size_t>(channel)];
-      scene.clean_dn(r, c) = static_cast<float>(plane(row0 + r, col0 + c) / picture.white * white);
+      scene.clean_dn(r, c) = static_cast<float>(
+          white * light_at(angles, model.layout.site(channel), row0 + r, col0 + c));
     }
   return scene;
 }
@@ -74,8 +101,9 @@ LightCase light_case_of(const std::string& text) {
     if (colon != std::string::npos) return {std::stod(text), std::stod(text.substr(colon + 1))};
   } catch (const std::exception&) {  // reported below
   }
-  throw InputError("--cases " + text, "is not GAIN:RATIO",
-                   "e.g. 12:60 for 12 dB and a sixtieth of the light");
+  throw InputError(
+      "--cases " + text, "is not GAIN:RATIO",
+      "e.g. 12:60: gain 12 (dB; ISO where the model holds ISO) and a sixtieth of the light");
 }
 
 NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const NoiseModel& model,
@@ -83,8 +111,7 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const Noi
   SynthesisSettings synthesis;
   synthesis.ratio = light.ratio;
   const Synthesizer camera(model, synthesis);
-  GainSetting gain;
-  gain.gain_db = light.gain_db;
+  const GainSetting gain = Model(model).gain_setting(light.gain);
   NoisyScene noisy{camera.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed}, model.black_dn,
                                    model.white_dn),
                    model.profile_at(gain), &scene, light.ratio,
@@ -113,6 +140,7 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoise
   const Evaluation e =
       evaluate_mosaics(scene.clean->clean_dn, test_dn, scene.frame.layout, scene.range_dn);
   score.image_psnr_db += *e.image_psnr_db;
+  score.polarized = scene.frame.layout.polarized();
   score.dolp_psnr_db += e.dolp_psnr_db.value_or(0);
   score.aolp_deg += e.aolp_circular_deg.value_or(0);
   ++score.count;
@@ -122,11 +150,11 @@ Json score_json(const std::vector<SceneScore>& scores) {
   Json list = Json::array();
   for (const SceneScore& score : scores) {
     const double n = std::max(score.count, 1);
-    list.push_back({{"name", score.name},
-                    {"image_psnr_db", score.image_psnr_db / n},
-                    {"dolp_psnr_db", score.dolp_psnr_db / n},
-                    {"aolp_circular_deg", score.aolp_deg / n},
-                    {"seconds", score.seconds / n}});
+    Json row{{"name", score.name}, {"image_psnr_db", score.image_psnr_db / n}};
+    row["dolp_psnr_db"] = score.polarized ? Json(score.dolp_psnr_db / n) : Json();
+    row["aolp_circular_deg"] = score.polarized ? Json(score.aolp_deg / n) : Json();
+    row["seconds"] = score.seconds / n;
+    list.push_back(std::move(row));
   }
   return list;
 }
@@ -137,9 +165,12 @@ std::string score_text(const std::vector<SceneScore>& scores) {
       "|---|---|---|---|---|\n";
   for (const SceneScore& score : scores) {
     const double n = std::max(score.count, 1);
-    table += fmt::format("| {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} |\n", score.name,
-                         score.image_psnr_db / n, score.dolp_psnr_db / n, score.aolp_deg / n,
-                         score.seconds / n);
+    const auto where_polarized = [&](double sum) {
+      return score.polarized ? fmt::format("{:.2f}", sum / n) : std::string("-");
+    };
+    table += fmt::format("| {} | {:.2f} | {} | {} | {:.2f} |\n", score.name,
+                         score.image_psnr_db / n, where_polarized(score.dolp_psnr_db),
+                         where_polarized(score.aolp_deg), score.seconds / n);
   }
   return table;
 }

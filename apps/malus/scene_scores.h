@@ -1,4 +1,4 @@
-// Clean polarization scenes with a camera's noise, and how near a denoiser comes to them: what the
+// Clean scenes with a camera's noise, and how near a denoiser comes to them: what the
 // experiments on denoising share.
 #pragma once
 
@@ -15,7 +15,7 @@ namespace malus::app {
 
 /// How a scene is taken.
 struct LightCase {
-  double gain_db = 0, ratio = 1;
+  double gain = 0, ratio = 1;  ///< gain in the model's unit: dB or ISO
 };
 /// "12:60"; throws InputError.
 LightCase light_case_of(const std::string& text);
@@ -24,15 +24,17 @@ struct CleanScene {
   std::string name;
   Image clean_dn;  ///< mosaic, white is the camera's
 };
-/// The pictures I0, I45, I90, I135 of a folder through the sensor's mosaic, the middle crop x crop
-/// pixels. Throws InputError, also on a model without polarizers.
-CleanScene load_scene(const std::filesystem::path& folder, const NoiseModel& model, int crop);
+/// The middle crop x crop pixels of a scene through the sensor's mosaic. The scene is a folder with
+/// I0, I45, I90, I135, whose mean a sensor without polarizers sees, or, for such a sensor, one
+/// picture (of integers: sRGB; of floats: linear). Throws InputError.
+CleanScene load_scene(const std::filesystem::path& path, const NoiseModel& model, int crop);
 
 /// Sums over scenes and cases.
 struct SceneScore {
   std::string name;
   double image_psnr_db = 0, dolp_psnr_db = 0, aolp_deg = 0, seconds = 0;
   int count = 0;
+  bool polarized = true;  ///< else DoLP and AoLP have no meaning
 };
 
 /// One noisy frame of a scene. The same seed gives the same frame.

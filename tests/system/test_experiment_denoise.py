@@ -22,6 +22,17 @@ def test_methods_are_scored_against_the_clean_scene(malus, scene):
     assert scored[1]["image_psnr_db"] > scored[0]["image_psnr_db"] + 3
 
 
+def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_path):
+    rows, cols = np.mgrid[0:64, 0:96]
+    light = np.stack([120 + 60 * np.sin(cols / 9 + k) + 30 * np.cos(rows / 7) for k in range(3)], 2)
+    Image.fromarray(light.astype(np.uint8)).save(tmp_path / "picture.png")
+    run = ["experiment", "denoise", scene, tmp_path / "picture.png", "--methods", "bm3d/fast", "--cases", "1600:10"]
+    done = malus(*run, "--model", "sony-a7s2", "--json", "--report", tmp_path / "page.html").json["methods"]
+    assert done[1]["image_psnr_db"] > done[0]["image_psnr_db"] + 2
+    assert done[1]["dolp_psnr_db"] is None and done[1]["aolp_circular_deg"] is None
+    assert "one picture" in refused("experiment", "denoise", tmp_path / "picture.png", "--methods", "bm3d/fast")
+
+
 @pytest.mark.parametrize("damage, said", [
     (lambda folder: Image.new("RGB", (32, 64)).save(folder / "I45.png"), "another size"),
     (lambda folder: Image.new("L", (64, 64)).save(folder / "I45.png"), "other channels"),
