@@ -15,6 +15,8 @@ using internal::kCell;
 using internal::kLanes;
 
 constexpr int kCellsPerAlignment = 65536;
+// The first pass sees the linear guide only, which knows less of a stack than a pilot does.
+constexpr float kGuideAxesPrior = 10.0f;
 
 int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
 
@@ -36,6 +38,18 @@ CellMatrix wiener_matrix(const CellMatrix& axes, const CellVector& eigenvalues) 
       }
       matrix[i][k] = sum;
     }
+  return matrix;
+}
+
+// Energies, in units of the noise's variance, that the frame's axes lend to those of a stack:
+// measured (docs/denoising.md). The first axis is the brightness, which every stack knows.
+CellMatrix axes_prior(const CellMatrix& axes) {
+  constexpr float kFirst = 0.24f, kRatio = 0.8f;
+  CellMatrix matrix{};
+  float energy = kFirst;
+  for (std::size_t c = 1; c < kLanes; ++c, energy *= kRatio)
+    for (std::size_t i = 0; i < kLanes; ++i)
+      for (std::size_t k = 0; k < kLanes; ++k) matrix[i][k] += energy * axes[i][c] * axes[k][c];
   return matrix;
 }
 
@@ -151,7 +165,8 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
                       .step = step,
                       .search = search,
                       .stack = stack,
-                      .threshold = threshold};
+                      .threshold = threshold,
+                      .axes_prior = side == 2 ? kGuideAxesPrior : internal::kFrameAxes};
   };
   const auto wiener = [](int step, int search, int stack) {
     return StackStage{
@@ -202,6 +217,7 @@ CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
   const auto alignments = static_cast<std::size_t>(layout.channels());
   statistics.means.resize(alignments);
   statistics.rotations.resize(alignments);
+  statistics.axes_prior.resize(alignments);
   statistics.smoothing.resize(alignments);
   parallel_for(0, layout.channels(), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (std::ptrdiff_t a = begin; a < end; ++a) {
@@ -212,6 +228,7 @@ CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
       CellVector eigenvalues;
       statistics.means[i] = sums.mean();
       statistics.rotations[i] = internal::principal_axes(sums.covariance(), &eigenvalues);
+      statistics.axes_prior[i] = axes_prior(statistics.rotations[i]);
       statistics.smoothing[i] = wiener_matrix(statistics.rotations[i], eigenvalues);
     }
   });
@@ -243,6 +260,7 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   input.frame_rows = frame_rows;
   input.frame_cols = frame_cols;
   input.rotations = &statistics.rotations;
+  input.axes_prior = &statistics.axes_prior;
   MALUS_REQUIRE(!plan.hard.empty());
   Image pilot;
   {

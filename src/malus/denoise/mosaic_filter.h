@@ -33,7 +33,10 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
 struct CellStatistics {
   int period_rows = 1, period_cols = 1;
   std::vector<internal::CellVector> means;      ///< per alignment of cell and layout
-  std::vector<internal::CellMatrix> rotations;  ///< principal axes, noise subtracted
+  std::vector<internal::CellMatrix> rotations;  ///< principal axes
+  /// sum over the axes but the first of w a a^T, w falling: added to the moments of a stack, it
+  /// decides the axes of what its pilot does not tell from noise.
+  std::vector<internal::CellMatrix> axes_prior;
   std::vector<internal::CellMatrix> smoothing;  ///< linear minimum mean-square estimate of a cell
 };
 

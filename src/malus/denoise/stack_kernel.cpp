@@ -165,7 +165,8 @@ HWY_INLINE void gather(const StackJob& job, const float* from, const Match* matc
             load_cell(from + matches[n].offset + r * kCell * job.stride + c * kCell, job.stride);
 }
 
-/// Candidates of one reference, the nearest first; returns how many (a power of two).
+/// Candidates of one reference, the nearest first; returns how many (a power of two). As many again
+/// follow, the next nearest in any order, where there are so many.
 template <int kSide>
 HWY_INLINE int match(const StackJob& job, int row, int col, std::vector<Match>& matches) {
   constexpr int kBlock = kSide * kCell;
@@ -186,6 +187,9 @@ HWY_INLINE int match(const StackJob& job, int row, int col, std::vector<Match>& 
   }
   int count = 1;
   while (2 * count <= std::min<int>(job.stack, static_cast<int>(matches.size()))) count *= 2;
+  const int wide = std::min(2 * count, static_cast<int>(matches.size()));
+  std::nth_element(matches.begin(), matches.begin() + (wide - 1), matches.end());
+  matches.resize(static_cast<std::size_t>(wide));
   std::nth_element(matches.begin(), matches.begin() + (count - 1), matches.end());
   std::sort(matches.begin(), matches.begin() + count);
   return count;
@@ -247,6 +251,30 @@ HWY_INLINE CellMatrix transposed(const CellMatrix& m) {
   return t;
 }
 
+HWY_INLINE void add(CellMatrix& to, float share, const CellMatrix& more) {
+  for (std::size_t i = 0; i < kLanes; ++i)
+    for (std::size_t k = 0; k < kLanes; ++k) to[i][k] += share * more[i][k];
+}
+
+/// Components of a stack. The guide's stack is left in `guide`.
+template <int kSide>
+HWY_INLINE CellMatrix stack_axes(const StackJob& job, std::size_t alignment,
+                                 const std::vector<Match>& matches, int count, Floats* guide) {
+  constexpr int kCells = kSide * kSide;
+  // Blocks beyond the stack are similar enough to steady its axes.
+  constexpr float kBeyondShare = 0.3f;
+  CellMatrix moments{};
+  const int beyond = static_cast<int>(matches.size()) - count;
+  if (job.threshold == 0 && beyond > 0) {
+    gather<kSide>(job, job.guide, matches.data() + count, beyond, guide);
+    add(moments, kBeyondShare, second_moments(guide, beyond * kCells));
+  }
+  gather<kSide>(job, job.guide, matches.data(), count, guide);
+  add(moments, 1.0f, second_moments(guide, count * kCells));
+  add(moments, job.axes_prior, (*job.priors)[alignment]);
+  return principal_axes(moments);
+}
+
 template <int kSide>
 HWY_INLINE void put_back(const StackJob& job, const Match* matches, int count, const Floats* cells,
                          float weight, const Floats& error) {
@@ -278,19 +306,17 @@ void filter_block(const StackJob& job, const ReferenceBlock& block) {
       const int count = match<kSide>(job, row, col, matches);
       const int total = count * kCells;
       gather<kSide>(job, job.noisy, matches.data(), count, cells);
-      CellMatrix axes;
+      const std::size_t alignment = job.alignment(row, col);
+      const CellMatrix axes = job.axes_prior == kFrameAxes
+                                  ? (*job.rotations)[alignment]
+                                  : stack_axes<kSide>(job, alignment, matches, count, pilot);
+      rotate(cells, total, axes);
+      transform_stack<kSide>(cells, count, job, false);
       Shrinkage result;
       if (job.threshold > 0) {
-        axes = (*job.rotations)[job.alignment(row, col)];
-        rotate(cells, total, axes);
-        transform_stack<kSide>(cells, count, job, false);
         result = shrink_hard(cells, total, job.threshold);
       } else {
-        gather<kSide>(job, job.guide, matches.data(), count, pilot);
-        axes = principal_axes(second_moments(pilot, total));
-        rotate(cells, total, axes);
         rotate(pilot, total, axes);
-        transform_stack<kSide>(cells, count, job, false);
         transform_stack<kSide>(pilot, count, job, false);
         result = shrink_wiener(cells, pilot, total);
       }

@@ -78,11 +78,13 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   job.search = stage.search;
   job.stack = stage.stack;
   job.threshold = stage.threshold;
+  job.axes_prior = stage.axes_prior;
   job.period_rows = input.period_rows;
   job.period_cols = input.period_cols;
   fill_dct(stage.block_cells, job.dct);
   job.window = kaiser_cells(stage.block_cells);
   job.rotations = input.rotations;
+  job.priors = input.axes_prior;
   return job;
 }
 

@@ -34,10 +34,12 @@ struct StackJob {
   int row0, col0;  ///< frame position of the tile, for the alignment
   int block_cells, step, search, stack;
   float threshold;
+  float axes_prior;
   int period_rows, period_cols;
   float dct[kMaxBlockCells][kMaxBlockCells];
   std::vector<CellVector> window;  ///< per cell of the block
   const std::vector<CellMatrix>* rotations;
+  const std::vector<CellMatrix>* priors;
 
   std::size_t alignment(int row, int col) const {
     const int r = ((row0 + row) % period_rows + period_rows) % period_rows;

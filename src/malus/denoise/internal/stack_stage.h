@@ -8,6 +8,7 @@
 #include "malus/image/view.h"
 
 #include <array>
+#include <limits>
 #include <vector>
 
 namespace malus::internal {
@@ -28,8 +29,12 @@ struct StackStage {
   int search = 13;      ///< blocks are compared up to this many layout cells away
   int stack = 32;       ///< blocks per stack, a power of two
   float threshold = 2.7f;  ///< hard thresholding, in deviations of the noise; 0: Wiener filter
+  /// Components are the principal axes of the guide in the stack itself plus the frame's axes with
+  /// this weight (StageInput::axes_prior); kFrameAxes: those of the frame alone.
+  float axes_prior = 1.0f;
   int block() const { return block_cells * kCell; }
 };
+inline constexpr float kFrameAxes = std::numeric_limits<float>::infinity();
 
 /// A rectangle of the frame with its surroundings; (row0, col0) is the frame's position of (0, 0)
 /// and may be negative in the extension beyond the border.
@@ -43,9 +48,10 @@ struct StageInput {
   const Image* guide;  ///< same size: where blocks are compared; for the Wiener filter the pilot
   int period_rows, period_cols;  ///< of the layout: blocks are moved by whole periods
   int frame_rows, frame_cols;    ///< references must touch the frame itself
-  /// Hard thresholding: rotation per alignment, [row % period_rows * period_cols + col %
-  /// period_cols].
+  /// Principal axes of the frame per alignment, [row % period_rows * period_cols + col %
+  /// period_cols], and the matrices that pull a stack's axes towards them.
   const std::vector<CellMatrix>* rotations = nullptr;
+  const std::vector<CellMatrix>* axes_prior = nullptr;
 };
 
 /// Estimate of the tile's pixels; where variance_out is given, also the expected squared error.
