@@ -8,6 +8,9 @@ namespace malus::app {
 namespace {
 
 constexpr int kChannels = 16, kCountedSide = 128, kTimedSide = 256, kQuickSide = 16;
+// The network that is timed on a whole frame of 2448 x 2048, packed.
+constexpr const char* kFrameNetwork = "malus-small";
+constexpr int kFrameRows = 512, kFrameCols = 612;
 
 std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
   std::vector<BenchmarkLine> lines;
@@ -24,7 +27,16 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
     const NetworkCost time =
         functions.measure(network, kChannels, side, side, context.quick ? 1 : 3);
     lines.push_back({network.name + ", forward", time.seconds, "s",
-                     fmt::format("float32, {} x {} x {}", kChannels, side, side)});
+                     fmt::format("float32, {} x {} x {}; {:.3f} s of processor time", kChannels,
+                                 side, side, time.processor_seconds)});
+    lines.push_back(
+        {network.name + ", memory of a pass", time.peak_bytes / 1e6, "MB", "beside the weights"});
+    if (network.name != kFrameNetwork || context.quick) continue;
+    const NetworkCost frame = functions.measure(network, kChannels, kFrameRows, kFrameCols, 1);
+    const std::string size = fmt::format("{} x {} x {}", kChannels, kFrameRows, kFrameCols);
+    lines.push_back({network.name + ", 5-megapixel frame", frame.seconds, "s", size});
+    lines.push_back(
+        {network.name + ", 5-megapixel frame, memory", frame.peak_bytes / 1e6, "MB", size});
   }
   return lines;
 }

@@ -4,8 +4,14 @@
 
 #include <algorithm>
 #include <chrono>
+#include <ctime>
+#include <fstream>
+#include <string>
 
 #include <ATen/record_function.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 namespace malus {
 namespace {
@@ -57,6 +63,27 @@ double count_work(Network& network, const torch::Tensor& input) {
   return counted;
 }
 
+// A line of this process's memory in the kernel's account [bytes]; 0 where there is none.
+double memory_of_process(const std::string& line) {
+  std::ifstream status("/proc/self/status");
+  for (std::string word; status >> word;)
+    if (double kibibytes = 0; word == line && status >> kibibytes) return 1024 * kibibytes;
+  return 0;
+}
+
+// Resident memory that work needs at most beyond what there was before.
+template <class Work>
+double peak_bytes(const Work& work) {
+#ifdef __GLIBC__
+  malloc_trim(0);
+#endif
+  // Sets the account's peak back to what is resident now (proc(5), clear_refs).
+  if (!(std::ofstream("/proc/self/clear_refs") << "5" << std::flush)) return 0;
+  const double before = memory_of_process("VmRSS:");
+  work();
+  return memory_of_process("VmHWM:") - before;
+}
+
 Json uformer(int dim, std::vector<int> depths) {
   return {{"embed_dim", dim}, {"depths", std::move(depths)}};
 }
@@ -83,14 +110,19 @@ NetworkCost measure_network(const NamedNetwork& named, int channels, int rows, i
   const auto network = make_network({named.architecture, named.settings});
   network->eval();
   const auto input = torch::rand({1, channels, rows, cols});
-  NetworkCost cost{parameter_count(*network), count_work(*network, input), 0};
-  std::vector<double> times;
+  NetworkCost cost{parameter_count(*network), count_work(*network, input)};
+  if (repetitions == 0) return cost;
+  network->forward(input);  // packs the weights
+  cost.peak_bytes = peak_bytes([&] { network->forward(input); });
+  std::vector<double> times, processor_times;
   for (int i = 0; i < repetitions; ++i) {
     const auto start = Clock::now();
+    const std::clock_t processor_start = std::clock();
     network->forward(input);
+    processor_times.push_back(static_cast<double>(std::clock() - processor_start) / CLOCKS_PER_SEC);
     times.push_back(std::chrono::duration<double>(Clock::now() - start).count());
   }
-  if (times.empty()) return cost;
+  cost.processor_seconds = *std::min_element(processor_times.begin(), processor_times.end());
   std::nth_element(times.begin(), times.begin() + std::ssize(times) / 2, times.end());
   cost.seconds = times[times.size() / 2];
   return cost;

@@ -22,8 +22,12 @@ struct NetworkCost {
   std::int64_t parameters = 0;
   double multiply_adds = 0;  ///< of a forward pass: convolutions, linear layers, attention products
   double seconds = 0;        ///< median of a forward pass, batch 1, float32
+  double processor_seconds =
+      0;                  ///< the least of all threads together: tells more on a busy machine
+  double peak_bytes = 0;  ///< that a forward pass takes beside the weights; 0: not known
 };
-/// channels x rows x cols of random values; repetitions 0 measures no time.
+/// channels x rows x cols of random values; repetitions 0 measures neither time nor
+/// memory.
 NetworkCost measure_network(const NamedNetwork& network, int channels, int rows, int cols,
                             int repetitions);
 

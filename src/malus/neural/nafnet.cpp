@@ -20,8 +20,9 @@ class PixelNormImpl : public Module {
     bias_ = register_parameter("bias", torch::zeros(channels));
   }
   torch::Tensor forward(const torch::Tensor& x) {
-    return torch::layer_norm(x.permute({0, 2, 3, 1}), {x.size(1)}, weight_, bias_, 1e-6)
-        .permute({0, 3, 1, 2});
+    // Under autocast on a CPU x is bfloat16, the weights are not, and layer_norm takes one type.
+    const auto y = x.permute({0, 2, 3, 1}).to(weight_.scalar_type());
+    return torch::layer_norm(y, {x.size(1)}, weight_, bias_, 1e-6).permute({0, 3, 1, 2});
   }
   internal::RowNorm packed() const {
     return {weight_.data_ptr<float>(), bias_.data_ptr<float>(), 1e-6F};

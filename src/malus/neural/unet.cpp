@@ -41,7 +41,11 @@ class UNet final : public Network {
   torch::Tensor forward(torch::Tensor x) override {
     const auto rows = x.size(2), cols = x.size(3);
     x = pad_to_multiple(x, multiple_);
-    x = internal::kernels_apply(x) ? with_kernels(x) : with_layers(x);
+    if (internal::kernels_apply(x))
+      x = with_kernels(x);
+    else
+      x = with_layers(
+          torch::GradMode::is_enabled() ? x : x.contiguous(torch::MemoryFormat::ChannelsLast));
     return torch::pixel_shuffle(x, upscale_)
         .slice(2, 0, rows * upscale_)
         .slice(3, 0, cols * upscale_);
