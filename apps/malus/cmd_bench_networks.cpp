@@ -33,10 +33,10 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
         {network.name + ", memory of a pass", time.peak_bytes / 1e6, "MB", "beside the weights"});
     if (network.name != kFrameNetwork || context.quick) continue;
     const NetworkCost frame = functions.measure(network, kChannels, kFrameRows, kFrameCols, 1);
-    const std::string size = fmt::format("{} x {} x {}", kChannels, kFrameRows, kFrameCols);
-    lines.push_back({network.name + ", 5-megapixel frame", frame.seconds, "s", size});
+    const std::string note = fmt::format("{} x {} x {}", kChannels, kFrameRows, kFrameCols);
+    lines.push_back({network.name + ", 5-megapixel frame", frame.seconds, "s", note});
     lines.push_back(
-        {network.name + ", 5-megapixel frame, memory", frame.peak_bytes / 1e6, "MB", size});
+        {network.name + ", 5-megapixel frame, memory", frame.peak_bytes / 1e6, "MB", note});
   }
   return lines;
 }
