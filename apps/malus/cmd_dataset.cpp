@@ -134,6 +134,11 @@ class CleanSources {
   std::size_t held_pixels_ = 0;
 };
 
+// Names of files may be no UTF-8.
+std::string utf8(const Json& json, int indent = 2) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
 struct Factory {
   const Plan& plan;
   const Model model;
@@ -169,13 +174,13 @@ struct Factory {
     const std::string name = fmt::format("{:09}", number);
     return {{{name + ".clean.npy", npy_bytes(pack(pair.clean_dn, description.layout))},
              {name + ".noisy.npy", npy_bytes(pack(pair.noisy_dn, description.layout))},
-             {name + ".json", facts.dump()}}};
+             {name + ".json", utf8(facts, -1)}}};
   }
 };
 
 // Written once; a run that goes on must have the same settings.
 void check_same_dataset(const fs::path& path, const Json& description, bool force) {
-  const std::string text = description.dump(2) + "\n";
+  const std::string text = utf8(description) + "\n";
   if (fs::exists(path) && !force) {
     std::stringstream found;
     found << std::ifstream(path).rdbuf();

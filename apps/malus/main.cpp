@@ -1,7 +1,9 @@
 #include "commands.h"
+#include "program_start.h"
 
 int main(int argc, char** argv) {
   using namespace malus::app;
+  remember_start(argc, argv);
   CLI::App app{"Measure a camera's noise, imitate it and remove it", "malus"};
   app.set_version_flag("--version", MALUS_VERSION);
   app.require_subcommand(1);

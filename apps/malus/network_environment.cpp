@@ -1,11 +1,9 @@
 #include "network_environment.h"
 
-#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 
+#include "program_start.h"
 #include <malloc.h>
 #include <unistd.h>
 
@@ -35,18 +33,6 @@ std::string openmp_blas_folder() {
   return std::filesystem::exists(folder + "/libblas.so.3") ? folder : "";
 }
 
-std::vector<std::string> own_arguments() {
-  std::ifstream file("/proc/self/cmdline", std::ios::binary);
-  const std::string all{std::istreambuf_iterator<char>(file), {}};
-  std::vector<std::string> arguments;
-  for (std::size_t start = 0; start < all.size();) {
-    const std::size_t end = std::min(all.find('\0', start), all.size());
-    arguments.push_back(all.substr(start, end - start));
-    start = end + 1;
-  }
-  return arguments;
-}
-
 }  // namespace
 
 std::vector<EnvironmentSetting> missing_network_environment() {
@@ -72,13 +58,12 @@ std::vector<EnvironmentSetting> missing_network_environment() {
 }
 
 void restart_with(const std::vector<EnvironmentSetting>& settings) {
-  std::vector<std::string> arguments = own_arguments();
-  if (arguments.empty()) return;
+  std::vector<std::string> arguments = program_start().arguments;
   for (const EnvironmentSetting& s : settings) setenv(s.name.c_str(), s.value.c_str(), 1);
   std::vector<char*> argv;
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
-  execv("/proc/self/exe", argv.data());
+  execv(program_start().file.c_str(), argv.data());
 }
 
 void keep_freed_memory() {

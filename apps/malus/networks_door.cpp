@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 
 #include "network_environment.h"
+#include "program_start.h"
 #include <dlfcn.h>
 #include <fmt/format.h>
 
@@ -17,7 +18,7 @@ constexpr const char* kModuleName = "malus_networks.so";
 // was not built.
 fs::path module_path() {
   std::error_code error;
-  const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
+  const fs::path folder = program_start().file.parent_path();
   for (const fs::path& candidate :
        {folder / kModuleName, folder / ".." / MALUS_LIBRARY_FOLDER / "malus" / kModuleName})
     if (fs::exists(candidate, error)) return candidate;

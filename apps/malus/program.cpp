@@ -11,6 +11,7 @@
 #include <exception>
 #include <mutex>
 #include <new>
+#include <system_error>
 
 #include "live_progress.h"
 #include <fmt/format.h>
@@ -156,6 +157,10 @@ int run_program(CLI::App& app, int argc, char** argv) {
     fmt::print(stderr,
                "malus: stopped on request; finished outputs are whole, none is half-written\n");
     return kExitStopped;
+  } catch (const std::system_error& error) {  // files and threads that the system refuses
+    fmt::print(stderr, "malus: the system: {}; check the rights and the limits of your account\n",
+               error.what());
+    return kExitInput;
   } catch (const std::bad_alloc&) {
     fmt::print(stderr,
                "malus: memory: not enough for this input; lower --memory or --threads, or crop the "

@@ -1,0 +1,28 @@
+#include "program_start.h"
+
+#include <system_error>
+
+#include <sys/auxv.h>
+
+namespace malus::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+ProgramStart g_start;
+
+fs::path own_file() {
+  std::error_code error;
+  if (const fs::path file = fs::read_symlink("/proc/self/exe", error); !error) return file;
+  // What the kernel was asked to run, from the folder of the start.
+  const auto* asked = reinterpret_cast<const char*>(getauxval(AT_EXECFN));
+  return asked == nullptr ? fs::path() : fs::weakly_canonical(fs::absolute(asked, error), error);
+}
+
+}  // namespace
+
+void remember_start(int argc, char** argv) { g_start = {own_file(), {argv, argv + argc}}; }
+
+const ProgramStart& program_start() { return g_start; }
+
+}  // namespace malus::app

@@ -1,0 +1,20 @@
+// How this program was started: where its file lies and with which arguments, kept by main for what
+// looks beside the program or starts it anew. Works without /proc too.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace malus::app {
+
+struct ProgramStart {
+  std::filesystem::path file;  ///< absolute, links resolved
+  std::vector<std::string> arguments;
+};
+
+/// main's first deed.
+void remember_start(int argc, char** argv);
+const ProgramStart& program_start();
+
+}  // namespace malus::app
