@@ -177,7 +177,7 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
             .wiener = {wiener(7, 8, 32)},
             .coarse_profile = ""};
   if (profile == "normal")
-    return {.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 9, 10, 32, 2.5f)},
+    return {.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
             .wiener = {wiener(7, 10, 32), wiener(5, 10, 64)},
             .coarse_profile = "fast"};
   if (profile == "high")
