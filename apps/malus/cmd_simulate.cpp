@@ -40,9 +40,8 @@ Planes load_linear(const fs::path& path, const std::string& tone, const SensorLa
         path.string(),
         fmt::format("is smaller than one cell of {} x {}", layout.rows(), layout.cols()),
         "use a larger picture");
-  const Planes light =
-      linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
-                   tone == "srgb" || (tone == "auto" && picture.bits > 0));
+  const Planes light = linear_light(picture.planes, picture.names, picture.white,
+                                    tone == "srgb" || (tone == "auto" && picture.bits > 0));
   Planes cropped(light.channels(), rows, cols);
   for (int k = 0; k < light.channels(); ++k)
     for (int r = 0; r < rows; ++r) std::copy_n(light[k].row(r), cols, cropped[k].row(r));

@@ -21,8 +21,7 @@ namespace fs = std::filesystem;
 // Light behind four polarizer angles, or of one picture without polarization; fractions of white.
 std::vector<Planes> scene_light(const fs::path& path) {
   const auto light = [](const Picture& picture, bool srgb) {
-    return linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
-                        srgb);
+    return linear_light(picture.planes, picture.names, picture.white, srgb);
   };
   std::vector<Planes> angles;
   if (fs::is_directory(path)) {
@@ -96,11 +95,7 @@ DenoiseSettings method_settings_of(const std::string& text) {
 }
 
 LightCase light_case_of(const std::string& text) {
-  const std::size_t colon = text.find(':');
-  try {
-    if (colon != std::string::npos) return {std::stod(text), std::stod(text.substr(colon + 1))};
-  } catch (const std::exception&) {  // reported below
-  }
+  if (const auto light = parsed_light_case(text)) return *light;
   throw InputError(
       "--cases " + text, "is not GAIN:RATIO",
       "e.g. 12:60: gain 12 (dB; ISO where the model holds ISO) and a sixtieth of the light");

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/noise/model.h"
+#include "malus/synthesize/light_case.h"
 
 #include <filesystem>
 #include <string>
@@ -13,11 +14,7 @@
 
 namespace malus::app {
 
-/// How a scene is taken.
-struct LightCase {
-  double gain = 0, ratio = 1;  ///< gain in the model's unit: dB or ISO
-};
-/// "12:60"; throws InputError.
+/// As parsed_light_case; throws InputError.
 LightCase light_case_of(const std::string& text);
 
 struct CleanScene {

@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/neural/json_text.h"
 #include "malus/neural/package.h"
 #include "malus/weights/torch_archive.h"
 
@@ -78,7 +79,7 @@ nlohmann::ordered_json import_checkpoint(const ImportRequest& request) {
   NetworkPackage package;
   package.settings = package_settings(request.package);
   package.network = fitted_network({request.architecture, request.settings}, package.settings);
-  package.training = {{"imported_from", request.checkpoint.filename().string()}};
+  package.training = {{"imported_from", json_text(request.checkpoint.filename().string())}};
   const auto network = make_network(package.network);
   load_weights(*network, read_torch_checkpoint(request.checkpoint), "", source);
   const TensorFile file = package_file(package, *network);

@@ -3,6 +3,8 @@
 #include "malus/base/error.h"
 #include "malus/io/config_section.h"
 #include "malus/io/shard.h"
+#include "malus/neural/json_text.h"
+#include "malus/synthesize/light_case.h"
 
 #include <numeric>
 
@@ -100,12 +102,10 @@ void read_validation(const ConfigSection& section, const fs::path& folder, Train
   section.read(config.validation, {"scenes", "cases"});
   config.validation_scenes = matches(section, "scenes", folder);
   for (const std::string& text : section.texts("cases")) {
-    const std::size_t colon = text.find(':');
-    try {
-      config.cases.push_back({std::stod(text), std::stod(text.substr(colon + 1))});
-    } catch (const std::exception&) {
+    const auto light = parsed_light_case(text);
+    if (!light)
       section.fail("cases", fmt::format("\"{}\" is not GAIN:RATIO", text), "e.g. \"12:60\"");
-    }
+    config.cases.push_back({light->gain, light->ratio});
   }
   if (!config.validation_scenes.empty() && config.cases.empty())
     section.fail("cases", "is missing", "e.g. [\"12:10\", \"12:60\"]");
@@ -140,7 +140,7 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
 
 Json json_of(const std::vector<fs::path>& paths) {
   Json json = Json::array();
-  for (const fs::path& path : paths) json.push_back(path.filename().string());
+  for (const fs::path& path : paths) json.push_back(json_text(path.filename().string()));
   return json;
 }
 
