@@ -61,11 +61,12 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const std
     progress.advance(1);
   }
   if (!plan.coarse_profile.empty() && has_coarse_scale(rows, cols, layout)) {
-    const Image coarse = coarse_frame(pixel, rows, cols, layout);
+    Image coarse = coarse_frame(pixel, rows, cols, layout);
     Image coarse_estimate(coarse.rows(), coarse.cols());
     filter_frame([&](int r, int c) { return coarse(r, c); }, layout, plan.coarse_profile,
                  memory_mib, resident_values + 2.0 * static_cast<double>(coarse.size()),
                  coarse_estimate, nullptr, progress);
+    coarse = Image();  // the correction needs as much again, twice
     correct_low_frequencies(estimate, coarse_estimate, layout);
   }
   return down * across;
