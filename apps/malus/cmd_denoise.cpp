@@ -4,7 +4,6 @@
 #include "malus/base/error.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
-#include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/polar/layout_check.h"
@@ -17,6 +16,7 @@
 #include <optional>
 #include <vector>
 
+#include "denoise_files.h"
 #include "denoise_method.h"
 #include "denoise_run.h"
 #include "flags.h"
@@ -43,11 +43,21 @@ struct DenoiseArguments {
   bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
 };
 
-struct OutputNames {
-  fs::path mosaic, record, integers, planes, variance;
-};
+// What there is none of where the result is a picture, and what no picture file can hold.
+void check_result_flags(const DenoiseArguments& arguments, const std::string& target) {
+  if (target != "mosaic")
+    for (const auto& [given, flag] : {std::pair{arguments.planes, "--planes"},
+                                      {arguments.u16, "--u16"},
+                                      {!arguments.references.empty(), "--reference"},
+                                      {!arguments.report.empty(), "--report"}})
+      if (given)
+        throw InputError(flag, "the network gives pictures, not denoised mosaics", "leave it out");
+  if (arguments.format == "png" && target != "srgb")
+    throw InputError("--format png", "holds no float values", "use tif or exr");
+}
 
-std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, bool force) {
+std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, const std::string& target,
+                                      bool force) {
   std::vector<OutputNames> names(arguments.inputs.size());
   const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
     if (!wanted) return;
@@ -57,6 +67,10 @@ std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, bool fo
       check_output(paths[i], force);
     }
   };
+  if (target != "mosaic") {
+    plan(true, "_" + target + "." + arguments.format, &OutputNames::picture);
+    return names;
+  }
   plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);
   plan(true, "_denoised.json", &OutputNames::record);
   plan(arguments.u16, "_denoised_u16.tif", &OutputNames::integers);
@@ -109,53 +123,6 @@ void warn_about(const RawFrame& frame, const fs::path& input) {
   if (!complaint.empty()) warn(fmt::format("{}: {}", input.string(), complaint));
   if (!frame.black_known)
     warn(fmt::format("{}: black level not known, taken as 0 (--black)", input.string()));
-}
-
-// A large frame's pixels exist once: they move into the file's frame and back.
-void save_mosaic(const fs::path& path, const RawFrame& header, Image& dn_above_black,
-                 const SaveOptions& save) {
-  RawFrame out = header;
-  out.white_dn -= *std::max_element(header.black_dn.begin(), header.black_dn.end());
-  std::fill(out.black_dn.begin(), out.black_dn.end(), 0.0);
-  out.bits = 0;
-  out.dn = std::move(dn_above_black);
-  save_frame(path, out, save);
-  dn_above_black = std::move(out.dn);
-}
-
-void save_integers(const fs::path& path, const RawFrame& header, const Image& dn_above_black,
-                   SaveOptions save) {
-  RawFrame out = header;
-  out.dn = dn_above_black;
-  for (int r = 0; r < out.dn.rows(); ++r)
-    for (int c = 0; c < out.dn.cols(); ++c)
-      out.dn(r, c) += static_cast<float>(header.black_at(r, c));
-  save.type = SampleType::kUint16;
-  save_frame(path, out, save);
-}
-
-std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
-                                       const OutputNames& names, bool force) {
-  std::vector<std::string> files;
-  SaveOptions save;
-  save.force = force;
-  save.type = SampleType::kFloat;
-  save_mosaic(names.mosaic, header, result.dn_above_black, save);
-  files.push_back(names.mosaic.string());
-  const std::vector<std::string> channels = header.layout.channel_names();
-  if (!names.planes.empty()) {
-    save_picture(names.planes, pack(result.dn_above_black, header.layout), channels, save);
-    files.push_back(names.planes.string());
-  }
-  if (!names.variance.empty()) {
-    save_picture(names.variance, pack(*result.variance_dn2, header.layout), channels, save);
-    files.push_back(names.variance.string());
-  }
-  if (!names.integers.empty()) {
-    save_integers(names.integers, header, result.dn_above_black, save);
-    files.push_back(names.integers.string());
-  }
-  return files;
 }
 
 Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
@@ -217,6 +184,30 @@ struct FrameJob {
   fs::path input, reference;  ///< the reference may be empty
   OutputNames names;
 };
+
+Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
+                     const std::optional<NoiseModel>& model, const FrameJob& job,
+                     const FrameOptions& options, Progress& progress, bool force) {
+  RawFrame frame = load_frame(job.input, completed(options, model, job.input));
+  const ProfileChoice choice = choose_profile(frame, model, arguments);
+  warn_about(frame, job.input);
+  Image pixels = std::move(frame.dn);
+  const RawFrame before = frame;
+  frame.dn = std::move(pixels);
+  const auto start = std::chrono::steady_clock::now();
+  NetworkInference::Rendered result = denoiser.render(std::move(frame), choice.profile, progress);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  Json run = describe(before, result.report, choice, arguments, seconds);
+  run["rows"] = result.picture.rows();
+  run["cols"] = result.picture.cols();
+  run["network"] = denoiser.description();
+  run["target"] = denoiser.target();
+  run["scale_dn"] = result.scale_dn;
+  save_result_picture(job.names.picture, std::move(result.picture), denoiser.target(), force);
+  run["files"] = {job.names.picture.string()};
+  return run;
+}
 
 Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
              const std::optional<NoiseModel>& model, const FrameJob& job,
@@ -283,11 +274,12 @@ void check_references(const DenoiseArguments& arguments) {
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   check_references(arguments);
+  check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;
   const FrameOptions options = arguments.raw.resolve();
   if (!arguments.model.empty()) model = load_model(arguments.model);
   make_output_folder(arguments.folder);
-  const std::vector<OutputNames> names = plan_outputs(arguments, common.force);
+  const std::vector<OutputNames> names = plan_outputs(arguments, denoiser.target(), common.force);
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
@@ -298,8 +290,11 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
     const FrameJob job{arguments.inputs[i],
                        arguments.references.empty() ? fs::path() : arguments.references[i],
                        names[i]};
-    results.push_back(process(arguments, denoiser, model, job, options, *progress, common.force,
-                              arguments.report.empty() ? nullptr : &report));
+    results.push_back(
+        denoiser.target() == "mosaic"
+            ? process(arguments, denoiser, model, job, options, *progress, common.force,
+                      arguments.report.empty() ? nullptr : &report)
+            : process_picture(arguments, denoiser, model, job, options, *progress, common.force));
     const Json& last = results.back();
     text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",
                         last["input"].get<std::string>(), last["cols"].get<int>(),
@@ -324,8 +319,11 @@ void add_denoise(CLI::App& app, Common& common) {
                       "noise model: a file or a built-in name; without it the noise is estimated "
                       "from each picture");
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
-  command->add_option("--format", arguments->format, "ending of the denoised mosaic")
-      ->check(CLI::IsMember({"tif", "exr", "npy", "fits"}))
+  command
+      ->add_option("--format", arguments->format,
+                   "ending of the denoised mosaic, or of a network's picture (srgb: 16 bit in tif "
+                   "and png)")
+      ->check(CLI::IsMember({"tif", "png", "exr", "npy", "fits"}))
       ->capture_default_str();
   command->add_flag("--planes", arguments->planes, "also the packed planes as EXR");
   command->add_flag("--uncertainty", arguments->uncertainty,

@@ -11,6 +11,8 @@ void add_experiment(CLI::App& app, Common& common) {
   add_denoise_experiment(*experiment, common);
   add_table_experiments(*experiment, common);
   add_renoise_experiment(*experiment, common);
+  add_table_s1_experiment(*experiment, common);
+  add_demosaic_experiment(*experiment, common);
 }
 
 }  // namespace malus::app

@@ -26,6 +26,14 @@ Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile,
   return denoise_frame(std::move(frame), profile, settings_, progress, uncertainty_);
 }
 
+std::string FrameDenoiser::target() const { return network_ ? network_->target() : "mosaic"; }
+
+NetworkInference::Rendered FrameDenoiser::render(RawFrame frame, const NoiseProfile& profile,
+                                                 Progress& progress) const {
+  MALUS_REQUIRE(network_);
+  return network_->render(std::move(frame), profile, settings_, progress);
+}
+
 nlohmann::ordered_json FrameDenoiser::description() const {
   return network_ ? network_->description() : nlohmann::ordered_json();
 }

@@ -22,6 +22,11 @@ class FrameDenoiser {
   ~FrameDenoiser();
 
   Denoised operator()(RawFrame frame, const NoiseProfile& profile, Progress& progress) const;
+  /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
+  std::string target() const;
+  /// Of a network that gives pictures (malus/neural/inference.h).
+  NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
+                                    Progress& progress) const;
   /// For the record of a run; null for a classical method, whose settings say everything.
   nlohmann::ordered_json description() const;
 

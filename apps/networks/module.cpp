@@ -17,6 +17,11 @@ class PackageDenoiser final : public NetworkDenoiser {
                    Progress& progress) override {
     return inference_.denoise(std::move(frame), profile, settings, progress);
   }
+  const std::string& target() const override { return inference_.target(); }
+  NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
+                                    const DenoiseSettings& settings, Progress& progress) override {
+    return inference_.render(std::move(frame), profile, settings, progress);
+  }
   nlohmann::ordered_json description() const override { return inference_.description(); }
 
  private:

@@ -15,13 +15,14 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
 namespace malus::app {
 
 /// Both sides must have been built from the same header: counted up with every change of it.
-inline constexpr int kNetworksInterface = 2;
+inline constexpr int kNetworksInterface = 3;
 
 /// A network with its weights, ready for many frames.
 class NetworkDenoiser {
@@ -30,6 +31,12 @@ class NetworkDenoiser {
   /// As denoise_frame (malus/denoise/denoiser.h); settings.method is not looked at.
   virtual Denoised denoise(RawFrame frame, const NoiseProfile& profile,
                            const DenoiseSettings& settings, Progress& progress) = 0;
+  /// "mosaic", or what pictures it gives: "rgb", "srgb" (malus/neural/inference.h).
+  virtual const std::string& target() const = 0;
+  /// In place of denoise, of networks that give pictures.
+  virtual NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
+                                            const DenoiseSettings& settings,
+                                            Progress& progress) = 0;
   /// Architecture, parameters, device, precision and what training wrote, for the record of a run.
   virtual nlohmann::ordered_json description() const = 0;
 };
@@ -41,9 +48,11 @@ struct NetworkDenoiserOptions {
 
 /// `malus train`: see malus/neural/trainer.h.
 struct TrainCall {
-  std::filesystem::path config, folder;
+  std::filesystem::path config, folder = {};
   bool resume = false, force = false;
   std::uint64_t seed = 0;
+  /// In place of the configuration's data and noise models, where not empty.
+  std::vector<std::filesystem::path> pairs = {}, models = {};
 };
 
 /// A trained Noise Flow (malus/neural/noise_flow_file.h).

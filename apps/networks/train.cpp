@@ -23,7 +23,8 @@ nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
 
 nlohmann::ordered_json train_network(const TrainCall& call, Progress& progress) {
   if (is_noise_flow_config(call.config)) return train_flow(call, progress);
-  const TrainingConfig config = load_training_config(call.config);
+  const TrainingConfig config =
+      load_training_config(call.config, {.pairs = call.pairs, .models = call.models});
   const auto workers =
       workers_of_environment(config.train.timeout_s, training_device(config.train));
   return train(

@@ -97,6 +97,23 @@ std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
   return stokes;
 }
 
+std::vector<StokesPlanes> load_picture_scene(const fs::path& path, const std::string& tone) {
+  const Picture picture = load_picture(path);
+  const Planes linear =
+      linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
+                   tone == "srgb" || (tone == "auto" && picture.bits > 0));
+  std::vector<StokesPlanes> light;
+  for (const Image& plane : linear) light.push_back({plane, Image(), Image()});
+  return light;
+}
+
+Planes intensity_of(const std::vector<StokesPlanes>& light) {
+  Planes rgb(3, 0, 0);
+  for (int color = 0; color < 3; ++color)
+    rgb[color] = light[light.size() == 3 ? static_cast<std::size_t>(color) : 0].s0;
+  return rgb;
+}
+
 CleanScenes::CleanScenes(const TrainingConfig& config)
     : data_(config.data),
       tone_(config.tone),
@@ -107,16 +124,8 @@ CleanScenes::CleanScenes(const TrainingConfig& config)
 std::shared_ptr<const CleanScenes::Light> CleanScenes::source(std::size_t index) const {
   const std::lock_guard lock(mutex_);
   if (const auto found = held_.find(index); found != held_.end()) return found->second;
-  Light light;
-  if (index < pictures_.size()) {
-    const Picture picture = load_picture(pictures_[index]);
-    const Planes linear =
-        linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
-                     tone_ == "srgb" || (tone_ == "auto" && picture.bits > 0));
-    for (const Image& plane : linear) light.push_back({plane, Image(), Image()});
-  } else {
-    light = load_angle_scene(scenes_[index - pictures_.size()]);
-  }
+  Light light = index < pictures_.size() ? load_picture_scene(pictures_[index], tone_)
+                                         : load_angle_scene(scenes_[index - pictures_.size()]);
   if (held_pixels_ > kMostPixels) {
     held_.clear();
     held_pixels_ = 0;

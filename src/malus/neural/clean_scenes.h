@@ -20,6 +20,14 @@ namespace malus {
 /// red, green and blue (or its single channel), as fractions of white. Throws InputError.
 std::vector<StokesPlanes> load_angle_scene(const std::filesystem::path& folder);
 
+/// A picture's light as unpolarized scene: R, G, B or one plane, fractions of white. tone: as in
+/// TrainingConfig. Throws InputError.
+std::vector<StokesPlanes> load_picture_scene(const std::filesystem::path& path,
+                                             const std::string& tone);
+
+/// S0 as R, G, B planes, a single one three times: what sites without polarizers see everywhere.
+Planes intensity_of(const std::vector<StokesPlanes>& light);
+
 class CleanScenes {
  public:
   /// Of config.pictures and config.scenes. Nothing is loaded yet.

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/random.h"
+#include "malus/polar/demosaick.h"
 
 #include <algorithm>
 #include <chrono>
@@ -21,12 +22,18 @@ std::int64_t below(RandomSequence& random, std::int64_t count) {
 
 }  // namespace
 
-TrainingExample make_example(const RawPair& pair, const PackageSettings& settings) {
+TrainingExample make_example(const RawPair& pair, const NetworkPackage& package) {
   const torch::NoGradGuard no_gradients;
+  const PackageSettings& settings = package.settings;
   const NetworkFrame frame =
       prepare_network_frame(pair.noisy, pair.profile, settings, {}, pair.ratio);
   const MosaicWindow whole{0, 0, pair.clean_dn.rows(), pair.clean_dn.cols()};
-  return {prepare_input(frame, whole)[0].clone(), frame.domain.clean_planes(pair.clean_dn)[0]};
+  const torch::Tensor input = prepare_input(frame, whole)[0].clone();
+  if (!package.gives_picture()) return {input, frame.domain.clean_planes(pair.clean_dn)[0]};
+  const Planes rgb_dn = pair.clean_rgb_dn.channels() == 3
+                            ? pair.clean_rgb_dn
+                            : demosaick_bayer(pair.clean_dn, package.layout());
+  return {input, picture_target(settings, frame.domain, rgb_dn)[0]};
 }
 
 ExamplePool::ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed,
@@ -109,8 +116,9 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
     const std::int64_t row0 = below(random, rows - shape_.patch_rows + 1);
     const std::int64_t col0 = below(random, cols - shape_.patch_cols + 1);
     const auto cut = [&](const torch::Tensor& planes) {
-      return planes.slice(1, row0, row0 + shape_.patch_rows)
-          .slice(2, col0, col0 + shape_.patch_cols);
+      const std::int64_t scale = planes.size(1) / rows;
+      return planes.slice(1, scale * row0, scale * (row0 + shape_.patch_rows))
+          .slice(2, scale * col0, scale * (col0 + shape_.patch_cols));
     };
     inputs.push_back(cut(example.input));
     targets.push_back(cut(example.target));

@@ -22,13 +22,15 @@
 
 namespace malus {
 
-/// Network input and target planes: [channels, rows, cols] each, one size.
+/// Network input and target planes: [channels, rows, cols] each; the target's size is the input's
+/// or a whole multiple of it.
 struct TrainingExample {
   torch::Tensor input, target;
 };
 
-/// A pair in the network's domain, guide and all. Throws InputError.
-TrainingExample make_example(const RawPair& pair, const PackageSettings& settings);
+/// A pair in the network's domain, guide and all. A picture's target is the pair's own light, else
+/// the clean mosaic demosaicked. Throws InputError.
+TrainingExample make_example(const RawPair& pair, const NetworkPackage& package);
 
 struct PoolShape {
   int batch = 8;                    ///< of all workers
@@ -47,7 +49,8 @@ class ExamplePool {
   ExamplePool(const ExamplePool&) = delete;
   ExamplePool& operator=(const ExamplePool&) = delete;
 
-  /// Patches of this worker's places at a step, [places, channels, rows, cols]. Waits for examples
+  /// Patches of this worker's places at a step, [places, channels, rows, cols]; targets as much
+  /// larger as the examples' are. Waits for examples
   /// that are not there yet; throws what the maker threw. Steps must not fall.
   TrainingExample batch(std::int64_t step);
   /// Share of the time since the start that batch() waited.

@@ -2,6 +2,7 @@
 #include "malus/base/parallel.h"
 #include "malus/image/pack.h"
 #include "malus/neural/package.h"
+#include "malus/polar/color_map.h"
 
 #include <algorithm>
 #include <cmath>
@@ -169,6 +170,36 @@ torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& windo
   planes.push_back(frame.domain.noisy_planes(noisy));
   planes.push_back(frame.domain.noise_planes(noisy));
   return torch::cat(planes, 1);
+}
+
+torch::Tensor picture_target(const PackageSettings& settings, const FrameDomain& domain,
+                             const Planes& rgb_dn) {
+  MALUS_REQUIRE(rgb_dn.channels() == 3);
+  const bool displayed = settings.target == "srgb";
+  torch::Tensor tensor = torch::empty({1, 3, rgb_dn.rows(), rgb_dn.cols()});
+  float* to = tensor.data_ptr<float>();
+  for (const Image& plane : rgb_dn)
+    for (const float dn : plane.values()) {
+      const double light = static_cast<double>(dn) / domain.scale();
+      *to++ = displayed ? srgb_of_linear(light) / 255.0f : static_cast<float>(light);
+    }
+  return tensor;
+}
+
+Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
+                  const torch::Tensor& planes, int rows, int cols) {
+  torch::Tensor values =
+      planes.to(torch::kCPU, torch::kFloat32).slice(2, 0, rows).slice(3, 0, cols).contiguous();
+  MALUS_REQUIRE(values.dim() == 4 && values.size(0) == 1 && values.size(1) == 3 &&
+                values.size(2) == rows && values.size(3) == cols);
+  if (settings.target == "rgb") values = values * domain.scale();
+  Planes picture(3, rows, cols);
+  const float* from = values.data_ptr<float>();
+  for (Image& plane : picture) {
+    std::copy_n(from, plane.size(), plane.values().begin());
+    from += plane.size();
+  }
+  return picture;
 }
 
 Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,

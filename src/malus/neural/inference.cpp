@@ -18,6 +18,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Json = nlohmann::ordered_json;
 
+// Memory beside the tiles, in frames: the frame, its guide, the network's planes, the result.
+constexpr double kMosaicFrames = 4, kPictureFrames = 8;
+
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
@@ -55,12 +58,20 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
 
 NetworkInference::~NetworkInference() = default;
 
-Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
-                                   const DenoiseSettings& settings, Progress& progress) {
+// A frame in the network's domain and what the network made of it.
+struct NetworkInference::Filtered {
+  NetworkFrame prepared;
+  torch::Tensor planes;
+  int rows = 0, cols = 0;  ///< of the frame
+  Clock::time_point filter_start;
+};
+
+NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseProfile& profile,
+                                                    const DenoiseSettings& settings,
+                                                    Progress& progress) {
   if (settings.strength != 1)
     throw InputError("--strength", "a network takes out what it was trained to",
                      "leave it out, or use --method bm3d");
-  const torch::InferenceMode no_gradients;
   const auto start = Clock::now();
   const NetworkPackage& package = state_->loaded.package;
   PackageSettings wanted = package.settings;
@@ -73,18 +84,18 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
   const std::int64_t rows = packed_size(frame_rows, cell_rows),
                      cols = packed_size(frame_cols, cell_cols);
   const double frame_bytes = 4.0 * frame_rows * static_cast<double>(frame_cols);
-  const double bytes = settings.memory_mib * 0x1p20 - 4 * frame_bytes;
+  const double held = (package.gives_picture() ? kPictureFrames : kMosaicFrames) * frame_bytes;
+  const double bytes = settings.memory_mib * 0x1p20 - held;
   const int batch = state_->settings.tile_batch;
   const TileCore core = tile_core(rows, cols, bytes, batch, state_->demand);
   if (core.rows == 0)
     throw InputError(
         "--memory",
         fmt::format("{:.0f} MiB is too little for this network and frame", settings.memory_mib),
-        fmt::format(
-            "give at least {:.0f} MiB",
-            std::ceil((least_tile_bytes(batch, state_->demand) + 4 * frame_bytes) / 0x1p20)));
+        fmt::format("give at least {:.0f} MiB",
+                    std::ceil((least_tile_bytes(batch, state_->demand) + held) / 0x1p20)));
   const auto filter_start = Clock::now();
-  const auto planes = run_tiled(
+  torch::Tensor planes = run_tiled(
       rows, cols, core, batch, state_->demand,
       [&](const TileSpan& r, const TileSpan& c) {
         const int row0 = static_cast<int>(r.begin) * cell_rows,
@@ -99,13 +110,41 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
       progress, prepared.report.tiles);
-  Denoised result = std::move(prepared.report);
-  result.dn_above_black = restore_output(prepared, planes, {0, 0, frame_rows, frame_cols});
-  restore_nonfinite(prepared.frame, result);
-  result.times.push_back(
+  prepared.report.times.push_back(
       {"preparation", std::chrono::duration<double>(filter_start - start).count()});
-  result.times.push_back({"network", seconds_since(filter_start)});
+  return {std::move(prepared), std::move(planes), frame_rows, frame_cols, filter_start};
+}
+
+Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
+                                   const DenoiseSettings& settings, Progress& progress) {
+  if (target() != "mosaic")
+    throw InputError("--method", "this network gives pictures, not denoised mosaics",
+                     "give a network trained with target = \"mosaic\"");
+  const torch::InferenceMode no_gradients;
+  Filtered filtered = filter(std::move(frame), profile, settings, progress);
+  Denoised result = std::move(filtered.prepared.report);
+  result.dn_above_black =
+      restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
+  restore_nonfinite(filtered.prepared.frame, result);
+  result.times.push_back({"network", seconds_since(filtered.filter_start)});
   return result;
+}
+
+NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseProfile& profile,
+                                                    const DenoiseSettings& settings,
+                                                    Progress& progress) {
+  MALUS_REQUIRE(target() != "mosaic");
+  const torch::InferenceMode no_gradients;
+  Filtered filtered = filter(std::move(frame), profile, settings, progress);
+  Planes picture = picture_of(state_->loaded.package.settings, filtered.prepared.domain,
+                              filtered.planes, filtered.rows, filtered.cols);
+  Denoised report = std::move(filtered.prepared.report);
+  report.times.push_back({"network", seconds_since(filtered.filter_start)});
+  return {std::move(picture), filtered.prepared.domain.scale(), std::move(report)};
+}
+
+const std::string& NetworkInference::target() const {
+  return state_->loaded.package.settings.target;
 }
 
 Json NetworkInference::description() const {

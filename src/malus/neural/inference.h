@@ -47,14 +47,33 @@ class NetworkInference {
 
   /// As denoise_frame: settings' memory_mib bounds frame and tiles together, row_noise can be
   /// switched off; its method is not looked at. Throws InputError as denoise_frame, on a layout
-  /// other than the package's, and on a strength other than 1; Cancelled.
+  /// other than the package's, on a strength other than 1, and on a network that gives pictures;
+  /// Cancelled.
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress);
+
+  /// What the network gives (package.h): "mosaic", or a picture, "rgb" or "srgb".
+  const std::string& target() const;
+
+  /// A picture in place of a mosaic: R, G, B of the frame's size, DN above black for "rgb",
+  /// displayed values of about 0..1 for "srgb". Errors as denoise.
+  struct Rendered {
+    Planes picture;
+    double scale_dn =
+        1;            ///< light above black and bias that the network saw (and "srgb" shows) as 1
+    Denoised report;  ///< facts about the input, tiles and times; no mosaic
+  };
+  Rendered render(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
+                  Progress& progress);
 
   /// Architecture, settings, parameters, tiles and the training record.
   nlohmann::ordered_json description() const;
 
  private:
+  struct Filtered;
+  Filtered filter(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
+                  Progress& progress);
+
   struct State;
   std::unique_ptr<State> state_;
 };

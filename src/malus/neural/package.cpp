@@ -2,9 +2,11 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/polar/demosaick.h"
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -57,6 +59,7 @@ PackageSettings settings_of(const Json& json, const std::string& source) {
   PackageSettings settings;
   std::size_t known = 0;
   PackageSettings::describe(settings, [&](auto& value, const ParameterInfo& info) {
+    if (std::string_view(info.name) == "target" && !json.contains(info.name)) return;
     if (!json.contains(info.name))
       throw InputError(source, fmt::format("its description lacks \"{}\"", info.name), kRemedy);
     value = json.at(info.name).get<std::decay_t<decltype(value)>>();
@@ -71,6 +74,25 @@ PackageSettings settings_of(const Json& json, const std::string& source) {
     throw InputError(source, "its description has settings that this malus does not know",
                      "use the version of malus that wrote it");
   return settings;
+}
+
+void check_picture_settings(const NetworkPackage& package) {
+  const PackageSettings& settings = package.settings;
+  const auto refuse = [&](const std::string& problem, const char* remedy) {
+    throw InputError(fmt::format("target = \"{}\"", settings.target), problem, remedy);
+  };
+  if (!is_bayer(package.layout()))
+    refuse(fmt::format("is for Bayer sensors, the layout is {}", settings.layout),
+           "use \"mosaic\", then malus stokes or a developer");
+  if (package.network.architecture != "unet")
+    refuse(fmt::format("is not offered for {}", package.network.architecture), "use unet");
+  if (settings.domain != "linear")
+    refuse("needs planes of linear light", "set domain = \"linear\"");
+  if (settings.residual)
+    refuse("is not the noisy planes plus a correction", "set residual = false");
+  if (settings.noise_input == "units")
+    refuse("has no plane of noise for each of its planes",
+           "set noise_input = \"level\" or \"none\"");
 }
 
 void check_finite(const TensorFile& file, const std::string& source) {
@@ -91,9 +113,11 @@ int NetworkPackage::input_planes() const {
 NetworkDescription fitted_network(NetworkDescription network, const PackageSettings& settings) {
   const ChannelKeys& keys = keys_of(network.architecture);
   const NetworkPackage package{network, settings, {}};
+  if (package.gives_picture()) check_picture_settings(package);
   if (network.settings.is_null()) network.settings = Json::object();
-  network.settings[keys.out] = package.planes();
+  network.settings[keys.out] = package.output_planes();
   network.settings[keys.in] = package.input_planes();
+  if (package.gives_picture()) network.settings["upscale"] = package.upscale();
   return network;
 }
 
@@ -131,12 +155,17 @@ NetworkPackage package_of(const TensorFile& file, const std::string& source) {
           "give a weight file that malus train or an import wrote");
     const NetworkDescription fitted = fitted_network(package.network, package.settings);
     const ChannelKeys& keys = keys_of(package.network.architecture);
+    if (package.network.settings.value("upscale", 1) != package.upscale())
+      throw InputError(source,
+                       fmt::format("its network's upscale does not fit the target \"{}\"",
+                                   package.settings.target),
+                       "give a weight file that malus train or an import wrote");
     for (const char* key : {keys.in, keys.out})
       if (package.network.settings.value(key, -1) != fitted.settings.at(key).get<int>())
         throw InputError(
             source, fmt::format("its network's {} does not fit {}", key, package.settings.layout),
             fmt::format("{} planes go in and {} come out", package.input_planes(),
-                        package.planes()));
+                        package.output_planes()));
     return package;
   } catch (const Json::exception& error) {
     throw InputError(source, fmt::format("its description cannot be read ({})", error.what()),
@@ -165,7 +194,7 @@ torch::Tensor apply_network(Network& network, const NetworkPackage& package,
   const std::int64_t planes = package.planes();
   const torch::Tensor base = input.slice(1, 0, planes);
   if (package.settings.noise_input != "units") {
-    const torch::Tensor output = network.forward(input).slice(1, 0, planes);
+    const torch::Tensor output = network.forward(input).slice(1, 0, package.output_planes());
     return package.settings.residual && !adds_input(package) ? output + base : output;
   }
   const torch::Tensor level = noise_level_of(package, input);

@@ -18,7 +18,7 @@ namespace malus {
 /// What a network takes and gives, apart from its layers.
 struct PackageSettings {
   std::string layout = "polar-bayer-rggb", domain = "stabilised", noise_input = "level",
-              guide = "none", guide_profile = "normal", amplification = "auto";
+              guide = "none", guide_profile = "normal", amplification = "auto", target = "mosaic";
   bool residual = true, row_noise = true, remove_bias = true;
 
   template <class Self, class Visitor>
@@ -48,9 +48,15 @@ struct PackageSettings {
            "linear domain: by the low-light ratio, which the caller knows, or so that the mean "
            "becomes 0.18",
            {"auto", "ratio"});
+    choice(
+        self.target, "target",
+        "mosaic: the denoised planes; of a Bayer sensor also a picture of the mosaic's size, rgb: "
+        "linear light (joint denoising and demosaicking: 001, S4), srgb: as displayed, exposed "
+        "as the network's input is (neural ISP: 001, S6.1)",
+        {"mosaic", "rgb", "srgb"});
     field(self.residual, ParameterInfo{"residual", "",
                                        "the network's output is added to the guide, or to the "
-                                       "noisy planes where there is none"});
+                                       "noisy planes where there is none; not for pictures"});
     field(self.row_noise,
           ParameterInfo{"row_noise", "", "row noise is estimated and removed before the network"});
     field(self.remove_bias, ParameterInfo{"remove_bias", "",
@@ -65,17 +71,26 @@ struct NetworkPackage {
   nlohmann::json training;  ///< record: data, steps, seed, models, date, figures; may be null
 
   SensorLayout layout() const { return SensorLayout::named(settings.layout); }
-  int planes() const { return layout().channels(); }  ///< P: what the network gives
+  int planes() const { return layout().channels(); }  ///< P: of the noisy mosaic
+  bool gives_picture() const { return settings.target != "mosaic"; }
+  /// What the network gives: P, or red, green and blue of a picture.
+  int output_planes() const { return gives_picture() ? 3 : planes(); }
+  /// Rows (and columns) of what the network gives per row of its input planes.
+  int upscale() const { return gives_picture() ? 2 : 1; }
   /// P of the guide if any, P noisy, then the noise planes: the base of a residual comes first.
   int input_planes() const;
 };
 
-/// Settings of the architecture that make its channels fit the package: input_planes() in, planes()
-/// out; architectures with as many out as in give further planes, which are left out.
+/// Settings of the architecture that make its channels fit the package: input_planes() in,
+/// output_planes() out at upscale() times the size; architectures with as many out as in give
+/// further planes, which are left out. Throws InputError on settings that do not fit together:
+/// pictures come from Bayer mosaics by unet, in the linear domain, neither as a residual nor in
+/// units of the noise.
 NetworkDescription fitted_network(NetworkDescription network, const PackageSettings& settings);
 
 /// Metadata of a weight file and back. Throws InputError, naming source, on metadata that is
-/// missing, unknown or does not fit together.
+/// missing, unknown or does not fit together. A package without "target" is of the time when all
+/// gave mosaics.
 TensorFile package_file(const NetworkPackage& package, const Network& network);
 NetworkPackage package_of(const TensorFile& file, const std::string& source);
 
@@ -145,11 +160,23 @@ torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& windo
 /// [batch, 1 or planes, rows, cols]: the noise planes of an input; ones where it has none.
 torch::Tensor noise_level_of(const NetworkPackage& package, const torch::Tensor& input);
 
-/// [batch, planes, rows, cols]: the network's forward pass and, for a residual, the base added.
+/// [batch, output_planes, rows, cols]: the network's forward pass and, for a residual, the base
+/// added.
 /// In units of the noise deviation σ (noise_input "units") the network sees base / 8σ, with a guide
 /// (noisy - guide) / σ, and σ; its correction is multiplied by σ.
 torch::Tensor apply_network(Network& network, const NetworkPackage& package,
                             const torch::Tensor& input);
+
+/// Light of red, green and blue in DN above black and bias, [3] of the frame's size, as a network's
+/// target: [1, 3, rows, cols], divided by the domain's scale; for "srgb" held to 0..1 and put
+/// through sRGB's curve.
+torch::Tensor picture_target(const PackageSettings& settings, const FrameDomain& domain,
+                             const Planes& rgb_dn);
+
+/// The network's picture cut to the frame's size: DN above black and bias for "rgb", displayed
+/// values of about 0..1 for "srgb".
+Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
+                  const torch::Tensor& planes, int rows, int cols);
 
 /// The network's planes of a window as a mosaic in DN above black and bias; saturated pixels come
 /// back as they are.

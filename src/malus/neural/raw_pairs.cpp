@@ -39,6 +39,7 @@ class SyntheticPairs final : public PairSource {
  public:
   explicit SyntheticPairs(const TrainingConfig& config)
       : scenes_(config),
+        with_picture_(config.package.gives_picture()),
         noise_(config.noise),
         synthesis_(config.synthesis),
         exposure_low_(config.data.exposure_low),
@@ -67,10 +68,14 @@ class SyntheticPairs final : public PairSource {
     const double exposure = log_between(random, exposure_low_, exposure_high_);
     const NoiseModel sensor =
         noise_.jitter > 0 ? jittered_sensor(base, gain, noise_.jitter, seed, number) : base;
-    Image clean = mosaic_of(scenes_.draw(seed, number), sensor.layout);
+    const std::vector<StokesPlanes> light = scenes_.draw(seed, number);
     const double white = sensor.white_dn - sensor.black_dn.front();
-    for (float& v : clean.values())
-      v = static_cast<float>(std::clamp(static_cast<double>(v) * exposure, 0.0, 1.0) * white);
+    const auto exposed = [&](Image image) {
+      for (float& v : image.values())
+        v = static_cast<float>(std::clamp(static_cast<double>(v) * exposure, 0.0, 1.0) * white);
+      return image;
+    };
+    const Image clean = exposed(mosaic_of(light, sensor.layout));
     RawPair pair;
     pair.noisy = Synthesizer(sensor, synthesis)
                      .draw_raw(clean, gain, {.seed = seed, .frame = number}, sensor.black_dn,
@@ -78,13 +83,21 @@ class SyntheticPairs final : public PairSource {
     pair.noisy.source = fmt::format("example {}", number);
     pair.profile = sensor.profile_at(gain);
     pair.ratio = synthesis.ratio;
-    for (float& v : clean.values()) v = static_cast<float>(static_cast<double>(v) / pair.ratio);
-    pair.clean_dn = std::move(clean);
+    const auto dimmed = [&](Image image) {
+      for (float& v : image.values()) v = static_cast<float>(static_cast<double>(v) / pair.ratio);
+      return image;
+    };
+    pair.clean_dn = dimmed(clean);
+    if (with_picture_) {
+      pair.clean_rgb_dn = intensity_of(light);
+      for (Image& plane : pair.clean_rgb_dn) plane = dimmed(exposed(std::move(plane)));
+    }
     return pair;
   }
 
  private:
   CleanScenes scenes_;
+  bool with_picture_;
   std::vector<NoiseModel> models_;
   TrainingNoiseSettings noise_;
   SynthesisSettings synthesis_;

@@ -16,6 +16,9 @@ namespace malus {
 struct RawPair {
   RawFrame noisy;
   Image clean_dn;  ///< DN above black and bias, at the noisy frame's light
+  /// The same light as R, G, B of the mosaic's size, where a network's target asks for it and the
+  /// source knows more than the mosaic; else empty.
+  Planes clean_rgb_dn;
   NoiseProfile profile;
   double ratio = 1;  ///< low-light ratio: clean_dn * ratio is the reference
 };

@@ -4,6 +4,7 @@
 #include "malus/base/random.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
 
 #include <algorithm>
@@ -111,12 +112,17 @@ class ShardPairs final : public PairSource {
 class CapturedPairs final : public PairSource {
  public:
   explicit CapturedPairs(const TrainingConfig& config)
-      : model_(only_model(config)), side_(config.data.example) {
+      : model_(only_model(config)),
+        side_(config.data.example),
+        with_picture_(config.package.gives_picture()) {
     for (const fs::path& path : config.pairs) {
       const Json list = load_json(path);
       for (const Json& entry : list.at("pairs"))
         pairs_.push_back({path.parent_path() / entry.at("short").get<std::string>(),
                           path.parent_path() / entry.at("reference").get<std::string>(),
+                          entry.contains("picture")
+                              ? path.parent_path() / entry.at("picture").get<std::string>()
+                              : fs::path(),
                           entry.at("ratio").get<double>(), gain_of(entry)});
     }
     if (pairs_.empty())
@@ -130,21 +136,33 @@ class CapturedPairs final : public PairSource {
     options.layout = model_.layout;
     RawPair pair;
     pair.noisy = load_frame(recorded.noisy, options);
-    Image clean = load_frame(recorded.clean, options).dn;
-    if (clean.rows() != pair.noisy.dn.rows() || clean.cols() != pair.noisy.dn.cols())
-      throw InputError(recorded.noisy.string(), "has another size than its reference",
-                       "make the pairs again");
-    for (float& v : clean.values()) v = static_cast<float>(static_cast<double>(v) / recorded.ratio);
+    std::vector<Image> clean{load_frame(recorded.clean, options).dn};
+    if (with_picture_ && !recorded.picture.empty())
+      for (Image& plane : load_picture(recorded.picture).planes) clean.push_back(std::move(plane));
+    for (Image& plane : clean) {
+      if (plane.rows() != pair.noisy.dn.rows() || plane.cols() != pair.noisy.dn.cols())
+        throw InputError(recorded.noisy.string(), "has another size than its reference",
+                         "make the pairs again");
+      for (float& v : plane.values())
+        v = static_cast<float>(static_cast<double>(v) / recorded.ratio);
+    }
     const int cell =
         std::lcm(std::lcm(model_.layout.rows(), model_.layout.cols()), model_.row_group);
-    const int rows = std::min(clean.rows(), side_) / cell * cell;
-    const int cols = std::min(clean.cols(), side_) / cell * cell;
+    const Image& mosaic = clean.front();
+    const int rows = std::min(mosaic.rows(), side_) / cell * cell;
+    const int cols = std::min(mosaic.cols(), side_) / cell * cell;
     const auto start = [&](int size, int length) {
       return cell *
              static_cast<int>(pick(random, static_cast<std::size_t>((size - length) / cell + 1)));
     };
-    const int row0 = start(clean.rows(), rows), col0 = start(clean.cols(), cols);
-    pair.clean_dn = window(clean, row0, col0, rows, cols);
+    const int row0 = start(mosaic.rows(), rows), col0 = start(mosaic.cols(), cols);
+    pair.clean_dn = window(mosaic, row0, col0, rows, cols);
+    if (clean.size() == 4) {
+      pair.clean_rgb_dn = Planes(3, 0, 0);
+      for (int k = 0; k < 3; ++k)
+        pair.clean_rgb_dn[k] =
+            window(clean[static_cast<std::size_t>(k) + 1], row0, col0, rows, cols);
+    }
     pair.noisy.dn = window(pair.noisy.dn, row0, col0, rows, cols);
     pair.profile = model_.profile_at(recorded.gain);
     pair.ratio = recorded.ratio;
@@ -153,7 +171,7 @@ class CapturedPairs final : public PairSource {
 
  private:
   struct Recorded {
-    fs::path noisy, clean;
+    fs::path noisy, clean, picture;  ///< the picture may be empty
     double ratio;
     GainSetting gain;
   };
@@ -165,6 +183,7 @@ class CapturedPairs final : public PairSource {
 
   NoiseModel model_;
   int side_;
+  bool with_picture_;
   std::vector<Recorded> pairs_;
 };
 

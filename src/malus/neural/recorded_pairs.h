@@ -12,7 +12,8 @@ namespace malus {
 std::unique_ptr<PairSource> open_shards(const TrainingConfig& config);
 
 /// pairs.json lists with their frames beside them; noise as above. An example is a piece at whole
-/// cells and row groups. Throws InputError.
+/// cells and row groups. An entry may name a "picture" beside "reference": the reference's light as
+/// R, G, B planes of its size, for networks that give pictures. Throws InputError.
 std::unique_ptr<PairSource> open_captured_pairs(const TrainingConfig& config);
 
 }  // namespace malus

@@ -120,12 +120,14 @@ torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& co
   const auto flush = [&] {
     if (waiting.empty()) return;
     const auto results = network(torch::cat(waiting, 0)).to(torch::kCPU, torch::kFloat);
+    const std::int64_t upscale = results.size(2) / waiting.front().size(2);
     for (std::size_t i = 0; i < places.size(); ++i) {
       const auto& [r, c] = places[i];
-      if (!sum.defined()) sum = torch::zeros({1, results.size(1), rows, cols});
-      const auto weight = torch::tensor(r->weight).view({-1, 1}) * torch::tensor(c->weight);
-      sum.slice(2, r->begin, r->end)
-          .slice(3, c->begin, c->end)
+      if (!sum.defined()) sum = torch::zeros({1, results.size(1), rows * upscale, cols * upscale});
+      const auto weight = torch::tensor(r->weight).repeat_interleave(upscale).view({-1, 1}) *
+                          torch::tensor(c->weight).repeat_interleave(upscale);
+      sum.slice(2, r->begin * upscale, r->end * upscale)
+          .slice(3, c->begin * upscale, c->end * upscale)
           .add_(results.slice(0, static_cast<std::int64_t>(i), static_cast<std::int64_t>(i) + 1) *
                 weight);
     }

@@ -45,8 +45,9 @@ TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch
 double least_tile_bytes(int batch, const TileDemand& demand);
 
 /// input(row span, column span) gives [1, channels, rows, cols] of a tile, network takes
-/// [batch, ...] of equal tiles and gives as many results of the same size.
-/// Returns [1, channels, rows, cols] of the whole picture. tiles: how many there were.
+/// [batch, ...] of equal tiles and gives as many results of the same size, or of `upscale` times
+/// it. Returns [1, channels, rows * upscale, cols * upscale] of the whole picture. tiles: how many
+/// there were.
 torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& core, int batch,
                         const TileDemand& demand,
                         const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,

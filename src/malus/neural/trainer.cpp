@@ -84,7 +84,7 @@ void begin_with_base(Network& network, const NetworkDescription& description) {
 
 // What one step tells.
 struct StepFigures {
-  double loss, base_loss;  ///< base: of the guide, or of the noisy planes
+  double loss, base_loss;  ///< base: of the guide, or of the noisy planes; NaN for pictures
   double gradient_norm, rate;
   bool stop;
 };
@@ -117,7 +117,7 @@ class Trainer {
     if (leader() && state_.step == 0 && !validation.empty()) log_start(validation);
     ExamplePool pool(
         [&](std::uint32_t number) {
-          return make_example(source->pair(options_.seed, number), config_.package.settings);
+          return make_example(source->pair(options_.seed, number), config_.package);
         },
         pool_shape(config_, workers_), options_.seed, state_.step);
     progress_.begin("training", config_.train.steps);
@@ -133,7 +133,7 @@ class Trainer {
     if (!leader()) return {{"rank", workers_.rank()}};
     save_package(file("weights.safetensors"));
     Json made = record(validation);
-    if (!validation.empty()) {
+    if (!validation.empty() && !config_.package.gives_picture()) {
       const Averaged averaged(*this);
       network_->eval();
       made["sample"] = validation.save_sample(*network_, config_.package, file("sample"));
@@ -161,8 +161,6 @@ class Trainer {
       const fs::path checkpoint = file("checkpoint.safetensors");
       if (options_.resume && fs::exists(checkpoint))
         load_checkpoint(state_, description_, checkpoint);
-      else if (!options_.resume)
-        check_output(checkpoint, options_.force);
     }
     if (workers_.size() == 1) return;
     torch::Tensor step = torch::tensor({state_.step}, torch::dtype(torch::kInt64).device(device_));
@@ -215,6 +213,7 @@ class Trainer {
   }
 
   double base_loss_of(const torch::Tensor& input, const torch::Tensor& target) const {
+    if (config_.package.gives_picture()) return std::nan("");
     const torch::NoGradGuard no_gradients;
     return loss_of(input, input.slice(1, 0, target.size(1)), target).item<double>();
   }
@@ -246,14 +245,15 @@ class Trainer {
     const TrainSettings& train = config_.train;
     const bool last = state_.step == train.steps;
     progress_.advance(1);
-    if (leader() && (state_.step % train.log_every == 0 || last))
-      log_->write({{"step", state_.step},
-                   {"loss", figures.loss},
-                   {"base_loss", figures.base_loss},
-                   {"rate", figures.rate},
+    if (leader() && (state_.step % train.log_every == 0 || last)) {
+      Json line{{"step", state_.step}, {"loss", figures.loss}};
+      if (!std::isnan(figures.base_loss)) line["base_loss"] = figures.base_loss;
+      line.update({{"rate", figures.rate},
                    {"gradient_norm", figures.gradient_norm},
                    {"seconds", state_.seconds},
                    {"waiting", waiting}});
+      log_->write(line);
+    }
     if (leader() && !validation.empty() && (state_.step % config_.validation.every == 0 || last))
       validate(validation);
     if (leader() && (state_.step % train.checkpoint_every == 0 || last || figures.stop))

@@ -6,6 +6,7 @@
 #include "malus/neural/json_text.h"
 #include "malus/synthesize/light_case.h"
 
+#include <cmath>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -91,6 +92,7 @@ void read_noise(const ConfigSection& section, const fs::path& folder, TrainingCo
                    "give ratio_low and ratio_high; bias and amplification belong to [package]");
   if (config.noise.ratio_low > config.noise.ratio_high)
     section.fail("ratio_low", "is above ratio_high", "exchange them");
+  if (!config.models.empty()) return;
   for (const std::string& name : section.texts("models")) {
     const fs::path beside = folder / name;
     config.models.push_back(fs::exists(beside) ? beside : fs::path(name));
@@ -124,13 +126,15 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
   if (config.train.loss != "l1" && !layout.polarized())
     root.fail("loss", fmt::format("= \"{}\" needs polarizer angles", config.train.loss),
               "use \"l1\"");
-  if (config.package.network.settings.value("upscale", 1) != 1)
-    root.fail("upscale", "gives pictures of another size than the noisy planes",
-              "leave it out: packages denoise mosaics");
+  if (config.package.network.settings.value("upscale", 1) != config.package.upscale())
+    root.fail("upscale",
+              fmt::format("does not fit target = \"{}\"", config.package.settings.target),
+              "leave it out");
   if (config.pictures.empty() && config.scenes.empty() && config.shards.empty() &&
       config.pairs.empty())
     root.fail("data", "names no pictures, scenes, shards or pairs", "give one of them");
-  const double planes = config.package.planes() + config.package.input_planes();
+  const double planes = config.package.output_planes() * std::pow(config.package.upscale(), 2) +
+                        config.package.input_planes();
   const double bytes = 4.0 * planes * config.data.example * config.data.example /
                        layout.channels() * config.data.pool * config.train.batch;
   if (bytes > config.data.memory_mib * 0x1p20)
@@ -146,7 +150,7 @@ Json json_of(const std::vector<fs::path>& paths) {
 
 }  // namespace
 
-TrainingConfig load_training_config(const fs::path& path) {
+TrainingConfig load_training_config(const fs::path& path, const TrainingOverrides& overrides) {
   const ConfigSection root = ConfigSection::load(path, "the training configuration");
   root.require_known({"network", "package", "data", "noise", "train", "validation"});
   const fs::path folder = path.parent_path();
@@ -161,13 +165,17 @@ TrainingConfig load_training_config(const fs::path& path) {
   SensorLayout::named(config.package.settings.layout);
   config.package.network = fitted_network(read_network(*network), config.package.settings);
   data->read(config.data, {"pictures", "scenes", "shards", "pairs", "tone"});
-  config.pictures = matches(*data, "pictures", folder);
-  config.scenes = matches(*data, "scenes", folder);
-  config.shards = matches(*data, "shards", folder);
-  config.pairs = matches(*data, "pairs", folder);
+  config.pairs = overrides.pairs;
+  if (config.pairs.empty()) {
+    config.pictures = matches(*data, "pictures", folder);
+    config.scenes = matches(*data, "scenes", folder);
+    config.shards = matches(*data, "shards", folder);
+    config.pairs = matches(*data, "pairs", folder);
+  }
   config.tone = data->text("tone").value_or("auto");
   if (config.tone != "auto" && config.tone != "srgb" && config.tone != "linear")
     data->fail("tone", fmt::format("\"{}\" is not known", config.tone), "use auto, srgb or linear");
+  config.models = overrides.models;
   read_noise(*noise, folder, config);
   if (const auto section = root.section("train")) section->read(config.train);
   if (const auto section = root.section("validation")) read_validation(*section, folder, config);

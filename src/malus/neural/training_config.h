@@ -152,13 +152,20 @@ struct TrainingConfig {
   SynthesisSettings synthesis;
   TrainSettings train;
   ValidationSettings validation;
-  std::vector<std::filesystem::path> validation_scenes;
+  std::vector<std::filesystem::path> validation_scenes;  ///< folders as scenes, or pictures
   std::vector<ValidationCase> cases;
+};
+
+/// What a caller puts in place of the file's: pairs (then the file's pictures, scenes and shards
+/// are left out too) and noise models. Empty: the file's own.
+struct TrainingOverrides {
+  std::vector<std::filesystem::path> pairs, models;
 };
 
 /// Reads and checks the file; patterns of files are relative to it. Throws InputError on anything
 /// that no step could be made with.
-TrainingConfig load_training_config(const std::filesystem::path& path);
+TrainingConfig load_training_config(const std::filesystem::path& path,
+                                    const TrainingOverrides& overrides = {});
 
 /// Every setting, for the checkpoint and the record: a run goes on only with the same ones.
 nlohmann::json config_json(const TrainingConfig& config);

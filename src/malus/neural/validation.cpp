@@ -5,33 +5,46 @@
 #include "malus/io/picture_file.h"
 #include "malus/neural/clean_scenes.h"
 #include "malus/neural/raw_pairs.h"
+#include "malus/polar/demosaick.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
 
 namespace malus {
 
-Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress) {
+Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress)
+    : settings_(config.package.settings) {
   if (config.validation_scenes.empty()) return;
   const Model model(load_model(config.models.front()));
   const NoiseModel& camera = model.description();
   const double white = camera.white_dn - camera.black_dn.front();
   std::uint32_t number = 0;
   for (const auto& folder : config.validation_scenes) {
-    Image clean = middle_of(mosaic_of(load_angle_scene(folder), camera.layout), camera.layout,
-                            config.validation.crop);
-    for (float& v : clean.values()) v *= static_cast<float>(white);
-    for (const ValidationCase& light : config.cases) {
+    const std::vector<StokesPlanes> light = std::filesystem::is_directory(folder)
+                                                ? load_angle_scene(folder)
+                                                : load_picture_scene(folder, config.tone);
+    const auto middle = [&](const Image& whole) {
+      Image part = middle_of(whole, camera.layout, config.validation.crop);
+      for (float& v : part.values()) v *= static_cast<float>(white);
+      return part;
+    };
+    const Image clean = middle(mosaic_of(light, camera.layout));
+    Planes rgb;
+    if (config.package.gives_picture()) {
+      rgb = intensity_of(light);
+      for (Image& plane : rgb) plane = middle(plane);
+    }
+    for (const ValidationCase& shot : config.cases) {
       check_stop(progress);
       SynthesisSettings synthesis = config.synthesis;
-      synthesis.ratio = light.ratio;
-      const GainSetting gain = model.gain_setting(light.gain);
+      synthesis.ratio = shot.ratio;
+      const GainSetting gain = model.gain_setting(shot.gain);
       RawFrame noisy = Synthesizer(camera, synthesis)
                            .draw_raw(clean, gain, {.seed = seed, .frame = number++},
                                      camera.black_dn, camera.white_dn);
       noisy.source = folder.string();
       frames_.push_back({prepare_network_frame(std::move(noisy), camera.profile_at(gain),
-                                               config.package.settings, {}, light.ratio, progress),
-                         clean, light.ratio, white});
+                                               config.package.settings, {}, shot.ratio, progress),
+                         clean, rgb, shot.ratio, white});
     }
   }
   std::vector<Image> noisy, guides;
@@ -43,16 +56,27 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
   if (!guides.empty()) guide_ = mean_score(guides);
 }
 
-Image Validation::result(const Frame& frame, Network& network,
-                         const NetworkPackage& package) const {
+torch::Tensor Validation::output(const Frame& frame, Network& network,
+                                 const NetworkPackage& package) const {
   const torch::NoGradGuard no_gradients;
   const auto device = network.parameters().front().device();
   const MosaicWindow whole{0, 0, frame.reference_dn.rows(), frame.reference_dn.cols()};
-  const auto planes = apply_network(network, package, prepare_input(frame.noisy, whole).to(device));
-  return restore_output(frame.noisy, planes, whole);
+  return apply_network(network, package, prepare_input(frame.noisy, whole).to(device))
+      .to(torch::kCPU, torch::kFloat32);
+}
+
+Image Validation::result(const Frame& frame, Network& network,
+                         const NetworkPackage& package) const {
+  return restore_output(frame.noisy, output(frame, network, package),
+                        {0, 0, frame.reference_dn.rows(), frame.reference_dn.cols()});
 }
 
 ValidationScore Validation::score(Network& network, const NetworkPackage& package) const {
+  if (package.gives_picture()) {
+    std::vector<torch::Tensor> pictures;
+    for (const Frame& frame : frames_) pictures.push_back(output(frame, network, package));
+    return picture_score(pictures);
+  }
   std::vector<Image> results;
   for (const Frame& frame : frames_) results.push_back(result(frame, network, package));
   return mean_score(results);
@@ -84,14 +108,41 @@ nlohmann::ordered_json Validation::save_sample(Network& network, const NetworkPa
   return entry;
 }
 
-ValidationScore Validation::mean_score(const std::vector<Image>& results) const {
+ValidationScore Validation::picture_score(const std::vector<torch::Tensor>& pictures) const {
   ValidationScore score;
-  for (std::size_t i = 0; i < results.size(); ++i) {
-    Image test = results[i];
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    const Frame& frame = frames_[i];
+    Planes reference_dn = frame.reference_rgb_dn;
+    for (Image& plane : reference_dn)
+      for (float& v : plane.values()) v /= static_cast<float>(frame.ratio);
+    const int rows = reference_dn.rows(), cols = reference_dn.cols();
+    const FrameDomain& domain = frame.noisy.domain;
+    const double peak = settings_.target == "srgb" ? 1.0 : frame.peak_dn / frame.ratio;
+    const Evaluation e = evaluate_planes(
+        picture_of(settings_, domain, picture_target(settings_, domain, reference_dn), rows, cols),
+        picture_of(settings_, domain, pictures[i], rows, cols), peak);
+    score.image_psnr_db += e.image_psnr_db.value_or(0) / static_cast<double>(pictures.size());
+  }
+  return score;
+}
+
+ValidationScore Validation::mean_score(const std::vector<Image>& mosaics) const {
+  if (settings_.target != "mosaic") {
+    std::vector<torch::Tensor> pictures;
+    for (std::size_t i = 0; i < mosaics.size(); ++i) {
+      const NetworkFrame& frame = frames_[i].noisy;
+      pictures.push_back(
+          picture_target(settings_, frame.domain, demosaick_bayer(mosaics[i], frame.frame.layout)));
+    }
+    return picture_score(pictures);
+  }
+  ValidationScore score;
+  for (std::size_t i = 0; i < mosaics.size(); ++i) {
+    Image test = mosaics[i];
     for (float& v : test.values()) v *= static_cast<float>(frames_[i].ratio);
     const Evaluation e = evaluate_mosaics(frames_[i].reference_dn, test,
                                           frames_[i].noisy.frame.layout, frames_[i].peak_dn);
-    const auto n = static_cast<double>(results.size());
+    const auto n = static_cast<double>(mosaics.size());
     score.image_psnr_db += e.image_psnr_db.value_or(0) / n;
     score.dolp_psnr_db += e.dolp_psnr_db.value_or(0) / n;
     score.aolp_circular_deg += e.aolp_circular_deg.value_or(0) / n;

@@ -13,20 +13,23 @@
 namespace malus {
 
 struct ValidationScore {
-  double image_psnr_db = 0, dolp_psnr_db = 0, aolp_circular_deg = 0;  ///< means over the frames
+  /// Means over the frames. Of pictures the image alone, as the network's target has it; "noisy"
+  /// and "guide" are then demosaicked.
+  double image_psnr_db = 0, dolp_psnr_db = 0, aolp_circular_deg = 0;
 };
 
 class Validation {
  public:
-  /// Makes the frames of config.validation_scenes at config.cases with the first noise model, and
-  /// their guides: once. Throws InputError.
+  /// Makes the frames of config.validation_scenes (folders of angles, or pictures) at config.cases
+  /// with the first noise model, and their guides: once. Throws InputError.
   Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress);
   bool empty() const { return frames_.empty(); }
 
   ValidationScore score(Network& network, const NetworkPackage& package) const;
   /// Writes the first frame as float mosaics (.npy, DN above black in the clean scene's light) into
   /// folder: noisy, the guide if any, the network's result, clean. Result: the entry for a report's
-  /// pictures (docs/report.md), names relative to folder's parent. Contract: not empty().
+  /// pictures (docs/report.md), names relative to folder's parent. Contract: not empty(), and a
+  /// network that gives mosaics.
   nlohmann::ordered_json save_sample(Network& network, const NetworkPackage& package,
                                      const std::filesystem::path& folder) const;
   ValidationScore noisy_score() const { return noisy_; }
@@ -35,13 +38,18 @@ class Validation {
  private:
   struct Frame {
     NetworkFrame noisy;
-    Image reference_dn;  ///< before the light was divided by ratio
+    Image reference_dn;       ///< before the light was divided by ratio
+    Planes reference_rgb_dn;  ///< the same as R, G, B, for networks that give pictures
     double ratio;
     double peak_dn;
   };
+  torch::Tensor output(const Frame& frame, Network& network, const NetworkPackage& package) const;
   Image result(const Frame& frame, Network& network, const NetworkPackage& package) const;
-  ValidationScore mean_score(const std::vector<Image>& results) const;
+  /// Of mosaics in DN above black at the frames' light; shown as pictures where the target is one.
+  ValidationScore mean_score(const std::vector<Image>& mosaics) const;
+  ValidationScore picture_score(const std::vector<torch::Tensor>& pictures) const;
 
+  PackageSettings settings_;
   std::vector<Frame> frames_;
   ValidationScore noisy_, guide_;
 };

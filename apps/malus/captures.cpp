@@ -1,0 +1,211 @@
+#include "captures.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/evaluate/evaluation.h"
+#include "malus/io/frame_file.h"
+#include "malus/io/picture_file.h"
+#include "malus/polar/color_map.h"
+#include "malus/polar/demosaick.h"
+#include "malus/synthesize/scene.h"
+#include "malus/synthesize/synthesizer.h"
+
+#include <chrono>
+#include <fstream>
+
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+Json number_or_null(const std::optional<double>& value) { return value ? Json(*value) : Json(); }
+
+std::optional<double> optional_number(const Json& value) {
+  return value.is_number() ? std::optional<double>(value.get<double>()) : std::nullopt;
+}
+
+// "scene003_01" of malus pairs: the second short frame of scene003.
+std::string scene_of(const std::string& name) { return name.substr(0, name.rfind('_')); }
+
+void save_floats(const fs::path& path, const Planes& planes,
+                 const std::vector<std::string>& names) {
+  SaveOptions save;
+  save.force = true;
+  save.type = SampleType::kFloat;
+  save_picture(path, planes, names, save);
+}
+
+// Middle of a picture as R, G, B light in DN above black.
+Planes clean_light(const fs::path& path, const NoiseModel& camera, const CameraShot& shot) {
+  const Picture picture = load_picture(path);
+  const Planes light = linear_light(picture.planes, picture.names,
+                                    picture.bits > 0 ? picture.white : 1.0, picture.bits > 0);
+  const double white = camera.white_dn - camera.black_dn.front();
+  const auto length = [&](int size) { return std::min(size, shot.crop) / 2 * 2; };
+  const int rows = length(light.rows()), cols = length(light.cols());
+  const int row0 = (light.rows() - rows) / 2, col0 = (light.cols() - cols) / 2;
+  Planes middle(3, rows, cols);
+  for (int k = 0; k < 3; ++k)
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c)
+        middle[k](r, c) = static_cast<float>(
+            std::min(static_cast<double>(light[light.channels() == 3 ? k : 0](row0 + r, col0 + c)) *
+                         shot.exposure,
+                     1.0) *
+            white);
+  return middle;
+}
+
+}  // namespace
+
+std::vector<Capture> load_captures(const fs::path& list) {
+  std::ifstream in(list);
+  if (!in) throw InputError(list.string(), "cannot be read", "check the name and the rights");
+  try {
+    const Json json = Json::parse(in);
+    std::vector<Capture> captures;
+    for (const Json& entry : json.at("pairs")) {
+      Capture capture;
+      const auto file = [&](const char* key) {
+        return list.parent_path() / entry.at(key).get<std::string>();
+      };
+      capture.scene = scene_of(entry.at("name").get<std::string>());
+      capture.noisy = file("short");
+      capture.reference = file("reference");
+      if (entry.contains("picture")) capture.picture = file("picture");
+      capture.ratio = entry.at("ratio").get<double>();
+      capture.gain = {optional_number(entry.at("gain_db")), optional_number(entry.at("iso"))};
+      captures.push_back(std::move(capture));
+    }
+    return captures;
+  } catch (const Json::exception& error) {
+    throw InputError(list.string(), fmt::format("is no list of pairs ({})", error.what()),
+                     "make it with malus pairs");
+  }
+}
+
+void save_captures(const std::vector<Capture>& captures, const fs::path& list) {
+  Json pairs = Json::array();
+  for (const Capture& capture : captures) {
+    pairs.push_back({{"name", capture.scene + "_00"},
+                     {"reference", fs::absolute(capture.reference).string()},
+                     {"short", fs::absolute(capture.noisy).string()},
+                     {"ratio", capture.ratio},
+                     {"gain_db", number_or_null(capture.gain.gain_db)},
+                     {"iso", number_or_null(capture.gain.iso)}});
+    if (!capture.picture.empty()) pairs.back()["picture"] = fs::absolute(capture.picture).string();
+  }
+  write_file(list, Json{{"pairs", pairs}}.dump(2) + "\n", true);
+}
+
+std::vector<Capture> captures_at(const std::vector<Capture>& captures, const GainSetting& gain,
+                                 const fs::path& list) {
+  std::vector<Capture> found;
+  for (const Capture& capture : captures)
+    if (capture.gain == gain) found.push_back(capture);
+  if (found.empty())
+    throw InputError(list.string(), fmt::format("has no pairs at {}", gain.text()),
+                     "capture some, or set the experiment's gains");
+  return found;
+}
+
+std::vector<Capture> take_pictures(const NoiseModel& camera, const std::vector<fs::path>& pictures,
+                                   const CameraShot& shot, const fs::path& folder,
+                                   std::uint64_t seed, Progress& progress) {
+  fs::create_directories(folder);
+  SynthesisSettings settings;
+  settings.parameters = "mean";
+  settings.ratio = shot.ratio;
+  const Synthesizer sensor(camera, settings);
+  SaveOptions save;
+  save.force = true;
+  save.type = SampleType::kUint16;
+  std::vector<Capture> captures;
+  for (const fs::path& path : pictures) {
+    check_stop(progress);
+    const Planes light = clean_light(path, camera, shot);
+    const Image clean = mosaic_of(unpolarized(light), camera.layout);
+    const std::string name = fmt::format("{}_{:g}", path.stem().string(), shot.ratio);
+    Capture capture{.scene = name,
+                    .noisy = folder / (name + "_short.tif"),
+                    .reference = folder / (name + "_reference.npy"),
+                    .picture = folder / (name + "_picture.npy"),
+                    .ratio = shot.ratio,
+                    .gain = shot.gain};
+    const DrawAddress address{.seed = seed, .frame = static_cast<std::uint32_t>(captures.size())};
+    RawFrame noisy = sensor.draw_raw(clean, shot.gain, address, camera.black_dn, camera.white_dn);
+    noisy.gain = shot.gain;
+    save_frame(capture.noisy, noisy, save);
+    Planes mosaic(1, 0, 0);
+    mosaic[0] = clean;
+    save_floats(capture.reference, mosaic, {});
+    save_floats(capture.picture, light, {});
+    captures.push_back(std::move(capture));
+  }
+  return captures;
+}
+
+LoadedCapture load_capture(const Capture& capture, const NoiseModel& model) {
+  FrameOptions options;
+  options.layout = model.layout;
+  LoadedCapture loaded{load_frame(capture.noisy, options), {}};
+  loaded.clean_dn = load_frame(capture.reference, options).dn;
+  if (loaded.clean_dn.rows() != loaded.noisy.dn.rows() ||
+      loaded.clean_dn.cols() != loaded.noisy.dn.cols())
+    throw InputError(capture.noisy.string(), "has another size than its reference",
+                     "make the pairs again");
+  for (float& v : loaded.clean_dn.values()) v /= static_cast<float>(capture.ratio);
+  return loaded;
+}
+
+Planes reference_colors(const Capture& capture, const LoadedCapture& loaded,
+                        const NoiseModel& model) {
+  if (capture.picture.empty()) return demosaick_bayer(loaded.clean_dn, model.layout);
+  Planes colors = load_picture(capture.picture).planes;
+  for (Image& plane : colors)
+    for (float& v : plane.values()) v /= static_cast<float>(capture.ratio);
+  return colors;
+}
+
+Image above_black(const RawFrame& frame) {
+  Image dn = frame.dn;
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) dn(r, c) -= static_cast<float>(frame.black_at(r, c));
+  return dn;
+}
+
+void add_to_score(PictureScore& score, const Capture& capture, const NoiseModel& model,
+                  const FrameDenoiser* denoiser) {
+  LoadedCapture loaded = load_capture(capture, model);
+  const NoiseProfile profile = model.profile_at(capture.gain);
+  Planes reference = reference_colors(capture, loaded, model);
+  double peak = (model.white_dn - model.black_dn.front()) / capture.ratio;
+  Planes test;
+  const auto start = std::chrono::steady_clock::now();
+  if (!denoiser) {
+    test = demosaick_bayer(above_black(loaded.noisy), model.layout);
+  } else if (denoiser->target() == "mosaic") {
+    test = demosaick_bayer(
+        (*denoiser)(std::move(loaded.noisy), profile, silent_progress()).dn_above_black,
+        model.layout);
+  } else {
+    auto rendered = denoiser->render(std::move(loaded.noisy), profile, silent_progress());
+    test = std::move(rendered.picture);
+    if (denoiser->target() == "srgb") {
+      for (Image& plane : reference)
+        for (float& v : plane.values())
+          v = srgb_of_linear(static_cast<double>(v) / rendered.scale_dn) / 255.0f;
+      peak = 1;
+    }
+  }
+  score.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const Evaluation e = evaluate_planes(reference, test, peak);
+  score.psnr_db += e.image_psnr_db.value_or(0);
+  score.ssim += e.image_ssim.value_or(0);
+  ++score.count;
+}
+
+}  // namespace malus::app

@@ -1,0 +1,71 @@
+// Captured pairs as experiments use them: those that `malus pairs` wrote, or frames of a simulated
+// camera written the same way; and how near a network's picture of one comes to its reference.
+#pragma once
+
+#include "malus/base/progress.h"
+#include "malus/noise/model.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "denoise_method.h"
+
+namespace malus::app {
+
+/// An entry of pairs.json.
+struct Capture {
+  std::string scene;  ///< entries of one scene have the same
+  std::filesystem::path noisy, reference;
+  std::filesystem::path picture;  ///< the reference's light as R, G, B; may be empty
+  double ratio = 1;               ///< light of the reference over that of the noisy frame
+  GainSetting gain;
+};
+
+/// Throws InputError on files that are no list of pairs.
+std::vector<Capture> load_captures(const std::filesystem::path& list);
+/// Writes a list over an old one, paths absolute.
+void save_captures(const std::vector<Capture>& captures, const std::filesystem::path& list);
+/// Those at a gain; throws InputError, naming the list, where there are none.
+std::vector<Capture> captures_at(const std::vector<Capture>& captures, const GainSetting& gain,
+                                 const std::filesystem::path& list);
+
+/// How a simulated camera takes pictures.
+struct CameraShot {
+  GainSetting gain;
+  double ratio = 1;     ///< low-light ratio
+  double exposure = 1;  ///< of the pictures' light, before the ratio
+  int crop = 512;       ///< middle part of the pictures
+};
+/// One frame of each picture with the mean parameters of the camera's physics noise, its clean
+/// mosaic and its colours, in folder; the same seed gives the same frames. Throws InputError.
+std::vector<Capture> take_pictures(const NoiseModel& camera,
+                                   const std::vector<std::filesystem::path>& pictures,
+                                   const CameraShot& shot, const std::filesystem::path& folder,
+                                   std::uint64_t seed, Progress& progress);
+
+/// A capture's frames.
+struct LoadedCapture {
+  RawFrame noisy;  ///< as the camera wrote it, black included
+  Image clean_dn;  ///< DN above black, at the noisy frame's light
+};
+LoadedCapture load_capture(const Capture& capture, const NoiseModel& model);
+/// R, G, B at the noisy frame's light: the capture's picture, else the clean mosaic demosaicked.
+Planes reference_colors(const Capture& capture, const LoadedCapture& loaded,
+                        const NoiseModel& model);
+
+/// Black level taken off.
+Image above_black(const RawFrame& frame);
+
+/// Sums over captures.
+struct PictureScore {
+  double psnr_db = 0, ssim = 0, seconds = 0;
+  int count = 0;
+};
+/// Adds how near the picture comes that the denoiser makes of the capture: a network's own (as
+/// displayed for "srgb", at its own exposure), else the denoised mosaic demosaicked, else, without
+/// a denoiser, the noisy one. Peak is white of the reference's exposure, or of the display.
+void add_to_score(PictureScore& score, const Capture& capture, const NoiseModel& model,
+                  const FrameDenoiser* denoiser);
+
+}  // namespace malus::app

@@ -1,0 +1,77 @@
+#include "denoise_files.h"
+
+#include "malus/image/pack.h"
+#include "malus/io/picture_file.h"
+
+#include <algorithm>
+
+namespace malus::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A large frame's pixels exist once: they move into the file's frame and back.
+void save_mosaic(const fs::path& path, const RawFrame& header, Image& dn_above_black,
+                 const SaveOptions& save) {
+  RawFrame out = header;
+  out.white_dn -= *std::max_element(header.black_dn.begin(), header.black_dn.end());
+  std::fill(out.black_dn.begin(), out.black_dn.end(), 0.0);
+  out.bits = 0;
+  out.dn = std::move(dn_above_black);
+  save_frame(path, out, save);
+  dn_above_black = std::move(out.dn);
+}
+
+void save_integers(const fs::path& path, const RawFrame& header, const Image& dn_above_black,
+                   SaveOptions save) {
+  RawFrame out = header;
+  out.dn = dn_above_black;
+  for (int r = 0; r < out.dn.rows(); ++r)
+    for (int c = 0; c < out.dn.cols(); ++c)
+      out.dn(r, c) += static_cast<float>(header.black_at(r, c));
+  save.type = SampleType::kUint16;
+  save_frame(path, out, save);
+}
+
+}  // namespace
+
+std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
+                                       const OutputNames& names, bool force) {
+  std::vector<std::string> files;
+  SaveOptions save;
+  save.force = force;
+  save.type = SampleType::kFloat;
+  save_mosaic(names.mosaic, header, result.dn_above_black, save);
+  files.push_back(names.mosaic.string());
+  const std::vector<std::string> channels = header.layout.channel_names();
+  if (!names.planes.empty()) {
+    save_picture(names.planes, pack(result.dn_above_black, header.layout), channels, save);
+    files.push_back(names.planes.string());
+  }
+  if (!names.variance.empty()) {
+    save_picture(names.variance, pack(*result.variance_dn2, header.layout), channels, save);
+    files.push_back(names.variance.string());
+  }
+  if (!names.integers.empty()) {
+    save_integers(names.integers, header, result.dn_above_black, save);
+    files.push_back(names.integers.string());
+  }
+  return files;
+}
+
+void save_result_picture(const fs::path& path, Planes picture, const std::string& target,
+                         bool force) {
+  SaveOptions save;
+  save.force = force;
+  const std::string ending = path.extension();
+  if (target == "srgb" && (ending == ".tif" || ending == ".png")) {
+    save.type = SampleType::kUint16;
+    for (Image& plane : picture)
+      for (float& v : plane.values()) v *= 65535.0f;
+  } else {
+    save.type = SampleType::kFloat;
+  }
+  save_picture(path, picture, {"R", "G", "B"}, save);
+}
+
+}  // namespace malus::app

@@ -1,0 +1,29 @@
+// The files that `malus denoise` writes for one frame.
+#pragma once
+
+#include "malus/denoise/denoiser.h"
+#include "malus/image/raw_frame.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace malus::app {
+
+/// Empty: not wanted.
+struct OutputNames {
+  std::filesystem::path mosaic, record, integers, planes, variance;
+  std::filesystem::path picture;  ///< alone, of networks that give pictures
+};
+
+/// The denoised mosaic and what else names asks for; returns the files. result's pixels exist once:
+/// they move into the file's frame and back. Throws InputError.
+std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
+                                       const OutputNames& names, bool force);
+
+/// A network's picture (target "rgb" or "srgb"): displayed values as 16 bit where the file holds
+/// integers, else float. Throws InputError.
+void save_result_picture(const std::filesystem::path& path, Planes picture,
+                         const std::string& target, bool force);
+
+}  // namespace malus::app

@@ -1,0 +1,238 @@
+// malus experiment denoise-demosaic: 001, sections 5.1 and S4. A network that denoises and
+// demosaicks at once is trained on each kind of noise model and scored on captures; with
+// target = "srgb" in the rows' configurations it is a neural ISP.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/io/config_section.h"
+#include "malus/polar/demosaick.h"
+#include "malus/synthesize/equivalent_models.h"
+#include "malus/synthesize/model.h"
+
+#include <memory>
+#include <optional>
+
+#include "captures.h"
+#include "experiments.h"
+#include "networks_door.h"
+#include "report_pages.h"
+#include "scene_scores.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct Arguments {
+  fs::path rows, folder, report, pairs;
+  std::vector<fs::path> pictures;
+  int crop = 512;
+};
+
+// A training configuration, or a classical method.
+struct Row {
+  std::string name, method;
+  fs::path config;
+};
+
+struct Setup {
+  std::string model = "nikon-d850", camera;
+  std::vector<double> gains;
+  std::vector<std::string> cases;
+  double exposure = 1;
+  std::vector<Row> rows;
+};
+
+Setup read_setup(const fs::path& path) {
+  const ConfigSection root = ConfigSection::load(path, "the experiment");
+  root.require_known({"model", "camera", "gains", "cases", "exposure", "rows"});
+  Setup setup;
+  setup.model = root.text("model").value_or(setup.model);
+  setup.camera = root.text("camera").value_or(setup.model);
+  setup.exposure = root.number("exposure").value_or(setup.exposure);
+  setup.gains = root.numbers("gains");
+  setup.cases = root.texts("cases");
+  if (setup.gains.empty()) root.fail("gains", "are missing", "name those to train at");
+  for (const ConfigSection& section : root.sections("rows")) {
+    section.require_known({"name", "method", "config"});
+    Row row{section.text("name").value_or(""), section.text("method").value_or(""),
+            section.text("config").value_or("")};
+    if (row.name.empty()) section.fail("name", "is missing", "say what the row shows");
+    if (row.method.empty() == row.config.empty())
+      section.fail("config", "or method is missing, or both are there", "give one of them");
+    if (!row.config.empty()) row.config = path.parent_path() / row.config;
+    setup.rows.push_back(std::move(row));
+  }
+  if (setup.rows.empty()) root.fail("rows", "are missing", "add [[rows]]");
+  return setup;
+}
+
+// The model with all kinds that rows may be trained on, as a file for their trainings.
+fs::path complete_model(const Model& door, const Setup& setup, const fs::path& folder) {
+  std::vector<GainSetting> gains;
+  for (const double gain : setup.gains) gains.push_back(door.gain_setting(gain));
+  const fs::path path = folder / "model.h5";
+  save_model(with_equivalents(door.description(), gains), path, true);
+  return path;
+}
+
+std::vector<Capture> test_captures(const Arguments& arguments, const Setup& setup,
+                                   const Model& door, std::uint64_t seed, Progress& progress) {
+  if (!arguments.pairs.empty()) return load_captures(arguments.pairs);
+  const NoiseModel camera = load_model(setup.camera);
+  std::vector<Capture> captures;
+  for (std::size_t i = 0; i < setup.cases.size(); ++i) {
+    const LightCase light = light_case_of(setup.cases[i]);
+    const CameraShot shot{.gain = door.gain_setting(light.gain),
+                          .ratio = light.ratio,
+                          .exposure = setup.exposure,
+                          .crop = arguments.crop};
+    for (Capture& capture : take_pictures(camera, arguments.pictures, shot,
+                                          arguments.folder / "captures" / fmt::format("case{}", i),
+                                          seed + i, progress))
+      captures.push_back(std::move(capture));
+  }
+  return captures;
+}
+
+std::string trained_weights(const Row& row, const fs::path& model, const Arguments& arguments,
+                            const Common& common, Progress& progress) {
+  note(common, "training " + row.name);
+  const Json run = networks().train({.config = row.config,
+                                     .folder = arguments.folder / row.config.stem(),
+                                     .resume = true,
+                                     .force = common.force,
+                                     .seed = common.seed,
+                                     .models = {model}},
+                                    progress);
+  return run.at("weights").get<std::string>();
+}
+
+// One row: over all captures, and over those of each gain.
+Json score_row(const std::string& name, const std::vector<Capture>& captures,
+               const NoiseModel& model, const std::optional<std::string>& method,
+               Progress& progress) {
+  PictureScore all;
+  std::vector<std::pair<std::string, PictureScore>> by_gain;
+  for (const Capture& capture : captures) {
+    check_stop(progress);
+    std::optional<FrameDenoiser> denoiser;
+    if (method)
+      denoiser.emplace(method_settings_of(*method), InferenceSettings{.ratio = capture.ratio},
+                       false);
+    const std::string gain = capture.gain.text();
+    if (by_gain.empty() || by_gain.back().first != gain) by_gain.push_back({gain, {}});
+    PictureScore one;
+    add_to_score(one, capture, model, denoiser ? &*denoiser : nullptr);
+    for (PictureScore* sum : {&all, &by_gain.back().second}) {
+      sum->psnr_db += one.psnr_db;
+      sum->ssim += one.ssim;
+      sum->seconds += one.seconds;
+      ++sum->count;
+    }
+  }
+  const auto means = [](const PictureScore& score) {
+    return Json{{"psnr_db", score.psnr_db / score.count},
+                {"ssim", score.ssim / score.count},
+                {"seconds", score.seconds / score.count}};
+  };
+  Json row{{"name", name}};
+  row.update(means(all));
+  row["gains"] = Json::array();
+  for (const auto& [gain, score] : by_gain) {
+    row["gains"].push_back({{"gain", gain}});
+    row["gains"].back().update(means(score));
+  }
+  return row;
+}
+
+std::string table_text(const Json& rows) {
+  std::string table =
+      "| noise model | PSNR [dB] | SSIM | s per frame |\n"
+      "|---|---|---|---|\n";
+  for (const Json& row : rows)
+    table += fmt::format("| {} | {:.2f} | {:.3f} | {:.2f} |\n", row["name"].get<std::string>(),
+                         row["psnr_db"].get<double>(), row["ssim"].get<double>(),
+                         row["seconds"].get<double>());
+  return table;
+}
+
+Json table_record(const Json& rows) {
+  Json table{{"title", "Means over captures"},
+             {"note", "Trained on each noise model, scored on the same captures."},
+             {"head", "noise model"},
+             {"columns",
+              {{{"name", "PSNR"}, {"unit", "dB"}},
+               {{"name", "SSIM"}, {"unit", "1"}},
+               {{"name", "time per frame"}, {"unit", "s"}}}},
+             {"rows", Json::array()}};
+  for (const Json& row : rows)
+    table["rows"].push_back(
+        {{"name", row["name"]}, {"cells", {row["psnr_db"], row["ssim"], row["seconds"]}}});
+  return {{"title", "Joint denoising and demosaicking"}, {"tables", Json::array({table})}};
+}
+
+void run(const Arguments& arguments, const Common& common) {
+  if (arguments.pictures.empty() == arguments.pairs.empty())
+    throw InputError("experiment denoise-demosaic", "needs something to score on",
+                     "give --pictures or --pairs");
+  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  networks();
+  const Setup setup = read_setup(arguments.rows);
+  const Model door = Model::load(setup.model);
+  if (!is_bayer(door.description().layout))
+    throw InputError(setup.model, "is not of a Bayer sensor",
+                     "set another model in the rows' file");
+  make_output_folder(arguments.folder);
+  const auto progress = make_progress(common);
+  const std::vector<Capture> captures =
+      test_captures(arguments, setup, door, common.seed, *progress);
+  if (captures.empty() && !arguments.pairs.empty())
+    throw InputError(arguments.pairs.string(), "holds no pairs", "make some with malus pairs");
+  if (captures.empty())
+    throw InputError(arguments.rows.string(), "names no cases", "e.g. cases = [\"1600:1\"]");
+  const fs::path model = complete_model(door, setup, arguments.folder);
+  Json rows = Json::array();
+  rows.push_back(
+      score_row("none: noisy, demosaicked", captures, door.description(), {}, *progress));
+  for (const Row& row : setup.rows) {
+    const std::string method =
+        row.method.empty() ? trained_weights(row, model, arguments, common, *progress) : row.method;
+    rows.push_back(score_row(row.name, captures, door.description(), method, *progress));
+  }
+  if (!arguments.report.empty())
+    write_record_report(table_record(rows), arguments.report, common.force);
+  print_result(common,
+               {{"model", setup.model},
+                {"camera", setup.camera},
+                {"captures", captures.size()},
+                {"rows", rows}},
+               table_text(rows));
+}
+
+}  // namespace
+
+void add_demosaic_experiment(CLI::App& experiment, Common& common) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* command =
+      add_command(experiment, common, "denoise-demosaic",
+                  "001: joint denoising and demosaicking, trained on every kind of noise model",
+                  [arguments, &common] { run(*arguments, common); });
+  command
+      ->add_option("ROWS", arguments->rows,
+                   "the table's rows, e.g. experiments/denoise-demosaic.toml")
+      ->required();
+  command->add_option("--pictures", arguments->pictures,
+                      "pictures that a simulated camera takes to score on; not those that are "
+                      "trained on");
+  command->add_option("--pairs", arguments->pairs,
+                      "in their place: captured pairs (pairs.json of malus pairs)");
+  command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
+  command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
+      ->check(CLI::Range(16, 100000))
+      ->capture_default_str();
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
+}
+
+}  // namespace malus::app

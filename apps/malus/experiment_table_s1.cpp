@@ -1,0 +1,394 @@
+// malus experiment table-s1: 001 Table S1. Frames of one gain are made to look like a noisier gain
+// in several ways; a neural ISP is trained on each and scored on captures of the noisier gain, and
+// the noise that was made is compared with the camera's.
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/evaluate/noise_comparison.h"
+#include "malus/io/config_section.h"
+#include "malus/io/picture_file.h"
+#include "malus/synthesize/equivalent_models.h"
+#include "malus/synthesize/model.h"
+#include "malus/synthesize/renoise.h"
+#include "malus/synthesize/synthesizer.h"
+
+#include <algorithm>
+#include <functional>
+#include <memory>
+
+#include "captures.h"
+#include "experiments.h"
+#include "networks_door.h"
+#include "report_pages.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+struct Arguments {
+  fs::path rows, folder, report, pairs, test_pairs;
+  std::vector<fs::path> pictures, test_pictures;
+  int crop = 512;
+};
+
+// What makes the training frames of one row: 001 Table S1's first three columns.
+struct Row {
+  std::string noise;     // "NP", "HG"; of captures ""
+  std::string scheme;    // "noise-on-noise", "calibrated", "captured"
+  std::string denoiser;  // "UNet", "BM3D"; of captures ""
+
+  std::string title() const {
+    if (scheme == "captured") return "captured (upper bound)";
+    return noise + (scheme == "calibrated" ? " Calibrated" : " Noise-on-noise");
+  }
+  std::string folder() const {
+    return scheme == "captured" ? scheme : noise + "-" + scheme + "-" + denoiser;
+  }
+};
+
+struct Setup {
+  fs::path denoiser, isp;
+  std::string model = "nikon-d850", camera;
+  double from = 1600, to = 3200, exposure = 1;
+  std::vector<Row> rows;
+};
+
+std::string one_of(const ConfigSection& section, const char* key,
+                   const std::vector<std::string>& known) {
+  const std::string value = section.text(key).value_or("");
+  if (std::find(known.begin(), known.end(), value) == known.end())
+    section.fail(key, fmt::format("= \"{}\" is not known", value),
+                 fmt::format("use one of {}", fmt::join(known, ", ")));
+  return value;
+}
+
+Setup read_setup(const fs::path& path) {
+  const ConfigSection root = ConfigSection::load(path, "the experiment");
+  root.require_known({"denoiser", "isp", "model", "camera", "from", "to", "exposure", "rows"});
+  Setup setup;
+  setup.model = root.text("model").value_or(setup.model);
+  setup.camera = root.text("camera").value_or(setup.model);
+  setup.from = root.number("from").value_or(setup.from);
+  setup.to = root.number("to").value_or(setup.to);
+  setup.exposure = root.number("exposure").value_or(setup.exposure);
+  for (const auto& [key, config] :
+       {std::pair{"denoiser", &setup.denoiser}, std::pair{"isp", &setup.isp}}) {
+    if (!root.has(key)) root.fail(key, "is missing", "name a training configuration");
+    *config = path.parent_path() / *root.text(key);
+  }
+  for (const ConfigSection& section : root.sections("rows")) {
+    section.require_known({"noise", "scheme", "denoiser"});
+    Row row;
+    row.scheme = one_of(section, "scheme", {"noise-on-noise", "calibrated", "captured"});
+    if (row.scheme != "captured") {
+      row.noise = one_of(section, "noise", {"NP", "HG"});
+      row.denoiser = one_of(section, "denoiser", {"UNet", "BM3D"});
+    }
+    setup.rows.push_back(std::move(row));
+  }
+  if (setup.rows.empty()) root.fail("rows", "are missing", "add [[rows]]");
+  return setup;
+}
+
+// The experiment's models and captures.
+struct Bench {
+  NoiseModel model;
+  GainSetting from, to;
+  std::vector<Capture> sources, targets;  // training scenes at the two gains
+  std::vector<Capture> tests;             // other scenes at the noisier gain
+  fs::path folder;
+};
+
+std::vector<Capture> joined_lists(std::vector<Capture> one, const std::vector<Capture>& two) {
+  one.insert(one.end(), two.begin(), two.end());
+  return one;
+}
+
+Bench open_bench(const Arguments& arguments, const Setup& setup, const Common& common,
+                 Progress& progress) {
+  const Model door = Model::load(setup.model);
+  Bench bench{
+      door.description(), door.gain_setting(setup.from), door.gain_setting(setup.to), {}, {}, {},
+      arguments.folder};
+  if (!arguments.pairs.empty()) {
+    const auto captures = load_captures(arguments.pairs);
+    bench.sources = captures_at(captures, bench.from, arguments.pairs);
+    bench.targets = captures_at(captures, bench.to, arguments.pairs);
+    bench.tests = captures_at(load_captures(arguments.test_pairs), bench.to, arguments.test_pairs);
+    return bench;
+  }
+  const NoiseModel camera = load_model(setup.camera);
+  const auto take = [&](const std::vector<fs::path>& pictures, const GainSetting& gain,
+                        const char* name, std::uint64_t set) {
+    return take_pictures(camera, pictures,
+                         {.gain = gain, .exposure = setup.exposure, .crop = arguments.crop},
+                         arguments.folder / "captures" / name, common.seed + set, progress);
+  };
+  bench.sources = take(arguments.pictures, bench.from, "sources", 0);
+  bench.targets = take(arguments.pictures, bench.to, "targets", 1);
+  bench.tests = take(arguments.test_pictures, bench.to, "tests", 2);
+  save_captures(joined_lists(bench.sources, bench.targets),
+                arguments.folder / "captures" / "pairs.json");
+  save_captures(bench.tests, arguments.folder / "captures" / "test-pairs.json");
+  return bench;
+}
+
+// A frame of the noisier gain, DN above black, from a noisy frame and what a denoiser says of it.
+using FrameMaker =
+    std::function<Image(const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address)>;
+
+FrameMaker noise_on_noise(const Bench& bench, const std::string& noise) {
+  const NoiseModel& model = bench.model;
+  if (noise == "HG") {
+    const auto added = std::make_shared<CompiledNoise>(
+        gaussian_difference(model.layout, gaussian_of(model, bench.from),
+                            gaussian_of(model, bench.to), model.quantization_dn));
+    return [added](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
+      Image dn(guide_dn.rows(), guide_dn.cols());
+      added->apply(guide_dn, dn, second_noise(address));
+      for (std::size_t i = 0; i < dn.size(); ++i)
+        dn.values()[i] += noisy_dn.values()[i] - guide_dn.values()[i];
+      return dn;
+    };
+  }
+  std::shared_ptr<const Renoiser> renoiser;
+  if (!model.nonparametric.empty()) {
+    renoiser = std::make_shared<Renoiser>(model.layout, model.nonparametric_at(bench.from),
+                                          model.nonparametric_at(bench.to), model.row_group);
+  } else {
+    PhysicsNoise target = model.physics_at(bench.to);
+    target.parts.quantization = false;  // the camera's rounding is drawn later
+    renoiser = std::make_shared<Renoiser>(model.physics_at(bench.from), target,
+                                          model.white_dn - model.black_dn.front());
+  }
+  return [renoiser](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
+    Image dn(noisy_dn.rows(), noisy_dn.cols());
+    renoiser->apply(noisy_dn, guide_dn, dn, address);
+    return dn;
+  };
+}
+
+// The calibrated noise of the noisier gain on the denoised frame.
+FrameMaker calibrated(const Bench& bench, const std::string& noise) {
+  const NoiseModel& model = bench.model;
+  SynthesisSettings settings;
+  settings.parameters = "mean";
+  settings.quantization = false;
+  if (noise == "HG")
+    settings.kind = "gaussian";
+  else if (!model.nonparametric.empty())
+    settings.kind = "nonparametric";
+  const auto synthesizer = std::make_shared<Synthesizer>(
+      noise == "HG" ? with_equivalents(model, {bench.to}) : model, settings);
+  return [synthesizer, to = bench.to](const Image&, const Image& guide_dn,
+                                      const DrawAddress& address) {
+    return synthesizer->draw(guide_dn, to, second_noise(address)).dn;
+  };
+}
+
+std::string trained(const Bench& bench, const std::string& name, TrainCall call,
+                    const Common& common, Progress& progress) {
+  note(common, "training " + name);
+  call.folder = bench.folder / name;
+  call.resume = true;
+  call.force = common.force;
+  call.seed = common.seed;
+  const Json run = networks().train(call, progress);
+  return run.at("weights").get<std::string>();
+}
+
+// Frames that a row's ISP is trained on, written beside their list.
+std::vector<Capture> make_captures(const Bench& bench, const Row& row, const std::string& weights,
+                                   const Common& common, Progress& progress) {
+  if (row.scheme == "captured") return bench.targets;
+  const FrameMaker make =
+      row.scheme == "calibrated" ? calibrated(bench, row.noise) : noise_on_noise(bench, row.noise);
+  DenoiseSettings settings;
+  settings.method = row.denoiser == "UNet" ? weights : "bm3d";
+  const NoiseModel& model = bench.model;
+  const NoiseProfile profile = model.profile_at(bench.from);
+  const fs::path folder = bench.folder / row.folder() / "frames";
+  fs::create_directories(folder);
+  SaveOptions save;
+  save.force = true;
+  save.type = SampleType::kUint16;
+  std::vector<Capture> made;
+  for (const Capture& source : bench.sources) {
+    check_stop(progress);
+    const FrameDenoiser denoiser(settings, {.ratio = source.ratio}, false);
+    LoadedCapture loaded = load_capture(source, model);
+    const Image noisy_dn = above_black(loaded.noisy);
+    const Image guide_dn = denoiser(loaded.noisy, profile, progress).dn_above_black;
+    RawFrame frame = std::move(loaded.noisy);
+    frame.dn = make(noisy_dn, guide_dn,
+                    {.seed = common.seed, .frame = static_cast<std::uint32_t>(made.size())});
+    round_as_camera(frame.dn, model.layout,
+                    {model.black_dn, model.white_dn, model.quantization_dn});
+    frame.gain = bench.to;
+    Capture capture = source;
+    capture.noisy = folder / (source.scene + "_short.tif");
+    capture.gain = bench.to;
+    save_frame(capture.noisy, frame, save);
+    made.push_back(std::move(capture));
+  }
+  return made;
+}
+
+// Divergence of the made noise from the captured one, the mean over the scenes that have both.
+// Each set's own clean mosaic is exchanged for the captured one's, which may be lit a little
+// differently.
+struct NoiseDivergence {
+  double jsd = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
+  int scenes = 0;
+};
+NoiseDivergence divergence(const Bench& bench, const std::vector<Capture>& made) {
+  NoiseDivergence sum;
+  for (const Capture& target : bench.targets)
+    for (const Capture& capture : made) {
+      if (capture.scene != target.scene) continue;
+      const LoadedCapture real = load_capture(target, bench.model),
+                          drawn = load_capture(capture, bench.model);
+      Image drawn_dn = above_black(drawn.noisy);
+      for (std::size_t i = 0; i < drawn_dn.size(); ++i)
+        drawn_dn.values()[i] += real.clean_dn.values()[i] - drawn.clean_dn.values()[i];
+      const NoiseFrames reference{1, [&](int) { return above_black(real.noisy); }};
+      const NoiseFrames test{1, [&](int) { return drawn_dn; }};
+      const NoiseComparison c =
+          compare_noise(reference, test, real.clean_dn, bench.model.layout, {});
+      sum.jsd += c.pooled.jsd_bits;
+      sum.sqrt_jsd += c.pooled.sqrt_jsd;
+      sum.sqrt_jsd_floor += c.pooled.sqrt_jsd_floor;
+      ++sum.scenes;
+    }
+  const double n = std::max(sum.scenes, 1);
+  return {sum.jsd / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.scenes};
+}
+
+Json score_row(const Bench& bench, const Setup& setup, const Row& row, const std::string& weights,
+               const Common& common, Progress& progress) {
+  const std::vector<Capture> made = make_captures(bench, row, weights, common, progress);
+  const fs::path list = bench.folder / row.folder() / "pairs.json";
+  fs::create_directories(list.parent_path());
+  save_captures(made, list);
+  DenoiseSettings settings;
+  settings.method =
+      trained(bench, row.folder() + "/isp",
+              {.config = setup.isp, .pairs = {list}, .models = {setup.model}}, common, progress);
+  PictureScore score;
+  for (const Capture& test : bench.tests) {
+    check_stop(progress);
+    const FrameDenoiser isp(settings, {.ratio = test.ratio}, false);
+    if (isp.target() == "mosaic")
+      throw InputError(setup.isp.string(), "trains a network that gives mosaics",
+                       "set target = \"srgb\" or \"rgb\" in [package]");
+    add_to_score(score, test, bench.model, &isp);
+  }
+  const bool captured = row.scheme == "captured";
+  const NoiseDivergence noise = captured ? NoiseDivergence{} : divergence(bench, made);
+  Json json{{"noise_model", row.title()},
+            {"denoiser", captured ? "-" : row.denoiser},
+            {"input", captured                     ? bench.to.text()
+                      : row.scheme == "calibrated" ? "Denoised " + bench.from.text()
+                                                   : bench.from.text()},
+            {"psnr_db", score.psnr_db / score.count},
+            {"ssim", score.ssim / score.count}};
+  if (noise.scenes > 0)
+    json.update({{"jsd", noise.jsd},
+                 {"sqrt_jsd", noise.sqrt_jsd},
+                 {"sqrt_jsd_floor", noise.sqrt_jsd_floor}});
+  return json;
+}
+
+std::string table_text(const Bench& bench, const Json& rows) {
+  std::string table = fmt::format(
+      "| {} noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD |\n"
+      "|---|---|---|---|---|---|\n",
+      bench.to.text());
+  for (const Json& row : rows)
+    table += fmt::format(
+        "| {} | {} | {} | {:.2f} | {:.3f} | {} |\n", row["noise_model"].get<std::string>(),
+        row["denoiser"].get<std::string>(), row["input"].get<std::string>(),
+        row["psnr_db"].get<double>(), row["ssim"].get<double>(),
+        row.contains("jsd") ? fmt::format("{:.4f}", row["jsd"].get<double>()) : std::string("-"));
+  return table;
+}
+
+// As a record that a report shows (docs/report.md).
+Json table_record(const Json& rows) {
+  Json table{{"title", "001 Table S1"},
+             {"note", "A neural ISP trained on the frames of each row, scored on captures."},
+             {"head", "noise model, denoiser"},
+             {"columns",
+              {{{"name", "neural ISP PSNR"}, {"unit", "dB"}},
+               {{"name", "SSIM"}, {"unit", "1"}},
+               {{"name", "JSD"}, {"unit", "1"}}}},
+             {"rows", Json::array()}};
+  for (const Json& row : rows)
+    table["rows"].push_back({{"name", fmt::format("{}, {}", row["noise_model"].get<std::string>(),
+                                                  row["denoiser"].get<std::string>())},
+                             {"cells", {row["psnr_db"], row["ssim"], row.value("jsd", Json())}}});
+  return {{"title", "Noise on noise for a neural ISP"}, {"tables", Json::array({table})}};
+}
+
+void run(const Arguments& arguments, const Common& common) {
+  const bool captured = !arguments.pairs.empty();
+  if (captured != !arguments.test_pairs.empty() || captured == !arguments.pictures.empty() ||
+      captured == !arguments.test_pictures.empty())
+    throw InputError("experiment table-s1", "needs scenes to train on and others to score on",
+                     "give --pictures and --test-pictures, or --pairs and --test-pairs");
+  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  networks();
+  const Setup setup = read_setup(arguments.rows);
+  make_output_folder(arguments.folder);
+  const auto progress = make_progress(common);
+  const Bench bench = open_bench(arguments, setup, common, *progress);
+  std::string weights;
+  if (std::any_of(setup.rows.begin(), setup.rows.end(),
+                  [](const Row& row) { return row.denoiser == "UNet"; }))
+    weights = trained(bench, "denoiser", {.config = setup.denoiser, .models = {setup.model}},
+                      common, *progress);
+  Json rows = Json::array();
+  for (const Row& row : setup.rows)
+    rows.push_back(score_row(bench, setup, row, weights, common, *progress));
+  if (!arguments.report.empty())
+    write_record_report(table_record(rows), arguments.report, common.force);
+  print_result(common,
+               {{"model", setup.model},
+                {"from", bench.from.text()},
+                {"to", bench.to.text()},
+                {"training_scenes", bench.sources.size()},
+                {"test_captures", bench.tests.size()},
+                {"rows", rows}},
+               table_text(bench, rows));
+}
+
+}  // namespace
+
+void add_table_s1_experiment(CLI::App& experiment, Common& common) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* command =
+      add_command(experiment, common, "table-s1",
+                  "001 Table S1: ways to make frames of a noisier gain, by what they teach a "
+                  "neural ISP",
+                  [arguments, &common] { run(*arguments, common); });
+  command->add_option("ROWS", arguments->rows, "the table, e.g. experiments/table-s1.toml")
+      ->required();
+  command->add_option("--pictures", arguments->pictures,
+                      "pictures that a simulated camera takes to train on");
+  command->add_option("--test-pictures", arguments->test_pictures,
+                      "others that the trained networks are scored on");
+  command->add_option("--pairs", arguments->pairs,
+                      "in their place: captured pairs at both gains (pairs.json of malus pairs)");
+  command->add_option("--test-pairs", arguments->test_pairs,
+                      "captured pairs of other scenes at the noisier gain");
+  command->add_option("-o,--output", arguments->folder, "folder of frames and trainings")
+      ->required();
+  command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
+      ->check(CLI::Range(16, 100000))
+      ->capture_default_str();
+  command->add_option("--report", arguments->report, "also a report page (HTML)");
+}
+
+}  // namespace malus::app

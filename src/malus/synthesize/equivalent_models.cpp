@@ -1,0 +1,99 @@
+#include "malus/synthesize/equivalent_models.h"
+
+#include "malus/base/parallel.h"
+#include "malus/synthesize/renoise.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+constexpr double kReach = 7.0;         // of the brightest level's deviation, to either side
+constexpr double kBinPerSigma = 0.25;  // of the dark deviation
+
+double at(const std::vector<double>& values, std::size_t channel) {
+  return values.empty() ? 0.0 : values[channel];
+}
+
+}  // namespace
+
+GaussianCalibration gaussian_equivalent(const PhysicsNoise& noise, const GainSetting& gain) {
+  GaussianCalibration g;
+  g.gain = gain;
+  for (const PhysicsChannel& channel : noise.channels) {
+    g.slope_dn.push_back(channel.gain_dn_per_e);
+    g.offset_dn2.push_back(pixel_variance_dn2(channel, 0.0, noise.quantization_dn) +
+                           channel.sigma_row_dn * channel.sigma_row_dn);
+    g.bias_dn.push_back(channel.mu_dn);
+  }
+  return g;
+}
+
+NonparametricCalibration nonparametric_equivalent(const PhysicsNoise& noise,
+                                                  const GainSetting& gain, double white_dn,
+                                                  int levels) {
+  NonparametricCalibration n;
+  n.gain = gain;
+  n.channels.resize(noise.channels.size());
+  for (std::size_t c = 0; c < noise.channels.size(); ++c) {
+    const PhysicsChannel& channel = noise.channels[c];
+    const auto sigma = [&](double signal_dn) {
+      return std::sqrt(pixel_variance_dn2(channel, signal_dn, noise.quantization_dn));
+    };
+    const double reach = kReach * sigma(white_dn) + std::abs(channel.mu_dn);
+    const int half = std::clamp(static_cast<int>(std::ceil(reach / (kBinPerSigma * sigma(0)))), 1,
+                                (kMostEquivalentBins - 1) / 2);
+    const int bins = 2 * half + 1;
+    const double width = 2 * reach / bins;
+    NonparametricChannel& measured = n.channels[c];
+    for (int b = 0; b <= bins; ++b) measured.bin_edges_dn.push_back(width * (b - 0.5 * bins));
+    for (int l = 0; l < levels; ++l) {
+      const double share = static_cast<double>(l) / (levels - 1);
+      measured.level_dn.push_back(white_dn * share * share);
+    }
+    measured.pmf.resize(measured.level_dn.size());
+    const PixelBins pixel(noise, static_cast<int>(c));
+    parallel_for(0, levels, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end); ++l) {
+        auto& pmf = measured.pmf[l] = pixel.probabilities(measured.level_dn[l], width, bins);
+        double sum = 0;
+        for (const double p : pmf) sum += p;
+        for (double& p : pmf) p /= sum;
+      }
+    });
+    n.sigma_row_dn.push_back(channel.sigma_row_dn);
+    n.K.push_back(channel.gain_dn_per_e);
+  }
+  return n;
+}
+
+NoiseModel with_equivalents(NoiseModel model, const std::vector<GainSetting>& gains) {
+  if (model.physics.empty()) return model;
+  const bool gaussian = model.gaussian.empty(), nonparametric = model.nonparametric.empty();
+  const double white = model.white_dn - model.black_dn.front();
+  for (const GainSetting& gain : gains) {
+    const PhysicsNoise noise = model.physics_at(gain);
+    if (gaussian) model.gaussian.push_back(gaussian_equivalent(noise, gain));
+    if (nonparametric) model.nonparametric.push_back(nonparametric_equivalent(noise, gain, white));
+  }
+  return model;
+}
+
+GaussianCalibration gaussian_of(const NoiseModel& model, const GainSetting& gain) {
+  return model.gaussian.empty() ? gaussian_equivalent(model.physics_at(gain), gain)
+                                : model.gaussian_at(gain);
+}
+
+CompiledNoise gaussian_difference(const SensorLayout& layout, const GaussianCalibration& from,
+                                  const GaussianCalibration& to, double quantization_dn) {
+  std::vector<GaussianChannel> channels;
+  for (std::size_t c = 0; c < to.slope_dn.size(); ++c)
+    channels.push_back({.slope_dn = to.slope_dn[c] - from.slope_dn[c],
+                        .offset_dn2 = to.offset_dn2[c] - from.offset_dn2[c] -
+                                      quantization_dn * quantization_dn / 12.0,
+                        .mu_dn = at(to.bias_dn, c) - at(from.bias_dn, c)});
+  return CompiledNoise::gaussian(layout, channels, 1);
+}
+
+}  // namespace malus

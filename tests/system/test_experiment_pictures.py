@@ -1,0 +1,125 @@
+"""Networks that give pictures: `malus experiment table-s1` and `denoise-demosaic` with trainings of three steps, and `malus denoise`
+with what they trained."""
+
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import BUILD, ROOT
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
+
+SMALLER = (("width = 12", "width = 2"), ("levels = 3", "levels = 2"), ("example = 256", "example = 64"), ("patch = 64", "patch = 32"),
+           ("pool = 8", "pool = 1"), ("steps = 1200", "steps = 3"))
+
+
+@pytest.fixture
+def experiments(tmp_path):
+    """The repository's experiments with tiny networks, one picture to train on and two others."""
+    rng = np.random.default_rng(1)
+    for name in ("table-s1", "denoise-demosaic"):
+        shutil.copytree(ROOT / "experiments" / name, tmp_path / name)
+        shutil.copy(ROOT / "experiments" / f"{name}.toml", tmp_path)
+        for config in (tmp_path / name).glob("*.toml"):
+            text = config.read_text()
+            for old, new in SMALLER:
+                assert old in text, (config, old)
+                text = text.replace(old, new)
+            config.write_text(text)
+    (tmp_path / "pictures").mkdir()
+    rows, cols = np.mgrid[0:96, 0:96]
+    for k, name in enumerate(("pictures/a", "b", "c")):
+        light = 120 + 60 * np.sin(cols / (7 + k)) + 40 * np.cos(rows / 11 + k)
+        colors = light[..., None] * (1, 0.9, 0.7) + rng.normal(0, 4, (96, 96, 3))
+        Image.fromarray(np.clip(colors, 0, 255).astype(np.uint8)).save(tmp_path / f"{name}.png")
+    return tmp_path
+
+
+def test_table_s1_has_the_papers_rows_and_columns(malus, experiments):
+    run = ["experiment", "table-s1", experiments / "table-s1.toml", "--pictures", experiments / "b.png", "--test-pictures",
+           experiments / "c.png", "-o", experiments / "out", "--crop", "64"]
+    first = malus(*run, "--json", "--report", experiments / "page.html").json
+    assert [(row["noise_model"], row["denoiser"], row["input"]) for row in first["rows"]] == [
+        ("NP Noise-on-noise", "UNet", "ISO 1600"), ("NP Noise-on-noise", "BM3D", "ISO 1600"),
+        ("NP Calibrated", "UNet", "Denoised ISO 1600"), ("HG Noise-on-noise", "UNet", "ISO 1600"),
+        ("captured (upper bound)", "-", "ISO 3200")]
+    for row in first["rows"][:4]:
+        assert 0 <= row["jsd"] < 0.5 and row["sqrt_jsd"] ** 2 == pytest.approx(row["jsd"], rel=1e-6)
+    assert (experiments / "page.html").stat().st_size > 10000
+    # Noise on noise of the right noise ends nearer to the camera's than noise on what a network of three steps left.
+    assert first["rows"][0]["jsd"] < first["rows"][2]["jsd"]
+    # A second run trains nothing and says the same; its captures serve as captured pairs.
+    weights = experiments / "out/captured/isp/weights.safetensors"
+    written = weights.read_bytes()
+    text = malus(*run).out
+    assert weights.read_bytes() == written
+    assert text.splitlines()[0] == "| ISO 3200 noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD |"
+    again = malus("experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "out/captures/pairs.json",
+                  "--test-pairs", experiments / "out/captures/test-pairs.json", "-o", experiments / "again", "--json").json
+    assert [row["psnr_db"] for row in again["rows"]] == pytest.approx([row["psnr_db"] for row in first["rows"]], abs=1e-6)
+
+
+def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, experiments):
+    out = experiments / "out"
+    run = ["experiment", "denoise-demosaic", experiments / "denoise-demosaic.toml", "--pictures", experiments / "b.png",
+           experiments / "c.png", "-o", out, "--crop", "64"]
+    rows = malus(*run, "--json", "--report", experiments / "page.html").json["rows"]
+    assert [row["name"] for row in rows] == ["none: noisy, demosaicked", "none: bm3d, demosaicked", "heteroscedastic Gaussian",
+                                             "Poisson-Gaussian", "physics", "non-parametric"]
+    assert rows[1]["psnr_db"] > rows[0]["psnr_db"] + 3
+    assert [gain["gain"] for gain in rows[0]["gains"]] == ["ISO 1600", "ISO 3200", "ISO 6400"]
+    assert rows[0]["psnr_db"] == pytest.approx(np.mean([gain["psnr_db"] for gain in rows[0]["gains"]]))
+    assert {"physics", "gaussian", "nonparametric"} <= set(malus("model", "show", out / "model.h5", "--json").json["kinds"])
+
+    frame = out / "captures/case0/b_4_short.tif"
+    denoise = ["denoise", frame, "--model", "nikon-d850", "--method", out / "physics/weights.safetensors", "-o", experiments / "rgb"]
+    record = malus(*denoise, "--format", "npy", "--json").json
+    assert record["target"] == "rgb" and record["files"] == [str(experiments / "rgb/b_4_short_rgb.npy")]
+    assert np.load(record["files"][0]).shape == (3, 64, 64)
+    for flag in ("--planes", "--u16"):
+        assert flag in refused(*denoise, flag)
+    assert "png" in refused(*denoise, "--format", "png")
+
+
+def test_a_neural_isp_writes_sixteen_bit_pictures(malus, experiments):
+    capture = experiments / "capture"
+    malus("experiment", "denoise-demosaic", experiments / "denoise-demosaic.toml", "--pictures", experiments / "b.png", "-o", capture,
+          "--crop", "64", "-q")
+    config = (experiments / "denoise-demosaic/physics.toml").read_text().replace('target = "rgb"', 'target = "srgb"')
+    (experiments / "denoise-demosaic/isp.toml").write_text(config)
+    malus("train", experiments / "denoise-demosaic/isp.toml", "-o", experiments / "isp")
+    files = {}
+    for ending in ("npy", "tif", "png"):
+        written = malus("denoise", capture / "captures/case1/b_4_short.tif", "--model", "nikon-d850", "--method",
+                        experiments / "isp/weights.safetensors", "-o", experiments / "shown", "--format", ending, "--json").json["files"]
+        files[ending] = experiments / f"shown/b_4_short_srgb.{ending}"
+        assert written == [str(files[ending])]
+    assert tuple(files["png"].read_bytes()[24:26]) == (16, 2)  # 16 bits, red, green and blue
+    shown = 255 * np.clip(np.load(files["npy"]).transpose(1, 2, 0), 0, 1)
+    assert np.abs(np.asarray(Image.open(files["png"]), dtype=float) - shown).max() < 1.01  # read as 8 bit
+    malus("simulate", files["tif"], "--tone", "linear", "--layout", "bayer-rggb", "--full-scale", 65535, "--format", "npy", "-o",
+          experiments / "tif")
+    red = np.load(experiments / "tif/b_4_short_srgb_clean.npy")[0::2, 0::2]
+    assert np.abs(red - shown[0::2, 0::2, 0] * 257).max() < 0.51  # rounded to whole 65535ths
+
+
+def test_bad_experiments_are_refused(refused, experiments):
+    tables = [["experiment", "table-s1", experiments / "table-s1.toml", "-o", experiments / "out"],
+              ["experiment", "denoise-demosaic", experiments / "denoise-demosaic.toml", "-o", experiments / "out"]]
+    assert "--pictures" in refused(*tables[0], "-q") and "--pictures" in refused(*tables[1], "-q")
+    scenes = [["--pictures", experiments / "b.png", "--test-pictures", experiments / "c.png"], ["--pictures", experiments / "b.png"]]
+    for run, pictures, changes in zip(tables, scenes, (
+            (('scheme = "calibrated"', 'scheme = "guessed"', "scheme"), ('noise = "HG"', 'noise = "HH"', "noise"),
+             ("isp =", "ips =", "ips")),
+            (('method = "bm3d"', 'method = "bm3e"', "bm3d"), ("gains =", "gain =", "gain"), ("nikon-d850", "imx250myr-simulated", "Bayer")))):
+        good = run[2].read_text()
+        for old, new, word in changes:
+            run[2].write_text(good.replace(old, new))
+            assert word in refused(*run, *pictures, "-q")
+        run[2].write_text(good)
+    pairs = experiments / "pairs.json"
+    pairs.write_text('{"pairs": []}')
+    assert "1600" in refused(*tables[0], "--pairs", pairs, "--test-pairs", pairs, "-q")
+    assert "no pairs" in refused(*tables[1], "--pairs", pairs, "-q")
