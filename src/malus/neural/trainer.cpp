@@ -161,6 +161,8 @@ class Trainer {
       const fs::path checkpoint = file("checkpoint.safetensors");
       if (options_.resume && fs::exists(checkpoint))
         load_checkpoint(state_, description_, checkpoint);
+      else if (!options_.resume)
+        check_output(checkpoint, options_.force);
     }
     if (workers_.size() == 1) return;
     torch::Tensor step = torch::tensor({state_.step}, torch::dtype(torch::kInt64).device(device_));
