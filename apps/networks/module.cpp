@@ -1,5 +1,6 @@
 // What malus_networks.so gives to the program.
 #include "malus/base/parallel.h"
+#include "malus/neural/failures.h"
 #include "malus/neural/inference.h"
 #include "malus/neural/threads.h"
 
@@ -9,18 +10,31 @@
 namespace malus::app {
 namespace {
 
+// What libtorch throws leaves the module as what the program knows.
+template <class Call>
+decltype(auto) guarded(const Call& call) {
+  try {
+    return call();
+  } catch (...) {
+    rethrow_libtorch_failure(
+        "check weights, settings and free memory; if they are good, report this line");
+  }
+}
+
 class PackageDenoiser final : public NetworkDenoiser {
  public:
   explicit PackageDenoiser(const NetworkDenoiserOptions& options)
       : inference_(options.weights, options.settings) {}
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress) override {
-    return inference_.denoise(std::move(frame), profile, settings, progress);
+    return guarded(
+        [&] { return inference_.denoise(std::move(frame), profile, settings, progress); });
   }
   const std::string& target() const override { return inference_.target(); }
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                     const DenoiseSettings& settings, Progress& progress) override {
-    return inference_.render(std::move(frame), profile, settings, progress);
+    return guarded(
+        [&] { return inference_.render(std::move(frame), profile, settings, progress); });
   }
   nlohmann::ordered_json description() const override { return inference_.description(); }
 
@@ -34,11 +48,11 @@ class NoiseFlowSampler final : public FlowSampler {
   const NoiseFlowSensor& sensor() const override { return model_.sensor(); }
   Image draw(View<const float> clean_dn, const GainSetting& gain,
              const DrawAddress& address) override {
-    return model_.draw(clean_dn, gain, address);
+    return guarded([&] { return model_.draw(clean_dn, gain, address); });
   }
   RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
                     const DrawAddress& address) override {
-    return model_.draw_raw(clean_dn, gain, address);
+    return guarded([&] { return model_.draw_raw(clean_dn, gain, address); });
   }
 
  private:
@@ -46,11 +60,24 @@ class NoiseFlowSampler final : public FlowSampler {
 };
 
 std::unique_ptr<FlowSampler> open_flow(const std::filesystem::path& weights) {
-  return std::make_unique<NoiseFlowSampler>(weights);
+  return guarded([&] { return std::make_unique<NoiseFlowSampler>(weights); });
 }
 
 std::unique_ptr<NetworkDenoiser> open_denoiser(const NetworkDenoiserOptions& options) {
-  return std::make_unique<PackageDenoiser>(options);
+  return guarded([&] { return std::make_unique<PackageDenoiser>(options); });
+}
+
+nlohmann::ordered_json train_guarded(const TrainCall& call, Progress& progress) {
+  return guarded([&] { return train_network(call, progress); });
+}
+
+nlohmann::ordered_json import_guarded(const ImportRequest& request) {
+  return guarded([&] { return import_checkpoint(request); });
+}
+
+NetworkCost measure_guarded(const NamedNetwork& network, int channels, int rows, int cols,
+                            int repetitions) {
+  return guarded([&] { return measure_network(network, channels, rows, cols, repetitions); });
 }
 
 }  // namespace
@@ -60,11 +87,15 @@ extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
   using namespace malus::app;
   static const NetworkFunctions functions{.interface = kNetworksInterface,
                                           .open_denoiser = open_denoiser,
-                                          .train = train_network,
+                                          .train = train_guarded,
                                           .open_flow = open_flow,
-                                          .import_checkpoint = malus::import_checkpoint,
-                                          .measure = malus::measure_network,
+                                          .import_checkpoint = import_guarded,
+                                          .measure = measure_guarded,
                                           .named_networks = malus::named_networks};
-  malus::use_network_threads(malus::thread_count());
+  try {
+    malus::use_network_threads(malus::thread_count());
+  } catch (...) {
+    malus::rethrow_libtorch_failure("it asks /proc for the processor: see that /proc is there");
+  }
   return &functions;
 }

@@ -11,7 +11,10 @@ namespace {
 // Noise Flows train in minutes: one process, from the start.
 nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
   const auto weights = call.folder / "weights.safetensors";
-  if (std::filesystem::is_directory(call.folder)) check_output(weights, call.force);
+  // The folder is made for good results only, but that it can be is asked before hours of work.
+  std::filesystem::path there = std::filesystem::absolute(call.folder);
+  while (!std::filesystem::exists(there)) there = there.parent_path();
+  check_output(there / weights.filename(), call.force);
   NoiseFlowFit fit = train_noise_flow_config(call.config, call.seed, progress);
   make_output_folder(call.folder);
   fit.model.save(weights, fit.record);

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 
 import numpy as np
@@ -172,3 +173,15 @@ def test_a_program_without_the_module_says_so(noisy, tmp_path):
 def test_the_program_itself_does_not_load_libtorch():
     libraries = subprocess.run(["ldd", PROGRAM], capture_output=True, text=True, check=True).stdout
     assert "torch" not in libraries
+
+
+def test_without_proc_one_line_is_said(noisy, tmp_path):
+    """libtorch reads the processor's description there; newer ones may do without."""
+    weights = unet_package(tmp_path / "zero.safetensors")
+    done = subprocess.run(["unshare", "-m", "sh", "-c", 'umount -l /proc && exec "$@"', "sh", PROGRAM, "denoise", noisy, "--method",
+                           weights, *MODEL, "-o", tmp_path / "out"], capture_output=True, text=True)
+    if re.search("^(unshare|umount):", done.stderr, re.M):
+        pytest.skip("needs the right to take /proc away")
+    if done.returncode != 0:
+        assert done.returncode == 1 and re.findall("^malus: .*", done.stderr, re.M)[0].count("; ") >= 1
+        assert done.stderr.splitlines()[-1].startswith("malus: libtorch")

@@ -313,3 +313,34 @@ def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
     malus("train", config(2), "-o", out, "--force")
     (out / "checkpoint.safetensors").write_bytes((out / "checkpoint.safetensors").read_bytes()[:-100])
     refused("train", config(2), "-o", out, "--resume")
+
+
+@pytest.mark.parametrize("holed", ["clean.npy", "noisy.npy"])
+def test_recorded_pairs_with_holes_are_named(refused, clean, tmp_path, holed):
+    np.save(tmp_path / "noisy.npy", np.load(clean) / 5)
+    frame = np.load(tmp_path / holed)
+    frame[100, 90] = np.nan
+    np.save(tmp_path / holed, frame)
+    pair = {"name": "one", "short": "noisy.npy", "reference": "clean.npy", "ratio": 5, "gain_db": 12, "iso": None}
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": [pair]}))
+    text = CONFIG.replace('scenes = ["scene"]', 'pairs = ["pairs.json"]').replace("= 64", "= 192").replace("jitter = 0.2", "")
+    (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=1))
+    line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
+    assert f"{holed}: 1 pixels are NaN" in line
+
+
+def test_names_of_files_may_be_any_bytes(malus, config, tmp_path):
+    with open(os.fsencode(tmp_path) + b"/caf\xe9.npy", "wb") as file:
+        np.save(file, np.full((80, 96), 0.4, np.float32))
+    text = CONFIG.replace('scenes = ["scene"]', 'pictures = ["caf*.npy"]')
+    malus("train", config(2, 1, text), "-o", tmp_path / "run")
+    malus("train", config(2, 1, text), "-o", tmp_path / "run", "--resume")
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_work(malus, refused, config, tmp_path):
+    malus("train", config(2), "-o", tmp_path / "run")
+    (tmp_path / "file").write_text("in the way")
+    assert "file/run" in refused("train", config(2), "-o", tmp_path / "file" / "run")
+    (tmp_path / "run" / "checkpoint.safetensors").unlink()
+    (tmp_path / "run" / "checkpoint.safetensors").mkdir()
+    assert "folder" in refused("train", config(2), "-o", tmp_path / "run", "--resume")

@@ -148,6 +148,14 @@ NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, dou
   return sensor;
 }
 
+void require_finite(const Image& image, const std::string& source) {
+  std::size_t odd = 0;
+  for (const float value : image.values()) odd += std::isfinite(value) ? 0 : 1;
+  if (odd > 0)
+    throw InputError(source, fmt::format("{} pixels are NaN or infinite", odd),
+                     "networks cannot be trained with them: mend or leave out the picture");
+}
+
 Image middle_of(const Image& mosaic, const SensorLayout& layout, int side) {
   const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
   const auto length = [&](int size) { return std::min(size, side) / cell * cell; };

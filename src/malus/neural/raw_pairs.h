@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 namespace malus {
@@ -39,6 +40,10 @@ std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config);
 /// NoiseModel::parameters_at.
 NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
                            std::uint64_t seed, std::uint32_t number);
+
+/// Throws InputError that names the source where a pixel is NaN or infinite: no network could be
+/// trained with it.
+void require_finite(const Image& image, const std::string& source);
 
 /// Middle window of whole cells, of at most `side` pixels a side.
 Image middle_of(const Image& mosaic, const SensorLayout& layout, int side);

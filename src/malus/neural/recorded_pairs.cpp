@@ -8,6 +8,7 @@
 #include "malus/io/shard_read.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <numeric>
 
@@ -50,6 +51,14 @@ GainSetting gain_of(const Json& facts) {
   return gain;
 }
 
+double checked_ratio(const Json& facts, const std::string& source) {
+  const double ratio = facts.at("ratio").get<double>();
+  if (!std::isfinite(ratio) || ratio <= 0)
+    throw InputError(source, fmt::format("has the low-light ratio {}", ratio),
+                     "a ratio is above 0");
+  return ratio;
+}
+
 class ShardPairs final : public PairSource {
  public:
   explicit ShardPairs(const TrainingConfig& config) : model_(only_model(config)) {
@@ -69,16 +78,22 @@ class ShardPairs final : public PairSource {
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
     RandomSequence random(seed, number, Draw::kScene, 4);
     const Sample& sample = samples_[pick(random, samples_.size())];
-    const std::string where = sample.path.string();
-    const Json facts = Json::parse(shard_content(sample.path, sample.facts));
+    const std::string where = fmt::format("{} ({})", sample.path.string(), sample.facts.name);
     RawPair pair;
-    pair.ratio = facts.at("ratio").get<double>();
-    pair.profile = model_.profile_at(gain_of(facts));
+    try {
+      const Json facts = Json::parse(shard_content(sample.path, sample.facts));
+      pair.ratio = checked_ratio(facts, where);
+      pair.profile = model_.profile_at(gain_of(facts));
+    } catch (const Json::exception& error) {
+      throw InputError(where, fmt::format("cannot be read ({})", error.what()),
+                       "make the shard again with malus dataset");
+    }
     pair.clean_dn = mosaic(sample, sample.clean);
     pair.noisy.dn = mosaic(sample, sample.noisy);
     const auto scale = static_cast<float>(sample.amplified ? 1.0 / pair.ratio : 1.0);
     for (Image* image : {&pair.clean_dn, &pair.noisy.dn})
       for (float& v : image->values()) v *= scale;
+    for (const Image* image : {&pair.clean_dn, &pair.noisy.dn}) require_finite(*image, where);
     pair.noisy.layout = model_.layout;
     pair.noisy.source = where;
     pair.noisy.white_dn = model_.white_dn - model_.black_dn.front();
@@ -123,7 +138,7 @@ class CapturedPairs final : public PairSource {
                           entry.contains("picture")
                               ? path.parent_path() / entry.at("picture").get<std::string>()
                               : fs::path(),
-                          entry.at("ratio").get<double>(), gain_of(entry)});
+                          checked_ratio(entry, path.string()), gain_of(entry)});
     }
     if (pairs_.empty())
       throw InputError(config.source.string(), "its pairs are none", "make them with malus pairs");
@@ -164,6 +179,8 @@ class CapturedPairs final : public PairSource {
             window(clean[static_cast<std::size_t>(k) + 1], row0, col0, rows, cols);
     }
     pair.noisy.dn = window(pair.noisy.dn, row0, col0, rows, cols);
+    require_finite(pair.noisy.dn, recorded.noisy.string());
+    require_finite(pair.clean_dn, recorded.clean.string());
     pair.profile = model_.profile_at(recorded.gain);
     pair.ratio = recorded.ratio;
     return pair;

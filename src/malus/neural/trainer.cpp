@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/unfinished_files.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/example_pool.h"
@@ -158,11 +159,13 @@ class Trainer {
   void open_folder() {
     if (leader()) {
       make_output_folder(options_.folder);
+      remove_unfinished(options_.folder, [](std::string_view name) {
+        return name == "log.jsonl" || name.ends_with(".safetensors");
+      });
       const fs::path checkpoint = file("checkpoint.safetensors");
+      check_output(checkpoint, options_.force || options_.resume);
       if (options_.resume && fs::exists(checkpoint))
         load_checkpoint(state_, description_, checkpoint);
-      else if (!options_.resume)
-        check_output(checkpoint, options_.force);
     }
     if (workers_.size() == 1) return;
     torch::Tensor step = torch::tensor({state_.step}, torch::dtype(torch::kInt64).device(device_));
