@@ -78,7 +78,9 @@ TEST(Kernels, FollowChangedWeights) {
   }
 }
 
-TEST(Kernels, GiveTheSameBytesForAnyNumberOfThreads) {
+// To rounding: the narrow first and last layers are libtorch's, and some kernels of the BLAS below
+// it sum in another order when threads share a product.
+TEST(Kernels, GiveTheSameForAnyNumberOfThreads) {
   const torch::NoGradGuard no_gradients;
   const int threads = at::get_num_threads();
   for (const auto& name : network_names()) {
@@ -87,7 +89,8 @@ TEST(Kernels, GiveTheSameBytesForAnyNumberOfThreads) {
     at::set_num_threads(1);
     const auto one = network->forward(x);
     at::set_num_threads(3);
-    EXPECT_TRUE(torch::equal(network->forward(x), one)) << name;
+    EXPECT_LT(difference(network->forward(x), one), 1e-5 * (1 + one.abs().max().item<double>()))
+        << name;
   }
   at::set_num_threads(threads);
 }
