@@ -41,8 +41,7 @@ void save_floats(const fs::path& path, const Planes& planes,
 // Middle of a picture as R, G, B light in DN above black.
 Planes clean_light(const fs::path& path, const NoiseModel& camera, const CameraShot& shot) {
   const Picture picture = load_picture(path);
-  const Planes light = linear_light(picture.planes, picture.names,
-                                    picture.bits > 0 ? picture.white : 1.0, picture.bits > 0);
+  const Planes light = linear_light(picture.planes, picture.names, picture.white, picture.bits > 0);
   const double white = camera.white_dn - camera.black_dn.front();
   const auto length = [&](int size) { return std::min(size, shot.crop) / 2 * 2; };
   const int rows = length(light.rows()), cols = length(light.cols());

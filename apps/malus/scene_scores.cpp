@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/middle.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -54,25 +55,17 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
   if (angles.size() == 1 && model.layout.polarized())
     throw InputError(path.string(), "is one picture, the model of a polarization camera",
                      "give folders with I0, I45, I90 and I135, or the model of another camera");
-  const int cell = std::max(model.layout.rows(), model.layout.cols());
-  const auto middle = [&](int size, int& start) {
-    const int length = std::min(size, crop) / cell * cell;
-    start = (size - length) / 2 / cell * cell;
-    return length;
-  };
-  int row0 = 0, col0 = 0;
-  const int rows = middle(angles[0].rows(), row0), cols = middle(angles[0].cols(), col0);
-  if (rows == 0 || cols == 0)
-    throw InputError(path.string(), "is smaller than one cell of the sensor's mosaic",
-                     "give a larger picture");
-  CleanScene scene{path.filename().string(), Image(rows, cols)};
-  for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < cols; ++c) {
+  Image whole(angles[0].rows(), angles[0].cols());
+  for (int r = 0; r < whole.rows(); ++r)
+    for (int c = 0; c < whole.cols(); ++c) {
       const int channel = model.layout.channel_at(r, c);
       const double white = model.white_dn - model.black_dn[static_cast<std::size_t>(channel)];
-      scene.clean_dn(r, c) = static_cast<float>(
-          white * light_at(angles, model.layout.site(channel), row0 + r, col0 + c));
+      whole(r, c) = static_cast<float>(white * light_at(angles, model.layout.site(channel), r, c));
     }
+  CleanScene scene{path.filename().string(), middle_of(whole, model.layout, crop)};
+  if (scene.clean_dn.values().empty())
+    throw InputError(path.string(), "is smaller than one cell of the sensor's mosaic",
+                     "give a larger picture");
   return scene;
 }
 

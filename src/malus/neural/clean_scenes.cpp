@@ -89,8 +89,7 @@ std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
   std::array<Planes, 4> angles;
   std::size_t next = 0;
   for (const Picture& picture : load_angle_pictures(folder))
-    angles[next++] =
-        linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0, false);
+    angles[next++] = linear_light(picture.planes, picture.names, picture.white, false);
   std::vector<StokesPlanes> stokes;
   for (int c = 0; c < angles[0].channels(); ++c)
     stokes.push_back(stokes_of({angles[0][c], angles[1][c], angles[2][c], angles[3][c]}));
@@ -99,9 +98,8 @@ std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
 
 std::vector<StokesPlanes> load_picture_scene(const fs::path& path, const std::string& tone) {
   const Picture picture = load_picture(path);
-  const Planes linear =
-      linear_light(picture.planes, picture.names, picture.bits > 0 ? picture.white : 1.0,
-                   tone == "srgb" || (tone == "auto" && picture.bits > 0));
+  const Planes linear = linear_light(picture.planes, picture.names, picture.white,
+                                     tone == "srgb" || (tone == "auto" && picture.bits > 0));
   std::vector<StokesPlanes> light;
   for (const Image& plane : linear) light.push_back({plane, Image(), Image()});
   return light;

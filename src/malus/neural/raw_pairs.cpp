@@ -156,17 +156,6 @@ void require_finite(const Image& image, const std::string& source) {
                      "networks cannot be trained with them: mend or leave out the picture");
 }
 
-Image middle_of(const Image& mosaic, const SensorLayout& layout, int side) {
-  const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
-  const auto length = [&](int size) { return std::min(size, side) / cell * cell; };
-  const int rows = length(mosaic.rows()), cols = length(mosaic.cols());
-  const int row0 = (mosaic.rows() - rows) / 2 / cell * cell;
-  const int col0 = (mosaic.cols() - cols) / 2 / cell * cell;
-  Image middle(rows, cols);
-  for (int r = 0; r < rows; ++r) std::copy_n(mosaic.row(row0 + r) + col0, cols, middle.row(r));
-  return middle;
-}
-
 std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config) {
   auto mixed = std::make_unique<MixedPairs>();
   if (const std::size_t clean = config.pictures.size() + config.scenes.size(); clean > 0)

@@ -45,7 +45,4 @@ NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, dou
 /// trained with it.
 void require_finite(const Image& image, const std::string& source);
 
-/// Middle window of whole cells, of at most `side` pixels a side.
-Image middle_of(const Image& mosaic, const SensorLayout& layout, int side);
-
 }  // namespace malus

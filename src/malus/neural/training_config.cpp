@@ -107,7 +107,7 @@ void read_validation(const ConfigSection& section, const fs::path& folder, Train
     const auto light = parsed_light_case(text);
     if (!light)
       section.fail("cases", fmt::format("\"{}\" is not GAIN:RATIO", text), "e.g. \"12:60\"");
-    config.cases.push_back({light->gain, light->ratio});
+    config.cases.push_back(*light);
   }
   if (!config.validation_scenes.empty() && config.cases.empty())
     section.fail("cases", "is missing", "e.g. [\"12:10\", \"12:60\"]");
@@ -185,7 +185,7 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
 
 Json config_json(const TrainingConfig& config) {
   Json cases = Json::array();
-  for (const ValidationCase& one : config.cases)
+  for (const LightCase& one : config.cases)
     cases.push_back(fmt::format("{:g}:{:g}", one.gain, one.ratio));
   Json noise = json_of(config.noise);
   noise.update(json_of(config.synthesis));

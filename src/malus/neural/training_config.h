@@ -4,6 +4,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/neural/package.h"
+#include "malus/synthesize/light_case.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <filesystem>
@@ -133,11 +134,6 @@ struct ValidationSettings {
   }
 };
 
-/// A gain and a low-light ratio to validate at: "12:10".
-struct ValidationCase {
-  double gain = 0, ratio = 1;
-};
-
 struct TrainingConfig {
   std::filesystem::path source;
   NetworkPackage package;
@@ -153,7 +149,7 @@ struct TrainingConfig {
   TrainSettings train;
   ValidationSettings validation;
   std::vector<std::filesystem::path> validation_scenes;  ///< folders as scenes, or pictures
-  std::vector<ValidationCase> cases;
+  std::vector<LightCase> cases;
 };
 
 /// What a caller puts in place of the file's: pairs (then the file's pictures, scenes and shards

@@ -2,9 +2,9 @@
 
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/middle.h"
 #include "malus/io/picture_file.h"
 #include "malus/neural/clean_scenes.h"
-#include "malus/neural/raw_pairs.h"
 #include "malus/polar/demosaick.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -33,7 +33,7 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
       rgb = intensity_of(light);
       for (Image& plane : rgb) plane = middle(plane);
     }
-    for (const ValidationCase& shot : config.cases) {
+    for (const LightCase& shot : config.cases) {
       check_stop(progress);
       SynthesisSettings synthesis = config.synthesis;
       synthesis.ratio = shot.ratio;
