@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from conftest import BUILD, ROOT
+
 
 @pytest.fixture
 def scene(tmp_path):
@@ -41,3 +43,14 @@ def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_p
 def test_pictures_that_are_no_scene_are_refused(refused, scene, damage, said):
     damage(scene)
     assert said in refused("experiment", "denoise", scene, "--methods", "bm3d/fast", "--cases", "12:10")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+@pytest.mark.parametrize("weights, camera, case", [("polar-bayer", "imx250myr-simulated", "12:10"), ("bayer", "sony-a7s2", "6400:10")])
+def test_shipped_weights_do_no_harm(malus, scene, weights, camera, case):
+    """On a scene unlike their training: as good as the classical default that they correct, within a tenth of a dB."""
+    done = malus("experiment", "denoise", scene, "--model", camera, "--cases", case, "--json",
+                 "--methods", "bm3d", ROOT / f"models/{weights}.safetensors").json["methods"]
+    noisy, classical, network = (row["image_psnr_db"] for row in done)
+    assert network > noisy + 3 and network > classical - 0.1
