@@ -70,7 +70,7 @@ TEST(MosaicFilter, TheFramesAxesHelpWeakPolarization) {
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
   const CellStatistics statistics = measure_cells(pixel, 96, 96, layout);
-  MosaicFilterPlan plan = mosaic_filter_plan("fast");
+  MosaicFilterPlan plan = mosaic_filter_plan("high");
   const int reach = mosaic_filter_reach(plan, layout);
   const internal::StackTile tile =
       cut_tile(pixel, 96, 96, -reach, -reach, 96 + 2 * reach, 96 + 2 * reach, layout);

@@ -15,7 +15,8 @@ using internal::kCell;
 using internal::kLanes;
 
 constexpr int kCellsPerAlignment = 65536;
-// The first pass sees the linear guide only, which knows less of a stack than a pilot does.
+// Of profile `high`, whose first pass takes a stack's axes too: it sees the linear guide only,
+// which knows less of a stack than a pilot does.
 constexpr float kGuideAxesPrior = 10.0f;
 
 int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
@@ -160,13 +161,14 @@ void blend(Image& to, const Image& other, float share) {
 
 MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
   using internal::StackStage;
-  const auto hard = [](int side, int step, int search, int stack, float threshold) {
+  const auto hard = [](int side, int step, int search, int stack, float threshold,
+                       float axes_prior = internal::kFrameAxes) {
     return StackStage{.block_cells = side,
                       .step = step,
                       .search = search,
                       .stack = stack,
                       .threshold = threshold,
-                      .axes_prior = side == 2 ? kGuideAxesPrior : internal::kFrameAxes};
+                      .axes_prior = axes_prior};
   };
   const auto wiener = [](int step, int search, int stack) {
     return StackStage{
@@ -181,7 +183,7 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
             .wiener = {wiener(7, 10, 32), wiener(5, 10, 64)},
             .coarse_profile = "fast"};
   if (profile == "high")
-    return {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f)},
+    return {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f, kGuideAxesPrior)},
             .wiener = {wiener(7, 10, 32), wiener(3, 10, 64)},
             .coarse_profile = "normal"};
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
