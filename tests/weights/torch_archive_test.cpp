@@ -16,6 +16,8 @@
 namespace malus {
 namespace {
 
+using namespace std::string_literals;  // texts that hold zeros
+
 using ::testing::ElementsAre;
 
 std::vector<std::byte> seed(const std::string& name) {
@@ -90,25 +92,23 @@ TEST(StoredZip, FindsItsEndBeforeAComment) {
 
 TEST(Pickle, NestsAndCirclesWithoutEnd) {
   EXPECT_EQ(unpickled("\x80\x02)" + std::string(1000000, '\x85') + ".").values.size(), 1000001u);
-  const Pickle circle = unpickled(std::string("\x80\x02]q\0h\0a.", 10));
+  const Pickle circle = unpickled("\x80\x02]q\0h\0a."s);
   ASSERT_EQ(circle.root->items.size(), 1u);
   EXPECT_EQ(circle.root->items[0], circle.root);
 }
 
 TEST(Pickle, IsLimitedInWhatItUnfoldsTo) {
   EXPECT_THROW(unpickled("\x80\x02" + std::string((1 << 20) + 1, ')') + "."), InputError);
-  std::string again("\x80\x02Nq\0", 5);
-  for (int i = 0; i < (4 << 20); ++i) again += std::string("h\0", 2);
+  std::string again = "\x80\x02Nq\0"s;
+  for (int i = 0; i < (4 << 20); ++i) again += "h\0"s;
   EXPECT_THROW(unpickled(again + "."), InputError);
 }
 
 TEST(Pickle, ReadsNumbersAsPythonWritesThem) {
   // pickle.dumps((0, 255, 65535, -1, 2**31, -2**63, True)) without its frame.
-  const std::string bytes(
+  const Pickle pickle = unpickled(
       "\x80\x02(K\0K\xffM\xff\xffJ\xff\xff\xff\xff\x8a\x05\0\0\0\x80\0"
-      "\x8a\x08\0\0\0\0\0\0\0\x80\x88t.",
-      38);
-  const Pickle pickle = unpickled(bytes);
+      "\x8a\x08\0\0\0\0\0\0\0\x80\x88t."s);
   std::vector<std::int64_t> numbers;
   for (const PickleValue* item : pickle.root->items) numbers.push_back(item->number);
   EXPECT_THAT(numbers, ElementsAre(0, 255, 65535, -1, std::int64_t{1} << 31,
