@@ -11,8 +11,10 @@
 #include "malus/synthesize/synthesizer.h"
 
 #include <chrono>
+#include <cmath>
 #include <fstream>
 
+#include "frame_input.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -76,6 +78,9 @@ std::vector<Capture> load_captures(const fs::path& list) {
       capture.reference = file("reference");
       if (entry.contains("picture")) capture.picture = file("picture");
       capture.ratio = entry.at("ratio").get<double>();
+      if (!std::isfinite(capture.ratio) || capture.ratio <= 0)
+        throw InputError(list.string(), fmt::format("has the low-light ratio {}", capture.ratio),
+                         "a ratio is above 0");
       capture.gain = {optional_number(entry.at("gain_db")), optional_number(entry.at("iso"))};
       captures.push_back(std::move(capture));
     }
@@ -169,11 +174,10 @@ Planes reference_colors(const Capture& capture, const LoadedCapture& loaded,
   return colors;
 }
 
-Image above_black(const RawFrame& frame) {
-  Image dn = frame.dn;
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c) dn(r, c) -= static_cast<float>(frame.black_at(r, c));
-  return dn;
+const FrameDenoiser& DenoiserByRatio::at(double ratio) {
+  if (!last_ || ratio != ratio_) last_.emplace(settings_, InferenceSettings{.ratio = ratio}, false);
+  ratio_ = ratio;
+  return *last_;
 }
 
 void add_to_score(PictureScore& score, const Capture& capture, const NoiseModel& model,

@@ -6,7 +6,9 @@
 #include "malus/noise/model.h"
 
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "denoise_method.h"
@@ -54,8 +56,18 @@ LoadedCapture load_capture(const Capture& capture, const NoiseModel& model);
 Planes reference_colors(const Capture& capture, const LoadedCapture& loaded,
                         const NoiseModel& model);
 
-/// Black level taken off.
-Image above_black(const RawFrame& frame);
+/// A method for captures of any light. Some networks take the low-light ratio, so another ratio
+/// makes another denoiser; the last one is kept, its weights are not read again.
+class DenoiserByRatio {
+ public:
+  explicit DenoiserByRatio(DenoiseSettings settings) : settings_(std::move(settings)) {}
+  const FrameDenoiser& at(double ratio);
+
+ private:
+  DenoiseSettings settings_;
+  double ratio_ = 0;
+  std::optional<FrameDenoiser> last_;
+};
 
 /// Sums over captures.
 struct PictureScore {

@@ -113,18 +113,16 @@ std::string trained_weights(const Row& row, const fs::path& model, const Argumen
 Json score_row(const std::string& name, const std::vector<Capture>& captures,
                const NoiseModel& model, const std::optional<std::string>& method,
                Progress& progress) {
+  std::optional<DenoiserByRatio> denoisers;
+  if (method) denoisers.emplace(method_settings_of(*method));
   PictureScore all;
   std::vector<std::pair<std::string, PictureScore>> by_gain;
   for (const Capture& capture : captures) {
     check_stop(progress);
-    std::optional<FrameDenoiser> denoiser;
-    if (method)
-      denoiser.emplace(method_settings_of(*method), InferenceSettings{.ratio = capture.ratio},
-                       false);
     const std::string gain = capture.gain.text();
     if (by_gain.empty() || by_gain.back().first != gain) by_gain.push_back({gain, {}});
     PictureScore one;
-    add_to_score(one, capture, model, denoiser ? &*denoiser : nullptr);
+    add_to_score(one, capture, model, denoisers ? &denoisers->at(capture.ratio) : nullptr);
     for (PictureScore* sum : {&all, &by_gain.back().second}) {
       sum->psnr_db += one.psnr_db;
       sum->ssim += one.ssim;

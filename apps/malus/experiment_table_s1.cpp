@@ -17,6 +17,7 @@
 
 #include "captures.h"
 #include "experiments.h"
+#include "frame_input.h"
 #include "networks_door.h"
 #include "report_pages.h"
 #include <fmt/format.h>
@@ -214,13 +215,14 @@ std::vector<Capture> make_captures(const Bench& bench, const Row& row, const std
   SaveOptions save;
   save.force = true;
   save.type = SampleType::kUint16;
+  DenoiserByRatio denoisers(settings);
   std::vector<Capture> made;
   for (const Capture& source : bench.sources) {
     check_stop(progress);
-    const FrameDenoiser denoiser(settings, {.ratio = source.ratio}, false);
     LoadedCapture loaded = load_capture(source, model);
     const Image noisy_dn = above_black(loaded.noisy);
-    const Image guide_dn = denoiser(loaded.noisy, profile, progress).dn_above_black;
+    const Image guide_dn =
+        denoisers.at(source.ratio)(loaded.noisy, profile, progress).dn_above_black;
     RawFrame frame = std::move(loaded.noisy);
     frame.dn = make(noisy_dn, guide_dn,
                     {.seed = common.seed, .frame = static_cast<std::uint32_t>(made.size())});
@@ -276,10 +278,11 @@ Json score_row(const Bench& bench, const Setup& setup, const Row& row, const std
   settings.method =
       trained(bench, row.folder() + "/isp",
               {.config = setup.isp, .pairs = {list}, .models = {setup.model}}, common, progress);
+  DenoiserByRatio isps(settings);
   PictureScore score;
   for (const Capture& test : bench.tests) {
     check_stop(progress);
-    const FrameDenoiser isp(settings, {.ratio = test.ratio}, false);
+    const FrameDenoiser& isp = isps.at(test.ratio);
     if (isp.target() == "mosaic")
       throw InputError(setup.isp.string(), "trains a network that gives mosaics",
                        "set target = \"srgb\" or \"rgb\" in [package]");

@@ -20,4 +20,10 @@ RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions&
   return frame;
 }
 
+Image above_black(const RawFrame& frame) {
+  RawFrame copy = frame;
+  subtract_black(copy);
+  return std::move(copy.dn);
+}
+
 }  // namespace malus::app

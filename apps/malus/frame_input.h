@@ -11,4 +11,7 @@ namespace malus::app {
 /// writes them so): there --black moves white alone. white_dn is above black.
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options);
 
+/// A copy of the frame's pixels, black level taken off.
+Image above_black(const RawFrame& frame);
+
 }  // namespace malus::app

@@ -6,6 +6,7 @@
 
 #include <cmath>
 
+#include "frame_input.h"
 #include "report_pages.h"
 #include <fmt/format.h>
 
@@ -15,12 +16,6 @@ namespace {
 // Denoising leaves about this part of the noise's deviation: it rules how finely results are
 // stored.
 constexpr double kDenoisedPart = 0.2;
-
-Image above_black(const RawFrame& frame) {
-  RawFrame copy = frame;
-  subtract_black(copy);
-  return std::move(copy.dn);
-}
 
 // Standard deviations of DoLP and AoLP of the denoised frame, mean over the colours.
 void add_confidence(const DenoisedFrame& frame, std::size_t pictures, PicturesBlock& block) {
