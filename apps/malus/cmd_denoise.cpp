@@ -273,6 +273,10 @@ void check_references(const DenoiseArguments& arguments) {
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
+  if (const Json network = denoiser.description();
+      !network.is_null() && network["precision"] != arguments.inference.precision)
+    warn(fmt::format("--precision {}: this processor does not multiply it; {} is faster here",
+                     arguments.inference.precision, network["precision"].get<std::string>()));
   check_references(arguments);
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;

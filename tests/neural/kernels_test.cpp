@@ -1,6 +1,9 @@
 // The kernels of inference against libtorch's layers and plain sums, on odd sizes.
 #include "malus/neural/internal/convolution.h"
+#include "malus/neural/internal/packed.h"
 #include "malus/neural/network.h"
+
+#include <bit>
 
 #include "support.h"
 #include <ATen/Parallel.h>
@@ -133,6 +136,116 @@ TEST(Kernels, ProductsAgreeWithPlainSums) {
       EXPECT_LT(difference(c.to(torch::kDouble), expected), 2e-6 * (taps * inner + 10));
     }
   }
+}
+
+#define MALUS_NEEDS_BFLOAT16           \
+  if (!internal::can_round_products()) \
+  GTEST_SKIP() << "this processor has no instruction that multiplies bfloat16"
+
+// libtorch's own rounding, to nearest even.
+torch::Tensor rounded(const torch::Tensor& x) { return x.to(torch::kBFloat16).to(torch::kFloat); }
+
+TEST(Bfloat16, RoundsToNearestEven) {
+  torch::manual_seed(3);
+  auto x = torch::cat({torch::randn({4000}),
+                       torch::tensor({0.0F, -1.0F, 1.00390625F, 1.01171875F, 3.0e38F, -1e-30F})});
+  const auto expected = rounded(x);
+  for (std::int64_t i = 0; i < x.numel(); ++i)
+    EXPECT_EQ(std::bit_cast<float>(std::uint32_t{internal::rounded_to_bfloat16(x[i].item<float>())}
+                                   << 16),
+              expected[i].item<float>());
+}
+
+// Groups of rows that lie apart, windows of taps, odd inner sizes, columns that end inside a
+// vector: against sums in double of operands that were rounded by libtorch, so that only the order
+// of float32 sums differs.
+TEST(Bfloat16, ProductsAgreeWithPlainSumsOfRoundedValues) {
+  MALUS_NEEDS_BFLOAT16;
+  torch::manual_seed(8);
+  struct Shape {
+    std::int64_t groups, rows, inner, cols, taps, gap;
+  };
+  for (const auto& s : {Shape{1, 1, 1, 1, 1, 0},
+                        {1, 13, 5, 19, 1, 3},
+                        {3, 70, 33, 48, 1, 0},
+                        {2, 9, 21, 100, 9, 0},
+                        {1, 17, 1001, 51, 3, 0},
+                        {2, 8, 900, 64, 1, 4}}) {
+    const std::int64_t pitch = s.inner + s.gap, reach = s.rows + s.taps;
+    const auto a = torch::randn({s.groups, reach, pitch}),
+               b = torch::randn({s.taps * s.inner, s.cols}), bias = torch::randn({s.cols}),
+               start = torch::randn({s.groups, s.rows, s.cols});
+    std::vector<std::ptrdiff_t> offsets;
+    auto expected = start.to(torch::kDouble) + bias;
+    for (std::int64_t t = 0; t < s.taps; ++t) {
+      if (s.taps > 1) offsets.push_back(t * pitch);
+      expected +=
+          torch::matmul(rounded(a.slice(1, t, t + s.rows).slice(2, 0, s.inner)).to(torch::kDouble),
+                        rounded(b.slice(0, t * s.inner, (t + 1) * s.inner)).to(torch::kDouble));
+    }
+    expected = torch::leaky_relu(expected, 0.2);
+    std::vector<internal::Bfloat16> packed(static_cast<std::size_t>(
+        s.taps * internal::whole_pairs(s.inner) * internal::whole_lanes(s.cols)));
+    internal::pack_pairs(b.data_ptr<float>(), s.taps, s.inner, s.cols, s.cols, 1, packed.data());
+    auto c = start.clone();
+    MatrixProduct p{.rows = s.rows, .inner = s.inner, .cols = s.cols, .a = a.data_ptr<float>()};
+    p.a_row = pitch;
+    p.a_group = reach * pitch;
+    p.c_group = s.rows * s.cols;
+    p.groups = s.groups;
+    p.taps = offsets;
+    p.pairs = packed.data();
+    p.bias = bias.data_ptr<float>();
+    p.c = c.data_ptr<float>();
+    p.c_row = s.cols;
+    p.add = true;
+    p.leak = 0.2F;
+    internal::multiply(p);
+    EXPECT_LT(difference(c.to(torch::kDouble), expected),
+              5e-7 * static_cast<double>(s.taps * s.inner + 10))
+        << s.rows << " x " << s.inner << " x " << s.cols;
+  }
+}
+
+// Eight bits of mantissa: each product loses up to 2^-9 of its operands, and sums of many lose
+// less.
+TEST(Bfloat16, EveryNetworkStaysNearFloat32) {
+  MALUS_NEEDS_BFLOAT16;
+  const torch::NoGradGuard no_gradients;
+  for (const auto& name : network_names()) {
+    const auto network = scattered_network(name);
+    const auto x = torch::rand({2, 5, 70, 45});
+    const auto exact = network->forward(x);
+    torch::Tensor rough;
+    {
+      const internal::RoundedProducts rounding(true);
+      rough = network->forward(x);
+    }
+    const double loss = (rough - exact).square().mean().sqrt().item<double>(),
+                 deviation = exact.std().item<double>();
+    EXPECT_GT(loss, 1e-5 * deviation) << name << " did not round";
+    EXPECT_LT(loss, 0.01 * deviation) << name;
+    EXPECT_TRUE(torch::equal(network->forward(x), exact)) << name << " did not come back";
+  }
+}
+
+TEST(Bfloat16, GivesTheSameForAnyNumberOfThreads) {
+  MALUS_NEEDS_BFLOAT16;
+  const torch::NoGradGuard no_gradients;
+  const internal::RoundedProducts rounding(true);
+  const int threads = at::get_num_threads();
+  for (const auto& name : network_names()) {
+    const auto network = scattered_network(name);
+    const auto x = torch::rand({1, 5, 90, 130});
+    at::set_num_threads(1);
+    const auto one = network->forward(x);
+    at::set_num_threads(3);
+    // A difference in float32 at a rounding's edge becomes one of bfloat16.
+    EXPECT_LT((network->forward(x) - one).square().mean().sqrt().item<double>(),
+              2e-3 * one.std().item<double>())
+        << name;
+  }
+  at::set_num_threads(threads);
 }
 
 TEST(Kernels, GeluIsAsExactAsDocumented) {

@@ -80,8 +80,8 @@ PackedConvolution::PackedConvolution(const torch::nn::Conv2d& layer, float leak_
       padding((rows - 1) / 2),
       leak(leak_of_activation) {
   const std::int64_t in = taps.inner(), out = taps.cols();
-  if (rows != 3 || cols != 3 || stride != 1 || in % kLane != 0 || out % kLane != 0 ||
-      in + out > kWinogradChannels)
+  if (RoundedProducts::wanted() || rows != 3 || cols != 3 || stride != 1 || in % kLane != 0 ||
+      out % kLane != 0 || in + out > kWinogradChannels)
     return;
   const auto g = torch::tensor({{1.0 / 4, 0.0, 0.0},
                                 {-1.0 / 6, -1.0 / 6, -1.0 / 6},

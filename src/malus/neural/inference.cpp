@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
+#include "malus/neural/internal/packed.h"
 #include "malus/neural/package.h"
 #include "malus/neural/tiles.h"
 
@@ -25,6 +26,19 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+// On a CPU the kernels of the forward pass round what they multiply; a processor without the
+// instruction stays with float32, for there half the bits would cost time. On a GPU it is
+// libtorch's autocast.
+bool takes_bfloat16(const std::string& architecture, const std::string& device) {
+  if (device == "cpu") return internal::can_round_products();
+  // The others' attention is wrong or fails under autocast (docs/networks.md).
+  if (architecture != "unet" && architecture != "nafnet")
+    throw InputError("--precision bfloat16",
+                     fmt::format("is not offered for {} on {}", architecture, device),
+                     "leave it out: float32");
+  return true;
+}
+
 }  // namespace
 
 struct NetworkInference::State {
@@ -42,11 +56,8 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
   state_->settings = settings;
   const std::string& architecture = state_->loaded.package.network.architecture;
   state_->demand = tile_demand(state_->loaded.package.network);
-  state_->bfloat16 = settings.precision == "bfloat16";
-  // The others' attention is wrong or fails under autocast (docs/networks.md).
-  if (state_->bfloat16 && architecture != "unet" && architecture != "nafnet")
-    throw InputError("--precision bfloat16", "is not offered for " + architecture,
-                     "leave it out: float32");
+  state_->bfloat16 =
+      settings.precision == "bfloat16" && takes_bfloat16(architecture, settings.device);
   if (settings.device == "cuda") {
     if (!torch::cuda::is_available())
       throw InputError("--device cuda", "this libtorch finds no CUDA device",
@@ -106,7 +117,9 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
                        std::min(static_cast<int>(c.end) * cell_cols, frame_cols) - col0});
       },
       [&](const torch::Tensor& input) {
-        const Autocast autocast(state_->bfloat16, state_->device.is_cuda());
+        const bool cuda = state_->device.is_cuda();
+        const Autocast autocast(state_->bfloat16 && cuda, cuda);
+        const internal::RoundedProducts rounded(state_->bfloat16 && !cuda);
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
       progress, prepared.report.tiles);
@@ -153,7 +166,7 @@ Json NetworkInference::description() const {
             {"settings", package.network.settings},
             {"parameters", parameter_count(*state_->loaded.network)},
             {"device", state_->settings.device},
-            {"precision", state_->settings.precision},
+            {"precision", state_->bfloat16 ? "bfloat16" : "float32"},
             {"tiled_equals_whole", state_->demand.exact},
             {"training", package.training}};
   PackageSettings::describe(package.settings, [&](const auto& value, const ParameterInfo& info) {

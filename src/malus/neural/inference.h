@@ -28,7 +28,8 @@ struct InferenceSettings {
     field(self.precision,
           ParameterInfo{.name = "precision",
                         .unit = "",
-                        .help = "of a network's layers; bfloat16 for unet and nafnet",
+                        .help = "of a network's layers; bfloat16 stays float32 on a CPU "
+                                "without AVX512_BF16",
                         .choices = {"float32", "bfloat16"}});
     field(self.tile_batch,
           ParameterInfo{"tile_batch", "1", "tiles that a network filters at once", 1, 64});
@@ -41,7 +42,8 @@ struct InferenceSettings {
 class NetworkInference {
  public:
   /// Reads and checks the weight file (package.h). Throws InputError, also where the device is not
-  /// there or the precision not offered for this architecture.
+  /// there or, on a GPU, the precision not offered for this architecture. bfloat16 on a CPU that
+  /// does not multiply it stays float32, which is faster there: description() tells.
   NetworkInference(const std::filesystem::path& weights, const InferenceSettings& settings);
   ~NetworkInference();
 
@@ -66,7 +68,8 @@ class NetworkInference {
   Rendered render(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                   Progress& progress);
 
-  /// Architecture, settings, parameters, tiles and the training record.
+  /// Architecture, settings, parameters, the precision that was taken, tiles and the training
+  /// record.
   nlohmann::ordered_json description() const;
 
  private:

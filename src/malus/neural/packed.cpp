@@ -6,6 +6,17 @@
 #include <ATen/autocast_mode.h>
 
 namespace malus::internal {
+namespace {
+
+thread_local bool rounded_products = false;
+
+}  // namespace
+
+RoundedProducts::RoundedProducts(bool wanted) : before_(rounded_products) {
+  rounded_products = wanted && can_round_products();
+}
+RoundedProducts::~RoundedProducts() { rounded_products = before_; }
+bool RoundedProducts::wanted() { return rounded_products; }
 
 bool kernels_apply(const torch::Tensor& x) {
   return !torch::GradMode::is_enabled() && x.device().is_cpu() &&
@@ -33,8 +44,15 @@ PackedLinear::PackedLinear(const torch::Tensor& weight, const torch::Tensor& bia
   const torch::Tensor rows =
       weight.detach().to(torch::kFloat).reshape({cols_, inner_, -1}).transpose(1, 2).contiguous();
   const std::ptrdiff_t depth = rows.size(1) * inner_;
-  packed_ = torch::empty({depth * whole_lanes(cols_)}, torch::kFloat);
-  pack_columns(rows.data_ptr<float>(), depth, cols_, 1, depth, packed_.data_ptr<float>());
+  if (RoundedProducts::wanted()) {
+    packed_ =
+        torch::empty({rows.size(1) * whole_pairs(inner_) * whole_lanes(cols_)}, torch::kBFloat16);
+    pack_pairs(rows.data_ptr<float>(), rows.size(1), inner_, cols_, 1, depth,
+               static_cast<Bfloat16*>(packed_.data_ptr()));
+  } else {
+    packed_ = torch::empty({depth * whole_lanes(cols_)}, torch::kFloat);
+    pack_columns(rows.data_ptr<float>(), depth, cols_, 1, depth, packed_.data_ptr<float>());
+  }
   if (bias.defined()) bias_ = bias.detach().to(torch::kFloat).contiguous().clone();
 }
 
@@ -42,7 +60,10 @@ MatrixProduct PackedLinear::product() const {
   MatrixProduct product;
   product.inner = inner_;
   product.cols = cols_;
-  product.b = packed_.data_ptr<float>();
+  if (packed_.scalar_type() == torch::kBFloat16)
+    product.pairs = static_cast<const Bfloat16*>(packed_.data_ptr());
+  else
+    product.b = packed_.data_ptr<float>();
   product.bias = bias_.defined() ? bias_.data_ptr<float>() : nullptr;
   return product;
 }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 
 namespace malus::internal {
@@ -15,6 +16,9 @@ inline constexpr std::ptrdiff_t kPanel = 3 * kLane;
 
 constexpr std::ptrdiff_t whole_lanes(std::ptrdiff_t n) { return (n + kLane - 1) / kLane * kLane; }
 
+/// The upper half of a float32's bits.
+using Bfloat16 = std::uint16_t;
+
 /// c = a · b + bias, or c += ... . With taps, row i of a is the joint of `inner` values at each
 /// a + i · a_row + tap: a convolution's window.
 struct MatrixProduct {
@@ -24,7 +28,10 @@ struct MatrixProduct {
   std::span<const std::ptrdiff_t> taps{};  ///< empty: one, at 0
   const float* b = nullptr;                ///< packed by pack_columns, or
   std::ptrdiff_t b_inner = 0;              ///< where not 0: plain rows at this distance
-  const float* bias = nullptr;             ///< cols values
+  /// Where not null: in place of b, packed by pack_pairs; a (whose a_inner is 1) is then rounded to
+  /// bfloat16 too, to nearest even, and the sums are float32. Needs can_round_products().
+  const Bfloat16* pairs = nullptr;
+  const float* bias = nullptr;  ///< cols values
   float* c = nullptr;
   std::ptrdiff_t c_row = 0;
   /// The same for several groups of rows, whose corners lie so far apart.
@@ -34,10 +41,24 @@ struct MatrixProduct {
 };
 void multiply(const MatrixProduct& product);
 
+/// Whether this processor multiplies bfloat16 (x86's AVX512_BF16).
+bool can_round_products();
+/// multiply() where pairs are given.
+void multiply_rounded(const MatrixProduct& product);
+
 /// Packs b[k · inner_stride + n · col_stride], k < inner, n < cols into panels of columns; `to`
 /// takes inner · whole_lanes(cols) values.
 void pack_columns(const float* b, std::ptrdiff_t inner, std::ptrdiff_t cols,
                   std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to);
+
+/// The same for pairs: inner values of each of `taps` windows, rounded to bfloat16, two rows of
+/// them interleaved; `to` takes taps · whole_pairs(inner) · whole_lanes(cols) values. inner_stride
+/// counts from tap to tap too.
+constexpr std::ptrdiff_t whole_pairs(std::ptrdiff_t inner) { return (inner + 1) / 2 * 2; }
+void pack_pairs(const float* b, std::ptrdiff_t taps, std::ptrdiff_t inner, std::ptrdiff_t cols,
+                std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, Bfloat16* to);
+/// To nearest even; not for values that are not numbers.
+Bfloat16 rounded_to_bfloat16(float value);
 
 /// y = gelu(x), by the error function (|error| < 4e-7 of it).
 void gelu(float* x, std::ptrdiff_t count);

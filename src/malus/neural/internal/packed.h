@@ -16,6 +16,20 @@ namespace malus::internal {
 /// autocast. Else the layers of libtorch do the same.
 bool kernels_apply(const torch::Tensor& x);
 
+/// While it lives, layers of this thread are packed for products of values rounded to bfloat16
+/// (kernels.h); what the processor cannot do stays float32.
+class RoundedProducts {
+ public:
+  explicit RoundedProducts(bool wanted);
+  ~RoundedProducts();
+  RoundedProducts(const RoundedProducts&) = delete;
+  RoundedProducts& operator=(const RoundedProducts&) = delete;
+  static bool wanted();
+
+ private:
+  bool before_;
+};
+
 /// task(i) for i < tasks, on libtorch's threads.
 void for_each_task(std::ptrdiff_t tasks, const std::function<void(std::ptrdiff_t)>& task);
 
@@ -46,7 +60,7 @@ class PackedLinear {
 
  private:
   std::ptrdiff_t inner_ = 0, cols_ = 0;
-  torch::Tensor packed_, bias_;
+  torch::Tensor packed_, bias_;  ///< packed_ by pack_columns or, in bfloat16, by pack_pairs
 };
 
 /// Weight of a depth-wise 3x3 convolution [channels, 1, 3, 3] and its bias (or undefined) as
@@ -58,7 +72,8 @@ struct PackedDepthwise {
   const float* bias_data() const { return bias.defined() ? bias.data_ptr<float>() : nullptr; }
 };
 
-/// What a module derives from its parameters, derived again when one of them has changed.
+/// What a module derives from its parameters, derived again when one of them or the precision of
+/// products has changed.
 template <class Derived>
 class Cached {
  public:
@@ -70,6 +85,7 @@ class Cached {
       versioned = versioned && !parameter.is_inference();
       state.emplace_back(parameter.data_ptr(), versioned ? parameter._version() : 0);
     }
+    state.emplace_back(nullptr, RoundedProducts::wanted());
     if (!derived_ || !versioned || state != state_) {
       const torch::NoGradGuard no_gradients;
       derived_.emplace(make());

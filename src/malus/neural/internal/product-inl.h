@@ -1,0 +1,168 @@
+// Products of matrices in tiles that stay in registers (Goto and van de Geijn, "Anatomy of
+// high-performance matrix multiplication", 2008), written once for every arithmetic. The including
+// file defines, in its own namespace, `struct Arithmetic` with the types Value (of a and b), Vec
+// (kWidth float32 sums) and Factor (what multiplies), and the operations used below; this file has
+// no include guard because it is included once per instruction set.
+//
+// Inner values are taken Arithmetic::kDepth at a time: weights of so many rows lie interleaved,
+// and each tap's last ones are filled up with zeros.
+
+using Value = Arithmetic::Value;
+using Vec = Arithmetic::Vec;
+
+constexpr std::ptrdiff_t kWidth = Arithmetic::kWidth;
+constexpr std::ptrdiff_t kDepth = Arithmetic::kDepth;
+
+// Registers decide the tile: 8 rows by 3 vectors where there are 32 of 512 bits, else 4 rows by 16
+// columns.
+constexpr int kRows = kWidth == kLane ? 8 : 4;
+constexpr std::ptrdiff_t kTileCols = kWidth == kLane ? kPanel : kLane;
+// Rows of b that stay in the second-level cache while all rows of a pass by.
+constexpr std::ptrdiff_t kInnerBlock = 384 * kDepth;
+
+// A part of the inner dimension: values [k0, k1) of each tap in [tap0, tap1).
+struct InnerPart {
+  std::ptrdiff_t tap0, tap1, k0, k1;
+  bool first, last;
+};
+
+// Where a tile lies: its corner of a, its columns of b and c.
+struct TilePlace {
+  const Value *a, *b;
+  std::ptrdiff_t b_inner;
+  const float* bias;
+  float* c;
+  std::ptrdiff_t c_row;
+};
+
+constexpr std::ptrdiff_t whole_depth(std::ptrdiff_t inner) {
+  return (inner + kDepth - 1) / kDepth * kDepth;
+}
+
+// One step of the inner dimension: kDepth values of every row of a, or (kWhole false) the last one
+// of an odd number.
+template <bool kWhole, int kHeight, int kVectors>
+HWY_INLINE void tile_step(const Value* a, std::ptrdiff_t a_row, const Value* b,
+                          Vec (&sum)[kHeight][kVectors]) {
+  using A = Arithmetic;
+  A::Factor row[kVectors];
+  for (int j = 0; j < kVectors; ++j) row[j] = A::factors(b + j * kWidth * kDepth);
+  for (int i = 0; i < kHeight; ++i) {
+    const A::Factor value = kWhole ? A::spread(a + i * a_row) : A::spread_last(a + i * a_row);
+    for (int j = 0; j < kVectors; ++j) sum[i][j] = A::multiply_add(value, row[j], sum[i][j]);
+  }
+}
+
+template <int kHeight, int kVectors>
+HWY_INLINE void tile(const MatrixProduct& p, const InnerPart& part, const TilePlace& at) {
+  using A = Arithmetic;
+  Vec sum[kHeight][kVectors];
+  for (int i = 0; i < kHeight; ++i)
+    for (int j = 0; j < kVectors; ++j) {
+      sum[i][j] = part.first && !p.add ? A::zero() : A::load(at.c + i * at.c_row + j * kWidth);
+      if (part.first && at.bias != nullptr)
+        sum[i][j] = A::add(sum[i][j], A::load(at.bias + j * kWidth));
+    }
+  for (std::ptrdiff_t tap = part.tap0; tap < part.tap1; ++tap) {
+    const Value* a = at.a + (p.taps.empty() ? 0 : p.taps[static_cast<std::size_t>(tap)]);
+    const Value* b = at.b + tap * whole_depth(p.inner) * at.b_inner;
+    std::ptrdiff_t k = part.k0;
+    for (; k + kDepth <= part.k1; k += kDepth)
+      tile_step<true>(a + k * p.a_inner, p.a_row, b + k * at.b_inner, sum);
+    if (k < part.k1) tile_step<false>(a + k * p.a_inner, p.a_row, b + k * at.b_inner, sum);
+  }
+  const bool leaks = part.last && p.leak < 1;
+  const Vec leak = A::fill(p.leak);
+  for (int i = 0; i < kHeight; ++i)
+    for (int j = 0; j < kVectors; ++j) {
+      if (leaks) sum[i][j] = A::max(sum[i][j], A::multiply(leak, sum[i][j]));
+      A::store(sum[i][j], at.c + i * at.c_row + j * kWidth);
+    }
+}
+
+template <int kHeight>
+HWY_INLINE void tile_of(std::ptrdiff_t cols, const MatrixProduct& p, const InnerPart& part,
+                        const TilePlace& at) {
+  constexpr int kOne = static_cast<int>(kLane / kWidth);
+  if constexpr (kTileCols == kPanel) {
+    if (cols > 2 * kLane) return tile<kHeight, 3>(p, part, at);
+    if (cols > kLane) return tile<kHeight, 2>(p, part, at);
+  }
+  tile<kHeight, kOne>(p, part, at);
+}
+
+// Rows in tiles, the rest in tiles of 4, 2 and 1.
+template <int kHeight>
+HWY_INLINE void rows_of(std::ptrdiff_t row, std::ptrdiff_t cols, const MatrixProduct& p,
+                        const InnerPart& part, TilePlace at) {
+  const TilePlace corner = at;
+  for (; row + kHeight <= p.rows; row += kHeight) {
+    at.a = corner.a + row * p.a_row;
+    at.c = corner.c + row * at.c_row;
+    tile_of<kHeight>(cols, p, part, at);
+  }
+  if constexpr (kHeight > 1) rows_of<kHeight / 2>(row, cols, p, part, corner);
+}
+
+// Columns that end inside a vector pass through a buffer of whole vectors.
+inline void ragged_columns(std::ptrdiff_t cols, const MatrixProduct& p, const InnerPart& part,
+                           const TilePlace& at) {
+  alignas(64) std::array<float, kPanel> bias{};
+  alignas(64) std::array<float, kRows * kPanel> c{};
+  if (at.bias != nullptr) std::copy_n(at.bias, cols, bias.data());
+  for (std::ptrdiff_t row = 0; row < p.rows; row += kRows) {
+    MatrixProduct few = p;
+    few.rows = std::min<std::ptrdiff_t>(kRows, p.rows - row);
+    for (std::ptrdiff_t i = 0; i < few.rows; ++i)
+      std::copy_n(at.c + (row + i) * p.c_row, cols, c.data() + i * kPanel);
+    rows_of<kRows>(0, whole_lanes(cols), few, part,
+                   {at.a + row * p.a_row, at.b, at.b_inner, bias.data(), c.data(), kPanel});
+    for (std::ptrdiff_t i = 0; i < few.rows; ++i)
+      std::copy_n(c.data() + i * kPanel, cols, at.c + (row + i) * p.c_row);
+  }
+}
+
+inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b,
+                          const InnerPart& part) {
+  const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
+  for (std::ptrdiff_t panel = 0; panel < p.cols; panel += kPanel) {
+    const std::ptrdiff_t panel_cols = std::min(kPanel, p.cols - panel);
+    for (std::ptrdiff_t col = 0; col < panel_cols; col += kTileCols) {
+      const std::ptrdiff_t cols = std::min(kTileCols, panel_cols - col), n = panel + col;
+      const bool plain = p.b_inner != 0;
+      TilePlace at{a,
+                   b + (plain ? n : panel * taps * whole_depth(p.inner) + col * kDepth),
+                   plain ? p.b_inner : whole_lanes(panel_cols),
+                   p.bias == nullptr ? nullptr : p.bias + n,
+                   p.c + n,
+                   p.c_row};
+      for (std::ptrdiff_t group = 0; group < p.groups; ++group) {
+        if (cols % kLane == 0)
+          rows_of<kRows>(0, cols, p, part, at);
+        else
+          ragged_columns(cols, p, part, at);
+        at.a += p.a_group;
+        at.c += p.c_group;
+      }
+    }
+  }
+}
+
+// The whole product p with a and b in place of its own.
+inline void multiply_parts(const MatrixProduct& p, const Value* a, const Value* b) {
+  const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
+  if (p.inner > kInnerBlock / 2) {
+    const std::ptrdiff_t parts = (p.inner + kInnerBlock - 1) / kInnerBlock,
+                         size = whole_depth((p.inner + parts - 1) / parts);
+    for (std::ptrdiff_t tap = 0; tap < taps; ++tap)
+      for (std::ptrdiff_t k = 0; k < p.inner; k += size)
+        multiply_part(p, a, b,
+                      {tap, tap + 1, k, std::min(k + size, p.inner), tap == 0 && k == 0,
+                       tap + 1 == taps && k + size >= p.inner});
+    return;
+  }
+  const std::ptrdiff_t group = std::max<std::ptrdiff_t>(kInnerBlock / p.inner, 1);
+  for (std::ptrdiff_t tap = 0; tap < taps; tap += group)
+    multiply_part(p, a, b,
+                  {tap, std::min(tap + group, taps), 0, p.inner, tap == 0, tap + group >= taps});
+}

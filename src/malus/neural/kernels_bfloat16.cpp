@@ -1,0 +1,128 @@
+// Products of values rounded to bfloat16 with sums in float32, by vdpbf16ps (AVX512_BF16), which
+// takes two values of the inner dimension at once: twice the multiply-adds of a float32
+// instruction. Highway 1.0 has no target with it: intrinsics, chosen at run time.
+#include "malus/base/error.h"
+#include "malus/neural/internal/kernels.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <vector>
+
+#include <hwy/base.h>
+
+#if HWY_ARCH_X86_64
+#include <immintrin.h>
+
+HWY_PUSH_ATTRIBUTES("avx512f,avx512bw,avx512vl,avx512dq,avx512bf16")
+namespace malus::internal::bfloat16 {
+namespace {
+
+struct Arithmetic {
+  using Value = Bfloat16;
+  using Vec = __m512;
+  using Factor = __m512bh;
+  static constexpr std::ptrdiff_t kWidth = kLane, kDepth = 2;
+
+  static HWY_INLINE Vec zero() { return _mm512_setzero_ps(); }
+  static HWY_INLINE Vec fill(float value) { return _mm512_set1_ps(value); }
+  static HWY_INLINE Vec load(const float* from) { return _mm512_loadu_ps(from); }
+  static HWY_INLINE void store(Vec value, float* to) { _mm512_storeu_ps(to, value); }
+  static HWY_INLINE Vec add(Vec a, Vec b) { return _mm512_add_ps(a, b); }
+  static HWY_INLINE Vec multiply(Vec a, Vec b) { return _mm512_mul_ps(a, b); }
+  static HWY_INLINE Vec max(Vec a, Vec b) { return a > b ? a : b; }
+  static HWY_INLINE Factor factors(const Bfloat16* from) {
+    return (Factor)_mm512_loadu_si512(from);
+  }
+  static HWY_INLINE Factor spread(const Bfloat16* from) {
+    std::int32_t pair;
+    std::memcpy(&pair, from, sizeof pair);
+    return (Factor)_mm512_set1_epi32(pair);
+  }
+  // The last of an odd number: its partner is zero, whatever follows it in memory.
+  static HWY_INLINE Factor spread_last(const Bfloat16* from) {
+    return (Factor)_mm512_set1_epi32(*from);
+  }
+  static HWY_INLINE Vec multiply_add(Factor a, Factor b, Vec sum) {
+    return _mm512_dpbf16_ps(sum, a, b);
+  }
+};
+#include "malus/neural/internal/product-inl.h"
+
+void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
+  std::ptrdiff_t i = 0;
+  for (; i + 2 * kLane <= count; i += 2 * kLane)
+    _mm512_storeu_si512(to + i, (__m512i)_mm512_cvtne2ps_pbh(_mm512_loadu_ps(from + i + kLane),
+                                                             _mm512_loadu_ps(from + i)));
+  for (; i < count; i += kLane) {
+    const auto mask = static_cast<__mmask16>(0xFFFFU >> (kLane - std::min(kLane, count - i)));
+    _mm256_mask_storeu_epi16(to + i, mask,
+                             (__m256i)_mm512_cvtneps_pbh(_mm512_maskz_loadu_ps(mask, from + i)));
+  }
+}
+
+void multiply_rounded_values(MatrixProduct p) {
+  thread_local std::vector<Bfloat16> rounded;
+  const bool shared_rows = !p.taps.empty() || p.a_row == p.inner;
+  const std::ptrdiff_t last_tap =
+      p.taps.empty() ? 0 : *std::max_element(p.taps.begin(), p.taps.end());
+  const std::ptrdiff_t pitch = shared_rows ? 0 : p.inner;
+  // Windows share values: what lies from the first to the last is rounded once.
+  const std::ptrdiff_t count =
+      shared_rows ? (p.groups - 1) * p.a_group + (p.rows - 1) * p.a_row + last_tap + p.inner
+                  : p.groups * p.rows * pitch;
+  if (std::ssize(rounded) < count) rounded.resize(static_cast<std::size_t>(count));
+  if (shared_rows) {
+    round_values(p.a, count, rounded.data());
+  } else {
+    for (std::ptrdiff_t i = 0; i < p.groups * p.rows; ++i)
+      round_values(p.a + i / p.rows * p.a_group + i % p.rows * p.a_row, p.inner,
+                   rounded.data() + i * pitch);
+    p.a_row = pitch;
+    p.a_group = p.rows * pitch;
+  }
+  multiply_parts(p, rounded.data(), p.pairs);
+}
+
+}  // namespace
+}  // namespace malus::internal::bfloat16
+HWY_POP_ATTRIBUTES
+
+namespace malus::internal {
+bool can_round_products() { return __builtin_cpu_supports("avx512bf16") != 0; }
+void multiply_rounded(const MatrixProduct& product) {
+  MALUS_REQUIRE(can_round_products() && product.a_inner == 1 && product.b_inner == 0);
+  bfloat16::multiply_rounded_values(product);
+}
+}  // namespace malus::internal
+#else
+namespace malus::internal {
+bool can_round_products() { return false; }
+void multiply_rounded(const MatrixProduct&) { MALUS_REQUIRE(can_round_products()); }
+}  // namespace malus::internal
+#endif
+
+namespace malus::internal {
+
+Bfloat16 rounded_to_bfloat16(float value) {
+  const auto bits = std::bit_cast<std::uint32_t>(value);
+  return static_cast<Bfloat16>((bits + 0x7FFFU + (bits >> 16 & 1U)) >> 16);
+}
+
+void pack_pairs(const float* b, std::ptrdiff_t taps, std::ptrdiff_t inner, std::ptrdiff_t cols,
+                std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, Bfloat16* to) {
+  for (std::ptrdiff_t panel = 0; panel < cols; panel += kPanel) {
+    const std::ptrdiff_t count = std::min(kPanel, cols - panel), width = whole_lanes(count);
+    for (std::ptrdiff_t tap = 0; tap < taps; ++tap)
+      for (std::ptrdiff_t k = 0; k < inner; k += 2, to += 2 * width)
+        for (std::ptrdiff_t n = 0; n < 2 * width; ++n) {
+          const bool outside = n / 2 >= count || k + n % 2 >= inner;
+          const std::ptrdiff_t row = tap * inner + k + n % 2, col = panel + n / 2;
+          to[n] =
+              outside ? Bfloat16{0} : rounded_to_bfloat16(b[row * inner_stride + col * col_stride]);
+        }
+  }
+}
+
+}  // namespace malus::internal
