@@ -54,8 +54,9 @@ void multiply(const MatrixProduct& product) {
 
 void pack_columns(const float* b, std::ptrdiff_t inner, std::ptrdiff_t cols,
                   std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to) {
-  for (std::ptrdiff_t panel = 0; panel < cols; panel += kPanel) {
-    const std::ptrdiff_t count = std::min(kPanel, cols - panel), width = whole_lanes(count);
+  const std::ptrdiff_t panel_cols = panel_of(cols);
+  for (std::ptrdiff_t panel = 0; panel < cols; panel += panel_cols) {
+    const std::ptrdiff_t count = std::min(panel_cols, cols - panel), width = whole_lanes(count);
     for (std::ptrdiff_t k = 0; k < inner; ++k, to += width)
       for (std::ptrdiff_t n = 0; n < width; ++n)
         to[n] = n < count ? b[k * inner_stride + (panel + n) * col_stride] : 0.0F;

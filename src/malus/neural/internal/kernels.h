@@ -11,10 +11,13 @@ namespace malus::internal {
 
 /// Values of one vector; columns of packed weights are filled up to a multiple of it.
 inline constexpr std::ptrdiff_t kLane = 16;
-/// Most columns that a panel of packed weights has.
-inline constexpr std::ptrdiff_t kPanel = 3 * kLane;
-
 constexpr std::ptrdiff_t whole_lanes(std::ptrdiff_t n) { return (n + kLane - 1) / kLane * kLane; }
+
+/// Packed weights lie in panels of so many columns, each panel whole: 3 or 4 vectors, whichever
+/// leaves no narrow panel for multiples of 48 and of 64.
+constexpr std::ptrdiff_t panel_of(std::ptrdiff_t cols) {
+  return cols % (3 * kLane) == 0 ? 3 * kLane : 4 * kLane;
+}
 
 /// The upper half of a float32's bits.
 using Bfloat16 = std::uint16_t;

@@ -13,10 +13,15 @@ using Vec = Arithmetic::Vec;
 constexpr std::ptrdiff_t kWidth = Arithmetic::kWidth;
 constexpr std::ptrdiff_t kDepth = Arithmetic::kDepth;
 
-// Registers decide the tile: 8 rows by 3 vectors where there are 32 of 512 bits, else 4 rows by 16
-// columns.
-constexpr int kRows = kWidth == kLane ? 8 : 4;
-constexpr std::ptrdiff_t kTileCols = kWidth == kLane ? kPanel : kLane;
+// Registers decide the tile: where there are 32 of 512 bits, 24 sums (16 of single columns), which
+// hide the multiply-add's latency; else 4 rows by 16 columns.
+constexpr std::ptrdiff_t kTileCols = kWidth == kLane ? 4 * kLane : kLane;
+template <int kVectors>
+constexpr int kTileRows = kWidth < kLane  ? 4
+                          : kVectors == 1 ? 16
+                                          : 24 / kVectors;
+// Rows that columns which end inside a vector pass at a time.
+constexpr std::ptrdiff_t kRaggedRows = 24;
 // Rows of b that stay in the second-level cache while all rows of a pass by.
 constexpr std::ptrdiff_t kInnerBlock = 384 * kDepth;
 
@@ -80,53 +85,55 @@ HWY_INLINE void tile(const MatrixProduct& p, const InnerPart& part, const TilePl
     }
 }
 
-template <int kHeight>
-HWY_INLINE void tile_of(std::ptrdiff_t cols, const MatrixProduct& p, const InnerPart& part,
-                        const TilePlace& at) {
-  constexpr int kOne = static_cast<int>(kLane / kWidth);
-  if constexpr (kTileCols == kPanel) {
-    if (cols > 2 * kLane) return tile<kHeight, 3>(p, part, at);
-    if (cols > kLane) return tile<kHeight, 2>(p, part, at);
-  }
-  tile<kHeight, kOne>(p, part, at);
-}
-
-// Rows in tiles, the rest in tiles of 4, 2 and 1.
-template <int kHeight>
-HWY_INLINE void rows_of(std::ptrdiff_t row, std::ptrdiff_t cols, const MatrixProduct& p,
-                        const InnerPart& part, TilePlace at) {
+// Rows from `row` on in tiles, the rest in tiles of half the height and so on.
+template <int kHeight, int kVectors>
+HWY_INLINE void tiles_of(std::ptrdiff_t row, const MatrixProduct& p, const InnerPart& part,
+                         TilePlace at) {
   const TilePlace corner = at;
   for (; row + kHeight <= p.rows; row += kHeight) {
     at.a = corner.a + row * p.a_row;
     at.c = corner.c + row * at.c_row;
-    tile_of<kHeight>(cols, p, part, at);
+    tile<kHeight, kVectors>(p, part, at);
   }
-  if constexpr (kHeight > 1) rows_of<kHeight / 2>(row, cols, p, part, corner);
+  if constexpr (kHeight > 1) tiles_of<kHeight / 2, kVectors>(row, p, part, corner);
+}
+
+// All rows of up to kTileCols columns.
+inline void rows_of(std::ptrdiff_t cols, const MatrixProduct& p, const InnerPart& part,
+                    const TilePlace& at) {
+  constexpr int kOne = static_cast<int>(kLane / kWidth);
+  if constexpr (kOne == 1) {
+    if (cols > 3 * kLane) return tiles_of<kTileRows<4>, 4>(0, p, part, at);
+    if (cols > 2 * kLane) return tiles_of<kTileRows<3>, 3>(0, p, part, at);
+    if (cols > kLane) return tiles_of<kTileRows<2>, 2>(0, p, part, at);
+  }
+  tiles_of<kTileRows<kOne>, kOne>(0, p, part, at);
 }
 
 // Columns that end inside a vector pass through a buffer of whole vectors.
 inline void ragged_columns(std::ptrdiff_t cols, const MatrixProduct& p, const InnerPart& part,
                            const TilePlace& at) {
-  alignas(64) std::array<float, kPanel> bias{};
-  alignas(64) std::array<float, kRows * kPanel> c{};
+  alignas(64) std::array<float, kTileCols> bias{};
+  alignas(64) std::array<float, kRaggedRows * kTileCols> c{};
   if (at.bias != nullptr) std::copy_n(at.bias, cols, bias.data());
-  for (std::ptrdiff_t row = 0; row < p.rows; row += kRows) {
+  for (std::ptrdiff_t row = 0; row < p.rows; row += kRaggedRows) {
     MatrixProduct few = p;
-    few.rows = std::min<std::ptrdiff_t>(kRows, p.rows - row);
+    few.rows = std::min(kRaggedRows, p.rows - row);
     for (std::ptrdiff_t i = 0; i < few.rows; ++i)
-      std::copy_n(at.c + (row + i) * p.c_row, cols, c.data() + i * kPanel);
-    rows_of<kRows>(0, whole_lanes(cols), few, part,
-                   {at.a + row * p.a_row, at.b, at.b_inner, bias.data(), c.data(), kPanel});
+      std::copy_n(at.c + (row + i) * p.c_row, cols, c.data() + i * kTileCols);
+    rows_of(whole_lanes(cols), few, part,
+            {at.a + row * p.a_row, at.b, at.b_inner, bias.data(), c.data(), kTileCols});
     for (std::ptrdiff_t i = 0; i < few.rows; ++i)
-      std::copy_n(c.data() + i * kPanel, cols, at.c + (row + i) * p.c_row);
+      std::copy_n(c.data() + i * kTileCols, cols, at.c + (row + i) * p.c_row);
   }
 }
 
 inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b,
                           const InnerPart& part) {
   const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
-  for (std::ptrdiff_t panel = 0; panel < p.cols; panel += kPanel) {
-    const std::ptrdiff_t panel_cols = std::min(kPanel, p.cols - panel);
+  const std::ptrdiff_t most = panel_of(p.cols);
+  for (std::ptrdiff_t panel = 0; panel < p.cols; panel += most) {
+    const std::ptrdiff_t panel_cols = std::min(most, p.cols - panel);
     for (std::ptrdiff_t col = 0; col < panel_cols; col += kTileCols) {
       const std::ptrdiff_t cols = std::min(kTileCols, panel_cols - col), n = panel + col;
       const bool plain = p.b_inner != 0;
@@ -138,7 +145,7 @@ inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b
                    p.c_row};
       for (std::ptrdiff_t group = 0; group < p.groups; ++group) {
         if (cols % kLane == 0)
-          rows_of<kRows>(0, cols, p, part, at);
+          rows_of(cols, p, part, at);
         else
           ragged_columns(cols, p, part, at);
         at.a += p.a_group;
