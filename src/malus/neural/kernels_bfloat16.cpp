@@ -40,10 +40,6 @@ struct Arithmetic {
     std::memcpy(&pair, from, sizeof pair);
     return (Factor)_mm512_set1_epi32(pair);
   }
-  // The last of an odd number: its partner is zero, whatever follows it in memory.
-  static HWY_INLINE Factor spread_last(const Bfloat16* from) {
-    return (Factor)_mm512_set1_epi32(*from);
-  }
   static HWY_INLINE Vec multiply_add(Factor a, Factor b, Vec sum) {
     return _mm512_dpbf16_ps(sum, a, b);
   }
@@ -62,27 +58,35 @@ void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
   }
 }
 
+// Memory of a thread for the rounded rows.
+Bfloat16* rounding_memory(std::ptrdiff_t count) {
+  thread_local std::vector<Bfloat16> memory;
+  if (std::ssize(memory) < count) memory.resize(static_cast<std::size_t>(count));
+  return memory.data();
+}
+
 void multiply_rounded_values(MatrixProduct p) {
-  thread_local std::vector<Bfloat16> rounded;
-  const bool shared_rows = !p.taps.empty() || p.a_row == p.inner;
-  const std::ptrdiff_t last_tap =
-      p.taps.empty() ? 0 : *std::max_element(p.taps.begin(), p.taps.end());
-  const std::ptrdiff_t pitch = shared_rows ? 0 : p.inner;
-  // Windows share values: what lies from the first to the last is rounded once.
-  const std::ptrdiff_t count =
-      shared_rows ? (p.groups - 1) * p.a_group + (p.rows - 1) * p.a_row + last_tap + p.inner
-                  : p.groups * p.rows * pitch;
-  if (std::ssize(rounded) < count) rounded.resize(static_cast<std::size_t>(count));
-  if (shared_rows) {
-    round_values(p.a, count, rounded.data());
-  } else {
-    for (std::ptrdiff_t i = 0; i < p.groups * p.rows; ++i)
-      round_values(p.a + i / p.rows * p.a_group + i % p.rows * p.a_row, p.inner,
-                   rounded.data() + i * pitch);
-    p.a_row = pitch;
-    p.a_group = p.rows * pitch;
+  const std::ptrdiff_t pitch = whole_depth(p.inner);
+  if (!p.taps.empty() || (p.a_row == p.inner && p.inner == pitch)) {
+    // Windows share values: what lies from the first to the last is rounded once.
+    const std::ptrdiff_t last =
+        p.taps.empty() ? 0 : *std::max_element(p.taps.begin(), p.taps.end());
+    const std::ptrdiff_t count =
+        (p.groups - 1) * p.a_group + (p.rows - 1) * p.a_row + last + p.inner;
+    Bfloat16* a = rounding_memory(count + 1);
+    round_values(p.a, count, a);
+    a[count] = 0;
+    multiply_parts(p, a, p.pairs);
+    return;
   }
-  multiply_parts(p, rounded.data(), p.pairs);
+  Bfloat16* a = rounding_memory(p.groups * p.rows * pitch);
+  for (std::ptrdiff_t i = 0; i < p.groups * p.rows; ++i) {
+    round_values(p.a + i / p.rows * p.a_group + i % p.rows * p.a_row, p.inner, a + i * pitch);
+    if (pitch > p.inner) a[i * pitch + p.inner] = 0;
+  }
+  p.a_row = pitch;
+  p.a_group = p.rows * pitch;
+  multiply_parts(p, a, p.pairs);
 }
 
 }  // namespace

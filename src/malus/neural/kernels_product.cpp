@@ -31,7 +31,6 @@ struct Arithmetic {
   static HWY_INLINE Vec max(Vec a, Vec b) { return hn::Max(a, b); }
   static HWY_INLINE Factor factors(const float* from) { return load(from); }
   static HWY_INLINE Factor spread(const float* from) { return fill(*from); }
-  static HWY_INLINE Factor spread_last(const float* from) { return fill(*from); }
   static HWY_INLINE Vec multiply_add(Factor a, Factor b, Vec sum) { return hn::MulAdd(a, b, sum); }
 };
 #include "malus/neural/internal/product-inl.h"

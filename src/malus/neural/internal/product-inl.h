@@ -4,8 +4,8 @@
 // (kWidth float32 sums) and Factor (what multiplies), and the operations used below; this file has
 // no include guard because it is included once per instruction set.
 //
-// Inner values are taken Arithmetic::kDepth at a time: weights of so many rows lie interleaved,
-// and each tap's last ones are filled up with zeros.
+// Inner values are taken Arithmetic::kDepth at a time: weights of so many rows lie interleaved, and
+// each tap's last ones are filled up with zeros, which meet whatever follows the values of a.
 
 using Value = Arithmetic::Value;
 using Vec = Arithmetic::Vec;
@@ -44,45 +44,50 @@ constexpr std::ptrdiff_t whole_depth(std::ptrdiff_t inner) {
   return (inner + kDepth - 1) / kDepth * kDepth;
 }
 
-// One step of the inner dimension: kDepth values of every row of a, or (kWhole false) the last one
-// of an odd number.
-template <bool kWhole, int kHeight, int kVectors>
-HWY_INLINE void tile_step(const Value* a, std::ptrdiff_t a_row, const Value* b,
-                          Vec (&sum)[kHeight][kVectors]) {
+// Where the sums of a tile start: at the bias, or at what c holds already. What is decided once per
+// tile is decided outside of the loops over its sums, so that these stay in registers.
+template <int kHeight, int kVectors>
+HWY_INLINE void start_sums(const MatrixProduct& p, const InnerPart& part, const TilePlace& at,
+                           Vec (&sum)[kHeight][kVectors]) {
   using A = Arithmetic;
-  A::Factor row[kVectors];
-  for (int j = 0; j < kVectors; ++j) row[j] = A::factors(b + j * kWidth * kDepth);
-  for (int i = 0; i < kHeight; ++i) {
-    const A::Factor value = kWhole ? A::spread(a + i * a_row) : A::spread_last(a + i * a_row);
-    for (int j = 0; j < kVectors; ++j) sum[i][j] = A::multiply_add(value, row[j], sum[i][j]);
+  const bool biased = part.first && at.bias != nullptr;
+  for (int j = 0; j < kVectors; ++j) {
+    const Vec bias = biased ? A::load(at.bias + j * kWidth) : A::zero();
+    for (int i = 0; i < kHeight; ++i) sum[i][j] = bias;
   }
+  if (part.first && !p.add) return;
+  for (int i = 0; i < kHeight; ++i)
+    for (int j = 0; j < kVectors; ++j)
+      sum[i][j] = A::add(sum[i][j], A::load(at.c + i * at.c_row + j * kWidth));
 }
 
 template <int kHeight, int kVectors>
 HWY_INLINE void tile(const MatrixProduct& p, const InnerPart& part, const TilePlace& at) {
   using A = Arithmetic;
   Vec sum[kHeight][kVectors];
-  for (int i = 0; i < kHeight; ++i)
-    for (int j = 0; j < kVectors; ++j) {
-      sum[i][j] = part.first && !p.add ? A::zero() : A::load(at.c + i * at.c_row + j * kWidth);
-      if (part.first && at.bias != nullptr)
-        sum[i][j] = A::add(sum[i][j], A::load(at.bias + j * kWidth));
-    }
+  start_sums(p, part, at, sum);
   for (std::ptrdiff_t tap = part.tap0; tap < part.tap1; ++tap) {
     const Value* a = at.a + (p.taps.empty() ? 0 : p.taps[static_cast<std::size_t>(tap)]);
     const Value* b = at.b + tap * whole_depth(p.inner) * at.b_inner;
-    std::ptrdiff_t k = part.k0;
-    for (; k + kDepth <= part.k1; k += kDepth)
-      tile_step<true>(a + k * p.a_inner, p.a_row, b + k * at.b_inner, sum);
-    if (k < part.k1) tile_step<false>(a + k * p.a_inner, p.a_row, b + k * at.b_inner, sum);
-  }
-  const bool leaks = part.last && p.leak < 1;
-  const Vec leak = A::fill(p.leak);
-  for (int i = 0; i < kHeight; ++i)
-    for (int j = 0; j < kVectors; ++j) {
-      if (leaks) sum[i][j] = A::max(sum[i][j], A::multiply(leak, sum[i][j]));
-      A::store(sum[i][j], at.c + i * at.c_row + j * kWidth);
+    for (std::ptrdiff_t k = part.k0; k < part.k1; k += kDepth) {
+      A::Factor row[kVectors];
+      for (int j = 0; j < kVectors; ++j)
+        row[j] = A::factors(b + k * at.b_inner + j * kWidth * kDepth);
+      for (int i = 0; i < kHeight; ++i) {
+        const A::Factor value = A::spread(a + i * p.a_row + k * p.a_inner);
+        for (int j = 0; j < kVectors; ++j) sum[i][j] = A::multiply_add(value, row[j], sum[i][j]);
+      }
     }
+  }
+  if (part.last && p.leak < 1) {
+    const Vec leak = A::fill(p.leak);
+    for (int i = 0; i < kHeight; ++i)
+      for (int j = 0; j < kVectors; ++j)
+        A::store(A::max(sum[i][j], A::multiply(leak, sum[i][j])), at.c + i * at.c_row + j * kWidth);
+  } else {
+    for (int i = 0; i < kHeight; ++i)
+      for (int j = 0; j < kVectors; ++j) A::store(sum[i][j], at.c + i * at.c_row + j * kWidth);
+  }
 }
 
 // Rows from `row` on in tiles, the rest in tiles of half the height and so on.
