@@ -1,5 +1,7 @@
 #include "malus/neural/internal/convolution.h"
 
+#include "malus/base/error.h"
+
 #include <algorithm>
 #include <cstring>
 
@@ -211,10 +213,18 @@ PackedDoubling::PackedDoubling(const torch::nn::ConvTranspose2d& layer) {
       corners[r][c] = {layer->weight.select(3, c).select(2, r).t(), layer->bias};
 }
 
-torch::Tensor double_size(const PackedDoubling& layer, const torch::Tensor& x) {
+PackedDoubling::PackedDoubling(const torch::nn::Conv2d& shuffled) {
+  const torch::Tensor weight = shuffled->weight.flatten(1).unflatten(0, {-1, 4});
+  MALUS_REQUIRE(!shuffled->bias.defined());
+  for (std::int64_t i = 0; i < 4; ++i) corners[i / 2][i % 2] = {weight.select(1, i), {}};
+}
+
+torch::Tensor double_size(const PackedDoubling& layer, const torch::Tensor& x,
+                          const torch::Tensor& onto) {
   const std::ptrdiff_t rows = x.size(1), cols = x.size(2), in = x.size(3),
                        out = layer.corners[0][0].cols();
-  torch::Tensor y = torch::empty({x.size(0), 2 * rows, 2 * cols, out}, torch::kFloat);
+  torch::Tensor y =
+      onto.defined() ? onto : torch::empty({x.size(0), 2 * rows, 2 * cols, out}, torch::kFloat);
   const float* from = x.data_ptr<float>();
   float* to = y.data_ptr<float>();
   const std::ptrdiff_t band = std::max<std::ptrdiff_t>(kPixels / cols, 1);
@@ -230,6 +240,7 @@ torch::Tensor double_size(const PackedDoubling& layer, const torch::Tensor& x) {
       p.groups = count;
       p.a_group = cols * in;
       p.c_group = 4 * cols * out;
+      p.add = onto.defined();
       multiply(p);
     }
   });

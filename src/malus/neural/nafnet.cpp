@@ -54,12 +54,26 @@ class NAFBlockImpl : public Module {
     gamma_ = register_parameter("gamma", torch::zeros({1, c, 1, 1}));
   }
   torch::Tensor forward(const torch::Tensor& input) {
-    if (internal::kernels_apply(input) && input.size(1) % internal::kLane == 0)
-      return internal::channels_first(with_kernels(internal::channels_last(input)));
     auto x = simple_gate(conv2_(conv1_(norm1_(input))));
     x = x * sca_->forward(x);
     const auto y = input + conv3_(x) * beta_;
     return y + conv5_(simple_gate(conv4_(norm2_(y)))) * gamma_;
+  }
+
+  // The same on [batch, rows, cols, channels], contiguous.
+  torch::Tensor with_kernels(const torch::Tensor& x) {
+    const Packed& layers = packed_.of(*this, [&] { return packed(); });
+    const auto b = x.size(0), c = x.size(3), pixels = x.size(1) * x.size(2);
+    const auto gated = torch::empty_like(x), sums = torch::zeros({internal::strip_tasks(x), c});
+    internal::for_each_strip(x, layers.wide, [&](const internal::StripPiece& piece) {
+      float* to = gated.data_ptr<float>() + piece.pixel * c;
+      internal::gate_halves(piece.wide, piece.pixels, c, false, to);
+      internal::add_columns(to, c, piece.pixels, c, false, sums.data_ptr<float>() + piece.task * c);
+    });
+    const auto mean = sums.view({b, -1, c}).sum(1, false, torch::kDouble) / pixels;
+    const auto factors =
+        sca_->forward(mean.to(torch::kFloat).view({b, c, 1, 1})).reshape({b, c}).contiguous();
+    return second_half(layers, x, gated, factors);
   }
 
  private:
@@ -80,27 +94,13 @@ class NAFBlockImpl : public Module {
         {conv4_->weight, conv4_->bias},
         scaled(conv5_, gamma_)};
   }
-  torch::Tensor with_kernels(const torch::Tensor& x) {
-    const Packed& layers = packed_.of(*this, [&] { return packed(); });
-    const auto b = x.size(0), c = x.size(3), pixels = x.size(1) * x.size(2);
-    const auto gated = torch::empty_like(x), sums = torch::zeros({internal::strip_tasks(x), c});
-    internal::for_each_strip(x, layers.wide, [&](const internal::StripPiece& piece) {
-      float* to = gated.data_ptr<float>() + piece.pixel * c;
-      internal::gate_halves(piece.wide, piece.pixels, c, false, to);
-      internal::add_columns(to, c, piece.pixels, c, false, sums.data_ptr<float>() + piece.task * c);
-    });
-    const auto mean = sums.view({b, -1, c}).sum(1, false, torch::kDouble) / pixels;
-    const auto factors =
-        sca_->forward(mean.to(torch::kFloat).view({b, c, 1, 1})).reshape({b, c}).contiguous();
-    return second_half(layers, x, gated, factors);
-  }
   // Everything after the pooled attention, a few pixels at a time.
   static torch::Tensor second_half(const Packed& layers, const torch::Tensor& x,
                                    const torch::Tensor& gated, const torch::Tensor& factors) {
     constexpr std::ptrdiff_t kPixels = 128;
     const std::ptrdiff_t c = x.size(3), image_pixels = x.size(1) * x.size(2),
                          pieces = (image_pixels + kPixels - 1) / kPixels;
-    const auto y = x.clone();
+    const auto y = torch::empty_like(x);
     internal::for_each_task(x.size(0) * pieces, [&](std::ptrdiff_t task) {
       const std::ptrdiff_t image = task / pieces, first = task % pieces * kPixels,
                            count = std::min(kPixels, image_pixels - first),
@@ -108,6 +108,7 @@ class NAFBlockImpl : public Module {
       internal::Scratch scratch(3 * kPixels * c);
       float *narrow = scratch.take(kPixels * c), *wide = scratch.take(2 * kPixels * c),
             *out = y.data_ptr<float>() + pixel * c;
+      std::copy_n(x.data_ptr<float>() + pixel * c, count * c, out);
       internal::scale_columns(gated.data_ptr<float>() + pixel * c, c, count, c,
                               factors.data_ptr<float>() + image * c, narrow, c);
       layers.conv3.run(narrow, count, out, c, true);
@@ -160,7 +161,14 @@ class NAFNet final : public Network {
   torch::Tensor forward(torch::Tensor input) override {
     const auto rows = input.size(2), cols = input.size(3);
     input = zero_pad_to_multiple(input, std::int64_t{1} << encoders_->size());
-    if (internal::kernels_apply(input)) input = input.contiguous(torch::MemoryFormat::ChannelsLast);
+    const bool whole_vectors = intro_->weight.size(0) % internal::kLane == 0;
+    const auto y =
+        internal::kernels_apply(input) && whole_vectors ? with_kernels(input) : with_layers(input);
+    return y.slice(2, 0, rows).slice(3, 0, cols);
+  }
+
+ private:
+  torch::Tensor with_layers(const torch::Tensor& input) {
     auto x = intro_(input);
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_->size(); ++i) {
@@ -173,10 +181,45 @@ class NAFNet final : public Network {
       x = ups_[i]->as<Sequential>()->forward(x) + skips[skips.size() - 1 - i];
       x = decoders_[i]->as<Sequential>()->forward(x);
     }
-    return (ending_(x) + input).slice(2, 0, rows).slice(3, 0, cols);
+    return ending_(x) + input;
   }
 
- private:
+  // The same in the kernels' order of memory; what is lifted is added to the skips in place.
+  struct Packed {
+    internal::PackedConvolution intro, ending;
+    std::vector<internal::PackedConvolution> downs;
+    std::vector<internal::PackedDoubling> ups;
+  };
+  Packed packed() const {
+    Packed made{internal::PackedConvolution(intro_), internal::PackedConvolution(ending_), {}, {}};
+    for (const auto& layer : *downs_) made.downs.emplace_back(convolution(layer));
+    for (const auto& layer : *ups_)
+      made.ups.emplace_back(convolution(layer->as<Sequential>()->ptr(0)));
+    return made;
+  }
+  static Conv2d convolution(const std::shared_ptr<Module>& layer) {
+    return Conv2d(std::dynamic_pointer_cast<Conv2dImpl>(layer));
+  }
+  static torch::Tensor filtered(const std::shared_ptr<Module>& blocks, torch::Tensor x) {
+    for (const auto& block : *blocks->as<Sequential>()) x = block.get<NAFBlock>()->with_kernels(x);
+    return x;
+  }
+  torch::Tensor with_kernels(const torch::Tensor& planes) {
+    const Packed& layers = packed_.of(*this, [&] { return packed(); });
+    const auto input = internal::channels_last(planes);
+    auto x = convolve(layers.intro, input);
+    std::vector<torch::Tensor> skips;
+    for (std::size_t i = 0; i < encoders_->size(); ++i) {
+      skips.push_back(filtered(encoders_->ptr(i), x));
+      x = convolve(layers.downs[i], skips.back());
+    }
+    x = filtered(middle_.ptr(), x);
+    for (std::size_t i = 0; i < decoders_->size(); ++i)
+      x = filtered(decoders_->ptr(i), double_size(layers.ups[i], x, skips[skips.size() - 1 - i]));
+    return internal::channels_first(convolve(layers.ending, x).add_(input));
+  }
+
+  internal::Cached<Packed> packed_;
   Conv2d intro_{nullptr}, ending_{nullptr};
   ModuleList encoders_{nullptr}, decoders_{nullptr}, ups_{nullptr}, downs_{nullptr};
   Sequential middle_{nullptr};

@@ -24,14 +24,18 @@ struct PackedConvolution {
 torch::Tensor convolve(const PackedConvolution& layer, const torch::Tensor& x,
                        const torch::Tensor& more = {});
 
-/// A transposed convolution of 2x2 with stride 2: every pixel becomes four.
+/// A transposed convolution of 2x2 with stride 2, or a 1x1 convolution whose channels a pixel
+/// shuffle of 2 spreads: every pixel becomes four.
 struct PackedDoubling {
   PackedLinear corners[2][2];
 
   PackedDoubling() = default;
   explicit PackedDoubling(const torch::nn::ConvTranspose2d& layer);
+  explicit PackedDoubling(const torch::nn::Conv2d& shuffled);
 };
-torch::Tensor double_size(const PackedDoubling& layer, const torch::Tensor& x);
+/// onto (or undefined): a picture of the result's size that it is added to, in place.
+torch::Tensor double_size(const PackedDoubling& layer, const torch::Tensor& x,
+                          const torch::Tensor& onto = {});
 
 /// y += linear(x) of every pixel.
 void add_linear(const PackedLinear& layer, const torch::Tensor& x, const torch::Tensor& y);
