@@ -12,6 +12,12 @@ constexpr int kChannels = 16, kCountedSide = 128, kTimedSide = 256, kQuickSide =
 constexpr const char* kFrameNetwork = "malus-small";
 constexpr int kFrameRows = 512, kFrameCols = 612;
 
+BenchmarkLine line_of(const std::string& name, const NetworkCost::Time& time,
+                      const std::string& note) {
+  return {name, time.seconds, "s",
+          fmt::format("{}; {:.3f} s of processor time", note, time.processor_seconds)};
+}
+
 std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
   std::vector<BenchmarkLine> lines;
   if (!have_networks()) return lines;
@@ -26,15 +32,18 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
                      fmt::format("{} x {} x {}", kChannels, counted_side, counted_side)});
     const NetworkCost time =
         functions.measure(network, kChannels, side, side, context.quick ? 1 : 3);
-    lines.push_back({network.name + ", forward", time.seconds, "s",
-                     fmt::format("float32, {} x {} x {}; {:.3f} s of processor time", kChannels,
-                                 side, side, time.processor_seconds)});
+    lines.push_back(line_of(network.name + ", forward", time.float32,
+                            fmt::format("float32, {} x {} x {}", kChannels, side, side)));
+    if (time.bfloat16)
+      lines.push_back(line_of(
+          network.name + ", forward, bfloat16", *time.bfloat16,
+          fmt::format("differs by {:.1e} of the result's deviation", time.bfloat16_difference)));
     lines.push_back(
         {network.name + ", memory of a pass", time.peak_bytes / 1e6, "MB", "beside the weights"});
     if (network.name != kFrameNetwork || context.quick) continue;
     const NetworkCost frame = functions.measure(network, kChannels, kFrameRows, kFrameCols, 1);
     const std::string note = fmt::format("{} x {} x {}", kChannels, kFrameRows, kFrameCols);
-    lines.push_back({network.name + ", 5-megapixel frame", frame.seconds, "s", note});
+    lines.push_back({network.name + ", 5-megapixel frame", frame.float32.seconds, "s", note});
     lines.push_back(
         {network.name + ", 5-megapixel frame, memory", frame.peak_bytes / 1e6, "MB", note});
   }

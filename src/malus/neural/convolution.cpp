@@ -15,7 +15,17 @@ constexpr std::ptrdiff_t kPixels = 192;
 // Winograd: most channels in and out, beyond which its 36 matrices of weights cost more than the
 // multiplications that they save; tiles along a row; bytes of a task's elements in the cache.
 constexpr std::ptrdiff_t kWinogradChannels = 384, kTileCols = 16, kElementBytes = 640 * 1024;
+// Where products round, direct ones beat Winograd's in float32 below so many outputs (a tenth to a
+// quarter slower above); Winograd's of rounded values would lose five times as much accuracy.
+constexpr std::ptrdiff_t kRoundedWinogradOutputs = 64;
 constexpr std::ptrdiff_t kElements = 36, kTile = 4, kWindow = 6;
+
+void copy_values(const float* from, std::ptrdiff_t count, float* to) {
+  std::copy_n(from, count, to);
+}
+void copy_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
+  round_values(from, count, to);
+}
 
 // Channels of one pixel, joined from two pictures.
 struct Source {
@@ -31,24 +41,25 @@ struct Source {
   std::ptrdiff_t channels() const { return first_channels + second_channels; }
 
   // count pixels from (row, col) of an image; zeros outside.
+  template <class Value>
   void gather(std::ptrdiff_t image, std::ptrdiff_t row, std::ptrdiff_t col, std::ptrdiff_t count,
-              float* to) const {
+              Value* to) const {
     const std::ptrdiff_t begin = row < 0 || row >= rows
                                      ? count
                                      : std::clamp(-col, std::ptrdiff_t{0}, count),
                          end = std::clamp(cols - col, begin, count);
-    std::fill_n(to, begin * channels(), 0.0F);
-    std::fill_n(to + end * channels(), (count - end) * channels(), 0.0F);
+    std::fill_n(to, begin * channels(), Value{0});
+    std::fill_n(to + end * channels(), (count - end) * channels(), Value{0});
     const std::ptrdiff_t pixel = (image * rows + row) * cols + col;
     if (second == nullptr) {
-      std::copy_n(first + (pixel + begin) * first_channels, (end - begin) * first_channels,
+      copy_values(first + (pixel + begin) * first_channels, (end - begin) * first_channels,
                   to + begin * first_channels);
       return;
     }
     for (std::ptrdiff_t i = begin; i < end; ++i) {
-      float* at = to + i * channels();
-      std::copy_n(first + (pixel + i) * first_channels, first_channels, at);
-      std::copy_n(second + (pixel + i) * second_channels, second_channels, at + first_channels);
+      Value* at = to + i * channels();
+      copy_values(first + (pixel + i) * first_channels, first_channels, at);
+      copy_values(second + (pixel + i) * second_channels, second_channels, at + first_channels);
     }
   }
 };
@@ -56,14 +67,13 @@ struct Source {
 // Pieces of the output, and the gathered input of one.
 struct Pieces {
   std::ptrdiff_t rows, cols, band, chunk, bands, chunks, patch_rows, patch_cols;
-  Pieces(const PackedConvolution& layer, const Source& source) {
+  Pieces(const PackedConvolution& layer, const Source& source, std::ptrdiff_t value_bytes) {
     rows = (source.rows + 2 * layer.padding - layer.rows) / layer.stride + 1;
     cols = (source.cols + 2 * layer.padding - layer.cols) / layer.stride + 1;
     chunks = (cols + kCols - 1) / kCols;
     chunk = (cols + chunks - 1) / chunks;
     patch_cols = (chunk - 1) * layer.stride + layer.cols;
-    const std::ptrdiff_t row_bytes =
-        patch_cols * source.channels() * static_cast<std::ptrdiff_t>(sizeof(float));
+    const std::ptrdiff_t row_bytes = patch_cols * source.channels() * value_bytes;
     band = std::clamp(kPatchBytes / (layer.stride * row_bytes), std::ptrdiff_t{2}, kMostRows);
     band = std::min(band, std::max<std::ptrdiff_t>(rows / 2, 1));
     patch_rows = (band - 1) * layer.stride + layer.rows;
@@ -82,8 +92,9 @@ PackedConvolution::PackedConvolution(const torch::nn::Conv2d& layer, float leak_
       padding((rows - 1) / 2),
       leak(leak_of_activation) {
   const std::int64_t in = taps.inner(), out = taps.cols();
-  if (RoundedProducts::wanted() || rows != 3 || cols != 3 || stride != 1 || in % kLane != 0 ||
-      out % kLane != 0 || in + out > kWinogradChannels)
+  const bool rounded = taps.product().pairs != nullptr;
+  if (rows != 3 || cols != 3 || stride != 1 || in % kLane != 0 || out % kLane != 0 ||
+      in + out > kWinogradChannels || (rounded && out < kRoundedWinogradOutputs))
     return;
   const auto g = torch::tensor({{1.0 / 4, 0.0, 0.0},
                                 {-1.0 / 6, -1.0 / 6, -1.0 / 6},
@@ -165,13 +176,11 @@ torch::Tensor convolve_by_winograd(const PackedConvolution& layer, const torch::
   return y;
 }
 
-}  // namespace
-
-torch::Tensor convolve(const PackedConvolution& layer, const torch::Tensor& x,
-                       const torch::Tensor& more) {
-  const Source source(x, more);
-  if (layer.winograd.defined()) return convolve_by_winograd(layer, x, source);
-  const Pieces pieces(layer, source);
+// Windows gathered piece by piece: Value is that of the packed weights.
+template <class Value>
+torch::Tensor convolve_directly(const PackedConvolution& layer, const torch::Tensor& x,
+                                const Source& source) {
+  const Pieces pieces(layer, source, sizeof(Value));
   const std::ptrdiff_t in = source.channels(), out = layer.taps.cols();
   std::vector<std::ptrdiff_t> taps;
   for (std::ptrdiff_t r = 0; r < layer.rows; ++r)
@@ -183,17 +192,23 @@ torch::Tensor convolve(const PackedConvolution& layer, const torch::Tensor& x,
     const std::ptrdiff_t image = task / (pieces.bands * pieces.chunks),
                          row0 = task / pieces.chunks % pieces.bands * pieces.band,
                          col0 = task % pieces.chunks * pieces.chunk;
-    const std::ptrdiff_t rows = std::min(pieces.band, pieces.rows - row0);
+    const std::ptrdiff_t rows = std::min(pieces.band, pieces.rows - row0),
+                         size = pieces.patch_rows * pieces.patch_cols * in;
+    // One value more for products of pairs.
     const torch::Tensor patch =
-        torch::empty({pieces.patch_rows * pieces.patch_cols * in}, torch::kFloat);
-    float* values = patch.data_ptr<float>();
+        torch::empty({(size + 1) * static_cast<std::ptrdiff_t>(sizeof(Value))}, torch::kByte);
+    auto* values = static_cast<Value*>(patch.data_ptr());
+    values[size] = 0;
     for (std::ptrdiff_t r = 0; r < (rows - 1) * layer.stride + layer.rows; ++r)
       source.gather(image, row0 * layer.stride - layer.padding + r,
                     col0 * layer.stride - layer.padding, pieces.patch_cols,
                     values + r * pieces.patch_cols * in);
     MatrixProduct p = layer.taps.product();
     p.rows = std::min(pieces.chunk, pieces.cols - col0);
-    p.a = values;
+    if constexpr (std::is_same_v<Value, Bfloat16>)
+      p.rounded = values;
+    else
+      p.a = values;
     p.a_row = layer.stride * in;
     p.taps = taps;
     p.c = to + ((image * pieces.rows + row0) * pieces.cols + col0) * out;
@@ -205,6 +220,16 @@ torch::Tensor convolve(const PackedConvolution& layer, const torch::Tensor& x,
     multiply(p);
   });
   return y;
+}
+
+}  // namespace
+
+torch::Tensor convolve(const PackedConvolution& layer, const torch::Tensor& x,
+                       const torch::Tensor& more) {
+  const Source source(x, more);
+  if (layer.winograd.defined()) return convolve_by_winograd(layer, x, source);
+  return layer.taps.product().pairs != nullptr ? convolve_directly<Bfloat16>(layer, x, source)
+                                               : convolve_directly<float>(layer, x, source);
 }
 
 PackedDoubling::PackedDoubling(const torch::nn::ConvTranspose2d& layer) {

@@ -66,6 +66,7 @@ Bfloat16* rounding_memory(std::ptrdiff_t count) {
 }
 
 void multiply_rounded_values(MatrixProduct p) {
+  if (p.rounded != nullptr) return multiply_parts(p, p.rounded, p.pairs);
   const std::ptrdiff_t pitch = whole_depth(p.inner);
   if (!p.taps.empty() || (p.a_row == p.inner && p.inner == pitch)) {
     // Windows share values: what lies from the first to the last is rounded once.
@@ -99,11 +100,15 @@ void multiply_rounded(const MatrixProduct& product) {
   MALUS_REQUIRE(can_round_products() && product.a_inner == 1 && product.b_inner == 0);
   bfloat16::multiply_rounded_values(product);
 }
+void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
+  bfloat16::round_values(from, count, to);
+}
 }  // namespace malus::internal
 #else
 namespace malus::internal {
 bool can_round_products() { return false; }
 void multiply_rounded(const MatrixProduct&) { MALUS_REQUIRE(can_round_products()); }
+void round_values(const float*, std::ptrdiff_t, Bfloat16*) { MALUS_REQUIRE(can_round_products()); }
 }  // namespace malus::internal
 #endif
 

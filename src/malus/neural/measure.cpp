@@ -1,5 +1,6 @@
 #include "malus/neural/measure.h"
 
+#include "malus/neural/internal/packed.h"
 #include "malus/neural/network.h"
 
 #include <algorithm>
@@ -19,6 +20,9 @@ namespace {
 using Json = nlohmann::json;
 
 thread_local double counted = 0;
+
+// Deviation of what is added to the weights: nafnet starts with branches that count nothing.
+constexpr double kScatter = 0.02;
 
 double size_of(const torch::IValue& value, std::int64_t dimension) {
   return static_cast<double>(value.toTensor().size(dimension));
@@ -84,6 +88,21 @@ double peak_bytes(const Work& work) {
   return memory_of_process("VmHWM:") - before;
 }
 
+NetworkCost::Time time_of(Network& network, const torch::Tensor& input, int repetitions) {
+  using Clock = std::chrono::steady_clock;
+  std::vector<double> times, processor_times;
+  for (int i = 0; i < repetitions; ++i) {
+    const auto start = Clock::now();
+    const std::clock_t processor_start = std::clock();
+    network.forward(input);
+    processor_times.push_back(static_cast<double>(std::clock() - processor_start) / CLOCKS_PER_SEC);
+    times.push_back(std::chrono::duration<double>(Clock::now() - start).count());
+  }
+  std::nth_element(times.begin(), times.begin() + std::ssize(times) / 2, times.end());
+  return {times[times.size() / 2],
+          *std::min_element(processor_times.begin(), processor_times.end())};
+}
+
 Json uformer(int dim, std::vector<int> depths) {
   return {{"embed_dim", dim}, {"depths", std::move(depths)}};
 }
@@ -104,27 +123,25 @@ std::vector<NamedNetwork> named_networks() {
 
 NetworkCost measure_network(const NamedNetwork& named, int channels, int rows, int cols,
                             int repetitions) {
-  using Clock = std::chrono::steady_clock;
   const torch::NoGradGuard no_gradients;
   torch::manual_seed(1);
   const auto network = make_network({named.architecture, named.settings});
   network->eval();
+  for (torch::Tensor& parameter : network->parameters())
+    parameter.add_(kScatter * torch::randn_like(parameter));
   const auto input = torch::rand({1, channels, rows, cols});
-  NetworkCost cost{parameter_count(*network), count_work(*network, input)};
+  NetworkCost cost;
+  cost.parameters = parameter_count(*network);
+  cost.multiply_adds = count_work(*network, input);
   if (repetitions == 0) return cost;
-  network->forward(input);  // packs the weights
+  const auto exact = network->forward(input);  // packs the weights
   cost.peak_bytes = peak_bytes([&] { network->forward(input); });
-  std::vector<double> times, processor_times;
-  for (int i = 0; i < repetitions; ++i) {
-    const auto start = Clock::now();
-    const std::clock_t processor_start = std::clock();
-    network->forward(input);
-    processor_times.push_back(static_cast<double>(std::clock() - processor_start) / CLOCKS_PER_SEC);
-    times.push_back(std::chrono::duration<double>(Clock::now() - start).count());
-  }
-  cost.processor_seconds = *std::min_element(processor_times.begin(), processor_times.end());
-  std::nth_element(times.begin(), times.begin() + std::ssize(times) / 2, times.end());
-  cost.seconds = times[times.size() / 2];
+  cost.float32 = time_of(*network, input, repetitions);
+  if (!internal::can_round_products()) return cost;
+  const internal::RoundedProducts rounding(true);
+  const auto loss = (network->forward(input) - exact).square().mean().sqrt() / exact.std();
+  cost.bfloat16_difference = loss.item<double>();
+  cost.bfloat16 = time_of(*network, input, repetitions);
   return cost;
 }
 

@@ -60,8 +60,8 @@ class NAFBlockImpl : public Module {
     return y + conv5_(simple_gate(conv4_(norm2_(y)))) * gamma_;
   }
 
-  // The same on [batch, rows, cols, channels], contiguous.
-  torch::Tensor with_kernels(const torch::Tensor& x) {
+  // The same on [batch, rows, cols, channels], contiguous, in place.
+  void with_kernels(const torch::Tensor& x) {
     const Packed& layers = packed_.of(*this, [&] { return packed(); });
     const auto b = x.size(0), c = x.size(3), pixels = x.size(1) * x.size(2);
     const auto gated = torch::empty_like(x), sums = torch::zeros({internal::strip_tasks(x), c});
@@ -73,7 +73,7 @@ class NAFBlockImpl : public Module {
     const auto mean = sums.view({b, -1, c}).sum(1, false, torch::kDouble) / pixels;
     const auto factors =
         sca_->forward(mean.to(torch::kFloat).view({b, c, 1, 1})).reshape({b, c}).contiguous();
-    return second_half(layers, x, gated, factors);
+    second_half(layers, x, gated, factors);
   }
 
  private:
@@ -95,20 +95,18 @@ class NAFBlockImpl : public Module {
         scaled(conv5_, gamma_)};
   }
   // Everything after the pooled attention, a few pixels at a time.
-  static torch::Tensor second_half(const Packed& layers, const torch::Tensor& x,
-                                   const torch::Tensor& gated, const torch::Tensor& factors) {
+  static void second_half(const Packed& layers, const torch::Tensor& x, const torch::Tensor& gated,
+                          const torch::Tensor& factors) {
     constexpr std::ptrdiff_t kPixels = 128;
     const std::ptrdiff_t c = x.size(3), image_pixels = x.size(1) * x.size(2),
                          pieces = (image_pixels + kPixels - 1) / kPixels;
-    const auto y = torch::empty_like(x);
     internal::for_each_task(x.size(0) * pieces, [&](std::ptrdiff_t task) {
       const std::ptrdiff_t image = task / pieces, first = task % pieces * kPixels,
                            count = std::min(kPixels, image_pixels - first),
                            pixel = image * image_pixels + first;
       internal::Scratch scratch(3 * kPixels * c);
       float *narrow = scratch.take(kPixels * c), *wide = scratch.take(2 * kPixels * c),
-            *out = y.data_ptr<float>() + pixel * c;
-      std::copy_n(x.data_ptr<float>() + pixel * c, count * c, out);
+            *out = x.data_ptr<float>() + pixel * c;
       internal::scale_columns(gated.data_ptr<float>() + pixel * c, c, count, c,
                               factors.data_ptr<float>() + image * c, narrow, c);
       layers.conv3.run(narrow, count, out, c, true);
@@ -117,7 +115,6 @@ class NAFBlockImpl : public Module {
       internal::gate_halves(wide, count, c, false, narrow);
       layers.conv5.run(narrow, count, out, c, true);
     });
-    return y;
   }
 
   internal::Cached<Packed> packed_;
@@ -200,9 +197,8 @@ class NAFNet final : public Network {
   static Conv2d convolution(const std::shared_ptr<Module>& layer) {
     return Conv2d(std::dynamic_pointer_cast<Conv2dImpl>(layer));
   }
-  static torch::Tensor filtered(const std::shared_ptr<Module>& blocks, torch::Tensor x) {
-    for (const auto& block : *blocks->as<Sequential>()) x = block.get<NAFBlock>()->with_kernels(x);
-    return x;
+  static void filter(const std::shared_ptr<Module>& blocks, const torch::Tensor& x) {
+    for (const auto& block : *blocks->as<Sequential>()) block.get<NAFBlock>()->with_kernels(x);
   }
   torch::Tensor with_kernels(const torch::Tensor& planes) {
     const Packed& layers = packed_.of(*this, [&] { return packed(); });
@@ -210,12 +206,15 @@ class NAFNet final : public Network {
     auto x = convolve(layers.intro, input);
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_->size(); ++i) {
-      skips.push_back(filtered(encoders_->ptr(i), x));
-      x = convolve(layers.downs[i], skips.back());
+      filter(encoders_->ptr(i), x);
+      skips.push_back(x);
+      x = convolve(layers.downs[i], x);
     }
-    x = filtered(middle_.ptr(), x);
-    for (std::size_t i = 0; i < decoders_->size(); ++i)
-      x = filtered(decoders_->ptr(i), double_size(layers.ups[i], x, skips[skips.size() - 1 - i]));
+    filter(middle_.ptr(), x);
+    for (std::size_t i = 0; i < decoders_->size(); ++i) {
+      x = double_size(layers.ups[i], x, skips[skips.size() - 1 - i]);
+      filter(decoders_->ptr(i), x);
+    }
     return internal::channels_first(convolve(layers.ending, x).add_(input));
   }
 

@@ -34,6 +34,9 @@ struct MatrixProduct {
   /// Where not null: in place of b, packed by pack_pairs; a (whose a_inner is 1) is then rounded to
   /// bfloat16 too, to nearest even, and the sums are float32. Needs can_round_products().
   const Bfloat16* pairs = nullptr;
+  /// Where not null: in place of a, whose values are rounded already; one value more is readable
+  /// behind them.
+  const Bfloat16* rounded = nullptr;
   const float* bias = nullptr;  ///< cols values
   float* c = nullptr;
   std::ptrdiff_t c_row = 0;
@@ -48,6 +51,8 @@ void multiply(const MatrixProduct& product);
 bool can_round_products();
 /// multiply() where pairs are given.
 void multiply_rounded(const MatrixProduct& product);
+/// As such products round what they multiply: to nearest even, the smallest numbers to zero.
+void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to);
 
 /// Packs b[k · inner_stride + n · col_stride], k < inner, n < cols into panels of columns; `to`
 /// takes inner · whole_lanes(cols) values.
