@@ -26,6 +26,16 @@ struct Arguments {
   int crop = 512;
 };
 
+// A network's file may be followed by the precision of its products.
+std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
+  InferenceSettings network;
+  if (name.ends_with(".safetensors/bfloat16")) {
+    network.precision = "bfloat16";
+    name.resize(name.rfind('/'));
+  }
+  return std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
+}
+
 void run(const Arguments& arguments, const Common& common) {
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   std::vector<std::string> methods = arguments.methods;
@@ -35,8 +45,7 @@ void run(const Arguments& arguments, const Common& common) {
   std::vector<std::unique_ptr<FrameDenoiser>> denoisers(1);  // the noisy frame has none
   for (const std::string& name : methods) {
     scores.push_back({.name = name});
-    denoisers.push_back(
-        std::make_unique<FrameDenoiser>(method_settings_of(name), InferenceSettings{}, false));
+    denoisers.push_back(denoiser_of(name));
   }
   const NoiseModel model = load_model(arguments.model);
   const auto progress = make_progress(common);
@@ -81,7 +90,7 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
       ->capture_default_str();
   command->add_option(
       "--methods", arguments->methods,
-      "METHOD[/PROFILE[/no-row-noise]] or a network's FILE.safetensors; all classical "
+      "METHOD[/PROFILE[/no-row-noise]] or a network's FILE.safetensors[/bfloat16]; all classical "
       "methods when left out");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
   command->add_option("--crop", arguments->crop, "middle part of the scenes [pixels]")
