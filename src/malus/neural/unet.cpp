@@ -46,9 +46,8 @@ class UNet final : public Network {
     else
       x = with_layers(
           torch::GradMode::is_enabled() ? x : x.contiguous(torch::MemoryFormat::ChannelsLast));
-    return torch::pixel_shuffle(x, upscale_)
-        .slice(2, 0, rows * upscale_)
-        .slice(3, 0, cols * upscale_);
+    if (upscale_ > 1) x = torch::pixel_shuffle(x, upscale_);
+    return x.slice(2, 0, rows * upscale_).slice(3, 0, cols * upscale_);
   }
 
  private:

@@ -90,7 +90,7 @@ HWY_INLINE void tile(const MatrixProduct& p, const InnerPart& part, const TilePl
   }
 }
 
-// Rows from `row` on in tiles, the rest in tiles of half the height and so on.
+// Rows from `row` on in tiles, the rest in tiles of 4, 2 and 1.
 template <int kHeight, int kVectors>
 HWY_INLINE void tiles_of(std::ptrdiff_t row, const MatrixProduct& p, const InnerPart& part,
                          TilePlace at) {
@@ -100,7 +100,8 @@ HWY_INLINE void tiles_of(std::ptrdiff_t row, const MatrixProduct& p, const Inner
     at.c = corner.c + row * at.c_row;
     tile<kHeight, kVectors>(p, part, at);
   }
-  if constexpr (kHeight > 1) tiles_of<kHeight / 2, kVectors>(row, p, part, corner);
+  constexpr int kLess = kHeight > 4 ? 4 : kHeight / 2;
+  if constexpr (kLess > 0) tiles_of<kLess, kVectors>(row, p, part, corner);
 }
 
 // All rows of up to kTileCols columns.
