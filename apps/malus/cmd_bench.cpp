@@ -60,9 +60,18 @@ std::string quoted(const std::string& text) {
   return out + "'";
 }
 
+// How many times as long as our lines whose names begin with `compared` a peer takes.
+void add_ratios(const BenchmarkLine& peer, const std::string& compared,
+                const std::vector<BenchmarkLine>& ours, std::vector<BenchmarkLine>& lines) {
+  for (const BenchmarkLine& own : ours)
+    if (own.name.starts_with(compared) && own.value > 0)
+      lines.push_back({own.name + ", ratio", peer.value / own.value, "", peer.name});
+}
+
 // Every script prints one JSON list of lines, [{"name", "value", "unit", "note"}]; empty where what
-// it compares with is not installed.
-std::vector<BenchmarkLine> run_peer(const BenchArguments& arguments, const fs::path& script) {
+// it compares with is not installed. A line may say which of ours it is "compared" with.
+std::vector<BenchmarkLine> run_peer(const BenchArguments& arguments, const fs::path& script,
+                                    const std::vector<BenchmarkLine>& ours) {
   const std::string command =
       fmt::format("{} {}{}", quoted(arguments.python), quoted(script.string()),
                   arguments.quick ? " --quick" : "");
@@ -70,9 +79,12 @@ std::vector<BenchmarkLine> run_peer(const BenchArguments& arguments, const fs::p
   if (!json.is_array())
     throw InputError(script.string(), "prints no JSON list", "run it by hand to see why");
   std::vector<BenchmarkLine> lines;
-  for (const Json& line : json)
-    lines.push_back({line.value("name", script.stem().string()), line.value("value", 0.0),
-                     line.value("unit", ""), line.value("note", "")});
+  for (const Json& line : json) {
+    const BenchmarkLine peer{line.value("name", script.stem().string()), line.value("value", 0.0),
+                             line.value("unit", ""), line.value("note", "")};
+    lines.push_back(peer);
+    if (line.contains("compared")) add_ratios(peer, line.value("compared", ""), ours, lines);
+  }
   return lines;
 }
 
@@ -114,11 +126,12 @@ void run_bench(const BenchArguments& arguments, const Common& common,
     };
     if (!wanted()) continue;
     note(common, fmt::format("running {} ...", benchmark.name));
-    auto lines = benchmark.run(context);
+    const auto ours = benchmark.run(context);
+    auto lines = ours;
     // A peer's script is named after the benchmark that it answers: synthesize_numpy.py.
     for (const fs::path& script : scripts)
       if (script.stem().string().rfind(benchmark.name + "_", 0) == 0)
-        for (auto& line : run_peer(arguments, script)) lines.push_back(std::move(line));
+        for (auto& line : run_peer(arguments, script, ours)) lines.push_back(std::move(line));
     report(benchmark.name, lines, json, text);
   }
   print_result(common, json, text);

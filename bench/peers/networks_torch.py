@@ -82,6 +82,7 @@ def main():
         for result, label in ((stock, "as installed"), (best, note)):
             label += f"; {result['processor']:.3f} s of processor time"
             lines.append({"name": f"{name}, forward, PyTorch", "value": result["seconds"], "unit": "s", "note": label})
+        lines[-1]["compared"] = f"{name}, forward"
         lines.append({"name": f"{name}, memory of a pass, PyTorch", "value": min(r["peak"] for r in tuned) / 1e6, "unit": "MB",
                       "note": "beside the weights, malus's settings"})
     print(json.dumps(lines))
