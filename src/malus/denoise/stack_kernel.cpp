@@ -200,11 +200,8 @@ struct Shrinkage {
   Floats error;  ///< mean expected squared error per component, unit noise
 };
 
-/// Weight of a stack's estimates from the sum of its squared gains. One over the sum would be right
-/// for estimates with independent errors; overlapping stacks share theirs: the root, measured.
-HWY_INLINE float stack_weight(float squared_gains) {
-  return 1.0f / std::sqrt(std::max(squared_gains, 1.0f));
-}
+/// Weight of a stack's estimates: one over the sum of its squared gains, the noise it lets through.
+HWY_INLINE float stack_weight(float squared_gains) { return 1.0f / std::max(squared_gains, 1.0f); }
 
 HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
   Floats kept{};
@@ -214,22 +211,47 @@ HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
     cells[i] = keep ? cells[i] : zero;
     kept += keep ? one : zero;
   }
-  return {stack_weight(lane_sum(kept)), kept / static_cast<float>(total)};
+  // The root, measured: stacks of a first pass share more of their errors.
+  return {std::sqrt(stack_weight(lane_sum(kept))), kept / static_cast<float>(total)};
 }
 
-HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int total) {
+// What a pilot's coefficient tells of the signal's energy (measured: docs/denoising.md).
+// The pilot was made of the same samples: this share of a sample went into it as noise.
+constexpr float kOwnShare = 0.02f;
+// The finest differences along a stack hold little but noise that the pilot has left; so much of
+// their energy is in all other coefficients too.
+constexpr float kFloorShare = 0.2f;
+// In the strongest components there is more energy than the thresholds have left in the pilot.
+constexpr int kStrongComponents = 4;
+constexpr float kStrongEnergy = 1.8f;
+
+/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform.
+template <int kCells>
+HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count) {
+  const Floats zero{};
+  Floats scale = zero + 1.0f, floor[kCells] = {};
+  for (int k = 0; k < kStrongComponents; ++k) scale[k] = kStrongEnergy;
+  const int finest = count > 1 ? count / 2 : count;
+  for (int n = finest; n < count; ++n)
+    for (int i = 0; i < kCells; ++i) floor[i] += pilot[n * kCells + i] * pilot[n * kCells + i];
+  for (int i = 0; i < kCells; ++i)
+    floor[i] *= kFloorShare / static_cast<float>(std::max(count - finest, 1));
   Floats squares{}, error{};
-  for (int i = 0; i < total; ++i) {
-    const Floats energy = pilot[i] * pilot[i];
-    const Floats gain = energy / (energy + 1.0f);
-    // Noise let through, and signal taken away as the sample itself tells it (Stein, Ann. Statist.
-    // 9, 1981): the pilot has lost signal that it does not know of.
-    const Floats lost = 1.0f - gain;
-    error += gain * gain + lost * lost * (cells[i] * cells[i] - 1.0f);
-    cells[i] *= gain;
-    squares += gain * gain;
-  }
-  return {stack_weight(lane_sum(squares)), error / static_cast<float>(total)};
+  for (int n = 0; n < count; ++n)
+    for (int i = 0; i < kCells; ++i) {
+      Floats& cell = cells[n * kCells + i];
+      const Floats foreign = pilot[n * kCells + i] - kOwnShare * cell;
+      Floats energy = scale * foreign * foreign - floor[i];
+      energy = energy > zero ? energy : zero;
+      const Floats gain = energy / (energy + 1.0f);
+      // Noise let through, and signal taken away as the sample itself tells it (Stein, Ann.
+      // Statist. 9, 1981): the pilot has lost signal that it does not know of.
+      const Floats lost = 1.0f - gain;
+      error += gain * gain + lost * lost * (cell * cell - 1.0f);
+      cell *= gain;
+      squares += gain * gain;
+    }
+  return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
 }
 
 HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
@@ -318,7 +340,7 @@ void filter_block(const StackJob& job, const ReferenceBlock& block) {
       } else {
         rotate(pilot, total, axes);
         transform_stack<kSide>(pilot, count, job, false);
-        result = shrink_wiener(cells, pilot, total);
+        result = shrink_wiener<kCells>(cells, pilot, count);
       }
       transform_stack<kSide>(cells, count, job, true);
       const CellMatrix back = transposed(axes);
