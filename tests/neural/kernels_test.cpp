@@ -207,6 +207,31 @@ TEST(Bfloat16, ProductsAgreeWithPlainSumsOfRoundedValues) {
   }
 }
 
+// The layers of libtorch with weights and values that it rounded itself: odd channels, every
+// stride, two sources, pieces that end inside the picture.
+TEST(Bfloat16, ConvolutionsAgreeWithTheLayersOfRoundedValues) {
+  MALUS_NEEDS_BFLOAT16;
+  using namespace torch::nn;
+  torch::manual_seed(10);
+  const torch::NoGradGuard no_gradients;
+  const internal::RoundedProducts rounding(true);
+  const auto x = torch::randn({2, 11, 22, 138});
+  for (const auto& [kernel, stride] : {std::pair{1, 1}, {2, 2}, {3, 1}, {4, 2}}) {
+    Conv2d layer(Conv2dOptions(11, 21, kernel).stride(stride).padding((kernel - 1) / 2));
+    layer->weight.set_data(rounded(layer->weight));
+    const auto y = internal::channels_first(internal::convolve(
+        internal::PackedConvolution(layer, 0.2F), internal::channels_last(x.slice(1, 0, 4)),
+        internal::channels_last(x.slice(1, 4))));
+    EXPECT_LT(difference(y, torch::leaky_relu(layer(rounded(x)), 0.2)), 1e-5) << kernel;
+  }
+  ConvTranspose2d doubling(ConvTranspose2dOptions(11, 21, 2).stride(2));
+  doubling->weight.set_data(rounded(doubling->weight));
+  EXPECT_LT(difference(internal::channels_first(internal::double_size(
+                           internal::PackedDoubling(doubling), internal::channels_last(x))),
+                       doubling(rounded(x))),
+            1e-5);
+}
+
 // Eight bits of mantissa: each product loses up to 2^-9 of its operands, and sums of many lose
 // less.
 TEST(Bfloat16, EveryNetworkStaysNearFloat32) {
@@ -289,6 +314,13 @@ TEST(Kernels, ConvolutionsAgreeWithTheLayers) {
                            internal::PackedDoubling(doubling), internal::channels_last(x))),
                        doubling(x)),
             1e-5);
+  // A 1x1 convolution before a pixel shuffle, added to what is there.
+  Conv2d shuffled(Conv2dOptions(11, 4 * 21, 1).bias(false));
+  const auto onto = torch::randn({2, 21, 14, 18}), lifted = internal::channels_last(onto).clone();
+  internal::double_size(internal::PackedDoubling(shuffled), internal::channels_last(x), lifted);
+  EXPECT_LT(
+      difference(internal::channels_first(lifted), onto + torch::pixel_shuffle(shuffled(x), 2)),
+      1e-5);
 }
 
 }  // namespace
