@@ -11,6 +11,7 @@ from conftest import BUILD
 
 torch = pytest.importorskip("torch", reason="needs Python's torch")
 from plain_networks import NAFNet, UNet  # noqa: E402
+from plain_transformers import Restormer, Uformer  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
 
@@ -20,11 +21,16 @@ NETWORKS = {
     "nafnet": (lambda: NAFNet(width=8, middle=1, encoder=(1, 1), decoder=(1, 1)),
                {"width": 8, "middle_blk_num": 1, "enc_blk_nums": [1, 1], "dec_blk_nums": [1, 1]}),
 }
+TRANSFORMERS = {
+    "uformer": (lambda: Uformer(dim=16, depths=(1,) * 9), {"embed_dim": 16, "depths": [1] * 9}),
+    "restormer": (lambda: Restormer(blocks=(1, 1, 1, 1), refinement=1),
+                  {"num_blocks": [1, 1, 1, 1], "num_refinement_blocks": 1}),
+}
 
 
 def made(name):
     torch.manual_seed(4)
-    network = NETWORKS[name][0]()
+    network = (NETWORKS | TRANSFORMERS)[name][0]()
     for key, value in network.named_parameters():
         if key.endswith(("beta", "gamma")):
             torch.nn.init.normal_(value, 0, 0.3)
@@ -69,6 +75,27 @@ def test_outputs_equal_pythons(malus, tmp_path, name, wrapped):
     # The noise estimated from the picture has no bias; what is left is rounding.
     assert np.abs(ours - python).max() < 1e-4 * (WHITE - BLACK)
     assert np.abs(python - (raw - BLACK)).max() > 10  # the network does something
+
+
+@pytest.mark.parametrize("name", TRANSFORMERS)
+def test_transformers_are_denoised_with_in_bfloat16(malus, tmp_path, name):
+    torch.save(made(name).state_dict(), tmp_path / "public.pth")
+    malus("model", "import-weights", tmp_path / "public.pth", "--architecture", name, "--settings",
+          json.dumps(TRANSFORMERS[name][1]), "-o", tmp_path / "w.safetensors")
+    rows, cols = np.mgrid[0:SIDE, 0:SIDE]
+    raw = np.random.default_rng(2).normal(400 + 150 * np.sin(cols / 20) * np.cos(rows / 30), 30).round().astype(np.uint16)
+    np.save(tmp_path / "raw.npy", raw)
+
+    def denoised(precision):
+        result = malus("denoise", tmp_path / "raw.npy", "--method", tmp_path / "w.safetensors", *RAW, "--format", "npy",
+                       "--precision", precision, "--json", "-o", tmp_path / precision)
+        return np.load(tmp_path / precision / "raw_denoised.npy"), result.json["network"]["precision"]
+
+    exact, _ = denoised("float32")
+    rough, precision = denoised("bfloat16")
+    if precision == "float32":
+        pytest.skip("this processor has no instruction that multiplies bfloat16")
+    assert 0 < np.sqrt(np.mean((rough - exact) ** 2)) < 0.02 * exact.std()
 
 
 def test_checkpoints_that_do_not_fit_are_refused(refused, tmp_path):
