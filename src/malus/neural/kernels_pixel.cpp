@@ -88,28 +88,45 @@ void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count) {
     hn::StoreU(hn::MulAdd(factor, hn::LoadU(d, x + i), hn::LoadU(d, y + i)), d, y + i);
 }
 
-void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
-                    std::ptrdiff_t channels, float* y) {
+// kRows rows at a time: their sums across vectors wait for one another, not for the next row.
+template <int kRows>
+HWY_INLINE void normalize_some(const RowNorm& norm, const float* x, std::ptrdiff_t x_row,
+                               std::ptrdiff_t channels, float* y) {
   const Tag d;
   const float per_channel = 1.0F / static_cast<float>(channels);
-  for (std::ptrdiff_t r = 0; r < rows; ++r, x += x_row, y += channels) {
-    Vec sum = hn::Zero(d), squares = hn::Zero(d);
-    for (std::ptrdiff_t c = 0; c < channels; c += kWidth) sum = hn::Add(sum, hn::LoadU(d, x + c));
-    const Vec mean = hn::Mul(hn::SumOfLanes(d, sum), hn::Set(d, per_channel));
-    for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
-      const Vec centred = hn::Sub(hn::LoadU(d, x + c), mean);
-      squares = hn::MulAdd(centred, centred, squares);
+  Vec sum[kRows], squares[kRows], mean[kRows], inverse[kRows];
+  for (int r = 0; r < kRows; ++r) sum[r] = squares[r] = hn::Zero(d);
+  for (std::ptrdiff_t c = 0; c < channels; c += kWidth)
+    for (int r = 0; r < kRows; ++r) sum[r] = hn::Add(sum[r], hn::LoadU(d, x + r * x_row + c));
+  for (int r = 0; r < kRows; ++r)
+    mean[r] = hn::Mul(hn::SumOfLanes(d, sum[r]), hn::Set(d, per_channel));
+  for (std::ptrdiff_t c = 0; c < channels; c += kWidth)
+    for (int r = 0; r < kRows; ++r) {
+      const Vec centred = hn::Sub(hn::LoadU(d, x + r * x_row + c), mean[r]);
+      squares[r] = hn::MulAdd(centred, centred, squares[r]);
     }
-    const float variance = hn::GetLane(hn::SumOfLanes(d, squares)) * per_channel;
-    const Vec inverse = hn::Set(d, 1.0F / std::sqrt(variance + norm.epsilon));
-    const Vec shift = norm.bias_free ? hn::Zero(d) : mean;
-    for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
-      Vec value = hn::Mul(hn::Sub(hn::LoadU(d, x + c), shift), inverse);
-      value = hn::Mul(value, hn::LoadU(d, norm.weight + c));
-      if (norm.bias != nullptr) value = hn::Add(value, hn::LoadU(d, norm.bias + c));
-      hn::StoreU(value, d, y + c);
+  for (int r = 0; r < kRows; ++r) {
+    const Vec variance = hn::Mul(hn::SumOfLanes(d, squares[r]), hn::Set(d, per_channel));
+    inverse[r] = hn::Div(hn::Set(d, 1.0F), hn::Sqrt(hn::Add(variance, hn::Set(d, norm.epsilon))));
+    if (norm.bias_free) mean[r] = hn::Zero(d);
+  }
+  for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
+    const Vec weight = hn::LoadU(d, norm.weight + c),
+              bias = norm.bias == nullptr ? hn::Zero(d) : hn::LoadU(d, norm.bias + c);
+    for (int r = 0; r < kRows; ++r) {
+      const Vec centred = hn::Sub(hn::LoadU(d, x + r * x_row + c), mean[r]);
+      hn::StoreU(hn::Add(hn::Mul(hn::Mul(centred, inverse[r]), weight), bias), d,
+                 y + r * channels + c);
     }
   }
+}
+
+void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                    std::ptrdiff_t channels, float* y) {
+  std::ptrdiff_t r = 0;
+  for (; r + 4 <= rows; r += 4)
+    normalize_some<4>(norm, x + r * x_row, x_row, channels, y + r * channels);
+  for (; r < rows; ++r) normalize_some<1>(norm, x + r * x_row, x_row, channels, y + r * channels);
 }
 
 // kPixels pixels of one vector of channels: what three rows give to them.
