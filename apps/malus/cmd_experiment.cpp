@@ -9,6 +9,7 @@ void add_experiment(CLI::App& app, Common& common) {
       app.add_subcommand("experiment", "the papers' tables, small or full scale");
   experiment->require_subcommand(1);
   add_denoise_experiment(*experiment, common);
+  add_uncertainty_experiment(*experiment, common);
   add_table_experiments(*experiment, common);
   add_renoise_experiment(*experiment, common);
   add_table_s1_experiment(*experiment, common);

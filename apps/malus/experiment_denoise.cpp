@@ -5,6 +5,7 @@
 #include "malus/noise/model.h"
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "experiments.h"
@@ -24,6 +25,7 @@ struct Arguments {
   std::string model = "imx250myr-simulated";
   std::vector<std::string> methods, cases{"12:10", "12:60", "24:10"};
   int crop = 512;
+  std::optional<double> row_noise;
 };
 
 // A network's file may be followed by the precision of its products.
@@ -47,7 +49,8 @@ void run(const Arguments& arguments, const Common& common) {
     scores.push_back({.name = name});
     denoisers.push_back(denoiser_of(name));
   }
-  const NoiseModel model = load_model(arguments.model);
+  NoiseModel model = load_model(arguments.model);
+  if (arguments.row_noise) model = with_row_noise(model, *arguments.row_noise);
   const auto progress = make_progress(common);
   progress->begin("experiment", std::ssize(arguments.scenes) * std::ssize(arguments.cases));
   std::uint64_t seed = common.seed;
@@ -64,6 +67,7 @@ void run(const Arguments& arguments, const Common& common) {
   const Json json{{"model", arguments.model},
                   {"cases", arguments.cases},
                   {"crop", arguments.crop},
+                  {"row_noise", arguments.row_noise ? Json(*arguments.row_noise) : Json()},
                   {"methods", score_json(scores)}};
   if (!arguments.report.empty())
     write_record_report(
@@ -79,23 +83,17 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
   CLI::App* command = add_command(experiment, common, "denoise",
                                   "denoising methods on clean scenes with a camera's noise",
                                   [arguments, &common] { run(*arguments, common); });
-  command
-      ->add_option("SCENE", arguments->scenes,
-                   "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
-                   "polarizers also pictures")
-      ->required();
-  command->add_option("--model", arguments->model, "noise model, a file or a built-in name")
-      ->capture_default_str();
-  command->add_option("--cases", arguments->cases, "gain [dB, or ISO] : low-light ratio")
-      ->capture_default_str();
+  add_scene_options(*command, arguments->scenes, arguments->model, arguments->cases,
+                    arguments->crop);
   command->add_option(
       "--methods", arguments->methods,
       "METHOD[/PROFILE[/no-row-noise]] or a network's FILE.safetensors[/bfloat16]; all classical "
       "methods when left out");
+  command
+      ->add_option("--row-noise", arguments->row_noise,
+                   "row noise in place of the model's [deviations of its read noise]")
+      ->check(CLI::Range(0.0, 100.0));
   command->add_option("--report", arguments->report, "also a report page (HTML)");
-  command->add_option("--crop", arguments->crop, "middle part of the scenes [pixels]")
-      ->check(CLI::Range(16, 100000))
-      ->capture_default_str();
 }
 
 }  // namespace malus::app

@@ -4,12 +4,14 @@
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/angle_pictures.h"
+#include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -69,6 +71,22 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
   return scene;
 }
 
+void add_scene_options(CLI::App& command, std::vector<fs::path>& scenes, std::string& model,
+                       std::vector<std::string>& cases, int& crop) {
+  command
+      .add_option("SCENE", scenes,
+                  "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
+                  "polarizers also pictures")
+      ->required();
+  command.add_option("--model", model, "noise model, a file or a built-in name")
+      ->capture_default_str();
+  command.add_option("--cases", cases, "gain [dB, or ISO] : low-light ratio")
+      ->capture_default_str();
+  command.add_option("--crop", crop, "middle part of the scenes [pixels]")
+      ->check(CLI::Range(16, 100000))
+      ->capture_default_str();
+}
+
 DenoiseSettings method_settings_of(const std::string& text) {
   DenoiseSettings settings;
   if (text.ends_with(".safetensors")) {
@@ -92,6 +110,24 @@ LightCase light_case_of(const std::string& text) {
   throw InputError(
       "--cases " + text, "is not GAIN:RATIO",
       "e.g. 12:60: gain 12 (dB; ISO where the model holds ISO) and a sixtieth of the light");
+}
+
+NoiseModel with_row_noise(const NoiseModel& model, double read_deviations) {
+  if (model.physics.empty())
+    throw InputError(model.sensor, "has no physics part whose row noise could be set",
+                     "leave --row-noise out");
+  NoiseModel changed = model;
+  changed.joint.reset();
+  for (PhysicsCalibration& entry : changed.physics) {
+    for (std::size_t k = 0; k < entry.sigma_row.mean.size(); ++k)
+      entry.sigma_row.mean[k] = read_deviations * entry.sigma_tl.mean[k] *
+                                std::sqrt(tukey_lambda_variance(entry.lambda.mean[k]));
+    entry.sigma_row.spread.assign(entry.sigma_row.mean.size(), 0.0);
+    entry.sigma_row.covariance = {};
+    entry.sigma_row.per_frame.clear();
+    entry.row_drift = {};
+  }
+  return changed;
 }
 
 NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const NoiseModel& model,

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "denoise_method.h"
+#include "program.h"
 #include <nlohmann/json.hpp>
 
 namespace malus::app {
@@ -25,6 +26,15 @@ struct CleanScene {
 /// I0, I45, I90, I135, whose mean a sensor without polarizers sees, or, for such a sensor, one
 /// picture (of integers: sRGB; of floats: linear). Throws InputError.
 CleanScene load_scene(const std::filesystem::path& path, const NoiseModel& model, int crop);
+
+/// The options SCENE..., --model, --cases, --crop of an experiment on clean scenes; what they are
+/// set to is the default.
+void add_scene_options(CLI::App& command, std::vector<std::filesystem::path>& scenes,
+                       std::string& model, std::vector<std::string>& cases, int& crop);
+
+/// The model with Gaussian row noise of so many deviations of the read noise in place of its own,
+/// at its measured gains. Throws InputError where it has no physics part.
+NoiseModel with_row_noise(const NoiseModel& model, double read_deviations);
 
 /// Sums over scenes and cases.
 struct SceneScore {

@@ -35,6 +35,27 @@ def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_p
     assert "one picture" in refused("experiment", "denoise", tmp_path / "picture.png", "--methods", "bm3d/fast")
 
 
+def test_row_noise_can_be_set(malus, refused, scene):
+    run = ["experiment", "denoise", scene, "--methods", "bm3d/fast", "--cases", "12:10"]
+    psnr = [[row["image_psnr_db"] for row in malus(*run, "--row-noise", noise, "--json").json["methods"]] for noise in (0, 2)]
+    # Offsets of twice the read noise add four times its variance to the noisy frame; the filter knows of them.
+    assert psnr[1][0] < psnr[0][0] - 1
+    assert psnr[1][1] - psnr[1][0] > psnr[0][1] - psnr[0][0] - 3
+
+
+def test_stated_errors_are_compared_with_the_true_ones(malus, refused, scene):
+    run = ["experiment", "uncertainty", scene, "--cases", "12:10", "24:10"]
+    rows = malus(*run, "--json").json["rows"]
+    assert [row["case"] for row in rows] == ["12:10", "24:10"]
+    for row in rows:
+        # A small smooth picture is the hardest case there is: docs/denoising.md.
+        assert 0.2 < row["error_over_stated"] < 10
+        assert set(row["coverage"]) == {"pixel", "s0", "s1", "s2", "dolp", "aolp"}
+        assert all(0.3 < share <= 1 for share in row["coverage"].values())
+    assert "| scene | gain : ratio |" in malus(*run).out
+    assert "no profile" in refused(*run, "--profile", "fine")
+
+
 @pytest.mark.parametrize("damage, said", [
     (lambda folder: Image.new("RGB", (32, 64)).save(folder / "I45.png"), "another size"),
     (lambda folder: Image.new("L", (64, 64)).save(folder / "I45.png"), "other channels"),

@@ -6,4 +6,5 @@ set(evaluate_SOURCES
   noise_comparison.cpp
   noise_structure.cpp
   polarization_metrics.cpp
+  uncertainty_check.cpp
 )

@@ -121,6 +121,15 @@ NetworkDescription fitted_network(NetworkDescription network, const PackageSetti
   return network;
 }
 
+std::string package_text(const NetworkPackage& package) {
+  Json settings = default_network_settings(package.network.architecture);
+  settings.update(package.network.settings);
+  return Json{{"network", package.network.architecture},
+              {"settings", settings},
+              {"package", settings_json(package.settings)}}
+      .dump();
+}
+
 TensorFile package_file(const NetworkPackage& package, const Network& network) {
   TensorFile file = weights_of(network, package.network);
   const Json description{{"version", kVersion},

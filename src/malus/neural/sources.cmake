@@ -7,6 +7,7 @@ set(neural_SOURCES
   frame_domain.cpp
   hybrid.cpp
   inference.cpp
+  initial_network.cpp
   kernels_bfloat16.cpp
   kernels_pixel.cpp
   kernels_product.cpp

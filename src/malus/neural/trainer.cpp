@@ -6,6 +6,7 @@
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/example_pool.h"
+#include "malus/neural/initial_network.h"
 #include "malus/neural/loss.h"
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
@@ -56,33 +57,6 @@ bool wants_bfloat16(const TrainingConfig& config, const torch::Device& device) {
          (config.train.precision == "auto" && possible && device.is_cuda());
 }
 
-// libtorch's own start makes the U-Net's signals fade from layer to layer, for there is no norm
-// that lifts them again: He et al., ICCV 2015, Eq. 14, for LeakyReLU 0.2; transposed convolutions
-// have no activation behind them and one tap per input.
-void begin_unet(Network& network) {
-  const torch::NoGradGuard no_gradients;
-  for (auto& item : network.named_parameters()) {
-    torch::Tensor& value = item.value();
-    if (value.dim() == 1)
-      value.zero_();
-    else if (item.key().starts_with("upv"))
-      value.normal_(0, 1 / std::sqrt(static_cast<double>(value.size(0))));
-    else
-      torch::nn::init::kaiming_normal_(value, 0.2);
-  }
-}
-
-// The last convolution is set to zero, so that a residual network begins by returning its base.
-void begin_with_base(Network& network, const NetworkDescription& description) {
-  const torch::NoGradGuard no_gradients;
-  const std::string unets =
-      fmt::format("conv{}_1", 2 * description.settings.value("levels", std::int64_t{5}));
-  for (auto& item : network.named_parameters())
-    for (const std::string& last :
-         {unets, std::string("ending"), std::string("output"), std::string("output_proj.proj.0")})
-      if (item.key() == last + ".weight" || item.key() == last + ".bias") item.value().zero_();
-}
-
 // What one step tells.
 struct StepFigures {
   double loss, base_loss;  ///< base: of the guide, or of the noisy planes; NaN for pictures
@@ -102,7 +76,7 @@ class Trainer {
         device_(training_device(config.train)),
         bfloat16_(wants_bfloat16(config, device_)),
         description_(config_json(config)),
-        network_(seeded_network()),
+        network_(network_on_device()),
         adam_(network_->parameters(), config.train.beta1, config.train.beta2),
         state_{*network_, adam_, average_} {
     description_["seed"] = options.seed;
@@ -146,11 +120,8 @@ class Trainer {
   bool leader() const { return workers_.rank() == 0; }
   fs::path file(const char* name) const { return options_.folder / name; }
 
-  std::shared_ptr<Network> seeded_network() const {
-    torch::manual_seed(options_.seed);
-    auto network = make_network(config_.package.network);
-    if (config_.package.network.architecture == "unet") begin_unet(*network);
-    if (config_.package.settings.residual) begin_with_base(*network, config_.package.network);
+  std::shared_ptr<Network> network_on_device() const {
+    auto network = initial_network(config_, options_.seed);
     network->to(device_);
     return network;
   }

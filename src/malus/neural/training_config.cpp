@@ -177,7 +177,10 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
     data->fail("tone", fmt::format("\"{}\" is not known", config.tone), "use auto, srgb or linear");
   config.models = overrides.models;
   read_noise(*noise, folder, config);
-  if (const auto section = root.section("train")) section->read(config.train);
+  if (const auto section = root.section("train")) {
+    section->read(config.train, {"begin_with"});
+    if (const auto weights = section->text("begin_with")) config.begin_with = folder / *weights;
+  }
   if (const auto section = root.section("validation")) read_validation(*section, folder, config);
   check_sizes(root, config);
   return config;
@@ -190,21 +193,24 @@ Json config_json(const TrainingConfig& config) {
   Json noise = json_of(config.noise);
   noise.update(json_of(config.synthesis));
   noise["models"] = json_of(config.models);
-  return {{"network",
-           {{"architecture", config.package.network.architecture},
-            {"settings", config.package.network.settings}}},
-          {"package", json_of(config.package.settings)},
-          {"data", json_of(config.data)},
-          {"pictures", json_of(config.pictures)},
-          {"scenes", json_of(config.scenes)},
-          {"shards", json_of(config.shards)},
-          {"pairs", json_of(config.pairs)},
-          {"tone", config.tone},
-          {"noise", noise},
-          {"train", json_of(config.train)},
-          {"validation", json_of(config.validation)},
-          {"validation_scenes", json_of(config.validation_scenes)},
-          {"cases", cases}};
+  Json json{{"network",
+             {{"architecture", config.package.network.architecture},
+              {"settings", config.package.network.settings}}},
+            {"package", json_of(config.package.settings)},
+            {"data", json_of(config.data)},
+            {"pictures", json_of(config.pictures)},
+            {"scenes", json_of(config.scenes)},
+            {"shards", json_of(config.shards)},
+            {"pairs", json_of(config.pairs)},
+            {"tone", config.tone},
+            {"noise", noise},
+            {"train", json_of(config.train)},
+            {"validation", json_of(config.validation)},
+            {"validation_scenes", json_of(config.validation_scenes)},
+            {"cases", cases}};
+  if (!config.begin_with.empty())
+    json["begin_with"] = json_text(config.begin_with.filename().string());
+  return json;
 }
 
 }  // namespace malus

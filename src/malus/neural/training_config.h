@@ -147,6 +147,7 @@ struct TrainingConfig {
   TrainingNoiseSettings noise;
   SynthesisSettings synthesis;
   TrainSettings train;
+  std::filesystem::path begin_with;  ///< weight file that a new run starts from; empty: at random
   ValidationSettings validation;
   std::vector<std::filesystem::path> validation_scenes;  ///< folders as scenes, or pictures
   std::vector<LightCase> cases;

@@ -1,0 +1,36 @@
+// Stated variances against a truth: how often two deviations hold it, and how large the error is.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+#include <cstdint>
+
+namespace malus {
+
+/// How often two stated deviations hold the truth; 0.954 of Gaussian errors.
+struct Coverage {
+  std::int64_t inside = 0, all = 0;
+
+  /// Leaves out what is not a number.
+  void add(double error, double deviation);
+  double share() const { return static_cast<double>(inside) / static_cast<double>(all); }
+};
+
+/// Sums over pixels and over frames that are added to one another; NaN shares where nothing was
+/// counted (DoLP and all after it without angles).
+struct UncertaintyCheck {
+  double squared_error_dn2 = 0, stated_dn2 = 0;  ///< sums over the same pixels
+  Coverage pixel, s0, s1, s2, dolp;
+  Coverage aolp;  ///< where the true DoLP is above two of its deviations: else no angle is meant
+
+  /// Squared error over what was stated of it: 1 is honest.
+  double error_over_stated() const { return squared_error_dn2 / stated_dn2; }
+};
+
+/// Mosaics of one layout and size, DN above black; variance in DN². Stokes parameters of every
+/// colour at one per cell, variances propagated as polar/uncertainty.h does.
+void add_uncertainty(UncertaintyCheck& check, View<const float> truth, View<const float> estimate,
+                     View<const float> variance, const SensorLayout& layout);
+
+}  // namespace malus

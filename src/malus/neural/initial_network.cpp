@@ -1,0 +1,67 @@
+#include "malus/neural/initial_network.h"
+
+#include "malus/base/error.h"
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// libtorch's own start makes the U-Net's signals fade from layer to layer, for there is no norm
+// that lifts them again: He et al., ICCV 2015, Eq. 14, for LeakyReLU 0.2; transposed convolutions
+// have no activation behind them and one tap per input.
+void begin_unet(Network& network) {
+  const torch::NoGradGuard no_gradients;
+  for (auto& item : network.named_parameters()) {
+    torch::Tensor& value = item.value();
+    if (value.dim() == 1)
+      value.zero_();
+    else if (item.key().starts_with("upv"))
+      value.normal_(0, 1 / std::sqrt(static_cast<double>(value.size(0))));
+    else
+      torch::nn::init::kaiming_normal_(value, 0.2);
+  }
+}
+
+// The last convolution is set to zero, so that a residual network begins by returning its base.
+void begin_with_base(Network& network, const NetworkDescription& description) {
+  const torch::NoGradGuard no_gradients;
+  const std::string unets =
+      fmt::format("conv{}_1", 2 * description.settings.value("levels", std::int64_t{5}));
+  for (auto& item : network.named_parameters())
+    for (const std::string& last :
+         {unets, std::string("ending"), std::string("output"), std::string("output_proj.proj.0")})
+      if (item.key() == last + ".weight" || item.key() == last + ".bias") item.value().zero_();
+}
+
+// The weights of another run, whose network takes and gives the same.
+void begin_with_weights(Network& network, const TrainingConfig& config) {
+  const LoadedPackage from = load_package(config.begin_with);
+  if (package_text(from.package) != package_text(config.package))
+    throw InputError(
+        config.begin_with.string(),
+        "holds another network, or one that takes or gives something else, than " +
+            config.source.string() + " asks for",
+        "make [network] and [package] those of the weights: " + package_text(from.package));
+  const torch::NoGradGuard no_gradients;
+  const auto values = from.network->named_parameters();
+  for (auto& item : network.named_parameters()) item.value().copy_(values[item.key()]);
+}
+
+}  // namespace
+
+std::shared_ptr<Network> initial_network(const TrainingConfig& config, std::uint64_t seed) {
+  torch::manual_seed(seed);
+  auto network = make_network(config.package.network);
+  if (!config.begin_with.empty()) {
+    begin_with_weights(*network, config);
+    return network;
+  }
+  if (config.package.network.architecture == "unet") begin_unet(*network);
+  if (config.package.settings.residual) begin_with_base(*network, config.package.network);
+  return network;
+}
+
+}  // namespace malus

@@ -1,0 +1,71 @@
+#include "malus/evaluate/uncertainty_check.h"
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <random>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+struct Simulated {
+  Image truth, estimate, variance;
+};
+
+// Gaussian errors of a known deviation, stated `scale` times as large.
+Simulated gaussian_errors(const SensorLayout& layout, double scale) {
+  std::mt19937 engine(5);
+  std::normal_distribution<double> normal;
+  Simulated s{Image(400, 400), Image(400, 400), Image(400, 400)};
+  for (int r = 0; r < 400; ++r)
+    for (int c = 0; c < 400; ++c) {
+      const double angle_deg =
+          layout.polarized() ? *layout.site(layout.channel_at(r, c)).angle_deg : 0.0;
+      s.truth(r, c) = static_cast<float>(1000 + 400 * std::cos(angle_deg * std::numbers::pi / 90));
+      const double deviation = 10 + 0.01 * c;
+      s.estimate(r, c) = s.truth(r, c) + static_cast<float>(deviation * normal(engine));
+      s.variance(r, c) = static_cast<float>(scale * scale * deviation * deviation);
+    }
+  return s;
+}
+
+// Within four standard errors of n independent draws (level 6e-5).
+void expect_share(const Coverage& coverage, double share) {
+  ASSERT_GT(coverage.all, 1000);
+  const double error = std::sqrt(share * (1 - share) / static_cast<double>(coverage.all));
+  EXPECT_NEAR(coverage.share(), share, 4 * error);
+}
+
+TEST(UncertaintyCheck, GaussianErrorsAreHeldAsOftenAsTheIntegralSays) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  for (const double scale : {0.5, 1.0, 1.5}) {
+    const Simulated s = gaussian_errors(layout, scale);
+    UncertaintyCheck check;
+    add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
+    const double share = std::erf(2 * scale / std::sqrt(2.0));
+    for (const Coverage* coverage :
+         {&check.pixel, &check.s0, &check.s1, &check.s2, &check.dolp, &check.aolp})
+      expect_share(*coverage, share);
+    EXPECT_NEAR(check.error_over_stated(), 1 / (scale * scale), 0.02 / (scale * scale));
+  }
+}
+
+TEST(UncertaintyCheck, FramesAddUpAndWhatIsNoNumberIsLeftOut) {
+  const SensorLayout layout = SensorLayout::named("bayer-rggb");
+  Simulated s = gaussian_errors(layout, 1);
+  UncertaintyCheck check;
+  add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
+  EXPECT_EQ(check.pixel.all, 160000);
+  EXPECT_EQ(check.s0.all, 0);
+  EXPECT_EQ(check.aolp.all, 0);
+  s.estimate(3, 4) = std::numeric_limits<float>::quiet_NaN();
+  s.variance(5, 6) = std::numeric_limits<float>::infinity();
+  add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
+  EXPECT_EQ(check.pixel.all, 319998);
+  EXPECT_TRUE(std::isfinite(check.error_over_stated()));
+}
+
+}  // namespace
+}  // namespace malus
