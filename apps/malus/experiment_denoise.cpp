@@ -2,6 +2,7 @@
 // and how near each comes: the shape of 000 Table 1.
 #include "malus/base/atomic_file.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/denoise/estimate_noise.h"
 #include "malus/noise/model.h"
 
 #include <memory>
@@ -26,6 +27,7 @@ struct Arguments {
   std::vector<std::string> methods, cases{"12:10", "12:60", "24:10"};
   int crop = 512;
   std::optional<double> row_noise;
+  bool estimate_noise = false;
 };
 
 // A network's file may be followed by the precision of its products.
@@ -36,6 +38,14 @@ std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
     name.resize(name.rfind('/'));
   }
   return std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
+}
+
+NoiseProfile estimated_profile(const RawFrame& frame) {
+  const auto estimate = estimate_profile(frame);
+  if (!estimate)
+    throw InputError(frame.source, "its noise cannot be estimated: " + estimate.reason(),
+                     "take a larger crop, or leave --estimate-noise out");
+  return estimate->profile;
 }
 
 void run(const Arguments& arguments, const Common& common) {
@@ -58,7 +68,8 @@ void run(const Arguments& arguments, const Common& common) {
     const CleanScene scene = load_scene(folder, model, arguments.crop);
     for (const std::string& text : arguments.cases) {
       check_stop(*progress);
-      const NoisyScene noisy = make_noisy(scene, light_case_of(text), model, seed++);
+      NoisyScene noisy = make_noisy(scene, light_case_of(text), model, seed++);
+      if (arguments.estimate_noise) noisy.profile = estimated_profile(noisy.frame);
       for (std::size_t m = 0; m < scores.size(); ++m)
         add_to_score(scores[m], noisy, denoisers[m].get());
       progress->advance(1);
@@ -68,6 +79,7 @@ void run(const Arguments& arguments, const Common& common) {
                   {"cases", arguments.cases},
                   {"crop", arguments.crop},
                   {"row_noise", arguments.row_noise ? Json(*arguments.row_noise) : Json()},
+                  {"estimate_noise", arguments.estimate_noise},
                   {"methods", score_json(scores)}};
   if (!arguments.report.empty())
     write_record_report(
@@ -93,6 +105,8 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
       ->add_option("--row-noise", arguments->row_noise,
                    "row noise in place of the model's [deviations of its read noise]")
       ->check(CLI::Range(0.0, 100.0));
+  command->add_flag("--estimate-noise", arguments->estimate_noise,
+                    "methods do not know the model: the noise is estimated from every frame");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }
 
