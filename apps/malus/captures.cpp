@@ -15,6 +15,7 @@
 #include <fstream>
 
 #include "frame_input.h"
+#include "gain_json.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -22,12 +23,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-Json number_or_null(const std::optional<double>& value) { return value ? Json(*value) : Json(); }
-
-std::optional<double> optional_number(const Json& value) {
-  return value.is_number() ? std::optional<double>(value.get<double>()) : std::nullopt;
-}
 
 // "scene003_01" of malus pairs: the second short frame of scene003.
 std::string scene_of(const std::string& name) { return name.substr(0, name.rfind('_')); }
@@ -81,7 +76,7 @@ std::vector<Capture> load_captures(const fs::path& list) {
       if (!std::isfinite(capture.ratio) || capture.ratio <= 0)
         throw InputError(list.string(), fmt::format("has the low-light ratio {}", capture.ratio),
                          "a ratio is above 0");
-      capture.gain = {optional_number(entry.at("gain_db")), optional_number(entry.at("iso"))};
+      capture.gain = gain_from(entry);
       captures.push_back(std::move(capture));
     }
     return captures;
@@ -97,9 +92,8 @@ void save_captures(const std::vector<Capture>& captures, const fs::path& list) {
     pairs.push_back({{"name", capture.scene + "_00"},
                      {"reference", fs::absolute(capture.reference).string()},
                      {"short", fs::absolute(capture.noisy).string()},
-                     {"ratio", capture.ratio},
-                     {"gain_db", number_or_null(capture.gain.gain_db)},
-                     {"iso", number_or_null(capture.gain.iso)}});
+                     {"ratio", capture.ratio}});
+    pairs.back().update(gain_json(capture.gain));
     if (!capture.picture.empty()) pairs.back()["picture"] = fs::absolute(capture.picture).string();
   }
   write_file(list, Json{{"pairs", pairs}}.dump(2) + "\n", true);

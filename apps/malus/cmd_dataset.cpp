@@ -22,6 +22,7 @@
 #include <sstream>
 
 #include "flags.h"
+#include "gain_json.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -164,13 +165,12 @@ struct Factory {
     if (recipe.gain) gain = model.gain_setting(*recipe.gain);
     const TrainingPair pair = make_pair_of(recipe, plan.dataset, *sources.get(recipe.source),
                                            synthesizers.at(recipe.ratio), gain, seed);
-    const Json facts{{"source", plan.cleans[recipe.source].filename().string()},
-                     {"row", recipe.row0},
-                     {"col", recipe.col0},
-                     {"symmetry", std::string(facts_of(recipe.symmetry).name)},
-                     {"ratio", recipe.ratio},
-                     {"gain_db", pair.gain.gain_db ? Json(*pair.gain.gain_db) : Json()},
-                     {"iso", pair.gain.iso ? Json(*pair.gain.iso) : Json()}};
+    Json facts{{"source", plan.cleans[recipe.source].filename().string()},
+               {"row", recipe.row0},
+               {"col", recipe.col0},
+               {"symmetry", std::string(facts_of(recipe.symmetry).name)},
+               {"ratio", recipe.ratio}};
+    facts.update(gain_json(pair.gain));
     const std::string name = fmt::format("{:09}", number);
     return {{{name + ".clean.npy", npy_bytes(pack(pair.clean_dn, description.layout))},
              {name + ".noisy.npy", npy_bytes(pack(pair.noisy_dn, description.layout))},

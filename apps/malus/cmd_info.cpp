@@ -11,6 +11,7 @@
 #include <memory>
 #include <vector>
 
+#include "gain_json.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -143,8 +144,6 @@ std::string text_of(const Findings& findings) {
   return out;
 }
 
-Json optional_json(const std::optional<double>& value) { return value ? Json(*value) : Json(); }
-
 Json channel_columns(const std::vector<ChannelSummary>& channels) {
   Json mean, minimum, maximum, saturated, below, noise;
   for (const ChannelSummary& c : channels) {
@@ -180,10 +179,9 @@ Json json_of(const Findings& findings) {
                {"black_known", frame.black_known},
                {"white", frame.white_dn},
                {"white_known", frame.white_known},
-               {"gain_db", optional_json(frame.gain.gain_db)},
-               {"iso", optional_json(frame.gain.iso)},
-               {"exposure_s", optional_json(frame.exposure_s)},
+               {"exposure_s", number_or_null(frame.exposure_s)},
                {"nonfinite_pixels", nonfinite_pixels(findings)}};
+  json.update(gain_json(frame.gain));
   json.update(channel_columns(findings.channels));
   if (findings.grid)
     json["value_grid"] = {{"step", findings.grid->step},

@@ -13,6 +13,7 @@
 #include <optional>
 #include <vector>
 
+#include "gain_json.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -154,17 +155,17 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   save_frame(clean_path, clean, save);
   save.type = noisy.bits > 0 ? SampleType::kUint16 : SampleType::kFloat;
   save_frame(noisy_path, noisy, save);
-  return {{"name", name},
-          {"reference", clean_path.filename().string()},
-          {"short", noisy_path.filename().string()},
-          {"source", chosen.string()},
-          {"ratio", ratio},
-          {"gain_db", group.gain.gain_db ? Json(*group.gain.gain_db) : Json()},
-          {"iso", group.gain.iso ? Json(*group.gain.iso) : Json()},
-          {"reference_frames", reference_group.paths.size()},
-          {"candidates", intensities},
-          {"deviation", nearest.deviation},
-          {"flicker", nearest.flicker}};
+  Json entry{{"name", name},
+             {"reference", clean_path.filename().string()},
+             {"short", noisy_path.filename().string()},
+             {"source", chosen.string()},
+             {"ratio", ratio},
+             {"reference_frames", reference_group.paths.size()},
+             {"candidates", intensities},
+             {"deviation", nearest.deviation},
+             {"flicker", nearest.flicker}};
+  entry.update(gain_json(group.gain));
+  return entry;
 }
 
 void run_pairs(const PairsArguments& arguments, const Common& common) {

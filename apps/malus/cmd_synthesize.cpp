@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "flags.h"
+#include "gain_json.h"
 #include "networks_door.h"
 #include "program.h"
 #include "raw_options.h"
@@ -183,9 +184,8 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
       save_frame(output, noisy, save);
       frames.push_back({{"input", arguments.inputs[i].string()},
                         {"output", output.string()},
-                        {"frame", number},
-                        {"gain_db", noisy.gain.gain_db ? Json(*noisy.gain.gain_db) : Json()},
-                        {"iso", noisy.gain.iso ? Json(*noisy.gain.iso) : Json()}});
+                        {"frame", number}});
+      frames.back().update(gain_json(noisy.gain));
       progress->advance(1);
     }
   }

@@ -5,6 +5,7 @@
 #include "malus/io/frame_file.h"
 
 #include "frame_input.h"
+#include "gain_json.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -44,11 +45,10 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
                  {"sites", Json::array()},
                  {"black_dn", before.black_dn},
                  {"white_dn", before.white_dn},
-                 {"gain_db", before.gain.gain_db ? Json(*before.gain.gain_db) : Json()},
-                 {"iso", before.gain.iso ? Json(*before.gain.iso) : Json()},
                  {"row_group", profile.row_group},
                  {"noise_estimated_from_picture", profile.estimated_from_picture},
                  {"noise_line", Json::array()}};
+  record.update(gain_json(before.gain));
   for (int row = 0; row < before.layout.rows(); ++row) {
     Json names = Json::array();
     for (int col = 0; col < before.layout.cols(); ++col)
@@ -106,8 +106,7 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
         SensorLayout::from_sites(record.at("sites").get<std::vector<std::vector<std::string>>>());
     options.black_dn = record.at("black_dn").get<std::vector<double>>();
     options.white_dn = record.at("white_dn").get<double>();
-    if (!record.at("gain_db").is_null()) options.gain.gain_db = record.at("gain_db").get<double>();
-    if (!record.at("iso").is_null()) options.gain.iso = record.at("iso").get<double>();
+    options.gain = gain_from(record);
     DenoisedFrame frame;
     frame.before = load_frame(folder / record.at("input_file").get<std::string>(), options);
     FrameOptions plain;

@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "gain_json.h"
+
 namespace malus::app {
 namespace {
 
 using Json = nlohmann::ordered_json;
 using Values = std::vector<double>;
-
-Json number_or_null(const std::optional<double>& value) { return value ? Json(*value) : Json(); }
 
 Json array_or_null(const Values& values) { return values.empty() ? Json() : Json(values); }
 
@@ -24,10 +24,6 @@ Json matrix_json(const SquareMatrix& matrix) {
     rows.push_back(row);
   }
   return rows;
-}
-
-Json gain_json(const GainSetting& gain) {
-  return {{"gain_db", number_or_null(gain.gain_db)}, {"iso", number_or_null(gain.iso)}};
 }
 
 Json statistics_json(const ChannelStatistics& s, const char* unit, bool with_covariance) {

@@ -16,7 +16,7 @@ Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green
                            float& slope) {
     const float curvature = 2 * here - far_a - far_b;
     value = 0.5f * (a + b) + 0.25f * curvature;
-    slope = std::abs(a - b) + 0.5f * std::abs(curvature) * 0.5f;
+    slope = std::abs(a - b) + 0.25f * std::abs(curvature);
   };
   for_rows(rows, [&](int r) {
     for (int c = 0; c < cols; ++c) {
