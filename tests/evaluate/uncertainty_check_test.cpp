@@ -52,6 +52,26 @@ TEST(UncertaintyCheck, GaussianErrorsAreHeldAsOftenAsTheIntegralSays) {
   }
 }
 
+TEST(UncertaintyCheck, AnglesAreTheSameAfterHalfATurnAndNotAfterAQuarter) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  const auto at_angle = [&](double aolp_deg) {
+    Image mosaic(16, 16);
+    for (int r = 0; r < 16; ++r)
+      for (int c = 0; c < 16; ++c) {
+        const double site_deg = *layout.site(layout.channel_at(r, c)).angle_deg;
+        mosaic(r, c) =
+            static_cast<float>(100 + 50 * std::cos((site_deg - aolp_deg) * std::numbers::pi / 90));
+      }
+    return mosaic;
+  };
+  const Image small(16, 16, 0.01f);
+  UncertaintyCheck near, far;
+  add_uncertainty(near, at_angle(0.01), at_angle(-0.01), small, layout);
+  add_uncertainty(far, at_angle(10), at_angle(100), small, layout);
+  EXPECT_EQ(near.aolp.share(), 1);
+  EXPECT_EQ(far.aolp.share(), 0);
+}
+
 TEST(UncertaintyCheck, FramesAddUpAndWhatIsNoNumberIsLeftOut) {
   const SensorLayout layout = SensorLayout::named("bayer-rggb");
   Simulated s = gaussian_errors(layout, 1);

@@ -46,7 +46,7 @@ TEST(TileCore, IsTheWholePictureWhereItFitsAndStaysWithinTheBytes) {
 
 // The reach of one output value, from the gradient: nothing beyond the stated overlap.
 TEST(TileDemand, TheUNetReachesNoFurtherThanItsOverlap) {
-  const TileDemand demand = tile_demand(small_unet());
+  const TileDemand demand = tile_demand(small_unet(), true);
   ASSERT_TRUE(demand.exact);
   const auto network = make_network(small_unet());
   network->to(torch::kDouble);
@@ -66,7 +66,7 @@ torch::Tensor tiled(const NetworkDescription& description, Network& network, con
                     std::int64_t side, int batch) {
   int tiles = 0;
   return run_tiled(
-      x.size(2), x.size(3), {side, side}, batch, tile_demand(description),
+      x.size(2), x.size(3), {side, side}, batch, tile_demand(description, true),
       [&](const TileSpan& r, const TileSpan& c) {
         return x.slice(2, r.begin, r.end).slice(3, c.begin, c.end);
       },
@@ -96,7 +96,7 @@ TEST(RunTiled, LeavesNoSeamWhereTilesCannotBeExact) {
                                         {"middle_blk_num", 1},
                                         {"enc_blk_nums", {1, 1}},
                                         {"dec_blk_nums", {1, 1}}}};
-  EXPECT_FALSE(tile_demand(description).exact);
+  EXPECT_FALSE(tile_demand(description, true).exact);
   const auto network = make_network(description);
   for (const auto& parameter : network->named_parameters())
     if (parameter.key().ends_with("beta") || parameter.key().ends_with("gamma"))

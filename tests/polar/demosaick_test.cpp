@@ -226,6 +226,25 @@ TEST(DemosaickBayer, KeepsItsSamplesAndFollowsSmoothColours) {
   }
 }
 
+// Of a grey wave along the diagonal, cos(w (r + c)), both directions estimate green as its
+// neighbours' mean, cos(w), plus a quarter of the second difference at distance two, sin²(w).
+TEST(DemosaickBayer, LiftsGreenByTheOtherColoursCurvature) {
+  const SensorLayout layout = SensorLayout::named("bayer-rggb");
+  constexpr double kWave = 0.9;
+  Image mosaic(40, 40);
+  for (int r = 0; r < 40; ++r)
+    for (int c = 0; c < 40; ++c)
+      mosaic(r, c) = static_cast<float>(100 + 50 * std::cos(kWave * (r + c)));
+  const Planes rgb = demosaick_bayer(mosaic, layout);
+  const double factor = std::cos(kWave) + std::sin(kWave) * std::sin(kWave);
+  for (int r = 4; r < 36; ++r)
+    for (int c = 4; c < 36; ++c) {
+      const bool green = (r + c) % 2 == 1;
+      const double wave = 50 * std::cos(kWave * (r + c));
+      EXPECT_NEAR(rgb[1](r, c), 100 + (green ? 1 : factor) * wave, 1e-3) << r << ' ' << c;
+    }
+}
+
 TEST(DemosaickBayer, FillsWhatIsNoNumberAndRefusesOtherSensors) {
   const SensorLayout layout = SensorLayout::named("bayer-rggb");
   Image flat(16, 16);

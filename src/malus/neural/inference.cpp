@@ -55,7 +55,7 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
   state_->loaded = load_package(weights);
   state_->settings = settings;
   const std::string& architecture = state_->loaded.package.network.architecture;
-  state_->demand = tile_demand(state_->loaded.package.network);
+  state_->demand = tile_demand(state_->loaded.package.network, settings.device == "cpu");
   state_->bfloat16 =
       settings.precision == "bfloat16" && takes_bfloat16(architecture, settings.device);
   if (settings.device == "cuda") {

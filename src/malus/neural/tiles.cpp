@@ -1,6 +1,7 @@
 #include "malus/neural/tiles.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/internal/kernels.h"
 
 #include <algorithm>
 #include <limits>
@@ -21,6 +22,13 @@ TileDemand faded(std::int64_t multiple, double bytes) {
   return {multiple, rounded_up(kFadedOverlap, multiple), false, bytes};
 }
 
+// Bytes per pixel of the input planes and value of the network's width: a fifth more than a forward
+// pass of 256 x 256 pixels takes at most (malus bench --only networks; the layers' from the peers'
+// column).
+double bytes_of(double width, double layers, double kernels, bool takes_kernels) {
+  return width * (takes_kernels ? kernels : layers);
+}
+
 // Position's share in a span whose core is [begin, end): 1 inside, falling over +-half around inner
 // edges.
 float share(std::int64_t at, std::int64_t begin, std::int64_t end, std::int64_t length,
@@ -38,25 +46,37 @@ float share(std::int64_t at, std::int64_t begin, std::int64_t end, std::int64_t 
 
 }  // namespace
 
-TileDemand tile_demand(const NetworkDescription& description) {
+TileDemand tile_demand(const NetworkDescription& description, bool on_cpu) {
   Json s = default_network_settings(description.architecture);
   if (description.settings.is_object()) s.update(description.settings);
+  const auto whole_vectors = [&](std::int64_t width) {
+    return on_cpu && width % internal::kLane == 0;
+  };
   if (description.architecture == "unet") {
     // Two 3x3 convolutions per level, 2 (1 + 2 + ... ) pixels on the way down and again, but for
     // the lowest level, on the way up; the pooling grid of the lowest level.
     const std::int64_t lowest = std::int64_t{1} << (s.value("levels", 5) - 1);
     return {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true,
-            60.0 * s.at("width").get<double>()};
+            bytes_of(s.at("width").get<double>(), 60, 40, on_cpu)};
   }
-  if (description.architecture == "nafnet")
+  if (description.architecture == "nafnet") {
+    const auto width = s.at("width").get<std::int64_t>();
     return faded(std::int64_t{1} << s.at("enc_blk_nums").size(),
-                 80.0 * s.at("width").get<double>());
-  if (description.architecture == "restormer") return faded(8, 200.0 * s.at("dim").get<double>());
+                 bytes_of(static_cast<double>(width), 80, 20, whole_vectors(width)));
+  }
+  const char* width_key = description.architecture == "uformer" ? "embed_dim" : "dim";
+  const auto width = s.at(width_key).get<std::int64_t>();
+  const auto bytes = [&](double layers, double kernels, std::int64_t heads) {
+    return bytes_of(static_cast<double>(width), layers, kernels, whole_vectors(width / heads));
+  };
+  const auto first_heads = [&](const char* key) { return s.at(key).at(0).get<std::int64_t>(); };
+  if (description.architecture == "restormer")
+    return faded(8, bytes(200, 115, first_heads("heads")));
   if (description.architecture == "uformer")
     return faded(s.at("win_size").get<std::int64_t>() << 4,
-                 250.0 * s.at("embed_dim").get<double>());
+                 bytes(250, 90, first_heads("num_heads")));
   return faded(s.at("window").get<std::int64_t>() << (s.at("depths").size() - 1),
-               200.0 * s.at("dim").get<double>());
+               bytes(200, 66, first_heads("heads")));
 }
 
 std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const TileDemand& demand) {
@@ -114,12 +134,19 @@ torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& co
              across = tile_spans(cols, core.cols, demand);
   tiles = static_cast<int>(down.size() * across.size());
   progress.begin("denoising", tiles);
+  if (tiles == 1) {
+    check_stop(progress);
+    torch::Tensor whole = network(input(down.front(), across.front()));
+    progress.advance(1);
+    return whole.to(torch::kCPU, torch::kFloat);
+  }
   torch::Tensor sum;
   std::vector<std::pair<const TileSpan*, const TileSpan*>> places;
   std::vector<torch::Tensor> waiting;
   const auto flush = [&] {
     if (waiting.empty()) return;
-    const auto results = network(torch::cat(waiting, 0)).to(torch::kCPU, torch::kFloat);
+    const auto results = network(waiting.size() == 1 ? waiting.front() : torch::cat(waiting, 0))
+                             .to(torch::kCPU, torch::kFloat);
     const std::int64_t upscale = results.size(2) / waiting.front().size(2);
     for (std::size_t i = 0; i < places.size(); ++i) {
       const auto& [r, c] = places[i];

@@ -18,11 +18,11 @@ struct TileDemand {
   /// hand on over many blocks; statistics of the whole picture in nafnet and restormer) results
   /// are faded into each other over the overlap.
   bool exact = true;
-  /// Peak of a forward pass in float32: measured for unet, estimated from the peers' peaks for the
-  /// others.
-  double bytes_per_pixel = 0;
+  double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured
 };
-TileDemand tile_demand(const NetworkDescription& description);
+/// on_cpu: where the pass takes the kernels of docs/networks.md if its widths allow, which need less
+/// memory than libtorch's layers.
+TileDemand tile_demand(const NetworkDescription& description, bool on_cpu);
 
 /// Part of a picture: a tile with its margins, and the weight of its results along each axis.
 struct TileSpan {
