@@ -219,6 +219,8 @@ TEST(Training, BeginsWithTheWeightsOfAnotherRun) {
              b = weights_in(folder / "second/weights.safetensors");
   ASSERT_EQ(a.size(), b.size());
   for (std::size_t i = 0; i < a.size(); ++i) EXPECT_TRUE(torch::equal(a[i], b[i])) << i;
+  EXPECT_EQ(load_package(folder / "second/weights.safetensors").package.training["begin_with"],
+            "weights.safetensors");
   config.package.settings.noise_input = "none";
   config.package.network = fitted_network(config.package.network, config.package.settings);
   try {

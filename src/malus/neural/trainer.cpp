@@ -294,6 +294,8 @@ class Trainer {
                         {"data", description_["data"]},
                         {"noise", description_["noise"]},
                         {"train", description_["train"]}};
+    if (description_.contains("begin_with"))
+      package.training["begin_with"] = description_["begin_with"];
     for (const Json& line : log_->lines()) {
       if (line.contains("guide")) package.training["guide"] = line["guide"];
       if (line.contains("validation")) package.training["validation"] = line["validation"];
