@@ -4,6 +4,7 @@
 #include "malus/neural/network.h"
 
 #include <bit>
+#include <limits>
 
 #include "support.h"
 #include <ATen/Parallel.h>
@@ -230,6 +231,21 @@ TEST(Bfloat16, ConvolutionsAgreeWithTheLayersOfRoundedValues) {
                            internal::PackedDoubling(doubling), internal::channels_last(x))),
                        doubling(rounded(x))),
             1e-5);
+}
+
+// Rows of an odd length are filled up in memory that an earlier product has used.
+TEST(Bfloat16, NothingIsLeftOfAnEarlierProduct) {
+  MALUS_NEEDS_BFLOAT16;
+  const torch::NoGradGuard no_gradients;
+  const internal::RoundedProducts rounding(true);
+  const internal::PackedLinear even(torch::randn({16, 32}), {}), odd(torch::randn({16, 31}), {});
+  const auto not_numbers = torch::full({64, 32}, std::numeric_limits<float>::quiet_NaN());
+  const auto ones = torch::ones({32, 31});
+  auto y = torch::empty({64, 16});
+  even.run(not_numbers.data_ptr<float>(), 64, y.data_ptr<float>(), 16);
+  EXPECT_TRUE(torch::isnan(y).all().item<bool>());
+  odd.run(ones.data_ptr<float>(), 32, y.data_ptr<float>(), 16);
+  EXPECT_TRUE(torch::isfinite(y.slice(0, 0, 32)).all().item<bool>());
 }
 
 // Eight bits of mantissa: each product loses up to 2^-9 of its operands, and sums of many lose
