@@ -20,8 +20,8 @@ struct TileDemand {
   bool exact = true;
   double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured
 };
-/// on_cpu: where the pass takes the kernels of docs/networks.md if its widths allow, which need less
-/// memory than libtorch's layers.
+/// on_cpu: where the pass takes the kernels of docs/networks.md if its widths allow, which need
+/// less memory than libtorch's layers.
 TileDemand tile_demand(const NetworkDescription& description, bool on_cpu);
 
 /// Part of a picture: a tile with its margins, and the weight of its results along each axis.
