@@ -21,11 +21,9 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 struct Arguments {
-  std::vector<fs::path> scenes;
+  SceneRuns runs;
   fs::path report;
-  std::string model = "imx250myr-simulated";
-  std::vector<std::string> methods, cases{"12:10", "12:60", "24:10"};
-  int crop = 512;
+  std::vector<std::string> methods;
   std::optional<double> row_noise;
   bool estimate_noise = false;
 };
@@ -59,32 +57,26 @@ void run(const Arguments& arguments, const Common& common) {
     scores.push_back({.name = name});
     denoisers.push_back(denoiser_of(name));
   }
-  NoiseModel model = load_model(arguments.model);
+  NoiseModel model = load_model(arguments.runs.model);
   if (arguments.row_noise) model = with_row_noise(model, *arguments.row_noise);
   const auto progress = make_progress(common);
-  progress->begin("experiment", std::ssize(arguments.scenes) * std::ssize(arguments.cases));
-  std::uint64_t seed = common.seed;
-  for (const fs::path& folder : arguments.scenes) {
-    const CleanScene scene = load_scene(folder, model, arguments.crop);
-    for (const std::string& text : arguments.cases) {
-      check_stop(*progress);
-      NoisyScene noisy = make_noisy(scene, light_case_of(text), model, seed++);
-      if (arguments.estimate_noise) noisy.profile = estimated_profile(noisy.frame);
-      for (std::size_t m = 0; m < scores.size(); ++m)
-        add_to_score(scores[m], noisy, denoisers[m].get());
-      progress->advance(1);
-    }
-  }
-  const Json json{{"model", arguments.model},
-                  {"cases", arguments.cases},
-                  {"crop", arguments.crop},
+  arguments.runs.for_each(model, common.seed, *progress,
+                          [&](NoisyScene& noisy, const std::string&) {
+                            if (arguments.estimate_noise)
+                              noisy.profile = estimated_profile(noisy.frame);
+                            for (std::size_t m = 0; m < scores.size(); ++m)
+                              add_to_score(scores[m], noisy, denoisers[m].get());
+                          });
+  const Json json{{"model", arguments.runs.model},
+                  {"cases", arguments.runs.cases},
+                  {"crop", arguments.runs.crop},
                   {"row_noise", arguments.row_noise ? Json(*arguments.row_noise) : Json()},
                   {"estimate_noise", arguments.estimate_noise},
                   {"methods", score_json(scores)}};
   if (!arguments.report.empty())
-    write_record_report(
-        score_record("Experiment: denoising methods", arguments.cases, arguments.model, scores),
-        arguments.report, common.force);
+    write_record_report(score_record("Experiment: denoising methods", arguments.runs.cases,
+                                     arguments.runs.model, scores),
+                        arguments.report, common.force);
   print_result(common, json, score_text(scores));
 }
 
@@ -95,8 +87,7 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
   CLI::App* command = add_command(experiment, common, "denoise",
                                   "denoising methods on clean scenes with a camera's noise",
                                   [arguments, &common] { run(*arguments, common); });
-  add_scene_options(*command, arguments->scenes, arguments->model, arguments->cases,
-                    arguments->crop);
+  arguments->runs.add_options(*command);
   command->add_option(
       "--methods", arguments->methods,
       "METHOD[/PROFILE[/no-row-noise]] or a network's FILE.safetensors[/bfloat16]; all classical "

@@ -13,13 +13,10 @@ namespace malus::app {
 namespace {
 
 using Json = nlohmann::ordered_json;
-namespace fs = std::filesystem;
 
 struct Arguments {
-  std::vector<fs::path> scenes;
-  std::string model = "imx250myr-simulated", profile = "normal";
-  std::vector<std::string> cases{"12:10", "12:60", "24:10"};
-  int crop = 384;
+  SceneRuns runs{.scenes = {}, .crop = 384};
+  std::string profile = "normal";
 };
 
 struct Row {
@@ -36,10 +33,9 @@ constexpr Column kColumns[] = {
     {"s1", "S1", &UncertaintyCheck::s1},          {"s2", "S2", &UncertaintyCheck::s2},
     {"dolp", "DoLP", &UncertaintyCheck::dolp},    {"aolp", "AoLP", &UncertaintyCheck::aolp}};
 
-UncertaintyCheck check_scene(const CleanScene& scene, const NoisyScene& noisy,
-                             const FrameDenoiser& denoiser) {
+UncertaintyCheck check_scene(const NoisyScene& noisy, const FrameDenoiser& denoiser) {
   const Denoised result = denoiser(noisy.frame, noisy.profile, silent_progress());
-  Image truth = scene.clean_dn;
+  Image truth = noisy.clean->clean_dn;
   for (float& v : truth.values()) v /= static_cast<float>(noisy.ratio);
   UncertaintyCheck check;
   add_uncertainty(check, truth, result.dn_above_black, *result.variance_dn2, noisy.frame.layout);
@@ -81,27 +77,20 @@ std::string rows_text(const std::vector<Row>& rows) {
 }
 
 void run(const Arguments& arguments, const Common& common) {
-  const NoiseModel model = load_model(arguments.model);
+  const NoiseModel model = load_model(arguments.runs.model);
   DenoiseSettings settings;
   settings.profile = arguments.profile;
   const FrameDenoiser denoiser(settings, {}, true);
   const auto progress = make_progress(common);
-  progress->begin("experiment", std::ssize(arguments.scenes) * std::ssize(arguments.cases));
   std::vector<Row> rows;
-  std::uint64_t seed = common.seed;
-  for (const fs::path& path : arguments.scenes) {
-    const CleanScene scene = load_scene(path, model, arguments.crop);
-    for (const std::string& text : arguments.cases) {
-      check_stop(*progress);
-      const NoisyScene noisy = make_noisy(scene, light_case_of(text), model, seed++);
-      rows.push_back({scene.name, text, check_scene(scene, noisy, denoiser)});
-      progress->advance(1);
-    }
-  }
+  arguments.runs.for_each(
+      model, common.seed, *progress, [&](const NoisyScene& noisy, const std::string& light) {
+        rows.push_back({noisy.clean->name, light, check_scene(noisy, denoiser)});
+      });
   print_result(common,
-               Json{{"model", arguments.model},
+               Json{{"model", arguments.runs.model},
                     {"profile", arguments.profile},
-                    {"crop", arguments.crop},
+                    {"crop", arguments.runs.crop},
                     {"rows", rows_json(rows)}},
                rows_text(rows));
 }
@@ -115,8 +104,7 @@ void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
                   "stated errors of denoised pixels against the true ones: squared error over the "
                   "stated, and how often two deviations hold the truth",
                   [arguments, &common] { run(*arguments, common); });
-  add_scene_options(*command, arguments->scenes, arguments->model, arguments->cases,
-                    arguments->crop);
+  arguments->runs.add_options(*command);
   command->add_option("--profile", arguments->profile, "profile of the denoiser")
       ->capture_default_str();
 }

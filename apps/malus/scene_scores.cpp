@@ -71,8 +71,7 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
   return scene;
 }
 
-void add_scene_options(CLI::App& command, std::vector<fs::path>& scenes, std::string& model,
-                       std::vector<std::string>& cases, int& crop) {
+void SceneRuns::add_options(CLI::App& command) {
   command
       .add_option("SCENE", scenes,
                   "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
@@ -85,6 +84,21 @@ void add_scene_options(CLI::App& command, std::vector<fs::path>& scenes, std::st
   command.add_option("--crop", crop, "middle part of the scenes [pixels]")
       ->check(CLI::Range(16, 100000))
       ->capture_default_str();
+}
+
+void SceneRuns::for_each(
+    const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
+    const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const {
+  progress.begin("experiment", std::ssize(scenes) * std::ssize(cases));
+  for (const fs::path& path : scenes) {
+    const CleanScene scene = load_scene(path, drawn_by, crop);
+    for (const std::string& light : cases) {
+      check_stop(progress);
+      NoisyScene noisy = make_noisy(scene, light_case_of(light), drawn_by, seed++);
+      run(noisy, light);
+      progress.advance(1);
+    }
+  }
 }
 
 DenoiseSettings method_settings_of(const std::string& text) {

@@ -6,6 +6,7 @@
 #include "malus/synthesize/light_case.h"
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -26,11 +27,6 @@ struct CleanScene {
 /// I0, I45, I90, I135, whose mean a sensor without polarizers sees, or, for such a sensor, one
 /// picture (of integers: sRGB; of floats: linear). Throws InputError.
 CleanScene load_scene(const std::filesystem::path& path, const NoiseModel& model, int crop);
-
-/// The options SCENE..., --model, --cases, --crop of an experiment on clean scenes; what they are
-/// set to is the default.
-void add_scene_options(CLI::App& command, std::vector<std::filesystem::path>& scenes,
-                       std::string& model, std::vector<std::string>& cases, int& crop);
 
 /// The model with Gaussian row noise of so many deviations of the read noise in place of its own,
 /// at its measured gains. Throws InputError where it has no physics part.
@@ -53,6 +49,21 @@ struct NoisyScene {
 };
 NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const NoiseModel& model,
                       std::uint64_t seed);
+
+/// What an experiment on clean scenes goes through.
+struct SceneRuns {
+  std::vector<std::filesystem::path> scenes;
+  std::string model = "imx250myr-simulated";
+  std::vector<std::string> cases{"12:10", "12:60", "24:10"};  ///< of light_case_of
+  int crop = 512;
+
+  /// SCENE..., --model, --cases, --crop.
+  void add_options(CLI::App& command);
+  /// Every case of every scene in turn, as the model draws it; seeds count up from the first.
+  /// Throws InputError, Cancelled.
+  void for_each(const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
+                const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const;
+};
 
 /// Adds what is left of the frame's noise: of the frame itself without a denoiser.
 void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoiser* denoiser);

@@ -61,6 +61,10 @@ TEST(DenoisedUncertainty, TwoDeviationsHoldTheTruthAsOftenAsStated) {
         EXPECT_GT(coverage->share(), 0.80) << what;
         EXPECT_LT(coverage->share(), 0.995) << what;
       }
+      // Nothing was left out: every pixel, and one of each parameter per cell of four.
+      EXPECT_EQ(c.pixel.all, 288 * 288) << what;
+      for (const Coverage* coverage : {&c.s0, &c.s1, &c.s2, &c.dolp})
+        EXPECT_EQ(coverage->all, 288 * 288 / 4) << what;
       EXPECT_GT(c.pixel.share(), 0.75) << what;
       EXPECT_GT(c.s0.share(), 0.65) << what;
     }

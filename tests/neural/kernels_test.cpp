@@ -5,6 +5,7 @@
 
 #include <bit>
 #include <limits>
+#include <utility>
 
 #include "support.h"
 #include <ATen/Parallel.h>
@@ -82,21 +83,26 @@ TEST(Kernels, FollowChangedWeights) {
   }
 }
 
+// A pass over new random values on one thread and on three.
+std::pair<torch::Tensor, torch::Tensor> on_one_and_three_threads(Network& network) {
+  const int threads = at::get_num_threads();
+  const auto x = torch::rand({1, 5, 90, 130});
+  at::set_num_threads(1);
+  const auto one = network.forward(x);
+  at::set_num_threads(3);
+  const auto three = network.forward(x);
+  at::set_num_threads(threads);
+  return {one, three};
+}
+
 // To rounding: the narrow first and last layers are libtorch's, and some kernels of the BLAS below
 // it sum in another order when threads share a product.
 TEST(Kernels, GiveTheSameForAnyNumberOfThreads) {
   const torch::NoGradGuard no_gradients;
-  const int threads = at::get_num_threads();
   for (const auto& name : network_names()) {
-    const auto network = scattered_network(name);
-    const auto x = torch::rand({1, 5, 90, 130});
-    at::set_num_threads(1);
-    const auto one = network->forward(x);
-    at::set_num_threads(3);
-    EXPECT_LT(difference(network->forward(x), one), 1e-5 * (1 + one.abs().max().item<double>()))
-        << name;
+    const auto [one, three] = on_one_and_three_threads(*scattered_network(name));
+    EXPECT_LT(difference(three, one), 1e-5 * (1 + one.abs().max().item<double>())) << name;
   }
-  at::set_num_threads(threads);
 }
 
 // Sums in double over taps, with every choice that a product has.
@@ -274,19 +280,12 @@ TEST(Bfloat16, GivesTheSameForAnyNumberOfThreads) {
   MALUS_NEEDS_BFLOAT16;
   const torch::NoGradGuard no_gradients;
   const internal::RoundedProducts rounding(true);
-  const int threads = at::get_num_threads();
   for (const auto& name : network_names()) {
-    const auto network = scattered_network(name);
-    const auto x = torch::rand({1, 5, 90, 130});
-    at::set_num_threads(1);
-    const auto one = network->forward(x);
-    at::set_num_threads(3);
+    const auto [one, three] = on_one_and_three_threads(*scattered_network(name));
     // A difference in float32 at a rounding's edge becomes one of bfloat16.
-    EXPECT_LT((network->forward(x) - one).square().mean().sqrt().item<double>(),
-              2e-3 * one.std().item<double>())
+    EXPECT_LT((three - one).square().mean().sqrt().item<double>(), 2e-3 * one.std().item<double>())
         << name;
   }
-  at::set_num_threads(threads);
 }
 
 TEST(Kernels, GeluIsAsExactAsDocumented) {

@@ -36,8 +36,8 @@ void begin_with_base(Network& network, const NetworkDescription& description) {
       if (item.key() == last + ".weight" || item.key() == last + ".bias") item.value().zero_();
 }
 
-// The weights of another run, whose network takes and gives the same.
-void begin_with_weights(Network& network, const TrainingConfig& config) {
+// That of another run, which takes and gives the same.
+std::shared_ptr<Network> network_of_another_run(const TrainingConfig& config) {
   const LoadedPackage from = load_package(config.begin_with);
   if (package_text(from.package) != package_text(config.package))
     throw InputError(
@@ -45,20 +45,16 @@ void begin_with_weights(Network& network, const TrainingConfig& config) {
         "holds another network, or one that takes or gives something else, than " +
             config.source.string() + " asks for",
         "make [network] and [package] those of the weights: " + package_text(from.package));
-  const torch::NoGradGuard no_gradients;
-  const auto values = from.network->named_parameters();
-  for (auto& item : network.named_parameters()) item.value().copy_(values[item.key()]);
+  from.network->train();
+  return from.network;
 }
 
 }  // namespace
 
 std::shared_ptr<Network> initial_network(const TrainingConfig& config, std::uint64_t seed) {
   torch::manual_seed(seed);
+  if (!config.begin_with.empty()) return network_of_another_run(config);
   auto network = make_network(config.package.network);
-  if (!config.begin_with.empty()) {
-    begin_with_weights(*network, config);
-    return network;
-  }
   if (config.package.network.architecture == "unet") begin_unet(*network);
   if (config.package.settings.residual) begin_with_base(*network, config.package.network);
   return network;

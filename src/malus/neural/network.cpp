@@ -118,9 +118,13 @@ Json default_network_settings(const std::string& architecture) {
   return find_architecture(architecture).defaults;
 }
 
+Json full_settings(const NetworkDescription& description) {
+  return merged(find_architecture(description.architecture), description.settings);
+}
+
 std::shared_ptr<Network> make_network(const NetworkDescription& description) {
   const auto& architecture = find_architecture(description.architecture);
-  const Json settings = merged(architecture, description.settings);
+  const Json settings = full_settings(description);
   try {
     return architecture.make(settings);
   } catch (const Json::exception& error) {

@@ -31,6 +31,8 @@ std::vector<std::string> network_names();
 
 /// Default settings of an architecture, every key present. Throws InputError on an unknown name.
 nlohmann::json default_network_settings(const std::string& architecture);
+/// Those with the description's in their place. Throws InputError as make_network does.
+nlohmann::json full_settings(const NetworkDescription& description);
 
 /// Builds with random weights (torch's own generator). Throws InputError on an unknown name or
 /// setting, or a wrong type.

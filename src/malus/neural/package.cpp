@@ -122,10 +122,8 @@ NetworkDescription fitted_network(NetworkDescription network, const PackageSetti
 }
 
 std::string package_text(const NetworkPackage& package) {
-  Json settings = default_network_settings(package.network.architecture);
-  settings.update(package.network.settings);
   return Json{{"network", package.network.architecture},
-              {"settings", settings},
+              {"settings", full_settings(package.network)},
               {"package", settings_json(package.settings)}}
       .dump();
 }

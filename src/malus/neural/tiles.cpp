@@ -22,13 +22,6 @@ TileDemand faded(std::int64_t multiple, double bytes) {
   return {multiple, rounded_up(kFadedOverlap, multiple), false, bytes};
 }
 
-// Bytes per pixel of the input planes and value of the network's width: a fifth more than a forward
-// pass of 256 x 256 pixels takes at most (malus bench --only networks; the layers' from the peers'
-// column).
-double bytes_of(double width, double layers, double kernels, bool takes_kernels) {
-  return width * (takes_kernels ? kernels : layers);
-}
-
 // Position's share in a span whose core is [begin, end): 1 inside, falling over +-half around inner
 // edges.
 float share(std::int64_t at, std::int64_t begin, std::int64_t end, std::int64_t length,
@@ -47,36 +40,36 @@ float share(std::int64_t at, std::int64_t begin, std::int64_t end, std::int64_t 
 }  // namespace
 
 TileDemand tile_demand(const NetworkDescription& description, bool on_cpu) {
-  Json s = default_network_settings(description.architecture);
-  if (description.settings.is_object()) s.update(description.settings);
-  const auto whole_vectors = [&](std::int64_t width) {
-    return on_cpu && width % internal::kLane == 0;
+  const Json s = full_settings(description);
+  // Bytes per pixel: those per value of the network's width, a fifth more than a forward pass of
+  // 256 x 256 pixels takes at most (malus bench --only networks; the layers' from the peers'
+  // column). Kernels take vectors whole.
+  const auto bytes = [&](std::int64_t width, std::int64_t vectors, double layers, double kernels) {
+    const bool takes_kernels = on_cpu && vectors % internal::kLane == 0;
+    return static_cast<double>(width) * (takes_kernels ? kernels : layers);
+  };
+  const auto number = [&](const char* key) { return s.at(key).get<std::int64_t>(); };
+  const auto per_head = [&](const char* width, const char* heads) {
+    return number(width) / s.at(heads).at(0).get<std::int64_t>();
   };
   if (description.architecture == "unet") {
     // Two 3x3 convolutions per level, 2 (1 + 2 + ... ) pixels on the way down and again, but for
-    // the lowest level, on the way up; the pooling grid of the lowest level.
-    const std::int64_t lowest = std::int64_t{1} << (s.value("levels", 5) - 1);
+    // the lowest level, on the way up; the pooling grid of the lowest level. Its kernels take any
+    // width.
+    const std::int64_t lowest = std::int64_t{1} << (number("levels") - 1);
     return {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true,
-            bytes_of(s.at("width").get<double>(), 60, 40, on_cpu)};
+            bytes(number("width"), 0, 60, 40)};
   }
-  if (description.architecture == "nafnet") {
-    const auto width = s.at("width").get<std::int64_t>();
+  if (description.architecture == "nafnet")
     return faded(std::int64_t{1} << s.at("enc_blk_nums").size(),
-                 bytes_of(static_cast<double>(width), 80, 20, whole_vectors(width)));
-  }
-  const char* width_key = description.architecture == "uformer" ? "embed_dim" : "dim";
-  const auto width = s.at(width_key).get<std::int64_t>();
-  const auto bytes = [&](double layers, double kernels, std::int64_t heads) {
-    return bytes_of(static_cast<double>(width), layers, kernels, whole_vectors(width / heads));
-  };
-  const auto first_heads = [&](const char* key) { return s.at(key).at(0).get<std::int64_t>(); };
+                 bytes(number("width"), number("width"), 80, 20));
   if (description.architecture == "restormer")
-    return faded(8, bytes(200, 115, first_heads("heads")));
+    return faded(8, bytes(number("dim"), per_head("dim", "heads"), 200, 115));
   if (description.architecture == "uformer")
-    return faded(s.at("win_size").get<std::int64_t>() << 4,
-                 bytes(250, 90, first_heads("num_heads")));
-  return faded(s.at("window").get<std::int64_t>() << (s.at("depths").size() - 1),
-               bytes(200, 66, first_heads("heads")));
+    return faded(number("win_size") << 4,
+                 bytes(number("embed_dim"), per_head("embed_dim", "num_heads"), 250, 90));
+  return faded(number("window") << (s.at("depths").size() - 1),
+               bytes(number("dim"), per_head("dim", "heads"), 200, 66));
 }
 
 std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const TileDemand& demand) {
