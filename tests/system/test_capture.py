@@ -170,7 +170,7 @@ def test_stopped_by_the_user_and_continued(malus, plan, tmp_path):
 def test_what_the_camera_cannot_do_is_refused_before_the_first_frame(refused, plan, tmp_path):
     path = plan(5, more='[[capture]]\nkind = "flat"\ngain_db = 600\nexposure_s = 0.01\nframes = 5\n')
     assert "600 dB" in refused("capture", path, "-o", tmp_path / "out")
-    assert not (tmp_path / "out" / STEP).exists()
+    assert not (tmp_path / "out").exists()  # the corrected plan may have the same folder
     path.write_text(path.read_text().replace("[camera]", '[camera]\npixel_format = "Mono12p"').replace("600", "0"))
     assert "Mono12p" in refused("capture", path, "-o", tmp_path / "other")
 

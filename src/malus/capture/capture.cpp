@@ -269,11 +269,12 @@ fs::path write_session(const CapturePlan& plan, const fs::path& folder,
 
 CaptureReport capture(const CapturePlan& plan, const fs::path& folder,
                       const CaptureWatcher& watcher, Progress& progress) {
-  claim_folder(plan, folder);
   Camera camera(plan.camera);
   CaptureReport report;
   report.camera = camera.name();
   report.pixel_format = prepare_camera(plan, camera);
+  // After the camera's checks: a plan that it refuses can be corrected and given the same folder.
+  claim_folder(plan, folder);
   report.frame_rate_hz = camera.set_frame_rate_hz(plan.frame_rate_hz.value_or(0));
   Run run(plan, folder, camera, watcher, progress);
   for (const auto& step : plan.steps) {
