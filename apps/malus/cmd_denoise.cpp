@@ -316,7 +316,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
 void add_denoise(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<DenoiseArguments>();
   CLI::App* command =
-      add_command(app, common, "denoise", "raw frames to denoised raw frames and planes",
+      add_command(app, common, "denoise", "Take the noise out of raw frames",
                   [arguments, &common] { run_denoise(*arguments, common); });
   command->add_option("RAW", arguments->inputs, "mosaics")->required();
   command->add_option("--model", arguments->model,

@@ -6,7 +6,7 @@ namespace malus::app {
 
 void add_experiment(CLI::App& app, Common& common) {
   CLI::App* experiment =
-      app.add_subcommand("experiment", "the papers' tables, small or full scale");
+      app.add_subcommand("experiment", "The papers' tables, small or full scale");
   experiment->require_subcommand(1);
   add_denoise_experiment(*experiment, common);
   add_uncertainty_experiment(*experiment, common);

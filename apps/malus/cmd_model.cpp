@@ -107,7 +107,7 @@ void add_model(CLI::App& app, Common& common) {
   CLI::App* show_command =
       add_command(*model, common, "show", "Parameters of a noise model with units and errors",
                   [&common, arguments] { show(common, *arguments); });
-  show_command->add_option("model", arguments->model, "model file or name of a built-in model")
+  show_command->add_option("MODEL", arguments->model, "model file or name of a built-in model")
       ->required();
   CLI::Option* gain = show_command->add_option("--gain", arguments->gain_db, "one gain only [dB]");
   show_command->add_option("--iso", arguments->iso, "one gain only, as ISO")
@@ -119,7 +119,7 @@ void add_model(CLI::App& app, Common& common) {
   CLI::App* check_command = add_command(
       *model, common, "check", "Leave every gain out once: how well do the others predict it?",
       [&common, checked] { check(common, *checked); });
-  check_command->add_option("model", *checked, "model file or name of a built-in model")
+  check_command->add_option("MODEL", *checked, "model file or name of a built-in model")
       ->required();
   add_import_weights(*model, common);
   add_model_from_dng(*model, common);

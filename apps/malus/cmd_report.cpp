@@ -145,7 +145,7 @@ void run_report(const ReportArguments& arguments, const Common& common) {
 void add_report(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<ReportArguments>();
   CLI::App* command = add_command(
-      app, common, "report", "models, evaluations and denoise runs as one self-contained HTML file",
+      app, common, "report", "Models, evaluations and denoise runs as one self-contained HTML file",
       [arguments, &common] { run_report(*arguments, common); });
   command
       ->add_option("INPUT", arguments->inputs,

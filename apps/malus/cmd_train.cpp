@@ -116,7 +116,7 @@ void run_train(const TrainArguments& arguments, const Common& common) {
 void add_train(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<TrainArguments>();
   CLI::App* command =
-      add_command(app, common, "train", "Trains a network on synthetic or captured noise",
+      add_command(app, common, "train", "Train a network on synthetic or captured noise",
                   [arguments, &common] { run_train(*arguments, common); });
   command->add_option("CONFIG", arguments->config, "configuration (TOML)")->required();
   command->add_option("-o,--output", arguments->folder,

@@ -85,7 +85,7 @@ void run(const Arguments& arguments, const Common& common) {
 void add_denoise_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* command = add_command(experiment, common, "denoise",
-                                  "denoising methods on clean scenes with a camera's noise",
+                                  "Denoising methods on clean scenes with a camera's noise",
                                   [arguments, &common] { run(*arguments, common); });
   arguments->runs.add_options(*command);
   command->add_option(

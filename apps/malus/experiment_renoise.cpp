@@ -246,7 +246,7 @@ void run(const Arguments& arguments, const Common& common) {
 void add_renoise_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* command = add_command(experiment, common, "renoise",
-                                  "ways to make frames of a noisier gain, where the truth is known",
+                                  "Ways to make frames of a noisier gain, where the truth is known",
                                   [arguments, &common] { run(*arguments, common); });
   command
       ->add_option("CLEAN", arguments->clean,

@@ -101,7 +101,7 @@ void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* command =
       add_command(experiment, common, "uncertainty",
-                  "stated errors of denoised pixels against the true ones: squared error over the "
+                  "Stated errors of denoised pixels against the true ones: squared error over the "
                   "stated, and how often two deviations hold the truth",
                   [arguments, &common] { run(*arguments, common); });
   arguments->runs.add_options(*command);

@@ -20,7 +20,8 @@ inline std::string flag_name(std::string name) {
   return "--" + name;
 }
 
-/// One flag per described field; ranges and choices are checked by the parser.
+/// One flag per described field, of a bool two (--x and --no-x); ranges and choices are checked by
+/// the parser.
 template <class Settings>
 void add_flags(CLI::App& command, Settings& settings) {
   Settings::describe(settings, [&](auto& value, const ParameterInfo& info) {
@@ -30,7 +31,7 @@ void add_flags(CLI::App& command, Settings& settings) {
     if constexpr (std::is_same_v<Value, bool>) {
       command.add_flag(
           fmt::format("{},!--no-{}", flag_name(info.name), flag_name(info.name).substr(2)), value,
-          info.help);
+          fmt::format("{} (default: {})", info.help, value ? "on" : "off"));
     } else {
       CLI::Option* option = command.add_option(flag_name(info.name), value, info.help + unit);
       if (!info.choices.empty()) option->check(CLI::IsMember(info.choices));

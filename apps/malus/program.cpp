@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
 #include <atomic>
@@ -12,6 +13,7 @@
 #include <mutex>
 #include <new>
 #include <system_error>
+#include <vector>
 
 #include "live_progress.h"
 #include <fmt/format.h>
@@ -94,7 +96,43 @@ class TerminalProgress final : public Progress {
   Clock::time_point start_, last_;
 };
 
+// CLI11 writes "--row,--no-row{false}".
+class HelpLayout final : public CLI::Formatter {
+ public:
+  std::string make_option_name(const CLI::Option* option, bool positional) const override {
+    std::string name = CLI::Formatter::make_option_name(option, positional);
+    constexpr std::string_view kNegated = "{false}";
+    for (std::size_t at = 0; (at = name.find(kNegated, at)) != std::string::npos;)
+      name.erase(at, kNegated.size());
+    return name;
+  }
+};
+
+// CLI11 says no more than that a subcommand is missing, also where a word was meant to be one.
+std::string usage_problem(const CLI::App& program, const CLI::ParseError& error) {
+  const CLI::App* at = &program;
+  while (!at->get_subcommands().empty()) at = at->get_subcommands().front();
+  std::vector<std::string> commands;
+  for (const CLI::App* command : at->get_subcommands([](const CLI::App*) { return true; }))
+    commands.push_back(command->get_name());
+  if (commands.empty() || dynamic_cast<const CLI::RequiredError*>(&error) == nullptr)
+    return error.what();
+  const auto words = at->remaining();
+  if (words.empty()) return "a command is missing; there are " + joined(commands);
+  return fmt::format("{}: is no command; did you mean {}? there are {}", words.front(),
+                     nearest_name(words.front(), commands), joined(commands));
+}
+
 }  // namespace
+
+std::unique_ptr<CLI::App> make_program() {
+  auto app =
+      std::make_unique<CLI::App>("Measure a camera's noise, imitate it and remove it", "malus");
+  app->formatter(std::make_shared<HelpLayout>());
+  app->set_version_flag("--version", MALUS_VERSION);
+  app->require_subcommand(1);
+  return app;
+}
 
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
                       const std::string& description, std::function<void()> run) {
@@ -148,7 +186,7 @@ int run_program(CLI::App& app, int argc, char** argv) {
     return 0;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    fmt::print(stderr, "malus: {}\nRun with --help for usage.\n", error.what());
+    fmt::print(stderr, "malus: {}\nRun with --help for usage.\n", usage_problem(app, error));
     return kExitUsage;
   } catch (const InputError& error) {
     fmt::print(stderr, "malus: {}\n", error.what());

@@ -22,6 +22,9 @@ struct Common {
   std::uint64_t seed = 0;  ///< 0 is a seed like any other
 };
 
+/// The program without its commands: name, --version, the layout of --help.
+std::unique_ptr<CLI::App> make_program();
+
 /// Adds a command with the common flags; run is called after parsing, with threads set.
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
                       const std::string& description, std::function<void()> run);
