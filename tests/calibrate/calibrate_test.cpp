@@ -198,6 +198,32 @@ TEST(CalibratePhysics, DefectPixelsAreListed) {
                                                      "dead 50,51"));
 }
 
+// One pixel in a hundred that is 800 DN too bright would lift a plain mean by 8 DN.
+TEST(CalibratePhysics, HotPixelsLeaveTheBiasOfTheOthersAlone) {
+  const SimulatedCamera camera = small_camera();
+  CalibrationInput input = simulated_session(camera);
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      for (int r = 3; r < frame.dn.rows(); r += 10)
+        for (int c = 5; c < frame.dn.cols(); c += 10) frame.dn(r, c) += 800;
+      return frame;
+    };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  const PhysicsCalibration& found = model.physics.front();
+  const PhysicsNoise& truth = camera.gains.front().noise;
+  for (std::size_t c = 0; c < truth.channels.size(); ++c) {
+    EXPECT_NEAR(found.mu.mean[c], truth.channels[c].mu_dn, 5 * found.mu.standard_error[c]);
+    EXPECT_LT(found.mu.standard_error[c], 0.2);
+  }
+  double shading = 0;  // what bias and shading together say of an ordinary pixel
+  int pixels = 0;
+  for (int r = 0; r < found.dark_shading_dn.rows(); ++r)
+    for (int c = 0; c < found.dark_shading_dn.cols(); ++c)
+      if (r % 10 != 3 || c % 10 != 5) shading += found.dark_shading_dn(r, c), ++pixels;
+  EXPECT_NEAR(shading / pixels, 0.0, 1e-3);
+}
+
 TEST(CalibratePhysics, SameNumbersForAnyThreadCount) {
   SimulatedCamera camera = small_camera();
   camera.bias_frames = 12;

@@ -288,6 +288,12 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
   if (row_group.known && remove_pattern)
     measure_drift(geometry, 1.0 - 1.0 / set.count, frames, out);
+  const OrdinaryPixels ordinary = ordinary_pixels(pattern, geometry);
+  if (remove_pattern) {
+    const std::vector<double> all = channel_means(pattern, geometry);
+    for (std::vector<double>& frame : frames.mean)
+      for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
+  }
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), out);
   measure_shapes(frames, analyzer, quantization_dn, settings, first.layout, out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
@@ -295,14 +301,16 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_clipping(dark.zero_share, first.layout, out);
   warn_of_coarse_steps(temporal_sd, quantization_dn, out);
   if (!several) return;
-  subtract_channel_means(pattern, geometry);
+  const std::vector<double> temporal = dark.temporal.variance_dn2();
+  out.dsnu_dn = dsnu_dn(channel_variances(pattern, geometry), temporal, set.count);
+  subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
-  out.dsnu_dn = dsnu_dn(out.dark_shading_dn, geometry, dark.temporal.variance_dn2(), set.count);
   // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
-  for (std::size_t c = 0; c < out.dsnu_dn.size(); ++c)
+  const std::vector<double> of_ordinary = dsnu_dn(ordinary.variance_dn2, temporal, set.count);
+  for (std::size_t c = 0; c < of_ordinary.size(); ++c)
     out.mu.standard_error[c] = std::hypot(
         out.mu.standard_error[c],
-        out.dsnu_dn[c] /
+        of_ordinary[c] /
             std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
   warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
 }

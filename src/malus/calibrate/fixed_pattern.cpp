@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace malus {
 namespace {
@@ -88,19 +89,36 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
   return variance;
 }
 
-void subtract_channel_means(Image& mean_frame_dn, const MosaicGeometry& geometry) {
-  const std::vector<double> mean = channel_means(mean_frame_dn, geometry);
-  for (int r = 0; r < mean_frame_dn.rows(); ++r)
-    for (int col = 0; col < mean_frame_dn.cols(); ++col)
-      mean_frame_dn(r, col) -= static_cast<float>(mean[at(geometry.channel(r, col))]);
+OrdinaryPixels ordinary_pixels(View<const float> mosaic, const MosaicGeometry& geometry) {
+  OrdinaryPixels out;
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const Location level =
+        location_of(geometry, channel, [&](int r, int c) { return mosaic(r, c); });
+    const double bound = level.deviation > 0 ? kDefectDeviations * level.deviation
+                                             : std::numeric_limits<double>::infinity();
+    Moments moments;
+    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
+      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
+        if (std::abs(mosaic(r, c) - level.centre) <= bound) moments.add(mosaic(r, c));
+    out.mean_dn.push_back(moments.mean());
+    out.variance_dn2.push_back(moments.variance());
+  }
+  return out;
 }
 
-std::vector<double> dsnu_dn(View<const float> shading_dn, const MosaicGeometry& geometry,
+void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
+                     const MosaicGeometry& geometry) {
+  for (int r = 0; r < mosaic_dn.rows(); ++r)
+    for (int col = 0; col < mosaic_dn.cols(); ++col)
+      mosaic_dn(r, col) -= static_cast<float>(level_dn[at(geometry.channel(r, col))]);
+}
+
+std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames) {
-  std::vector<double> out = channel_variances(shading_dn, geometry);
-  for (std::size_t c = 0; c < out.size(); ++c)
-    out[c] = std::sqrt(std::max(out[c] - temporal_variance_dn2[c] / frames, 0.0));
-  return out;
+  for (std::size_t c = 0; c < spatial_variance_dn2.size(); ++c)
+    spatial_variance_dn2[c] =
+        std::sqrt(std::max(spatial_variance_dn2[c] - temporal_variance_dn2[c] / frames, 0.0));
+  return spatial_variance_dn2;
 }
 
 ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}

@@ -9,15 +9,27 @@
 
 namespace malus {
 
+/// Robust deviations beyond which a pixel counts as a defect.
+inline constexpr double kDefectDeviations = 8.0;
+
 /// Spatial variance of each channel about its mean, DN².
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry);
 
-/// Mean frame minus each channel's mean, in place.
-void subtract_channel_means(Image& mean_frame_dn, const MosaicGeometry& geometry);
+/// Mean and spatial variance per channel of the pixels that are no defects: those within
+/// kDefectDeviations robust deviations of the channel's median. A few hot pixels would lift a plain
+/// mean, and with it the bias that is taken off every other pixel.
+struct OrdinaryPixels {
+  std::vector<double> mean_dn, variance_dn2;
+};
+OrdinaryPixels ordinary_pixels(View<const float> mosaic, const MosaicGeometry& geometry);
+
+/// Mosaic minus one level per channel, in place.
+void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
+                     const MosaicGeometry& geometry);
 
 /// Sd of the fixed pattern: spatial variance of the mean frame minus temporal variance / frames; 0
 /// where sampling explains all of it.
-std::vector<double> dsnu_dn(View<const float> shading_dn, const MosaicGeometry& geometry,
+std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames);
 
 struct Response {
@@ -49,7 +61,6 @@ class ResponseAccumulator {
 /// shading, "noisy" in temporal variance (and above four times the channel's), "stuck" with less
 /// than a fiftieth of it over 20 frames or more, "dead" with less than half of the response.
 /// response may be empty. The list ends at kMostDefects.
-inline constexpr double kDefectDeviations = 8.0;
 inline constexpr std::size_t kMostDefects = 100000;
 std::vector<DefectPixel> find_defects(View<const float> shading_dn,
                                       View<const float> sum_of_squares, int frames,
