@@ -1,6 +1,8 @@
 #include "malus/calibrate/calibrate.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <atomic>
 #include <cmath>
@@ -222,6 +224,34 @@ TEST(CalibratePhysics, HotPixelsLeaveTheBiasOfTheOthersAlone) {
     for (int c = 0; c < found.dark_shading_dn.cols(); ++c)
       if (r % 10 != 3 || c % 10 != 5) shading += found.dark_shading_dn(r, c), ++pixels;
   EXPECT_NEAR(shading / pixels, 0.0, 1e-3);
+}
+
+// About their mean two frames are mirror images: one of them says all. The standard errors have to
+// know it, or they are short by the root of two.
+TEST(CalibratePhysics, TwoBiasFramesClaimNoMoreThanTheyTell) {
+  SimulatedCamera camera = small_camera();
+  camera.bias_frames = 2;
+  camera.flat_levels = 0;
+  Moments dark;
+  constexpr int kSessions = 12;
+  for (int session = 0; session < kSessions; ++session) {
+    camera.seed = 100 + static_cast<std::uint64_t>(session);
+    CalibrationInput input = simulated_session(camera);
+    input.row_group = camera.gains.front().noise.row_group;
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    const PhysicsCalibration& found = model.physics.front();
+    for (std::size_t c = 0; c < found.sigma_row.mean.size(); ++c) {
+      const PhysicsChannel& truth = camera.gains.front().noise.channels[c];
+      const double variance =
+          truth.sigma_tl_dn * truth.sigma_tl_dn * tukey_lambda_variance(truth.lambda) +
+          truth.sigma_row_dn * truth.sigma_row_dn + 1.0 / 12.0;
+      dark.add((found.temporal_sd_dark_dn[c] - std::sqrt(variance)) /
+               found.temporal_sd_dark_stderr_dn[c]);
+    }
+  }
+  const double rms = std::sqrt(dark.variance() + dark.mean() * dark.mean());
+  EXPECT_GT(rms, 0.75);
+  EXPECT_LT(rms, 1.25);
 }
 
 TEST(CalibratePhysics, SameNumbersForAnyThreadCount) {

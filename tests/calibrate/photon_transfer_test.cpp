@@ -58,6 +58,20 @@ TEST(PhotonTransfer, ScatterFollowsTheStandardErrorAndTwoSeHoldTheTruth) {
   EXPECT_NEAR(z.variance(), 1.0, 4 * std::sqrt(2.0 / kRepeats));
 }
 
+// Two frames: Var(s²) = 2σ⁴/P + κ4/(2P) for any distribution of a pixel's noise.
+TEST(PhotonTransfer, HeavyTailsOfTheDarkNoiseWidenTheError) {
+  const auto levels = exact_levels(8);
+  const auto normal = fit_photon_transfer(levels, dark_point());
+  DarkPoint heavy = dark_point();
+  heavy.fourth_cumulant_dn4 = 20 * kDarkVariance * kDarkVariance;
+  const auto fit = fit_photon_transfer(levels, heavy);
+  for (std::size_t i = 0; i < levels.size(); ++i)
+    EXPECT_NEAR(
+        std::pow(fit->variance_stderr_dn2[i], 2) - std::pow(normal->variance_stderr_dn2[i], 2),
+        heavy.fourth_cumulant_dn4 / (2.0 * 1000), 1e-9);
+  EXPECT_GT(fit->slope_stderr, normal->slope_stderr);
+}
+
 TEST(PhotonTransfer, RefusedLevelsDoNotCountAndOneOutlierBarely) {
   auto levels = exact_levels(12);
   levels[11].variance_dn2 *= 0.3;

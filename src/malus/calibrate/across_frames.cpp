@@ -20,9 +20,9 @@ std::vector<double> channel_of(const FrameSeries& values, std::size_t channel) {
 }
 
 // Squared standard error of the mean over frames.
-double mean_variance(double scatter, double sampling, std::size_t frames) {
+double mean_variance(double scatter, double sampling, std::size_t frames, double kept) {
   const double per_frame = frames >= kScatterSuffices ? scatter : std::max(scatter, sampling);
-  return per_frame / static_cast<double>(frames);
+  return per_frame / (kept * static_cast<double>(frames));
 }
 
 void take_sampling_out(ChannelStatistics& statistics, const SquareMatrix& sampling) {
@@ -60,21 +60,23 @@ SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric) {
   return out;
 }
 
-ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix& sampling) {
+ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix& sampling,
+                                   double kept) {
   MALUS_REQUIRE(!values.empty() && static_cast<int>(values.front().size()) == sampling.n);
   ChannelStatistics out;
   out.covariance = frame_covariance(values);
   for (int c = 0; c < sampling.n; ++c) {
     out.mean.push_back(mean_of(channel_of(values, static_cast<std::size_t>(c))));
     out.standard_error.push_back(
-        std::sqrt(mean_variance(out.covariance(c, c), sampling(c, c), values.size())));
+        std::sqrt(mean_variance(out.covariance(c, c), sampling(c, c), values.size(), kept)));
   }
   take_sampling_out(out, sampling);
   out.per_frame = values;
   return out;
 }
 
-ChannelStatistics deviation_statistics(const FrameSeries& variances, const SquareMatrix& sampling) {
+ChannelStatistics deviation_statistics(const FrameSeries& variances, const SquareMatrix& sampling,
+                                       double kept) {
   MALUS_REQUIRE(!variances.empty() && static_cast<int>(variances.front().size()) == sampling.n);
   const int channels = sampling.n;
   const SquareMatrix scatter = frame_covariance(variances);
@@ -83,7 +85,8 @@ ChannelStatistics deviation_statistics(const FrameSeries& variances, const Squar
   std::vector<double> derivative;  // of the deviation by the variance
   for (int c = 0; c < channels; ++c) {
     const double mean = mean_of(channel_of(variances, static_cast<std::size_t>(c)));
-    const double error = std::sqrt(mean_variance(scatter(c, c), sampling(c, c), variances.size()));
+    const double error =
+        std::sqrt(mean_variance(scatter(c, c), sampling(c, c), variances.size(), kept));
     const double positive = std::max(mean, 0.0);
     const double spread2 =  // Var(σ²) = 4 σ² τ² to first order
         positive > 2.0 * error ? std::max(scatter(c, c) - sampling(c, c), 0.0) / (4.0 * positive)

@@ -130,13 +130,14 @@ void append_frames(const std::vector<double>& values, std::size_t frames, Channe
                                                  : std::numeric_limits<double>::quiet_NaN());
 }
 
-void append_statistics(const std::vector<double>& values, double sampling, ChannelStatistics& out) {
+void append_statistics(const std::vector<double>& values, double sampling, double kept,
+                       ChannelStatistics& out) {
   FrameSeries series;
   for (double value : values)
     if (std::isfinite(value)) series.push_back({value});
   SquareMatrix error(1);
   error(0, 0) = sampling;
-  const ChannelStatistics one = frame_statistics(series, error);
+  const ChannelStatistics one = frame_statistics(series, error, kept);
   out.mean.push_back(one.mean[0]);
   out.standard_error.push_back(one.standard_error[0]);
   out.spread.push_back(one.spread[0]);
@@ -163,7 +164,7 @@ void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
 }
 
 void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, double quantization_dn,
-                    const CalibrationSettings& settings, const SensorLayout& layout,
+                    double kept, const CalibrationSettings& settings, const SensorLayout& layout,
                     PhysicsCalibration& out) {
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
   const std::size_t count = frames.residuals.size();
@@ -196,8 +197,8 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
       append_unknown(fit->lambda, fit->scale_dn, out);
       continue;
     }
-    append_statistics(shapes.lambda, shapes.lambda_sampling, out.lambda);
-    append_statistics(shapes.scale, shapes.scale_sampling, out.sigma_tl);
+    append_statistics(shapes.lambda, shapes.lambda_sampling, kept, out.lambda);
+    append_statistics(shapes.scale, shapes.scale_sampling, kept, out.sigma_tl);
   }
 }
 
@@ -231,18 +232,18 @@ void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& fram
 }
 
 void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
-                     const SquareMatrix& row_covariance, PhysicsCalibration& out) {
+                     const SquareMatrix& row_covariance, double kept, PhysicsCalibration& out) {
   const SamplingErrors sampling =
       sampling_errors(geometry, frames, row_covariance, out.row_drift.drift);
   out.mu = frame_statistics(frames.mean, sampling.mean);
-  out.sigma_row = deviation_statistics(frames.row, sampling.row);
-  out.sigma_column = deviation_statistics(frames.column, sampling.column);
+  out.sigma_row = deviation_statistics(frames.row, sampling.row, kept);
+  out.sigma_column = deviation_statistics(frames.column, sampling.column, kept);
   out.sigma_column.covariance = SquareMatrix();
   out.temporal_sd_dark_dn.clear();
   for (double variance : mean_over_frames(frames.total))
     out.temporal_sd_dark_dn.push_back(std::sqrt(std::max(variance, 0.0)));
   out.temporal_sd_dark_stderr_dn =
-      deviation_statistics(frames.total, sampling.total).standard_error;
+      deviation_statistics(frames.total, sampling.total, kept).standard_error;
   out.row_correlation = nearest_correlation(correlation_of(row_covariance));
 }
 
@@ -286,16 +287,16 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   BiasFrames frames;
   for_each_frame(set, &first, progress,
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
-  if (row_group.known && remove_pattern)
-    measure_drift(geometry, 1.0 - 1.0 / set.count, frames, out);
+  const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
+  if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
   const OrdinaryPixels ordinary = ordinary_pixels(pattern, geometry);
   if (remove_pattern) {
     const std::vector<double> all = channel_means(pattern, geometry);
     for (std::vector<double>& frame : frames.mean)
       for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
   }
-  fill_components(frames, geometry, analyzer.row_covariance_dn2(), out);
-  measure_shapes(frames, analyzer, quantization_dn, settings, first.layout, out);
+  fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
+  measure_shapes(frames, analyzer, quantization_dn, kept, settings, first.layout, out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_clipping(dark.zero_share, first.layout, out);

@@ -22,7 +22,8 @@ struct Points {
 double variance_error_dn4(double signal, int frames, const DarkPoint& dark, double gain) {
   const double row = std::max(dark.row_variance_dn2, 0.0);
   const double pixel = std::max(dark.variance_dn2 + gain * signal - row, 0.0);
-  const double fourth_cumulant = gain * gain * gain * signal;  // of a Poisson variable, in DN⁴
+  // Of a Poisson variable, in DN⁴, and of the dark noise: cumulants of independent parts add.
+  const double fourth_cumulant = gain * gain * gain * signal + dark.fourth_cumulant_dn4;
   const auto pixels = static_cast<double>(dark.pixels);
   const double gaussian = pixel * pixel / pixels + 2.0 * row * pixel / pixels +
                           row * row / std::max(dark.row_groups, 1);

@@ -24,8 +24,9 @@ struct TransferLevel {
 /// The channel's dark point, common to all levels.
 struct DarkPoint {
   double variance_dn2 = 0, variance_stderr_dn2 = 0;
-  double row_variance_dn2 = 0;  ///< σ_b² inside variance_dn2
-  std::int64_t pixels = 0;      ///< of the channel
+  double row_variance_dn2 = 0;     ///< σ_b² inside variance_dn2
+  double fourth_cumulant_dn4 = 0;  ///< of a pixel's dark noise: above 0 for heavy tails
+  std::int64_t pixels = 0;         ///< of the channel
   int row_groups = 0;
 };
 
@@ -41,12 +42,12 @@ struct TransferFit {
 };
 
 /// Line through the dark point and the levels, weighted by 1/variance. Sampling variances follow
-/// from the fitted line: 2σ⁴/((M-1)P) with the Poisson kurtosis and the row noise, which does not
-/// average over a row. Levels beyond three deviations are weighted down (Huber). When the scatter
-/// is more than sampling explains (χ² at the level of 1e-4), a constant variance is added to every
-/// level until it is explained (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error
-/// stays honest on a nonlinear sensor. Undecided: fewer than two usable levels, or a variance that
-/// does not rise with the light.
+/// from the fitted line: 2σ⁴/((M-1)P) with the kurtosis of Poisson and dark noise and the row
+/// noise, which does not average over a row. Levels beyond three deviations are weighted down
+/// (Huber). When the scatter is more than sampling explains (χ² at the level of 1e-4), a constant
+/// variance is added to every level until it is explained (Mandel and Paule, Anal. Chem. 42, 1970),
+/// so that the standard error stays honest on a nonlinear sensor. Undecided: fewer than two usable
+/// levels, or a variance that does not rise with the light.
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
                                           const DarkPoint& dark);
 
