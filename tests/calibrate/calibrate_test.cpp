@@ -254,6 +254,19 @@ TEST(CalibratePhysics, TwoBiasFramesClaimNoMoreThanTheyTell) {
   EXPECT_LT(rms, 1.25);
 }
 
+TEST(CalibratePhysics, HeavyTailsFromFewFramesAreSaid) {
+  using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
+  SimulatedCamera camera = small_camera();
+  for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = -0.15;
+  camera.bias_frames = 4;
+  EXPECT_THAT(calibrated(camera).physics.front().warnings, Contains(HasSubstr("heavy tails")));
+  camera.bias_frames = 20;
+  EXPECT_THAT(calibrated(camera).physics.front().warnings, Not(Contains(HasSubstr("heavy tails"))));
+  for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = 0.2;
+  camera.bias_frames = 4;
+  EXPECT_THAT(calibrated(camera).physics.front().warnings, Not(Contains(HasSubstr("heavy tails"))));
+}
+
 TEST(CalibratePhysics, SameNumbersForAnyThreadCount) {
   SimulatedCamera camera = small_camera();
   camera.bias_frames = 12;

@@ -18,6 +18,9 @@ namespace {
 
 constexpr double kCellsPerDeviation = 24.0;
 constexpr double kNormalLambda = 0.14;
+// Below: the mean of the other frames, whose error is taken for normal, has tails of its own.
+constexpr int kFewFrames = 10;
+constexpr double kHeavyLambda = 0.05;
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -202,6 +205,15 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
   }
 }
 
+void warn_of_few_frames(PhysicsCalibration& out) {
+  const double lambda = mean_of(out.lambda.mean);
+  if (out.bias_frames < kFewFrames && lambda < kHeavyLambda)
+    out.warnings.push_back(
+        fmt::format("heavy tails (λ = {:.2f}) from {} bias frames: λ and σ_TL come out too low, by "
+                    "up to a tenth; take 20 frames or more",
+                    lambda, out.bias_frames));
+}
+
 // White where the frames do not show more. What drift moves from the rows' variance in a frame to
 // the frame's mean is given back to the former.
 void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& frames,
@@ -297,6 +309,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   }
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   measure_shapes(frames, analyzer, quantization_dn, kept, settings, first.layout, out);
+  if (remove_pattern) warn_of_few_frames(out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
