@@ -69,6 +69,32 @@ TEST(RowNoise, APictureIsNotTakenForRows) {
   for (const double offset : rows.offset) EXPECT_LT(std::abs(offset), 3.5);
 }
 
+// Stripes of three and a half of the model's deviations, equal along each row: nothing but their
+// size tells them from row noise.
+TEST(RowNoise, LevelStripesAreLeftInThePicture) {
+  const NoiseProfile profile = profile_with(1.0, 1.5);
+  Simulated frame = simulate(profile, 400, 600, false);
+  for (int r = 0; r < 400; ++r)
+    for (int c = 0; c < 600; ++c)
+      frame.dn(r, c) += static_cast<float>(5 * std::sin(2 * 3.14159265358979 * r / 21.3));
+  const RowNoise rows = estimate_row_noise(frame.dn, profile, 4000);
+  double taken = 0;  // along the stripes, 5 is all of them
+  for (int g = 0; g < 200; ++g)
+    taken += rows.offset[static_cast<std::size_t>(g)] *
+             std::sin(2 * 3.14159265358979 * (2 * g + 0.5) / 21.3) / 100;
+  EXPECT_LT(std::abs(taken), 1.0);
+}
+
+TEST(RowNoise, StripesThatDwarfTheNoiseAreNoRowNoise) {
+  NoiseProfile profile = profile_with(0.0, 1.5);
+  Simulated frame = simulate(profile, 600, 600, false);
+  for (int r = 0; r < 600; ++r)
+    for (int c = 0; c < 600; ++c)
+      frame.dn(r, c) += static_cast<float>(40 * std::sin(2 * 3.14159265358979 * r / 21.3));
+  estimate_row_deviation(frame.dn, 4000, profile);
+  EXPECT_EQ(profile.channels[0].sigma_row_dn, 0.0);
+}
+
 TEST(RowNoise, NothingWithoutRowNoiseInTheModel) {
   const Simulated truth = simulate(profile_with(1.0, 1.5), 64, 64, false);
   for (const double offset : estimate_row_noise(truth.dn, profile_with(0.0, 1.5), 4000).offset)

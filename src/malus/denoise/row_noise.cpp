@@ -23,7 +23,14 @@ constexpr int kReweightings = 4;
 constexpr int kDistances[] = {1, 2, 4};
 // The comparisons of one row share its noise: together they are worth less than their number.
 constexpr double kShared = 2.0;
+constexpr double kMedianOfNormal = 0.67448975019608171;  // of the absolute value
 constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated from a picture
+// Offsets that deviate by more than this, in units of the model's, are not the camera's alone; only
+// so many groups tell.
+constexpr double kTooWide = 1.25;
+constexpr std::size_t kLeastGroups = 32;
+// A camera's rows differ by no more than this many deviations of its pixels: blinds and stripes do.
+constexpr double kMostRowDeviation = 2.0;
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
 
@@ -110,6 +117,29 @@ RowNoise posterior(const std::vector<RowEvidence>& evidence, const std::vector<d
   return rows;
 }
 
+// Of the pixel noise at the frame's mean signal, mean over the channels.
+double pixel_deviation(View<const float> dn, const NoiseProfile& profile) {
+  Moments signal;
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c)
+      if (std::isfinite(dn(r, c))) signal.add(dn(r, c));
+  double sum = 0;
+  for (const ChannelProfile& channel : profile.channels)
+    sum += std::sqrt(std::max(channel.variance(signal.mean()), 0.0));
+  return sum / static_cast<double>(profile.channels.size());
+}
+
+// Level stripes of the picture look like rows that are lifted, but by more than the model's offsets
+// are wide. Of a sum of deviation d the offsets, of deviation 1, are expected to be 1/d² (Wiener).
+void leave_stripes(RowNoise& rows) {
+  if (rows.offset.size() < kLeastGroups) return;
+  std::vector<double> size;
+  for (const double offset : rows.offset) size.push_back(std::abs(offset));
+  const double wide = median_of(size) / kMedianOfNormal;
+  if (wide <= kTooWide) return;
+  for (double& offset : rows.offset) offset /= wide * wide;
+}
+
 }  // namespace
 
 RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
@@ -146,6 +176,7 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
                     (kOutlierFreedom + 1.0);
     }
   }
+  leave_stripes(rows);
   return rows;
 }
 
@@ -187,6 +218,7 @@ void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProf
     // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
     const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(values.size()));
     if (excess > 3 * error) sigma = std::sqrt(excess / 1.5);
+    if (sigma > kMostRowDeviation * pixel_deviation(dn, profile)) sigma = 0;
     if (robust_deviation_of(within) < kPairedRows * robust_deviation_of(across))
       profile.row_group = 2;
   }

@@ -2,7 +2,8 @@
 // sigma_row. The draws are estimated together by a Gaussian posterior: the model's prior says how
 // large they can be, vertical second differences between rows of the same channels say how a row
 // stands out from its neighbours, and the spread of that along the row says how much of it is the
-// picture. Rows that stand out by more than the model allows are taken for picture and left alone.
+// picture. Rows that stand out by more than the model allows are taken for picture and left alone;
+// where rows do so all over the frame (level stripes, blinds), all offsets are held back.
 #pragma once
 
 #include "malus/image/view.h"
@@ -27,7 +28,8 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
 
 /// Fills sigma_row_dn (equal for all channels) and row_group (1 or 2) of a profile that knows only
 /// the pixel noise, from the picture's rows: the spread of their second differences beyond what
-/// pixel noise and the picture explain. 0 when that is less than three times its own error.
+/// pixel noise and the picture explain. 0 when that is less than three times its own error, or more
+/// than twice the pixels' deviation: then it is the picture's.
 void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProfile& profile);
 
 }  // namespace malus
