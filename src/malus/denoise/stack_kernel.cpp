@@ -5,7 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
+#include <limits>
+#include <numeric>
+#include <vector>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/stack_kernel.cpp"
@@ -51,35 +55,6 @@ HWY_INLINE float lane_sum(const Floats& v) {
   float sum = 0;
   for (const float lane : lanes) sum += lane;
   return sum;
-}
-
-/// Squared distance of two blocks of 8, 16 or 32 pixels per side.
-template <int kBlock>
-HWY_INLINE float distance(const float* a, const float* b, std::ptrdiff_t stride) {
-  Floats sum{};
-  if constexpr (kBlock == 8) {
-    for (int r = 0; r < 8; r += 2) {
-      Floats8 p[2], q[2];
-      for (int i = 0; i < 2; ++i) {
-        std::memcpy(&p[i], a + (r + i) * stride, sizeof(Floats8));
-        std::memcpy(&q[i], b + (r + i) * stride, sizeof(Floats8));
-        p[i] -= q[i];
-      }
-      const Floats d =
-          __builtin_shufflevector(p[0], p[1], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-      sum += d * d;
-    }
-  } else {
-    for (int r = 0; r < kBlock; ++r)
-      for (int c = 0; c < kBlock; c += kLanes) {
-        Floats p, q;
-        std::memcpy(&p, a + r * stride + c, sizeof(p));
-        std::memcpy(&q, b + r * stride + c, sizeof(q));
-        p -= q;
-        sum += p * p;
-      }
-  }
-  return lane_sum(sum);
 }
 
 /// x -> sum over k of x[k] * matrix[k].
@@ -156,44 +131,16 @@ HWY_INLINE void transform_stack(Floats* cells, int count, const StackJob& job, b
 }
 
 template <int kSide>
-HWY_INLINE void gather(const StackJob& job, const float* from, const Match* matches, int count,
-                       Floats* cells) {
+HWY_INLINE void gather(const StackJob& job, const float* from, const std::ptrdiff_t* matches,
+                       int count, Floats* cells) {
   for (int n = 0; n < count; ++n)
     for (int r = 0; r < kSide; ++r)
       for (int c = 0; c < kSide; ++c)
         cells[(n * kSide + r) * kSide + c] =
-            load_cell(from + matches[n].offset + r * kCell * job.stride + c * kCell, job.stride);
+            load_cell(from + matches[n] + r * kCell * job.stride + c * kCell, job.stride);
 }
 
-/// Candidates of one reference, the nearest first; returns how many (a power of two). As many again
-/// follow, the next nearest in any order, where there are so many.
-template <int kSide>
-HWY_INLINE int match(const StackJob& job, int row, int col, std::vector<Match>& matches) {
-  constexpr int kBlock = kSide * kCell;
-  matches.clear();
-  const float* reference = job.guide + row * job.stride + col;
-  for (int dy = -job.search * job.period_rows; dy <= job.search * job.period_rows;
-       dy += job.period_rows) {
-    if (row + dy < 0 || row + dy + kBlock > job.rows) continue;
-    for (int dx = -job.search * job.period_cols; dx <= job.search * job.period_cols;
-         dx += job.period_cols) {
-      if (col + dx < 0 || col + dx + kBlock > job.cols) continue;
-      const std::ptrdiff_t shift = dy * job.stride + dx;
-      // The reference itself always leads.
-      const float d =
-          shift == 0 ? -1.0f : distance<kBlock>(reference, reference + shift, job.stride);
-      matches.push_back({d, row * job.stride + col + shift});
-    }
-  }
-  int count = 1;
-  while (2 * count <= std::min<int>(job.stack, static_cast<int>(matches.size()))) count *= 2;
-  const int wide = std::min(2 * count, static_cast<int>(matches.size()));
-  std::nth_element(matches.begin(), matches.begin() + (wide - 1), matches.end());
-  matches.resize(static_cast<std::size_t>(wide));
-  std::nth_element(matches.begin(), matches.begin() + (count - 1), matches.end());
-  std::sort(matches.begin(), matches.begin() + count);
-  return count;
-}
+#include "malus/denoise/internal/stack_match-inl.h"
 
 struct Shrinkage {
   float weight;
@@ -281,7 +228,8 @@ HWY_INLINE void add(CellMatrix& to, float share, const CellMatrix& more) {
 /// Components of a stack. The guide's stack is left in `guide`.
 template <int kSide>
 HWY_INLINE CellMatrix stack_axes(const StackJob& job, std::size_t alignment,
-                                 const std::vector<Match>& matches, int count, Floats* guide) {
+                                 const std::vector<std::ptrdiff_t>& matches, int count,
+                                 Floats* guide) {
   constexpr int kCells = kSide * kSide;
   // Blocks beyond the stack are similar enough to steady its axes.
   constexpr float kBeyondShare = 0.3f;
@@ -298,15 +246,15 @@ HWY_INLINE CellMatrix stack_axes(const StackJob& job, std::size_t alignment,
 }
 
 template <int kSide>
-HWY_INLINE void put_back(const StackJob& job, const Match* matches, int count, const Floats* cells,
-                         float weight, const Floats& error) {
+HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int count,
+                         const Floats* cells, float weight, const Floats& error) {
   for (int r = 0; r < kSide; ++r)
     for (int c = 0; c < kSide; ++c) {
       Floats window;
       std::memcpy(&window, &job.window[static_cast<std::size_t>(r * kSide + c)], sizeof(window));
       window *= weight;
       for (int n = 0; n < count; ++n) {
-        const std::ptrdiff_t at = matches[n].offset + r * kCell * job.stride + c * kCell;
+        const std::ptrdiff_t at = matches[n] + r * kCell * job.stride + c * kCell;
         add_cell(job.sum + at, job.stride, window * cells[(n * kSide + r) * kSide + c]);
         add_cell(job.weight + at, job.stride, window);
         if (job.error) add_cell(job.error + at, job.stride, window * error);
@@ -317,7 +265,7 @@ HWY_INLINE void put_back(const StackJob& job, const Match* matches, int count, c
 template <int kSide>
 void filter_block(const StackJob& job, const ReferenceBlock& block) {
   constexpr int kCells = kSide * kSide;
-  std::vector<Match> matches;
+  Search search(job);
   std::vector<CellVector> memory(2 * static_cast<std::size_t>(job.stack * kCells) + 1);
   // Aligned by hand: std::vector gives 16 bytes.
   auto address = reinterpret_cast<std::uintptr_t>(memory.data());
@@ -325,7 +273,8 @@ void filter_block(const StackJob& job, const ReferenceBlock& block) {
   Floats* pilot = cells + job.stack * kCells;
   for (int row = block.row_begin; row < block.row_end; row += job.step)
     for (int col = block.col_begin; col < block.col_end; col += job.step) {
-      const int count = match<kSide>(job, row, col, matches);
+      const int count = match<kSide * kCell>(job, row, col, search);
+      const std::vector<std::ptrdiff_t>& matches = search.matches;
       const int total = count * kCells;
       gather<kSide>(job, job.noisy, matches.data(), count, cells);
       const std::size_t alignment = job.alignment(row, col);
@@ -361,6 +310,15 @@ void filter(const StackJob& job, const ReferenceBlock& block) {
   filter_block<8>(job, block);
 }
 
+int match_one(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {
+  Search search(job);
+  const int count = job.block_cells == 2   ? match<2 * kCell>(job, row, col, search)
+                    : job.block_cells == 4 ? match<4 * kCell>(job, row, col, search)
+                                           : match<8 * kCell>(job, row, col, search);
+  matches = std::move(search.matches);
+  return count;
+}
+
 /// Weighted sum of linear estimates of all cells on a lattice of kGuideStep pixels.
 void smooth(const SmoothJob& job, int row_begin, int row_end) {
   for (int row = row_begin; row < row_end; row += kGuideStep)
@@ -380,9 +338,13 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace malus::internal {
 HWY_EXPORT(filter);
+HWY_EXPORT(match_one);
 HWY_EXPORT(smooth);
 void filter_references(const StackJob& job, const ReferenceBlock& block) {
   HWY_DYNAMIC_DISPATCH(filter)(job, block);
+}
+int match_reference(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {
+  return HWY_DYNAMIC_DISPATCH(match_one)(job, row, col, matches);
 }
 void smooth_cells(const SmoothJob& job, int row_begin, int row_end) {
   HWY_DYNAMIC_DISPATCH(smooth)(job, row_begin, row_end);

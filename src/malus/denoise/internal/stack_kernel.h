@@ -9,15 +9,6 @@
 
 namespace malus::internal {
 
-struct Match {
-  float distance;
-  std::ptrdiff_t offset;  ///< of the block's first pixel
-  /// Ties go to the earlier block, so that the order is complete and the same everywhere.
-  bool operator<(const Match& other) const {
-    return distance != other.distance ? distance < other.distance : offset < other.offset;
-  }
-};
-
 /// Reference blocks [row_begin, row_end) x [col_begin, col_end) in steps of StackJob::step.
 struct ReferenceBlock {
   int row_begin, row_end, col_begin, col_end;
@@ -49,6 +40,11 @@ struct StackJob {
 };
 
 void filter_references(const StackJob& job, const ReferenceBlock& block);
+
+/// The blocks most similar to the one at (row, col), as filter_references stacks them: offsets of
+/// their first pixels, the nearest first, of equal ones the earlier in the window. Returns how many
+/// (a power of two); as many again follow where the window has them, the next nearest in its order.
+int match_reference(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches);
 
 inline constexpr int kGuideStep = 2;  ///< mosaic pixels between the cells that the guide averages
 
