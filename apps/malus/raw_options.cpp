@@ -4,6 +4,7 @@
 #include "malus/base/text.h"
 
 #include <map>
+#include <set>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -16,7 +17,9 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
       .add_option("--layout", layout_,
                   fmt::format("sensor layout: {}", joined(SensorLayout::known_names())))
       ->group(group);
-  command.add_option("--black", black_dn_, "black level: one number, or one per channel [DN]")
+  command
+      .add_option("--black", black_dn_,
+                  "black level: one number, or one per channel, separated by commas [DN]")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->group(group);
@@ -59,6 +62,8 @@ std::vector<std::filesystem::path> output_names(const std::vector<std::filesyste
                                                 const std::filesystem::path& folder,
                                                 const std::string& suffix) {
   std::vector<std::filesystem::path> names;
+  std::set<std::filesystem::path> frames;
+  for (const auto& input : inputs) frames.insert(std::filesystem::weakly_canonical(input));
   std::map<std::filesystem::path, std::filesystem::path> writer;
   for (const auto& input : inputs) {
     const auto name = folder / (stem_of(input) + suffix);
@@ -67,6 +72,9 @@ std::vector<std::filesystem::path> output_names(const std::vector<std::filesyste
                        fmt::format("its output {} would replace that of {}", name.string(),
                                    other->second.string()),
                        "rename one of them or run them apart");
+    if (frames.contains(std::filesystem::weakly_canonical(name)))
+      throw InputError(name.string(), "is an input and would be replaced by the result of another",
+                       "choose another output folder, or leave earlier results out of the inputs");
     names.push_back(name);
   }
   return names;

@@ -32,7 +32,7 @@ class RawOptions {
 std::string stem_of(const std::filesystem::path& input);
 
 /// One output name per input: folder / (<stem> + suffix), e.g. suffix "_denoised.tif". Throws
-/// InputError when two inputs would write the same file.
+/// InputError when two inputs would write the same file, or one would replace another input.
 std::vector<std::filesystem::path> output_names(const std::vector<std::filesystem::path>& inputs,
                                                 const std::filesystem::path& folder,
                                                 const std::string& suffix);

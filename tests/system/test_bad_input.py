@@ -168,3 +168,13 @@ def test_interrupted_run_leaves_whole_files_only(tmp_path, frame):
     process.wait()
     for path in out.glob("*_denoised.tif"):
         assert np.array(Image.open(path)).shape == (64, 64)
+
+
+def test_a_frame_is_never_replaced_by_the_result_of_another(refused, tmp_path):
+    rng = np.random.default_rng(3)
+    for name in ("a.png", "a_s0.png"):
+        Image.fromarray(rng.integers(20, 200, (64, 64), dtype=np.uint8)).save(tmp_path / name)
+    before = (tmp_path / "a_s0.png").read_bytes()
+    frames = [tmp_path / "a.png", tmp_path / "a_s0.png"]
+    assert "a_s0.png" in refused("stokes", *frames, *LAYOUT, "-o", tmp_path, "--force")
+    assert (tmp_path / "a_s0.png").read_bytes() == before

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 
 #include <fmt/format.h>
 
@@ -42,6 +43,24 @@ Image minus(const Image& frame, const Image& clean, float scale = 1) {
   return noise;
 }
 
+// The same frames; one of another size than the first that was loaded is refused.
+NoiseFrames of_one_size(NoiseFrames set, const char* name) {
+  struct Size {
+    int rows = 0, cols = 0;
+  };
+  set.load = [load = set.load, name, size = std::make_shared<Size>()](int k) {
+    Image frame = load(k);
+    if (size->rows == 0) *size = {frame.rows(), frame.cols()};
+    if (frame.rows() != size->rows || frame.cols() != size->cols)
+      throw InputError(name,
+                       fmt::format("frame {} has {} x {} pixels, others {} x {}", k, frame.cols(),
+                                   frame.rows(), size->cols, size->rows),
+                       "compare frames of one size");
+    return frame;
+  };
+  return set;
+}
+
 Image mean_frame(const NoiseFrames& set, Progress& progress) {
   std::vector<double> sum;
   Image mean;
@@ -61,13 +80,13 @@ class NoiseSource {
  public:
   NoiseSource(const NoiseFrames& set, const std::optional<Image>& clean, bool remove_fixed_pattern,
               const char* name, Progress& progress)
-      : set_(set), name_(name) {
+      : set_(of_one_size(set, name)), name_(name) {
     if (set.count == 0) throw InputError(name, "no frames", "name at least one");
     if (remove_fixed_pattern) {
       if (set.count < 2)
         throw InputError(name, "one frame has no mean to subtract",
                          "give two frames or more, or leave out --remove-fixed-pattern");
-      pattern_ = mean_frame(set, progress);
+      pattern_ = mean_frame(set_, progress);
       // The mean holds 1/n of each frame's own noise; this gives the residual its variance back.
       scale_ = static_cast<float>(std::sqrt(set.count / (set.count - 1.0)));
     }
