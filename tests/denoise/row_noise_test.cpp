@@ -69,6 +69,15 @@ TEST(RowNoise, APictureIsNotTakenForRows) {
   for (const double offset : rows.offset) EXPECT_LT(std::abs(offset), 3.5);
 }
 
+TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
+  const Simulated truth = simulate(profile_with(1.6, 1.5), 400, 600, false);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile_with(1.0, 1.5), 4000);
+  std::vector<double> drawn_dn = truth.offset;
+  for (double& offset : drawn_dn) offset *= 1.6;
+  // 1.6 DN is what was there.
+  EXPECT_LT(rms_error(rows.offset, drawn_dn), 0.6);
+}
+
 // Stripes of three and a half of the model's deviations, equal along each row: nothing but their
 // size tells them from row noise.
 TEST(RowNoise, LevelStripesAreLeftInThePicture) {

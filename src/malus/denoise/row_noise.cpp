@@ -25,9 +25,9 @@ constexpr int kDistances[] = {1, 2, 4};
 constexpr double kShared = 2.0;
 constexpr double kMedianOfNormal = 0.67448975019608171;  // of the absolute value
 constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated from a picture
-// Offsets that deviate by more than this, in units of the model's, are not the camera's alone; only
-// so many groups tell.
-constexpr double kTooWide = 1.25;
+// Offsets that deviate by more than this, in units of the model's, are not the camera's alone: a
+// warmer camera's rows may well be half as strong again. Only so many groups tell.
+constexpr double kTooWide = 2.0;
 constexpr std::size_t kLeastGroups = 32;
 // A camera's rows differ by no more than this many deviations of its pixels: blinds and stripes do.
 constexpr double kMostRowDeviation = 2.0;
