@@ -127,5 +127,28 @@ TEST(ValueGrid, ExactAndLooseSteps) {
   EXPECT_FALSE(value_grid(image.view()).decided());
 }
 
+TEST(LevelComplaint, NamesTheLevelThatThePixelsContradict) {
+  RawFrame frame = noisy_frame("polar-mono", 64, 64, 4.0);  // 200 to 1100 DN
+  EXPECT_EQ(level_complaint(frame), "");
+  frame.white_dn = 255;
+  EXPECT_NE(level_complaint(frame).find("above the white level"), std::string::npos);
+  frame.white_dn = 4096;
+  EXPECT_NE(level_complaint(frame).find("12 bits"), std::string::npos);
+  frame.white_dn = 4095;
+  frame.black_dn.assign(4, 900.0);
+  EXPECT_NE(level_complaint(frame).find("below the black level"), std::string::npos);
+}
+
+// Dark frames scatter about black, float frames have no bits, and nobody knows NaN's level.
+TEST(LevelComplaint, DarkAndFloatFramesAreFine) {
+  RawFrame frame = noisy_frame("mono", 64, 64, 30.0);
+  for (float& value : frame.dn.values()) value -= 155;
+  frame.dn(3, 4) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(level_complaint(frame), "");
+  frame.bits = 0;
+  frame.white_dn = 1e6;
+  EXPECT_EQ(level_complaint(frame), "");
+}
+
 }  // namespace
 }  // namespace malus

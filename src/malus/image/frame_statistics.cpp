@@ -180,4 +180,29 @@ Estimate<ValueGrid> value_grid(View<const float> mosaic) {
                    static_cast<int>(step > 0 ? remainder_of(first, step) : first)};
 }
 
+std::string level_complaint(const RawFrame& frame) {
+  constexpr double kMargin = 0.1, kMostAbove = 1e-3, kMostBelow = 0.1;
+  double above = 0, below = 0, pixels = 0, largest = 0;
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const double value = frame.dn(r, c), black = frame.black_at(r, c);
+      if (!std::isfinite(value)) continue;
+      const double margin = kMargin * (frame.white_dn - black);
+      above += value > frame.white_dn + margin;
+      below += value < black - margin;
+      largest = std::max(largest, value);
+      ++pixels;
+    }
+  if (above > kMostAbove * pixels)
+    return fmt::format("{:.2g} % of its pixels lie above the white level (--white)",
+                       100 * above / pixels);
+  if (below > kMostBelow * pixels)
+    return fmt::format("{:.2g} % of its pixels lie far below the black level (--black)",
+                       100 * below / pixels);
+  const double most = std::ldexp(1.0, frame.bits) - 1;
+  if (frame.bits > 0 && frame.white_dn > most && largest <= most)
+    return fmt::format("its {} bits do not reach the white level (--white)", frame.bits);
+  return "";
+}
+
 }  // namespace malus

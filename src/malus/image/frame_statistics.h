@@ -5,6 +5,7 @@
 #include "malus/image/raw_frame.h"
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 namespace malus {
@@ -21,6 +22,12 @@ struct ChannelSummary {
 
 /// One per channel of the layout.
 std::vector<ChannelSummary> summarize(const RawFrame& frame);
+
+/// What is wrong with the declared black and white levels, in one sentence; empty where the pixels
+/// agree with them: more than a thousandth of them above white or more than a tenth below black by
+/// over a tenth of the range (bias and noise stay within), or white beyond what the integers
+/// hold.
+std::string level_complaint(const RawFrame& frame);
 
 /// Noise of one channel's plane from a single frame, in its own unit: 1.4826 MAD of the response to
 /// the 3x3 mask [1 -2 1; -2 4 -2; 1 -2 1] / 6, which ignores planes and straight horizontal or
