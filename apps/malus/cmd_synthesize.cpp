@@ -71,7 +71,8 @@ Image load_clean(const fs::path& path, const FrameOptions& options, const Sensor
   if (frame.black_dn.size() != static_cast<std::size_t>(layout.channels()))
     frame.black_dn.assign(static_cast<std::size_t>(layout.channels()),
                           frame.black_dn.empty() ? 0.0 : frame.black_dn[0]);
-  subtract_black(frame);
+  // Float files hold DN above black already: --black is that of integers.
+  if (frame.bits > 0) subtract_black(frame);
   std::int64_t odd = 0;
   for (const float v : frame.dn.values()) odd += !std::isfinite(v);
   if (odd > 0) warn(fmt::format("{}: {} pixels are NaN or infinite", path.string(), odd));

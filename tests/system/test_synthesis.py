@@ -28,6 +28,13 @@ def smooth_scene(rows=96, cols=128, low=200, high=1500):
     return (low + (high - low) * (0.5 + 0.25 * np.sin(x / 9) + 0.25 * np.cos(y / 7))).astype(np.float32)
 
 
+def test_float_frames_are_above_black_whatever_black_says(malus, tmp_path):
+    np.save(tmp_path / "flat.npy", np.full((32, 32), 300, np.float32))
+    for name, black in (("plain", []), ("said", ["--black", 82])):
+        malus("synthesize", tmp_path / "flat.npy", "-m", MODEL, "--gain", 6, *black, "-o", tmp_path / name, "--format", "npy")
+    assert np.array_equal(np.load(tmp_path / "plain/flat_000.npy"), np.load(tmp_path / "said/flat_000.npy"))
+
+
 # renoise
 
 def test_renoised_flats_have_the_noise_of_the_target_gain(malus, tmp_path):
