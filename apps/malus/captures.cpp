@@ -1,8 +1,8 @@
 #include "captures.h"
 
-#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/middle.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
 #include "malus/polar/color_map.h"
@@ -12,20 +12,14 @@
 
 #include <chrono>
 #include <cmath>
-#include <fstream>
 
 #include "frame_input.h"
-#include "gain_json.h"
 #include <fmt/format.h>
 
 namespace malus::app {
 namespace {
 
-using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-// "scene003_01" of malus pairs: the second short frame of scene003.
-std::string scene_of(const std::string& name) { return name.substr(0, name.rfind('_')); }
 
 void save_floats(const fs::path& path, const Planes& planes,
                  const std::vector<std::string>& names) {
@@ -40,69 +34,21 @@ Planes clean_light(const fs::path& path, const NoiseModel& camera, const CameraS
   const Picture picture = load_picture(path);
   const Planes light = linear_light(picture.planes, picture.names, picture.white, picture.bits > 0);
   const double white = camera.white_dn - camera.black_dn.front();
-  const auto length = [&](int size) { return std::min(size, shot.crop) / 2 * 2; };
-  const int rows = length(light.rows()), cols = length(light.cols());
-  const int row0 = (light.rows() - rows) / 2, col0 = (light.cols() - cols) / 2;
-  Planes middle(3, rows, cols);
-  for (int k = 0; k < 3; ++k)
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < cols; ++c)
-        middle[k](r, c) = static_cast<float>(
-            std::min(static_cast<double>(light[light.channels() == 3 ? k : 0](row0 + r, col0 + c)) *
-                         shot.exposure,
-                     1.0) *
-            white);
+  Planes middle(3, 0, 0);
+  for (int k = 0; k < 3; ++k) {
+    middle[k] = middle_of(light[light.channels() == 3 ? k : 0], camera.layout, shot.crop);
+    for (float& v : middle[k].values())
+      v = static_cast<float>(std::min(static_cast<double>(v) * shot.exposure, 1.0) * white);
+  }
   return middle;
 }
 
 }  // namespace
 
-std::vector<Capture> load_captures(const fs::path& list) {
-  std::ifstream in(list);
-  if (!in) throw InputError(list.string(), "cannot be read", "check the name and the rights");
-  try {
-    const Json json = Json::parse(in);
-    std::vector<Capture> captures;
-    for (const Json& entry : json.at("pairs")) {
-      Capture capture;
-      const auto file = [&](const char* key) {
-        return list.parent_path() / entry.at(key).get<std::string>();
-      };
-      capture.scene = scene_of(entry.at("name").get<std::string>());
-      capture.noisy = file("short");
-      capture.reference = file("reference");
-      if (entry.contains("picture")) capture.picture = file("picture");
-      capture.ratio = entry.at("ratio").get<double>();
-      if (!std::isfinite(capture.ratio) || capture.ratio <= 0)
-        throw InputError(list.string(), fmt::format("has the low-light ratio {}", capture.ratio),
-                         "a ratio is above 0");
-      capture.gain = gain_from(entry);
-      captures.push_back(std::move(capture));
-    }
-    return captures;
-  } catch (const Json::exception& error) {
-    throw InputError(list.string(), fmt::format("is no list of pairs ({})", error.what()),
-                     "make it with malus pairs");
-  }
-}
-
-void save_captures(const std::vector<Capture>& captures, const fs::path& list) {
-  Json pairs = Json::array();
-  for (const Capture& capture : captures) {
-    pairs.push_back({{"name", capture.scene + "_00"},
-                     {"reference", fs::absolute(capture.reference).string()},
-                     {"short", fs::absolute(capture.noisy).string()},
-                     {"ratio", capture.ratio}});
-    pairs.back().update(gain_json(capture.gain));
-    if (!capture.picture.empty()) pairs.back()["picture"] = fs::absolute(capture.picture).string();
-  }
-  write_file(list, Json{{"pairs", pairs}}.dump(2) + "\n", true);
-}
-
-std::vector<Capture> captures_at(const std::vector<Capture>& captures, const GainSetting& gain,
-                                 const fs::path& list) {
-  std::vector<Capture> found;
-  for (const Capture& capture : captures)
+std::vector<RecordedPair> captures_at(const std::vector<RecordedPair>& captures,
+                                      const GainSetting& gain, const fs::path& list) {
+  std::vector<RecordedPair> found;
+  for (const RecordedPair& capture : captures)
     if (capture.gain == gain) found.push_back(capture);
   if (found.empty())
     throw InputError(list.string(), fmt::format("has no pairs at {}", gain.text()),
@@ -110,9 +56,10 @@ std::vector<Capture> captures_at(const std::vector<Capture>& captures, const Gai
   return found;
 }
 
-std::vector<Capture> take_pictures(const NoiseModel& camera, const std::vector<fs::path>& pictures,
-                                   const CameraShot& shot, const fs::path& folder,
-                                   std::uint64_t seed, Progress& progress) {
+std::vector<RecordedPair> take_pictures(const NoiseModel& camera,
+                                        const std::vector<fs::path>& pictures,
+                                        const CameraShot& shot, const fs::path& folder,
+                                        std::uint64_t seed, Progress& progress) {
   fs::create_directories(folder);
   SynthesisSettings settings;
   settings.parameters = "mean";
@@ -121,18 +68,18 @@ std::vector<Capture> take_pictures(const NoiseModel& camera, const std::vector<f
   SaveOptions save;
   save.force = true;
   save.type = SampleType::kUint16;
-  std::vector<Capture> captures;
+  std::vector<RecordedPair> captures;
   for (const fs::path& path : pictures) {
     check_stop(progress);
     const Planes light = clean_light(path, camera, shot);
     const Image clean = mosaic_of(unpolarized(light), camera.layout);
     const std::string name = fmt::format("{}_{:g}", path.stem().string(), shot.ratio);
-    Capture capture{.scene = name,
-                    .noisy = folder / (name + "_short.tif"),
-                    .reference = folder / (name + "_reference.npy"),
-                    .picture = folder / (name + "_picture.npy"),
-                    .ratio = shot.ratio,
-                    .gain = shot.gain};
+    RecordedPair capture{.name = name + "_00",
+                         .noisy = folder / (name + "_short.tif"),
+                         .reference = folder / (name + "_reference.npy"),
+                         .picture = folder / (name + "_picture.npy"),
+                         .ratio = shot.ratio,
+                         .gain = shot.gain};
     const DrawAddress address{.seed = seed, .frame = static_cast<std::uint32_t>(captures.size())};
     RawFrame noisy = sensor.draw_raw(clean, shot.gain, address, camera.black_dn, camera.white_dn);
     noisy.gain = shot.gain;
@@ -146,7 +93,7 @@ std::vector<Capture> take_pictures(const NoiseModel& camera, const std::vector<f
   return captures;
 }
 
-LoadedCapture load_capture(const Capture& capture, const NoiseModel& model) {
+LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model) {
   FrameOptions options;
   options.layout = model.layout;
   LoadedCapture loaded{load_frame(capture.noisy, options), {}};
@@ -159,7 +106,7 @@ LoadedCapture load_capture(const Capture& capture, const NoiseModel& model) {
   return loaded;
 }
 
-Planes reference_colors(const Capture& capture, const LoadedCapture& loaded,
+Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model) {
   if (capture.picture.empty()) return demosaick_bayer(loaded.clean_dn, model.layout);
   Planes colors = load_picture(capture.picture).planes;
@@ -174,7 +121,7 @@ const FrameDenoiser& DenoiserByRatio::at(double ratio) {
   return *last_;
 }
 
-void add_to_score(PictureScore& score, const Capture& capture, const NoiseModel& model,
+void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,
                   const FrameDenoiser* denoiser) {
   LoadedCapture loaded = load_capture(capture, model);
   const NoiseProfile profile = model.profile_at(capture.gain);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/base/progress.h"
+#include "malus/io/pair_list.h"
 #include "malus/noise/model.h"
 
 #include <filesystem>
@@ -15,22 +16,9 @@
 
 namespace malus::app {
 
-/// An entry of pairs.json.
-struct Capture {
-  std::string scene;  ///< entries of one scene have the same
-  std::filesystem::path noisy, reference;
-  std::filesystem::path picture;  ///< the reference's light as R, G, B; may be empty
-  double ratio = 1;               ///< light of the reference over that of the noisy frame
-  GainSetting gain;
-};
-
-/// Throws InputError on files that are no list of pairs.
-std::vector<Capture> load_captures(const std::filesystem::path& list);
-/// Writes a list over an old one, paths absolute.
-void save_captures(const std::vector<Capture>& captures, const std::filesystem::path& list);
 /// Those at a gain; throws InputError, naming the list, where there are none.
-std::vector<Capture> captures_at(const std::vector<Capture>& captures, const GainSetting& gain,
-                                 const std::filesystem::path& list);
+std::vector<RecordedPair> captures_at(const std::vector<RecordedPair>& captures,
+                                      const GainSetting& gain, const std::filesystem::path& list);
 
 /// How a simulated camera takes pictures.
 struct CameraShot {
@@ -41,19 +29,19 @@ struct CameraShot {
 };
 /// One frame of each picture with the mean parameters of the camera's physics noise, its clean
 /// mosaic and its colours, in folder; the same seed gives the same frames. Throws InputError.
-std::vector<Capture> take_pictures(const NoiseModel& camera,
-                                   const std::vector<std::filesystem::path>& pictures,
-                                   const CameraShot& shot, const std::filesystem::path& folder,
-                                   std::uint64_t seed, Progress& progress);
+std::vector<RecordedPair> take_pictures(const NoiseModel& camera,
+                                        const std::vector<std::filesystem::path>& pictures,
+                                        const CameraShot& shot, const std::filesystem::path& folder,
+                                        std::uint64_t seed, Progress& progress);
 
 /// A capture's frames.
 struct LoadedCapture {
   RawFrame noisy;  ///< as the camera wrote it, black included
   Image clean_dn;  ///< DN above black, at the noisy frame's light
 };
-LoadedCapture load_capture(const Capture& capture, const NoiseModel& model);
+LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model);
 /// R, G, B at the noisy frame's light: the capture's picture, else the clean mosaic demosaicked.
-Planes reference_colors(const Capture& capture, const LoadedCapture& loaded,
+Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model);
 
 /// A method for captures of any light. Some networks take the low-light ratio, so another ratio
@@ -77,7 +65,7 @@ struct PictureScore {
 /// Adds how near the picture comes that the denoiser makes of the capture: a network's own (as
 /// displayed for "srgb", at its own exposure), else the denoised mosaic demosaicked, else, without
 /// a denoiser, the noisy one. Peak is white of the reference's exposure, or of the display.
-void add_to_score(PictureScore& score, const Capture& capture, const NoiseModel& model,
+void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,
                   const FrameDenoiser* denoiser);
 
 }  // namespace malus::app

@@ -3,17 +3,16 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/unfinished_files.h"
+#include "malus/base/worker_place.h"
 #include "malus/image/pack.h"
 #include "malus/io/config_section.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/gain_json.h"
 #include "malus/io/shard.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/dataset.h"
 #include "malus/synthesize/model.h"
 
-#include <charconv>
-#include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -22,7 +21,6 @@
 #include <sstream>
 
 #include "flags.h"
-#include "gain_json.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -69,35 +67,17 @@ Plan load_plan(const fs::path& path) {
   if (const auto section = root.section("noise")) section->read(plan.noise, {"ratio"});
   if (const auto section = root.section("noise"); section && section->has("ratio"))
     section->fail("ratio", "has no meaning here", "list ratios in [dataset]");
-  if (plan.dataset.ratios.empty()) root.fail("ratios", "is empty", "give one or more");
   return plan;
 }
 
-int from_environment(std::initializer_list<const char*> names, int otherwise) {
-  for (const char* name : names) {
-    const char* text = std::getenv(name);
-    if (text == nullptr) continue;
-    int value = 0;
-    const char* end = text + std::strlen(text);
-    const auto [stop, error] = std::from_chars(text, end, value);
-    if (error != std::errc() || stop != end)
-      throw InputError(fmt::format("{}={}", name, text), "is not a whole number",
-                       "unset it, or give --rank and --world");
-    return value;
-  }
-  return otherwise;
-}
-
 // Which part is ours: flags, else what torchrun, mpirun or srun set.
-std::pair<int, int> worker_of(const DatasetArguments& arguments) {
-  const int world = arguments.world.value_or(
-      from_environment({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1));
-  const int rank = arguments.rank.value_or(
-      from_environment({"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"}, 0));
-  if (world < 1 || rank < 0 || rank >= world)
-    throw InputError(fmt::format("worker {} of {}", rank, world), "does not exist",
-                     "count workers from 0 to their number - 1");
-  return {rank, world};
+WorkerPlace worker_of(const DatasetArguments& arguments) {
+  WorkerPlace place;
+  if (!arguments.rank || !arguments.world) place = worker_place_of_environment();
+  place.rank = arguments.rank.value_or(place.rank);
+  place.size = arguments.world.value_or(place.size);
+  require_place(place, "count workers from 0 to their number - 1 (--rank, --world)");
+  return place;
 }
 
 // Clean mosaics above black, loaded when first needed and kept while they fit.
@@ -108,6 +88,7 @@ class CleanSources {
     options_.black_dn = plan.black_dn;
     for (const fs::path& path : plan.cleans) {
       const FrameInfo info = probe_frame(path, options_);
+      require_room(path.string(), info.rows, info.cols, plan.dataset, model.layout);
       sizes_.emplace_back(info.rows, info.cols);
     }
   }

@@ -6,7 +6,7 @@
 #include "malus/denoise/estimate_noise.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
-#include "malus/polar/layout_check.h"
+#include "malus/noise/same_sensor.h"
 
 #include <chrono>
 #include <cmath>
@@ -20,6 +20,7 @@
 #include "denoise_method.h"
 #include "denoise_run.h"
 #include "flags.h"
+#include "frame_input.h"
 #include "program.h"
 #include "raw_options.h"
 #include "report_pages.h"
@@ -109,20 +110,10 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
     warn_of_extrapolation(*model, gain, arguments.model);
     return choice;
   }
-  const Estimate<PictureNoise> noise = estimate_profile(frame);
-  if (!noise)
-    throw InputError(frame.source,
-                     "no model given, and the noise cannot be estimated: " + noise.reason(),
-                     "give a noise model with --model (malus model list names the built-in ones)");
-  warn(fmt::format("{}: {}; a calibrated model (--model) is better", frame.source, noise->trust));
-  return {noise->profile, noise->trust};
-}
-
-void warn_about(const RawFrame& frame, const fs::path& input) {
-  const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
-  if (!complaint.empty()) warn(fmt::format("{}: {}", input.string(), complaint));
-  if (!frame.black_known)
-    warn(fmt::format("{}: black level not known, taken as 0 (--black)", input.string()));
+  PictureNoise noise = require_estimate(
+      frame, "give a noise model with --model (malus model list names the built-in ones)");
+  warn(fmt::format("{}: {}; a calibrated model (--model) is better", frame.source, noise.trust));
+  return {std::move(noise.profile), std::move(noise.trust)};
 }
 
 Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
@@ -174,6 +165,7 @@ FrameOptions completed(const FrameOptions& options, const std::optional<NoiseMod
   FrameOptions fallback;
   fallback.layout = model->layout;
   const RawFrame known = probe_frame(input, merged(options, fallback)).frame;
+  require_layout_of_model(known, model->layout);
   if (!known.black_known) fallback.black_dn = model->black_dn;
   if (!known.white_known && model->white_dn > 0) fallback.white_dn = model->white_dn;
   return merged(options, fallback);
@@ -190,7 +182,7 @@ Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& den
                      const FrameOptions& options, Progress& progress, bool force) {
   RawFrame frame = load_frame(job.input, completed(options, model, job.input));
   const ProfileChoice choice = choose_profile(frame, model, arguments);
-  warn_about(frame, job.input);
+  warn_of_guesses(frame);
   Image pixels = std::move(frame.dn);
   const RawFrame before = frame;
   frame.dn = std::move(pixels);
@@ -215,7 +207,7 @@ Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
              std::vector<DenoisedFrame>* report) {
   RawFrame frame = load_frame(job.input, completed(options, model, job.input));
   const ProfileChoice choice = choose_profile(frame, model, arguments);
-  warn_about(frame, job.input);
+  warn_of_guesses(frame);
   const bool compared = !job.reference.empty();
   // The denoiser takes the pixels; a copy is kept only where somebody looks at it.
   DenoisedFrame kept;
@@ -315,9 +307,8 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
 
 void add_denoise(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<DenoiseArguments>();
-  CLI::App* command =
-      add_command(app, common, "denoise", "Take the noise out of raw frames",
-                  [arguments, &common] { run_denoise(*arguments, common); });
+  CLI::App* command = add_command(app, common, "denoise", "Take the noise out of raw frames",
+                                  [arguments, &common] { run_denoise(*arguments, common); });
   command->add_option("RAW", arguments->inputs, "mosaics")->required();
   command->add_option("--model", arguments->model,
                       "noise model: a file or a built-in name; without it the noise is estimated "

@@ -3,6 +3,7 @@
 #include "malus/base/text.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/gain_json.h"
 #include "malus/polar/layout_check.h"
 
 #include <bit>
@@ -11,7 +12,6 @@
 #include <memory>
 #include <vector>
 
-#include "gain_json.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>

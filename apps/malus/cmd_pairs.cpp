@@ -1,9 +1,11 @@
 // malus pairs: training pairs from a captured session (000 section 4).
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/session.h"
 #include "malus/noise/model.h"
+#include "malus/noise/same_sensor.h"
 #include "malus/synthesize/pairs.h"
 
 #include <cmath>
@@ -13,7 +15,6 @@
 #include <optional>
 #include <vector>
 
-#include "gain_json.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -78,11 +79,7 @@ RawFrame load_above_black(const PairJob& job, const FrameGroup& group, const fs:
   subtract_black(frame);
   if (!job.model) return frame;
   const NoiseProfile profile = job.model->profile_at(frame.gain);
-  if (!(profile.layout == frame.layout))
-    throw InputError(path.string(),
-                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
-                                 profile.layout.name()),
-                     "use the model of this sensor");
+  require_layout_of_model(frame, profile.layout);
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c)
       frame.dn(r, c) -= static_cast<float>(

@@ -4,7 +4,6 @@
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/polar/demosaick.h"
-#include "malus/polar/layout_check.h"
 #include "malus/polar/render.h"
 #include "malus/polar/stokes.h"
 
@@ -120,15 +119,6 @@ Json summary_of(const Planes& dolp) {
   return json;
 }
 
-void warn_about(const RawFrame& frame, const fs::path& input) {
-  const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
-  if (!complaint.empty()) warn(fmt::format("{}: {}", input.string(), complaint));
-  if (!frame.black_known)
-    warn(
-        fmt::format("{}: black level not known, taken as 0; DoLP is too low if it is not (--black)",
-                    input.string()));
-}
-
 // One value per cell, or one per pixel with --full.
 StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& frame) {
   if (!arguments.full)
@@ -158,7 +148,7 @@ Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& 
   const fs::path& input = arguments.inputs[index];
   const RawFrame frame = load_above_black(input, options);
   require_polarized(frame.layout, input.string());
-  warn_about(frame, input);
+  warn_of_guesses(frame);
   const StokesPicture picture = stokes_picture(arguments, frame);
   std::array<Planes, 3> confidence;
   if (arguments.confidence())

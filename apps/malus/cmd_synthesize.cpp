@@ -1,8 +1,10 @@
 // malus synthesize: clean frames to noisy ones, as the camera of a noise model would take them.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
+#include "malus/noise/same_sensor.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <cmath>
@@ -12,7 +14,6 @@
 #include <vector>
 
 #include "flags.h"
-#include "gain_json.h"
 #include "networks_door.h"
 #include "program.h"
 #include "raw_options.h"
@@ -59,11 +60,7 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
 // The clean mosaic in DN above black.
 Image load_clean(const fs::path& path, const FrameOptions& options, const SensorLayout& layout) {
   RawFrame frame = load_frame(path, options);
-  if (frame.layout_known && !(frame.layout == layout))
-    throw InputError(
-        path.string(),
-        fmt::format("has the layout {}, the noise model {}", frame.layout.name(), layout.name()),
-        "use the model of this sensor, or declare the layout with --layout");
+  if (frame.layout_known) require_layout_of_model(frame, layout);
   if (frame.bits > 0 && !frame.black_known)
     throw InputError(path.string(), "holds integers, but its black level is not known",
                      "give --black (0 where black is subtracted already)");

@@ -3,9 +3,9 @@
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/gain_json.h"
 
 #include "frame_input.h"
-#include "gain_json.h"
 #include <fmt/format.h>
 
 namespace malus::app {

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/model.h"
+#include "malus/noise/same_sensor.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <functional>
@@ -67,11 +68,7 @@ NoiseSource flow_source(const NoiseArguments& arguments) {
 NoiseSource source_for(const NoiseArguments& arguments, const RawFrame& reference) {
   NoiseSource source = arguments.model.extension() == ".safetensors" ? flow_source(arguments)
                                                                      : calibrated_source(arguments);
-  if (reference.layout_known && !(reference.layout == source.layout))
-    throw InputError(reference.source,
-                     fmt::format("has the layout {}, the noise model {}", reference.layout.name(),
-                                 source.layout.name()),
-                     "use the model of this sensor, or declare the layout with --layout");
+  if (reference.layout_known) require_layout_of_model(reference, source.layout);
   if (!reference.gain.decibel())
     throw InputError(reference.source, "its gain is not known", "give --gain or --iso");
   return source;

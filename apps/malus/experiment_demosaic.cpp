@@ -77,20 +77,20 @@ fs::path complete_model(const Model& door, const Setup& setup, const fs::path& f
   return path;
 }
 
-std::vector<Capture> test_captures(const Arguments& arguments, const Setup& setup,
-                                   const Model& door, std::uint64_t seed, Progress& progress) {
-  if (!arguments.pairs.empty()) return load_captures(arguments.pairs);
+std::vector<RecordedPair> test_captures(const Arguments& arguments, const Setup& setup,
+                                        const Model& door, std::uint64_t seed, Progress& progress) {
+  if (!arguments.pairs.empty()) return load_pair_list(arguments.pairs);
   const NoiseModel camera = load_model(setup.camera);
-  std::vector<Capture> captures;
+  std::vector<RecordedPair> captures;
   for (std::size_t i = 0; i < setup.cases.size(); ++i) {
     const LightCase light = light_case_of(setup.cases[i]);
     const CameraShot shot{.gain = door.gain_setting(light.gain),
                           .ratio = light.ratio,
                           .exposure = setup.exposure,
                           .crop = arguments.crop};
-    for (Capture& capture : take_pictures(camera, arguments.pictures, shot,
-                                          arguments.folder / "captures" / fmt::format("case{}", i),
-                                          seed + i, progress))
+    for (RecordedPair& capture : take_pictures(
+             camera, arguments.pictures, shot,
+             arguments.folder / "captures" / fmt::format("case{}", i), seed + i, progress))
       captures.push_back(std::move(capture));
   }
   return captures;
@@ -110,14 +110,14 @@ std::string trained_weights(const Row& row, const fs::path& model, const Argumen
 }
 
 // One row: over all captures, and over those of each gain.
-Json score_row(const std::string& name, const std::vector<Capture>& captures,
+Json score_row(const std::string& name, const std::vector<RecordedPair>& captures,
                const NoiseModel& model, const std::optional<std::string>& method,
                Progress& progress) {
   std::optional<DenoiserByRatio> denoisers;
   if (method) denoisers.emplace(method_settings_of(*method));
   PictureScore all;
   std::vector<std::pair<std::string, PictureScore>> by_gain;
-  for (const Capture& capture : captures) {
+  for (const RecordedPair& capture : captures) {
     check_stop(progress);
     const std::string gain = capture.gain.text();
     if (by_gain.empty() || by_gain.back().first != gain) by_gain.push_back({gain, {}});
@@ -184,7 +184,7 @@ void run(const Arguments& arguments, const Common& common) {
                      "set another model in the rows' file");
   make_output_folder(arguments.folder);
   const auto progress = make_progress(common);
-  const std::vector<Capture> captures =
+  const std::vector<RecordedPair> captures =
       test_captures(arguments, setup, door, common.seed, *progress);
   if (captures.empty() && !arguments.pairs.empty())
     throw InputError(arguments.pairs.string(), "holds no pairs", "make some with malus pairs");
@@ -215,7 +215,7 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* command =
       add_command(experiment, common, "denoise-demosaic",
-                  "001: joint denoising and demosaicking, trained on every kind of noise model",
+                  "Joint denoising and demosaicking, trained on every kind of noise model",
                   [arguments, &common] { run(*arguments, common); });
   command
       ->add_option("ROWS", arguments->rows,

@@ -20,6 +20,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
+constexpr std::string_view kEstimateRemedy = "take a larger crop, or leave --estimate-noise out";
+
 struct Arguments {
   SceneRuns runs;
   fs::path report;
@@ -38,14 +40,6 @@ std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
   return std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
 }
 
-NoiseProfile estimated_profile(const RawFrame& frame) {
-  const auto estimate = estimate_profile(frame);
-  if (!estimate)
-    throw InputError(frame.source, "its noise cannot be estimated: " + estimate.reason(),
-                     "take a larger crop, or leave --estimate-noise out");
-  return estimate->profile;
-}
-
 void run(const Arguments& arguments, const Common& common) {
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   std::vector<std::string> methods = arguments.methods;
@@ -60,13 +54,13 @@ void run(const Arguments& arguments, const Common& common) {
   NoiseModel model = load_model(arguments.runs.model);
   if (arguments.row_noise) model = with_row_noise(model, *arguments.row_noise);
   const auto progress = make_progress(common);
-  arguments.runs.for_each(model, common.seed, *progress,
-                          [&](NoisyScene& noisy, const std::string&) {
-                            if (arguments.estimate_noise)
-                              noisy.profile = estimated_profile(noisy.frame);
-                            for (std::size_t m = 0; m < scores.size(); ++m)
-                              add_to_score(scores[m], noisy, denoisers[m].get());
-                          });
+  arguments.runs.for_each(
+      model, common.seed, *progress, [&](NoisyScene& noisy, const std::string&) {
+        if (arguments.estimate_noise)
+          noisy.profile = require_estimate(noisy.frame, kEstimateRemedy).profile;
+        for (std::size_t m = 0; m < scores.size(); ++m)
+          add_to_score(scores[m], noisy, denoisers[m].get());
+      });
   const Json json{{"model", arguments.runs.model},
                   {"cases", arguments.runs.cases},
                   {"crop", arguments.runs.crop},

@@ -97,12 +97,13 @@ Setup read_setup(const fs::path& path) {
 struct Bench {
   NoiseModel model;
   GainSetting from, to;
-  std::vector<Capture> sources, targets;  // training scenes at the two gains
-  std::vector<Capture> tests;             // other scenes at the noisier gain
+  std::vector<RecordedPair> sources, targets;  // training scenes at the two gains
+  std::vector<RecordedPair> tests;             // other scenes at the noisier gain
   fs::path folder;
 };
 
-std::vector<Capture> joined_lists(std::vector<Capture> one, const std::vector<Capture>& two) {
+std::vector<RecordedPair> joined_lists(std::vector<RecordedPair> one,
+                                       const std::vector<RecordedPair>& two) {
   one.insert(one.end(), two.begin(), two.end());
   return one;
 }
@@ -114,10 +115,10 @@ Bench open_bench(const Arguments& arguments, const Setup& setup, const Common& c
       door.description(), door.gain_setting(setup.from), door.gain_setting(setup.to), {}, {}, {},
       arguments.folder};
   if (!arguments.pairs.empty()) {
-    const auto captures = load_captures(arguments.pairs);
+    const auto captures = load_pair_list(arguments.pairs);
     bench.sources = captures_at(captures, bench.from, arguments.pairs);
     bench.targets = captures_at(captures, bench.to, arguments.pairs);
-    bench.tests = captures_at(load_captures(arguments.test_pairs), bench.to, arguments.test_pairs);
+    bench.tests = captures_at(load_pair_list(arguments.test_pairs), bench.to, arguments.test_pairs);
     return bench;
   }
   const NoiseModel camera = load_model(setup.camera);
@@ -130,9 +131,9 @@ Bench open_bench(const Arguments& arguments, const Setup& setup, const Common& c
   bench.sources = take(arguments.pictures, bench.from, "sources", 0);
   bench.targets = take(arguments.pictures, bench.to, "targets", 1);
   bench.tests = take(arguments.test_pictures, bench.to, "tests", 2);
-  save_captures(joined_lists(bench.sources, bench.targets),
-                arguments.folder / "captures" / "pairs.json");
-  save_captures(bench.tests, arguments.folder / "captures" / "test-pairs.json");
+  save_pair_list(joined_lists(bench.sources, bench.targets),
+                 arguments.folder / "captures" / "pairs.json");
+  save_pair_list(bench.tests, arguments.folder / "captures" / "test-pairs.json");
   return bench;
 }
 
@@ -201,8 +202,9 @@ std::string trained(const Bench& bench, const std::string& name, TrainCall call,
 }
 
 // Frames that a row's ISP is trained on, written beside their list.
-std::vector<Capture> make_captures(const Bench& bench, const Row& row, const std::string& weights,
-                                   const Common& common, Progress& progress) {
+std::vector<RecordedPair> make_captures(const Bench& bench, const Row& row,
+                                        const std::string& weights, const Common& common,
+                                        Progress& progress) {
   if (row.scheme == "captured") return bench.targets;
   const FrameMaker make =
       row.scheme == "calibrated" ? calibrated(bench, row.noise) : noise_on_noise(bench, row.noise);
@@ -216,8 +218,8 @@ std::vector<Capture> make_captures(const Bench& bench, const Row& row, const std
   save.force = true;
   save.type = SampleType::kUint16;
   DenoiserByRatio denoisers(settings);
-  std::vector<Capture> made;
-  for (const Capture& source : bench.sources) {
+  std::vector<RecordedPair> made;
+  for (const RecordedPair& source : bench.sources) {
     check_stop(progress);
     LoadedCapture loaded = load_capture(source, model);
     const Image noisy_dn = above_black(loaded.noisy);
@@ -229,8 +231,8 @@ std::vector<Capture> make_captures(const Bench& bench, const Row& row, const std
     round_as_camera(frame.dn, model.layout,
                     {model.black_dn, model.white_dn, model.quantization_dn});
     frame.gain = bench.to;
-    Capture capture = source;
-    capture.noisy = folder / (source.scene + "_short.tif");
+    RecordedPair capture = source;
+    capture.noisy = folder / (source.scene() + "_short.tif");
     capture.gain = bench.to;
     save_frame(capture.noisy, frame, save);
     made.push_back(std::move(capture));
@@ -245,11 +247,11 @@ struct NoiseDivergence {
   double jsd = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
   int scenes = 0;
 };
-NoiseDivergence divergence(const Bench& bench, const std::vector<Capture>& made) {
+NoiseDivergence divergence(const Bench& bench, const std::vector<RecordedPair>& made) {
   NoiseDivergence sum;
-  for (const Capture& target : bench.targets)
-    for (const Capture& capture : made) {
-      if (capture.scene != target.scene) continue;
+  for (const RecordedPair& target : bench.targets)
+    for (const RecordedPair& capture : made) {
+      if (capture.scene() != target.scene()) continue;
       const LoadedCapture real = load_capture(target, bench.model),
                           drawn = load_capture(capture, bench.model);
       Image drawn_dn = above_black(drawn.noisy);
@@ -270,17 +272,17 @@ NoiseDivergence divergence(const Bench& bench, const std::vector<Capture>& made)
 
 Json score_row(const Bench& bench, const Setup& setup, const Row& row, const std::string& weights,
                const Common& common, Progress& progress) {
-  const std::vector<Capture> made = make_captures(bench, row, weights, common, progress);
+  const std::vector<RecordedPair> made = make_captures(bench, row, weights, common, progress);
   const fs::path list = bench.folder / row.folder() / "pairs.json";
   fs::create_directories(list.parent_path());
-  save_captures(made, list);
+  save_pair_list(made, list);
   DenoiseSettings settings;
   settings.method =
       trained(bench, row.folder() + "/isp",
               {.config = setup.isp, .pairs = {list}, .models = {setup.model}}, common, progress);
   DenoiserByRatio isps(settings);
   PictureScore score;
-  for (const Capture& test : bench.tests) {
+  for (const RecordedPair& test : bench.tests) {
     check_stop(progress);
     const FrameDenoiser& isp = isps.at(test.ratio);
     if (isp.target() == "mosaic")
@@ -320,7 +322,7 @@ std::string table_text(const Bench& bench, const Json& rows) {
 
 // As a record that a report shows (docs/report.md).
 Json table_record(const Json& rows) {
-  Json table{{"title", "001 Table S1"},
+  Json table{{"title", "Non-parametric Sensor Noise Modeling and Synthesis, Table S1"},
              {"note", "A neural ISP trained on the frames of each row, scored on captures."},
              {"head", "noise model, denoiser"},
              {"columns",
@@ -371,11 +373,11 @@ void run(const Arguments& arguments, const Common& common) {
 
 void add_table_s1_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App* command =
-      add_command(experiment, common, "table-s1",
-                  "001 Table S1: ways to make frames of a noisier gain, by what they teach a "
-                  "neural ISP",
-                  [arguments, &common] { run(*arguments, common); });
+  CLI::App* command = add_command(
+      experiment, common, "table-s1",
+      "Table S1 of \"Non-parametric Sensor Noise Modeling and Synthesis\": ways to make "
+      "frames of a noisier gain, by what they teach a neural ISP",
+      [arguments, &common] { run(*arguments, common); });
   command->add_option("ROWS", arguments->rows, "the table, e.g. experiments/table-s1.toml")
       ->required();
   command->add_option("--pictures", arguments->pictures,

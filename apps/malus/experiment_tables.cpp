@@ -20,11 +20,8 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 struct TableArguments {
+  SceneRuns runs{.scenes = {}, .cases = {"12:10", "12:60"}};
   fs::path rows, folder, report;
-  std::vector<fs::path> scenes;
-  std::string model = "imx250myr-simulated";
-  std::vector<std::string> cases{"12:10", "12:60"};
-  int crop = 512;
 };
 
 // A row is a training configuration, or a classical method.
@@ -69,22 +66,15 @@ void run(const TableArguments& arguments, const Common& common, const std::strin
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   networks();
   const std::vector<TableRow> rows = read_rows(arguments.rows);
-  const NoiseModel model = load_model(arguments.model);
+  const NoiseModel model = load_model(arguments.runs.model);
   make_output_folder(arguments.folder);
-  std::vector<CleanScene> scenes;
-  for (const fs::path& folder : arguments.scenes)
-    scenes.push_back(load_scene(folder, model, arguments.crop));
   const auto progress = make_progress(common);
   std::vector<SceneScore> scores;
   const auto score = [&](const std::string& name, const FrameDenoiser* denoiser) {
-    scores.push_back({.name = name});
-    std::uint64_t seed = common.seed;
-    for (const CleanScene& scene : scenes)
-      for (const std::string& text : arguments.cases) {
-        check_stop(*progress);
-        add_to_score(scores.back(), make_noisy(scene, light_case_of(text), model, seed++),
-                     denoiser);
-      }
+    SceneScore& row = scores.emplace_back(SceneScore{.name = name});
+    arguments.runs.for_each(
+        model, common.seed, *progress,
+        [&](const NoisyScene& noisy, const std::string&) { add_to_score(row, noisy, denoiser); });
   };
   score("noisy", nullptr);
   for (const TableRow& row : rows) {
@@ -93,12 +83,12 @@ void run(const TableArguments& arguments, const Common& common, const std::strin
     const FrameDenoiser denoiser(method_settings_of(method), InferenceSettings{}, false);
     score(row.name, &denoiser);
   }
-  const Json json{{"model", arguments.model},
-                  {"cases", arguments.cases},
-                  {"crop", arguments.crop},
+  const Json json{{"model", arguments.runs.model},
+                  {"cases", arguments.runs.cases},
+                  {"crop", arguments.runs.crop},
                   {"rows", score_json(scores)}};
   if (!arguments.report.empty())
-    write_record_report(score_record(title, arguments.cases, arguments.model, scores),
+    write_record_report(score_record(title, arguments.runs.cases, arguments.runs.model, scores),
                         arguments.report, common.force);
   print_result(common, json, score_text(scores));
 }
@@ -111,27 +101,19 @@ void add_table(CLI::App& experiment, Common& common, const std::string& name,
   command
       ->add_option("ROWS", arguments->rows, "the table's rows, e.g. experiments/" + name + ".toml")
       ->required();
-  command
-      ->add_option("--scenes", arguments->scenes,
-                   "folders with I0.png, I45.png, I90.png, I135.png to score on; not those "
-                   "that are trained on")
-      ->required();
+  arguments->runs.add_options(*command, "--scenes", "; not those that are trained on");
   command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
-  command->add_option("--model", arguments->model, "noise model, a file or a built-in name")
-      ->capture_default_str();
-  command->add_option("--cases", arguments->cases, "gain [dB] : low-light ratio")
-      ->capture_default_str();
   command->add_option("--report", arguments->report, "also a report page (HTML)");
-  command->add_option("--crop", arguments->crop, "middle part of the scenes [pixels]")
-      ->check(CLI::Range(16, 100000))
-      ->capture_default_str();
 }
 
 }  // namespace
 
 void add_table_experiments(CLI::App& experiment, Common& common) {
-  add_table(experiment, common, "table1", "000 Table 1: methods and networks");
-  add_table(experiment, common, "table2", "000 Table 2: what each ingredient of training earns");
+  add_table(experiment, common, "table1",
+            "Table 1 of \"Polarized Color Image Denoising\": methods and networks");
+  add_table(
+      experiment, common, "table2",
+      "Table 2 of \"Polarized Color Image Denoising\": what each ingredient of training earns");
 }
 
 }  // namespace malus::app

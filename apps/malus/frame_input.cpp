@@ -1,6 +1,11 @@
 #include "frame_input.h"
 
 #include "malus/base/statistics.h"
+#include "malus/image/frame_statistics.h"
+#include "malus/polar/layout_check.h"
+
+#include "program.h"
+#include <fmt/format.h>
 
 namespace malus::app {
 
@@ -24,6 +29,21 @@ Image above_black(const RawFrame& frame) {
   RawFrame copy = frame;
   subtract_black(copy);
   return std::move(copy.dn);
+}
+
+void warn_of_guesses(const RawFrame& frame) {
+  if (!frame.layout_known)
+    warn(
+        fmt::format("{}: layout not known, taken as {}; a colour or polarization mosaic needs its "
+                    "own (--layout)",
+                    frame.source, frame.layout.name()));
+  const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
+  if (!complaint.empty()) warn(fmt::format("{}: {}", frame.source, complaint));
+  if (const std::string wrong = level_complaint(frame); !wrong.empty())
+    warn(fmt::format("{}: {}", frame.source, wrong));
+  if (!frame.black_known)
+    warn(fmt::format("{}: black level not known, taken as 0{} (--black)", frame.source,
+                     frame.layout.polarized() ? "; DoLP is too low if it is not" : ""));
 }
 
 }  // namespace malus::app

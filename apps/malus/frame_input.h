@@ -14,4 +14,8 @@ RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions&
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
 
+/// Says on stderr what a frame was taken for without anybody having stated it, layout and black
+/// level, and where its pixels contradict the layout.
+void warn_of_guesses(const RawFrame& frame);
+
 }  // namespace malus::app

@@ -9,5 +9,9 @@ int main(int argc, char** argv) {
 #define MALUS_ADD(name) add_##name(*app, common);
   MALUS_COMMANDS(MALUS_ADD)
 #undef MALUS_ADD
+  // After the commands, which would take it over.
+  app->footer(
+      "Help texts call two papers by number: 000 is \"Polarized Color Image Denoising\",\n"
+      "001 \"Non-parametric Sensor Noise Modeling and Synthesis\".");
   return run_program(*app, argc, argv);
 }

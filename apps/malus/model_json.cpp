@@ -1,11 +1,10 @@
 #include "model_json.h"
 
+#include "malus/io/gain_json.h"
 #include "malus/noise/physics.h"
 
 #include <algorithm>
 #include <cmath>
-
-#include "gain_json.h"
 
 namespace malus::app {
 namespace {

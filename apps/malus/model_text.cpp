@@ -41,10 +41,13 @@ std::string cell(const Values& values, std::size_t c, int digits) {
   return fmt::format("{:.{}f}", values[c], digits);
 }
 
-// "0.3822 ±0.0004"
+// "0.3822 ±0.0004"; more digits where the error would read as 0.
 std::string error_cell(const ChannelStatistics& s, std::size_t c, int digits) {
+  const bool known = c < s.standard_error.size() && std::isfinite(s.standard_error[c]);
+  if (known && s.standard_error[c] > 0)
+    while (digits < 6 && s.standard_error[c] < 0.5 * std::pow(10.0, -digits)) ++digits;
   const std::string value = cell(s.mean, c, digits);
-  if (c >= s.standard_error.size() || !std::isfinite(s.standard_error[c])) return value;
+  if (!known) return value;
   return fmt::format("{} ±{:.{}f}", value, s.standard_error[c], digits);
 }
 

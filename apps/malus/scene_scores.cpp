@@ -71,11 +71,13 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
   return scene;
 }
 
-void SceneRuns::add_options(CLI::App& command) {
+void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
+                            const std::string& scenes_note) {
   command
-      .add_option("SCENE", scenes,
+      .add_option(scenes_name, scenes,
                   "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
-                  "polarizers also pictures")
+                  "polarizers also pictures" +
+                      scenes_note)
       ->required();
   command.add_option("--model", model, "noise model, a file or a built-in name")
       ->capture_default_str();

@@ -57,8 +57,9 @@ struct SceneRuns {
   std::vector<std::string> cases{"12:10", "12:60", "24:10"};  ///< of light_case_of
   int crop = 512;
 
-  /// SCENE..., --model, --cases, --crop.
-  void add_options(CLI::App& command);
+  /// The scenes under the name that is given, --model, --cases, --crop.
+  void add_options(CLI::App& command, const std::string& scenes_name = "SCENE",
+                   const std::string& scenes_note = "");
   /// Every case of every scene in turn, as the model draws it; seeds count up from the first.
   /// Throws InputError, Cancelled.
   void for_each(const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/same_sensor.h"
 #include "malus/polar/uncertainty.h"
 
 #include <algorithm>
@@ -13,11 +14,7 @@
 namespace malus::app {
 
 Planes variance_by_model(const RawFrame& frame, const NoiseModel& model) {
-  if (!(frame.layout == model.layout))
-    throw InputError(frame.source,
-                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
-                                 model.layout.name()),
-                     "use the model of this sensor, or declare the layout with --layout");
+  require_layout_of_model(frame, model.layout);
   if (!frame.gain.decibel())
     throw InputError(frame.source, "its gain is not known", "give --gain or --iso");
   const NoiseProfile profile = model.profile_at(frame.gain);

@@ -54,9 +54,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
         throw InputError("gain", "is not known", "give gain, in the model's unit");
       profile = model->description().profile_at(setting);
     } else {
-      const auto estimated = estimate_profile(frame);
-      if (!estimated) throw InputError("noise of the picture", estimated.reason(), "give a model");
-      profile = estimated->profile;
+      profile = require_estimate(frame, "give a model").profile;
     }
     result = denoise_frame(std::move(frame), profile, settings, progress, variance);
   }

@@ -66,7 +66,7 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
   }
   if (!cut.empty())
     out.warnings.push_back(
-        fmt::format("{}: up to {:.2g} % of the dark pixels are 0, above {:g} %: the camera's black "
+        fmt::format("{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
                     "level cuts the noise off; raise it",
                     joined(cut), 100 * most, 100 * kMostZeros));
 }

@@ -75,8 +75,9 @@ const DenoiseMethod& denoise_method(const std::string& name) {
     if (method.name == name) return method;
     names.push_back(method.name);
   }
-  throw InputError("--method " + name, "is not known; there are " + joined(names),
-                   "did you mean " + nearest_name(name, names) + "?");
+  throw InputError("--method " + name,
+                   "is no method (did you mean " + nearest_name(name, names) + "?)",
+                   "there are " + joined(names) + ", and networks' weight files (.safetensors)");
 }
 
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,

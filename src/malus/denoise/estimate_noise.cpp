@@ -206,7 +206,7 @@ double mean_signal(const std::vector<Block>& blocks) {
 
 std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
   return fmt::format(
-      "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, +-{:.0f} % "
+      "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
       "by "
       "sampling, from {:.0f} % of the picture and {} levels of brightness; texture can make it too "
       "high, earlier smoothing too low, and the dark bias is not known",
@@ -266,6 +266,14 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   estimate_row_deviation(dn, saturated, noise.profile);
   noise.trust = trust_statement(noise, deviation);
   return noise;
+}
+
+PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy) {
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  if (!noise)
+    throw InputError(frame.source.empty() ? "the picture" : frame.source,
+                     "its noise cannot be estimated: " + noise.reason(), std::string(remedy));
+  return *noise;
 }
 
 }  // namespace malus

@@ -16,6 +16,7 @@
 #include "malus/noise/profile.h"
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace malus {
@@ -31,5 +32,9 @@ struct PictureNoise {
 /// Undecided when the picture is too small (fewer than 64 blocks per channel), or has no noise (a
 /// constant or synthetic picture).
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame);
+
+/// The same for callers that cannot go on without it: throws InputError where it is undecided, with
+/// the reason; remedy: what the caller's user can do.
+PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy);
 
 }  // namespace malus

@@ -1,11 +1,10 @@
 #include "malus/base/error.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
+#include "malus/noise/same_sensor.h"
 
 #include <algorithm>
 #include <cmath>
-
-#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -57,11 +56,7 @@ std::vector<double> channel_means(View<const float> dn, const SensorLayout& layo
 void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
   if (frame.dn.empty())
     throw InputError(frame.source, "has no pixels", "give a frame with at least one");
-  if (!(frame.layout == profile.layout))
-    throw InputError(frame.source,
-                     fmt::format("has the layout {}, the noise model {}", frame.layout.name(),
-                                 profile.layout.name()),
-                     "give the sensor's layout with --layout, or another model");
+  require_layout_of_model(frame, profile.layout);
 }
 
 PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool remove_rows,

@@ -108,6 +108,11 @@ std::optional<int> ConfigSection::whole_number(std::string_view key, int minimum
   return static_cast<int>(*value);
 }
 
+bool ConfigSection::is_empty_list(std::string_view key) const {
+  const toml::node* node = table_->at->get(key);
+  return node && node->is_array() && node->as_array()->empty();
+}
+
 std::vector<double> ConfigSection::numbers(std::string_view key) const {
   const toml::node* node = table_->at->get(key);
   if (!node) return {};

@@ -56,6 +56,7 @@ class ConfigSection {
  private:
   struct Table;
   explicit ConfigSection(std::shared_ptr<const Table> table) : table_(std::move(table)) {}
+  bool is_empty_list(std::string_view key) const;
   void check_number(const ParameterInfo& info, double value) const;
   void check_choice(const ParameterInfo& info, const std::string& value) const;
 
@@ -81,6 +82,8 @@ class ConfigSection {
       value = static_cast<Value>(number(info.name).value_or(0));
       check_number(info, static_cast<double>(value));
     } else {
+      // Where nothing is the default, an empty list says so.
+      if (value.empty() && is_empty_list(info.name)) return;
       value = numbers(info.name);
       for (const double one : value) check_number(info, one);
     }

@@ -10,6 +10,7 @@ set(io_SOURCES
   frame_tags.cpp
   glob.cpp
   npy.cpp
+  pair_list.cpp
   picture_codec.cpp
   picture_file.cpp
   png_check.cpp

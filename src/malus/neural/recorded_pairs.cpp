@@ -4,6 +4,8 @@
 #include "malus/base/random.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/gain_json.h"
+#include "malus/io/pair_list.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
 
@@ -44,13 +46,6 @@ Json load_json(const fs::path& path) {
   }
 }
 
-GainSetting gain_of(const Json& facts) {
-  GainSetting gain;
-  if (facts.at("gain_db").is_number()) gain.gain_db = facts.at("gain_db").get<double>();
-  if (facts.at("iso").is_number()) gain.iso = facts.at("iso").get<double>();
-  return gain;
-}
-
 double checked_ratio(const Json& facts, const std::string& source) {
   const double ratio = facts.at("ratio").get<double>();
   if (!std::isfinite(ratio) || ratio <= 0)
@@ -83,7 +78,7 @@ class ShardPairs final : public PairSource {
     try {
       const Json facts = Json::parse(shard_content(sample.path, sample.facts));
       pair.ratio = checked_ratio(facts, where);
-      pair.profile = model_.profile_at(gain_of(facts));
+      pair.profile = model_.profile_at(gain_from(facts));
     } catch (const Json::exception& error) {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
                        "make the shard again with malus dataset");
@@ -130,28 +125,20 @@ class CapturedPairs final : public PairSource {
       : model_(only_model(config)),
         side_(config.data.example),
         with_picture_(config.package.gives_picture()) {
-    for (const fs::path& path : config.pairs) {
-      const Json list = load_json(path);
-      for (const Json& entry : list.at("pairs"))
-        pairs_.push_back({path.parent_path() / entry.at("short").get<std::string>(),
-                          path.parent_path() / entry.at("reference").get<std::string>(),
-                          entry.contains("picture")
-                              ? path.parent_path() / entry.at("picture").get<std::string>()
-                              : fs::path(),
-                          checked_ratio(entry, path.string()), gain_of(entry)});
-    }
+    for (const fs::path& path : config.pairs)
+      for (RecordedPair& pair : load_pair_list(path)) pairs_.push_back(std::move(pair));
     if (pairs_.empty())
       throw InputError(config.source.string(), "its pairs are none", "make them with malus pairs");
   }
 
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
     RandomSequence random(seed, number, Draw::kScene, 5);
-    const Recorded& recorded = pairs_[pick(random, pairs_.size())];
+    const RecordedPair& recorded = pairs_[pick(random, pairs_.size())];
     FrameOptions options;
     options.layout = model_.layout;
     RawPair pair;
     pair.noisy = load_frame(recorded.noisy, options);
-    std::vector<Image> clean{load_frame(recorded.clean, options).dn};
+    std::vector<Image> clean{load_frame(recorded.reference, options).dn};
     if (with_picture_ && !recorded.picture.empty())
       for (Image& plane : load_picture(recorded.picture).planes) clean.push_back(std::move(plane));
     for (Image& plane : clean) {
@@ -180,18 +167,13 @@ class CapturedPairs final : public PairSource {
     }
     pair.noisy.dn = window(pair.noisy.dn, row0, col0, rows, cols);
     require_finite(pair.noisy.dn, recorded.noisy.string());
-    require_finite(pair.clean_dn, recorded.clean.string());
+    require_finite(pair.clean_dn, recorded.reference.string());
     pair.profile = model_.profile_at(recorded.gain);
     pair.ratio = recorded.ratio;
     return pair;
   }
 
  private:
-  struct Recorded {
-    fs::path noisy, clean, picture;  ///< the picture may be empty
-    double ratio;
-    GainSetting gain;
-  };
   static Image window(const Image& from, int row0, int col0, int rows, int cols) {
     Image out(rows, cols);
     for (int r = 0; r < rows; ++r) std::copy_n(from.row(row0 + r) + col0, cols, out.row(r));
@@ -201,7 +183,7 @@ class CapturedPairs final : public PairSource {
   NoiseModel model_;
   int side_;
   bool with_picture_;
-  std::vector<Recorded> pairs_;
+  std::vector<RecordedPair> pairs_;
 };
 
 template <class Source>

@@ -1,6 +1,7 @@
 #include "malus/neural/workers.h"
 
 #include "malus/base/error.h"
+#include "malus/base/worker_place.h"
 
 #include <chrono>
 #include <cstdlib>
@@ -28,20 +29,6 @@ class SingleWorker final : public Workers {
   void sum(torch::Tensor&) override {}
   void broadcast(torch::Tensor&) override {}
 };
-
-// The first of the variables that is set, as a whole number.
-int number_of(std::initializer_list<const char*> names, int otherwise) {
-  for (const char* name : names)
-    if (const char* text = std::getenv(name)) {
-      char* end = nullptr;
-      const long value = std::strtol(text, &end, 10);
-      if (end == text || *end != '\0' || value < 0 || value > 65535)
-        throw InputError(name, fmt::format("= \"{}\" is not a number of a process or port", text),
-                         "unset it, or start with torchrun, mpirun or srun");
-      return static_cast<int>(value);
-    }
-  return otherwise;
-}
 
 #if defined(MALUS_WITH_GLOO)
 class WorkerGroup final : public Workers {
@@ -99,8 +86,8 @@ std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
   const char* address = std::getenv("MASTER_ADDR");
   const std::chrono::milliseconds timeout(static_cast<std::int64_t>(timeout_s * 1000));
   c10d::TCPStoreOptions options;
-  options.port =
-      static_cast<std::uint16_t>(number_of({"MASTER_PORT"}, c10d::TCPStoreOptions::kDefaultPort));
+  options.port = static_cast<std::uint16_t>(
+      number_of_environment({"MASTER_PORT"}, c10d::TCPStoreOptions::kDefaultPort));
   // torchrun serves the meeting point itself.
   const char* served = std::getenv("TORCHELASTIC_USE_AGENT_STORE");
   options.isServer = place.rank == 0 && !(served && std::string(served) == "True");
@@ -124,18 +111,9 @@ std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
 
 std::unique_ptr<Workers> single_worker() { return std::make_unique<SingleWorker>(); }
 
-WorkerPlace worker_place_of_environment() {
-  WorkerPlace place;
-  place.rank = number_of({"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"}, 0);
-  place.size = number_of({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1);
-  if (place.size < 1 || place.rank >= place.size)
-    throw InputError(fmt::format("worker {} of {}", place.rank, place.size), "does not exist",
-                     "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
-  return place;
-}
-
 std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device) {
   const WorkerPlace place = worker_place_of_environment();
+  require_place(place, "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
   if (place.size == 1) return single_worker();
 #if defined(MALUS_WITH_GLOO)
   return meet_others(place, timeout_s, device);

@@ -23,17 +23,9 @@ class Workers {
 /// One process alone.
 std::unique_ptr<Workers> single_worker();
 
-/// As many as the environment says (torchrun: RANK, WORLD_SIZE; mpirun: OMPI_COMM_WORLD_RANK, _SIZE
-/// or PMI_RANK, PMI_SIZE; srun: SLURM_PROCID, SLURM_NTASKS), meeting at MASTER_ADDR:MASTER_PORT
+/// As many as the environment says (base/worker_place.h), meeting at MASTER_ADDR:MASTER_PORT
 /// (127.0.0.1:29500 where not set) through PyTorch's c10d: NCCL for tensors on GPUs where libtorch
 /// has it, else Gloo. A worker that is silent for timeout_s is lost. Throws InputError.
 std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device);
-
-/// Rank and number of processes as the environment says; {0, 1} where it says nothing. Throws
-/// InputError where it contradicts itself.
-struct WorkerPlace {
-  int rank = 0, size = 1;
-};
-WorkerPlace worker_place_of_environment();
 
 }  // namespace malus

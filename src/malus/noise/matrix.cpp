@@ -111,9 +111,4 @@ std::vector<double> GaussianSampler::draw(std::span<const double> mean,
   return draw;
 }
 
-std::vector<double> draw_gaussian(std::span<const double> mean, const SquareMatrix& covariance,
-                                  RandomSequence& random) {
-  return GaussianSampler(covariance).draw(mean, random);
-}
-
 }  // namespace malus

@@ -1,8 +1,6 @@
 // Small square matrices over channels, and what the joint model does with covariances.
 #pragma once
 
-#include "malus/base/random.h"
-
 #include <cstddef>
 #include <span>
 #include <vector>
@@ -41,10 +39,5 @@ SquareMatrix nearest_correlation(const SquareMatrix& symmetric);
 
 /// Largest absolute difference of two matrices of one size.
 double largest_difference(const SquareMatrix& a, const SquareMatrix& b);
-
-/// One draw of N(mean, covariance), n normals from the sequence. Negative eigenvalues, which only
-/// rounding or sampling error can cause, count as zero.
-std::vector<double> draw_gaussian(std::span<const double> mean, const SquareMatrix& covariance,
-                                  RandomSequence& random);
 
 }  // namespace malus

@@ -2,6 +2,7 @@
 // frame to frame worked out once.
 #pragma once
 
+#include "malus/base/random.h"
 #include "malus/noise/joint_gain.h"
 #include "malus/noise/matrix.h"
 #include "malus/noise/model.h"

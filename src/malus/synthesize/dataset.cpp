@@ -24,10 +24,23 @@ std::size_t pick(RandomSequence& random, std::size_t count) {
                   static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
 }
 
-// Room around the patch for the shift of a turned mosaic: one cell.
-int margin_rows(const SensorLayout& layout) { return std::max(layout.rows(), layout.cols()); }
+// Side of what is cut out: the patch, and one cell for the shift of a turned mosaic.
+int side_of_cut(const DatasetSettings& settings, const SensorLayout& layout) {
+  return settings.patch + (settings.symmetries ? std::max(layout.rows(), layout.cols()) : 0);
+}
 
 }  // namespace
+
+void require_room(const std::string& source, int rows, int cols, const DatasetSettings& settings,
+                  const SensorLayout& layout) {
+  const int side = side_of_cut(settings, layout);
+  if (rows < side || cols < side)
+    throw InputError(
+        source,
+        fmt::format("has {} x {} pixels and holds no patch of {}{}", cols, rows, settings.patch,
+                    settings.symmetries ? " and the cell that turning it needs" : ""),
+        "use larger pictures or a smaller patch");
+}
 
 SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& layout,
                            int row_group, const std::vector<std::pair<int, int>>& sizes,
@@ -44,11 +57,8 @@ SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& 
   recipe.number = number;
   recipe.source = pick(random, sizes.size());
   const auto [rows, cols] = sizes[recipe.source];
-  const int side = settings.patch + (settings.symmetries ? margin_rows(layout) : 0);
-  if (rows < side || cols < side)
-    throw InputError(fmt::format("clean source {}", recipe.source),
-                     fmt::format("of {} x {} holds no patch of {} pixels", cols, rows, side),
-                     "use larger pictures or a smaller patch");
+  require_room(fmt::format("clean source {}", recipe.source), rows, cols, settings, layout);
+  const int side = side_of_cut(settings, layout);
   recipe.row0 = step_rows * static_cast<int>(pick(
                                 random, static_cast<std::size_t>((rows - side) / step_rows + 1)));
   recipe.col0 = step_cols * static_cast<int>(pick(
@@ -65,7 +75,7 @@ TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& set
                           View<const float> source_dn, const Synthesizer& synthesizer,
                           const std::optional<GainSetting>& gain, std::uint64_t seed) {
   const SensorLayout& layout = synthesizer.model().layout;
-  const int side = settings.patch + (settings.symmetries ? margin_rows(layout) : 0);
+  const int side = side_of_cut(settings, layout);
   const Image turned =
       moved(source_dn.window(recipe.row0, recipe.col0, side, side), recipe.symmetry);
   const auto shift = lattice_shift(layout, recipe.symmetry);

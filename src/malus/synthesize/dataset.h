@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -48,6 +49,10 @@ struct SampleRecipe {
   double ratio = 1;
   std::optional<double> gain;  ///< empty: random
 };
+
+/// Throws InputError, naming the source, where no patch fits into its rows x cols pixels.
+void require_room(const std::string& source, int rows, int cols, const DatasetSettings& settings,
+                  const SensorLayout& layout);
 
 /// sizes: {rows, cols} of the clean sources. Throws InputError when the patch does not fit into a
 /// source or is not made of whole cells.

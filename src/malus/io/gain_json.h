@@ -1,4 +1,5 @@
-// A gain setting in JSON: "gain_db" and "iso", null where not known.
+// A gain setting in JSON, as lists of pairs, shards and records of runs keep it: "gain_db" and
+// "iso", null where not known.
 #pragma once
 
 #include "malus/image/raw_frame.h"
@@ -7,7 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace malus::app {
+namespace malus {
 
 inline nlohmann::ordered_json number_or_null(const std::optional<double>& value) {
   return value ? nlohmann::ordered_json(*value) : nlohmann::ordered_json();
@@ -17,14 +18,15 @@ inline nlohmann::ordered_json gain_json(const GainSetting& gain) {
   return {{"gain_db", number_or_null(gain.gain_db)}, {"iso", number_or_null(gain.iso)}};
 }
 
-/// The gain in an object that gain_json went into. Throws nlohmann's exception where a key is
-/// missing.
-inline GainSetting gain_from(const nlohmann::ordered_json& json) {
+/// The gain in an object (json or ordered_json) that gain_json went into. Throws nlohmann's
+/// exception where a key is missing.
+template <class Json>
+GainSetting gain_from(const Json& json) {
   const auto number = [&](const char* key) {
     const auto& value = json.at(key);
-    return value.is_number() ? std::optional(value.get<double>()) : std::nullopt;
+    return value.is_number() ? std::optional(value.template get<double>()) : std::nullopt;
   };
   return {number("gain_db"), number("iso")};
 }
 
-}  // namespace malus::app
+}  // namespace malus

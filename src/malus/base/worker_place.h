@@ -1,0 +1,24 @@
+// Which of several processes this one is, as torchrun, mpirun or srun say in the environment.
+#pragma once
+
+#include <initializer_list>
+
+namespace malus {
+
+/// The first of the variables that is set, as a whole number from 0 to 65535 (processes, ports);
+/// otherwise where none is. Throws InputError, naming the variable.
+int number_of_environment(std::initializer_list<const char*> names, int otherwise);
+
+struct WorkerPlace {
+  int rank = 0, size = 1;
+};
+
+/// RANK and WORLD_SIZE (torchrun), OMPI_COMM_WORLD_RANK and _SIZE or PMI_RANK and _SIZE (mpirun),
+/// SLURM_PROCID and SLURM_NTASKS (srun); {0, 1} where none is set. Throws InputError where a
+/// variable is no number.
+WorkerPlace worker_place_of_environment();
+
+/// Throws InputError where no process has that place; remedy: how the user sets it.
+void require_place(const WorkerPlace& place, const char* remedy);
+
+}  // namespace malus

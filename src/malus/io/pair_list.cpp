@@ -1,0 +1,65 @@
+#include "malus/io/pair_list.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/io/gain_json.h"
+
+#include <cmath>
+#include <fstream>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+RecordedPair pair_of(const Json& entry, const fs::path& list) {
+  const auto file = [&](const char* key) {
+    return list.parent_path() / entry.at(key).get<std::string>();
+  };
+  RecordedPair pair{.name = entry.value("name", ""),
+                    .noisy = file("short"),
+                    .reference = file("reference"),
+                    .picture = entry.contains("picture") ? file("picture") : fs::path(),
+                    .ratio = entry.at("ratio").get<double>(),
+                    .gain = gain_from(entry)};
+  if (!std::isfinite(pair.ratio) || pair.ratio <= 0)
+    throw InputError(list.string(), fmt::format("has the low-light ratio {}", pair.ratio),
+                     "a ratio is above 0");
+  return pair;
+}
+
+}  // namespace
+
+std::string RecordedPair::scene() const { return name.substr(0, name.rfind('_')); }
+
+std::vector<RecordedPair> load_pair_list(const fs::path& list) {
+  std::ifstream in(list);
+  if (!in) throw InputError(list.string(), "cannot be read", "check the name and the rights");
+  try {
+    const Json json = Json::parse(in);
+    std::vector<RecordedPair> pairs;
+    for (const Json& entry : json.at("pairs")) pairs.push_back(pair_of(entry, list));
+    return pairs;
+  } catch (const Json::exception& error) {
+    throw InputError(list.string(), fmt::format("is no list of pairs ({})", error.what()),
+                     "make it with malus pairs");
+  }
+}
+
+void save_pair_list(const std::vector<RecordedPair>& pairs, const fs::path& list) {
+  Json entries = Json::array();
+  for (const RecordedPair& pair : pairs) {
+    entries.push_back({{"name", pair.name},
+                       {"reference", fs::absolute(pair.reference).string()},
+                       {"short", fs::absolute(pair.noisy).string()},
+                       {"ratio", pair.ratio}});
+    entries.back().update(gain_json(pair.gain));
+    if (!pair.picture.empty()) entries.back()["picture"] = fs::absolute(pair.picture).string();
+  }
+  write_file(list, Json{{"pairs", entries}}.dump(2) + "\n", true);
+}
+
+}  // namespace malus

@@ -1,0 +1,60 @@
+#include "malus/base/worker_place.h"
+
+#include "malus/base/error.h"
+
+#include <cstdlib>
+
+#include "support.h"
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+class WorkerPlaces : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    for (const char* name : {"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID",
+                             "WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"})
+      unsetenv(name);
+  }
+  void TearDown() override { SetUp(); }
+  static void set(const char* name, const char* value) { setenv(name, value, 1); }
+};
+
+TEST_F(WorkerPlaces, AloneWhereNothingIsSaid) {
+  const WorkerPlace place = worker_place_of_environment();
+  EXPECT_EQ(place.rank, 0);
+  EXPECT_EQ(place.size, 1);
+}
+
+TEST_F(WorkerPlaces, TorchrunGoesBeforeTheClusterItRunsIn) {
+  set("SLURM_PROCID", "5");
+  set("SLURM_NTASKS", "6");
+  EXPECT_EQ(worker_place_of_environment().rank, 5);
+  set("RANK", "1");
+  set("WORLD_SIZE", "2");
+  EXPECT_EQ(worker_place_of_environment().rank, 1);
+  EXPECT_EQ(worker_place_of_environment().size, 2);
+}
+
+TEST_F(WorkerPlaces, WhatIsNoNumberIsNamed) {
+  for (const char* text : {"", "first", "2x", "-1", "65536", "99999999999"}) {
+    set("RANK", text);
+    EXPECT_THAT([] { worker_place_of_environment(); },
+                ThrowsMessage<InputError>(HasSubstr("RANK=")))
+        << text;
+  }
+}
+
+TEST_F(WorkerPlaces, PlacesThatDoNotExistAreRefused) {
+  EXPECT_NO_THROW(require_place({1, 2}, "count from 0"));
+  for (const WorkerPlace place : {WorkerPlace{2, 2}, WorkerPlace{-1, 2}, WorkerPlace{0, 0}})
+    EXPECT_THAT([&] { require_place(place, "count from 0"); },
+                ThrowsMessage<InputError>(HasSubstr("does not exist; count from 0")));
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,69 @@
+#include "malus/io/pair_list.h"
+
+#include "malus/base/error.h"
+
+#include <fstream>
+
+#include "support.h"
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+constexpr const char* kEntry =
+    R"({"name": "scene003_01", "reference": "r.tif", "short": "s.tif", "ratio": 4, "gain_db": 12, "iso": null})";
+
+TEST(PairList, PathsAreRelativeToTheList) {
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder / "pairs.json") << R"({"pairs": [)" << kEntry << "]}";
+  const auto pairs = load_pair_list(folder / "pairs.json");
+  ASSERT_EQ(pairs.size(), 1u);
+  EXPECT_EQ(pairs[0].scene(), "scene003");
+  EXPECT_EQ(pairs[0].noisy, folder / "s.tif");
+  EXPECT_EQ(pairs[0].reference, folder / "r.tif");
+  EXPECT_TRUE(pairs[0].picture.empty());
+  EXPECT_EQ(pairs[0].ratio, 4);
+  EXPECT_EQ(pairs[0].gain, (GainSetting{.gain_db = 12, .iso = std::nullopt}));
+}
+
+TEST(PairList, ComesBackFromAnotherFolder) {
+  const testing::TemporaryFolder folder, other;
+  const RecordedPair pair{.name = "x_00",
+                          .noisy = folder / "n.tif",
+                          .reference = folder / "r.npy",
+                          .picture = folder / "p.npy",
+                          .ratio = 2.5,
+                          .gain = {.gain_db = std::nullopt, .iso = 1600}};
+  save_pair_list({pair}, other / "list.json");
+  const auto back = load_pair_list(other / "list.json");
+  ASSERT_EQ(back.size(), 1u);
+  EXPECT_EQ(back[0].name, pair.name);
+  EXPECT_EQ(back[0].noisy, pair.noisy);
+  EXPECT_EQ(back[0].reference, pair.reference);
+  EXPECT_EQ(back[0].picture, pair.picture);
+  EXPECT_EQ(back[0].ratio, pair.ratio);
+  EXPECT_EQ(back[0].gain, pair.gain);
+}
+
+TEST(PairList, WhatIsNoListIsNamed) {
+  const testing::TemporaryFolder folder;
+  const auto path = folder / "pairs.json";
+  const auto refused = [&](const std::string& text) {
+    std::ofstream(path) << text;
+    return [&] { load_pair_list(path); };
+  };
+  EXPECT_THAT([&] { load_pair_list(folder / "none.json"); },
+              ThrowsMessage<InputError>(HasSubstr("none.json")));
+  for (const char* text : {"", "[]", R"({"pairs": 3})", R"({"pairs": [{"name": "a"}]})"})
+    EXPECT_THAT(refused(text), ThrowsMessage<InputError>(HasSubstr("no list of pairs"))) << text;
+  std::string negative = kEntry;
+  negative.replace(negative.find("4"), 1, "-1");
+  EXPECT_THAT(refused(R"({"pairs": [)" + negative + "]}"),
+              ThrowsMessage<InputError>(HasSubstr("ratio -1")));
+}
+
+}  // namespace
+}  // namespace malus
