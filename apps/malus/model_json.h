@@ -9,8 +9,8 @@
 
 namespace malus::app {
 
-/// The model as interface.md lays it out; unknown numbers are null. docs/model-file.md names the
-/// keys beyond the contract.
+/// The model with the keys that docs/model-file.md names, in the section on JSON; unknown numbers
+/// are null.
 nlohmann::ordered_json model_json(const NoiseModel& model);
 
 /// Tables for people: one line per gain, then per gain a line per channel, then the laws over gain.

@@ -1,5 +1,5 @@
 // What all commands share: common flags, output conventions, progress on a terminal, exit codes
-// (interface.md).
+// (docs/commands.md).
 #pragma once
 
 #include "malus/base/progress.h"

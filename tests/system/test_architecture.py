@@ -71,6 +71,14 @@ def test_heavy_libraries_stay_out_of_headers():
     assert not wrong, "\n".join(wrong)
 
 
+def test_modules_of_the_documentation_are_those_of_the_build():
+    rows = re.findall(r"^\| `(\w+)` \| ([\w, ]*?) *\|", (ROOT / "ARCHITECTURE.md").read_text(), re.MULTILINE)
+    told = {name: set(depends.replace(",", " ").split()) for name, depends in rows}
+    built = {name: set(depends) for name, depends in modules().items()}
+    assert {name: told.get(name) for name in built} == built
+    assert set(told) - set(built) <= {"capture", "neural", "cuda"}  # optional
+
+
 def test_nothing_outside_neural_includes_torch():
     wrong = [str(path) for path in own_files(".h", ".cpp") if "neural" not in str(path)
              and re.search(r'#include [<"](torch|c10|ATen)/', path.read_text())]
@@ -91,6 +99,21 @@ def test_files_stay_short():
     long = [f"{path.relative_to(ROOT)}: {lines}" for path in own_files(".h", ".cpp", ".py", ".cu")
             if (lines := path.read_text().count("\n")) > LONGEST_FILE]
     assert not long, "\n".join(long)
+
+
+def test_files_that_are_named_exist():
+    """In comments and docs: a reader who follows a name finds the file."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    names = {pathlib.Path(name).name for name in listed}
+    docs = [ROOT / name for name in listed if name.endswith(".md") and "/" not in name.removeprefix("docs/")]
+    missing = []
+    for path in [*own_files(".h", ".cpp", ".cu"), *docs]:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            text = line if path.suffix == ".md" else line.partition("//")[2]
+            for name in re.findall(r"[\w-]+\.(?:h|cpp|cu|md)\b", text):
+                if name.lstrip("-") not in names:
+                    missing.append(f"{path.relative_to(ROOT)}:{number} names {name}")
+    assert not missing, "\n".join(missing)
 
 
 def test_type_names_are_unique_in_their_namespace():

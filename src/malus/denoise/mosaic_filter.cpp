@@ -43,7 +43,8 @@ CellMatrix wiener_matrix(const CellMatrix& axes, const CellVector& eigenvalues) 
 }
 
 // Energies, in units of the noise's variance, that the frame's axes lend to those of a stack:
-// measured (docs/denoising.md). The first axis is the brightness, which every stack knows.
+// measured (docs/denoising-experiments.md). The first axis is the brightness, which every stack
+// knows.
 CellMatrix axes_prior(const CellMatrix& axes) {
   constexpr float kFirst = 0.24f, kRatio = 0.8f;
   CellMatrix matrix{};

@@ -5,7 +5,8 @@
 // frame, in the others those of the stack itself, which follow the local colour and polarization
 // (as PBM3D, Tibbs et al. 2018, and PFCD, 2025, do for a whole picture). References lie on a grid
 // that is not a multiple of the cell, so that every alignment of cells and mosaic takes part and
-// their estimates are averaged. What each of these earns is measured in docs/denoising.md.
+// their estimates are averaged. What each of these earns is measured in
+// docs/denoising-experiments.md.
 #pragma once
 
 #include "malus/denoise/internal/stack_stage.h"

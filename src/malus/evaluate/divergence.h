@@ -1,5 +1,5 @@
 // Distances between two samples of noise, from their histograms over the same bins (001, S3;
-// physics.md, "Divergences").
+// docs/polarization.md, "Metrics").
 #pragma once
 
 #include "malus/base/estimate.h"

@@ -14,7 +14,7 @@ torch::Tensor stokes_planes(const torch::Tensor& planes, const SensorLayout& lay
   for (const Color color : layout.colors()) {
     const auto plane = [&](int angle) { return planes.select(1, layout.find(color, angle)); };
     const auto i0 = plane(0), i45 = plane(45), i90 = plane(90), i135 = plane(135);
-    stokes.push_back(0.5 * (i0 + i45 + i90 + i135));  // physics.md: S0 = (I0+I45+I90+I135)/2
+    stokes.push_back(0.5 * (i0 + i45 + i90 + i135));  // as polar/stokes.h
     stokes.push_back(i0 - i90);
     stokes.push_back(i45 - i135);
   }

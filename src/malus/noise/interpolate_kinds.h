@@ -1,5 +1,5 @@
-// Gaussian and non-parametric calibrations between two measured gains (physics.md, "Non-parametric
-// model"; the physics kind has its joint model).
+// Gaussian and non-parametric calibrations between two measured gains; the physics kind has its
+// joint model (joint_gain.h).
 #pragma once
 
 #include "malus/noise/calibration.h"

@@ -1,8 +1,8 @@
 // Which pixels of a polarization mosaic hold crossed polarizers? Malus's law gives I0 + I90 = I45 +
 // I135, so the sums over the two crossed pairs of a 2x2 block agree but for noise and scene detail,
-// while any other pairing differs by as much as the scene is polarized (physics.md, "Layout
-// check"). The test finds the pairing, not the handedness: [90 45; 135 0] and its mirror
-// [0 45; 135 90] look alike.
+// while any other pairing differs by as much as the scene is polarized (docs/polarization.md,
+// "Which pixel is which angle"). The test finds the pairing, not the handedness: [90 45; 135 0] and
+// its mirror [0 45; 135 90] look alike.
 #pragma once
 
 #include "malus/image/layout.h"

@@ -1,4 +1,4 @@
-// Linear Stokes parameters from the four polarizer angles (physics.md, "Units and conventions").
+// Linear Stokes parameters from the four polarizer angles (docs/polarization.md).
 // Angles are degrees of the polarizer's axis, counter-clockwise, modulo 180.
 #pragma once
 

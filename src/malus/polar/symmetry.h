@@ -1,6 +1,6 @@
-// Flips and turns of polarization pictures: the angles turn with the picture (physics.md,
-// "Polarization and augmentation"). All facts about the eight symmetries of the square lie in one
-// table.
+// Flips and turns of polarization pictures: the angles turn with the picture
+// (docs/polarization.md, "Turning and flipping"). All facts about the eight symmetries of the
+// square lie in one table.
 #pragma once
 
 #include "malus/image/layout.h"

@@ -1,13 +1,13 @@
 // The plain definition of the physics noise (000 Eq. 1-4), one pixel at a time in double precision.
 // Everything faster is compared with this.
 //
-//   D = K * Poisson(s / K) + mu + TukeyLambda(lambda, sigma_TL) + sigma_b * z(row group) + U(-q/2,
-//   q/2)
+//   D = K Poisson(s / K) + mu + TukeyLambda(lambda, sigma_TL) + sigma_b z(row group) + U(-q/2, q/2)
 //
 // z is drawn anew for every row group, or drifts slowly from group to group (noise/row_drift.h).
 //
 // s is the clean pixel in DN above black, and so is D. Nothing is rounded or clamped: that is the
-// camera's last step (camera_output.h), and where it rounds, rounding is the quantisation noise.
+// camera's last step (round_as_camera in synthesizer.h); where it rounds, rounding is the
+// quantisation noise.
 #pragma once
 
 #include "malus/image/view.h"

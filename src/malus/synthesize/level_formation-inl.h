@@ -1,5 +1,5 @@
 // One pixel of non-parametric noise, written once for every machine: included like formation-inl.h,
-// by level_kernel.cpp for vectors and by scalar_level_formation.h for one pixel at a time. Only
+// by level_kernel.cpp for vectors and by scalar_formation.h for one pixel at a time. Only
 // operations that IEEE 754 defines exactly.
 
 /// One pixel's channel: numbers, and where its part of the joint tables starts.
