@@ -70,6 +70,16 @@ TEST(EstimateProfile, TextureRaisesItByLittle) {
   EXPECT_NEAR(std::sqrt(noise->profile.channels[0].variance(300)) / truth, 1.05, 0.1);
 }
 
+TEST(EstimateProfile, SaysThatTextureWasTakenForNoise) {
+  Image dn = shaded(512, 512, 100, 500);
+  const RawFrame plain = frame_of(dn, camera(1.5, 3.7));
+  EXPECT_EQ(estimate_profile(plain)->trust.find("it is texture"), std::string::npos);
+  for (int r = 0; r < 512; ++r)  // a checker of whole cells: every channel sees it alike
+    for (int c = 0; c < 512; ++c) dn(r, c) *= (r / 4 + c / 4) % 2 ? 1.4F : 0.6F;
+  EXPECT_NE(estimate_profile(frame_of(dn, camera(1.5, 3.7)))->trust.find("it is texture"),
+            std::string::npos);
+}
+
 TEST(EstimateProfile, ABlackLevelThatIsNotKnownDoesNotHarm) {
   Image dn = shaded(512, 512, 5, 500);
   RawFrame frame = frame_of(dn, camera(1.5, 3.7));

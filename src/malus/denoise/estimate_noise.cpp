@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 #include "malus/denoise/row_noise.h"
+#include "malus/denoise/shared_detail.h"
 #include "malus/image/pack.h"
 
 #include <algorithm>
@@ -18,6 +19,7 @@ constexpr std::size_t kMostLevels = 16;
 constexpr std::size_t kLeastPerLevel = 24;
 constexpr int kPasses = 10;                // of reweighted fits
 constexpr double kSmoothShare = 0.4;       // of a level's blocks
+constexpr double kSharedIsTexture = 0.2;   // of the details, see shared_detail.h
 constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
 
 struct Block {
@@ -265,6 +267,12 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   unpack(planes, frame.layout, dn);
   estimate_row_deviation(dn, saturated, noise.profile);
   noise.trust = trust_statement(noise, deviation);
+  const double shared = shared_detail(planes, saturated);
+  if (shared > kSharedIsTexture)
+    noise.trust += fmt::format(
+        "; {:.0f} % of it is alike in neighbouring channels, which noise never is: it is texture, "
+        "and the result will be blurred and may be too bright",
+        100 * shared);
   return noise;
 }
 

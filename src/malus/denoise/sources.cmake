@@ -14,5 +14,6 @@ set(denoise_SOURCES
     mosaic_filter.cpp
     preparation.cpp
     row_noise.cpp
+    shared_detail.cpp
     stack_kernel.cpp
     stack_stage.cpp)

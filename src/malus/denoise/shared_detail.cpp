@@ -1,0 +1,88 @@
+#include "malus/denoise/shared_detail.h"
+
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Dense>
+
+namespace malus {
+namespace {
+
+constexpr int kBlock = 8, kDetails = kBlock * kBlock / 4;
+constexpr std::size_t kLeastBlocks = 64;
+constexpr double kSmoothShare = 0.4;
+constexpr double kClip = 4.0;  // robust deviations: an edge must not decide alone
+
+struct Block {
+  double texture = 0;           // variance of the means of 2x2 pixels over their squared mean
+  std::vector<double> details;  // [channel][kDetails]
+};
+
+// False where a pixel does not count.
+bool measure(const Image& plane, int row, int col, double saturated_dn, Block& block) {
+  Moments coarse;
+  for (int r = row; r < row + kBlock; r += 2)
+    for (int c = col; c < col + kBlock; c += 2) {
+      const double values[4] = {plane(r, c), plane(r, c + 1), plane(r + 1, c), plane(r + 1, c + 1)};
+      for (const double v : values)
+        if (!std::isfinite(v) || v >= saturated_dn) return false;
+      coarse.add(0.25 * (values[0] + values[1] + values[2] + values[3]));
+      block.details.push_back(0.5 * (values[0] - values[1] - values[2] + values[3]));
+    }
+  block.texture += coarse.variance() / (coarse.mean() * coarse.mean() + 1.0);
+  return true;
+}
+
+std::vector<Block> smoothest_blocks(const Planes& planes, double saturated_dn) {
+  std::vector<Block> blocks;
+  for (int r = 0; r + kBlock <= planes.rows(); r += kBlock)
+    for (int c = 0; c + kBlock <= planes.cols(); c += kBlock) {
+      Block block;
+      if (std::all_of(planes.begin(), planes.end(), [&](const Image& plane) {
+            return measure(plane, r, c, saturated_dn, block);
+          }))
+        blocks.push_back(std::move(block));
+    }
+  std::stable_sort(blocks.begin(), blocks.end(),
+                   [](const Block& a, const Block& b) { return a.texture < b.texture; });
+  if (blocks.size() >= kLeastBlocks)
+    blocks.resize(static_cast<std::size_t>(kSmoothShare * static_cast<double>(blocks.size())));
+  else
+    blocks.clear();
+  return blocks;
+}
+
+}  // namespace
+
+double shared_detail(const Planes& planes, double saturated_dn) {
+  const int channels = planes.channels();
+  if (channels < 2) return 0.0;
+  const std::vector<Block> blocks = smoothest_blocks(planes, saturated_dn);
+  const auto samples = static_cast<Eigen::Index>(blocks.size()) * kDetails;
+  if (samples <= 2 * channels) return 0.0;
+  Eigen::MatrixXd details(samples, channels);
+  for (int k = 0; k < channels; ++k) {
+    std::vector<double> size;
+    for (std::size_t b = 0; b < blocks.size(); ++b)
+      for (int i = 0; i < kDetails; ++i) {
+        const double d = blocks[b].details[static_cast<std::size_t>(k * kDetails + i)];
+        details(static_cast<Eigen::Index>(b) * kDetails + i, k) = d;
+        size.push_back(std::abs(d));
+      }
+    const double bound = kClip * 1.4826 * median_of(std::move(size));
+    if (!(bound > 0)) return 0.0;
+    details.col(k) = details.col(k).cwiseMax(-bound).cwiseMin(bound) / bound;
+  }
+  // 1 / (C_kk (C⁻¹)_kk) is what a fit by the other channels leaves of channel k's power. A
+  // billionth of the power keeps channels that are equal apart.
+  Eigen::MatrixXd power = details.transpose() * details;
+  power.diagonal() *= 1.0 + 1e-9;
+  const Eigen::VectorXd inverse = power.inverse().diagonal();
+  const double shared = 1.0 - (power.diagonal().cwiseProduct(inverse)).cwiseInverse().mean();
+  return std::clamp(shared - (channels - 1.0) / static_cast<double>(samples), 0.0, 1.0);
+}
+
+}  // namespace malus
