@@ -90,6 +90,7 @@ struct ProfileChoice {
 void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
   if (model.physics.empty()) return;
   const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
+  if (!lowest.decibel()) return;  // the only gain there is, whatever it is called
   if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
     warn(fmt::format("{}: extrapolated to {} from the calibrated range {} to {}", path.string(),
                      gain.text(), lowest.text(), highest.text()));
@@ -100,9 +101,6 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
-    if (!gain.decibel())
-      throw InputError(frame.source, "the gain is not in the file and the model holds several",
-                       "give --gain or --iso");
     const auto range =
         arguments.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
     ProfileChoice choice{model->profile_at(gain, range),

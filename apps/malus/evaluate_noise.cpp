@@ -69,8 +69,6 @@ NoiseSource source_for(const NoiseArguments& arguments, const RawFrame& referenc
   NoiseSource source = arguments.model.extension() == ".safetensors" ? flow_source(arguments)
                                                                      : calibrated_source(arguments);
   if (reference.layout_known) require_layout_of_model(reference, source.layout);
-  if (!reference.gain.decibel())
-    throw InputError(reference.source, "its gain is not known", "give --gain or --iso");
   return source;
 }
 

@@ -15,8 +15,6 @@ namespace malus::app {
 
 Planes variance_by_model(const RawFrame& frame, const NoiseModel& model) {
   require_layout_of_model(frame, model.layout);
-  if (!frame.gain.decibel())
-    throw InputError(frame.source, "its gain is not known", "give --gain or --iso");
   const NoiseProfile profile = model.profile_at(frame.gain);
   Planes variance = pack(frame.dn, frame.layout);
   for (int k = 0; k < variance.channels(); ++k) {

@@ -50,8 +50,6 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
     const py::gil_scoped_release release;
     if (model) {
       const GainSetting setting = gain ? model->model().gain_setting(*gain) : frame.gain;
-      if (!setting.decibel())
-        throw InputError("gain", "is not known", "give gain, in the model's unit");
       profile = model->description().profile_at(setting);
     } else {
       profile = require_estimate(frame, "give a model").profile;

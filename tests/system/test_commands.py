@@ -50,6 +50,20 @@ def test_shipped_camera_is_measured(malus, examples, tmp_path):
         assert not untold
 
 
+def test_a_camera_of_one_unnamed_gain_needs_none(malus, examples, tmp_path):
+    """A model of one gain means that gain, whether the session named it or not."""
+    model, frames = tmp_path / "emva.h5", sorted((examples / "emva/images").glob("d_s_000_*.png"))[:4]
+    malus("calibrate", examples / "emva/session.toml", "-o", model, "-q")
+    malus("denoise", examples / "emva/images/b_004_snap_001.png", "--layout", "mono", "--model", model, "-o", tmp_path / "out")
+    compared = malus("evaluate", "--noise", "--reference", *frames, "--model", model, "--json").json
+    assert compared["pooled"]["sqrt_jsd"] < 0.1  # other frames of other noise: 1
+
+
+def test_the_gain_is_asked_for_where_there_are_several(malus, examples, tmp_path):
+    said = malus("denoise", crop(examples, tmp_path), *MONO, "--model", "imx250mzr-simulated", "-o", tmp_path, code=1).err
+    assert "--gain" in said and "24 dB" in said
+
+
 def test_synthesize_is_the_same_for_any_number_of_threads(malus, examples, tmp_path):
     scene = crop(examples, tmp_path)
     drawn = []
