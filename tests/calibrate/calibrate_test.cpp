@@ -1,8 +1,6 @@
 #include "malus/calibrate/calibrate.h"
 
 #include "malus/base/parallel.h"
-#include "malus/base/statistics.h"
-#include "malus/noise/tukey_lambda.h"
 
 #include <atomic>
 #include <cmath>
@@ -198,73 +196,6 @@ TEST(CalibratePhysics, DefectPixelsAreListed) {
     found.push_back(d.kind + " " + std::to_string(d.row) + "," + std::to_string(d.col));
   EXPECT_THAT(found, ::testing::UnorderedElementsAre("stuck 5,6", "noisy 20,31", "hot 40,41",
                                                      "dead 50,51"));
-}
-
-// One pixel in a hundred that is 800 DN too bright would lift a plain mean by 8 DN.
-TEST(CalibratePhysics, HotPixelsLeaveTheBiasOfTheOthersAlone) {
-  const SimulatedCamera camera = small_camera();
-  CalibrationInput input = simulated_session(camera);
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      for (int r = 3; r < frame.dn.rows(); r += 10)
-        for (int c = 5; c < frame.dn.cols(); c += 10) frame.dn(r, c) += 800;
-      return frame;
-    };
-  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
-  const PhysicsCalibration& found = model.physics.front();
-  const PhysicsNoise& truth = camera.gains.front().noise;
-  for (std::size_t c = 0; c < truth.channels.size(); ++c) {
-    EXPECT_NEAR(found.mu.mean[c], truth.channels[c].mu_dn, 5 * found.mu.standard_error[c]);
-    EXPECT_LT(found.mu.standard_error[c], 0.2);
-  }
-  double shading = 0;  // what bias and shading together say of an ordinary pixel
-  int pixels = 0;
-  for (int r = 0; r < found.dark_shading_dn.rows(); ++r)
-    for (int c = 0; c < found.dark_shading_dn.cols(); ++c)
-      if (r % 10 != 3 || c % 10 != 5) shading += found.dark_shading_dn(r, c), ++pixels;
-  EXPECT_NEAR(shading / pixels, 0.0, 1e-3);
-}
-
-// About their mean two frames are mirror images: one of them says all. The standard errors have to
-// know it, or they are short by the root of two.
-TEST(CalibratePhysics, TwoBiasFramesClaimNoMoreThanTheyTell) {
-  SimulatedCamera camera = small_camera();
-  camera.bias_frames = 2;
-  camera.flat_levels = 0;
-  Moments dark;
-  constexpr int kSessions = 12;
-  for (int session = 0; session < kSessions; ++session) {
-    camera.seed = 100 + static_cast<std::uint64_t>(session);
-    CalibrationInput input = simulated_session(camera);
-    input.row_group = camera.gains.front().noise.row_group;
-    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
-    const PhysicsCalibration& found = model.physics.front();
-    for (std::size_t c = 0; c < found.sigma_row.mean.size(); ++c) {
-      const PhysicsChannel& truth = camera.gains.front().noise.channels[c];
-      const double variance =
-          truth.sigma_tl_dn * truth.sigma_tl_dn * tukey_lambda_variance(truth.lambda) +
-          truth.sigma_row_dn * truth.sigma_row_dn + 1.0 / 12.0;
-      dark.add((found.temporal_sd_dark_dn[c] - std::sqrt(variance)) /
-               found.temporal_sd_dark_stderr_dn[c]);
-    }
-  }
-  const double rms = std::sqrt(dark.variance() + dark.mean() * dark.mean());
-  EXPECT_GT(rms, 0.75);
-  EXPECT_LT(rms, 1.25);
-}
-
-TEST(CalibratePhysics, HeavyTailsFromFewFramesAreSaid) {
-  using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
-  SimulatedCamera camera = small_camera();
-  for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = -0.15;
-  camera.bias_frames = 4;
-  EXPECT_THAT(calibrated(camera).physics.front().warnings, Contains(HasSubstr("heavy tails")));
-  camera.bias_frames = 20;
-  EXPECT_THAT(calibrated(camera).physics.front().warnings, Not(Contains(HasSubstr("heavy tails"))));
-  for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = 0.2;
-  camera.bias_frames = 4;
-  EXPECT_THAT(calibrated(camera).physics.front().warnings, Not(Contains(HasSubstr("heavy tails"))));
 }
 
 TEST(CalibratePhysics, SameNumbersForAnyThreadCount) {
