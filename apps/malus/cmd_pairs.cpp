@@ -21,6 +21,9 @@
 namespace malus::app {
 namespace {
 
+// Lamps flicker by some per cent, and exposures are not off by more: beyond this a pair is no pair.
+constexpr double kMostDeviation = 0.2;
+
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
@@ -190,6 +193,11 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
       const std::string name = fmt::format("{}_{:02}", scene_name(label), k);
       pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
       const Json& last = pairs.back();
+      if (const double off = last["deviation"].get<double>(); std::abs(off) > kMostDeviation)
+        warn(
+            fmt::format("{}: the light is {:+.0f} % off the reference over {:g}: another scene, or "
+                        "a wrong exposure, gain or --ratio",
+                        name, 100 * off, last["ratio"].get<double>()));
       text +=
           fmt::format("{}: ratio {:g}, {} candidates, light {:+.2f} % off, flicker {:.2f} %\n",
                       name, last["ratio"].get<double>(), last["candidates"].size(),

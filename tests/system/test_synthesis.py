@@ -132,6 +132,12 @@ def test_pairs_take_the_frame_nearest_in_light(malus, tmp_path):
     assert json.loads((tmp_path / "out/pairs.json").read_text()) == result
 
 
+def test_pairs_whose_light_does_not_fit_the_ratio_are_said(malus, tmp_path):
+    session, _ = write_pairs_session(tmp_path, [1.05, 1.0])
+    assert "off the reference" not in malus("pairs", session, "-o", tmp_path / "fits").err
+    assert "off the reference over 30" in malus("pairs", session, "-o", tmp_path / "not", "--ratio", 30).err
+
+
 def test_pairs_name_what_is_missing(malus, refused, tmp_path):
     session, _ = write_pairs_session(tmp_path, [1.0, 1.0])
     text = session.read_text()
