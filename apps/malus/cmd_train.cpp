@@ -85,6 +85,24 @@ Json record_of(const Json& run) {
   return record;
 }
 
+// Single steps see a few patches: means over the last fifth of the log.
+std::string loss_text(const Json& log) {
+  std::vector<std::pair<double, double>> losses;
+  for (const Json& line : log)
+    if (line.contains("base_loss"))
+      losses.emplace_back(line["loss"].get<double>(), line["base_loss"].get<double>());
+  if (losses.empty()) return {};
+  const std::size_t first = losses.size() - (losses.size() + 4) / 5;
+  double loss = 0, base = 0;
+  for (std::size_t i = first; i < losses.size(); ++i) {
+    loss += losses[i].first;
+    base += losses[i].second;
+  }
+  const auto count = static_cast<double>(losses.size() - first);
+  return fmt::format("loss {:.4g}, that of the input {:.4g} (last fifth of the log)\n",
+                     loss / count, base / count);
+}
+
 void run_train(const TrainArguments& arguments, const Common& common) {
   const NetworkFunctions& functions = networks();
   const auto progress = make_progress(common);
@@ -101,6 +119,7 @@ void run_train(const TrainArguments& arguments, const Common& common) {
     write_record_report(record_of(run), arguments.report, common.force, folder);
   std::string text = fmt::format("{}: {} steps in {:.0f} s\n", run["weights"].get<std::string>(),
                                  run["steps"].get<std::int64_t>(), run["seconds"].get<double>());
+  text += loss_text(run["log"]);
   for (const Json& line : run["log"])
     if (line.contains("validation"))
       text += fmt::format("step {}: image {:.2f} dB, DoLP {:.2f} dB, AoLP {:.2f} deg\n",
