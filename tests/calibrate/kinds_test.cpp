@@ -104,6 +104,21 @@ CalibrationInput burst_with_reference(const PhysicsNoise& noise) {
   return input;
 }
 
+TEST(CalibrateKinds, LevelsTooFarApartAreSaid) {
+  using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
+  SimulatedCamera camera = polar_mono_camera();
+  camera.flat_levels = 3;
+  const auto warnings = [&] {
+    return calibrate(simulated_session(camera), small_levels(), {"nonparametric"},
+                     silent_progress())
+        .nonparametric.at(0)
+        .warnings;
+  };
+  EXPECT_THAT(warnings(), Contains(HasSubstr("no frames between")));
+  for (PhysicsChannel& channel : camera.gains[0].noise.channels) channel.gain_dn_per_e = 0.002;
+  EXPECT_THAT(warnings(), Not(Contains(HasSubstr("no frames between"))));
+}
+
 TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
   const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
   const CalibrationInput input = burst_with_reference(noise);

@@ -261,6 +261,28 @@ void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
   }
 }
 
+// Between two levels draws are mixed from both: of unlike variances, v and r v, the mixture's
+// excess kurtosis reaches 3 ((r + 1)² / (4 r) - 1), which is 1.7 for r = 4.
+void warn_of_gaps(NonparametricCalibration& out) {
+  constexpr double kMostRise = 4.0;
+  double most = kMostRise, low_dn = 0, high_dn = 0;
+  for (const NonparametricChannel& channel : out.channels)
+    for (std::size_t i = 1; i < channel.level_dn.size(); ++i) {
+      const double below = level_moments(channel, i - 1).variance_dn2;
+      const double rise = level_moments(channel, i).variance_dn2 / below;
+      if (!(rise > most)) continue;
+      most = rise;
+      low_dn = channel.level_dn[i - 1];
+      high_dn = channel.level_dn[i];
+    }
+  if (most > kMostRise)
+    out.warnings.push_back(fmt::format(
+        "no frames between {:.0f} and {:.0f} DN, where the noise's variance rises "
+        "{:.0f}-fold: signals between them get a mixture of both with heavy tails; take "
+        "flats in between, or an unevenly lit scene",
+        low_dn, high_dn, most));
+}
+
 void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFrame& first,
                      const CalibrationSettings& settings, NonparametricCalibration& out) {
   int refused = 0;
@@ -281,6 +303,7 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
         "{} signal levels of all channels together were left out: fewer than {} samples even with "
         "their neighbours",
         refused, settings.level_samples / 10));
+  warn_of_gaps(out);
 }
 
 }  // namespace
