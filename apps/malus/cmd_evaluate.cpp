@@ -5,6 +5,7 @@
 #include "malus/io/picture_file.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -139,10 +140,15 @@ std::string cell(const Estimate<double>& value, int decimals) {
   return value ? fmt::format("{:.{}f}", *value, decimals) : "-";
 }
 
-std::string table_row(const std::string& name, const Evaluation& e) {
-  return fmt::format("  {:<32}{:>10}{:>9}{:>10}{:>10}{:>10}\n", name, cell(e.image_psnr_db, 2),
-                     cell(e.image_ssim, 4), cell(e.dolp_psnr_db, 2), cell(e.aolp_psnr_db, 2),
-                     cell(e.aolp_circular_deg, 2));
+std::string table_line(const std::string& name, std::size_t width,
+                       const std::array<std::string, 5>& cells) {
+  return fmt::format("  {:<{}}{:>10}{:>9}{:>10}{:>10}{:>10}\n", name, width, cells[0], cells[1],
+                     cells[2], cells[3], cells[4]);
+}
+
+std::array<std::string, 5> cells_of(const Evaluation& e) {
+  return {cell(e.image_psnr_db, 2), cell(e.image_ssim, 4), cell(e.dolp_psnr_db, 2),
+          cell(e.aolp_psnr_db, 2), cell(e.aolp_circular_deg, 2)};
 }
 
 void run_image_comparison(const EvaluateArguments& arguments, const Common& common) {
@@ -150,8 +156,10 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
   const FrameOptions options = arguments.raw.resolve();
   const Subject reference = load_subject(arguments.noise.reference.front(), options);
   Json results = Json::array();
-  std::string text = fmt::format("  {:<32}{:>10}{:>9}{:>10}{:>10}{:>10}\n", "", "image dB", "SSIM",
-                                 "DoLP dB", "AoLP dB", "AoLP deg");
+  std::size_t width = 32;
+  for (const fs::path& path : arguments.noise.test)
+    width = std::max(width, path.string().size() + 1);
+  std::string text = table_line("", width, {"image dB", "SSIM", "DoLP dB", "AoLP dB", "AoLP deg"});
   for (const fs::path& path : arguments.noise.test) {
     Subject test = load_subject(path, options);
     if (arguments.ratio != 1) multiply(test, arguments.ratio);
@@ -165,7 +173,7 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     Json json = json_of(e);
     if (arguments.noise.test.size() > 1) json["test"] = path.string();
     results.push_back(std::move(json));
-    text += table_row(path.filename().string(), e);
+    text += table_line(path.string(), width, cells_of(e));
   }
   const Json json = results.size() == 1 ? results[0] : Json{{"results", results}};
   if (!arguments.report.empty()) write_evaluation_report(json, arguments.report, common.force);

@@ -1,11 +1,13 @@
 #include "denoise_run.h"
 
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
 
 #include "frame_input.h"
+#include "program.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -70,7 +72,16 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
   const RawFrame& before = frame.before;
   FrameOptions options;
   options.layout = before.layout;
-  if (!probe_frame(path, options).frame.black_known) options.black_dn = before.black_dn;
+  const RawFrame known = probe_frame(path, options).frame;
+  if (!known.black_known) {
+    options.black_dn = before.black_dn;
+    const double black = mean_of(before.black_dn);
+    if (known.bits > 0 && black != 0)
+      warn(
+          fmt::format("{}: black level not known, taken as the frame's, {:g} DN; if black is "
+                      "subtracted already, compare by malus evaluate --black 0",
+                      path.string(), black));
+  }
   RawFrame reference = load_above_black(path, options);
   if (reference.dn.rows() != before.dn.rows() || reference.dn.cols() != before.dn.cols())
     throw InputError(path.string(),
