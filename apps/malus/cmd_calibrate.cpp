@@ -19,6 +19,14 @@
 namespace malus::app {
 namespace {
 
+// What the calibration of one kind warned about, gain by gain.
+template <class Calibration>
+void warn_of(const std::vector<Calibration>& gains) {
+  for (const Calibration& gain : gains)
+    for (const std::string& warning : gain.warnings)
+      warn(fmt::format("{}: {}", gain.gain.text(), warning));
+}
+
 struct CalibrateArguments {
   std::filesystem::path session, output, report;
   std::vector<std::string> kinds = {"physics"};
@@ -43,10 +51,11 @@ void calibrate_session(const Common& common, const CalibrateArguments& arguments
       calibrate(calibration_input(session), arguments.settings, arguments.kinds, *progress);
   save_model(model, arguments.output, common.force);
   if (!arguments.report.empty()) write_calibration_report(model, arguments.report, common.force);
-  if (common.json)  // the text shows them itself
-    for (const PhysicsCalibration& gain : model.physics)
-      for (const std::string& warning : gain.warnings)
-        warn(fmt::format("{}: {}", gain.gain.text(), warning));
+  if (common.json) {  // the text shows them itself
+    warn_of(model.physics);
+    warn_of(model.gaussian);
+    warn_of(model.nonparametric);
+  }
   nlohmann::ordered_json json = model_json(model);
   json["model"] = arguments.output.string();
   json["settings"] = settings_json(arguments.settings);

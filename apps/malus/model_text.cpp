@@ -146,15 +146,18 @@ void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
 }
 
 void add_other_kinds(Lines& lines, const NoiseModel& m) {
-  for (const auto& g : m.gaussian)
+  for (const auto& g : m.gaussian) {
     lines.add("\nGaussian, {}: variance = {} DN x signal + {} DN^2 (means over the channels)",
               g.gain.text(), mean_cell(g.slope_dn, 4), mean_cell(g.offset_dn2, 3));
+    for (const auto& warning : g.warnings) lines.add("  warning: {}", warning);
+  }
   for (const auto& n : m.nonparametric) {
     lines.add(
         "\nNon-parametric, {}: {} frames, {} levels of {} bins in the first channel, rows {} DN",
         n.gain.text(), n.frames, n.channels[0].level_dn.size(),
         n.channels[0].bin_edges_dn.size() - 1, mean_cell(n.sigma_row_dn, 3));
     if (!n.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(n.row_drift));
+    for (const auto& warning : n.warnings) lines.add("  warning: {}", warning);
   }
   for (const auto& bank : m.dark_frames)
     lines.add("\nDark frames, {}: {} of {} x {}", bank.gain.text(), bank.frames_dn.size(),

@@ -3,6 +3,7 @@
 import pathlib
 import shutil
 
+import numpy as np
 import pytest
 
 SEEDS = pathlib.Path(__file__).resolve().parents[2] / "fuzz/corpus/model"
@@ -104,3 +105,20 @@ def test_wrong_usage(malus):
     malus("model", code=2)
     malus("model", "show", code=2)
     malus("model", "show", "sony-a7s2", "--gain", 1, "--iso", 100, code=2)
+
+
+def test_warnings_of_every_kind_are_shown(malus, tmp_path):
+    rng = np.random.default_rng(6)
+    for name, level in (("bias", 0), ("flat0", 1000), ("flat1", 2000)):
+        for frame in range(6):
+            pixels = 2 * rng.poisson(level / 2, (64, 64)) + 3 * rng.standard_normal((64, 64)) + 64
+            np.save(tmp_path / f"{name}_{frame}.npy", np.rint(pixels).astype(np.uint16))
+    session = '[sensor]\nlayout = "mono"\nblack = 64\nwhite = 4095\n'
+    for name in ("bias", "flat0", "flat1"):
+        session += f'[[frames]]\nkind = "{name[:4]}"\ngain_db = 0\npaths = ["{name}_*.npy"]\n'
+    (tmp_path / "session.toml").write_text(session)
+    arguments = ("calibrate", tmp_path / "session.toml", "--kind", "physics,nonparametric", "--level-samples", 2000)
+    warning = "no frames between"  # the dark frames and the first flats
+    assert warning in malus(*arguments, "-o", tmp_path / "a.h5").out
+    assert warning in malus(*arguments, "-o", tmp_path / "b.h5", "--json").err
+    assert warning in malus("model", "show", tmp_path / "a.h5").out
