@@ -88,6 +88,9 @@ class CleanSources {
     options_.black_dn = plan.black_dn;
     for (const fs::path& path : plan.cleans) {
       const FrameInfo info = probe_frame(path, options_);
+      if (info.frame.bits > 0 && !info.frame.black_known)
+        throw InputError(path.string(), "holds integers, but its black level is not known",
+                         "give black in the configuration (0 where black is subtracted already)");
       require_room(path.string(), info.rows, info.cols, plan.dataset, model.layout);
       sizes_.emplace_back(info.rows, info.cols);
     }
@@ -97,7 +100,7 @@ class CleanSources {
     const std::lock_guard lock(mutex_);
     if (const auto found = held_.find(index); found != held_.end()) return found->second;
     RawFrame frame = load_frame(plan_.cleans[index], options_);
-    subtract_black(frame);
+    if (frame.bits > 0) subtract_black(frame);  // float files hold DN above black already
     if (held_pixels_ > kMostPixels) {
       held_.clear();
       held_pixels_ = 0;

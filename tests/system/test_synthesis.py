@@ -283,4 +283,7 @@ def test_dataset_refuses_bad_plans(malus, refused, tmp_path):
                             (f'"{MODEL}"', '"nothing"', "nothing"), ("ratios = [4, 20]", "ratios = []", "empty")):
         plan.write_text(text.replace(old, new))
         assert words in refused("dataset", plan, "-o", tmp_path / "new")
+    np.save(tmp_path / "integers.npy", np.full((128, 128), 500, np.uint16))
+    plan.write_text(text.replace("*_clean", "integers"))
+    assert "black level is not known" in refused("dataset", plan, "-o", tmp_path / "new")
     assert not (tmp_path / "new").exists() or not list((tmp_path / "new").glob("*.tar"))
