@@ -13,6 +13,7 @@ namespace {
 
 constexpr int kBlock = 8, kDetails = kBlock * kBlock / 4;
 constexpr std::size_t kLeastBlocks = 64;
+constexpr int kMostBlocks = 1 << 14;  // of a large frame, spread evenly: memory stays bounded
 constexpr double kSmoothShare = 0.4;
 constexpr double kClip = 4.0;  // robust deviations: an edge must not decide alone
 
@@ -37,15 +38,16 @@ bool measure(const Image& plane, int row, int col, double saturated_dn, Block& b
 }
 
 std::vector<Block> smoothest_blocks(const Planes& planes, double saturated_dn) {
+  const int across = planes.cols() / kBlock, all = planes.rows() / kBlock * across,
+            stride = (all + kMostBlocks - 1) / kMostBlocks;
   std::vector<Block> blocks;
-  for (int r = 0; r + kBlock <= planes.rows(); r += kBlock)
-    for (int c = 0; c + kBlock <= planes.cols(); c += kBlock) {
-      Block block;
-      if (std::all_of(planes.begin(), planes.end(), [&](const Image& plane) {
-            return measure(plane, r, c, saturated_dn, block);
-          }))
-        blocks.push_back(std::move(block));
-    }
+  for (int i = 0; i < all; i += stride) {
+    const int r = i / across * kBlock, c = i % across * kBlock;
+    Block block;
+    if (std::all_of(planes.begin(), planes.end(),
+                    [&](const Image& plane) { return measure(plane, r, c, saturated_dn, block); }))
+      blocks.push_back(std::move(block));
+  }
   std::stable_sort(blocks.begin(), blocks.end(),
                    [](const Block& a, const Block& b) { return a.texture < b.texture; });
   if (blocks.size() >= kLeastBlocks)
