@@ -4,6 +4,15 @@
 
 namespace malus::app {
 
+std::string trained_weights(const std::string& name, TrainCall call, const Common& common,
+                            Progress& progress) {
+  note(common, "training " + name);
+  call.resume = true;
+  call.force = common.force;
+  call.seed = common.seed;
+  return networks().train(call, progress).at("weights").get<std::string>();
+}
+
 void add_experiment(CLI::App& app, Common& common) {
   CLI::App* experiment =
       app.add_subcommand("experiment", "The papers' tables, small or full scale");

@@ -96,19 +96,6 @@ std::vector<RecordedPair> test_captures(const Arguments& arguments, const Setup&
   return captures;
 }
 
-std::string trained_weights(const Row& row, const fs::path& model, const Arguments& arguments,
-                            const Common& common, Progress& progress) {
-  note(common, "training " + row.name);
-  const Json run = networks().train({.config = row.config,
-                                     .folder = arguments.folder / row.config.stem(),
-                                     .resume = true,
-                                     .force = common.force,
-                                     .seed = common.seed,
-                                     .models = {model}},
-                                    progress);
-  return run.at("weights").get<std::string>();
-}
-
 // One row: over all captures, and over those of each gain.
 Json score_row(const std::string& name, const std::vector<RecordedPair>& captures,
                const NoiseModel& model, const std::optional<std::string>& method,
@@ -196,7 +183,12 @@ void run(const Arguments& arguments, const Common& common) {
       score_row("none: noisy, demosaicked", captures, door.description(), {}, *progress));
   for (const Row& row : setup.rows) {
     const std::string method =
-        row.method.empty() ? trained_weights(row, model, arguments, common, *progress) : row.method;
+        row.method.empty() ? trained_weights(row.name,
+                                             {.config = row.config,
+                                              .folder = arguments.folder / row.config.stem(),
+                                              .models = {model}},
+                                             common, *progress)
+                           : row.method;
     rows.push_back(score_row(row.name, captures, door.description(), method, *progress));
   }
   if (!arguments.report.empty())

@@ -190,17 +190,6 @@ FrameMaker calibrated(const Bench& bench, const std::string& noise) {
   };
 }
 
-std::string trained(const Bench& bench, const std::string& name, TrainCall call,
-                    const Common& common, Progress& progress) {
-  note(common, "training " + name);
-  call.folder = bench.folder / name;
-  call.resume = true;
-  call.force = common.force;
-  call.seed = common.seed;
-  const Json run = networks().train(call, progress);
-  return run.at("weights").get<std::string>();
-}
-
 // Frames that a row's ISP is trained on, written beside their list.
 std::vector<RecordedPair> make_captures(const Bench& bench, const Row& row,
                                         const std::string& weights, const Common& common,
@@ -277,9 +266,12 @@ Json score_row(const Bench& bench, const Setup& setup, const Row& row, const std
   fs::create_directories(list.parent_path());
   save_pair_list(made, list);
   DenoiseSettings settings;
-  settings.method =
-      trained(bench, row.folder() + "/isp",
-              {.config = setup.isp, .pairs = {list}, .models = {setup.model}}, common, progress);
+  settings.method = trained_weights(row.folder() + "/isp",
+                                    {.config = setup.isp,
+                                     .folder = bench.folder / row.folder() / "isp",
+                                     .pairs = {list},
+                                     .models = {setup.model}},
+                                    common, progress);
   DenoiserByRatio isps(settings);
   PictureScore score;
   for (const RecordedPair& test : bench.tests) {
@@ -352,8 +344,10 @@ void run(const Arguments& arguments, const Common& common) {
   std::string weights;
   if (std::any_of(setup.rows.begin(), setup.rows.end(),
                   [](const Row& row) { return row.denoiser == "UNet"; }))
-    weights = trained(bench, "denoiser", {.config = setup.denoiser, .models = {setup.model}},
-                      common, *progress);
+    weights = trained_weights(
+        "denoiser",
+        {.config = setup.denoiser, .folder = bench.folder / "denoiser", .models = {setup.model}},
+        common, *progress);
   Json rows = Json::array();
   for (const Row& row : setup.rows)
     rows.push_back(score_row(bench, setup, row, weights, common, *progress));

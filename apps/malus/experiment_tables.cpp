@@ -48,20 +48,6 @@ std::vector<TableRow> read_rows(const fs::path& path) {
   return rows;
 }
 
-// A finished row is not trained again, an interrupted one goes on where it was.
-std::string trained_weights(const TableRow& row, const TableArguments& arguments,
-                            const Common& common, Progress& progress) {
-  const fs::path folder = arguments.folder / row.config.stem();
-  note(common, "training " + row.name);
-  const Json run = networks().train({.config = row.config,
-                                     .folder = folder,
-                                     .resume = true,
-                                     .force = common.force,
-                                     .seed = common.seed},
-                                    progress);
-  return run.at("weights").get<std::string>();
-}
-
 void run(const TableArguments& arguments, const Common& common, const std::string& title) {
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   networks();
@@ -79,7 +65,11 @@ void run(const TableArguments& arguments, const Common& common, const std::strin
   score("noisy", nullptr);
   for (const TableRow& row : rows) {
     const std::string method =
-        row.method.empty() ? trained_weights(row, arguments, common, *progress) : row.method;
+        row.method.empty()
+            ? trained_weights(
+                  row.name, {.config = row.config, .folder = arguments.folder / row.config.stem()},
+                  common, *progress)
+            : row.method;
     const FrameDenoiser denoiser(method_settings_of(method), InferenceSettings{}, false);
     score(row.name, &denoiser);
   }

@@ -1,7 +1,7 @@
 #include "malus/neural/clean_scenes.h"
 
 #include "malus/base/error.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/polar/symmetry.h"
 #include "malus/synthesize/scene.h"
@@ -22,11 +22,6 @@ constexpr std::size_t kMostPixels = std::size_t{1} << 27;  // held: 512 MiB per 
 // Surfaces of the reliefs (synthesize/scene.h): wide, so that networks see every polarization.
 constexpr double kReliefLow = 15, kReliefHigh = 85, kIndexLow = 1.3, kIndexHigh = 2.0;
 constexpr double kBumpsLow = 2, kBumpsHigh = 60;
-
-std::size_t pick(RandomSequence& random, std::size_t count) {
-  return std::min(count - 1,
-                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
-}
 
 double between(RandomSequence& random, double low, double high) {
   return low + (high - low) * random.uniform();

@@ -1,7 +1,7 @@
 #include "malus/neural/raw_pairs.h"
 
 #include "malus/base/error.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 #include "malus/neural/recorded_pairs.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -14,11 +14,6 @@
 
 namespace malus {
 namespace {
-
-std::size_t pick(RandomSequence& random, std::size_t count) {
-  return std::min(count - 1,
-                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
-}
 
 double log_between(RandomSequence& random, double low, double high) {
   return low * std::pow(high / low, random.uniform());

@@ -1,7 +1,7 @@
 #include "malus/neural/recorded_pairs.h"
 
 #include "malus/base/error.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
@@ -21,11 +21,6 @@ namespace {
 
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
-
-std::size_t pick(RandomSequence& random, std::size_t count) {
-  return std::min(count - 1,
-                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
-}
 
 NoiseModel only_model(const TrainingConfig& config) {
   if (config.models.size() != 1)

@@ -1,7 +1,7 @@
 #include "malus/synthesize/dataset.h"
 
 #include "malus/base/error.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 
 #include <algorithm>
 #include <numeric>
@@ -17,11 +17,6 @@ std::vector<Symmetry> allowed_symmetries(const SensorLayout& layout) {
   for (const SymmetryFacts& facts : kSymmetries)
     if (lattice_shift(layout, facts.symmetry)) allowed.push_back(facts.symmetry);
   return allowed;
-}
-
-std::size_t pick(RandomSequence& random, std::size_t count) {
-  return std::min(count - 1,
-                  static_cast<std::size_t>(random.uniform() * static_cast<double>(count)));
 }
 
 // Side of what is cut out: the patch, and one cell for the shift of a turned mosaic.

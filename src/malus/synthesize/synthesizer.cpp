@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 
 #include <algorithm>
 #include <cmath>
@@ -35,9 +35,7 @@ double mean_bias(const PhysicsNoise& noise) {
 // banks smaller than the picture repeat.
 void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, View<float> dn) {
   RandomSequence random(address.seed, address.frame, Draw::kParameters, kStreamDarkFrame);
-  const auto number =
-      static_cast<std::size_t>(random.uniform() * static_cast<double>(bank.frames_dn.size()));
-  const Image& dark = bank.frames_dn[number];
+  const Image& dark = bank.frames_dn[pick(random, bank.frames_dn.size())];
   for (int r = 0; r < dn.rows(); ++r) {
     const float* row = dark.row((address.row0 + r) % dark.rows());
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += row[(address.col0 + c) % dark.cols()];
