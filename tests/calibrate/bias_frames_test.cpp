@@ -1,5 +1,6 @@
 // Bias frames of sensors with defects, few of them, and with heavy tails.
 #include "malus/base/statistics.h"
+#include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/noise/tukey_lambda.h"
 
@@ -91,6 +92,30 @@ TEST(BiasFrames, HeavyTailsFromFewFramesAreSaid) {
   for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = 0.2;
   camera.bias_frames = 4;
   EXPECT_THAT(calibrated(camera).physics.front().warnings, Not(Contains(HasSubstr("heavy tails"))));
+}
+
+// Dark noise of one channel with that shape and deviation, steps of 1 DN.
+std::size_t warnings_of_steps(double lambda, double sd_dn, double row_dn) {
+  PhysicsCalibration dark;
+  dark.temporal_sd_dark_dn = {std::hypot(sd_dn, row_dn)};
+  dark.lambda.mean = {lambda};
+  dark.sigma_tl.mean = {sd_dn / std::sqrt(tukey_lambda_variance(lambda))};
+  dark.sigma_row.mean = {row_dn};
+  warn_of_coarse_steps(1.0, dark);
+  return dark.warnings.size();
+}
+
+TEST(BiasFrames, NoiseTooNarrowForTheStepIsSaid) {
+  // λ = 0.14 is all but normal: half a step is the limit.
+  EXPECT_EQ(warnings_of_steps(0.14, 0.45, 0), 1U);
+  EXPECT_EQ(warnings_of_steps(0.14, 0.55, 0), 0U);
+  // λ = 0 is logistic: x / sinh x, x = 2√3 π sd, comes down to exp(-π²/2) at 0.704 steps.
+  EXPECT_EQ(warnings_of_steps(0, 0.69, 0), 1U);
+  EXPECT_EQ(warnings_of_steps(0, 0.72, 0), 0U);
+  // A narrow core with wide tails; rows that differ by half a step dither it.
+  EXPECT_EQ(warnings_of_steps(-0.27, 0.91, 0), 1U);
+  EXPECT_EQ(warnings_of_steps(-0.27, 0.91, 0.5), 0U);
+  EXPECT_EQ(warnings_of_steps(-0.27, 3, 0), 0U);
 }
 
 }  // namespace

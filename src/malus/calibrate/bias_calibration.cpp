@@ -313,7 +313,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
-  warn_of_coarse_steps(temporal_sd, quantization_dn, out);
+  warn_of_coarse_steps(quantization_dn, out);
   if (!several) return;
   const std::vector<double> temporal = dark.temporal.variance_dn2();
   out.dsnu_dn = dsnu_dn(channel_variances(pattern, geometry), temporal, set.count);

@@ -2,14 +2,30 @@
 
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include <fmt/format.h>
 
 namespace malus {
+namespace {
+
+// Characteristic function of Tukey-lambda noise at one cycle per step: the mean of a cosine over
+// its quantiles.
+double of_tukey_lambda(double lambda, double scale_steps) {
+  constexpr int kQuantiles = 4000;
+  double sum = 0;
+  for (int i = 0; i < kQuantiles; ++i)
+    sum += std::cos(2.0 * std::numbers::pi * scale_steps *
+                    tukey_lambda_quantile((i + 0.5) / kQuantiles, lambda));
+  return std::abs(sum) / kQuantiles;
+}
+
+}  // namespace
 
 void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                    PhysicsCalibration& out) {
@@ -71,12 +87,26 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
                     joined(cut), 100 * most, 100 * kMostZeros));
 }
 
-void warn_of_coarse_steps(double temporal_sd_dn, double quantization_dn, PhysicsCalibration& out) {
-  if (quantization_dn > 0 && temporal_sd_dn < 0.5 * quantization_dn)
+void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {
+  if (!(quantization_dn > 0)) return;
+  const auto of_normal = [](double sd_steps) {
+    return std::exp(-2.0 * std::numbers::pi * std::numbers::pi * sd_steps * sd_steps);
+  };
+  double most = 0;
+  for (std::size_t c = 0; c < out.temporal_sd_dark_dn.size(); ++c) {
+    const bool shape_known = c < out.sigma_tl.mean.size() && std::isfinite(out.sigma_tl.mean[c]);
+    const double left =
+        shape_known ? of_tukey_lambda(out.lambda.mean[c], out.sigma_tl.mean[c] / quantization_dn) *
+                          of_normal(out.sigma_row.mean[c] / quantization_dn)
+                    : of_normal(out.temporal_sd_dark_dn[c] / quantization_dn);
+    most = std::max(most, left);
+  }
+  if (most > of_normal(0.5))
     out.warnings.push_back(
-        fmt::format("the dark noise, {:.2g} DN, is below half of the converter's step, {:g} DN: "
-                    "rounding hides its parameters",
-                    temporal_sd_dn, quantization_dn));
+        fmt::format("the dark noise, {:.2g} DN, is too narrow for the converter's step, {:g} DN: "
+                    "rounding hides "
+                    "its parameters, and their standard errors are too small",
+                    mean_of(out.temporal_sd_dark_dn), quantization_dn));
 }
 
 }  // namespace malus

@@ -22,7 +22,10 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
 void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
                       PhysicsCalibration& out);
 
-/// Noise below half a step: rounding hides it.
-void warn_of_coarse_steps(double temporal_sd_dn, double quantization_dn, PhysicsCalibration& out);
+/// Noise too narrow for the converter's step, so that rounding hides it: of the noise's
+/// characteristic function at one cycle per step more is left than of normal noise of half a step
+/// (Widrow, Kollár, Liu, IEEE Trans. Instrum. Meas. 45, 1996). Heavy-tailed noise has a narrow core
+/// and may deviate by a whole step. Reads temporal_sd_dark_dn, sigma_tl, lambda and sigma_row.
+void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out);
 
 }  // namespace malus
