@@ -114,6 +114,27 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   return {std::move(noise.profile), std::move(noise.trust)};
 }
 
+// A filter keeps means unless the noise it was told of is not the frame's.
+void warn_of_moved_means(const RawFrame& frame, const Denoised& result,
+                         const ProfileChoice& choice) {
+  constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
+  std::optional<std::size_t> worst;
+  for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
+    const double shift = std::abs(result.mean_shift_dn[k]);
+    if (shift > kOfMean * std::abs(result.mean_dn[k]) + kOfDeviation * result.sigma_used_dn[k] &&
+        (!worst || shift > std::abs(result.mean_shift_dn[*worst])))
+      worst = k;
+  }
+  if (!worst) return;
+  const double before = result.mean_dn[*worst], after = before + result.mean_shift_dn[*worst];
+  warn(
+      fmt::format("{}: denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}",
+                  frame.source, frame.layout.channel_names()[*worst], before, after,
+                  choice.profile.estimated_from_picture
+                      ? "texture was taken for noise; give the camera's model with --model"
+                      : "the frame's noise is not the model's; check --gain, --black and --model"));
+}
+
 Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
               const DenoiseArguments& arguments, double seconds) {
   Json json{{"input", frame.source},
@@ -127,6 +148,8 @@ Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
             {"sigma_dn", result.sigma_used_dn},
             {"row_noise_removed_dn", result.row_noise_removed_dn},
+            {"mean_dn", result.mean_dn},
+            {"mean_shift_dn", result.mean_shift_dn},
             {"nonfinite_pixels", result.nonfinite_pixels},
             {"saturated_pixels", result.saturated_pixels},
             {"tiles", result.tiles},
@@ -222,6 +245,7 @@ Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
   if (result.nonfinite_pixels > 0)
     warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
                      result.nonfinite_pixels));
+  warn_of_moved_means(kept.before, result, choice);
   kept.run = describe(kept.before, result, choice, arguments, seconds);
   if (const Json network = denoiser.description(); !network.is_null())
     kept.run["network"] = network;

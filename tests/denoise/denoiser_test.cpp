@@ -2,6 +2,7 @@
 #include "malus/denoise/denoiser.h"
 
 #include "malus/base/parallel.h"
+#include "malus/image/pack.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/exact.h"
 
@@ -177,6 +178,37 @@ TEST(DenoiseFrame, TheMeanOfADarkPictureIsKept) {
   for (const float v : result.dn_above_black.values()) mean += v / 65536.0;
   // Deviation of a pixel 4.3 DN: the mean of 65536 has 0.017, rows add 0.05.
   EXPECT_NEAR(mean, 2.0, 0.2);
+}
+
+TEST(DenoiseFrame, SaysByHowMuchTheMeansMoved) {
+  const PhysicsNoise noise = camera(SensorLayout::named("bayer-rggb"));
+  const RawFrame frame = noisy_frame(scene(128, 128), noise, 3);
+  const auto mean = [](const Image& plane) {
+    double sum = 0;
+    for (const float v : plane.values()) sum += static_cast<double>(v);
+    return sum / static_cast<double>(plane.size());
+  };
+  // The largest share of a channel's mean that is said to have moved; what is said is checked.
+  const auto moved = [&](const NoiseProfile& profile) {
+    const Denoised result = denoise_frame(frame, profile, fast());
+    double most = 0;
+    for (int k = 0; k < 4; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      const double before =
+          mean(pack(frame.dn, frame.layout)[k]) - 82 - profile.channels[at].bias_dn;
+      EXPECT_NEAR(result.mean_dn.at(at), before, 0.05);  // rows are removed before
+      const double after = mean(pack(result.dn_above_black, frame.layout)[k]);
+      EXPECT_NEAR(result.mean_shift_dn.at(at), after - result.mean_dn[at], 1e-3);
+      most = std::max(most, std::abs(result.mean_shift_dn[at]) / result.mean_dn[at]);
+    }
+    return most;
+  };
+  const NoiseProfile right = profile_of(noise);
+  EXPECT_LT(moved(right), 0.005);
+  NoiseProfile wrong = right;  // a converter of 40 times the gain
+  for (ChannelProfile& channel : wrong.channels)
+    channel = {.variance = VarianceCurve::affine(60, 14), .bias_dn = channel.bias_dn};
+  EXPECT_GT(moved(wrong), 0.02);
 }
 
 TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {

@@ -91,6 +91,18 @@ def test_calibrate_refuses_pixels_that_are_no_numbers(refused, tmp_path):
     assert "b1.npy" in refused("calibrate", session, "-o", tmp_path / "m.h5")
 
 
+def test_denoise_says_when_texture_taken_for_noise_moved_the_mean(malus, tmp_path):
+    rng = np.random.default_rng(4)
+    row, col = np.mgrid[:256, :256]
+    shaded, checkered = 200 + row + col, 200 + 800 * ((row // 2 + col // 2) % 2)
+    for name, clean in (("shaded", shaded), ("checkered", checkered)):
+        noisy = 64 + 1.5 * rng.poisson(clean / 1.5) + 3.5 * rng.standard_normal(clean.shape)
+        frame = tmp_path / f"{name}.npy"
+        np.save(frame, np.rint(noisy).clip(0, 4095).astype(np.uint16))
+        done = malus("denoise", frame, "--layout", "polar-mono", "--black", "64", "--white", "4095", "-o", tmp_path)
+        assert ("moved the mean of channel" in done.err) == (name == "checkered"), done.err
+
+
 def test_denoise_keeps_and_reports_pixels_that_are_no_numbers(malus, tmp_path):
     pixels = np.random.default_rng(3).normal(100, 5, (256, 256)).astype(np.float32)
     pixels[10, 11], pixels[20, 21] = np.nan, np.inf

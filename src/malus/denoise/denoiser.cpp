@@ -98,7 +98,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
   else
     result.dn_above_black =
         internal::run_baseline(method.name, prepared, profile, settings, progress);
-  restore_nonfinite(prepared, result);
+  complete_result(prepared, result);
   const auto seconds = [](auto from, auto to) {
     return std::chrono::duration<double>(to - from).count();
   };

@@ -50,6 +50,10 @@ struct Denoised {
   std::optional<Image> variance_dn2;  ///< expected squared error of every pixel, if asked for
   std::vector<double> sigma_used_dn;  ///< per channel: noise deviation at the channel's mean signal
   double row_noise_removed_dn = 0;    ///< root mean square over the row groups
+  std::vector<double> mean_dn;        ///< per channel, of the frame above black and bias
+  /// The result's mean minus that. Filters keep means: where it moves, the noise was not what the
+  /// profile says.
+  std::vector<double> mean_shift_dn;
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
   int tiles = 1;

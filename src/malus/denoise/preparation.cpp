@@ -90,7 +90,11 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool re
   return prepared;
 }
 
-void restore_nonfinite(const PreparedFrame& frame, Denoised& result) {
+void complete_result(const PreparedFrame& frame, Denoised& result) {
+  result.mean_dn = frame.mean_dn;
+  result.mean_shift_dn = channel_means(result.dn_above_black, frame.layout);
+  for (std::size_t k = 0; k < frame.mean_dn.size(); ++k)
+    result.mean_shift_dn[k] -= frame.mean_dn[k];
   for (const NonfinitePixel& p : frame.nonfinite) {
     result.dn_above_black(p.row, p.col) = p.value;
     if (result.variance_dn2) (*result.variance_dn2)(p.row, p.col) = p.value;

@@ -41,7 +41,7 @@ std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double hig
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
                      const DenoiseSettings& settings, Progress& progress, Denoised& result);
 
-/// Puts the pixels that are not numbers back into the result.
-void restore_nonfinite(const PreparedFrame& frame, Denoised& result);
+/// Measures the result's means and puts the pixels that are not numbers back.
+void complete_result(const PreparedFrame& frame, Denoised& result);
 
 }  // namespace malus

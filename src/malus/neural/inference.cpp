@@ -138,7 +138,7 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
   Denoised result = std::move(filtered.prepared.report);
   result.dn_above_black =
       restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
-  restore_nonfinite(filtered.prepared.frame, result);
+  complete_result(filtered.prepared.frame, result);
   result.times.push_back({"network", seconds_since(filtered.filter_start)});
   return result;
 }
