@@ -89,7 +89,7 @@ std::string reason_against(const TransferLevel& level, double saturated, double 
     return fmt::format("mean is {:.1f} % of the range, above the limit of {:.0f} %", 100 * share,
                        100 * limit);
   if (saturated > kMostSaturated)
-    return fmt::format("{:.2g} % of the pixels are saturated, above {:.1f} %", 100 * saturated,
+    return fmt::format("{:.3g} % of the pixels are saturated, above {:.1f} %", 100 * saturated,
                        100 * kMostSaturated);
   if (!(level.mean_dn > 0)) return "the mean is not above the dark level";
   return {};

@@ -194,10 +194,10 @@ std::string level_complaint(const RawFrame& frame) {
       ++pixels;
     }
   if (above > kMostAbove * pixels)
-    return fmt::format("{:.2g} % of its pixels lie above the white level (--white)",
+    return fmt::format("{:.3g} % of its pixels lie above the white level (--white)",
                        100 * above / pixels);
   if (below > kMostBelow * pixels)
-    return fmt::format("{:.2g} % of its pixels lie far below the black level (--black)",
+    return fmt::format("{:.3g} % of its pixels lie far below the black level (--black)",
                        100 * below / pixels);
   const double most = std::ldexp(1.0, frame.bits) - 1;
   if (frame.bits > 0 && frame.white_dn > most && largest <= most)
