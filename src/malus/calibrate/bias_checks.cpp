@@ -104,8 +104,7 @@ void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {
   if (most > of_normal(0.5))
     out.warnings.push_back(
         fmt::format("the dark noise, {:.2g} DN, is too narrow for the converter's step, {:g} DN: "
-                    "rounding hides "
-                    "its parameters, and their standard errors are too small",
+                    "rounding hides its parameters, and their standard errors are too small",
                     mean_of(out.temporal_sd_dark_dn), quantization_dn));
 }
 

@@ -29,12 +29,16 @@ using Floats8 = float __attribute__((vector_size(32)));
 using Floats = float __attribute__((vector_size(64)));
 static_assert(sizeof(Floats) == sizeof(float) * kLanes);
 
+HWY_INLINE Floats joined(const Floats8& a, const Floats8& b) {
+  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
 HWY_INLINE Floats load_cell(const float* at, std::ptrdiff_t stride) {
   Floats4 row[kCell];
   for (int r = 0; r < kCell; ++r) std::memcpy(&row[r], at + r * stride, sizeof(Floats4));
   const Floats8 top = __builtin_shufflevector(row[0], row[1], 0, 1, 2, 3, 4, 5, 6, 7);
   const Floats8 bottom = __builtin_shufflevector(row[2], row[3], 0, 1, 2, 3, 4, 5, 6, 7);
-  return __builtin_shufflevector(top, bottom, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  return joined(top, bottom);
 }
 
 HWY_INLINE void add_cell(float* at, std::ptrdiff_t stride, const Floats& value) {

@@ -5,7 +5,6 @@
 
 using Ints = std::int32_t __attribute__((vector_size(64)));
 
-using Ints8 = std::int32_t __attribute__((vector_size(32)));
 using Ints4 = std::int32_t __attribute__((vector_size(16)));
 
 constexpr std::int32_t kReference = -1;  ///< the reference's own key: it always leads
@@ -38,8 +37,7 @@ HWY_INLINE Floats load_part(const float* block, std::ptrdiff_t stride, int part)
     Floats8 top, bottom;
     std::memcpy(&top, block + 2 * part * stride, sizeof(top));
     std::memcpy(&bottom, block + (2 * part + 1) * stride, sizeof(bottom));
-    return __builtin_shufflevector(top, bottom, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14,
-                                   15);
+    return joined(top, bottom);
   } else {
     constexpr int kParts = kBlock / kLanes;
     Floats values;
@@ -48,9 +46,11 @@ HWY_INLINE Floats load_part(const float* block, std::ptrdiff_t stride, int part)
   }
 }
 
-HWY_INLINE Floats4 quarter_sums(const Floats& v) {
-  const Floats8 half = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7) +
-                       __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
+/// Sums of lanes 4 apart: a quarter of the vector.
+template <class Vector>
+HWY_INLINE auto quarter_sums(const Vector& v) {
+  const auto half = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7) +
+                    __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
   return __builtin_shufflevector(half, half, 0, 1, 2, 3) +
          __builtin_shufflevector(half, half, 4, 5, 6, 7);
 }
@@ -111,10 +111,7 @@ HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
     std::memcpy(&keys, &from.keys[static_cast<std::size_t>(i)], sizeof(keys));
     sum -= keys <= limit;  // true is -1
   }
-  const Ints8 half = __builtin_shufflevector(sum, sum, 0, 1, 2, 3, 4, 5, 6, 7) +
-                     __builtin_shufflevector(sum, sum, 8, 9, 10, 11, 12, 13, 14, 15);
-  const Ints4 quarter = __builtin_shufflevector(half, half, 0, 1, 2, 3) +
-                        __builtin_shufflevector(half, half, 4, 5, 6, 7);
+  const Ints4 quarter = quarter_sums(sum);
   return quarter[0] + quarter[1] + quarter[2] + quarter[3];
 }
 
