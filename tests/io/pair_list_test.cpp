@@ -29,6 +29,14 @@ TEST(PairList, PathsAreRelativeToTheList) {
   EXPECT_EQ(pairs[0].gain, (GainSetting{.gain_db = 12, .iso = std::nullopt}));
 }
 
+TEST(PairList, OnlyTheLastPartOfANameCountsTheFrames) {
+  RecordedPair pair;
+  pair.name = "flower_10_02";
+  EXPECT_EQ(pair.scene(), "flower_10");
+  pair.name = "flower";
+  EXPECT_EQ(pair.scene(), "flower");
+}
+
 TEST(PairList, ComesBackFromAnotherFolder) {
   const testing::TemporaryFolder folder, other;
   const RecordedPair pair{.name = "x_00",
