@@ -1,14 +1,15 @@
 # malus_cuda_module(): src/malus/cuda by nvcc. Called by hand, because CMake 3.25 does not know the C++20 flag of newer
 # CUDA. -fmad=false: no contraction, so that GPU and CPU give the same bits. Turing's code serves all that follow.
+set(malus_cuda_flags -std=c++20 -O3 -fmad=false -I${CMAKE_SOURCE_DIR}/src)
 function(malus_cuda_module)
   malus_module(cuda DEPENDS synthesize)
   include(${CMAKE_SOURCE_DIR}/src/malus/cuda/kernels.cmake)
   foreach(kernel IN LISTS cuda_KERNELS)
     set(object ${CMAKE_BINARY_DIR}/cuda/${kernel}.o)
     add_custom_command(OUTPUT ${object}
-      COMMAND ${MALUS_NVCC} -std=c++20 -O3 -fmad=false -Xcompiler -fPIC
+      COMMAND ${MALUS_NVCC} ${malus_cuda_flags} -Xcompiler -fPIC
               -gencode arch=compute_75,code=[sm_75,compute_75] -gencode arch=compute_90,code=sm_90
-              -I${CMAKE_SOURCE_DIR}/src -MD -MF ${object}.d -MT ${object}
+              -MD -MF ${object}.d -MT ${object}
               -c ${CMAKE_SOURCE_DIR}/src/malus/cuda/${kernel} -o ${object}
       DEPENDS ${CMAKE_SOURCE_DIR}/src/malus/cuda/${kernel} DEPFILE ${object}.d
       COMMENT "Building CUDA object ${kernel}.o" VERBATIM)

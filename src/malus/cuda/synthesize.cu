@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
+#include "malus/cuda/draw_plan.h"
 #include "malus/cuda/synthesize.h"
 #include "malus/synthesize/scalar_formation.h"
 
@@ -38,18 +39,8 @@ class DeviceArray {
   T* data_ = nullptr;
 };
 
-struct Frame {
-  const float* in;
-  float* out;
-  std::ptrdiff_t in_stride, out_stride;
-  int rows, cols, row0, col0;
-  int cell_rows, cell_cols;
-  std::uint64_t seed;
-  std::uint32_t frame;
-};
-
-// One thread draws the two pixels of one Philox block: columns j and j + 16 of a group of 32.
-__global__ void draw_noise(Frame f, FormationTables tables, const CompiledChannel* channels,
+// One thread draws the two pixels of one Philox block (plan_draw).
+__global__ void draw_noise(DrawFrame f, FormationTables tables, const CompiledChannel* channels,
                            const float* row_deviate) {
   using A = scalar::Arithmetic;
   const int r = static_cast<int>(blockIdx.y * blockDim.y + threadIdx.y);
@@ -103,34 +94,22 @@ DeviceNoise& DeviceNoise::operator=(DeviceNoise&&) noexcept = default;
 void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_stride,
                                   float* noisy_dn, std::ptrdiff_t noisy_stride, int rows, int cols,
                                   const DrawAddress& address) const {
-  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
   if (rows == 0 || cols == 0) return;
   const CompiledParts& parts = tables_->parts;
-  std::vector<float> deviates(static_cast<std::size_t>(rows), 0.0f);
-  if (parts.row_noise) {
-    const auto z = row_deviates(address, rows, parts.row_group, parts.row_drift);
-    std::transform(z.begin(), z.end(), deviates.begin(),
-                   [](double v) { return static_cast<float>(v); });
-  }
+  const DrawPlan plan =
+      plan_draw(parts, clean_dn, clean_stride, noisy_dn, noisy_stride, rows, cols, address);
   if (rows > tables_->rows_held) {
-    tables_->row_deviate = DeviceArray<float>(deviates.size());
+    tables_->row_deviate = DeviceArray<float>(plan.row_deviate.size());
     tables_->rows_held = rows;
   }
-  check_status(cudaMemcpy(tables_->row_deviate.get(), deviates.data(),
-                          deviates.size() * sizeof(float), cudaMemcpyHostToDevice),
+  check_status(cudaMemcpy(tables_->row_deviate.get(), plan.row_deviate.data(),
+                          plan.row_deviate.size() * sizeof(float), cudaMemcpyHostToDevice),
                "copying to the device");
   const FormationTables tables{tables_->normal.get(), tables_->read.get(), parts.shot,
                                parts.quantization_dn};
-  const Frame frame{
-      clean_dn,     noisy_dn,     clean_stride, noisy_stride,        rows,
-      cols,         address.row0, address.col0, parts.layout.rows(), parts.layout.cols(),
-      address.seed, address.frame};
-  const int groups = (address.col0 + cols - 1) / kGroupColumns - address.col0 / kGroupColumns + 1;
-  const dim3 threads(64, 4);
-  const dim3 blocks(static_cast<unsigned>(groups * 16 + 63) / 64u,
-                    static_cast<unsigned>(rows + 3) / 4u);
-  draw_noise<<<blocks, threads>>>(frame, tables, tables_->channels.get(),
-                                  tables_->row_deviate.get());
+  const DrawGrid& grid = plan.grid;
+  draw_noise<<<dim3(grid.blocks_x, grid.blocks_y), dim3(grid.threads_x, grid.threads_y)>>>(
+      plan.frame, tables, tables_->channels.get(), tables_->row_deviate.get());
   check_status(cudaGetLastError(), "starting the kernel");
 }
 
