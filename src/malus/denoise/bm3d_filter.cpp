@@ -1,14 +1,15 @@
 // Collaborative filtering of groups: 2-D transform of each block, Haar transform along the
 // group, shrinkage, and back. Two blocks lie side by side in a vector of 16 floats, so that a
 // pass along the columns is plain vertical arithmetic; a transposition inside each half gives the
-// other direction. The vectors are the compiler's own: 16 floats on every machine, in as many
-// registers as it needs, so all machines compute the same.
+// other direction. Vectors are 16 floats on every machine, in as many registers as it needs, so all
+// machines compute the same.
 #include "malus/denoise/internal/bm3d_stage.h"
 #include "malus/denoise/internal/bm3d_transform.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/bm3d_filter.cpp"
@@ -33,24 +34,24 @@ struct FilterKernelJob {
 HWY_BEFORE_NAMESPACE();
 namespace malus::internal::HWY_NAMESPACE {
 
+#include "malus/denoise/internal/wide-inl.h"
+// After wide-inl.h.
 #include "malus/denoise/internal/bm3d_transforms-inl.h"
 
-HWY_INLINE void load_table(const float* table, Floats& out) {
-  std::memcpy(&out, table, sizeof(out));
-}
-
 HWY_INLINE float sum_lanes(const Floats& v, int lanes) {
+  float values[2 * kPatch];
+  store(v, values);
   float sum = 0;
-  for (int i = 0; i < lanes; ++i) sum += v[i];
+  for (int i = 0; i < lanes; ++i) sum += values[i];
   return sum;
 }
 
 /// Adds the weighted residual of one block: half of a pair.
 HWY_INLINE void add_row(const Floats8& weighted, float* residual) {
   Floats8 sum;
-  std::memcpy(&sum, residual, sizeof(sum));
+  load(residual, sum);
   sum += weighted;
-  std::memcpy(residual, &sum, sizeof(sum));
+  store(sum, residual);
 }
 
 HWY_INLINE void aggregate(const Pair& pair, const FilterKernelJob& job, std::int32_t first,
@@ -60,14 +61,11 @@ HWY_INLINE void aggregate(const Pair& pair, const FilterKernelJob& job, std::int
   for (int r = 0; r < kPatch; ++r) {
     const std::ptrdiff_t row = r * t.stride;
     Floats window, noisy;
-    load_table(job.window + r * GroupFilter::kLanes, window);
+    load(job.window + r * GroupFilter::kLanes, window);
     load_row(t.noisy + first + row, t.noisy + second + row, noisy);
     const Floats weighted = (pair.row[r] - noisy) * (window * weight);
-    add_row(__builtin_shufflevector(weighted, weighted, 0, 1, 2, 3, 4, 5, 6, 7),
-            t.residual + first + row);
-    if (!single)
-      add_row(__builtin_shufflevector(weighted, weighted, 8, 9, 10, 11, 12, 13, 14, 15),
-              t.residual + second + row);
+    add_row(low_half(weighted), t.residual + first + row);
+    if (!single) add_row(high_half(weighted), t.residual + second + row);
   }
 }
 
@@ -127,9 +125,9 @@ void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
   Floats kept = {};
   for (int r = 0; r < kPatch; ++r) {
     Floats v[kPairs], scale, limit, always;
-    load_table(table.scale[r].data(), scale);
-    load_table(table.power[r].data(), limit);
-    load_table(table.mean[r].data(), always);
+    load(table.scale[r].data(), scale);
+    load(table.power[r].data(), limit);
+    load(table.mean[r].data(), always);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
     haar_forward<kPairs, kSingle>(v);
@@ -138,9 +136,10 @@ void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
       constexpr Floats kZero = {};
       const float norm = squared_norm<kPairs, kSingle>(i);
       const Floats power = v[i] * v[i], least = limit * norm;
-      const Ints keep = i == 0 ? (power > least) | (always > kZero) : power > least;
-      kept += keep ? kZero + 1.0F : kZero;
-      v[i] = keep ? v[i] * (scale * (1 / norm)) : kZero;
+      auto keep = power > least;
+      if (i == 0) keep = keep | (always > kZero);
+      kept += choose(keep, kZero + 1.0F, kZero);
+      v[i] = choose(keep, v[i] * (scale * (1 / norm)), kZero);
     }
     haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
@@ -167,9 +166,9 @@ void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
   Floats energy = {};
   for (int r = 0; r < kPatch; ++r) {
     Floats v[kPairs], gain[kPairs], inverse_noise, mean, scale;
-    load_table(table.power[r].data(), inverse_noise);
-    load_table(table.mean[r].data(), mean);
-    load_table(table.scale[r].data(), scale);
+    load(table.power[r].data(), inverse_noise);
+    load(table.mean[r].data(), mean);
+    load(table.scale[r].data(), scale);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) gain[i] = pilot[i].row[r];
     haar_forward<kPairs, kSingle>(gain);
@@ -182,7 +181,7 @@ void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
       HWY_UNROLL(8)
       for (int i = 0; i < kPairs; i += 2) two_gains(gain[i], gain[i + 1]);
     }
-    gain[0] = mean > 0.0F ? mean : gain[0];
+    gain[0] = choose(mean > 0.0F, mean, gain[0]);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) energy += gain[i] * gain[i];
     HWY_UNROLL(16)

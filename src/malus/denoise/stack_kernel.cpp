@@ -1,6 +1,6 @@
-// The inner loops of the mosaic filter. Vectors are the compiler's own: 16 floats on every machine,
-// in as many registers as it needs, multiplied and added without contraction, so that all machines
-// compute the same bits.
+// The inner loops of the mosaic filter. Vectors are 16 floats on every machine, in as many
+// registers as it needs, multiplied and added without contraction, so that all machines compute the
+// same bits.
 #include "malus/denoise/internal/stack_kernel.h"
 
 #include <algorithm>
@@ -9,6 +9,7 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <type_traits>
 #include <vector>
 
 #undef HWY_TARGET_INCLUDE
@@ -24,38 +25,29 @@
 HWY_BEFORE_NAMESPACE();
 namespace malus::internal::HWY_NAMESPACE {
 
-using Floats4 = float __attribute__((vector_size(16)));
-using Floats8 = float __attribute__((vector_size(32)));
-using Floats = float __attribute__((vector_size(64)));
+#include "malus/denoise/internal/wide-inl.h"
 static_assert(sizeof(Floats) == sizeof(float) * kLanes);
-
-HWY_INLINE Floats joined(const Floats8& a, const Floats8& b) {
-  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-}
 
 HWY_INLINE Floats load_cell(const float* at, std::ptrdiff_t stride) {
   Floats4 row[kCell];
-  for (int r = 0; r < kCell; ++r) std::memcpy(&row[r], at + r * stride, sizeof(Floats4));
-  const Floats8 top = __builtin_shufflevector(row[0], row[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  const Floats8 bottom = __builtin_shufflevector(row[2], row[3], 0, 1, 2, 3, 4, 5, 6, 7);
-  return joined(top, bottom);
+  for (int r = 0; r < kCell; ++r) load(at + r * stride, row[r]);
+  return joined(joined(row[0], row[1]), joined(row[2], row[3]));
 }
 
 HWY_INLINE void add_cell(float* at, std::ptrdiff_t stride, const Floats& value) {
-  float lanes[kLanes];
-  std::memcpy(lanes, &value, sizeof(lanes));
+  const auto top = low_half(value), bottom = high_half(value);
+  const Floats4 rows[kCell] = {low_half(top), high_half(top), low_half(bottom), high_half(bottom)};
   for (int r = 0; r < kCell; ++r) {
-    Floats4 row, more;
-    std::memcpy(&row, at + r * stride, sizeof(row));
-    std::memcpy(&more, lanes + r * kCell, sizeof(more));
-    row += more;
-    std::memcpy(at + r * stride, &row, sizeof(row));
+    Floats4 sum;
+    load(at + r * stride, sum);
+    sum += rows[r];
+    store(sum, at + r * stride);
   }
 }
 
 HWY_INLINE float lane_sum(const Floats& v) {
   float lanes[kLanes];
-  std::memcpy(lanes, &v, sizeof(lanes));
+  store(v, lanes);
   float sum = 0;
   for (const float lane : lanes) sum += lane;
   return sum;
@@ -64,13 +56,13 @@ HWY_INLINE float lane_sum(const Floats& v) {
 /// x -> sum over k of x[k] * matrix[k].
 HWY_INLINE void rotate(Floats* cells, int count, const CellMatrix& matrix) {
   Floats m[kLanes];
-  std::memcpy(m, matrix.data(), sizeof(m));
+  for (std::size_t k = 0; k < kLanes; ++k) load(matrix[k].data(), m[k]);
   for (int i = 0; i < count; ++i) {
     const Floats x = cells[i];
     Floats even{}, odd{};
     for (int k = 0; k < kLanes; k += 2) {
-      even += x[k] * m[k];
-      odd += x[k + 1] * m[k + 1];
+      even += lane(x, k) * m[k];
+      odd += lane(x, k + 1) * m[k + 1];
     }
     cells[i] = even + odd;
   }
@@ -159,8 +151,8 @@ HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
   const Floats zero{}, one = zero + 1.0f;
   for (int i = 0; i < total; ++i) {
     const auto keep = cells[i] * cells[i] >= threshold * threshold;
-    cells[i] = keep ? cells[i] : zero;
-    kept += keep ? one : zero;
+    cells[i] = choose(keep, cells[i], zero);
+    kept += choose(keep, one, zero);
   }
   // The root, measured: stacks of a first pass share more of their errors.
   return {std::sqrt(stack_weight(lane_sum(kept))), kept / static_cast<float>(total)};
@@ -180,8 +172,10 @@ constexpr float kStrongEnergy = 1.8f;
 template <int kCells>
 HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count) {
   const Floats zero{};
-  Floats scale = zero + 1.0f, floor[kCells] = {};
-  for (int k = 0; k < kStrongComponents; ++k) scale[k] = kStrongEnergy;
+  Floats scale, floor[kCells] = {};
+  float scales[kLanes];
+  for (int k = 0; k < kLanes; ++k) scales[k] = k < kStrongComponents ? kStrongEnergy : 1.0f;
+  load(scales, scale);
   const int finest = count > 1 ? count / 2 : count;
   for (int n = finest; n < count; ++n)
     for (int i = 0; i < kCells; ++i) floor[i] += pilot[n * kCells + i] * pilot[n * kCells + i];
@@ -193,7 +187,7 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
       Floats& cell = cells[n * kCells + i];
       const Floats foreign = pilot[n * kCells + i] - kOwnShare * cell;
       Floats energy = scale * foreign * foreign - floor[i];
-      energy = energy > zero ? energy : zero;
+      energy = choose(energy > zero, energy, zero);
       const Floats gain = energy / (energy + 1.0f);
       // Noise let through, and signal taken away as the sample itself tells it (Stein, Ann.
       // Statist. 9, 1981): the pilot has lost signal that it does not know of.
@@ -208,11 +202,11 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
 HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
   Floats sum[kLanes] = {};
   for (int i = 0; i < total; ++i)
-    for (int k = 0; k < kLanes; ++k) sum[k] += cells[i][k] * cells[i];
+    for (int k = 0; k < kLanes; ++k) sum[k] += lane(cells[i], k) * cells[i];
   CellMatrix moments;
   for (int k = 0; k < kLanes; ++k) {
     sum[k] *= 1.0f / static_cast<float>(total);
-    std::memcpy(moments[static_cast<std::size_t>(k)].data(), &sum[k], sizeof(Floats));
+    store(sum[k], moments[static_cast<std::size_t>(k)].data());
   }
   return moments;
 }
@@ -255,7 +249,7 @@ HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int
   for (int r = 0; r < kSide; ++r)
     for (int c = 0; c < kSide; ++c) {
       Floats window;
-      std::memcpy(&window, &job.window[static_cast<std::size_t>(r * kSide + c)], sizeof(window));
+      load(job.window[static_cast<std::size_t>(r * kSide + c)].data(), window);
       window *= weight;
       for (int n = 0; n < count; ++n) {
         const std::ptrdiff_t at = matches[n] + r * kCell * job.stride + c * kCell;
@@ -299,10 +293,10 @@ void filter_block(const StackJob& job, const ReferenceBlock& block) {
       const CellMatrix back = transposed(axes);
       rotate(cells, total, back);
       Floats error{};
-      for (std::size_t k = 0; k < kLanes; ++k) {
+      for (int k = 0; k < kLanes; ++k) {
         Floats axis;
-        std::memcpy(&axis, back[k].data(), sizeof(axis));
-        error += result.error[k] * axis * axis;
+        load(back[static_cast<std::size_t>(k)].data(), axis);
+        error += lane(result.error, k) * axis * axis;
       }
       put_back<kSide>(job, matches.data(), count, cells, result.weight, error);
     }
@@ -329,7 +323,7 @@ void smooth(const SmoothJob& job, int row_begin, int row_end) {
     for (int col = 0; col + kCell <= job.cols; col += kGuideStep) {
       const auto a = job.alignment(row, col);
       Floats mean, cell = load_cell(job.noisy + row * job.stride + col, job.stride);
-      std::memcpy(&mean, job.means[a].data(), sizeof(mean));
+      load(job.means[a].data(), mean);
       cell -= mean;
       rotate(&cell, 1, job.matrices[a]);
       add_cell(job.sum + row * job.stride + col, job.stride, cell + mean);

@@ -1,10 +1,6 @@
 // The transforms of the collaborative filter on pairs of blocks: biorthogonal and DCT in the plane,
 // Haar along the group. No include guard: bm3d_filter.cpp includes it once per instruction set,
-// inside that set's namespace.
-
-using Floats8 = float __attribute__((vector_size(32)));
-using Floats = float __attribute__((vector_size(64)));
-using Ints = int __attribute__((vector_size(64)));
+// inside that set's namespace, after wide-inl.h.
 
 /// Row r of two blocks: lanes 0-7 of the first, 8-15 of the second.
 struct Pair {
@@ -13,9 +9,9 @@ struct Pair {
 
 HWY_INLINE void load_row(const float* first, const float* second, Floats& out) {
   Floats8 a, b;
-  std::memcpy(&a, first, sizeof(a));
-  std::memcpy(&b, second, sizeof(b));
-  out = __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  load(first, a);
+  load(second, b);
+  out = joined(a, b);
 }
 
 HWY_INLINE void load_pair(const float* first, const float* second, std::ptrdiff_t stride,
@@ -23,6 +19,8 @@ HWY_INLINE void load_pair(const float* first, const float* second, std::ptrdiff_
   HWY_UNROLL(8)
   for (int r = 0; r < kPatch; ++r) load_row(first + r * stride, second + r * stride, pair.row[r]);
 }
+
+#if HWY_MAX_BYTES >= 64
 
 /// Transposes the 8x8 values in each half.
 HWY_INLINE void transpose(Pair& p) {
@@ -52,6 +50,61 @@ HWY_INLINE void transpose(Pair& p) {
                                            15, 28, 29, 30, 31);
   }
 }
+
+#elif HWY_MAX_BYTES >= 32
+
+/// Transposes 8x8 values.
+HWY_INLINE void transpose(Floats8 (&x)[kPatch]) {
+  Floats8 a[8], b[8];
+  HWY_UNROLL(4)
+  for (int i = 0; i < 8; i += 2) {
+    a[i] = __builtin_shufflevector(x[i], x[i + 1], 0, 8, 1, 9, 4, 12, 5, 13);
+    a[i + 1] = __builtin_shufflevector(x[i], x[i + 1], 2, 10, 3, 11, 6, 14, 7, 15);
+  }
+  HWY_UNROLL(2)
+  for (int i = 0; i < 8; i += 4) {
+    HWY_UNROLL(2)
+    for (int j = 0; j < 2; ++j) {
+      b[i + 2 * j] = __builtin_shufflevector(a[i + j], a[i + j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+      b[i + 2 * j + 1] =
+          __builtin_shufflevector(a[i + j], a[i + j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+  }
+  HWY_UNROLL(4)
+  for (int i = 0; i < 4; ++i) {
+    x[i] = __builtin_shufflevector(b[i], b[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+    x[i + 4] = __builtin_shufflevector(b[i], b[i + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+  }
+}
+
+/// Transposes the 8x8 values in each half.
+HWY_INLINE void transpose(Pair& p) {
+  Floats8 half[kPatch];
+  HWY_UNROLL(8)
+  for (int r = 0; r < kPatch; ++r) half[r] = p.row[r].low;
+  transpose(half);
+  HWY_UNROLL(8)
+  for (int r = 0; r < kPatch; ++r) p.row[r].low = half[r], half[r] = p.row[r].high;
+  transpose(half);
+  HWY_UNROLL(8)
+  for (int r = 0; r < kPatch; ++r) p.row[r].high = half[r];
+}
+
+#else
+
+/// Transposes the 8x8 values in each half, one by one.
+HWY_INLINE void transpose(Pair& p) {
+  float from[kPatch][2 * kPatch], to[kPatch][2 * kPatch];
+  for (int r = 0; r < kPatch; ++r) store(p.row[r], from[r]);
+  for (int r = 0; r < kPatch; ++r)
+    for (int c = 0; c < kPatch; ++c) {
+      to[c][r] = from[r][c];
+      to[c][kPatch + r] = from[r][kPatch + c];
+    }
+  for (int r = 0; r < kPatch; ++r) load(to[r], p.row[r]);
+}
+
+#endif
 
 /// Biorthogonal 1.5 along the rows, without its scaling (biorthogonal_matrix): every level adds and
 /// subtracts.
@@ -143,9 +196,8 @@ HWY_INLINE void dct_inverse(Pair& p) {
 
 /// Sum and difference of a vector's two blocks.
 HWY_INLINE void butterfly_inside(Floats& v) {
-  constexpr Floats kSign = {1, 1, 1, 1, 1, 1, 1, 1, -1, -1, -1, -1, -1, -1, -1, -1};
-  v = v * kSign +
-      __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7);
+  const Floats8 first = low_half(v), second = high_half(v);
+  v = joined(first + second, first - second);
 }
 
 /// Unscaled Haar transform along the group: over the pairs, which is two transforms of half a group

@@ -3,10 +3,6 @@
 //
 // Distances are compared as whole numbers: bits of floats that are not negative have their order.
 
-using Ints = std::int32_t __attribute__((vector_size(64)));
-
-using Ints4 = std::int32_t __attribute__((vector_size(16)));
-
 constexpr std::int32_t kReference = -1;  ///< the reference's own key: it always leads
 constexpr std::int32_t kFarthest = std::numeric_limits<std::int32_t>::max() - 1;
 
@@ -35,13 +31,13 @@ template <int kBlock>
 HWY_INLINE Floats load_part(const float* block, std::ptrdiff_t stride, int part) {
   if constexpr (kBlock == 8) {
     Floats8 top, bottom;
-    std::memcpy(&top, block + 2 * part * stride, sizeof(top));
-    std::memcpy(&bottom, block + (2 * part + 1) * stride, sizeof(bottom));
+    load(block + 2 * part * stride, top);
+    load(block + (2 * part + 1) * stride, bottom);
     return joined(top, bottom);
   } else {
     constexpr int kParts = kBlock / kLanes;
     Floats values;
-    std::memcpy(&values, block + part / kParts * stride + part % kParts * kLanes, sizeof(values));
+    load(block + part / kParts * stride + part % kParts * kLanes, values);
     return values;
   }
 }
@@ -49,10 +45,10 @@ HWY_INLINE Floats load_part(const float* block, std::ptrdiff_t stride, int part)
 /// Sums of lanes 4 apart: a quarter of the vector.
 template <class Vector>
 HWY_INLINE auto quarter_sums(const Vector& v) {
-  const auto half = __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7) +
-                    __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
-  return __builtin_shufflevector(half, half, 0, 1, 2, 3) +
-         __builtin_shufflevector(half, half, 4, 5, 6, 7);
+  if constexpr (sizeof(v) == sizeof(Floats4))
+    return v;
+  else
+    return quarter_sums(low_half(v) + high_half(v));
 }
 
 /// The sums of four vectors.
@@ -95,7 +91,7 @@ HWY_INLINE void measure(const StackJob& job, int row, int col, Candidates& found
       Ints4 keys;
       std::memcpy(&keys, &sums, sizeof(keys));
       keys &= std::numeric_limits<std::int32_t>::max();  // what is no number has a sign
-      std::memcpy(&found.keys[static_cast<std::size_t>(count)], &keys, sizeof(keys));
+      store(keys, &found.keys[static_cast<std::size_t>(count)]);
     }
     count -= (4 - across % 4) % 4;  // the last block again
   }
@@ -108,7 +104,7 @@ HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
   Ints sum{};
   for (int i = 0; i < from.count; i += kLanes) {
     Ints keys;
-    std::memcpy(&keys, &from.keys[static_cast<std::size_t>(i)], sizeof(keys));
+    load(&from.keys[static_cast<std::size_t>(i)], keys);
     sum -= keys <= limit;  // true is -1
   }
   const Ints4 quarter = quarter_sums(sum);
@@ -150,10 +146,10 @@ HWY_INLINE void sort(const Candidates& from, std::ptrdiff_t* sorted) {
   std::fill_n(sorted, from.count, kFree);
   for (int first = 0; first < from.count; first += kLanes) {
     Ints keys, rank{};
-    std::memcpy(&keys, &from.keys[static_cast<std::size_t>(first)], sizeof(keys));
+    load(&from.keys[static_cast<std::size_t>(first)], keys);
     for (int k = 0; k < from.count; ++k) rank -= from.keys[static_cast<std::size_t>(k)] < keys;
     for (int i = 0; i < std::min(kLanes, from.count - first); ++i) {
-      int place = rank[i];
+      int place = lane(rank, i);
       while (sorted[place] != kFree) ++place;  // of equal ones the earlier leads
       sorted[place] = from.offsets[static_cast<std::size_t>(first + i)];
     }
