@@ -152,7 +152,8 @@ Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& 
   const StokesPicture picture = stokes_picture(arguments, frame);
   std::array<Planes, 3> confidence;
   if (arguments.confidence())
-    confidence = confidence_of(picture, variance_of(arguments, model, index, frame), frame.layout);
+    confidence = confidence_of(picture, variance_of(arguments, model, index, frame), frame.layout,
+                               model ? Intensities::kMeasured : Intensities::kDenoised);
   std::vector<Product> data = data_of(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;

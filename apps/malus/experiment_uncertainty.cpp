@@ -52,6 +52,10 @@ Json rows_json(const std::vector<Row>& rows) {
       const Coverage& coverage = row.check.*column.coverage;
       json["coverage"][column.name] = coverage.all > 0 ? Json(coverage.share()) : Json();
     }
+    for (const auto& [name, dolp] :
+         {std::pair{"dolp", row.check.as_it_is}, std::pair{"dolp_corrected", row.check.corrected}})
+      json[name] =
+          dolp.count > 0 ? Json{{"psnr_db", dolp.psnr_db()}, {"mean_error", dolp.mean()}} : Json();
     list.push_back(std::move(json));
   }
   return list;
@@ -63,7 +67,7 @@ std::string rows_text(const std::vector<Row>& rows) {
     text += fmt::format(" {} |", column.title);
     line += "---|";
   }
-  text += "\n" + line + "\n";
+  text += " DoLP [dB] (bias) | corrected |\n" + line + "---|---|\n";
   for (const Row& row : rows) {
     text +=
         fmt::format("| {} | {} | {:.2f} |", row.scene, row.light, row.check.error_over_stated());
@@ -71,6 +75,9 @@ std::string rows_text(const std::vector<Row>& rows) {
       const Coverage& coverage = row.check.*column.coverage;
       text += coverage.all > 0 ? fmt::format(" {:.0f} % |", 100 * coverage.share()) : " - |";
     }
+    for (const DolpError& dolp : {row.check.as_it_is, row.check.corrected})
+      text +=
+          dolp.count > 0 ? fmt::format(" {:.2f} ({:+.3f}) |", dolp.psnr_db(), dolp.mean()) : " - |";
     text += '\n';
   }
   return text;

@@ -22,7 +22,8 @@ void add_confidence(const DenoisedFrame& frame, std::size_t pictures, PicturesBl
   if (frame.variance_dn2.empty() || !frame.before.layout.polarized()) return;
   const SensorLayout& layout = frame.before.layout;
   const auto stokes = stokes_per_color(pack(frame.after_dn, layout), layout);
-  const auto uncertainty = uncertainty_per_color(stokes, pack(frame.variance_dn2, layout), layout);
+  const auto uncertainty = uncertainty_per_color(stokes, pack(frame.variance_dn2, layout), layout,
+                                                 Intensities::kDenoised);
   const auto mean_over_colors = [&](Image StokesUncertainty::*map) {
     Image mean = uncertainty.front().*map;
     for (std::size_t c = 1; c < uncertainty.size(); ++c)

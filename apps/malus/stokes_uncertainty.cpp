@@ -48,8 +48,8 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
 }
 
 std::array<Planes, 3> confidence_of(const StokesPicture& picture, const Planes& packed_variance,
-                                    const SensorLayout& layout) {
-  const auto uncertainty = uncertainty_of(picture, packed_variance, layout);
+                                    const SensorLayout& layout, Intensities intensities) {
+  const auto uncertainty = uncertainty_of(picture, packed_variance, layout, intensities);
   const auto channels = static_cast<int>(uncertainty.size());
   std::array<Planes, 3> data = {Planes(channels, 0, 0), Planes(channels, 0, 0),
                                 Planes(channels, 0, 0)};

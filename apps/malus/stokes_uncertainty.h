@@ -4,6 +4,7 @@
 #include "malus/image/raw_frame.h"
 #include "malus/noise/model.h"
 #include "malus/polar/render.h"
+#include "malus/polar/uncertainty.h"
 #include "malus/polar/stokes.h"
 
 #include <array>
@@ -27,7 +28,7 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& frame);
 
 /// kConfidenceProducts, one image per display channel each.
 std::array<Planes, 3> confidence_of(const StokesPicture& picture, const Planes& packed_variance,
-                                    const SensorLayout& layout);
+                                    const SensorLayout& layout, Intensities intensities);
 
 /// Their pictures: means over the display channels.
 std::array<Planes, 3> confidence_pictures(const std::array<Planes, 3>& data,

@@ -3,6 +3,7 @@
 #include "malus/image/pack.h"
 #include "malus/polar/uncertainty.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace malus {
@@ -21,6 +22,8 @@ void add_polarization(UncertaintyCheck& check, const StokesPlanes& truth,
   const Image true_aolp_deg = aolp_deg_of(truth), aolp_deg = aolp_deg_of(estimate);
   for (std::size_t i = 0; i < dolp.size(); ++i) {
     const double deviation = stated.dolp_sd.values()[i];
+    check.as_it_is.add(dolp.values()[i], true_dolp.values()[i]);
+    check.corrected.add(stated.dolp_corrected.values()[i], true_dolp.values()[i]);
     check.dolp.add(double{dolp.values()[i]} - true_dolp.values()[i], deviation);
     if (true_dolp.values()[i] > 2 * deviation)
       check.aolp.add(
@@ -35,6 +38,18 @@ void Coverage::add(double error, double deviation) {
   if (!std::isfinite(error) || !std::isfinite(deviation)) return;
   inside += std::abs(error) <= 2 * deviation;
   ++all;
+}
+
+void DolpError::add(double dolp, double truth) {
+  if (std::isnan(truth) || std::isnan(dolp)) return;
+  const double error = std::min(dolp, 1.0) - std::min(truth, 1.0);
+  sum += error;
+  squared_sum += error * error;
+  ++count;
+}
+
+double DolpError::psnr_db() const {
+  return -10 * std::log10(squared_sum / static_cast<double>(count));
 }
 
 void add_uncertainty(UncertaintyCheck& check, View<const float> truth, View<const float> estimate,
@@ -52,7 +67,8 @@ void add_uncertainty(UncertaintyCheck& check, View<const float> truth, View<cons
   if (!layout.polarized()) return;
   const auto true_stokes = stokes_per_color(pack(truth, layout), layout);
   const auto stokes = stokes_per_color(pack(estimate, layout), layout);
-  const auto stated = uncertainty_per_color(stokes, pack(variance, layout), layout);
+  const auto stated =
+      uncertainty_per_color(stokes, pack(variance, layout), layout, Intensities::kDenoised);
   for (std::size_t k = 0; k < stokes.size(); ++k) {
     add_variances(check.s0, true_stokes[k].s0, stokes[k].s0, stated[k].s0_variance);
     add_variances(check.s1, true_stokes[k].s1, stokes[k].s1, stated[k].s1_variance);

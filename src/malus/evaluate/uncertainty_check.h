@@ -17,12 +17,23 @@ struct Coverage {
   double share() const { return static_cast<double>(inside) / static_cast<double>(all); }
 };
 
+/// Errors of DoLP, held to [0, 1] on both sides, where the truth has any.
+struct DolpError {
+  double sum = 0, squared_sum = 0;
+  std::int64_t count = 0;
+
+  void add(double dolp, double truth);
+  double mean() const { return sum / static_cast<double>(count); }
+  double psnr_db() const;  ///< peak 1
+};
+
 /// Sums over pixels and over frames that are added to one another; NaN shares where nothing was
 /// counted (DoLP and all after it without angles).
 struct UncertaintyCheck {
   double squared_error_dn2 = 0, stated_dn2 = 0;  ///< sums over the same pixels
   Coverage pixel, s0, s1, s2, dolp;
   Coverage aolp;  ///< where the true DoLP is above two of its deviations: else no angle is meant
+  DolpError as_it_is, corrected;  ///< DoLP, and what polar/uncertainty.h makes of it
 
   /// Squared error over what was stated of it: 1 is honest.
   double error_over_stated() const { return squared_error_dn2 / stated_dn2; }

@@ -1,5 +1,5 @@
 // How far to trust Stokes parameters, DoLP and AoLP: first-order propagation of the variances of
-// the four intensities, and DoLP with its positive bias removed.
+// the four intensities, and DoLP with its bias removed.
 #pragma once
 
 #include "malus/polar/stokes.h"
@@ -37,6 +37,17 @@ inline constexpr double kUnknownAngleVarianceDeg2 = 180.0 * 180.0 / 12.0;
 /// Montier, Levrier, Tristram, MNRAS 439, 4048, 2014, arXiv 1312.0437.)
 double corrected_dolp(const Stokes& s, const StokesCovariance& covariance);
 
+/// The mean of DoLP where (S1, S2) lies about its estimate with the stated error: an estimate that
+/// a filter made has lost polarization that it could not tell from noise, so the truth's mean
+/// length is that of a Rice distribution (Rice, Bell Syst. Tech. J. 24, 1945, eq. 4.2-3) about it.
+/// Not lifted above 1; NaN where DoLP is undefined.
+double expected_dolp(const Stokes& s, const StokesCovariance& covariance);
+
+/// What the four intensities are, for dolp_corrected: kMeasured, samples whose noise has mean zero
+/// and lengthens (S1, S2): corrected_dolp; kDenoised, estimates of a filter, which shorten it:
+/// expected_dolp.
+enum class Intensities { kMeasured, kDenoised };
+
 /// Variance planes of one colour, sizes as the Stokes planes.
 struct StokesUncertainty {
   Image s0_variance, s1_variance, s2_variance;  ///< DN²
@@ -46,17 +57,19 @@ struct StokesUncertainty {
 };
 
 /// variance: planes of the four intensities' variances in DN², independent between angles.
-StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance);
+StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
+                            Intensities intensities);
 
 /// As stokes_per_color, for packed planes of variances (image/pack.h): a colour with several sites
 /// of one angle has the variance of their mean.
 std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,
                                                      const Planes& packed_variance,
-                                                     const SensorLayout& layout);
+                                                     const SensorLayout& layout,
+                                                     Intensities intensities);
 
 /// The same after merge_greens: green has the variance of the mean of both greens.
 std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
                                               const Planes& packed_variance,
-                                              const SensorLayout& layout);
+                                              const SensorLayout& layout, Intensities intensities);
 
 }  // namespace malus

@@ -2,7 +2,7 @@
 // is wider than a register GCC takes apart lane by lane where it is compared, chosen from or
 // rearranged, at a fifth of the speed; so here a wide vector is a pair of halves wherever its width
 // is no register's. No include guard: included once per instruction set, inside that set's
-// namespace and after highway.h.
+// namespace and after Highway's header.
 
 template <class Half>
 struct Two {
