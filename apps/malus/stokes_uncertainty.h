@@ -4,8 +4,8 @@
 #include "malus/image/raw_frame.h"
 #include "malus/noise/model.h"
 #include "malus/polar/render.h"
-#include "malus/polar/uncertainty.h"
 #include "malus/polar/stokes.h"
+#include "malus/polar/uncertainty.h"
 
 #include <array>
 #include <filesystem>
