@@ -72,6 +72,28 @@ TEST(UncertaintyCheck, AnglesAreTheSameAfterHalfATurnAndNotAfterAQuarter) {
   EXPECT_EQ(far.aolp.share(), 0);
 }
 
+TEST(UncertaintyCheck, ErrorsOfDolpAreHeldToItsRange) {
+  DolpError error;
+  error.add(0.5, 0.3);
+  error.add(7.0, 0.9);  // as 1
+  error.add(0.2, std::numeric_limits<double>::quiet_NaN());
+  error.add(std::numeric_limits<double>::quiet_NaN(), 0.2);
+  EXPECT_EQ(error.count, 2);
+  EXPECT_NEAR(error.mean(), 0.15, 1e-12);
+  EXPECT_NEAR(error.psnr_db(), -10 * std::log10((0.04 + 0.01) / 2), 1e-9);
+}
+
+TEST(UncertaintyCheck, DolpAsItIsAndCorrected) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  const Simulated s = gaussian_errors(layout, 1.0);
+  UncertaintyCheck check;
+  add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
+  EXPECT_EQ(check.as_it_is.count, 200 * 200);
+  // S1 = 800, S0 = 2000, deviations below 20: the bias is that of noise, and lengthening adds more.
+  EXPECT_NEAR(check.as_it_is.mean(), 0, 5e-4);
+  EXPECT_GT(check.corrected.mean(), check.as_it_is.mean());
+}
+
 TEST(UncertaintyCheck, FramesAddUpAndWhatIsNoNumberIsLeftOut) {
   const SensorLayout layout = SensorLayout::named("bayer-rggb");
   Simulated s = gaussian_errors(layout, 1);

@@ -108,6 +108,24 @@ def test_full_resolution_stokes_of_a_uniform_scene(malus, tmp_path):
     assert np.allclose(read["dolp"], dolp, atol=1e-5) and np.allclose(read["aolp"], aolp, atol=1e-3)
 
 
+def test_dolp_is_corrected_downward_for_noise_and_upward_for_a_filter(malus, tmp_path):
+    """A dark textured scene of known DoLP: noise lengthens (S1, S2), the filter shortens it; both corrections help the mean."""
+    model, dolp = ["--model", "imx250mzr-simulated", "--gain", "24"], 0.25
+    rng = np.random.default_rng(6)
+    light = np.kron(rng.uniform(400, 1600, (48, 48)), np.ones((4, 4)))
+    aolp = np.radians(np.kron(rng.uniform(0, 180, (24, 24)), np.ones((8, 8))))
+    np.save(tmp_path / "c.npy", (light * (1 + dolp * np.cos(2 * (np.radians(np.tile(ANGLES, (96, 96))) - aolp)))).astype(np.float32))
+    malus("synthesize", tmp_path / "c.npy", *LAYOUT, *model, "--ratio", "8", "--seed", "2", "--float", "-o", tmp_path / "raw")
+    noisy = tmp_path / "raw/c_000.tif"
+    malus("denoise", noisy, *model, "-o", tmp_path, "--uncertainty")
+    malus("stokes", noisy, *model, "-o", tmp_path, "--format", "npy")
+    malus("stokes", tmp_path / "c_000_denoised.tif", "--variance", tmp_path / "c_000_variance.exr", "-o", tmp_path, "--format", "npy")
+    mean = {name: np.nanmean(np.load(tmp_path / f"c_000{name}.npy"))
+            for name in ("_dolp", "_dolp_corrected", "_denoised_dolp", "_denoised_dolp_corrected")}
+    assert dolp < mean["_dolp_corrected"] < mean["_dolp"], mean
+    assert mean["_denoised_dolp"] < mean["_denoised_dolp_corrected"] < dolp, mean
+
+
 def test_a_frame_that_says_it_is_above_black_is_believed(malus, tmp_path):
     """The model's black level is for files that do not know theirs."""
     model = ["--model", "imx250mzr-simulated", "--gain", "12"]
