@@ -81,11 +81,11 @@ HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
     Pair& pair = pairs[i];
     if constexpr (kWiener) {
       dct_inverse(pair);
-      transpose(pair);
+      transpose(pair.row);
       dct_inverse(pair);
     } else {
       biorthogonal_inverse(pair);
-      transpose(pair);
+      transpose(pair.row);
       biorthogonal_inverse(pair);
     }
     aggregate(pair, job, group.position[i], group.position[kSingle ? 0 : kPairs + i], weight,
@@ -106,11 +106,11 @@ HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const
               pair);
     if constexpr (kWiener) {
       dct_forward(pair);
-      transpose(pair);
+      transpose(pair.row);
       dct_forward(pair);
     } else {
       biorthogonal_forward(pair);
-      transpose(pair);
+      transpose(pair.row);
       biorthogonal_forward(pair);
     }
     pairs[i] = pair;

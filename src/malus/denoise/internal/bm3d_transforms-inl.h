@@ -20,91 +20,57 @@ HWY_INLINE void load_pair(const float* first, const float* second, std::ptrdiff_
   for (int r = 0; r < kPatch; ++r) load_row(first + r * stride, second + r * stride, pair.row[r]);
 }
 
-#if HWY_MAX_BYTES >= 64
+/// The named lanes of every eight of a (0-7) and b (8-15).
+template <int... kLane, class Vector>
+HWY_INLINE Vector mixed(const Vector& a, const Vector& b) {
+  if constexpr (sizeof(Vector) == 32)
+    return __builtin_shufflevector(a, b, kLane...);
+  else
+    return __builtin_shufflevector(a, b, (kLane + kLane / 8 * 8)...,
+                                   (8 + kLane + kLane / 8 * 8)...);
+}
 
-/// Transposes the 8x8 values in each half.
-HWY_INLINE void transpose(Pair& p) {
-  Floats a[8], b[8];
-  HWY_UNROLL(4)
-  for (int i = 0; i < 4; ++i) {
-    a[2 * i] = __builtin_shufflevector(p.row[2 * i], p.row[2 * i + 1], 0, 16, 1, 17, 4, 20, 5, 21,
-                                       8, 24, 9, 25, 12, 28, 13, 29);
-    a[2 * i + 1] = __builtin_shufflevector(p.row[2 * i], p.row[2 * i + 1], 2, 18, 3, 19, 6, 22, 7,
-                                           23, 10, 26, 11, 27, 14, 30, 15, 31);
-  }
-  HWY_UNROLL(2)
-  for (int i = 0; i < 8; i += 4) {
+/// Transposes the 8x8 values in every eight lanes.
+template <class Vector>
+HWY_INLINE void transpose(Vector (&x)[kPatch]) {
+  if constexpr (kIsTwo<Vector> && sizeof(Vector) > 32) {
+    decltype(x[0].low) half[kPatch];
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) half[r] = x[r].low;
+    transpose(half);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) x[r].low = half[r], half[r] = x[r].high;
+    transpose(half);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) x[r].high = half[r];
+  } else if constexpr (kIsTwo<Vector>) {  // of registers of four
+    float from[kPatch][kPatch], to[kPatch][kPatch];
+    for (int r = 0; r < kPatch; ++r) store(x[r], from[r]);
+    for (int r = 0; r < kPatch; ++r)
+      for (int c = 0; c < kPatch; ++c) to[c][r] = from[r][c];
+    for (int r = 0; r < kPatch; ++r) load(to[r], x[r]);
+  } else {
+    Vector a[8], b[8];
+    HWY_UNROLL(4)
+    for (int i = 0; i < 8; i += 2) {
+      a[i] = mixed<0, 8, 1, 9, 4, 12, 5, 13>(x[i], x[i + 1]);
+      a[i + 1] = mixed<2, 10, 3, 11, 6, 14, 7, 15>(x[i], x[i + 1]);
+    }
     HWY_UNROLL(2)
-    for (int j = 0; j < 2; ++j) {
-      b[i + 2 * j] = __builtin_shufflevector(a[i + j], a[i + j + 2], 0, 1, 16, 17, 4, 5, 20, 21, 8,
-                                             9, 24, 25, 12, 13, 28, 29);
-      b[i + 2 * j + 1] = __builtin_shufflevector(a[i + j], a[i + j + 2], 2, 3, 18, 19, 6, 7, 22, 23,
-                                                 10, 11, 26, 27, 14, 15, 30, 31);
+    for (int i = 0; i < 8; i += 4) {
+      HWY_UNROLL(2)
+      for (int j = 0; j < 2; ++j) {
+        b[i + 2 * j] = mixed<0, 1, 8, 9, 4, 5, 12, 13>(a[i + j], a[i + j + 2]);
+        b[i + 2 * j + 1] = mixed<2, 3, 10, 11, 6, 7, 14, 15>(a[i + j], a[i + j + 2]);
+      }
+    }
+    HWY_UNROLL(4)
+    for (int i = 0; i < 4; ++i) {
+      x[i] = mixed<0, 1, 2, 3, 8, 9, 10, 11>(b[i], b[i + 4]);
+      x[i + 4] = mixed<4, 5, 6, 7, 12, 13, 14, 15>(b[i], b[i + 4]);
     }
   }
-  HWY_UNROLL(4)
-  for (int i = 0; i < 4; ++i) {
-    p.row[i] = __builtin_shufflevector(b[i], b[i + 4], 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24,
-                                       25, 26, 27);
-    p.row[i + 4] = __builtin_shufflevector(b[i], b[i + 4], 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14,
-                                           15, 28, 29, 30, 31);
-  }
 }
-
-#elif HWY_MAX_BYTES >= 32
-
-/// Transposes 8x8 values.
-HWY_INLINE void transpose(Floats8 (&x)[kPatch]) {
-  Floats8 a[8], b[8];
-  HWY_UNROLL(4)
-  for (int i = 0; i < 8; i += 2) {
-    a[i] = __builtin_shufflevector(x[i], x[i + 1], 0, 8, 1, 9, 4, 12, 5, 13);
-    a[i + 1] = __builtin_shufflevector(x[i], x[i + 1], 2, 10, 3, 11, 6, 14, 7, 15);
-  }
-  HWY_UNROLL(2)
-  for (int i = 0; i < 8; i += 4) {
-    HWY_UNROLL(2)
-    for (int j = 0; j < 2; ++j) {
-      b[i + 2 * j] = __builtin_shufflevector(a[i + j], a[i + j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
-      b[i + 2 * j + 1] =
-          __builtin_shufflevector(a[i + j], a[i + j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
-    }
-  }
-  HWY_UNROLL(4)
-  for (int i = 0; i < 4; ++i) {
-    x[i] = __builtin_shufflevector(b[i], b[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
-    x[i + 4] = __builtin_shufflevector(b[i], b[i + 4], 4, 5, 6, 7, 12, 13, 14, 15);
-  }
-}
-
-/// Transposes the 8x8 values in each half.
-HWY_INLINE void transpose(Pair& p) {
-  Floats8 half[kPatch];
-  HWY_UNROLL(8)
-  for (int r = 0; r < kPatch; ++r) half[r] = p.row[r].low;
-  transpose(half);
-  HWY_UNROLL(8)
-  for (int r = 0; r < kPatch; ++r) p.row[r].low = half[r], half[r] = p.row[r].high;
-  transpose(half);
-  HWY_UNROLL(8)
-  for (int r = 0; r < kPatch; ++r) p.row[r].high = half[r];
-}
-
-#else
-
-/// Transposes the 8x8 values in each half, one by one.
-HWY_INLINE void transpose(Pair& p) {
-  float from[kPatch][2 * kPatch], to[kPatch][2 * kPatch];
-  for (int r = 0; r < kPatch; ++r) store(p.row[r], from[r]);
-  for (int r = 0; r < kPatch; ++r)
-    for (int c = 0; c < kPatch; ++c) {
-      to[c][r] = from[r][c];
-      to[c][kPatch + r] = from[r][kPatch + c];
-    }
-  for (int r = 0; r < kPatch; ++r) load(to[r], p.row[r]);
-}
-
-#endif
 
 /// Biorthogonal 1.5 along the rows, without its scaling (biorthogonal_matrix): every level adds and
 /// subtracts.

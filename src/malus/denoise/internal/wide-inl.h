@@ -94,23 +94,27 @@ HWY_INLINE auto joined(const Half& a, const Half& b) {
   else
     return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
 }
+template <int kFirst, class Vector>
+HWY_INLINE auto lanes_from(const Vector& v) {
+  if constexpr (sizeof(Vector) == 32)
+    return __builtin_shufflevector(v, v, kFirst, kFirst + 1, kFirst + 2, kFirst + 3);
+  else
+    return __builtin_shufflevector(v, v, kFirst, kFirst + 1, kFirst + 2, kFirst + 3, kFirst + 4,
+                                   kFirst + 5, kFirst + 6, kFirst + 7);
+}
 template <class Vector>
 HWY_INLINE auto low_half(const Vector& v) {
   if constexpr (kIsTwo<Vector>)
     return v.low;
-  else if constexpr (sizeof(Vector) == 32)
-    return __builtin_shufflevector(v, v, 0, 1, 2, 3);
   else
-    return __builtin_shufflevector(v, v, 0, 1, 2, 3, 4, 5, 6, 7);
+    return lanes_from<0>(v);
 }
 template <class Vector>
 HWY_INLINE auto high_half(const Vector& v) {
   if constexpr (kIsTwo<Vector>)
     return v.high;
-  else if constexpr (sizeof(Vector) == 32)
-    return __builtin_shufflevector(v, v, 4, 5, 6, 7);
   else
-    return __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15);
+    return lanes_from<sizeof(Vector) / sizeof(float) / 2>(v);
 }
 
 template <class Vector>
