@@ -54,8 +54,9 @@ Json rows_json(const std::vector<Row>& rows) {
     }
     for (const auto& [name, dolp] :
          {std::pair{"dolp", row.check.as_it_is}, std::pair{"dolp_corrected", row.check.corrected}})
-      json[name] =
-          dolp.count > 0 ? Json{{"psnr_db", dolp.psnr_db()}, {"mean_error", dolp.mean()}} : Json();
+      json[name] = dolp.squared.count > 0
+                       ? Json{{"psnr_db", *psnr_db(dolp.squared, 1.0)}, {"mean_error", dolp.mean()}}
+                       : Json();
     list.push_back(std::move(json));
   }
   return list;
@@ -76,8 +77,9 @@ std::string rows_text(const std::vector<Row>& rows) {
       text += coverage.all > 0 ? fmt::format(" {:.0f} % |", 100 * coverage.share()) : " - |";
     }
     for (const DolpError& dolp : {row.check.as_it_is, row.check.corrected})
-      text +=
-          dolp.count > 0 ? fmt::format(" {:.2f} ({:+.3f}) |", dolp.psnr_db(), dolp.mean()) : " - |";
+      text += dolp.squared.count > 0
+                  ? fmt::format(" {:.2f} ({:+.3f}) |", *psnr_db(dolp.squared, 1.0), dolp.mean())
+                  : " - |";
     text += '\n';
   }
   return text;

@@ -2,9 +2,7 @@
 // random words and its noise are the CPU sampler's, bit for bit. Needs no device.
 #include "malus/cuda/draw_plan.h"
 
-#include <bit>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <ostream>
 #include <string>
@@ -12,6 +10,7 @@
 
 #include "../synthesize/sixteen_channels.h"
 #include "ptx_place.h"
+#include "same_bits.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -21,6 +20,8 @@ void draw_noise_ptx(const ptx::Place& place, const unsigned char* const* paramet
 
 namespace {
 
+using testing::expect_same_bits;
+using testing::levels;
 using testing::sixteen_channels;
 
 // What apply_on_device does, the grid's threads one after the other and host memory as the
@@ -47,23 +48,6 @@ void draw_by_ptx(const CompiledNoise& noise, View<const float> clean, View<float
       for (place.thread[1] = 0; place.thread[1] < grid.threads_y; ++place.thread[1])
         for (place.thread[0] = 0; place.thread[0] < grid.threads_x; ++place.thread[0])
           testing::draw_noise_ptx(place, parameters);
-}
-
-// From below black to far above, every regime of the shot noise in every channel.
-Image levels(int rows, int cols) {
-  Image clean(rows, cols);
-  for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < cols; ++c)
-      clean(r, c) =
-          static_cast<float>((r * 31 + c * 17) % 97) * 0.7f - 5.0f + static_cast<float>(r * r);
-  return clean;
-}
-
-void expect_same_bits(const Image& cpu, const Image& gpu) {
-  for (int r = 0; r < cpu.rows(); ++r)
-    for (int c = 0; c < cpu.cols(); ++c)
-      ASSERT_EQ(std::bit_cast<std::uint32_t>(cpu(r, c)), std::bit_cast<std::uint32_t>(gpu(r, c)))
-          << r << ' ' << c << ": " << cpu(r, c) << " on the CPU, " << gpu(r, c) << " by PTX";
 }
 
 struct Kind {

@@ -4,16 +4,17 @@
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
 
-#include <bit>
-#include <cstdint>
 #include <cstdio>
 
 #include "../synthesize/sixteen_channels.h"
+#include "same_bits.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
+using testing::expect_same_bits;
+using testing::levels;
 using testing::sixteen_channels;
 
 TEST(DeviceNoise, EqualsTheCpuBitForBit) {
@@ -21,18 +22,12 @@ TEST(DeviceNoise, EqualsTheCpuBitForBit) {
   const CompiledNoise compiled(sixteen_channels());
   const cuda::DeviceNoise device(compiled);
   for (const int cols : {1, 31, 200, 333}) {
-    Image clean(67, cols), cpu(67, cols), gpu(67, cols);
-    for (int r = 0; r < 67; ++r)
-      for (int c = 0; c < cols; ++c)
-        clean(r, c) =
-            static_cast<float>((r * 31 + c * 17) % 97) * 0.7f - 5.0f + static_cast<float>(r * r);
+    const Image clean = levels(67, cols);
+    Image cpu(67, cols), gpu(67, cols);
     const DrawAddress place{.seed = 0xABCDEF0123456789, .frame = 5, .row0 = 3, .col0 = 45};
     compiled.apply(clean.view(), cpu.view(), place);
     device.apply(clean, gpu, place);
-    for (int r = 0; r < 67; ++r)
-      for (int c = 0; c < cols; ++c)
-        ASSERT_EQ(std::bit_cast<std::uint32_t>(cpu(r, c)), std::bit_cast<std::uint32_t>(gpu(r, c)))
-            << r << ' ' << c << ' ' << cpu(r, c) << ' ' << gpu(r, c);
+    expect_same_bits(cpu, gpu);
   }
 }
 

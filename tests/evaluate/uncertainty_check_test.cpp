@@ -78,9 +78,9 @@ TEST(UncertaintyCheck, ErrorsOfDolpAreHeldToItsRange) {
   error.add(7.0, 0.9);  // as 1
   error.add(0.2, std::numeric_limits<double>::quiet_NaN());
   error.add(std::numeric_limits<double>::quiet_NaN(), 0.2);
-  EXPECT_EQ(error.count, 2);
+  EXPECT_EQ(error.squared.count, 2);
   EXPECT_NEAR(error.mean(), 0.15, 1e-12);
-  EXPECT_NEAR(error.psnr_db(), -10 * std::log10((0.04 + 0.01) / 2), 1e-9);
+  EXPECT_NEAR(*psnr_db(error.squared, 1.0), -10 * std::log10((0.04 + 0.01) / 2), 1e-9);
 }
 
 TEST(UncertaintyCheck, DolpAsItIsAndCorrected) {
@@ -88,7 +88,7 @@ TEST(UncertaintyCheck, DolpAsItIsAndCorrected) {
   const Simulated s = gaussian_errors(layout, 1.0);
   UncertaintyCheck check;
   add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
-  EXPECT_EQ(check.as_it_is.count, 200 * 200);
+  EXPECT_EQ(check.as_it_is.squared.count, 200 * 200);
   // S1 = 800, S0 = 2000, deviations below 20: the bias is that of noise, and lengthening adds more.
   EXPECT_NEAR(check.as_it_is.mean(), 0, 5e-4);
   EXPECT_GT(check.corrected.mean(), check.as_it_is.mean());

@@ -44,12 +44,8 @@ void DolpError::add(double dolp, double truth) {
   if (std::isnan(truth) || std::isnan(dolp)) return;
   const double error = std::min(dolp, 1.0) - std::min(truth, 1.0);
   sum += error;
-  squared_sum += error * error;
-  ++count;
-}
-
-double DolpError::psnr_db() const {
-  return -10 * std::log10(squared_sum / static_cast<double>(count));
+  squared.sum += error * error;
+  ++squared.count;
 }
 
 void add_uncertainty(UncertaintyCheck& check, View<const float> truth, View<const float> estimate,

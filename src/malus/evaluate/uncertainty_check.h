@@ -1,6 +1,7 @@
 // Stated variances against a truth: how often two deviations hold it, and how large the error is.
 #pragma once
 
+#include "malus/evaluate/image_metrics.h"
 #include "malus/image/layout.h"
 #include "malus/image/view.h"
 
@@ -19,12 +20,11 @@ struct Coverage {
 
 /// Errors of DoLP, held to [0, 1] on both sides, where the truth has any.
 struct DolpError {
-  double sum = 0, squared_sum = 0;
-  std::int64_t count = 0;
+  double sum = 0;
+  SquaredError squared;
 
   void add(double dolp, double truth);
-  double mean() const { return sum / static_cast<double>(count); }
-  double psnr_db() const;  ///< peak 1
+  double mean() const { return sum / static_cast<double>(squared.count); }
 };
 
 /// Sums over pixels and over frames that are added to one another; NaN shares where nothing was
