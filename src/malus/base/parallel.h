@@ -18,6 +18,10 @@ int thread_count();
 void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
                   const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body);
 
+/// Rows of a picture that one task takes: many tasks even for small frames, few enough to cost
+/// nothing.
+inline constexpr int kRowsPerTask = 32;
+
 /// Maps each grain-sized piece to a value in parallel and folds them in order: the same bits for
 /// any thread count.
 template <class T, class Map, class Fold>

@@ -81,7 +81,7 @@ double robust_deviation_of(const std::vector<double>& values) {
   std::vector<double> distance;
   distance.reserve(values.size());
   for (double v : values) distance.push_back(std::abs(v - centre));
-  return 1.482602218505602 * median_of(std::move(distance));  // 1 / normal quantile of 3/4
+  return median_of(std::move(distance)) / kMedianOfNormal;
 }
 
 LineFit fit_line(std::span<const double> x, std::span<const double> y,

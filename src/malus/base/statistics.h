@@ -32,8 +32,11 @@ double standard_deviation_of(
 /// Middle value (mean of the two middle ones); the copy is deliberate: inputs stay as they are. NaN
 /// when empty.
 double median_of(std::vector<double> values);
-/// 1.4826 * median |x - median|: the standard deviation of a Gaussian, robust to half of the
-/// values.
+/// Median of |z| for a standard normal z (its quantile of 3/4): a median of sizes over it is a
+/// deviation.
+inline constexpr double kMedianOfNormal = 0.67448975019608171;
+/// median |x - median| / kMedianOfNormal: the standard deviation of a Gaussian, robust to half of
+/// the values.
 double robust_deviation_of(const std::vector<double>& values);
 
 /// y = intercept + slope x by weighted least squares.

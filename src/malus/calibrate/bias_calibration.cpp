@@ -1,5 +1,6 @@
 #include "malus/calibrate/bias_calibration.h"
 
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/bias_checks.h"
@@ -21,8 +22,6 @@ constexpr double kNormalLambda = 0.14;
 // Below: the mean of the other frames, whose error is taken for normal, has tails of its own.
 constexpr int kFewFrames = 10;
 constexpr double kHeavyLambda = 0.05;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // All bias frames of one gain, one entry per frame: a few kilobytes each, whatever the frame's
 // size.
@@ -68,7 +67,7 @@ SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames&
     const auto pixels = static_cast<double>(geometry.channel_pixels(a));
     const double groups = geometry.channel_groups(a), cols = geometry.channel_cols(a),
                  rows = geometry.channel_rows(a), in_group = geometry.pixels_per_group(a);
-    const double var = pixel[at(a)], col_var = std::max(column[at(a)], 0.0);
+    const double var = pixel[as_index(a)], col_var = std::max(column[as_index(a)], 0.0);
     const double freedom = pixels - groups - cols + 1.0;
     for (int b = 0; b < n; ++b) {
       double shared = a == b ? std::max(row_covariance(a, a), 0.0) : row_covariance(a, b);
@@ -103,7 +102,7 @@ ChannelShapes likelihood_shapes(const BiasFrames& frames, int channel,
   ChannelShapes shapes;
   const FrameShapes one_step(fit, pooled, blur);
   for (const auto& frame : frames.residuals) {
-    const auto shape = one_step.of(frame[at(channel)]);
+    const auto shape = one_step.of(frame[as_index(channel)]);
     shapes.lambda.push_back(shape.lambda);
     shapes.scale.push_back(fit.scale_dn * (1.0 + shape.log_scale - std::log(fit.scale_dn)));
   }
@@ -117,7 +116,7 @@ ChannelShapes likelihood_shapes(const BiasFrames& frames, int channel,
 ChannelShapes ppcc_shapes(const BiasFrames& frames, int channel, const ResidualBlur& blur) {
   ChannelShapes shapes;
   for (const auto& frame : frames.residuals) {
-    const auto fit = fit_tukey_lambda_ppcc(frame[at(channel)], blur);
+    const auto fit = fit_tukey_lambda_ppcc(frame[as_index(channel)], blur);
     const double nan = std::numeric_limits<double>::quiet_NaN();
     shapes.lambda.push_back(fit ? fit->lambda : nan);
     shapes.scale.push_back(fit ? fit->scale_dn : nan);
@@ -161,7 +160,7 @@ void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
   constexpr std::size_t kCells = static_cast<std::size_t>(12 * kCellsPerDeviation);
   std::vector<double> counts(kCells, 0.0);
   for (const ResidualHistogram::Cell& cell : pooled.cells())
-    counts[std::min(at(cell.index), kCells - 1)] += cell.count;
+    counts[std::min(as_index(cell.index), kCells - 1)] += cell.count;
   out.residual_cell_dn.push_back(pooled.cell_dn());
   out.residual_counts.push_back(std::move(counts));
 }
@@ -172,14 +171,14 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
   const std::size_t count = frames.residuals.size();
   for (int c = 0; c < layout.channels(); ++c) {
-    ResidualHistogram pooled(frames.residuals.front()[at(c)].cell_dn());
-    for (const auto& frame : frames.residuals) pooled.add(frame[at(c)]);
+    ResidualHistogram pooled(frames.residuals.front()[as_index(c)].cell_dn());
+    for (const auto& frame : frames.residuals) pooled.add(frame[as_index(c)]);
     keep_residuals(pooled, out);
     const ResidualBlur blur{quantization_dn,
-                            analyzer.offset_variance_dn2(c, std::max(pixel[at(c)], 0.0))};
+                            analyzer.offset_variance_dn2(c, std::max(pixel[as_index(c)], 0.0))};
     const auto fit = fit_tukey_lambda(pooled, blur);
     if (!fit) {
-      const double read = pixel[at(c)] - quantization_dn * quantization_dn / 12.0;
+      const double read = pixel[as_index(c)] - quantization_dn * quantization_dn / 12.0;
       append_unknown(kNormalLambda,
                      std::sqrt(std::max(read, 0.0) / tukey_lambda_variance(kNormalLambda)), out);
       out.warnings.push_back(
@@ -223,7 +222,7 @@ void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& fram
   for (int g = 0; g < geometry.group_phases(); ++g) {
     double variance = 0, pixels = 0;
     for (int c = 0; c < geometry.channels(); ++c) {
-      variance += geometry.group_pixels(g, c) * pixel[at(c)];
+      variance += geometry.group_pixels(g, c) * pixel[as_index(c)];
       pixels += geometry.group_pixels(g, c);
     }
     explained.push_back(kept * variance / (pixels * pixels));
@@ -236,9 +235,9 @@ void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& fram
     const double lost =
         drift_of_means(out.row_drift.drift, groups, geometry.group_stride(c), 0) / (groups - 1.0);
     for (std::size_t f = 0; f < frames.row.size(); ++f) {
-      const double given_back = frames.row[f][at(c)] * lost / (1.0 - lost);
-      frames.row[f][at(c)] += given_back;
-      frames.total[f][at(c)] += given_back;
+      const double given_back = frames.row[f][as_index(c)] * lost / (1.0 - lost);
+      frames.row[f][as_index(c)] += given_back;
+      frames.total[f][as_index(c)] += given_back;
     }
   }
 }
@@ -275,10 +274,10 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
     pass.rows.add(frame.dn, channel_means(frame.dn, geometry));
     for (int r = 0; r < geometry.rows(); ++r)
       for (int c = 0; c < geometry.cols(); ++c)
-        if (frame.dn(r, c) <= 0.0F) pass.zero_share[at(geometry.channel(r, c))] += 1.0;
+        if (frame.dn(r, c) <= 0.0F) pass.zero_share[as_index(geometry.channel(r, c))] += 1.0;
   });
   for (int c = 0; c < geometry.channels(); ++c)
-    pass.zero_share[at(c)] /=
+    pass.zero_share[as_index(c)] /=
         static_cast<double>(geometry.channel_pixels(c)) * std::max(set.count, 1);
   return pass;
 }

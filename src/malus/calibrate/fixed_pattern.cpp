@@ -1,5 +1,6 @@
 #include "malus/calibrate/fixed_pattern.h"
 
+#include "malus/base/index.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 
@@ -12,8 +13,6 @@ namespace {
 
 constexpr int kLargestRadius = 7;
 
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
 // Means over square windows of one channel by sums over rectangles. The window shrinks towards the
 // border so that it stays centred (a slope in the light then cancels), but not below 3x3.
 class WindowMean {
@@ -23,7 +22,7 @@ class WindowMean {
         cols_(geometry.channel_cols(channel)),
         // A small plane needs a small window, or the curve of the light shows in it.
         largest_radius_(std::clamp(std::min(rows_, cols_) / 8, 1, kLargestRadius)) {
-    sums_.assign(at(rows_ + 1) * at(cols_ + 1), 0.0);
+    sums_.assign(as_index(rows_ + 1) * as_index(cols_ + 1), 0.0);
     for (int r = 0; r < rows_; ++r)
       for (int c = 0; c < cols_; ++c)
         sum(r + 1, c + 1) = mosaic(channel / geometry.cell_cols() + r * geometry.cell_rows(),
@@ -44,7 +43,7 @@ class WindowMean {
   }
 
  private:
-  double& sum(int r, int c) { return sums_[at(r) * at(cols_ + 1) + at(c)]; }
+  double& sum(int r, int c) { return sums_[as_index(r) * as_index(cols_ + 1) + as_index(c)]; }
   int rows_, cols_, largest_radius_;
   std::vector<double> sums_;
 };
@@ -80,12 +79,12 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
   std::vector<double> variance(mean.size(), 0.0);
   for (int r = 0; r < mosaic.rows(); ++r)
     for (int col = 0; col < mosaic.cols(); ++col) {
-      const auto c = at(geometry.channel(r, col));
+      const auto c = as_index(geometry.channel(r, col));
       const double d = mosaic(r, col) - mean[c];
       variance[c] += d * d;
     }
   for (int c = 0; c < geometry.channels(); ++c)
-    variance[at(c)] /= static_cast<double>(geometry.channel_pixels(c) - 1);
+    variance[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c) - 1);
   return variance;
 }
 
@@ -110,7 +109,7 @@ void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
                      const MosaicGeometry& geometry) {
   for (int r = 0; r < mosaic_dn.rows(); ++r)
     for (int col = 0; col < mosaic_dn.cols(); ++col)
-      mosaic_dn(r, col) -= static_cast<float>(level_dn[at(geometry.channel(r, col))]);
+      mosaic_dn(r, col) -= static_cast<float>(level_dn[as_index(geometry.channel(r, col))]);
 }
 
 std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
@@ -126,7 +125,7 @@ ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geome
 void ResponseAccumulator::add(TemporalAccumulator& flat, View<const float> shading_dn) {
   if (weight_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
-    weight_.assign(at(geometry_.channels()), 0.0);
+    weight_.assign(as_index(geometry_.channels()), 0.0);
     weighted_error_ = weight_;
   }
   const std::vector<double> mean = flat.mean_dn(), variance = flat.variance_dn2();
@@ -143,7 +142,7 @@ void ResponseAccumulator::add(TemporalAccumulator& flat, View<const float> shadi
     for (int col = 0; col < sum_.cols(); ++col) {
       const double dark = shading_dn.empty() ? 0.0 : shading_dn(r, col);
       sum_(r, col) +=
-          static_cast<float>((frame(r, col) - dark) * scale[at(geometry_.channel(r, col))]);
+          static_cast<float>((frame(r, col) - dark) * scale[as_index(geometry_.channel(r, col))]);
     }
 }
 
@@ -151,7 +150,7 @@ Response ResponseAccumulator::response() const {
   MALUS_REQUIRE(!empty());
   Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}};
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
-    const auto i = at(channel);
+    const auto i = as_index(channel);
     WindowMean local(sum_, geometry_, channel);
     double square = 0.0;
     for (int r = 0; r < geometry_.channel_rows(channel); ++r)

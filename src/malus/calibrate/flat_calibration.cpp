@@ -1,5 +1,6 @@
 #include "malus/calibrate/flat_calibration.h"
 
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 
@@ -19,8 +20,6 @@ constexpr double kMostSaturated = 1e-3;
 constexpr std::size_t kFewLevels = 5;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Dark level and temporal variance that belong to flats of one exposure.
 struct MatchingDark {
@@ -74,10 +73,11 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     level.temporal.add(frame.dn);
     for (int r = 0; r < geometry.rows(); ++r)
       for (int c = 0; c < geometry.cols(); ++c)
-        if (frame.dn(r, c) >= first.white_dn) level.saturated[at(geometry.channel(r, c))] += 1.0;
+        if (frame.dn(r, c) >= first.white_dn)
+          level.saturated[as_index(geometry.channel(r, c))] += 1.0;
   });
   for (int c = 0; c < geometry.channels(); ++c)
-    level.saturated[at(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
+    level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
   return level;
 }
 
@@ -119,7 +119,7 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
   std::vector<std::string> bent;
   double largest = 0.0, widest = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
-    const auto& fit = fits[at(c)];
+    const auto& fit = fits[as_index(c)];
     if (!fit) {
       out.warnings.push_back(
           fmt::format("{}: the gain K is not known, so K of no channel is kept: {}",
@@ -188,8 +188,8 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
 // Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of
 // dark pixels; those beyond the kept cells count as the last one. 0 where none are kept.
 double dark_excess_kurtosis(int channel, const PhysicsCalibration& bias) {
-  if (bias.residual_counts.size() <= at(channel)) return 0.0;
-  const std::vector<double>& counts = bias.residual_counts[at(channel)];
+  if (bias.residual_counts.size() <= as_index(channel)) return 0.0;
+  const std::vector<double>& counts = bias.residual_counts[as_index(channel)];
   double samples = 0, second = 0, fourth = 0;
   for (std::size_t i = 0; i < counts.size(); ++i) {
     const double square = std::pow(static_cast<double>(i) + 0.5, 2);
@@ -204,7 +204,7 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
                      const PhysicsCalibration& bias) {
   DarkPoint point;
   point.variance_dn2 = variance_dn2;
-  point.row_variance_dn2 = std::pow(bias.sigma_row.mean[at(channel)], 2);
+  point.row_variance_dn2 = std::pow(bias.sigma_row.mean[as_index(channel)], 2);
   point.pixels = geometry.channel_pixels(channel);
   point.row_groups = geometry.channel_groups(channel);
   const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
@@ -226,7 +226,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                    Progress& progress, PhysicsCalibration& out) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
   const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
-  FlatSeries series{std::vector<std::vector<TransferLevel>>(at(geometry.channels())),
+  FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
                     {},
                     ResponseAccumulator(geometry)};
   for (const FrameSet* flat : flats) {
@@ -238,8 +238,9 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();
   std::vector<Estimate<TransferFit>> fits;
   for (int c = 0; c < geometry.channels(); ++c) {
-    const auto& levels = series.levels[at(c)];
-    fits.push_back(fit_photon_transfer(levels, dark_point(c, geometry, dark_variance[at(c)], out)));
+    const auto& levels = series.levels[as_index(c)];
+    fits.push_back(
+        fit_photon_transfer(levels, dark_point(c, geometry, dark_variance[as_index(c)], out)));
     append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
   append_fits(fits, first.layout, out);

@@ -1,16 +1,11 @@
 #include "malus/calibrate/frame_components.h"
 
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 
 #include <cmath>
 
 namespace malus {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
-
 struct FrameAnalyzer::Sums {
   std::vector<double> group, column, square, mean;  ///< column: [cell row][col]; others by channel
 };
@@ -29,52 +24,52 @@ FrameAnalyzer::FrameAnalyzer(const MosaicGeometry& geometry, std::vector<double>
 }
 
 float FrameAnalyzer::pattern(int row, int col) const {
-  return !pattern_dn_ ? static_cast<float>(black_dn_[at(geometry_.channel(row, col))])
+  return !pattern_dn_ ? static_cast<float>(black_dn_[as_index(geometry_.channel(row, col))])
                       : (*pattern_dn_)(row, col);
 }
 
 FrameAnalyzer::Sums FrameAnalyzer::sum(View<const float> dn) const {
   const int channels = geometry_.channels(), cols = geometry_.cols();
   Sums s;
-  s.group.assign(at(geometry_.groups() * channels), 0.0);
-  s.column.assign(at(geometry_.cell_rows() * cols), 0.0);
-  s.square.assign(at(channels), 0.0);
-  s.mean.assign(at(channels), 0.0);
-  std::vector<float> value(at(cols));
+  s.group.assign(as_index(geometry_.groups() * channels), 0.0);
+  s.column.assign(as_index(geometry_.cell_rows() * cols), 0.0);
+  s.square.assign(as_index(channels), 0.0);
+  s.mean.assign(as_index(channels), 0.0);
+  std::vector<float> value(as_index(cols));
   for (int r = 0; r < geometry_.rows(); ++r) {
     const int phase = r % geometry_.cell_rows();
     const float* x = dn.row(r);
-    for (int col = 0; col < cols; ++col) value[at(col)] = x[col] - pattern(r, col);
-    double* column = &s.column[at(phase * cols)];
-    for (int col = 0; col < cols; ++col) column[col] += value[at(col)];
+    for (int col = 0; col < cols; ++col) value[as_index(col)] = x[col] - pattern(r, col);
+    double* column = &s.column[as_index(phase * cols)];
+    for (int col = 0; col < cols; ++col) column[col] += value[as_index(col)];
     for (int j = 0; j < geometry_.cell_cols(); ++j) {
       double total = 0.0, square = 0.0;
       for (int col = j; col < cols; col += geometry_.cell_cols()) {
-        const double v = value[at(col)];
+        const double v = value[as_index(col)];
         total += v;
         square += v * v;
       }
       const int c = geometry_.channel(r, j);
       s.group[geometry_.group_index(r / geometry_.row_group(), c)] += total;
-      s.square[at(c)] += square;
-      s.mean[at(c)] += total;
+      s.square[as_index(c)] += square;
+      s.mean[as_index(c)] += total;
     }
   }
   for (int c = 0; c < channels; ++c)
-    s.mean[at(c)] /= static_cast<double>(geometry_.channel_pixels(c));
+    s.mean[as_index(c)] /= static_cast<double>(geometry_.channel_pixels(c));
   return s;
 }
 
 FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
   const Sums s = sum(dn);
-  const auto channels = at(geometry_.channels());
+  const auto channels = as_index(geometry_.channels());
   FrameComponents out;
   out.mean_dn.resize(channels);
   out.pixel_variance_dn2.resize(channels);
   out.row_variance_dn2.resize(channels);
   out.column_variance_dn2.resize(channels);
   for (int c = 0; c < geometry_.channels(); ++c) {
-    const double mean = s.mean[at(c)];
+    const double mean = s.mean[as_index(c)];
     const auto pixels = static_cast<double>(geometry_.channel_pixels(c));
     const int rows = geometry_.channel_rows(c), columns = geometry_.channel_cols(c);
     double group_square = 0, column_square = 0, inverse_count = 0;
@@ -87,7 +82,7 @@ FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
       group_square += n * d * d;
       inverse_count += 1.0 / n;
     }
-    const double* column = &s.column[at(c / geometry_.cell_cols() * geometry_.cols())];
+    const double* column = &s.column[as_index(c / geometry_.cell_cols() * geometry_.cols())];
     for (int col = c % geometry_.cell_cols(); col < geometry_.cols();
          col += geometry_.cell_cols()) {
       const double d = column[col] / rows - mean;
@@ -95,12 +90,13 @@ FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
       column_square += rows * d * d;
     }
     const auto groups = static_cast<double>(group_means.count());
-    const double left = s.square[at(c)] - pixels * mean * mean - group_square - column_square;
+    const double left = s.square[as_index(c)] - pixels * mean * mean - group_square - column_square;
     const double pixel = left / (pixels - groups - (columns - 1));
-    out.pixel_variance_dn2[at(c)] = pixel / kept_;
-    out.row_variance_dn2[at(c)] = (group_means.variance() - pixel * inverse_count / groups) / kept_;
-    out.column_variance_dn2[at(c)] = (column_means.variance() - pixel / rows) / kept_;
-    out.mean_dn[at(c)] = mean + pattern_mean_dn_[at(c)] - black_dn_[at(c)];
+    out.pixel_variance_dn2[as_index(c)] = pixel / kept_;
+    out.row_variance_dn2[as_index(c)] =
+        (group_means.variance() - pixel * inverse_count / groups) / kept_;
+    out.column_variance_dn2[as_index(c)] = (column_means.variance() - pixel / rows) / kept_;
+    out.mean_dn[as_index(c)] = mean + pattern_mean_dn_[as_index(c)] - black_dn_[as_index(c)];
   }
   for (int g = 0; g < geometry_.groups(); ++g) {
     double sum = 0;
@@ -119,7 +115,7 @@ FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
 void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
                                     FrameComponents& out) const {
   constexpr std::size_t kDenseCells = 512;
-  const auto channels = at(geometry_.channels());
+  const auto channels = as_index(geometry_.channels());
   std::vector<std::vector<std::uint32_t>> dense(channels,
                                                 std::vector<std::uint32_t>(kDenseCells, 0));
   std::vector<std::vector<std::int32_t>> beyond(channels);
@@ -130,13 +126,14 @@ void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
       const int n = geometry_.group_pixels(r / geometry_.row_group(), c);
       const auto mean = static_cast<float>(sums.group[index] / n);
       // About the mean of the others: independent of the pixel's own noise.
-      const auto to_cells = static_cast<float>(1.0 / (cell_dn_[at(c)] * (1.0 - 1.0 / n) * kept_));
+      const auto to_cells =
+          static_cast<float>(1.0 / (cell_dn_[as_index(c)] * (1.0 - 1.0 / n) * kept_));
       for (int col = j; col < geometry_.cols(); col += geometry_.cell_cols()) {
         const float cells = std::abs(dn(r, col) - pattern(r, col) - mean) * to_cells;
         if (cells < static_cast<float>(kDenseCells))
-          ++dense[at(c)][static_cast<std::size_t>(cells)];
+          ++dense[as_index(c)][static_cast<std::size_t>(cells)];
         else
-          beyond[at(c)].push_back(static_cast<std::int32_t>(std::min(cells, 1e9F)));
+          beyond[as_index(c)].push_back(static_cast<std::int32_t>(std::min(cells, 1e9F)));
       }
     }
   for (std::size_t c = 0; c < channels; ++c) {
@@ -149,15 +146,15 @@ void FrameAnalyzer::add_row_covariance(const Sums& sums, const FrameComponents& 
   const int channels = geometry_.channels();
   ++analyzed_;
   for (int a = 0; a < channels; ++a) {
-    row_products_(a, a) += components.row_variance_dn2[at(a)];
+    row_products_(a, a) += components.row_variance_dn2[as_index(a)];
     for (int b = 0; b < a; ++b) {
       double product = 0.0;
       int groups = 0;
       for (int g = 0; g < geometry_.groups(); ++g) {
         const int na = geometry_.group_pixels(g, a), nb = geometry_.group_pixels(g, b);
         if (na == 0 || nb == 0) continue;
-        product += (sums.group[geometry_.group_index(g, a)] / na - sums.mean[at(a)]) *
-                   (sums.group[geometry_.group_index(g, b)] / nb - sums.mean[at(b)]);
+        product += (sums.group[geometry_.group_index(g, a)] / na - sums.mean[as_index(a)]) *
+                   (sums.group[geometry_.group_index(g, b)] / nb - sums.mean[as_index(b)]);
         ++groups;
       }
       if (groups < 2) continue;

@@ -1,6 +1,7 @@
 #include "malus/calibrate/level_histograms.h"
 
 #include "malus/base/error.h"
+#include "malus/base/index.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,8 +12,6 @@ namespace {
 
 constexpr double kBinsPerDeviation = 6.0, kReachedDeviations = 7.0;
 constexpr int kBorrowedLevels = 2;
-
-std::size_t at(std::ptrdiff_t i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
@@ -89,7 +88,7 @@ std::vector<double> without_row_noise(const std::vector<double>& counts, double 
     for (std::ptrdiff_t i = 0; i < n; ++i)
       for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(i - reach, 0);
            j <= std::min(i + reach, n - 1); ++j)
-        out[at(i)] += kernel[at(j - i + reach)] * p[at(j)];
+        out[as_index(i)] += kernel[as_index(j - i + reach)] * p[as_index(j)];
     return out;
   };
   std::vector<double> p = observed;
@@ -107,7 +106,7 @@ std::vector<double> without_row_noise(const std::vector<double>& counts, double 
 
 LevelHistograms::LevelHistograms(std::vector<double> edges_dn, double step_dn, double range_dn)
     : edges_(std::move(edges_dn)),
-      levels_(at(static_cast<std::ptrdiff_t>(range_dn / step_dn) + 2)),
+      levels_(as_index(static_cast<std::ptrdiff_t>(range_dn / step_dn) + 2)),
       counts_(levels_.size() * (edges_.size() - 1), 0),
       step_dn_(step_dn) {}
 
@@ -118,7 +117,7 @@ void LevelHistograms::add(double signal_dn, double noise_dn) {
   const auto above = std::upper_bound(edges_.begin(), edges_.end(), noise_dn);
   const auto bin = std::clamp<std::ptrdiff_t>(above - edges_.begin() - 1, 0,
                                               static_cast<std::ptrdiff_t>(edges_.size()) - 2);
-  ++counts_[level * (edges_.size() - 1) + at(bin)];
+  ++counts_[level * (edges_.size() - 1) + as_index(bin)];
   ++levels_[level].count;
   levels_[level].signal_sum += signal_dn;
   lowest_ = std::min(lowest_, noise_dn);
@@ -157,21 +156,21 @@ LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
   }
   const auto count = static_cast<std::ptrdiff_t>(levels_.size());
   for (std::ptrdiff_t l = 0; l < count; ++l) {
-    if (levels_[at(l)].count == 0) continue;
+    if (levels_[as_index(l)].count == 0) continue;
     Level pooled;
     std::ptrdiff_t radius = 0;
     for (; radius <= kBorrowedLevels; ++radius) {
       for (const std::ptrdiff_t i : {l - radius, l + radius}) {
         if (i < 0 || i >= count || (i == l && pooled.count > 0)) continue;
-        pooled.count += levels_[at(i)].count;
-        pooled.signal_sum += levels_[at(i)].signal_sum;
+        pooled.count += levels_[as_index(i)].count;
+        pooled.signal_sum += levels_[as_index(i)].signal_sum;
       }
       if (pooled.count >= wanted) break;
     }
     radius = std::min<std::ptrdiff_t>(radius, kBorrowedLevels);
     if (pooled.count * 10 < wanted) {
       ++out.refused_levels;
-      out.refused_samples += levels_[at(l)].count;
+      out.refused_samples += levels_[as_index(l)].count;
       continue;
     }
     const double centre = pooled.signal_sum / static_cast<double>(pooled.count);
@@ -180,7 +179,7 @@ LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
     std::vector<double> pmf(bins, 0.0);
     for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(l - radius, 0);
          i <= std::min(l + radius, count - 1); ++i)
-      for (std::size_t b = 0; b < bins; ++b) pmf[b] += counts_[at(i) * bins + b];
+      for (std::size_t b = 0; b < bins; ++b) pmf[b] += counts_[as_index(i) * bins + b];
     for (double& p : pmf) p /= static_cast<double>(pooled.count);
     out.channel.level_dn.push_back(centre);
     out.channel.samples.push_back(pooled.count);

@@ -1,6 +1,7 @@
 #include "malus/calibrate/nonparametric_calibration.h"
 
 #include "malus/base/error.h"
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/level_histograms.h"
@@ -15,8 +16,6 @@
 
 namespace malus {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // First pass over one source: what a noiseless frame would be, in DN above dark.
 struct CleanFrame {
@@ -84,11 +83,11 @@ void measure_range(const TemporalAccumulator& temporal, const MosaicGeometry& ge
       squares += light_and_squares[static_cast<std::size_t>(i)].second;
     }
     const auto n = static_cast<double>(darkest);
-    const double dark = squares / n / (temporal.frames() - 1.0), all = variance[at(channel)];
-    const double rise = clean.frame_mean_dn[at(channel)] - light / n;
+    const double dark = squares / n / (temporal.frames() - 1.0), all = variance[as_index(channel)];
+    const double rise = clean.frame_mean_dn[as_index(channel)] - light / n;
     clean.dark_variance_dn2.push_back(dark);
     // On a flat field there is no rise to see: all of the variance may be shot noise.
-    const double mean = std::max(clean.frame_mean_dn[at(channel)], 1e-6);
+    const double mean = std::max(clean.frame_mean_dn[as_index(channel)], 1e-6);
     clean.slope_dn.push_back(rise > 0.2 * mean && all > dark ? (all - dark) / rise : all / mean);
   }
 }
@@ -134,10 +133,10 @@ class LevelPass {
   }
   /// Variance of the group means seen minus what pixels explain: σ_b²; and its standard error.
   double row_variance_dn2(int channel) const {
-    return rows_[at(channel)].variance() - explained_[at(channel)].mean();
+    return rows_[as_index(channel)].variance() - explained_[as_index(channel)].mean();
   }
   double row_variance_error_dn2(int channel) const {
-    return rows_[at(channel)].variance_standard_error();
+    return rows_[as_index(channel)].variance_standard_error();
   }
   void reset_rows() {
     rows_.assign(dark_.size(), Moments());
@@ -151,7 +150,7 @@ class LevelPass {
     const int end = std::min(begin + geometry_.row_group(), geometry_.rows());
     const bool bias_frame = clean.frame_mean_dn.empty();
     for (int channel = 0; channel < geometry_.channels(); ++channel) {
-      const auto c = at(channel);
+      const auto c = as_index(channel);
       const int n = geometry_.group_pixels(group, channel);
       if (n < 2) continue;
       signal_.clear();
@@ -193,12 +192,12 @@ class DarkCodes {
       : geometry_(geometry), step_dn_(step_dn) {
     origin_dn_ = std::fmod(first.dn(0, 0), step_dn);
     const auto codes = static_cast<std::size_t>(first.white_dn / step_dn) + 2;
-    counts_.assign(at(geometry.channels()), std::vector<double>(codes, 0.0));
+    counts_.assign(as_index(geometry.channels()), std::vector<double>(codes, 0.0));
   }
   void add(View<const float> dn) {
     for (int r = 0; r < dn.rows(); ++r)
       for (int c = 0; c < dn.cols(); ++c) {
-        auto& counts = counts_[at(geometry_.channel(r, c))];
+        auto& counts = counts_[as_index(geometry_.channel(r, c))];
         const double code = std::clamp(std::round((dn(r, c) - origin_dn_) / step_dn_), 0.0,
                                        static_cast<double>(counts.size() - 1));
         counts[static_cast<std::size_t>(code)] += 1.0;
@@ -209,7 +208,7 @@ class DarkCodes {
   CodeGrid grid(double black_dn) const { return {step_dn_, origin_dn_ - black_dn}; }
   /// Counts from the first code that occurred to the last.
   std::vector<double> occurred(int channel, std::size_t& first_code) const {
-    const auto& counts = counts_[at(channel)];
+    const auto& counts = counts_[as_index(channel)];
     const auto used = [](double n) { return n > 0; };
     const auto begin = std::find_if(counts.begin(), counts.end(), used);
     const auto end = std::find_if(counts.rbegin(), counts.rend(), used).base();
@@ -313,7 +312,7 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
                                         int row_group, const CalibrationSettings& settings,
                                         Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  std::vector<double> bias(at(geometry.channels()), 0.0), dark = first.black_dn;
+  std::vector<double> bias(as_index(geometry.channels()), 0.0), dark = first.black_dn;
   if (physics) bias = physics->mu.mean;
   for (std::size_t c = 0; c < dark.size(); ++c) dark[c] += bias[c];
   NonparametricCalibration out;
@@ -345,8 +344,8 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
     if (light >= darkest) continue;
     darkest = light;
     for (int c = 0; c < geometry.channels(); ++c) {
-      row_variance[at(c)] = pass.row_variance_dn2(c);
-      row_error[at(c)] = pass.row_variance_error_dn2(c);
+      row_variance[as_index(c)] = pass.row_variance_dn2(c);
+      row_error[as_index(c)] = pass.row_variance_error_dn2(c);
     }
   }
   if (histograms.empty())

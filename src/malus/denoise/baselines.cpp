@@ -21,7 +21,7 @@ double estimated_deviation(const Image& plane) {
     for (int c = 0; c + 1 < plane.cols(); c += 2)
       detail.push_back(
           0.5 * std::abs(plane(r, c) - plane(r, c + 1) - plane(r + 1, c) + plane(r + 1, c + 1)));
-  return detail.empty() ? 0.0 : 1.4826 * median_of(std::move(detail));
+  return detail.empty() ? 0.0 : median_of(std::move(detail)) / kMedianOfNormal;
 }
 
 void filter_each(Planes& planes, const std::vector<float>& sigma, const Bm3dSettings& settings,

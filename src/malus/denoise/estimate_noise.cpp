@@ -28,9 +28,6 @@ struct Block {
   double variance = 0;  ///< from the diagonal second differences
 };
 
-// Median of squares of a standard normal: the robust variance's scale.
-constexpr double kMedianChiSquare = 0.45493642311957283;
-
 bool measure_block(View<const float> plane, int row, int col, double saturated_dn, Block& block) {
   constexpr int kCells = kBlock / 2;
   double sum = 0, coarse_sum = 0, coarse_squares = 0, squares = 0;

@@ -19,8 +19,6 @@ constexpr int kCellsPerAlignment = 65536;
 // which knows less of a stack than a pilot does.
 constexpr float kGuideAxesPrior = 10.0f;
 
-int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
-
 int reach_of(const internal::StackStage& stage, int period) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
   // far again.
@@ -126,8 +124,8 @@ Image smoothed(const internal::StackTile& noisy, const CellStatistics& statistic
   constexpr int kBand = 32;
   MALUS_REQUIRE(noisy.row0 % internal::kGuideStep == 0 && noisy.col0 % internal::kGuideStep == 0);
   const int last = from.rows() - kCell + 1;
-  const int first_band = floor_div(noisy.row0, kBand);
-  const int bands = floor_div(noisy.row0 + last - 1, kBand) - first_band + 1;
+  const int first_band = internal::floor_div(noisy.row0, kBand);
+  const int bands = internal::floor_div(noisy.row0 + last - 1, kBand) - first_band + 1;
   for (int parity = 0; parity < 2; ++parity)
     parallel_for(0, bands, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (int b = first_band + static_cast<int>(begin); b < first_band + static_cast<int>(end);
@@ -201,7 +199,7 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
 
 int folded(int position, int size, int period) {
   if (position >= 0 && position < size) return position;
-  const int cell = floor_div(position, period);
+  const int cell = internal::floor_div(position, period);
   const int phase = position - cell * period;
   const int count = (size - phase + period - 1) / period;
   if (phase >= size || count <= 0)

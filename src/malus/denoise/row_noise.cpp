@@ -13,8 +13,8 @@
 namespace malus {
 namespace {
 
-constexpr int kSegments = 16;  // a row's own spread is judged between so many parts of it
-constexpr double kClip = 3.0;  // deviations at which a pixel's influence ends
+constexpr int kSegments = 16;          // a row's own spread is judged between so many parts of it
+constexpr double kInfluenceEnd = 3.0;  // deviations at which a pixel's influence ends
 constexpr double kOutlierFreedom =
     4.0;  // of Student's law for rows that the picture explains better
 constexpr int kReweightings = 4;
@@ -23,7 +23,6 @@ constexpr int kReweightings = 4;
 constexpr int kDistances[] = {1, 2, 4};
 // The comparisons of one row share its noise: together they are worth less than their number.
 constexpr double kShared = 2.0;
-constexpr double kMedianOfNormal = 0.67448975019608171;  // of the absolute value
 constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated from a picture
 // Offsets that deviate by more than this, in units of the model's, are not the camera's alone: a
 // warmer camera's rows may well be half as strong again. Only so many groups tell.
@@ -61,7 +60,7 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
     if (!(sigma > 0) || !(top < limit) || !std::isfinite(above[c] + here[c] + below[c])) continue;
     const double mean = (static_cast<double>(above[c]) + here[c] + below[c]) / 3.0;
     const double variance = 1.5 * (channel.variance(mean) + sigma * sigma);
-    const double bound = kClip * std::sqrt(variance);
+    const double bound = kInfluenceEnd * std::sqrt(variance);
     const double difference =
         std::clamp(here[c] - 0.5 * (static_cast<double>(above[c]) + below[c]), -bound, bound);
     SegmentSum& part = parts[static_cast<std::ptrdiff_t>(c) * kSegments / dn.cols()];

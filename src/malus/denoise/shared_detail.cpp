@@ -11,22 +11,22 @@
 namespace malus {
 namespace {
 
-constexpr int kBlock = 8, kDetails = kBlock * kBlock / 4;
-constexpr std::size_t kLeastBlocks = 64;
+constexpr int kDetailBlock = 8, kDetails = kDetailBlock * kDetailBlock / 4;
+constexpr std::size_t kLeastDetailBlocks = 64;
 constexpr int kMostBlocks = 1 << 14;  // of a large frame, spread evenly: memory stays bounded
-constexpr double kSmoothShare = 0.4;
-constexpr double kClip = 4.0;  // robust deviations: an edge must not decide alone
+constexpr double kSmoothestShare = 0.4;
+constexpr double kEdgeClip = 4.0;  // robust deviations: an edge must not decide alone
 
-struct Block {
+struct DetailBlock {
   double texture = 0;           // variance of the means of 2x2 pixels over their squared mean
   std::vector<double> details;  // [channel][kDetails]
 };
 
 // False where a pixel does not count.
-bool measure(const Image& plane, int row, int col, double saturated_dn, Block& block) {
+bool measure(const Image& plane, int row, int col, double saturated_dn, DetailBlock& block) {
   Moments coarse;
-  for (int r = row; r < row + kBlock; r += 2)
-    for (int c = col; c < col + kBlock; c += 2) {
+  for (int r = row; r < row + kDetailBlock; r += 2)
+    for (int c = col; c < col + kDetailBlock; c += 2) {
       const double values[4] = {plane(r, c), plane(r, c + 1), plane(r + 1, c), plane(r + 1, c + 1)};
       for (const double v : values)
         if (!std::isfinite(v) || v >= saturated_dn) return false;
@@ -37,21 +37,22 @@ bool measure(const Image& plane, int row, int col, double saturated_dn, Block& b
   return true;
 }
 
-std::vector<Block> smoothest_blocks(const Planes& planes, double saturated_dn) {
-  const int across = planes.cols() / kBlock, all = planes.rows() / kBlock * across,
+std::vector<DetailBlock> smoothest_blocks(const Planes& planes, double saturated_dn) {
+  const int across = planes.cols() / kDetailBlock, all = planes.rows() / kDetailBlock * across,
             stride = (all + kMostBlocks - 1) / kMostBlocks;
-  std::vector<Block> blocks;
+  std::vector<DetailBlock> blocks;
   for (int i = 0; i < all; i += stride) {
-    const int r = i / across * kBlock, c = i % across * kBlock;
-    Block block;
+    const int r = i / across * kDetailBlock, c = i % across * kDetailBlock;
+    DetailBlock block;
     if (std::all_of(planes.begin(), planes.end(),
                     [&](const Image& plane) { return measure(plane, r, c, saturated_dn, block); }))
       blocks.push_back(std::move(block));
   }
-  std::stable_sort(blocks.begin(), blocks.end(),
-                   [](const Block& a, const Block& b) { return a.texture < b.texture; });
-  if (blocks.size() >= kLeastBlocks)
-    blocks.resize(static_cast<std::size_t>(kSmoothShare * static_cast<double>(blocks.size())));
+  std::stable_sort(blocks.begin(), blocks.end(), [](const DetailBlock& a, const DetailBlock& b) {
+    return a.texture < b.texture;
+  });
+  if (blocks.size() >= kLeastDetailBlocks)
+    blocks.resize(static_cast<std::size_t>(kSmoothestShare * static_cast<double>(blocks.size())));
   else
     blocks.clear();
   return blocks;
@@ -62,7 +63,7 @@ std::vector<Block> smoothest_blocks(const Planes& planes, double saturated_dn) {
 double shared_detail(const Planes& planes, double saturated_dn) {
   const int channels = planes.channels();
   if (channels < 2) return 0.0;
-  const std::vector<Block> blocks = smoothest_blocks(planes, saturated_dn);
+  const std::vector<DetailBlock> blocks = smoothest_blocks(planes, saturated_dn);
   const auto samples = static_cast<Eigen::Index>(blocks.size()) * kDetails;
   if (samples <= 2 * channels) return 0.0;
   Eigen::MatrixXd details(samples, channels);
@@ -74,7 +75,7 @@ double shared_detail(const Planes& planes, double saturated_dn) {
         details(static_cast<Eigen::Index>(b) * kDetails + i, k) = d;
         size.push_back(std::abs(d));
       }
-    const double bound = kClip * 1.4826 * median_of(std::move(size));
+    const double bound = kEdgeClip * median_of(std::move(size)) / kMedianOfNormal;
     if (!(bound > 0)) return 0.0;
     details.col(k) = details.col(k).cwiseMax(-bound).cwiseMin(bound) / bound;
   }

@@ -46,8 +46,6 @@ std::vector<CellVector> kaiser_cells(int side) {
   return window;
 }
 
-int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
-
 // Positions of references along one axis, in tile coordinates: [begin, end) stepping by step.
 struct Range {
   int begin, end;

@@ -12,8 +12,7 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 32;
-constexpr int kWindow = 11, kReach = kWindow / 2;
+constexpr int kWindow = 11, kWindowReach = kWindow / 2;
 
 const std::array<double, kWindow>& gaussian_window() {
   static const std::array<double, kWindow> weights = [] {
@@ -21,7 +20,7 @@ const std::array<double, kWindow>& gaussian_window() {
     std::array<double, kWindow> w{};
     double sum = 0;
     for (int i = 0; i < kWindow; ++i) {
-      const double x = (i - kReach) / kSigma;
+      const double x = (i - kWindowReach) / kSigma;
       sum += w[static_cast<std::size_t>(i)] = std::exp(-0.5 * x * x);
     }
     for (double& v : w) v /= sum;
@@ -62,17 +61,17 @@ Mean ssim_row(View<const float> reference, View<const float> test, int row, doub
   for (int c = 0; c < reference.cols(); ++c) {
     LocalMoments column;
     for (int k = 0; k < kWindow; ++k) {
-      const double a = reference(row - kReach + k, c), b = test(row - kReach + k, c);
+      const double a = reference(row - kWindowReach + k, c), b = test(row - kWindowReach + k, c);
       column.add(weights[static_cast<std::size_t>(k)], {a, b, a * a, b * b, a * b});
     }
     columns[static_cast<std::size_t>(c)] = column;
   }
   Mean mean;
-  for (int c = kReach; c + kReach < reference.cols(); ++c) {
+  for (int c = kWindowReach; c + kWindowReach < reference.cols(); ++c) {
     LocalMoments window;
     for (int k = 0; k < kWindow; ++k)
       window.add(weights[static_cast<std::size_t>(k)],
-                 columns[static_cast<std::size_t>(c - kReach + k)]);
+                 columns[static_cast<std::size_t>(c - kWindowReach + k)]);
     const double value = ssim_of(window, peak);
     if (!std::isfinite(value)) continue;
     mean.sum += value;
@@ -128,7 +127,7 @@ Estimate<double> ssim(View<const float> reference, View<const float> test, doubl
     return Undecided{fmt::format("{}x{} pixels are fewer than the window's {}x{}", cols, rows,
                                  kWindow, kWindow)};
   const Mean mean = parallel_reduce(
-      kReach, rows - kReach, kRowsPerTask, Mean{},
+      kWindowReach, rows - kWindowReach, kRowsPerTask, Mean{},
       [&](std::ptrdiff_t first, std::ptrdiff_t last) {
         std::vector<LocalMoments> columns(static_cast<std::size_t>(cols));
         Mean part;

@@ -130,14 +130,14 @@ Levels levels_of(const Image& signal, int count) {
 }
 
 // The last entry gathers all samples.
-struct LevelMoments {
+struct MomentsByLevel {
   std::vector<Moments> noise;
   Moments signal;
   bool whole_numbers = true;
 };
 
-LevelMoments moments_of(const Image& noise, const Image& signal, const Levels& levels) {
-  LevelMoments result;
+MomentsByLevel moments_of(const Image& noise, const Image& signal, const Levels& levels) {
+  MomentsByLevel result;
   result.noise.resize(static_cast<std::size_t>(levels.count) + 1);
   for (std::size_t i = 0; i < noise.size(); ++i) {
     const double x = noise.values()[i], s = signal.empty() ? 0.0 : signal.values()[i];
@@ -188,7 +188,7 @@ std::vector<Counts> histograms_of(const NoiseSource& source, const Levels& level
   return counts;
 }
 
-std::int64_t total(const Counts& counts) {
+std::int64_t samples_in(const Counts& counts) {
   std::int64_t sum = 0;
   for (std::int64_t n : counts) sum += n;
   return sum;
@@ -199,8 +199,8 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
   const double jsd = *jsd_bits(reference, test);
   return {signal_dn,
           bins.width,
-          total(reference),
-          total(test),
+          samples_in(reference),
+          samples_in(test),
           *kld_nats(test, reference),
           jsd,
           std::sqrt(jsd),
@@ -222,8 +222,8 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
                                  first_b.rows(), first_a.cols(), first_a.rows()),
                      "compare frames of one size");
   const Levels levels = clean_dn || pattern ? levels_of(a.signal(), settings.levels) : Levels{};
-  const LevelMoments moments_a = moments_of(first_a, a.signal(), levels);
-  const LevelMoments moments_b = moments_of(first_b, b.signal(), levels);
+  const MomentsByLevel moments_a = moments_of(first_a, a.signal(), levels);
+  const MomentsByLevel moments_b = moments_of(first_b, b.signal(), levels);
   if (moments_a.signal.count() < 2 || moments_b.signal.count() < 2)
     throw InputError("the frames", "hold no finite pixels", "check what was written into them");
   const bool whole = moments_a.whole_numbers && moments_b.whole_numbers;
@@ -241,7 +241,7 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   const bool uniform = a.signal().empty();  // one level, the same as pooled
   for (int i = 0; i < levels.count && !uniform; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    if (total(counts_a[k]) < kEnoughSamples || total(counts_b[k]) < kEnoughSamples ||
+    if (samples_in(counts_a[k]) < kEnoughSamples || samples_in(counts_b[k]) < kEnoughSamples ||
         bins[k].count < 2)
       ++result.levels_left_out;
     else

@@ -13,8 +13,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 64;
-
 struct Spread {
   double mean = 0, variance = 0, row_variance = 0, column_variance = 0;
 };

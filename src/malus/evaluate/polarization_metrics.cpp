@@ -9,8 +9,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 32;
-
 bool finite(const Stokes& s) {
   return std::isfinite(s.s0) && std::isfinite(s.s1) && std::isfinite(s.s2);
 }

@@ -1,5 +1,6 @@
 #include "malus/image/frame_statistics.h"
 
+#include "malus/base/statistics.h"
 #include "malus/image/pack.h"
 
 #include <algorithm>
@@ -111,8 +112,7 @@ Estimate<double> noise_guess(View<const float> plane, double white_dn) {
   if (static_cast<int>(responses.size()) < kMinResponses)
     return Undecided{
         fmt::format("{} pixels to judge from, {} are needed", responses.size(), kMinResponses)};
-  constexpr double kMadToDeviation = 1.4826;
-  const double deviation = kMadToDeviation * grouped_median(responses);
+  const double deviation = grouped_median(responses) / kMedianOfNormal;
   if (responses[responses.size() / 2] == 0)
     return Undecided{"most neighbours are equal: the noise lies below the steps of the data"};
   return deviation;

@@ -29,8 +29,8 @@ std::vector<ChannelSummary> summarize(const RawFrame& frame);
 /// hold.
 std::string level_complaint(const RawFrame& frame);
 
-/// Noise of one channel's plane from a single frame, in its own unit: 1.4826 MAD of the response to
-/// the 3x3 mask [1 -2 1; -2 4 -2; 1 -2 1] / 6, which ignores planes and straight horizontal or
+/// Noise of one channel's plane from a single frame, in its own unit: MAD / 0.6745 of the response
+/// to the 3x3 mask [1 -2 1; -2 4 -2; 1 -2 1] / 6, which ignores planes and straight horizontal or
 /// vertical edges (Immerkær, "Fast noise variance estimation", CVIU 64(2), 1996), over the flatter
 /// half of the 8x8 blocks. Includes fixed-pattern noise; texture in every block still raises it.
 /// Pixels >= white or not finite are left out. Undecided below 256 usable responses, and where most

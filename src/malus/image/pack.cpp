@@ -7,8 +7,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 32;
-
 // Mosaic coordinate of a packed sample, moved back by whole cells (else clamped) where it falls
 // outside.
 int inside(int position, int size, int cell) {

@@ -4,6 +4,7 @@
 #include "malus/io/internal/decoded.h"
 
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <system_error>
@@ -16,13 +17,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-struct CloseFile {
-  void operator()(std::FILE* file) const { std::fclose(file); }
-};
-using File = std::unique_ptr<std::FILE, CloseFile>;
-
-File open_file(const fs::path& path) {
-  File file(std::fopen(path.c_str(), "rb"));
+OpenFile open_file(const fs::path& path) {
+  OpenFile file(std::fopen(path.c_str(), "rb"));
   if (!file)
     throw InputError(path.string(), fmt::format("cannot be opened: {}", std::strerror(errno)),
                      "check its permissions");
@@ -52,7 +48,7 @@ std::uintmax_t require_file(const fs::path& path) {
 
 std::vector<std::uint8_t> read_bytes(const fs::path& path, std::uintmax_t limit) {
   const std::uintmax_t size = std::min(require_file(path), limit);
-  const File file = open_file(path);
+  const OpenFile file = open_file(path);
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
   if (std::fread(bytes.data(), 1, bytes.size(), file.get()) != bytes.size())
     throw InputError(path.string(), fmt::format("cannot be read: {}", std::strerror(errno)),
@@ -70,6 +66,13 @@ void check_picture_size(const fs::path& path, std::int64_t rows, std::int64_t co
     throw InputError(path.string(),
                      fmt::format("it declares {}, more than {} values", text, kMaxPixels),
                      "crop it, or check that the file is whole");
+}
+
+void require_exact(const fs::path& path, double whole) {
+  constexpr double kMaxExact = 16777216.0;  // float holds every integer up to here
+  if (std::abs(whole) > kMaxExact)
+    throw InputError(path.string(), fmt::format("it holds the integer {:.0f}, above 2^24", whole),
+                     "scale it down or store it as float");
 }
 
 }  // namespace malus::internal

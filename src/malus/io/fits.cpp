@@ -16,11 +16,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kCard = 80, kBlock = 2880;
-constexpr std::size_t kMaxHeader = kBlock * 1024;
-constexpr double kMaxExact = 16777216.0;  // float holds every integer up to here
+constexpr std::size_t kCard = 80, kFitsBlock = 2880;
+constexpr std::size_t kMaxFitsHeader = kFitsBlock * 1024;
 
-[[noreturn]] void damaged(const fs::path& path, std::string_view problem) {
+[[noreturn]] void damaged_fits(const fs::path& path, std::string_view problem) {
   throw InputError(path.string(), fmt::format("is not a usable FITS image: {}", problem),
                    "save it again as a plain 2-D FITS image");
 }
@@ -52,13 +51,13 @@ std::string card_value(std::string_view field) {
 Header parse_header(Bytes bytes, const fs::path& path) {
   Header header;
   for (std::size_t at = 0;; at += kCard) {
-    if (at + kCard > bytes.size() || at > kMaxHeader)
-      damaged(path, "its header is cut off (no END card)");
+    if (at + kCard > bytes.size() || at > kMaxFitsHeader)
+      damaged_fits(path, "its header is cut off (no END card)");
     const std::string_view card(reinterpret_cast<const char*>(bytes.data()) + at, kCard);
     const std::string_view keyword = trimmed(card.substr(0, 8));
-    if (at == 0 && keyword != "SIMPLE") damaged(path, "it does not begin with SIMPLE");
+    if (at == 0 && keyword != "SIMPLE") damaged_fits(path, "it does not begin with SIMPLE");
     if (keyword == "END") {
-      header.data_offset = (at + kCard + kBlock - 1) / kBlock * kBlock;
+      header.data_offset = (at + kCard + kFitsBlock - 1) / kFitsBlock * kFitsBlock;
       return header;
     }
     if (keyword == "COMMENT")
@@ -84,7 +83,7 @@ std::optional<double> number(const Header& header, std::string_view key) {
 std::int64_t required_integer(const Header& header, std::string_view key, const fs::path& path) {
   const auto value = number(header, key);
   if (!value || *value != std::floor(*value) || std::abs(*value) > 1e15)
-    damaged(path, fmt::format("{} is missing or not a whole number", key));
+    damaged_fits(path, fmt::format("{} is missing or not a whole number", key));
   return static_cast<std::int64_t>(*value);
 }
 
@@ -102,12 +101,12 @@ Layout picture_layout(const Header& header, const fs::path& path) {
   Layout layout;
   const std::int64_t bitpix = required_integer(header, "BITPIX", path);
   if (bitpix != 8 && bitpix != 16 && bitpix != 32 && bitpix != 64 && bitpix != -32 && bitpix != -64)
-    damaged(path, fmt::format("BITPIX {} does not exist", bitpix));
+    damaged_fits(path, fmt::format("BITPIX {} does not exist", bitpix));
   layout.bitpix = static_cast<int>(bitpix);
   const std::int64_t axes = required_integer(header, "NAXIS", path);
   if (axes != 2 && axes != 3)
-    damaged(path, axes == 0 ? "its first image is empty, and extensions are not read"
-                            : fmt::format("it has {} axes; a picture has 2 or 3", axes));
+    damaged_fits(path, axes == 0 ? "its first image is empty, and extensions are not read"
+                                 : fmt::format("it has {} axes; a picture has 2 or 3", axes));
   layout.cols = required_integer(header, "NAXIS1", path);
   layout.rows = required_integer(header, "NAXIS2", path);
   if (axes == 3) layout.channels = required_integer(header, "NAXIS3", path);
@@ -137,14 +136,15 @@ double stored(Bytes bytes, std::size_t offset, int bitpix) {
   }
 }
 
-void read_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, const fs::path& path,
-                 Decoded& decoded) {
+void decode_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, const fs::path& path,
+                   Decoded& decoded) {
   const std::size_t item = static_cast<std::size_t>(std::abs(layout.bitpix)) / 8;
   const std::size_t needed =
       static_cast<std::size_t>(layout.rows * layout.cols * layout.channels) * item;
   const std::size_t present = bytes.size() > data_offset ? bytes.size() - data_offset : 0;
   if (present < needed)
-    damaged(path, fmt::format("its size needs {} bytes of data, {} are there", needed, present));
+    damaged_fits(path,
+                 fmt::format("its size needs {} bytes of data, {} are there", needed, present));
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);
   std::size_t offset = data_offset;
   for (Image& plane : decoded.planes)
@@ -153,10 +153,7 @@ void read_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, con
       for (int c = 0; c < plane.cols(); ++c, offset += item) {
         const double raw = stored(bytes, offset, layout.bitpix);
         const double value = layout.zero + layout.scale * raw;
-        if (layout.whole() && std::abs(value) > kMaxExact)
-          throw InputError(path.string(),
-                           fmt::format("it holds the integer {:.0f}, above 2^24", value),
-                           "scale it down or store it as float");
+        if (layout.whole()) require_exact(path, value);
         row[c] = layout.blank && raw == *layout.blank ? std::numeric_limits<float>::quiet_NaN()
                                                       : static_cast<float>(value);
       }
@@ -187,13 +184,13 @@ Decoded parse_fits(Bytes bytes, const fs::path& path, bool pixels) {
   if (const auto camera = header.values.find("INSTRUME"); camera != header.values.end())
     decoded.camera = camera->second;
   decoded.description = header.comment;
-  if (pixels) read_pixels(bytes, layout, header.data_offset, path, decoded);
+  if (pixels) decode_pixels(bytes, layout, header.data_offset, path, decoded);
   return decoded;
 }
 
 Decoded read_fits(const fs::path& path, bool pixels) {
   if (pixels) return parse_fits(read_bytes(path), path);
-  return parse_fits(read_bytes(path, kMaxHeader + kBlock), path, false);
+  return parse_fits(read_bytes(path, kMaxFitsHeader + kFitsBlock), path, false);
 }
 
 namespace {
@@ -207,7 +204,7 @@ void append_big_endian(std::string& out, T value) {
 }
 
 void pad_block(std::string& out, char fill) {
-  out.append((kBlock - out.size() % kBlock) % kBlock, fill);
+  out.append((kFitsBlock - out.size() % kFitsBlock) % kFitsBlock, fill);
 }
 
 }  // namespace

@@ -18,11 +18,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kMagic = "\x93NUMPY";
-constexpr std::size_t kMaxHeader = std::size_t{1} << 20;
-// float holds every integer up to here
-constexpr double kMaxExact = 16777216.0;
+constexpr std::size_t kMaxNpyHeader = std::size_t{1} << 20;
 
-[[noreturn]] void damaged(const fs::path& path, std::string_view problem) {
+[[noreturn]] void damaged_npy(const fs::path& path, std::string_view problem) {
   throw InputError(path.string(), fmt::format("is not a usable .npy file: {}", problem),
                    "save it again with numpy.save");
 }
@@ -44,15 +42,16 @@ class HeaderText {
     return true;
   }
   void expect(std::string_view token) {
-    if (!accept(token)) damaged(path_, fmt::format("its header has no \"{}\" in place", token));
+    if (!accept(token)) damaged_npy(path_, fmt::format("its header has no \"{}\" in place", token));
   }
   std::string_view quoted() {
     skip_space();
     if (rest_.empty() || (rest_.front() != '\'' && rest_.front() != '"'))
-      damaged(path_, "its header has no text where one belongs (structured types are not read)");
+      damaged_npy(path_,
+                  "its header has no text where one belongs (structured types are not read)");
     const char quote = rest_.front();
     const auto end = rest_.find(quote, 1);
-    if (end == std::string_view::npos) damaged(path_, "its header is cut off");
+    if (end == std::string_view::npos) damaged_npy(path_, "its header is cut off");
     const std::string_view text = rest_.substr(1, end - 1);
     rest_.remove_prefix(end + 1);
     return text;
@@ -61,7 +60,7 @@ class HeaderText {
     skip_space();
     std::int64_t value = -1;
     const auto [end, error] = std::from_chars(rest_.data(), rest_.data() + rest_.size(), value);
-    if (error != std::errc() || value < 0) damaged(path_, "its shape is not made of numbers");
+    if (error != std::errc() || value < 0) damaged_npy(path_, "its shape is not made of numbers");
     rest_.remove_prefix(static_cast<std::size_t>(end - rest_.data()));
     return value;
   }
@@ -77,8 +76,8 @@ class HeaderText {
 
 void parse_type(std::string_view descr, NpyHeader& header, const fs::path& path) {
   const auto unsupported = [&] {
-    damaged(path,
-            fmt::format("it holds values of type {}; read are bool, integers and floats", descr));
+    damaged_npy(
+        path, fmt::format("it holds values of type {}; read are bool, integers and floats", descr));
   };
   if (descr.size() != 3) unsupported();
   const char order = descr[0];
@@ -97,7 +96,7 @@ std::vector<std::int64_t> parse_shape(HeaderText& text, const fs::path& path) {
   std::vector<std::int64_t> shape;
   text.expect("(");
   while (!text.accept(")")) {
-    if (shape.size() == 8) damaged(path, "its shape has too many axes");
+    if (shape.size() == 8) damaged_npy(path, "its shape has too many axes");
     shape.push_back(text.integer());
     if (!text.accept(",")) {
       text.expect(")");
@@ -126,7 +125,7 @@ NpyHeader parse_dictionary(std::string_view dictionary, const fs::path& path) {
       header.shape = parse_shape(text, path);
       has_shape = true;
     } else {
-      damaged(path, fmt::format("its header has an unknown key \"{}\"", key));
+      damaged_npy(path, fmt::format("its header has an unknown key \"{}\"", key));
     }
     if (!text.accept(",")) {
       text.expect("}");
@@ -134,7 +133,7 @@ NpyHeader parse_dictionary(std::string_view dictionary, const fs::path& path) {
     }
   }
   if (!has_type || !has_order || !has_shape || !text.done())
-    damaged(path, "its header lacks descr, fortran_order or shape, or has more");
+    damaged_npy(path, "its header lacks descr, fortran_order or shape, or has more");
   return header;
 }
 
@@ -182,8 +181,8 @@ struct Axes {
 Axes picture_axes(const NpyHeader& header, const fs::path& path) {
   const auto& shape = header.shape;
   if (shape.size() != 2 && shape.size() != 3)
-    damaged(path, fmt::format("its shape ({}) has {} axes; a picture has 2 or 3",
-                              fmt::join(shape, ", "), shape.size()));
+    damaged_npy(path, fmt::format("its shape ({}) has {} axes; a picture has 2 or 3",
+                                  fmt::join(shape, ", "), shape.size()));
   for (const std::int64_t extent : shape)
     if (extent > kMaxPixels) check_picture_size(path, extent, 1, 1);
   std::vector<std::int64_t> step(shape.size(), 1);
@@ -225,15 +224,16 @@ NpyHeader parse_npy_header(Bytes bytes, const fs::path& path) {
   if (bytes.size() < 10 ||
       !std::equal(kMagic.begin(), kMagic.end(), bytes.begin(),
                   [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; }))
-    damaged(path, "it does not begin as one");
+    damaged_npy(path, "it does not begin as one");
   const int version = bytes[6];
   if (version < 1 || version > 3)
-    damaged(path, fmt::format("format version {} is not known", version));
+    damaged_npy(path, fmt::format("format version {} is not known", version));
   const std::size_t prefix = version == 1 ? 10 : 12;
-  if (bytes.size() < prefix) damaged(path, "its header is cut off");
+  if (bytes.size() < prefix) damaged_npy(path, "its header is cut off");
   const std::size_t length = version == 1 ? load_number<std::uint16_t>(bytes, 8, false)
                                           : load_number<std::uint32_t>(bytes, 8, false);
-  if (length > kMaxHeader || length > bytes.size() - prefix) damaged(path, "its header is cut off");
+  if (length > kMaxNpyHeader || length > bytes.size() - prefix)
+    damaged_npy(path, "its header is cut off");
 
   NpyHeader header =
       parse_dictionary({reinterpret_cast<const char*>(bytes.data()) + prefix, length}, path);
@@ -248,8 +248,8 @@ Decoded parse_npy(Bytes bytes, const fs::path& path) {
   const std::size_t item_bytes = static_cast<std::size_t>(header.item_bytes);
   const std::size_t present = bytes.size() - header.data_offset;
   if (present != items * item_bytes)
-    damaged(path, fmt::format("its shape ({}) needs {} bytes, {} are there",
-                              fmt::join(header.shape, ", "), items * item_bytes, present));
+    damaged_npy(path, fmt::format("its shape ({}) needs {} bytes, {} are there",
+                                  fmt::join(header.shape, ", "), items * item_bytes, present));
   Decoded decoded = describe(header, axes);
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);
   const bool whole = header.kind != 'f';
@@ -260,10 +260,7 @@ Decoded parse_npy(Bytes bytes, const fs::path& path) {
       for (int c = 0; c < decoded.cols; ++c) {
         const auto index = static_cast<std::size_t>(first + c * axes.col_step);
         const double value = item(bytes, header.data_offset + index * item_bytes, header);
-        if (whole && std::abs(value) > kMaxExact)
-          throw InputError(path.string(),
-                           fmt::format("it holds the integer {:.0f}, above 2^24", value),
-                           "scale it down or store it as float");
+        if (whole) require_exact(path, value);
         row[c] = static_cast<float>(value);
       }
     }
@@ -272,7 +269,7 @@ Decoded parse_npy(Bytes bytes, const fs::path& path) {
 
 Decoded read_npy(const fs::path& path, bool pixels) {
   if (pixels) return parse_npy(read_bytes(path), path);
-  const auto head = read_bytes(path, kMaxHeader + 12);
+  const auto head = read_bytes(path, kMaxNpyHeader + 12);
   const NpyHeader header = parse_npy_header(head, path);
   return describe(header, picture_axes(header, path));
 }

@@ -282,10 +282,6 @@ void encode_to_device(const fs::path& path, const std::string& codec, const OIIO
   write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, true);
 }
 
-struct CloseFile {
-  void operator()(std::FILE* file) const { std::fclose(file); }
-};
-
 }  // namespace
 
 void write_picture(const fs::path& path, bool force, const std::string& codec, const Planes& planes,
@@ -297,7 +293,7 @@ void write_picture(const fs::path& path, bool force, const std::string& codec, c
   if (exposure_s && codec == "openexr")
     spec.attribute("ExposureTime", static_cast<float>(*exposure_s));
   if (file.temporary() == file.path()) return encode_to_device(path, codec, spec, planes, type);
-  std::unique_ptr<std::FILE, CloseFile> stream(std::fopen(file.temporary().c_str(), "wb"));
+  OpenFile stream(std::fopen(file.temporary().c_str(), "wb"));
   if (!stream) file.fail(std::strerror(errno));
   WatchedFile watched(stream.get());
   try {

@@ -31,9 +31,9 @@ const CrcTables& crc_tables() {
   return tables;
 }
 
-[[noreturn]] void damaged(const std::filesystem::path& path, std::string_view what) {
+[[noreturn]] void damaged_png(const std::filesystem::path& path, std::string_view what) {
   throw InputError(path.string(), fmt::format("the PNG file {}", what),
-                   "the file is damaged or cut off: copy or record it again");
+                   "the file is damaged_png or cut off: copy or record it again");
 }
 
 }  // namespace
@@ -56,29 +56,29 @@ void check_png(Bytes bytes, const std::filesystem::path& path) {
   constexpr std::array<std::uint8_t, 8> kSignature = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   if (bytes.size() < kSignature.size() ||
       !std::equal(kSignature.begin(), kSignature.end(), bytes.begin()))
-    damaged(path, "has a damaged signature");
+    damaged_png(path, "has a damaged_png signature");
   constexpr std::size_t kFrame = 12;  // length, type, checksum
   std::size_t at = kSignature.size();
   bool first = true, has_pixels = false;
   while (true) {
-    if (bytes.size() - at < kFrame) damaged(path, "ends before its IEND chunk");
+    if (bytes.size() - at < kFrame) damaged_png(path, "ends before its IEND chunk");
     const std::size_t length = load_number<std::uint32_t>(bytes, at, true);
     const std::string type(reinterpret_cast<const char*>(bytes.data()) + at + 4, 4);
     if (!std::all_of(type.begin(), type.end(),
                      [](unsigned char c) { return c < 0x80 && std::isalpha(c) != 0; }))
-      damaged(path, "has a chunk of no valid type");
+      damaged_png(path, "has a chunk of no valid type");
     if (length > bytes.size() - at - kFrame)
-      damaged(path, fmt::format("ends inside its {} chunk", type));
+      damaged_png(path, fmt::format("ends inside its {} chunk", type));
     const std::uint32_t stored = load_number<std::uint32_t>(bytes, at + 8 + length, true);
     if (crc32(bytes.subspan(at + 4, 4 + length)) != stored)
-      damaged(path, fmt::format("has a wrong checksum in its {} chunk", type));
-    if (first != (type == "IHDR")) damaged(path, "does not begin with one IHDR chunk");
+      damaged_png(path, fmt::format("has a wrong checksum in its {} chunk", type));
+    if (first != (type == "IHDR")) damaged_png(path, "does not begin with one IHDR chunk");
     first = false;
     has_pixels = has_pixels || type == "IDAT";
     if (type == "IEND") break;
     at += kFrame + length;
   }
-  if (!has_pixels) damaged(path, "has no pixels (no IDAT chunk)");
+  if (!has_pixels) damaged_png(path, "has no pixels (no IDAT chunk)");
 }
 
 }  // namespace malus::internal

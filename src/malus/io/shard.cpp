@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/io/internal/glob.h"
 #include "malus/io/internal/npy.h"
+#include "malus/io/internal/tar.h"
 
 #include <array>
 #include <cstring>
@@ -12,11 +13,11 @@
 namespace malus {
 namespace {
 
-constexpr std::size_t kBlock = 512;
+using internal::kTarBlock;
 
 // The ustar header (IEEE Std 1003.1-1988, "pax", Table 4-13): numbers are octal text.
 std::string header_of(std::string_view name, std::size_t size) {
-  std::string h(kBlock, '\0');
+  std::string h(kTarBlock, '\0');
   const auto put = [&h](std::size_t at, std::string_view text) {
     std::memcpy(h.data() + at, text.data(), text.size());
   };
@@ -63,12 +64,12 @@ void TarShard::add(std::string_view name, std::string_view content) {
   MALUS_REQUIRE(!name.empty() && name.size() <= 100 && content.size() < (std::size_t{1} << 33));
   write(header_of(name, content.size()));
   write(content);
-  const std::size_t rest = content.size() % kBlock;
-  if (rest > 0) write(std::string(kBlock - rest, '\0'));
+  const std::size_t rest = content.size() % kTarBlock;
+  if (rest > 0) write(std::string(kTarBlock - rest, '\0'));
 }
 
 void TarShard::commit() {
-  write(std::string(2 * kBlock, '\0'));
+  write(std::string(2 * kTarBlock, '\0'));
   stream_.close();
   if (!stream_) file_.fail();
   file_.commit();

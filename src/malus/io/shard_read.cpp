@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/internal/npy.h"
+#include "malus/io/internal/tar.h"
 
 #include <algorithm>
 #include <cstring>
@@ -12,7 +13,7 @@
 namespace malus {
 namespace {
 
-constexpr std::size_t kBlock = 512;
+using internal::kTarBlock;
 constexpr const char* kRemedy = "give a shard that malus dataset wrote";
 
 // Octal text of a ustar header field; a damaged one throws.
@@ -30,7 +31,7 @@ std::uint64_t octal(const std::string& header, std::size_t at, std::size_t lengt
 
 void check_header(const std::string& header, const std::filesystem::path& path) {
   std::uint64_t sum = 0;
-  for (std::size_t i = 0; i < kBlock; ++i)
+  for (std::size_t i = 0; i < kTarBlock; ++i)
     sum += i >= 148 && i < 156 ? ' ' : static_cast<unsigned char>(header[i]);
   if (header.compare(257, 5, "ustar") != 0 || octal(header, 148, 8, path) != sum)
     throw InputError(path.string(), "is not a tar archive or is damaged", kRemedy);
@@ -44,18 +45,18 @@ std::vector<ShardEntry> shard_entries(const std::filesystem::path& path) {
     throw InputError(path.string(), "cannot be read", "check the name and the rights");
   const auto total = static_cast<std::uint64_t>(in.tellg());
   std::vector<ShardEntry> entries;
-  std::string header(kBlock, '\0');
-  for (std::uint64_t at = 0; at + kBlock <= total;) {
+  std::string header(kTarBlock, '\0');
+  for (std::uint64_t at = 0; at + kTarBlock <= total;) {
     in.seekg(static_cast<std::streamoff>(at));
-    in.read(header.data(), kBlock);
+    in.read(header.data(), kTarBlock);
     if (std::all_of(header.begin(), header.end(), [](char c) { return c == '\0'; })) break;
     check_header(header, path);
     const std::uint64_t size = octal(header, 124, 12, path);
-    at += kBlock;
+    at += kTarBlock;
     if (size > total - at) throw InputError(path.string(), "is cut off", kRemedy);
     if (header[156] == '0' || header[156] == '\0')
       entries.push_back({std::string(header.c_str(), strnlen(header.c_str(), 100)), at, size});
-    at += (size + kBlock - 1) / kBlock * kBlock;
+    at += (size + kTarBlock - 1) / kTarBlock * kTarBlock;
   }
   return entries;
 }

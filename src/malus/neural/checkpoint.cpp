@@ -9,8 +9,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kKey = "malus_checkpoint";
-constexpr const char* kRemedy = "start again without --resume";
+constexpr const char* kCheckpointKey = "malus_checkpoint";
+constexpr const char* kStartAgain = "start again without --resume";
 
 // Every tensor of the state under its name in the file.
 template <class Visit>
@@ -47,12 +47,11 @@ void save_checkpoint(const TrainingState& state, const Json& description,
   for_each_tensor(copy, [&](const std::string& name, const torch::Tensor& tensor) {
     file.tensors[name] = from_torch(tensor.detach().cpu());
   });
-  file.metadata[kKey] = Json{
+  file.metadata[kCheckpointKey] = Json{
       {"step", state.step},
       {"best_score_db", state.best_score_db},
       {"seconds", state.seconds},
-      {"description",
-       description}}.dump();
+      {"description", description}}.dump();
   save_tensor_file(file, path);
 }
 
@@ -60,8 +59,9 @@ void load_checkpoint(TrainingState& state, const Json& description,
                      const std::filesystem::path& path) {
   const torch::NoGradGuard no_gradients;
   const TensorFile file = load_tensor_file(path);
-  const auto found = file.metadata.find(kKey);
-  if (found == file.metadata.end()) throw InputError(path.string(), "is not a checkpoint", kRemedy);
+  const auto found = file.metadata.find(kCheckpointKey);
+  if (found == file.metadata.end())
+    throw InputError(path.string(), "is not a checkpoint", kStartAgain);
   try {
     const Json facts = Json::parse(found->second);
     Json stored = facts.at("description");
@@ -77,13 +77,13 @@ void load_checkpoint(TrainingState& state, const Json& description,
     state.best_score_db = facts.at("best_score_db").get<double>();
     state.seconds = facts.at("seconds").get<double>();
   } catch (const Json::exception& error) {
-    throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()), kRemedy);
+    throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()), kStartAgain);
   }
   for_each_tensor(state, [&](const std::string& name, torch::Tensor& tensor) {
     const auto stored = file.tensors.find(name);
     if (stored == file.tensors.end() || torch::IntArrayRef(stored->second.shape) != tensor.sizes())
       throw InputError(path.string(), fmt::format("lacks \"{}\" or its size differs", name),
-                       kRemedy);
+                       kStartAgain);
     tensor.copy_(to_torch(stored->second));
   });
 }

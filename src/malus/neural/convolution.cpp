@@ -1,6 +1,7 @@
 #include "malus/neural/internal/convolution.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/internal/tasks.h"
 
 #include <algorithm>
 #include <cstring>
@@ -11,7 +12,7 @@ namespace {
 // Columns of a piece, most rows, and how many bytes its gathered input may take of the cache.
 constexpr std::ptrdiff_t kCols = 64, kMostRows = 16, kPatchBytes = 384 * 1024;
 // Pixels of a product without neighbours.
-constexpr std::ptrdiff_t kPixels = 192;
+constexpr std::ptrdiff_t kPixelsPerTask = 192;
 // Winograd: most channels in and out, beyond which its 36 matrices of weights cost more than the
 // multiplications that they save; tiles along a row; bytes of a task's elements in the cache.
 constexpr std::ptrdiff_t kWinogradChannels = 384, kTileCols = 16, kElementBytes = 640 * 1024;
@@ -252,7 +253,7 @@ torch::Tensor double_size(const PackedDoubling& layer, const torch::Tensor& x,
       onto.defined() ? onto : torch::empty({x.size(0), 2 * rows, 2 * cols, out}, torch::kFloat);
   const float* from = x.data_ptr<float>();
   float* to = y.data_ptr<float>();
-  const std::ptrdiff_t band = std::max<std::ptrdiff_t>(kPixels / cols, 1);
+  const std::ptrdiff_t band = std::max<std::ptrdiff_t>(kPixelsPerTask / cols, 1);
   for_each_task((x.size(0) * rows + band - 1) / band, [&](std::ptrdiff_t task) {
     const std::ptrdiff_t row0 = task * band, count = std::min(band, x.size(0) * rows - row0);
     for (std::ptrdiff_t corner = 0; corner < 4; ++corner) {
@@ -276,9 +277,10 @@ void add_linear(const PackedLinear& layer, const torch::Tensor& x, const torch::
   const std::ptrdiff_t in = layer.inner(), out = layer.cols(), pixels = x.numel() / in;
   const float* from = x.data_ptr<float>();
   float* to = y.data_ptr<float>();
-  for_each_task((pixels + kPixels - 1) / kPixels, [&](std::ptrdiff_t task) {
-    const std::ptrdiff_t first = task * kPixels;
-    layer.run(from + first * in, std::min(kPixels, pixels - first), to + first * out, out, true);
+  for_each_task((pixels + kPixelsPerTask - 1) / kPixelsPerTask, [&](std::ptrdiff_t task) {
+    const std::ptrdiff_t first = task * kPixelsPerTask;
+    layer.run(from + first * in, std::min(kPixelsPerTask, pixels - first), to + first * out, out,
+              true);
   });
 }
 

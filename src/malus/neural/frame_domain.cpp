@@ -13,7 +13,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 32;
 // Of the stabilised domain: planes come out between about 0 and 1 in any light.
 constexpr double kLeastScale = 4.0, kScalePerMean = 3.0;
 // Of the linear domain, where the light is not known: mid grey, and no more than this.

@@ -17,7 +17,7 @@ namespace malus {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 // Memory beside the tiles, in frames: the frame, its guide, the network's planes, the result.
 constexpr double kMosaicFrames = 4, kPictureFrames = 8;
@@ -160,15 +160,15 @@ const std::string& NetworkInference::target() const {
   return state_->loaded.package.settings.target;
 }
 
-Json NetworkInference::description() const {
+OrderedJson NetworkInference::description() const {
   const NetworkPackage& package = state_->loaded.package;
-  Json json{{"architecture", package.network.architecture},
-            {"settings", package.network.settings},
-            {"parameters", parameter_count(*state_->loaded.network)},
-            {"device", state_->settings.device},
-            {"precision", state_->bfloat16 ? "bfloat16" : "float32"},
-            {"tiled_equals_whole", state_->demand.exact},
-            {"training", package.training}};
+  OrderedJson json{{"architecture", package.network.architecture},
+                   {"settings", package.network.settings},
+                   {"parameters", parameter_count(*state_->loaded.network)},
+                   {"device", state_->settings.device},
+                   {"precision", state_->bfloat16 ? "bfloat16" : "float32"},
+                   {"tiled_equals_whole", state_->demand.exact},
+                   {"training", package.training}};
   PackageSettings::describe(package.settings, [&](const auto& value, const ParameterInfo& info) {
     json["package"][info.name] = value;
   });

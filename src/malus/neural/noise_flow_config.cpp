@@ -9,8 +9,6 @@
 namespace malus {
 namespace {
 
-constexpr const char* kArchitecture = "noise-flow";
-
 ConfigSection root_of(const std::filesystem::path& config) {
   return ConfigSection::load(config, "the training configuration");
 }
@@ -64,7 +62,7 @@ std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseF
 
 bool is_noise_flow_config(const std::filesystem::path& config) {
   const auto network = root_of(config).section("network");
-  return network && network->text("architecture") == kArchitecture;
+  return network && network->text("architecture") == kNoiseFlowArchitecture;
 }
 
 NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config, std::uint64_t seed,

@@ -17,9 +17,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kArchitecture = "noise-flow";
-constexpr const char* kKey = "malus_noise_flow";
-constexpr const char* kRemedy = "give a weight file that malus train wrote for noise-flow";
+constexpr const char* kFlowKey = "malus_noise_flow";
+constexpr const char* kGiveAFlow = "give a weight file that malus train wrote for noise-flow";
 // This part of the random numbers' counter is the flow's own.
 constexpr Draw kFlowDraw = Draw::kUser;
 
@@ -42,7 +41,7 @@ void fill(NoiseFlow& network, const TensorFile& file, const std::string& source)
     if (found == file.tensors.end() ||
         item.value().sizes() != torch::IntArrayRef(found->second.shape))
       throw InputError(source, fmt::format("its weight \"{}\" is missing or misshaped", item.key()),
-                       kRemedy);
+                       kGiveAFlow);
     const auto values = to_torch(found->second);
     if (!torch::isfinite(values).all().item().toBool())
       throw InputError(source,
@@ -51,7 +50,7 @@ void fill(NoiseFlow& network, const TensorFile& file, const std::string& source)
     torch::Tensor(item.value()).copy_(values);
   }
   if (parameters.size() != file.tensors.size())
-    throw InputError(source, "holds weights that belong to no layer", kRemedy);
+    throw InputError(source, "holds weights that belong to no layer", kGiveAFlow);
 }
 
 }  // namespace
@@ -75,9 +74,10 @@ NoiseFlowModel& NoiseFlowModel::operator=(NoiseFlowModel&&) noexcept = default;
 NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
   const std::string source = path.string();
   const TensorFile file = load_tensor_file(path);
-  const auto kind = file.metadata.find("architecture"), text = file.metadata.find(kKey);
-  if (kind == file.metadata.end() || kind->second != kArchitecture || text == file.metadata.end())
-    throw InputError(source, "holds no Noise Flow", kRemedy);
+  const auto kind = file.metadata.find("architecture"), text = file.metadata.find(kFlowKey);
+  if (kind == file.metadata.end() || kind->second != kNoiseFlowArchitecture ||
+      text == file.metadata.end())
+    throw InputError(source, "holds no Noise Flow", kGiveAFlow);
   try {
     const Json json = Json::parse(text->second);
     NoiseFlowSensor sensor{json.at("layout"), json.at("black_dn").get<std::vector<double>>(),
@@ -86,11 +86,11 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
     const std::int64_t steps = json.at("steps"), width = json.at("width");
     if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
         steps > 64 || width < 1 || width > 1024 || !(sensor.white_dn > sensor.black_dn.front()))
-      throw InputError(source, "its description does not fit together", kRemedy);
+      throw InputError(source, "its description does not fit together", kGiveAFlow);
     *this = NoiseFlowModel(std::move(sensor), steps, width);
   } catch (const Json::exception& error) {
     throw InputError(source, fmt::format("its description cannot be read ({})", error.what()),
-                     kRemedy);
+                     kGiveAFlow);
   }
   fill(*state_->network, file, source);
 }
@@ -109,9 +109,9 @@ double NoiseFlowModel::log_gain(const GainSetting& gain) {
 
 void NoiseFlowModel::save(const std::filesystem::path& path, const Json& training) const {
   TensorFile file;
-  file.metadata["architecture"] = kArchitecture;
+  file.metadata["architecture"] = kNoiseFlowArchitecture;
   const NoiseFlowSensor& sensor = state_->sensor;
-  file.metadata[kKey] = Json{
+  file.metadata[kFlowKey] = Json{
       {"layout", sensor.layout},
       {"black_dn", sensor.black_dn},
       {"white_dn", sensor.white_dn},
@@ -119,8 +119,7 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
       {"highest_gain_db", sensor.highest_gain_db},
       {"steps", state_->steps},
       {"width", state_->width},
-      {"training",
-       training}}.dump();
+      {"training", training}}.dump();
   for (const auto& item : state_->network->named_parameters())
     file.tensors[item.key()] = from_torch(item.value());
   save_tensor_file(file, path);

@@ -14,6 +14,9 @@
 
 namespace malus {
 
+/// What weight files and training configurations call it.
+inline constexpr const char* kNoiseFlowArchitecture = "noise-flow";
+
 class NoiseFlow;
 
 /// What belongs to the sensor, stored beside the weights.

@@ -16,7 +16,7 @@
 namespace malus {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 constexpr double kMostGradient = 10.0;
 constexpr Draw kCropDraw = static_cast<Draw>(65);
@@ -133,7 +133,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
   const auto begin = std::chrono::steady_clock::now();
   const double values = static_cast<double>(network.channels()) * settings.crop * settings.crop;
   progress.begin("training", settings.steps);
-  Json log = Json::array();
+  OrderedJson log = OrderedJson::array();
   const int every = std::max(settings.steps / 50, 1);
   for (int step = 0; step < settings.steps; ++step) {
     check_stop(progress);
@@ -161,7 +161,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   std::int64_t count = 0;
   for (const auto& parameter : network.parameters()) count += parameter.numel();
-  fit.record = {{"architecture", "noise-flow"},
+  fit.record = {{"architecture", kNoiseFlowArchitecture},
                 {"parameters", count},
                 {"steps", settings.steps},
                 {"seconds", seconds},

@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kKey = "malus_package";
+constexpr const char* kPackageKey = "malus_package";
 constexpr int kVersion = 1;
 constexpr double kSeenDeviations = 8;  // brings signals in units of the noise to about 1
 
@@ -134,7 +134,7 @@ TensorFile package_file(const NetworkPackage& package, const Network& network) {
                          {"settings", settings_json(package.settings)},
                          {"channels", package.layout().channel_names()},
                          {"training", package.training}};
-  file.metadata[kKey] = description.dump();
+  file.metadata[kPackageKey] = description.dump();
   return file;
 }
 
@@ -149,7 +149,7 @@ NetworkPackage package_of(const TensorFile& file, const std::string& source) {
   try {
     NetworkPackage package;
     package.network = {text("architecture"), Json::parse(text("settings"))};
-    const Json description = Json::parse(text(kKey));
+    const Json description = Json::parse(text(kPackageKey));
     if (description.at("version").get<int>() != kVersion)
       throw InputError(source, fmt::format("is of version {}", description.at("version").dump()),
                        fmt::format("this malus reads version {}", kVersion));

@@ -2,7 +2,6 @@
 
 #include "malus/base/error.h"
 
-#include <ATen/Parallel.h>
 #include <ATen/autocast_mode.h>
 
 namespace malus::internal {
@@ -21,12 +20,6 @@ bool RoundedProducts::wanted() { return rounded_products; }
 bool kernels_apply(const torch::Tensor& x) {
   return !torch::GradMode::is_enabled() && x.device().is_cpu() &&
          x.scalar_type() == torch::kFloat && !at::autocast::is_cpu_enabled();
-}
-
-void for_each_task(std::ptrdiff_t tasks, const std::function<void(std::ptrdiff_t)>& task) {
-  at::parallel_for(0, tasks, 1, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) task(i);
-  });
 }
 
 Scratch::Scratch(std::ptrdiff_t values) : memory_(torch::empty({values}, torch::kFloat)) {}

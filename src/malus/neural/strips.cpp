@@ -1,5 +1,7 @@
 #include "malus/neural/internal/strips.h"
 
+#include "malus/neural/internal/tasks.h"
+
 #include <algorithm>
 #include <cstring>
 
@@ -8,7 +10,7 @@ namespace {
 
 // Pixels that a product should see at once, columns of a strip, rows of a task: enough that the
 // weights' way through the cache pays, and few enough that the wide values stay there.
-constexpr std::ptrdiff_t kPixels = 96, kMostCols = 64, kLeastRows = 8, kMostRows = 32;
+constexpr std::ptrdiff_t kStripPixels = 96, kMostCols = 64, kLeastRows = 8, kMostRows = 32;
 
 struct StripGrid {
   std::ptrdiff_t batch, rows, cols, channels, band, chunk, bands, chunks;
@@ -34,7 +36,7 @@ class StripTask {
     col0_ = task % grid.chunks * grid.chunk;
     col1_ = std::min(col0_ + grid.chunk, grid.cols);
     slot_pixels_ = cols() + 2;
-    group_ = std::clamp(kPixels / slot_pixels_, std::ptrdiff_t{1}, std::ptrdiff_t{8});
+    group_ = std::clamp(kStripPixels / slot_pixels_, std::ptrdiff_t{1}, std::ptrdiff_t{8});
     slots_ = group_ == 1 ? 3 : 2 * group_;
     const std::ptrdiff_t pixels = group_ * slot_pixels_;
     scratch_.emplace(pixels * (grid.channels + wide_) + slots_ * slot_pixels_ * wide_ + 3 * kLane);

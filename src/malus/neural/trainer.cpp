@@ -19,7 +19,7 @@
 namespace malus {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 using Clock = std::chrono::steady_clock;
 namespace fs = std::filesystem;
 
@@ -41,7 +41,7 @@ PoolShape pool_shape(const TrainingConfig& config, const Workers& workers) {
   return shape;
 }
 
-Json json_of(const ValidationScore& score) {
+OrderedJson json_of(const ValidationScore& score) {
   return {{"image_psnr_db", score.image_psnr_db},
           {"dolp_psnr_db", score.dolp_psnr_db},
           {"aolp_circular_deg", score.aolp_circular_deg}};
@@ -84,7 +84,7 @@ class Trainer {
       average_.push_back(parameter.detach().clone());
   }
 
-  Json run() {
+  OrderedJson run() {
     open_folder();
     const auto source = make_pair_source(config_);
     const Validation validation(config_, options_.seed + 1, progress_);
@@ -107,7 +107,7 @@ class Trainer {
     }
     if (!leader()) return {{"rank", workers_.rank()}};
     save_package(file("weights.safetensors"));
-    Json made = record(validation);
+    OrderedJson made = record(validation);
     if (!validation.empty() && !config_.package.gives_picture()) {
       const Averaged averaged(*this);
       network_->eval();
@@ -222,7 +222,7 @@ class Trainer {
     const bool last = state_.step == train.steps;
     progress_.advance(1);
     if (leader() && (state_.step % train.log_every == 0 || last)) {
-      Json line{{"step", state_.step}, {"loss", figures.loss}};
+      OrderedJson line{{"step", state_.step}, {"loss", figures.loss}};
       if (!std::isnan(figures.base_loss)) line["base_loss"] = figures.base_loss;
       line.update({{"rate", figures.rate},
                    {"gradient_norm", figures.gradient_norm},
@@ -238,7 +238,7 @@ class Trainer {
   }
 
   void log_start(const Validation& validation) {
-    Json line{{"step", 0}, {"noisy", json_of(validation.noisy_score())}};
+    OrderedJson line{{"step", 0}, {"noisy", json_of(validation.noisy_score())}};
     if (config_.package.settings.guide != "none") line["guide"] = json_of(validation.guide_score());
     log_->write(line);
   }
@@ -296,7 +296,7 @@ class Trainer {
                         {"train", description_["train"]}};
     if (description_.contains("begin_with"))
       package.training["begin_with"] = description_["begin_with"];
-    for (const Json& line : log_->lines()) {
+    for (const OrderedJson& line : log_->lines()) {
       if (line.contains("guide")) package.training["guide"] = line["guide"];
       if (line.contains("validation")) package.training["validation"] = line["validation"];
     }
@@ -304,16 +304,16 @@ class Trainer {
     save_tensor_file(weights, path);
   }
 
-  Json record(const Validation& validation) const {
-    Json record{{"config", config_.source.string()},
-                {"architecture", config_.package.network.architecture},
-                {"parameters", parameter_count(*network_)},
-                {"steps", state_.step},
-                {"workers", workers_.size()},
-                {"device", device_.str()},
-                {"seconds", state_.seconds},
-                {"weights", file("weights.safetensors").string()},
-                {"log", log_->lines()}};
+  OrderedJson record(const Validation& validation) const {
+    OrderedJson record{{"config", config_.source.string()},
+                       {"architecture", config_.package.network.architecture},
+                       {"parameters", parameter_count(*network_)},
+                       {"steps", state_.step},
+                       {"workers", workers_.size()},
+                       {"device", device_.str()},
+                       {"seconds", state_.seconds},
+                       {"weights", file("weights.safetensors").string()},
+                       {"log", log_->lines()}};
     if (!validation.empty()) {
       record["noisy"] = json_of(validation.noisy_score());
       if (config_.package.settings.guide != "none")
@@ -355,8 +355,8 @@ torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& l
   return l1_distance(output, target) + settings.stokes_weight * stokes;
 }
 
-Json train(const TrainingConfig& config, const TrainOptions& options, Workers& workers,
-           Progress& progress) {
+OrderedJson train(const TrainingConfig& config, const TrainOptions& options, Workers& workers,
+                  Progress& progress) {
   return Trainer(config, options, workers, progress).run();
 }
 

@@ -7,13 +7,13 @@
 
 namespace malus {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 TrainingLog::TrainingLog(const std::filesystem::path& path, std::int64_t last_step) : path_(path) {
   std::string kept;
   std::ifstream in(path);
   for (std::string text; std::getline(in, text);) {
-    const Json line = Json::parse(text, nullptr, false);
+    const OrderedJson line = OrderedJson::parse(text, nullptr, false);
     if (!line.is_object() || line.value("step", last_step + 1) > last_step) continue;
     kept += text + "\n";
     lines_.push_back(line);
@@ -22,7 +22,7 @@ TrainingLog::TrainingLog(const std::filesystem::path& path, std::int64_t last_st
   out_.open(path, std::ios::app);
 }
 
-void TrainingLog::write(const Json& line) {
+void TrainingLog::write(const OrderedJson& line) {
   lines_.push_back(line);
   out_ << line.dump() << std::endl;
   if (!out_) throw InputError(path_.string(), "cannot be written", "check the disk, then --resume");

@@ -1,5 +1,7 @@
 #include "malus/neural/internal/windows.h"
 
+#include "malus/neural/internal/tasks.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>

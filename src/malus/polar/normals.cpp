@@ -11,7 +11,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 32;
 const float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // DoLP to zenith in steps so fine that linear interpolation is exact to 0.02 degrees but at the

@@ -13,8 +13,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 64;
-
 // color(row, col) for every pixel.
 template <class Function>
 Planes paint(int rows, int cols, Function color) {

@@ -10,8 +10,6 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 64;
-
 bool same_size(View<const float> a, View<const float> b) {
   return a.rows() == b.rows() && a.cols() == b.cols();
 }

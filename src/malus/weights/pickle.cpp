@@ -1,6 +1,7 @@
 #include "malus/weights/pickle.h"
 
 #include "malus/base/error.h"
+#include "malus/weights/safetensors.h"
 
 #include <map>
 
@@ -14,8 +15,7 @@ using Kind = PickleValue::Kind;
 // A state dict of 1000 weights has about 30,000 values, its optimizer's three times as many.
 constexpr std::size_t kMostValues = 1 << 20;
 constexpr std::size_t kMostPushes = 4 * kMostValues;  // values that are taken again count too
-constexpr std::size_t kLongestName = 256;
-constexpr std::size_t kMostDimensions = 8;
+constexpr std::size_t kLongestGlobal = 256;
 
 // "" for types that weights do not have.
 std::string dtype_of(const std::string& name) {
@@ -88,7 +88,7 @@ class Parser {
   }
   // Texts may be taken from the memo again and again, so their sums must not grow with them.
   void push_name(const std::string& module, const std::string& name) {
-    if (module.size() + name.size() > kLongestName) fail("holds a name without end");
+    if (module.size() + name.size() > kLongestGlobal) fail("holds a name without end");
     push_text(module + " " + name, Kind::kName);
   }
   PickleValue* pop() {
@@ -300,7 +300,7 @@ class Parser {
   void persistent() {
     const PickleValue* id = pop();
     if (id->items.size() < 5 || id->items[0]->text != "storage" ||
-        id->items[2]->text.size() > kLongestName)
+        id->items[2]->text.size() > kLongestGlobal)
       fail("is no pickle of torch.save");
     push(made(Kind::kStorage));
     stack_.back()->tensor.dtype = dtype_of(id->items[1]->text);

@@ -16,8 +16,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr std::uint64_t kLargestHeader = 100u << 20;  // the format's own limit
-constexpr std::size_t kMostDimensions = 8;
-constexpr const char* kRemedy = "give a .safetensors file that malus train or an import wrote";
+constexpr const char* kGiveAWeightFile =
+    "give a .safetensors file that malus train or an import wrote";
 
 struct Extent {
   std::uint64_t begin, end;
@@ -30,7 +30,8 @@ std::uint64_t element_count(const std::vector<std::int64_t>& shape, const std::s
   for (std::int64_t size : shape) {
     if (size < 0 ||
         (size > 0 && count > (std::uint64_t{1} << 40) / static_cast<std::uint64_t>(size)))
-      throw InputError(name, fmt::format("tensor \"{}\" has an impossible shape", tensor), kRemedy);
+      throw InputError(name, fmt::format("tensor \"{}\" has an impossible shape", tensor),
+                       kGiveAWeightFile);
     count *= static_cast<std::uint64_t>(size);
   }
   return count;
@@ -51,7 +52,7 @@ StoredTensor read_tensor(const Json& entry, std::span<const std::byte> data,
       offsets[1] > data.size() ||
       offsets[1] - offsets[0] != element_count(out.shape, name, tensor) * size)
     throw InputError(name, fmt::format("tensor \"{}\" does not fit its place in the file", tensor),
-                     kRemedy);
+                     kGiveAWeightFile);
   const auto bytes = data.subspan(offsets[0], offsets[1] - offsets[0]);
   out.bytes.assign(bytes.begin(), bytes.end());
   extents.push_back({offsets[0], offsets[1], tensor});
@@ -67,12 +68,12 @@ void check_tiling(std::vector<Extent> extents, std::uint64_t data_size, const st
     if (extent.begin != position)
       throw InputError(name,
                        fmt::format("tensor \"{}\" overlaps another or leaves a gap", extent.tensor),
-                       kRemedy);
+                       kGiveAWeightFile);
     position = extent.end;
   }
   if (position != data_size)
     throw InputError(name, fmt::format("{} bytes after the last tensor", data_size - position),
-                     kRemedy);
+                     kGiveAWeightFile);
 }
 
 }  // namespace
@@ -87,18 +88,20 @@ std::size_t dtype_size(const std::string& dtype) {
 TensorFile parse_tensor_file(std::span<const std::byte> bytes, const std::string& name) {
   std::uint64_t header_size = 0;
   if (bytes.size() < sizeof header_size)
-    throw InputError(name, fmt::format("only {} bytes", bytes.size()), kRemedy);
+    throw InputError(name, fmt::format("only {} bytes", bytes.size()), kGiveAWeightFile);
   std::memcpy(&header_size, bytes.data(), sizeof header_size);
   if (header_size > kLargestHeader || header_size > bytes.size() - sizeof header_size)
-    throw InputError(
-        name, fmt::format("its header claims {} bytes of {}", header_size, bytes.size()), kRemedy);
+    throw InputError(name,
+                     fmt::format("its header claims {} bytes of {}", header_size, bytes.size()),
+                     kGiveAWeightFile);
   const auto* text = reinterpret_cast<const char*>(bytes.data()) + sizeof header_size;
   const auto data = bytes.subspan(sizeof header_size + header_size);
   TensorFile file;
   std::vector<Extent> extents;
   try {
     const Json header = Json::parse(text, text + header_size);
-    if (!header.is_object()) throw InputError(name, "its header is not a JSON object", kRemedy);
+    if (!header.is_object())
+      throw InputError(name, "its header is not a JSON object", kGiveAWeightFile);
     for (const auto& [key, entry] : header.items()) {
       if (key == "__metadata__")
         file.metadata = entry.get<std::map<std::string, std::string>>();
@@ -108,7 +111,7 @@ TensorFile parse_tensor_file(std::span<const std::byte> bytes, const std::string
   } catch (const Json::exception& error) {
     throw InputError(name,
                      fmt::format("its header is not what the format asks for ({})", error.what()),
-                     kRemedy);
+                     kGiveAWeightFile);
   }
   check_tiling(std::move(extents), data.size(), name);
   return file;

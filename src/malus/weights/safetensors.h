@@ -12,6 +12,9 @@
 
 namespace malus {
 
+/// Of a tensor in a weight file of any kind: networks need five.
+inline constexpr std::size_t kMostDimensions = 8;
+
 struct StoredTensor {
   std::string dtype;  ///< "F32", "F16", "BF16", "I64"
   std::vector<std::int64_t> shape;

@@ -16,11 +16,11 @@ namespace {
 
 using Kind = PickleValue::Kind;
 
-constexpr const char* kRemedy = "save the state dict again with torch.save";
+constexpr const char* kSaveAgain = "save the state dict again with torch.save";
 constexpr std::size_t kLargestPickle = 64u << 20;
 // Weights may share their values (tied layers), but a small file must not unfold to a large one.
 constexpr std::size_t kMostReuse = 4;
-constexpr std::size_t kLongestName = 1024;
+constexpr std::size_t kLongestKey = 1024;
 constexpr std::int64_t kLongestSide = std::int64_t{1} << 31;
 
 std::int64_t element_size(const std::string& dtype) {
@@ -53,7 +53,7 @@ class Archive {
     return found->second.bytes;
   }
   [[noreturn]] void fail(const std::string& problem) const {
-    throw InputError(name_, problem, kRemedy);
+    throw InputError(name_, problem, kSaveAgain);
   }
 
  private:
@@ -102,7 +102,7 @@ NamedTensors tensors_in(const PickleValue& value, const Archive& archive) {
   NamedTensors tensors;
   for (const auto& [key, item] : value.table) {
     if (key->kind != Kind::kText || item->kind != Kind::kTensor) continue;
-    if (key->text.size() > kLongestName) archive.fail("holds a name without end");
+    if (key->text.size() > kLongestKey) archive.fail("holds a name without end");
     tensors.emplace_back(key->text, &item->tensor);
   }
   return tensors;

@@ -13,6 +13,9 @@
 
 namespace malus::internal {
 
+/// a / b rounded down; contract: b > 0.
+constexpr int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / b); }
+
 inline constexpr int kCell = 4;               ///< mosaic pixels per side of a cell
 inline constexpr int kLanes = kCell * kCell;  ///< values of a cell, row by row
 inline constexpr int kMaxBlockCells = 8;      ///< cells per side of the largest block

@@ -3,14 +3,21 @@
 
 #include <bit>
 #include <cstdint>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <vector>
 
 namespace malus::internal {
 
 using Bytes = std::span<const std::uint8_t>;
+
+struct CloseFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using OpenFile = std::unique_ptr<std::FILE, CloseFile>;
 
 /// Size of a regular, readable, non-empty file; throws InputError otherwise.
 std::uintmax_t require_file(const std::filesystem::path& path);
@@ -23,6 +30,9 @@ std::vector<std::uint8_t> read_bytes(const std::filesystem::path& path,
 /// decoded.h.
 void check_picture_size(const std::filesystem::path& path, std::int64_t rows, std::int64_t cols,
                         std::int64_t channels);
+
+/// Throws InputError unless float holds the whole number exactly.
+void require_exact(const std::filesystem::path& path, double whole);
 
 /// One stored number; contract: bytes holds sizeof(T) at offset.
 template <class T>

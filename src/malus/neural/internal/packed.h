@@ -4,7 +4,6 @@
 
 #include "malus/neural/internal/kernels.h"
 
-#include <functional>
 #include <optional>
 #include <vector>
 
@@ -29,9 +28,6 @@ class RoundedProducts {
  private:
   bool before_;
 };
-
-/// task(i) for i < tasks, on libtorch's threads.
-void for_each_task(std::ptrdiff_t tasks, const std::function<void(std::ptrdiff_t)>& task);
 
 /// Working memory of one task, aligned for vectors.
 class Scratch {

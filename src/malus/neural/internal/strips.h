@@ -5,6 +5,8 @@
 
 #include "malus/neural/internal/packed.h"
 
+#include <functional>
+
 namespace malus::internal {
 
 /// normal -> expand -> (gelu) -> depth-wise 3x3.

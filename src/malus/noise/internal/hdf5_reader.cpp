@@ -10,14 +10,6 @@
 namespace malus::internal {
 namespace {
 
-int close_file(hid_t id) { return H5Fclose(id); }
-int close_group(hid_t id) { return H5Gclose(id); }
-int close_data(hid_t id) { return H5Dclose(id); }
-int close_space(hid_t id) { return H5Sclose(id); }
-int close_type(hid_t id) { return H5Tclose(id); }
-int close_list(hid_t id) { return H5Pclose(id); }
-int close_attribute(hid_t id) { return H5Aclose(id); }
-
 // deflate cannot shrink by more than this, so a small file cannot ask for much memory.
 constexpr std::size_t kLargestCompression = 1100;
 constexpr std::size_t kFreeBytes = std::size_t{1} << 16;
@@ -51,9 +43,9 @@ Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : path_(path.string())
   if (H5Fis_hdf5(path.c_str()) <= 0)
     throw InputError(path_, "is not an HDF5 file or cannot be read",
                      "give a noise model that malus calibrate wrote");
-  file_ = {H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), close_file};
+  file_ = {H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose};
   if (!file_.valid()) fail("the file", "cannot be opened");
-  group_ = {H5Gopen2(file_.id(), "/", H5P_DEFAULT), close_group};
+  group_ = {H5Gopen2(file_.id(), "/", H5P_DEFAULT), H5Gclose};
   if (!group_.valid()) fail("the root group", "cannot be opened");
 }
 
@@ -67,10 +59,10 @@ void Hdf5Reader::fail(const std::string& name, const std::string& problem) const
 
 int Hdf5Reader::version() const {
   if (H5Aexists(group_.id(), "version") <= 0) fail("the version attribute", "is missing");
-  const Hdf5Handle attribute(H5Aopen(group_.id(), "version", H5P_DEFAULT), close_attribute);
+  const Hdf5Handle attribute(H5Aopen(group_.id(), "version", H5P_DEFAULT), H5Aclose);
   if (!attribute.valid()) fail("the version attribute", "cannot be read");
-  const Hdf5Handle type(H5Aget_type(attribute.id()), close_type);
-  const Hdf5Handle space(H5Aget_space(attribute.id()), close_space);
+  const Hdf5Handle type(H5Aget_type(attribute.id()), H5Tclose);
+  const Hdf5Handle space(H5Aget_space(attribute.id()), H5Sclose);
   int number = 0;
   if (H5Tget_class(type.id()) != H5T_INTEGER || H5Sget_simple_extent_npoints(space.id()) != 1 ||
       H5Aread(attribute.id(), H5T_NATIVE_INT, &number) < 0)
@@ -93,7 +85,7 @@ bool Hdf5Reader::holds(const std::string& name) const {
 
 Hdf5Reader Hdf5Reader::group(const std::string& name) const {
   if (!holds(name)) fail(name, "is missing");
-  Hdf5Handle child(H5Gopen2(group_.id(), name.c_str(), H5P_DEFAULT), close_group);
+  Hdf5Handle child(H5Gopen2(group_.id(), name.c_str(), H5P_DEFAULT), H5Gclose);
   if (!child.valid()) fail(name, "cannot be opened as a group");
   return {*this, std::move(child), where_ + name + "/"};
 }
@@ -108,11 +100,11 @@ std::size_t Hdf5Reader::numbered_groups() const {
 Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank,
                             std::size_t max_values, std::vector<std::size_t>& shape) const {
   if (!holds(field.name)) return {};
-  Hdf5Handle data(H5Dopen2(group_.id(), field.name.c_str(), H5P_DEFAULT), close_data);
+  Hdf5Handle data(H5Dopen2(group_.id(), field.name.c_str(), H5P_DEFAULT), H5Dclose);
   if (!data.valid()) fail(field.name, "cannot be opened as a data set");
-  const Hdf5Handle type(H5Dget_type(data.id()), close_type);
-  const Hdf5Handle space(H5Dget_space(data.id()), close_space);
-  const Hdf5Handle creation(H5Dget_create_plist(data.id()), close_list);
+  const Hdf5Handle type(H5Dget_type(data.id()), H5Tclose);
+  const Hdf5Handle space(H5Dget_space(data.id()), H5Sclose);
+  const Hdf5Handle creation(H5Dget_create_plist(data.id()), H5Pclose);
   if (!type.valid() || !space.valid() || !creation.valid()) fail(field.name, "cannot be read");
   if (H5Tget_class(type.id()) != type_class) fail(field.name, "has the wrong type");
   if (H5Sget_simple_extent_type(space.id()) == H5S_NULL) fail(field.name, "is empty");
@@ -166,7 +158,7 @@ void Hdf5Reader::text(const Field& field, std::string& value) const {
   std::vector<std::size_t> shape;
   const Hdf5Handle data = open(field, H5T_STRING, 0, 1, shape);
   if (!data.valid()) return;
-  const Hdf5Handle type(H5Dget_type(data.id()), close_type);
+  const Hdf5Handle type(H5Dget_type(data.id()), H5Tclose);
   if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
   value.assign(H5Tget_size(type.id()), '\0');
   read(data, field, type.id(), value.data());
@@ -177,7 +169,7 @@ void Hdf5Reader::texts(const Field& field, std::vector<std::string>& values) con
   std::vector<std::size_t> shape;
   const Hdf5Handle data = open(field, H5T_STRING, 1, kMaxValues / 256, shape);
   if (!data.valid()) return;
-  const Hdf5Handle type(H5Dget_type(data.id()), close_type);
+  const Hdf5Handle type(H5Dget_type(data.id()), H5Tclose);
   if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
   const std::size_t width = H5Tget_size(type.id());
   std::string packed(width * shape[0], '\0');

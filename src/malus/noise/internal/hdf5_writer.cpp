@@ -25,14 +25,6 @@ std::recursive_mutex& hdf5_mutex() {
   return mutex;
 }
 
-int close_file(hid_t id) { return H5Fclose(id); }
-int close_group(hid_t id) { return H5Gclose(id); }
-int close_data(hid_t id) { return H5Dclose(id); }
-int close_space(hid_t id) { return H5Sclose(id); }
-int close_type(hid_t id) { return H5Tclose(id); }
-int close_list(hid_t id) { return H5Pclose(id); }
-int close_attribute(hid_t id) { return H5Aclose(id); }
-
 Hdf5Handle checked(hid_t id, int (*close)(hid_t), const std::string& field) {
   if (id < 0) throw Hdf5WriteError{field};
   return {id, close};
@@ -43,14 +35,14 @@ void check(herr_t status, const std::string& field) {
 }
 
 Hdf5Handle simple_space(const std::vector<std::size_t>& shape, const std::string& field) {
-  if (shape.empty()) return checked(H5Screate(H5S_SCALAR), close_space, field);
+  if (shape.empty()) return checked(H5Screate(H5S_SCALAR), H5Sclose, field);
   const std::vector<hsize_t> dims(shape.begin(), shape.end());
-  return checked(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr), close_space,
+  return checked(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr), H5Sclose,
                  field);
 }
 
 Hdf5Handle text_type(std::size_t bytes, const std::string& field) {
-  Hdf5Handle type = checked(H5Tcopy(H5T_C_S1), close_type, field);
+  Hdf5Handle type = checked(H5Tcopy(H5T_C_S1), H5Tclose, field);
   check(H5Tset_size(type.id(), bytes), field);
   check(H5Tset_strpad(type.id(), H5T_STR_NULLPAD), field);
   check(H5Tset_cset(type.id(), H5T_CSET_UTF8), field);
@@ -61,15 +53,14 @@ Hdf5Handle text_type(std::size_t bytes, const std::string& field) {
 void write_attribute(hid_t object, const char* name, const char* value) {
   const Hdf5Handle type = text_type(H5T_VARIABLE, name);
   const Hdf5Handle space = simple_space({}, name);
-  const Hdf5Handle attribute =
-      checked(H5Acreate2(object, name, type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT),
-              close_attribute, name);
+  const Hdf5Handle attribute = checked(
+      H5Acreate2(object, name, type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose, name);
   check(H5Awrite(attribute.id(), type.id(), &value), name);
 }
 
 Hdf5Handle creation_list(const std::vector<std::size_t>& shape, std::size_t bytes,
                          const std::string& field) {
-  Hdf5Handle list = checked(H5Pcreate(H5P_DATASET_CREATE), close_list, field);
+  Hdf5Handle list = checked(H5Pcreate(H5P_DATASET_CREATE), H5Pclose, field);
   check(H5Pset_obj_track_times(list.id(), false), field);  // the same model gives the same bytes
   if (bytes <= kCompactBytes || shape.empty()) {
     check(H5Pset_layout(list.id(), bytes <= kCompactBytes ? H5D_COMPACT : H5D_CONTIGUOUS), field);
@@ -115,13 +106,13 @@ Hdf5Session::Hdf5Session() : state_(std::make_unique<State>()) {
 Hdf5Session::~Hdf5Session() { H5Eset_auto2(H5E_DEFAULT, state_->printer, state_->printer_data); }
 
 Hdf5Writer::Hdf5Writer(const std::filesystem::path& path) {
-  const Hdf5Handle access = checked(H5Pcreate(H5P_FILE_ACCESS), close_list, "file");
+  const Hdf5Handle access = checked(H5Pcreate(H5P_FILE_ACCESS), H5Pclose, "file");
   check(H5Pset_libver_bounds(access.id(), kFileVersion, kFileVersion), "file");
-  const Hdf5Handle creation = checked(H5Pcreate(H5P_FILE_CREATE), close_list, "file");
+  const Hdf5Handle creation = checked(H5Pcreate(H5P_FILE_CREATE), H5Pclose, "file");
   check(H5Pset_obj_track_times(creation.id(), false), "file");  // of the root group
-  file_ = checked(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, creation.id(), access.id()), close_file,
-                  "file");
-  group_ = checked(H5Gopen2(file_.id(), "/", H5P_DEFAULT), close_group, "/");
+  file_ =
+      checked(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, creation.id(), access.id()), H5Fclose, "file");
+  group_ = checked(H5Gopen2(file_.id(), "/", H5P_DEFAULT), H5Gclose, "/");
 }
 
 Hdf5Writer::Hdf5Writer(Hdf5Handle group, std::string where)
@@ -132,17 +123,17 @@ void Hdf5Writer::version(const char* format, int number) {
   const Hdf5Handle space = simple_space({}, "version");
   const Hdf5Handle attribute = checked(
       H5Acreate2(group_.id(), "version", H5T_STD_I32LE, space.id(), H5P_DEFAULT, H5P_DEFAULT),
-      close_attribute, "version");
+      H5Aclose, "version");
   check(H5Awrite(attribute.id(), H5T_NATIVE_INT, &number), "version");
 }
 
 std::string Hdf5Writer::number_name(std::size_t i) { return fmt::format("{:03}", i); }
 
 Hdf5Writer Hdf5Writer::group(const std::string& name) {
-  const Hdf5Handle list = checked(H5Pcreate(H5P_GROUP_CREATE), close_list, name);
+  const Hdf5Handle list = checked(H5Pcreate(H5P_GROUP_CREATE), H5Pclose, name);
   check(H5Pset_obj_track_times(list.id(), false), name);
   return {checked(H5Gcreate2(group_.id(), name.c_str(), H5P_DEFAULT, list.id(), H5P_DEFAULT),
-                  close_group, where_ + name),
+                  H5Gclose, where_ + name),
           where_ + name + "/"};
 }
 
@@ -156,7 +147,7 @@ void Hdf5Writer::data_set(const Field& field, std::int64_t type,
   const Hdf5Handle list = creation_list(shape, bytes, name);
   const Hdf5Handle data = checked(H5Dcreate2(group_.id(), field.name.c_str(), type, space.id(),
                                              H5P_DEFAULT, list.id(), H5P_DEFAULT),
-                                  close_data, name);
+                                  H5Dclose, name);
   check(H5Dwrite(data.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values), name);
   write_attribute(data.id(), "unit", field.unit.c_str());
   write_attribute(data.id(), "description", field.description.c_str());

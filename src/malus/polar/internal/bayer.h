@@ -19,12 +19,6 @@ inline constexpr double kTinyDn = 1e-6;  // keeps weights of dark frames finite 
 /// Both greens are one colour of a picture.
 inline Color display_color(Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; }
 
-/// A position beyond the border, mirrored at the outermost pixel.
-inline int mirrored(int x, int size) {
-  if (x < 0) x = -x;
-  return x < size ? x : 2 * (size - 1) - x;
-}
-
 double mean_square(const Image& image);
 
 /// Pixels that are not finite get the mean of the finite samples of their channel one cell away.

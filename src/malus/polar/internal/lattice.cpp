@@ -35,12 +35,6 @@ std::vector<Step> steps(int full, int offset, int stride, int coarse) {
   return all;
 }
 
-int mirrored(int x, int size) {
-  if (size == 1) return 0;
-  if (x < 0) x = -x;
-  return x < size ? x : 2 * (size - 1) - x;
-}
-
 }  // namespace
 
 Image sampled(View<const float> full, const Lattice& lattice) {

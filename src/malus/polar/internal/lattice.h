@@ -7,8 +7,6 @@
 
 namespace malus::internal {
 
-inline constexpr int kRowsPerTask = 32;
-
 /// body(row) in parallel.
 template <class Function>
 void for_rows(int rows, const Function& body) {
@@ -30,6 +28,13 @@ Image upsampled(const Image& coarse, const Lattice& lattice, int rows, int cols)
 
 /// Mean over (2 radius + 1)² pixels, fewer at the border.
 Image box_mean(const Image& image, int radius);
+
+/// A position at most size - 1 beyond the border, mirrored at the outermost pixel.
+inline int mirrored(int x, int size) {
+  if (size == 1) return 0;
+  if (x < 0) x = -x;
+  return x < size ? x : 2 * (size - 1) - x;
+}
 
 /// Separable [1 2 1]²/16, mirrored at the border.
 Image smoothed(const Image& image);
