@@ -14,12 +14,12 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct Arguments {
+struct UncertaintyExperimentArguments {
   SceneRuns runs{.scenes = {}, .crop = 384};
   std::string profile = "normal";
 };
 
-struct Row {
+struct CheckedScene {
   std::string scene, light;
   UncertaintyCheck check;
 };
@@ -27,11 +27,14 @@ struct Row {
 struct Column {
   const char *name, *title;
   Coverage UncertaintyCheck::*coverage;
+  bool bounded = true;  // what is stated; not of DoLP where S0 is near zero
 };
-constexpr Column kColumns[] = {
-    {"pixel", "pixel", &UncertaintyCheck::pixel}, {"s0", "S0", &UncertaintyCheck::s0},
-    {"s1", "S1", &UncertaintyCheck::s1},          {"s2", "S2", &UncertaintyCheck::s2},
-    {"dolp", "DoLP", &UncertaintyCheck::dolp},    {"aolp", "AoLP", &UncertaintyCheck::aolp}};
+constexpr Column kColumns[] = {{"pixel", "pixel", &UncertaintyCheck::pixel},
+                               {"s0", "S0", &UncertaintyCheck::s0},
+                               {"s1", "S1", &UncertaintyCheck::s1},
+                               {"s2", "S2", &UncertaintyCheck::s2},
+                               {"dolp", "DoLP", &UncertaintyCheck::dolp, false},
+                               {"aolp", "AoLP", &UncertaintyCheck::aolp}};
 
 UncertaintyCheck check_scene(const NoisyScene& noisy, const FrameDenoiser& denoiser) {
   const Denoised result = denoiser(noisy.frame, noisy.profile, silent_progress());
@@ -42,15 +45,16 @@ UncertaintyCheck check_scene(const NoisyScene& noisy, const FrameDenoiser& denoi
   return check;
 }
 
-Json rows_json(const std::vector<Row>& rows) {
+Json rows_json(const std::vector<CheckedScene>& rows) {
   Json list = Json::array();
-  for (const Row& row : rows) {
-    Json json{{"scene", row.scene},
-              {"case", row.light},
-              {"error_over_stated", row.check.error_over_stated()}};
+  for (const CheckedScene& row : rows) {
+    Json json{{"scene", row.scene}, {"case", row.light}};
     for (const Column& column : kColumns) {
       const Coverage& coverage = row.check.*column.coverage;
       json["coverage"][column.name] = coverage.all > 0 ? Json(coverage.share()) : Json();
+      if (column.bounded)
+        json["error_over_stated"][column.name] =
+            coverage.all > 0 ? Json(coverage.error_over_stated()) : Json();
     }
     for (const auto& [name, dolp] :
          {std::pair{"dolp", row.check.as_it_is}, std::pair{"dolp_corrected", row.check.corrected}})
@@ -62,18 +66,19 @@ Json rows_json(const std::vector<Row>& rows) {
   return list;
 }
 
-std::string rows_text(const std::vector<Row>& rows) {
-  std::string text = "| scene | gain : ratio | error / stated |", line = "|---|---|---|";
+std::string rows_text(const std::vector<CheckedScene>& rows) {
+  std::string text = "| scene | gain : ratio |", line = "|---|---|";
   for (const Column& column : kColumns) {
     text += fmt::format(" {} |", column.title);
     line += "---|";
   }
   text += " DoLP [dB] (bias) | corrected |\n" + line + "---|---|\n";
-  for (const Row& row : rows) {
-    text +=
-        fmt::format("| {} | {} | {:.2f} |", row.scene, row.light, row.check.error_over_stated());
+  for (const CheckedScene& row : rows) {
+    text += fmt::format("| {} | {} |", row.scene, row.light);
     for (const Column& column : kColumns) {
       const Coverage& coverage = row.check.*column.coverage;
+      if (coverage.all > 0 && column.bounded)
+        text += fmt::format(" {:.2f},", coverage.error_over_stated());
       text += coverage.all > 0 ? fmt::format(" {:.0f} % |", 100 * coverage.share()) : " - |";
     }
     for (const DolpError& dolp : {row.check.as_it_is, row.check.corrected})
@@ -85,13 +90,14 @@ std::string rows_text(const std::vector<Row>& rows) {
   return text;
 }
 
-void run(const Arguments& arguments, const Common& common) {
+void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
+                                const Common& common) {
   const NoiseModel model = load_model(arguments.runs.model);
   DenoiseSettings settings;
   settings.profile = arguments.profile;
   const FrameDenoiser denoiser(settings, {}, true);
   const auto progress = make_progress(common);
-  std::vector<Row> rows;
+  std::vector<CheckedScene> rows;
   arguments.runs.for_each(
       model, common.seed, *progress, [&](const NoisyScene& noisy, const std::string& light) {
         rows.push_back({noisy.clean->name, light, check_scene(noisy, denoiser)});
@@ -107,12 +113,12 @@ void run(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<UncertaintyExperimentArguments>();
   CLI::App* command =
       add_command(experiment, common, "uncertainty",
                   "Stated errors of denoised pixels against the true ones: squared error over the "
                   "stated, and how often two deviations hold the truth",
-                  [arguments, &common] { run(*arguments, common); });
+                  [arguments, &common] { run_uncertainty_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
   command->add_option("--profile", arguments->profile, "profile of the denoiser")
       ->capture_default_str();

@@ -4,6 +4,7 @@
 #include <limits>
 #include <numbers>
 #include <random>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -44,11 +45,20 @@ TEST(UncertaintyCheck, GaussianErrorsAreHeldAsOftenAsTheIntegralSays) {
     const Simulated s = gaussian_errors(layout, scale);
     UncertaintyCheck check;
     add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
-    const double share = std::erf(2 * scale / std::sqrt(2.0));
-    for (const Coverage* coverage :
-         {&check.pixel, &check.s0, &check.s1, &check.s2, &check.dolp, &check.aolp})
-      expect_share(*coverage, share);
-    EXPECT_NEAR(check.error_over_stated(), 1 / (scale * scale), 0.02 / (scale * scale));
+    // How often two deviations hold a normal error of which `factor` times the variance is stated.
+    const auto share = [&](double factor) {
+      return std::erf(2 * scale * std::sqrt(factor) / std::sqrt(2.0));
+    };
+    for (const Coverage* coverage : {&check.pixel, &check.s1, &check.s2, &check.aolp})
+      expect_share(*coverage, share(1));
+    // S0 is given what errors that are correlated by 0.35 would have; these are independent. DoLP's
+    // variance is (Var S1 + p² Var S0) / S0² with p = 0.4, Var S1 = 2 Var S0.
+    constexpr double kGiven = 1 + 3 * 0.35;
+    expect_share(check.s0, share(kGiven));
+    expect_share(check.dolp, share((2 + 0.16 * kGiven) / (2 + 0.16)));
+    for (const auto& [coverage, factor] :
+         {std::pair{&check.pixel, 1.0}, {&check.s0, kGiven}, {&check.s1, 1.0}})
+      EXPECT_NEAR(coverage->error_over_stated() * scale * scale * factor, 1, 0.02);
   }
 }
 
@@ -106,7 +116,7 @@ TEST(UncertaintyCheck, FramesAddUpAndWhatIsNoNumberIsLeftOut) {
   s.variance(5, 6) = std::numeric_limits<float>::infinity();
   add_uncertainty(check, s.truth, s.estimate, s.variance, layout);
   EXPECT_EQ(check.pixel.all, 319998);
-  EXPECT_TRUE(std::isfinite(check.error_over_stated()));
+  EXPECT_TRUE(std::isfinite(check.pixel.error_over_stated()));
 }
 
 }  // namespace

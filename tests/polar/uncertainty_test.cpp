@@ -170,7 +170,7 @@ TEST(Uncertainty, ExpectedDolpAtItsLimits) {
       length * 2e-4 / 100 * (1 - 1.0 / 400), 1e-8);
 }
 
-TEST(Uncertainty, DenoisedIntensitiesGetTheExpectedDolp) {
+TEST(Uncertainty, DenoisedIntensitiesGetTheExpectedDolpAndTheErrorThatTheyShare) {
   const auto layout = SensorLayout::named("polar-mono");
   Planes intensity(4, 1, 1), variance(4, 1, 1);
   for (int k = 0; k < 4; ++k) {
@@ -183,6 +183,10 @@ TEST(Uncertainty, DenoisedIntensitiesGetTheExpectedDolp) {
   EXPECT_FLOAT_EQ(u[0].dolp_corrected(0, 0),
                   static_cast<float>(expected_dolp(s, stokes_covariance(4, 4, 4, 4))));
   EXPECT_GT(u[0].dolp_corrected(0, 0), static_cast<float>(dolp_of(s)));
+  // Four errors of variance 4, correlated by 0.35: their mean has 1 + 3 * 0.35, S0 is twice it.
+  EXPECT_FLOAT_EQ(u[0].s0_variance(0, 0), 4.0f * 2.05f);
+  EXPECT_FLOAT_EQ(u[0].s1_variance(0, 0), 8);
+  EXPECT_FLOAT_EQ(u[0].s2_variance(0, 0), 8);
 }
 
 // Sixteen planes of one variance: green averages two sites of every angle.

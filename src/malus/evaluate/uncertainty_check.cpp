@@ -37,6 +37,8 @@ void add_polarization(UncertaintyCheck& check, const StokesPlanes& truth,
 void Coverage::add(double error, double deviation) {
   if (!std::isfinite(error) || !std::isfinite(deviation)) return;
   inside += std::abs(error) <= 2 * deviation;
+  squared_error += error * error;
+  stated += deviation * deviation;
   ++all;
 }
 
@@ -55,9 +57,6 @@ void add_uncertainty(UncertaintyCheck& check, View<const float> truth, View<cons
   for (int r = 0; r < truth.rows(); ++r)
     for (int c = 0; c < truth.cols(); ++c) {
       const double error = double{estimate(r, c)} - truth(r, c);
-      if (!std::isfinite(error) || !std::isfinite(variance(r, c))) continue;
-      check.squared_error_dn2 += error * error;
-      check.stated_dn2 += variance(r, c);
       check.pixel.add(error, std::sqrt(double{variance(r, c)}));
     }
   if (!layout.polarized()) return;

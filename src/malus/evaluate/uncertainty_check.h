@@ -9,13 +9,17 @@
 
 namespace malus {
 
-/// How often two stated deviations hold the truth; 0.954 of Gaussian errors.
+/// One quantity's errors against its stated deviations.
 struct Coverage {
   std::int64_t inside = 0, all = 0;
+  double squared_error = 0, stated = 0;  ///< sums over all, in the quantity's unit squared
 
   /// Leaves out what is not a number.
   void add(double error, double deviation);
+  /// How often two deviations hold the truth; 0.954 of Gaussian errors.
   double share() const { return static_cast<double>(inside) / static_cast<double>(all); }
+  /// Squared error over what was stated of it: 1 is honest.
+  double error_over_stated() const { return squared_error / stated; }
 };
 
 /// Errors of DoLP, held to [0, 1] on both sides, where the truth has any.
@@ -30,13 +34,9 @@ struct DolpError {
 /// Sums over pixels and over frames that are added to one another; NaN shares where nothing was
 /// counted (DoLP and all after it without angles).
 struct UncertaintyCheck {
-  double squared_error_dn2 = 0, stated_dn2 = 0;  ///< sums over the same pixels
   Coverage pixel, s0, s1, s2, dolp;
   Coverage aolp;  ///< where the true DoLP is above two of its deviations: else no angle is meant
   DolpError as_it_is, corrected;  ///< DoLP, and what polar/uncertainty.h makes of it
-
-  /// Squared error over what was stated of it: 1 is honest.
-  double error_over_stated() const { return squared_error_dn2 / stated_dn2; }
 };
 
 /// Mosaics of one layout and size, DN above black; variance in DN². Stokes parameters of every

@@ -8,8 +8,7 @@
 namespace malus {
 namespace {
 
-constexpr int kRowsPerTask = 64;
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+const double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
 // Variance of (S1, S2) across its own direction, in the intensities' unit squared.
 double tangential_variance(const Stokes& s, const StokesCovariance& v) {
@@ -35,6 +34,11 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
   return {std::move(angles[0]), std::move(angles[1]), std::move(angles[2]), std::move(angles[3])};
 }
 
+// Correlation of a filter's errors between the angles: they are mostly of what all angles share, so
+// they do not average out in S0. S1 and S2 keep what is stated: their errors are smaller than that
+// but have long tails (docs/denoising.md has the measurement of both).
+constexpr double kSharedError = 0.35;
+
 // Of the variance stated of a denoised (S1, S2), what lengthens it: errors of opposite angles have
 // parts in common, which cancel, and the rest is uneven (docs/denoising.md has the measurement).
 constexpr double kLengtheningShare = 0.3;
@@ -52,7 +56,7 @@ bool without_direction(const Stokes& s) { return s.s1 == 0 && s.s2 == 0; }
 }  // namespace
 
 double dolp_variance(const Stokes& s, const StokesCovariance& v) {
-  if (!(s.s0 > 0)) return kNaN;
+  if (!(s.s0 > 0)) return kUnknown;
   if (without_direction(s)) return 0.5 * (v.s1s1 + v.s2s2) / (s.s0 * s.s0);
   const double p = std::hypot(s.s1, s.s2);
   const double d0 = -p / (s.s0 * s.s0), d1 = s.s1 / (p * s.s0), d2 = s.s2 / (p * s.s0);
@@ -61,7 +65,7 @@ double dolp_variance(const Stokes& s, const StokesCovariance& v) {
 }
 
 double aolp_variance_deg2(const Stokes& s, const StokesCovariance& v) {
-  if (!(s.s0 > 0)) return kNaN;
+  if (!(s.s0 > 0)) return kUnknown;
   if (without_direction(s)) return kUnknownAngleVarianceDeg2;
   constexpr double kHalfRadianDeg = 90.0 / std::numbers::pi;  // AoLP is half the phase
   const double p2 = s.s1 * s.s1 + s.s2 * s.s2;
@@ -90,12 +94,14 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
     MALUS_REQUIRE(plane.rows() == rows && plane.cols() == cols);
   const Image blank(rows, cols);
   StokesUncertainty out{blank, blank, blank, blank, blank, blank};
+  const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
       for (int c = 0; c < cols; ++c) {
         const Stokes s{stokes.s0(r, c), stokes.s1(r, c), stokes.s2(r, c)};
-        const StokesCovariance v = stokes_covariance(variance.i0(r, c), variance.i45(r, c),
-                                                     variance.i90(r, c), variance.i135(r, c));
+        StokesCovariance v = stokes_covariance(variance.i0(r, c), variance.i45(r, c),
+                                               variance.i90(r, c), variance.i135(r, c));
+        v.s0s0 *= 1 + 3 * shared;
         out.s0_variance(r, c) = static_cast<float>(v.s0s0);
         out.s1_variance(r, c) = static_cast<float>(v.s1s1);
         out.s2_variance(r, c) = static_cast<float>(v.s2s2);

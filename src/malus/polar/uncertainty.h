@@ -43,9 +43,9 @@ double corrected_dolp(const Stokes& s, const StokesCovariance& covariance);
 /// Not lifted above 1; NaN where DoLP is undefined.
 double expected_dolp(const Stokes& s, const StokesCovariance& covariance);
 
-/// What the four intensities are, for dolp_corrected: kMeasured, samples whose noise has mean zero
-/// and lengthens (S1, S2): corrected_dolp; kDenoised, estimates of a filter, which shorten it:
-/// expected_dolp.
+/// What the four intensities are: kMeasured, samples whose noise is independent, has mean zero and
+/// lengthens (S1, S2), see corrected_dolp; kDenoised, estimates of a filter, whose errors are
+/// correlated and shorten it, see expected_dolp.
 enum class Intensities { kMeasured, kDenoised };
 
 /// Variance planes of one colour, sizes as the Stokes planes.
@@ -56,7 +56,8 @@ struct StokesUncertainty {
   Image dolp_corrected;
 };
 
-/// variance: planes of the four intensities' variances in DN², independent between angles.
+/// variance: planes of the four intensities' variances in DN². Measured intensities are
+/// independent; the errors of denoised ones are correlated, which S0's variance takes into account.
 StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
                             Intensities intensities);
 
