@@ -18,7 +18,7 @@ std::vector<std::string> choices_in(const std::string& type) {
   return choices;
 }
 
-CliOption describe(const CLI::Option& option) {
+CliOption described_option(const CLI::Option& option) {
   CliOption out;
   const std::string type = option.get_type_name();
   out.choices = choices_in(type);
@@ -34,20 +34,21 @@ CliOption describe(const CLI::Option& option) {
   return out;
 }
 
-CliCommand describe(const CLI::App& app, const std::string& name) {
+CliCommand described_command(const CLI::App& app, const std::string& name) {
   CliCommand command{name, app.get_description(), {}, {}, {}};
   for (const CLI::Option* option : app.get_options()) {
     if (option->get_group().empty()) continue;  // hidden
-    (option->nonpositional() ? command.options : command.positionals).push_back(describe(*option));
+    (option->nonpositional() ? command.options : command.positionals)
+        .push_back(described_option(*option));
   }
   for (const CLI::App* sub : app.get_subcommands({}))
-    command.commands.push_back(describe(*sub, name + " " + sub->get_name()));
+    command.commands.push_back(described_command(*sub, name + " " + sub->get_name()));
   return command;
 }
 
 }  // namespace
 
-CliCommand describe_cli(const CLI::App& app) { return describe(app, app.get_name()); }
+CliCommand describe_cli(const CLI::App& app) { return described_command(app, app.get_name()); }
 
 std::string words_after_program(const CliCommand& command) {
   const auto space = command.name.find(' ');

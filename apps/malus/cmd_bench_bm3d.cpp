@@ -32,7 +32,7 @@ Planes noisy_picture(int channels, int rows, int cols) {
   return planes;
 }
 
-std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
+std::vector<BenchmarkLine> bm3d_lines(const BenchmarkContext& context) {
   std::vector<BenchmarkLine> lines;
   const int all = thread_count(), side = context.quick ? 64 : 512;
   const std::string size = fmt::format("{}x{} grey", side, side);
@@ -69,6 +69,6 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
 
 }  // namespace
 
-Benchmark benchmark_bm3d() { return {"bm3d", run}; }
+Benchmark benchmark_bm3d() { return {"bm3d", bm3d_lines}; }
 
 }  // namespace malus::app

@@ -7,42 +7,44 @@
 namespace malus::app {
 namespace {
 
-constexpr int kChannels = 16, kCountedSide = 128, kTimedSide = 256, kQuickSide = 16;
+constexpr int kNetworkChannels = 16, kCountedSide = 128, kTimedSide = 256, kQuickSide = 16;
 // The network that is timed on a whole frame of 2448 x 2048, packed.
 constexpr const char* kFrameNetwork = "malus-small";
 constexpr int kFrameRows = 512, kFrameCols = 612;
 
-BenchmarkLine line_of(const std::string& name, const NetworkCost::Time& time,
-                      const std::string& note) {
+BenchmarkLine time_line(const std::string& name, const NetworkCost::Time& time,
+                        const std::string& note) {
   return {name, time.seconds, "s",
           fmt::format("{}; {:.3f} s of processor time", note, time.processor_seconds)};
 }
 
-std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
+std::vector<BenchmarkLine> network_lines(const BenchmarkContext& context) {
   std::vector<BenchmarkLine> lines;
   if (!have_networks()) return lines;
   const NetworkFunctions& functions = networks();
   const int counted_side = context.quick ? kQuickSide : kCountedSide,
             side = context.quick ? kQuickSide : kTimedSide;
   for (const NamedNetwork& network : functions.named_networks()) {
-    const NetworkCost size = functions.measure(network, kChannels, counted_side, counted_side, 0);
+    const NetworkCost size =
+        functions.measure(network, kNetworkChannels, counted_side, counted_side, 0);
     lines.push_back(
         {network.name + ", parameters", static_cast<double>(size.parameters) / 1e6, "M", ""});
     lines.push_back({network.name + ", multiply-adds", size.multiply_adds / 1e9, "G",
-                     fmt::format("{} x {} x {}", kChannels, counted_side, counted_side)});
+                     fmt::format("{} x {} x {}", kNetworkChannels, counted_side, counted_side)});
     const NetworkCost time =
-        functions.measure(network, kChannels, side, side, context.quick ? 1 : 3);
-    lines.push_back(line_of(network.name + ", forward", time.float32,
-                            fmt::format("float32, {} x {} x {}", kChannels, side, side)));
+        functions.measure(network, kNetworkChannels, side, side, context.quick ? 1 : 3);
+    lines.push_back(time_line(network.name + ", forward", time.float32,
+                              fmt::format("float32, {} x {} x {}", kNetworkChannels, side, side)));
     if (time.bfloat16)
-      lines.push_back(line_of(
+      lines.push_back(time_line(
           network.name + ", forward, bfloat16", *time.bfloat16,
           fmt::format("differs by {:.1e} of the result's deviation", time.bfloat16_difference)));
     lines.push_back(
         {network.name + ", memory of a pass", time.peak_bytes / 1e6, "MB", "beside the weights"});
     if (network.name != kFrameNetwork || context.quick) continue;
-    const NetworkCost frame = functions.measure(network, kChannels, kFrameRows, kFrameCols, 1);
-    const std::string note = fmt::format("{} x {} x {}", kChannels, kFrameRows, kFrameCols);
+    const NetworkCost frame =
+        functions.measure(network, kNetworkChannels, kFrameRows, kFrameCols, 1);
+    const std::string note = fmt::format("{} x {} x {}", kNetworkChannels, kFrameRows, kFrameCols);
     lines.push_back({network.name + ", 5-megapixel frame", frame.float32.seconds, "s", note});
     lines.push_back(
         {network.name + ", 5-megapixel frame, memory", frame.peak_bytes / 1e6, "MB", note});
@@ -52,6 +54,6 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
 
 }  // namespace
 
-Benchmark benchmark_networks() { return {"networks", run}; }
+Benchmark benchmark_networks() { return {"networks", network_lines}; }
 
 }  // namespace malus::app

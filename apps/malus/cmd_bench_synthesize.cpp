@@ -53,7 +53,7 @@ NonparametricCalibration levels_of(int channels) {
   return calibration;
 }
 
-struct Bench {
+struct SynthesisBenchmark {
   const BenchmarkContext& context;
   int rows;
   double megapixels;
@@ -68,7 +68,7 @@ struct Bench {
 };
 
 // What a training loop pays per patch: one thread's draw of 256 x 256, parameters included.
-void add_patch_lines(Bench& bench, const NoiseModel& model, const GainSetting& gain) {
+void add_patch_lines(SynthesisBenchmark& bench, const NoiseModel& model, const GainSetting& gain) {
   constexpr int kPatch = 256, kDraws = 50;
   const Synthesizer synthesizer(model, {});
   const Image clean = spread_signals(kPatch, kPatch, 2000.0);
@@ -88,7 +88,7 @@ void add_patch_lines(Bench& bench, const NoiseModel& model, const GainSetting& g
 }
 
 #ifdef MALUS_WITH_CUDA
-void add_device_lines(Bench& bench, const CompiledNoise& noise) {
+void add_device_lines(SynthesisBenchmark& bench, const CompiledNoise& noise) {
   if (!cuda::device_available()) return;
   const int side = bench.context.quick ? 512 : 16384;
   const cuda::DeviceRates rates = cuda::measure_rates(noise, side, side);
@@ -99,9 +99,9 @@ void add_device_lines(Bench& bench, const CompiledNoise& noise) {
 }
 #endif
 
-std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
+std::vector<BenchmarkLine> synthesis_lines(const BenchmarkContext& context) {
   const int rows = context.quick ? 64 : kRows;
-  Bench bench{context, rows, rows * 1e-6 * kCols, {}};
+  SynthesisBenchmark bench{context, rows, rows * 1e-6 * kCols, {}};
   const NoiseModel model = load_model("builtin:imx250myr-simulated");
   const GainSetting gain{.gain_db = 12.0, .iso = {}};
   const PhysicsNoise noise = model.physics_at(gain);
@@ -154,6 +154,6 @@ std::vector<BenchmarkLine> run(const BenchmarkContext& context) {
 
 }  // namespace
 
-Benchmark benchmark_synthesize() { return {"synthesize", run}; }
+Benchmark benchmark_synthesize() { return {"synthesize", synthesis_lines}; }
 
 }  // namespace malus::app

@@ -16,7 +16,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-void list(const Common& common) {
+void print_cameras(const Common& common) {
   Json json = Json::array();
   std::string text;
   for (const auto& listed : list_cameras(true)) {
@@ -101,7 +101,7 @@ void add_capture(CLI::App& app, Common& common) {
   auto options = std::make_shared<Options>();
   CLI::App* command = add_command(
       app, common, "capture", "Take calibration frames with a GenICam camera", [options, &common] {
-        if (options->list) return list(common);
+        if (options->list) return print_cameras(common);
         if (options->plan.empty() || options->folder.empty())
           throw CLI::ValidationError("capture", "needs a PLAN and -o DIR, or --list");
         take(common, options->plan, options->folder);

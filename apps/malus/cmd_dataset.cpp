@@ -176,7 +176,7 @@ void check_same_dataset(const fs::path& path, const Json& description, bool forc
   write_file(path, text, true);
 }
 
-Json describe(const Plan& plan, const Factory& factory, std::uint64_t seed) {
+Json dataset_json(const Plan& plan, const Factory& factory, std::uint64_t seed) {
   Json json{{"model", plan.model_path.string()},
             {"sensor", factory.model.description().sensor},
             {"layout", factory.model.description().layout.name()},
@@ -201,7 +201,7 @@ void run_dataset(const DatasetArguments& arguments, const Common& common) {
   remove_unfinished(arguments.folder, [](std::string_view name) {
     return name == "dataset.json" || (name.starts_with("shard-") && name.ends_with(".tar"));
   });
-  check_same_dataset(arguments.folder / "dataset.json", describe(plan, factory, common.seed),
+  check_same_dataset(arguments.folder / "dataset.json", dataset_json(plan, factory, common.seed),
                      common.force);
   const int shards = (plan.dataset.samples + plan.dataset.shard_size - 1) / plan.dataset.shard_size;
   const auto progress = make_progress(common);

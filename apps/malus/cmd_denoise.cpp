@@ -57,8 +57,8 @@ void check_result_flags(const DenoiseArguments& arguments, const std::string& ta
     throw InputError("--format png", "holds no float values", "use tif or exr");
 }
 
-std::vector<OutputNames> plan_outputs(const DenoiseArguments& arguments, const std::string& target,
-                                      bool force) {
+std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
+                                             const std::string& target, bool force) {
   std::vector<OutputNames> names(arguments.inputs.size());
   const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
     if (!wanted) return;
@@ -135,7 +135,7 @@ void warn_of_moved_means(const RawFrame& frame, const Denoised& result,
                       : "the frame's noise is not the model's; check --gain, --black and --model"));
 }
 
-Json describe(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
+Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
               const DenoiseArguments& arguments, double seconds) {
   Json json{{"input", frame.source},
             {"rows", result.dn_above_black.rows()},
@@ -211,7 +211,7 @@ Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& den
   NetworkInference::Rendered result = denoiser.render(std::move(frame), choice.profile, progress);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  Json run = describe(before, result.report, choice, arguments, seconds);
+  Json run = run_json(before, result.report, choice, arguments, seconds);
   run["rows"] = result.picture.rows();
   run["cols"] = result.picture.cols();
   run["network"] = denoiser.description();
@@ -222,10 +222,10 @@ Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& den
   return run;
 }
 
-Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
-             const std::optional<NoiseModel>& model, const FrameJob& job,
-             const FrameOptions& options, Progress& progress, bool force,
-             std::vector<DenoisedFrame>* report) {
+Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
+                    const std::optional<NoiseModel>& model, const FrameJob& job,
+                    const FrameOptions& options, Progress& progress, bool force,
+                    std::vector<DenoisedFrame>* report) {
   RawFrame frame = load_frame(job.input, completed(options, model, job.input));
   const ProfileChoice choice = choose_profile(frame, model, arguments);
   warn_of_guesses(frame);
@@ -246,7 +246,7 @@ Json process(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
     warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
                      result.nonfinite_pixels));
   warn_of_moved_means(kept.before, result, choice);
-  kept.run = describe(kept.before, result, choice, arguments, seconds);
+  kept.run = run_json(kept.before, result, choice, arguments, seconds);
   if (const Json network = denoiser.description(); !network.is_null())
     kept.run["network"] = network;
   kept.run["files"] = write_outputs(kept.before, result, job.names, force);
@@ -297,7 +297,8 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   if (!arguments.model.empty()) model = load_model(arguments.model);
   make_output_folder(arguments.folder);
-  const std::vector<OutputNames> names = plan_outputs(arguments, denoiser.target(), common.force);
+  const std::vector<OutputNames> names =
+      plan_denoised_files(arguments, denoiser.target(), common.force);
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
@@ -310,8 +311,8 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
                        names[i]};
     results.push_back(
         denoiser.target() == "mosaic"
-            ? process(arguments, denoiser, model, job, options, *progress, common.force,
-                      arguments.report.empty() ? nullptr : &report)
+            ? process_mosaic(arguments, denoiser, model, job, options, *progress, common.force,
+                             arguments.report.empty() ? nullptr : &report)
             : process_picture(arguments, denoiser, model, job, options, *progress, common.force));
     const Json& last = results.back();
     text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",

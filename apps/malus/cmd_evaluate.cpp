@@ -128,7 +128,7 @@ Json number(const Estimate<double>& value) {
   return value && std::isfinite(*value) ? Json(*value) : Json();
 }
 
-Json json_of(const Evaluation& e) {
+Json evaluation_json(const Evaluation& e) {
   Json json;
   json["image"] = {{"psnr", number(e.image_psnr_db)}, {"ssim", number(e.image_ssim)}};
   json["dolp"] = {{"psnr", number(e.dolp_psnr_db)}};
@@ -136,7 +136,7 @@ Json json_of(const Evaluation& e) {
   return json;
 }
 
-std::string cell(const Estimate<double>& value, int decimals) {
+std::string estimate_cell(const Estimate<double>& value, int decimals) {
   return value ? fmt::format("{:.{}f}", *value, decimals) : "-";
 }
 
@@ -147,8 +147,9 @@ std::string table_line(const std::string& name, std::size_t width,
 }
 
 std::array<std::string, 5> cells_of(const Evaluation& e) {
-  return {cell(e.image_psnr_db, 2), cell(e.image_ssim, 4), cell(e.dolp_psnr_db, 2),
-          cell(e.aolp_psnr_db, 2), cell(e.aolp_circular_deg, 2)};
+  return {estimate_cell(e.image_psnr_db, 2), estimate_cell(e.image_ssim, 4),
+          estimate_cell(e.dolp_psnr_db, 2), estimate_cell(e.aolp_psnr_db, 2),
+          estimate_cell(e.aolp_circular_deg, 2)};
 }
 
 void run_image_comparison(const EvaluateArguments& arguments, const Common& common) {
@@ -170,7 +171,7 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     if (!e.dolp_psnr_db && !reference.picture)
       note(common, fmt::format("{}: no DoLP, no AoLP: {}", path.string(), e.dolp_psnr_db.reason()));
     if (!e.image_ssim) note(common, "SSIM: " + e.image_ssim.reason());
-    Json json = json_of(e);
+    Json json = evaluation_json(e);
     if (arguments.noise.test.size() > 1) json["test"] = path.string();
     results.push_back(std::move(json));
     text += table_line(path.string(), width, cells_of(e));

@@ -4,6 +4,22 @@
 
 namespace malus::app {
 
+std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path) {
+  std::vector<TableRow> rows;
+  for (const ConfigSection& section : root.sections("rows")) {
+    section.require_known({"name", "method", "config"});
+    TableRow row{section.text("name").value_or(""), section.text("method").value_or(""),
+                 section.text("config").value_or("")};
+    if (row.name.empty()) section.fail("name", "is missing", "say what the row shows");
+    if (row.method.empty() == row.config.empty())
+      section.fail("config", "or method is missing, or both are there", "give one of them");
+    if (!row.config.empty()) row.config = path.parent_path() / row.config;
+    rows.push_back(std::move(row));
+  }
+  if (rows.empty()) root.fail("rows", "are missing", "add [[rows]]");
+  return rows;
+}
+
 std::string trained_weights(const std::string& name, TrainCall call, const Common& common,
                             Progress& progress) {
   note(common, "training " + name);

@@ -109,7 +109,7 @@ std::string black_text(const RawFrame& frame) {
   return joined(parts, " ") + " DN";
 }
 
-std::string text_of(const Findings& findings) {
+std::string findings_text(const Findings& findings) {
   const FrameInfo& info = findings.info;
   const RawFrame& frame = info.frame;
   const auto origin = [](bool known) { return known ? "" : "  (assumed)"; };
@@ -162,7 +162,7 @@ Json channel_columns(const std::vector<ChannelSummary>& channels) {
           {"noise_sd", {{"value", noise}, {"unit", "DN"}}}};
 }
 
-Json json_of(const Findings& findings) {
+Json findings_json(const Findings& findings) {
   const FrameInfo& info = findings.info;
   const RawFrame& frame = info.frame;
   Json json = {{"file", frame.source},
@@ -218,9 +218,9 @@ void add_info(CLI::App& app, Common& common) {
           const Findings findings = inspect(file, options);
           for (const auto& warning : findings.warnings)
             warn(fmt::format("{}: {}", file.string(), warning));
-          frames.push_back(json_of(findings));
+          frames.push_back(findings_json(findings));
           if (!text.empty()) text += '\n';
-          text += text_of(findings);
+          text += findings_text(findings);
         }
         print_result(common, frames.size() == 1 ? frames[0] : Json{{"frames", frames}}, text);
       });

@@ -22,7 +22,7 @@ struct ShowArguments {
   bool extrapolate = false;
 };
 
-void show(const Common& common, const ShowArguments& arguments) {
+void show_model(const Common& common, const ShowArguments& arguments) {
   NoiseModel model = load_model(arguments.model);
   const GainSetting gain{arguments.gain_db, arguments.iso};
   if (gain.decibel())
@@ -66,7 +66,7 @@ std::string left_out_text(const std::vector<LeftOutGain>& gains, const char* kin
   return text;
 }
 
-void check(const Common& common, const std::filesystem::path& path) {
+void check_model(const Common& common, const std::filesystem::path& path) {
   const NoiseModel model = load_model(path);
   const auto physics = leave_one_gain_out_physics(model);
   const auto nonparametric = leave_one_gain_out_nonparametric(model);
@@ -86,7 +86,7 @@ void check(const Common& common, const std::filesystem::path& path) {
   print_result(common, json, text);
 }
 
-void list(const Common& common) {
+void list_models(const Common& common) {
   nlohmann::ordered_json models = nlohmann::ordered_json::array();
   std::string text;
   for (const BuiltinModel& model : builtin_models()) {
@@ -106,7 +106,7 @@ void add_model(CLI::App& app, Common& common) {
   auto arguments = std::make_shared<ShowArguments>();
   CLI::App* show_command =
       add_command(*model, common, "show", "Parameters of a noise model with units and errors",
-                  [&common, arguments] { show(common, *arguments); });
+                  [&common, arguments] { show_model(common, *arguments); });
   show_command->add_option("MODEL", arguments->model, "model file or name of a built-in model")
       ->required();
   CLI::Option* gain = show_command->add_option("--gain", arguments->gain_db, "one gain only [dB]");
@@ -118,12 +118,13 @@ void add_model(CLI::App& app, Common& common) {
   auto checked = std::make_shared<std::filesystem::path>();
   CLI::App* check_command = add_command(
       *model, common, "check", "Leave every gain out once: how well do the others predict it?",
-      [&common, checked] { check(common, *checked); });
+      [&common, checked] { check_model(common, *checked); });
   check_command->add_option("MODEL", *checked, "model file or name of a built-in model")
       ->required();
   add_import_weights(*model, common);
   add_model_from_dng(*model, common);
-  add_command(*model, common, "list", "The built-in noise models", [&common] { list(common); });
+  add_command(*model, common, "list", "The built-in noise models",
+              [&common] { list_models(common); });
 }
 
 }  // namespace malus::app

@@ -63,8 +63,9 @@ Planes planes_of(const NormalMap& normals) {
   return planes;
 }
 
-Json process(const NormalsArguments& arguments, const fs::path& input, const FrameOptions& options,
-             const fs::path& data, const fs::path& picture, bool force) {
+Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
+                     const FrameOptions& options, const fs::path& data, const fs::path& picture,
+                     bool force) {
   const RawFrame frame = load_above_black(input, options);
   require_polarized(frame.layout, input.string());
   // Stokes vectors of all colours together: the mean of R, G and B.
@@ -97,7 +98,7 @@ Json process(const NormalsArguments& arguments, const fs::path& input, const Fra
   return json;
 }
 
-std::string text_of(const Json& json) {
+std::string normals_text(const Json& json) {
   std::string text = fmt::format("{}: {} x {} normals, {} object pixels",
                                  json["input"].get<std::string>(), json["cols"].get<int>(),
                                  json["rows"].get<int>(), json["object_pixels"].get<long>());
@@ -126,9 +127,9 @@ void run_normals(const NormalsArguments& arguments, const Common& common) {
   std::string text;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
     check_stop(*progress);
-    results.push_back(
-        process(arguments, arguments.inputs[i], options, data[i], pictures[i], common.force));
-    text += text_of(results.back());
+    results.push_back(normals_of_file(arguments, arguments.inputs[i], options, data[i], pictures[i],
+                                      common.force));
+    text += normals_text(results.back());
     progress->advance(1);
   }
   print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);

@@ -77,7 +77,7 @@ std::map<std::optional<int>, Scene> scenes_of(const Session& session) {
 }
 
 // DN above black, and above the mean bias where a model tells it.
-RawFrame load_above_black(const PairJob& job, const FrameGroup& group, const fs::path& path) {
+RawFrame load_above_bias(const PairJob& job, const FrameGroup& group, const fs::path& path) {
   RawFrame frame = load_frame(path, frame_options(job.session, group));
   subtract_black(frame);
   if (!job.model) return frame;
@@ -96,7 +96,7 @@ RawFrame reference_of(const PairJob& job, const FrameGroup& group) {
   int rows = 0, cols = 0;
   for (const fs::path& path : group.paths) {
     check_stop(job.progress);
-    last = load_above_black(job, group, path);
+    last = load_above_bias(job, group, path);
     if (mean.count() > 0 && (last.dn.rows() != rows || last.dn.cols() != cols))
       throw InputError(path.string(), "has another size than the reference frames before it",
                        "check the session's paths");
@@ -128,7 +128,7 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   std::vector<double> intensities;
   for (const fs::path& path : group.paths) {
     check_stop(job.progress);
-    const RawFrame frame = load_above_black(job, group, path);
+    const RawFrame frame = load_above_bias(job, group, path);
     if (frame.dn.rows() != reference.dn.rows() || frame.dn.cols() != reference.dn.cols())
       throw InputError(path.string(), "has another size than its reference",
                        "check the session's paths");

@@ -50,12 +50,12 @@ struct StokesArguments {
 };
 
 // What one input becomes: a data file and a picture of every product.
-struct OutputNames {
+struct ProductNames {
   std::vector<fs::path> data, picture;  // one per product
 };
 
-std::vector<OutputNames> plan_outputs(const StokesArguments& arguments, bool force) {
-  std::vector<OutputNames> plans(arguments.inputs.size());
+std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, bool force) {
+  std::vector<ProductNames> plans(arguments.inputs.size());
   for (const std::string& product : arguments.products()) {
     const std::string suffix = fmt::format("_{}.", product);
     const auto data = output_names(arguments.inputs, arguments.folder, suffix + arguments.format);
@@ -83,7 +83,7 @@ Planes collect(const StokesPicture& picture, Function image) {
 // several times its size.
 using Product = std::function<Planes()>;
 
-std::vector<Product> data_of(const StokesPicture& picture) {
+std::vector<Product> product_data(const StokesPicture& picture) {
   const auto every = [&picture](auto image) {
     return Product([&picture, image] { return collect(picture, image); });
   };
@@ -95,8 +95,8 @@ std::vector<Product> data_of(const StokesPicture& picture) {
 }
 
 // mean: of the picture's colours.
-std::vector<Product> pictures_of(const StokesPicture& picture, const StokesPlanes& mean,
-                                 const RenderSettings& settings) {
+std::vector<Product> product_pictures(const StokesPicture& picture, const StokesPlanes& mean,
+                                      const RenderSettings& settings) {
   return {[&] { return render_s0(picture, settings); },
           [&] { return std::move(render_s1_s2(mean, settings).s1); },
           [&] { return std::move(render_s1_s2(mean, settings).s2); },
@@ -143,8 +143,9 @@ void save_all(const std::vector<fs::path>& paths, const std::vector<Product>& pr
   }
 }
 
-Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
-             std::size_t index, const FrameOptions& options, const OutputNames& names, bool force) {
+Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
+                    std::size_t index, const FrameOptions& options, const ProductNames& names,
+                    bool force) {
   const fs::path& input = arguments.inputs[index];
   const RawFrame frame = load_above_black(input, options);
   require_polarized(frame.layout, input.string());
@@ -154,7 +155,7 @@ Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& 
   if (arguments.confidence())
     confidence = confidence_of(picture, variance_of(arguments, model, index, frame), frame.layout,
                                model ? Intensities::kMeasured : Intensities::kDenoised);
-  std::vector<Product> data = data_of(picture);
+  std::vector<Product> data = product_data(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
   Json json{{"input", input.string()},
@@ -170,7 +171,7 @@ Json process(const StokesArguments& arguments, const std::optional<NoiseModel>& 
   save_all(names.data, data, channels, save, json["files"]);
   if (!arguments.pictures) return json;
   const StokesPlanes mean = mean_stokes(picture.planes);
-  std::vector<Product> pictures = pictures_of(picture, mean, arguments.render);
+  std::vector<Product> pictures = product_pictures(picture, mean, arguments.render);
   std::array<Planes, 3> shown;
   if (arguments.confidence()) {
     shown = confidence_pictures(confidence, arguments.render);
@@ -194,14 +195,14 @@ void run_stokes(const StokesArguments& arguments, const Common& common) {
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
   make_output_folder(arguments.folder);
-  const std::vector<OutputNames> plans = plan_outputs(arguments, common.force);
+  const std::vector<ProductNames> plans = plan_product_files(arguments, common.force);
   const auto progress = make_progress(common);
   progress->begin("stokes", static_cast<std::int64_t>(arguments.inputs.size()));
   Json results = Json::array();
   std::string text;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
     check_stop(*progress);
-    results.push_back(process(arguments, model, i, options, plans[i], common.force));
+    results.push_back(stokes_of_file(arguments, model, i, options, plans[i], common.force));
     const Json& last = results.back();
     text += fmt::format(
         "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %, {} files in {}\n",

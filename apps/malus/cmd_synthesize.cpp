@@ -141,7 +141,8 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
           }};
 }
 
-std::vector<std::vector<fs::path>> plan_outputs(const SynthesizeArguments& arguments, bool force) {
+std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& arguments,
+                                                    bool force) {
   std::vector<std::vector<fs::path>> plans(arguments.inputs.size());
   for (int n = 0; n < arguments.frames; ++n) {
     const auto names = output_names(arguments.inputs, arguments.folder,
@@ -161,7 +162,7 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
                                  ? flow_source(arguments, gain)
                                  : calibrated_source(arguments, gain);
   make_output_folder(arguments.folder);
-  const auto plans = plan_outputs(arguments, common.force);
+  const auto plans = plan_noisy_files(arguments, common.force);
   const auto progress = make_progress(common);
   progress->begin("synthesize",
                   static_cast<std::int64_t>(plans.size()) * std::int64_t{arguments.frames});

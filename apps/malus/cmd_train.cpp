@@ -20,7 +20,7 @@ struct TrainArguments {
 };
 
 // The log's value of a key over the steps.
-Json curve(const Json& log, const char* key) {
+Json training_curve(const Json& log, const char* key) {
   Json x = Json::array(), y = Json::array();
   for (const Json& line : log)
     if (line.contains(key)) {
@@ -40,7 +40,7 @@ Json validation_curve(const Json& log, const char* metric, const char* name) {
   return {{"name", name}, {"x", x}, {"y", y}};
 }
 
-Json score_row(const char* name, const Json& score) {
+Json validation_row(const char* name, const Json& score) {
   return {{"name", name},
           {"cells", {score["image_psnr_db"], score["dolp_psnr_db"], score["aolp_circular_deg"]}}};
 }
@@ -62,8 +62,8 @@ Json record_of(const Json& run) {
                                 {"y", {{"name", title}, {"unit", unit}}},
                                 {"series", std::move(series)}});
   };
-  chart("Loss", "1", Json::array({curve(log, "loss")}));
-  chart("Learning rate", "1", Json::array({curve(log, "rate")}));
+  chart("Loss", "1", Json::array({training_curve(log, "loss")}));
+  chart("Learning rate", "1", Json::array({training_curve(log, "rate")}));
   if (run.contains("sample")) record["pictures"] = Json::array({run["sample"]});
   Json last;
   for (const Json& line : log)
@@ -78,9 +78,9 @@ Json record_of(const Json& run) {
               {{{"name", "image PSNR"}, {"unit", "dB"}},
                {{"name", "DoLP PSNR"}, {"unit", "dB"}},
                {{"name", "AoLP circular error"}, {"unit", "deg"}}}},
-             {"rows", Json::array({score_row("noisy", run["noisy"])})}};
-  if (run.contains("guide")) table["rows"].push_back(score_row("guide", run["guide"]));
-  table["rows"].push_back(score_row("network", last));
+             {"rows", Json::array({validation_row("noisy", run["noisy"])})}};
+  if (run.contains("guide")) table["rows"].push_back(validation_row("guide", run["guide"]));
+  table["rows"].push_back(validation_row("network", last));
   record["tables"].push_back(std::move(table));
   return record;
 }

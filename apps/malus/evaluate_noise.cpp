@@ -27,14 +27,14 @@ NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& op
 
 // What stands in place of a camera: frames in DN above black, rounded and clipped as the camera's
 // are, or not.
-struct NoiseSource {
+struct StandIn {
   SensorLayout layout;
   std::function<Image(const Image& clean, const GainSetting& gain, const DrawAddress& address,
                       bool rounded)>
       draw;
 };
 
-NoiseSource calibrated_source(const NoiseArguments& arguments) {
+StandIn calibrated_stand_in(const NoiseArguments& arguments) {
   SynthesisSettings settings;
   settings.kind = arguments.kind.value_or(settings.kind);
   const auto synthesizer =
@@ -51,7 +51,7 @@ NoiseSource calibrated_source(const NoiseArguments& arguments) {
           }};
 }
 
-NoiseSource flow_source(const NoiseArguments& arguments) {
+StandIn flow_stand_in(const NoiseArguments& arguments) {
   if (arguments.kind)
     throw InputError("--kind " + *arguments.kind, "means nothing to a Noise Flow", "leave it out");
   const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
@@ -65,27 +65,27 @@ NoiseSource flow_source(const NoiseArguments& arguments) {
           }};
 }
 
-NoiseSource source_for(const NoiseArguments& arguments, const RawFrame& reference) {
-  NoiseSource source = arguments.model.extension() == ".safetensors" ? flow_source(arguments)
-                                                                     : calibrated_source(arguments);
-  if (reference.layout_known) require_layout_of_model(reference, source.layout);
-  return source;
+StandIn stand_in_for(const NoiseArguments& arguments, const RawFrame& reference) {
+  StandIn stand_in = arguments.model.extension() == ".safetensors" ? flow_stand_in(arguments)
+                                                                   : calibrated_stand_in(arguments);
+  if (reference.layout_known) require_layout_of_model(reference, stand_in.layout);
+  return stand_in;
 }
 
 // Rounded and clipped when the reference's are whole numbers.
-NoiseFrames frames_drawn(const NoiseSource& source, const NoiseArguments& arguments,
+NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& arguments,
                          const Common& common, const RawFrame& reference,
                          const std::optional<Image>& clean) {
   const int count =
       arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
   const Image scene = clean ? *clean : Image(reference.dn.rows(), reference.dn.cols());
-  return {count, [draw = source.draw, scene, seed = common.seed, gain = reference.gain,
+  return {count, [draw = stand_in.draw, scene, seed = common.seed, gain = reference.gain,
                   rounded = reference.bits > 0](int k) {
             return draw(scene, gain, {seed, static_cast<std::uint32_t>(k), 0, 0}, rounded);
           }};
 }
 
-Json json_of(const NoiseDistance& d) {
+Json distance_json(const NoiseDistance& d) {
   return {{"signal_dn", d.signal_dn},
           {"bin_width_dn", d.bin_width_dn},
           {"reference_samples", d.reference_samples},
@@ -96,7 +96,7 @@ Json json_of(const NoiseDistance& d) {
           {"sqrt_jsd_floor", d.sqrt_jsd_floor}};
 }
 
-Json json_of(const NoiseStructure& s) {
+Json structure_json(const NoiseStructure& s) {
   return {{"mean_dn", s.mean_dn},
           {"sd_dn", s.sd_dn},
           {"sigma_row_dn", s.row_sd_dn},
@@ -106,36 +106,37 @@ Json json_of(const NoiseStructure& s) {
           {"correlation_along_column", s.along_column}};
 }
 
-Json json_of(const NoiseComparison& c, const NoiseComparisonSettings& settings,
-             const SensorLayout& layout) {
+Json comparison_json(const NoiseComparison& c, const NoiseComparisonSettings& settings,
+                     const SensorLayout& layout) {
   Json json;
   json["definitions"] = {{"kld", "D(test||reference), nats"},
                          {"jsd", "base 2, 0 to 1"},
                          {"bins", settings.bins},
                          {"bin_range", "6 standard deviations on both sides of the mean"}};
-  json["pooled"] = json_of(c.pooled);
+  json["pooled"] = distance_json(c.pooled);
   json["levels"] = Json::array();
-  for (const auto& level : c.levels) json["levels"].push_back(json_of(level));
+  for (const auto& level : c.levels) json["levels"].push_back(distance_json(level));
   json["levels_left_out"] = c.levels_left_out;
   json["channels"] = layout.channel_names();
-  json["reference"] = json_of(c.reference);
-  json["test"] = json_of(c.test);
+  json["reference"] = structure_json(c.reference);
+  json["test"] = structure_json(c.test);
   return json;
 }
 
-std::string line_of(const std::string& name, const NoiseDistance& d) {
+std::string distance_line(const std::string& name, const NoiseDistance& d) {
   return fmt::format("  {:>12}  {:>10.4g}  {:>9.5f}  {:>9.5f}  {:>9.5f}  {:>9.5f}  {:>10}\n", name,
                      d.bin_width_dn, d.kld_nats, d.jsd_bits, d.sqrt_jsd, d.sqrt_jsd_floor,
                      d.test_samples);
 }
 
-std::string text_of(const NoiseComparison& c, int bins) {
+std::string comparison_text(const NoiseComparison& c, int bins) {
   std::string text = fmt::format(
       "KLD is D(test||reference) in nats, JSD has base 2; {} bins over 6 sd on both sides\n"
       "  {:>12}  {:>10}  {:>9}  {:>9}  {:>9}  {:>9}  {:>10}\n",
       bins, "signal DN", "bin DN", "KLD", "JSD", "root JSD", "its floor", "samples");
-  for (const auto& level : c.levels) text += line_of(fmt::format("{:.2f}", level.signal_dn), level);
-  text += line_of("pooled", c.pooled);
+  for (const auto& level : c.levels)
+    text += distance_line(fmt::format("{:.2f}", level.signal_dn), level);
+  text += distance_line("pooled", c.pooled);
   if (c.levels_left_out > 0)
     text += fmt::format("  {} levels left out: fewer than {} samples\n", c.levels_left_out,
                         kEnoughSamples);
@@ -175,17 +176,17 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
   SensorLayout layout = first.layout;
   NoiseFrames test;
   if (!arguments.model.empty()) {
-    const NoiseSource source = source_for(arguments, first);
-    layout = source.layout;
-    test = frames_drawn(source, arguments, common, first, clean);
+    const StandIn stand_in = stand_in_for(arguments, first);
+    layout = stand_in.layout;
+    test = frames_drawn(stand_in, arguments, common, first, clean);
   } else {
     test = frames_of(arguments.test, options);
   }
   const auto progress = make_progress(common);
   const NoiseComparison comparison = compare_noise(frames_of(arguments.reference, options), test,
                                                    clean, layout, arguments.settings, *progress);
-  print_result(common, json_of(comparison, arguments.settings, layout),
-               text_of(comparison, arguments.settings.bins));
+  print_result(common, comparison_json(comparison, arguments.settings, layout),
+               comparison_text(comparison, arguments.settings.bins));
 }
 
 }  // namespace malus::app

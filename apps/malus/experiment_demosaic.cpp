@@ -24,52 +24,36 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct DemosaicExperimentArguments {
   fs::path rows, folder, report, pairs;
   std::vector<fs::path> pictures;
   int crop = 512;
 };
 
-// A training configuration, or a classical method.
-struct Row {
-  std::string name, method;
-  fs::path config;
-};
-
-struct Setup {
+struct DemosaicSetup {
   std::string model = "nikon-d850", camera;
   std::vector<double> gains;
   std::vector<std::string> cases;
   double exposure = 1;
-  std::vector<Row> rows;
+  std::vector<TableRow> rows;
 };
 
-Setup read_setup(const fs::path& path) {
+DemosaicSetup read_demosaic_setup(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the experiment");
   root.require_known({"model", "camera", "gains", "cases", "exposure", "rows"});
-  Setup setup;
+  DemosaicSetup setup;
   setup.model = root.text("model").value_or(setup.model);
   setup.camera = root.text("camera").value_or(setup.model);
   setup.exposure = root.number("exposure").value_or(setup.exposure);
   setup.gains = root.numbers("gains");
   setup.cases = root.texts("cases");
   if (setup.gains.empty()) root.fail("gains", "are missing", "name those to train at");
-  for (const ConfigSection& section : root.sections("rows")) {
-    section.require_known({"name", "method", "config"});
-    Row row{section.text("name").value_or(""), section.text("method").value_or(""),
-            section.text("config").value_or("")};
-    if (row.name.empty()) section.fail("name", "is missing", "say what the row shows");
-    if (row.method.empty() == row.config.empty())
-      section.fail("config", "or method is missing, or both are there", "give one of them");
-    if (!row.config.empty()) row.config = path.parent_path() / row.config;
-    setup.rows.push_back(std::move(row));
-  }
-  if (setup.rows.empty()) root.fail("rows", "are missing", "add [[rows]]");
+  setup.rows = table_rows(root, path);
   return setup;
 }
 
 // The model with all kinds that rows may be trained on, as a file for their trainings.
-fs::path complete_model(const Model& door, const Setup& setup, const fs::path& folder) {
+fs::path complete_model(const Model& door, const DemosaicSetup& setup, const fs::path& folder) {
   std::vector<GainSetting> gains;
   for (const double gain : setup.gains) gains.push_back(door.gain_setting(gain));
   const fs::path path = folder / "model.h5";
@@ -77,8 +61,9 @@ fs::path complete_model(const Model& door, const Setup& setup, const fs::path& f
   return path;
 }
 
-std::vector<RecordedPair> test_captures(const Arguments& arguments, const Setup& setup,
-                                        const Model& door, std::uint64_t seed, Progress& progress) {
+std::vector<RecordedPair> test_captures(const DemosaicExperimentArguments& arguments,
+                                        const DemosaicSetup& setup, const Model& door,
+                                        std::uint64_t seed, Progress& progress) {
   if (!arguments.pairs.empty()) return load_pair_list(arguments.pairs);
   const NoiseModel camera = load_model(setup.camera);
   std::vector<RecordedPair> captures;
@@ -97,9 +82,9 @@ std::vector<RecordedPair> test_captures(const Arguments& arguments, const Setup&
 }
 
 // One row: over all captures, and over those of each gain.
-Json score_row(const std::string& name, const std::vector<RecordedPair>& captures,
-               const NoiseModel& model, const std::optional<std::string>& method,
-               Progress& progress) {
+Json score_on_captures(const std::string& name, const std::vector<RecordedPair>& captures,
+                       const NoiseModel& model, const std::optional<std::string>& method,
+                       Progress& progress) {
   std::optional<DenoiserByRatio> denoisers;
   if (method) denoisers.emplace(method_settings_of(*method));
   PictureScore all;
@@ -132,7 +117,7 @@ Json score_row(const std::string& name, const std::vector<RecordedPair>& capture
   return row;
 }
 
-std::string table_text(const Json& rows) {
+std::string demosaic_text(const Json& rows) {
   std::string table =
       "| noise model | PSNR [dB] | SSIM | s per frame |\n"
       "|---|---|---|---|\n";
@@ -143,7 +128,7 @@ std::string table_text(const Json& rows) {
   return table;
 }
 
-Json table_record(const Json& rows) {
+Json demosaic_record(const Json& rows) {
   Json table{{"title", "Means over captures"},
              {"note", "Trained on each noise model, scored on the same captures."},
              {"head", "noise model"},
@@ -158,13 +143,13 @@ Json table_record(const Json& rows) {
   return {{"title", "Joint denoising and demosaicking"}, {"tables", Json::array({table})}};
 }
 
-void run(const Arguments& arguments, const Common& common) {
+void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const Common& common) {
   if (arguments.pictures.empty() == arguments.pairs.empty())
     throw InputError("experiment denoise-demosaic", "needs something to score on",
                      "give --pictures or --pairs");
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   networks();
-  const Setup setup = read_setup(arguments.rows);
+  const DemosaicSetup setup = read_demosaic_setup(arguments.rows);
   const Model door = Model::load(setup.model);
   if (!is_bayer(door.description().layout))
     throw InputError(setup.model, "is not of a Bayer sensor",
@@ -180,8 +165,8 @@ void run(const Arguments& arguments, const Common& common) {
   const fs::path model = complete_model(door, setup, arguments.folder);
   Json rows = Json::array();
   rows.push_back(
-      score_row("none: noisy, demosaicked", captures, door.description(), {}, *progress));
-  for (const Row& row : setup.rows) {
+      score_on_captures("none: noisy, demosaicked", captures, door.description(), {}, *progress));
+  for (const TableRow& row : setup.rows) {
     const std::string method =
         row.method.empty() ? trained_weights(row.name,
                                              {.config = row.config,
@@ -189,26 +174,26 @@ void run(const Arguments& arguments, const Common& common) {
                                               .models = {model}},
                                              common, *progress)
                            : row.method;
-    rows.push_back(score_row(row.name, captures, door.description(), method, *progress));
+    rows.push_back(score_on_captures(row.name, captures, door.description(), method, *progress));
   }
   if (!arguments.report.empty())
-    write_record_report(table_record(rows), arguments.report, common.force);
+    write_record_report(demosaic_record(rows), arguments.report, common.force);
   print_result(common,
                {{"model", setup.model},
                 {"camera", setup.camera},
                 {"captures", captures.size()},
                 {"rows", rows}},
-               table_text(rows));
+               demosaic_text(rows));
 }
 
 }  // namespace
 
 void add_demosaic_experiment(CLI::App& experiment, Common& common) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<DemosaicExperimentArguments>();
   CLI::App* command =
       add_command(experiment, common, "denoise-demosaic",
                   "Joint denoising and demosaicking, trained on every kind of noise model",
-                  [arguments, &common] { run(*arguments, common); });
+                  [arguments, &common] { run_demosaic_experiment(*arguments, common); });
   command
       ->add_option("ROWS", arguments->rows,
                    "the table's rows, e.g. experiments/denoise-demosaic.toml")

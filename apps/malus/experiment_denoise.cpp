@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kEstimateRemedy = "take a larger crop, or leave --estimate-noise out";
 
-struct Arguments {
+struct DenoiseExperimentArguments {
   SceneRuns runs;
   fs::path report;
   std::vector<std::string> methods;
@@ -40,7 +40,7 @@ std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
   return std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
 }
 
-void run(const Arguments& arguments, const Common& common) {
+void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const Common& common) {
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   std::vector<std::string> methods = arguments.methods;
   if (methods.empty())
@@ -77,10 +77,10 @@ void run(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 void add_denoise_experiment(CLI::App& experiment, Common& common) {
-  const auto arguments = std::make_shared<Arguments>();
-  CLI::App* command = add_command(experiment, common, "denoise",
-                                  "Denoising methods on clean scenes with a camera's noise",
-                                  [arguments, &common] { run(*arguments, common); });
+  const auto arguments = std::make_shared<DenoiseExperimentArguments>();
+  CLI::App* command = add_command(
+      experiment, common, "denoise", "Denoising methods on clean scenes with a camera's noise",
+      [arguments, &common] { run_denoise_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
   command->add_option(
       "--methods", arguments->methods,

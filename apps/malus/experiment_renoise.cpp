@@ -29,7 +29,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct RenoiseExperimentArguments {
   RawOptions raw;
   fs::path clean;
   std::string model = "imx250myr-simulated", weak_guide = "paper-bm3d";
@@ -44,7 +44,7 @@ struct Gains {
   PhysicsNoise from, to;
 };
 
-Gains gains_of(const Arguments& arguments) {
+Gains gains_of(const RenoiseExperimentArguments& arguments) {
   const Model door = Model::load(arguments.model);
   Gains gains{door.description(), door.gain_setting(arguments.from), {}, {}};
   gains.from = gains.model.physics_at(gains.from_gain);
@@ -116,7 +116,7 @@ struct Variant {
   std::function<Image(const Image& noisy_dn, const DrawAddress& address)> make;
 };
 
-std::vector<Variant> variants_of(const Arguments& arguments, const Gains& gains,
+std::vector<Variant> variants_of(const RenoiseExperimentArguments& arguments, const Gains& gains,
                                  const Image& clean_dn) {
   const auto renoiser = std::make_shared<Renoiser>(
       gains.from, gains.to, gains.model.white_dn - gains.model.black_dn.front());
@@ -189,7 +189,7 @@ Json score_of(const std::string& name, const Gains& gains, const Image& clean_dn
           {"detail_psnr_db", detail_psnr_db(gains, frames, clean_dn)}};
 }
 
-void run(const Arguments& arguments, const Common& common) {
+void run_renoise_experiment(const RenoiseExperimentArguments& arguments, const Common& common) {
   const Gains gains = gains_of(arguments);
   FrameOptions options = arguments.raw.resolve();
   options.layout = gains.model.layout;
@@ -244,10 +244,11 @@ void run(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 void add_renoise_experiment(CLI::App& experiment, Common& common) {
-  const auto arguments = std::make_shared<Arguments>();
-  CLI::App* command = add_command(experiment, common, "renoise",
-                                  "Ways to make frames of a noisier gain, where the truth is known",
-                                  [arguments, &common] { run(*arguments, common); });
+  const auto arguments = std::make_shared<RenoiseExperimentArguments>();
+  CLI::App* command =
+      add_command(experiment, common, "renoise",
+                  "Ways to make frames of a noisier gain, where the truth is known",
+                  [arguments, &common] { run_renoise_experiment(*arguments, common); });
   command
       ->add_option("CLEAN", arguments->clean,
                    "clean mosaic in DN above black; cut at 80 % of the range")

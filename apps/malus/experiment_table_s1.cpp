@@ -28,14 +28,14 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct TableS1Arguments {
   fs::path rows, folder, report, pairs, test_pairs;
   std::vector<fs::path> pictures, test_pictures;
   int crop = 512;
 };
 
 // What makes the training frames of one row: 001 Table S1's first three columns.
-struct Row {
+struct TableS1Row {
   std::string noise;     // "NP", "HG"; of captures ""
   std::string scheme;    // "noise-on-noise", "calibrated", "captured"
   std::string denoiser;  // "UNet", "BM3D"; of captures ""
@@ -49,11 +49,11 @@ struct Row {
   }
 };
 
-struct Setup {
+struct TableS1Setup {
   fs::path denoiser, isp;
   std::string model = "nikon-d850", camera;
   double from = 1600, to = 3200, exposure = 1;
-  std::vector<Row> rows;
+  std::vector<TableS1Row> rows;
 };
 
 std::string one_of(const ConfigSection& section, const char* key,
@@ -65,10 +65,10 @@ std::string one_of(const ConfigSection& section, const char* key,
   return value;
 }
 
-Setup read_setup(const fs::path& path) {
+TableS1Setup read_table_s1_setup(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the experiment");
   root.require_known({"denoiser", "isp", "model", "camera", "from", "to", "exposure", "rows"});
-  Setup setup;
+  TableS1Setup setup;
   setup.model = root.text("model").value_or(setup.model);
   setup.camera = root.text("camera").value_or(setup.model);
   setup.from = root.number("from").value_or(setup.from);
@@ -81,7 +81,7 @@ Setup read_setup(const fs::path& path) {
   }
   for (const ConfigSection& section : root.sections("rows")) {
     section.require_known({"noise", "scheme", "denoiser"});
-    Row row;
+    TableS1Row row;
     row.scheme = one_of(section, "scheme", {"noise-on-noise", "calibrated", "captured"});
     if (row.scheme != "captured") {
       row.noise = one_of(section, "noise", {"NP", "HG"});
@@ -94,7 +94,7 @@ Setup read_setup(const fs::path& path) {
 }
 
 // The experiment's models and captures.
-struct Bench {
+struct TestBench {
   NoiseModel model;
   GainSetting from, to;
   std::vector<RecordedPair> sources, targets;  // training scenes at the two gains
@@ -108,10 +108,10 @@ std::vector<RecordedPair> joined_lists(std::vector<RecordedPair> one,
   return one;
 }
 
-Bench open_bench(const Arguments& arguments, const Setup& setup, const Common& common,
-                 Progress& progress) {
+TestBench open_test_bench(const TableS1Arguments& arguments, const TableS1Setup& setup,
+                          const Common& common, Progress& progress) {
   const Model door = Model::load(setup.model);
-  Bench bench{
+  TestBench bench{
       door.description(), door.gain_setting(setup.from), door.gain_setting(setup.to), {}, {}, {},
       arguments.folder};
   if (!arguments.pairs.empty()) {
@@ -141,7 +141,7 @@ Bench open_bench(const Arguments& arguments, const Setup& setup, const Common& c
 using FrameMaker =
     std::function<Image(const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address)>;
 
-FrameMaker noise_on_noise(const Bench& bench, const std::string& noise) {
+FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
   const NoiseModel& model = bench.model;
   if (noise == "HG") {
     const auto added = std::make_shared<CompiledNoise>(
@@ -173,7 +173,7 @@ FrameMaker noise_on_noise(const Bench& bench, const std::string& noise) {
 }
 
 // The calibrated noise of the noisier gain on the denoised frame.
-FrameMaker calibrated(const Bench& bench, const std::string& noise) {
+FrameMaker calibrated(const TestBench& bench, const std::string& noise) {
   const NoiseModel& model = bench.model;
   SynthesisSettings settings;
   settings.parameters = "mean";
@@ -191,7 +191,7 @@ FrameMaker calibrated(const Bench& bench, const std::string& noise) {
 }
 
 // Frames that a row's ISP is trained on, written beside their list.
-std::vector<RecordedPair> make_captures(const Bench& bench, const Row& row,
+std::vector<RecordedPair> make_captures(const TestBench& bench, const TableS1Row& row,
                                         const std::string& weights, const Common& common,
                                         Progress& progress) {
   if (row.scheme == "captured") return bench.targets;
@@ -236,7 +236,7 @@ struct NoiseDivergence {
   double jsd = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
   int scenes = 0;
 };
-NoiseDivergence divergence(const Bench& bench, const std::vector<RecordedPair>& made) {
+NoiseDivergence divergence(const TestBench& bench, const std::vector<RecordedPair>& made) {
   NoiseDivergence sum;
   for (const RecordedPair& target : bench.targets)
     for (const RecordedPair& capture : made) {
@@ -259,8 +259,8 @@ NoiseDivergence divergence(const Bench& bench, const std::vector<RecordedPair>& 
   return {sum.jsd / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.scenes};
 }
 
-Json score_row(const Bench& bench, const Setup& setup, const Row& row, const std::string& weights,
-               const Common& common, Progress& progress) {
+Json train_and_score(const TestBench& bench, const TableS1Setup& setup, const TableS1Row& row,
+                     const std::string& weights, const Common& common, Progress& progress) {
   const std::vector<RecordedPair> made = make_captures(bench, row, weights, common, progress);
   const fs::path list = bench.folder / row.folder() / "pairs.json";
   fs::create_directories(list.parent_path());
@@ -298,7 +298,7 @@ Json score_row(const Bench& bench, const Setup& setup, const Row& row, const std
   return json;
 }
 
-std::string table_text(const Bench& bench, const Json& rows) {
+std::string table_s1_text(const TestBench& bench, const Json& rows) {
   std::string table = fmt::format(
       "| {} noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD |\n"
       "|---|---|---|---|---|---|\n",
@@ -313,7 +313,7 @@ std::string table_text(const Bench& bench, const Json& rows) {
 }
 
 // As a record that a report shows (docs/report.md).
-Json table_record(const Json& rows) {
+Json table_s1_record(const Json& rows) {
   Json table{{"title", "Non-parametric Sensor Noise Modeling and Synthesis, Table S1"},
              {"note", "A neural ISP trained on the frames of each row, scored on captures."},
              {"head", "noise model, denoiser"},
@@ -329,7 +329,7 @@ Json table_record(const Json& rows) {
   return {{"title", "Noise on noise for a neural ISP"}, {"tables", Json::array({table})}};
 }
 
-void run(const Arguments& arguments, const Common& common) {
+void run_table_s1(const TableS1Arguments& arguments, const Common& common) {
   const bool captured = !arguments.pairs.empty();
   if (captured != !arguments.test_pairs.empty() || captured == !arguments.pictures.empty() ||
       captured == !arguments.test_pictures.empty())
@@ -337,22 +337,22 @@ void run(const Arguments& arguments, const Common& common) {
                      "give --pictures and --test-pictures, or --pairs and --test-pairs");
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   networks();
-  const Setup setup = read_setup(arguments.rows);
+  const TableS1Setup setup = read_table_s1_setup(arguments.rows);
   make_output_folder(arguments.folder);
   const auto progress = make_progress(common);
-  const Bench bench = open_bench(arguments, setup, common, *progress);
+  const TestBench bench = open_test_bench(arguments, setup, common, *progress);
   std::string weights;
   if (std::any_of(setup.rows.begin(), setup.rows.end(),
-                  [](const Row& row) { return row.denoiser == "UNet"; }))
+                  [](const TableS1Row& row) { return row.denoiser == "UNet"; }))
     weights = trained_weights(
         "denoiser",
         {.config = setup.denoiser, .folder = bench.folder / "denoiser", .models = {setup.model}},
         common, *progress);
   Json rows = Json::array();
-  for (const Row& row : setup.rows)
-    rows.push_back(score_row(bench, setup, row, weights, common, *progress));
+  for (const TableS1Row& row : setup.rows)
+    rows.push_back(train_and_score(bench, setup, row, weights, common, *progress));
   if (!arguments.report.empty())
-    write_record_report(table_record(rows), arguments.report, common.force);
+    write_record_report(table_s1_record(rows), arguments.report, common.force);
   print_result(common,
                {{"model", setup.model},
                 {"from", bench.from.text()},
@@ -360,18 +360,18 @@ void run(const Arguments& arguments, const Common& common) {
                 {"training_scenes", bench.sources.size()},
                 {"test_captures", bench.tests.size()},
                 {"rows", rows}},
-               table_text(bench, rows));
+               table_s1_text(bench, rows));
 }
 
 }  // namespace
 
 void add_table_s1_experiment(CLI::App& experiment, Common& common) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<TableS1Arguments>();
   CLI::App* command = add_command(
       experiment, common, "table-s1",
       "Table S1 of \"Non-parametric Sensor Noise Modeling and Synthesis\": ways to make "
       "frames of a noisier gain, by what they teach a neural ISP",
-      [arguments, &common] { run(*arguments, common); });
+      [arguments, &common] { run_table_s1(*arguments, common); });
   command->add_option("ROWS", arguments->rows, "the table, e.g. experiments/table-s1.toml")
       ->required();
   command->add_option("--pictures", arguments->pictures,

@@ -24,34 +24,16 @@ struct TableArguments {
   fs::path rows, folder, report;
 };
 
-// A row is a training configuration, or a classical method.
-struct TableRow {
-  std::string name, method;
-  fs::path config;
-};
-
-std::vector<TableRow> read_rows(const fs::path& path) {
+std::vector<TableRow> read_table(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the experiment");
   root.require_known({"rows"});
-  std::vector<TableRow> rows;
-  for (const ConfigSection& section : root.sections("rows")) {
-    section.require_known({"name", "method", "config"});
-    TableRow row{section.text("name").value_or(""), section.text("method").value_or(""),
-                 section.text("config").value_or("")};
-    if (row.name.empty()) section.fail("name", "is missing", "say what the row shows");
-    if (row.method.empty() == row.config.empty())
-      section.fail("config", "or method is missing, or both are there", "give one of them");
-    if (!row.config.empty()) row.config = path.parent_path() / row.config;
-    rows.push_back(std::move(row));
-  }
-  if (rows.empty()) root.fail("rows", "are missing", "add [[rows]]");
-  return rows;
+  return table_rows(root, path);
 }
 
-void run(const TableArguments& arguments, const Common& common, const std::string& title) {
+void run_table(const TableArguments& arguments, const Common& common, const std::string& title) {
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   networks();
-  const std::vector<TableRow> rows = read_rows(arguments.rows);
+  const std::vector<TableRow> rows = read_table(arguments.rows);
   const NoiseModel model = load_model(arguments.runs.model);
   make_output_folder(arguments.folder);
   const auto progress = make_progress(common);
@@ -86,8 +68,9 @@ void run(const TableArguments& arguments, const Common& common, const std::strin
 void add_table(CLI::App& experiment, Common& common, const std::string& name,
                const std::string& title) {
   const auto arguments = std::make_shared<TableArguments>();
-  CLI::App* command = add_command(experiment, common, name, title,
-                                  [arguments, &common, title] { run(*arguments, common, title); });
+  CLI::App* command = add_command(experiment, common, name, title, [arguments, &common, title] {
+    run_table(*arguments, common, title);
+  });
   command
       ->add_option("ROWS", arguments->rows, "the table's rows, e.g. experiments/" + name + ".toml")
       ->required();

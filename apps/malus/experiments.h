@@ -1,12 +1,24 @@
 // The experiments of `malus experiment`, one file each.
 #pragma once
 
+#include "malus/io/config_section.h"
+
+#include <filesystem>
 #include <string>
+#include <vector>
 
 #include "networks_door.h"
 #include "program.h"
 
 namespace malus::app {
+
+/// A row of a table is a training configuration, or a classical method.
+struct TableRow {
+  std::string name, method;
+  std::filesystem::path config;
+};
+/// [[rows]] of an experiment's file: configurations lie beside it. Throws InputError.
+std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path);
 
 /// The weights of a row's training (its configuration and folder in call, the rest is set here). A
 /// finished one is not trained again, an interrupted one goes on where it was. Throws InputError,

@@ -14,14 +14,14 @@
 namespace malus::app {
 namespace {
 
-struct Arguments {
+struct FromDngArguments {
   RawOptions raw;
   std::filesystem::path frame, model;
 };
 
 // Layout and levels from the flags alone where they say everything, so that frames whose
 // compression nobody here decodes serve too; else from the file.
-RawFrame facts_of(const std::filesystem::path& path, const FrameOptions& options) {
+RawFrame layout_and_levels(const std::filesystem::path& path, const FrameOptions& options) {
   if (!options.layout || options.black_dn.empty() || !options.white_dn)
     return probe_frame(path, options).frame;
   RawFrame frame;
@@ -33,10 +33,11 @@ RawFrame facts_of(const std::filesystem::path& path, const FrameOptions& options
   return frame;
 }
 
-void run(const Arguments& arguments, const Common& common) {
+void run_from_dng(const FromDngArguments& arguments, const Common& common) {
   check_output(arguments.model, common.force);
   const DngNoiseProfile profile = read_dng_noise_profile(arguments.frame);
-  NoiseModel model = gaussian_model_of(profile, facts_of(arguments.frame, arguments.raw.resolve()));
+  NoiseModel model =
+      gaussian_model_of(profile, layout_and_levels(arguments.frame, arguments.raw.resolve()));
   model.origin = "NoiseProfile of " + arguments.frame.filename().string();
   save_model(model, arguments.model, common.force);
   const GaussianCalibration& g = model.gaussian.front();
@@ -53,10 +54,10 @@ void run(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 void add_model_from_dng(CLI::App& model, Common& common) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<FromDngArguments>();
   CLI::App* command =
       add_command(model, common, "from-dng", "Gaussian model from the NoiseProfile of a DNG frame",
-                  [arguments, &common] { run(*arguments, common); });
+                  [arguments, &common] { run_from_dng(*arguments, common); });
   command->add_option("FRAME", arguments->frame, "DNG frame; its gain is the model's")->required();
   command->add_option("-o,--output", arguments->model, "model file to write")->required();
   arguments->raw.add_to(*command);

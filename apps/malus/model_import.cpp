@@ -15,7 +15,7 @@ struct ImportArguments {
   std::string settings, package;
 };
 
-nlohmann::json table_of(const std::string& text, const std::string& flag) {
+nlohmann::json json_object_of(const std::string& text, const std::string& flag) {
   if (text.empty()) return nlohmann::json::object();
   const auto json = nlohmann::json::parse(text, nullptr, false);
   if (!json.is_object())
@@ -24,10 +24,10 @@ nlohmann::json table_of(const std::string& text, const std::string& flag) {
   return json;
 }
 
-void run(const ImportArguments& arguments, const Common& common) {
+void run_import_weights(const ImportArguments& arguments, const Common& common) {
   ImportRequest request = arguments.request;
-  request.settings = table_of(arguments.settings, "--settings");
-  request.package = table_of(arguments.package, "--package");
+  request.settings = json_object_of(arguments.settings, "--settings");
+  request.package = json_object_of(arguments.package, "--package");
   request.force = common.force;
   const auto json = networks().import_checkpoint(request);
   print_result(
@@ -42,7 +42,7 @@ void add_import_weights(CLI::App& model, Common& common) {
   const auto arguments = std::make_shared<ImportArguments>();
   CLI::App* command = add_command(model, common, "import-weights",
                                   "A network's weights from a PyTorch checkpoint (.pth, .pt)",
-                                  [arguments, &common] { run(*arguments, common); });
+                                  [arguments, &common] { run_import_weights(*arguments, common); });
   command
       ->add_option("CHECKPOINT", arguments->request.checkpoint,
                    "a state dict written by torch.save; nothing in it is run")

@@ -36,7 +36,7 @@ std::string mean_cell(const Values& values, int digits) {
   return fmt::format("{:.{}f}", mean_of(values), digits);
 }
 
-std::string cell(const Values& values, std::size_t c, int digits) {
+std::string value_cell(const Values& values, std::size_t c, int digits) {
   if (c >= values.size() || !std::isfinite(values[c])) return "-";
   return fmt::format("{:.{}f}", values[c], digits);
 }
@@ -46,7 +46,7 @@ std::string error_cell(const ChannelStatistics& s, std::size_t c, int digits) {
   const bool known = c < s.standard_error.size() && std::isfinite(s.standard_error[c]);
   if (known && s.standard_error[c] > 0)
     while (digits < 6 && s.standard_error[c] < 0.5 * std::pow(10.0, -digits)) ++digits;
-  const std::string value = cell(s.mean, c, digits);
+  const std::string value = value_cell(s.mean, c, digits);
   if (!known) return value;
   return fmt::format("{} ±{:.{}f}", value, s.standard_error[c], digits);
 }
@@ -103,9 +103,9 @@ void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p
   for (int channel = 0; channel < m.layout.channels(); ++channel) {
     const auto c = static_cast<std::size_t>(channel);
     lines.add("{:>10}{}", m.layout.channel_name(channel),
-              row_of({error_cell(p.K, c, 4), cell(read, c, 3), error_cell(p.lambda, c, 3),
+              row_of({error_cell(p.K, c, 4), value_cell(read, c, 3), error_cell(p.lambda, c, 3),
                       error_cell(p.sigma_tl, c, 4), error_cell(p.mu, c, 4),
-                      error_cell(p.sigma_row, c, 4), cell(p.temporal_sd_dark_dn, c, 3)},
+                      error_cell(p.sigma_row, c, 4), value_cell(p.temporal_sd_dark_dn, c, 3)},
                      kWidth));
   }
   if (!p.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(p.row_drift));

@@ -1,3 +1,4 @@
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/data_sheet.h"
 #include "malus/noise/tukey_lambda.h"
@@ -11,10 +12,6 @@
 
 namespace malus::app {
 namespace {
-
-using Variants = std::vector<ChartsBlock::Variant>;
-
-std::size_t at(int channel) { return static_cast<std::size_t>(channel); }
 
 // One regression of the joint model: what is plotted, and where its numbers lie.
 struct Law {
@@ -31,10 +28,10 @@ PointSeries measured_points(const NoiseModel& model, const Law& law, int channel
     const ChannelStatistics& s = p.*law.measured;
     if (p.K.mean.empty() || s.mean.empty()) continue;
     points.x.push_back(mean_of(p.K.mean));
-    points.y.push_back(law.sign * s.mean[at(channel)]);
-    const bool known =
-        at(channel) < s.standard_error.size() && std::isfinite(s.standard_error[at(channel)]);
-    points.error.push_back(known ? s.standard_error[at(channel)] : 0.0);
+    points.y.push_back(law.sign * s.mean[as_index(channel)]);
+    const bool known = as_index(channel) < s.standard_error.size() &&
+                       std::isfinite(s.standard_error[as_index(channel)]);
+    points.error.push_back(known ? s.standard_error[as_index(channel)] : 0.0);
     points.notes.push_back(p.gain.text());
   }
   return points;
@@ -53,7 +50,7 @@ Chart law_chart(const NoiseModel& model, const Law& law) {
   for (const JointSegment& segment : model.joint->segments)
     for (int channel = 0; channel < model.layout.channels(); ++channel) {
       const std::string name = model.layout.channel_name(channel);
-      const LogLinear& line = (segment.*law.lines)[at(channel)];
+      const LogLinear& line = (segment.*law.lines)[as_index(channel)];
       if (line.signed_linear) chart.y.scale = AxisScale::kLinear;
       PointSeries curve{.name = name + ", law", .mark = Mark::kLine, .tone = name};
       constexpr int kPoints = 12;
@@ -91,9 +88,10 @@ double normal_density(double x, double sd) {
 }
 
 Distribution distribution_of(const PhysicsCalibration& p, int channel) {
-  const std::vector<double>& counts = p.residual_counts[at(channel)];
-  const double cell = p.residual_cell_dn[at(channel)];
-  const double lambda = p.lambda.mean[at(channel)], scale = p.sigma_tl.mean[at(channel)];
+  const std::vector<double>& counts = p.residual_counts[as_index(channel)];
+  const double cell = p.residual_cell_dn[as_index(channel)];
+  const double lambda = p.lambda.mean[as_index(channel)],
+               scale = p.sigma_tl.mean[as_index(channel)];
   double total = 0;
   for (const double count : counts) total += count;
   const double sd = residual_deviation(counts, cell);
@@ -142,9 +140,10 @@ Chart probability_chart(const PhysicsCalibration& p, int channel, const std::str
               {"quantile of the law", "DN"},
               {"measured quantile", "DN"},
               {}};
-  const std::vector<double>& counts = p.residual_counts[at(channel)];
-  const double cell = p.residual_cell_dn[at(channel)];
-  const double lambda = p.lambda.mean[at(channel)], scale = p.sigma_tl.mean[at(channel)];
+  const std::vector<double>& counts = p.residual_counts[as_index(channel)];
+  const double cell = p.residual_cell_dn[as_index(channel)];
+  const double lambda = p.lambda.mean[as_index(channel)],
+               scale = p.sigma_tl.mean[as_index(channel)];
   const double sd = residual_deviation(counts, cell);
   double total = 0, below = 0;
   for (const double count : counts) total += count;
@@ -207,7 +206,7 @@ std::vector<Block> distribution_plots(const NoiseModel& model) {
                   fmt::format("Residuals of {} bias frames after row noise and fixed pattern, "
                               "against the fitted Tukey lambda (λ = {:.3f}) and a Gaussian of the "
                               "same standard deviation.",
-                              p.bias_frames, p.lambda.mean[at(channel)]),
+                              p.bias_frames, p.lambda.mean[as_index(channel)]),
                   {"residual", "DN"},
                   {"density", "1/DN", AxisScale::kLogarithmic},
                   {}};

@@ -10,9 +10,7 @@
 namespace malus::app {
 namespace {
 
-using Variants = std::vector<ChartsBlock::Variant>;
-
-PointSeries curve(const std::string& name, const std::vector<double>& values, double step) {
+PointSeries line_series(const std::string& name, const std::vector<double>& values, double step) {
   PointSeries series{.name = name, .mark = Mark::kLine};
   for (std::size_t i = 0; i < values.size(); ++i) {
     series.x.push_back(static_cast<double>(i) * step);
@@ -29,8 +27,8 @@ Chart profile_chart(const PhysicsCalibration& p) {
       {"row or column", "px"},
       {"offset", "DN"},
       {}};
-  chart.series = {curve("rows", row_profile(p.dark_shading_dn), 1),
-                  curve("columns", column_profile(p.dark_shading_dn), 1)};
+  chart.series = {line_series("rows", row_profile(p.dark_shading_dn), 1),
+                  line_series("columns", column_profile(p.dark_shading_dn), 1)};
   return chart;
 }
 
@@ -43,8 +41,8 @@ Chart spectrum_chart(const Image& map, const std::string& what, const std::strin
       {"frequency", "periods/px"},
       {"amplitude", unit, AxisScale::kLogarithmic},
       {}};
-  chart.series = {curve("along rows", row_spectrum(map), 1.0 / map.cols()),
-                  curve("along columns", column_spectrum(map), 1.0 / map.rows())};
+  chart.series = {line_series("along rows", row_spectrum(map), 1.0 / map.cols()),
+                  line_series("along columns", column_spectrum(map), 1.0 / map.rows())};
   return chart;
 }
 

@@ -1,5 +1,7 @@
 #include "report_plots.h"
 
+#include "malus/base/index.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -8,12 +10,8 @@
 namespace malus::app {
 namespace {
 
-using Variants = std::vector<ChartsBlock::Variant>;
-
-std::size_t at(int channel) { return static_cast<std::size_t>(channel); }
-
 double value_at(const std::vector<double>& values, int channel) {
-  return at(channel) < values.size() ? values[at(channel)] : Measured::kNone;
+  return as_index(channel) < values.size() ? values[as_index(channel)] : Measured::kNone;
 }
 
 void add_charts(std::vector<Block>& blocks, Variants variants, bool wide = false) {
@@ -79,7 +77,7 @@ Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
     TransferSeries series = transfer_series(p, name, channel);
     if (!series.used.x.empty()) chart.series.emplace_back(std::move(series.used));
     if (!series.left_out.x.empty()) chart.series.emplace_back(std::move(series.left_out));
-    if (high > low && at(channel) < p.K.mean.size())
+    if (high > low && as_index(channel) < p.K.mean.size())
       chart.series.emplace_back(fitted_line(p, name, channel, low, high));
   }
   return chart;
@@ -92,7 +90,7 @@ Chart residual_chart(const NoiseModel& model, const PhysicsCalibration& p) {
               {"residual", "%"},
               {}};
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
-    if (at(channel) >= p.K.mean.size()) break;
+    if (as_index(channel) >= p.K.mean.size()) break;
     PointSeries series = transfer_series(p, model.layout.channel_name(channel), channel).used;
     for (std::size_t i = 0; i < series.x.size(); ++i) {
       const double line =
@@ -126,7 +124,7 @@ Chart box_chart(const NoiseModel& model, const PhysicsCalibration& p, const std:
       "all; whiskers reach 1.5 quartile ranges.",
       statistics.per_frame.size());
   BoxSeries boxes{symbol, model.layout.channel_names(), {}};
-  boxes.samples.resize(at(model.layout.channels()));
+  boxes.samples.resize(as_index(model.layout.channels()));
   for (const auto& frame : statistics.per_frame)
     for (std::size_t c = 0; c < frame.size(); ++c)
       if (std::isfinite(frame[c])) boxes.samples[c].push_back(frame[c]);
@@ -166,15 +164,15 @@ Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, in
               {}};
   PointSeries frames{.name = "frames", .mark = Mark::kPoints};
   for (const auto& frame : p.mu.per_frame) {
-    frames.x.push_back(frame[at(a)]);
-    frames.y.push_back(frame[at(b)]);
+    frames.x.push_back(frame[as_index(a)]);
+    frames.y.push_back(frame[as_index(b)]);
   }
   if (!frames.x.empty()) chart.series.emplace_back(std::move(frames));
   // Radii that hold 68.3 and 95.4 % in two dimensions: sqrt(-2 ln(1 - share)).
   for (const auto& [share, label] : {std::pair{0.683, "68 %"}, {0.954, "95 %"}})
     chart.series.emplace_back(gaussian_ellipse(
-        label, p.mu.mean[at(a)], p.mu.mean[at(b)], p.mu.covariance(a, a), p.mu.covariance(b, b),
-        p.mu.covariance(a, b), std::sqrt(-2 * std::log(1 - share))));
+        label, p.mu.mean[as_index(a)], p.mu.mean[as_index(b)], p.mu.covariance(a, a),
+        p.mu.covariance(b, b), p.mu.covariance(a, b), std::sqrt(-2 * std::log(1 - share))));
   return chart;
 }
 

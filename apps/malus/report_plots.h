@@ -9,6 +9,8 @@
 
 namespace malus::app {
 
+using Variants = std::vector<ChartsBlock::Variant>;
+
 /// "Bias at 12 dB"; without a known gain "Bias".
 std::string title_at(const std::string& what, const GainSetting& gain);
 

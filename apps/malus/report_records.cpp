@@ -16,7 +16,7 @@ double number_of(const Json& json) {
   return json.is_number() ? json.get<double>() : Measured::kNone;
 }
 
-std::string text_of(const Json& json, const char* key) {
+std::string text_at(const Json& json, const char* key) {
   return json.contains(key) && json.at(key).is_string() ? json.at(key).get<std::string>() : "";
 }
 
@@ -28,17 +28,17 @@ TableBlock::Cell cell_of(const Json& json) {
   return Measured{number_of(json), Measured::kNone};
 }
 
-TableBlock table_of(const Json& json) {
-  TableBlock table{.title = text_of(json, "title"),
-                   .note = text_of(json, "note"),
-                   .head = text_of(json, "head"),
+TableBlock table_block(const Json& json) {
+  TableBlock table{.title = text_at(json, "title"),
+                   .note = text_at(json, "note"),
+                   .head = text_at(json, "head"),
                    .columns = {},
                    .rows = {}};
   for (const Json& column : json.at("columns"))
     table.columns.push_back(
-        {text_of(column, "name"), column.contains("unit") ? text_of(column, "unit") : "1"});
+        {text_at(column, "name"), column.contains("unit") ? text_at(column, "unit") : "1"});
   for (const Json& row : json.at("rows")) {
-    TableBlock::Row made{text_of(row, "name"), {}};
+    TableBlock::Row made{text_at(row, "name"), {}};
     for (const Json& cell : row.at("cells")) made.cells.push_back(cell_of(cell));
     made.cells.resize(table.columns.size(), TableBlock::Cell(std::string()));
     table.rows.push_back(std::move(made));
@@ -49,13 +49,13 @@ TableBlock table_of(const Json& json) {
 Chart chart_of(const Json& json) {
   const auto axis = [&](const char* key) {
     const Json& from = json.at(key);
-    Axis made{text_of(from, "name"), from.contains("unit") ? text_of(from, "unit") : "1"};
+    Axis made{text_at(from, "name"), from.contains("unit") ? text_at(from, "unit") : "1"};
     if (from.value("log", false)) made.scale = AxisScale::kLogarithmic;
     return made;
   };
-  Chart chart{text_of(json, "title"), text_of(json, "text"), axis("x"), axis("y"), {}};
+  Chart chart{text_at(json, "title"), text_at(json, "text"), axis("x"), axis("y"), {}};
   for (const Json& from : json.at("series")) {
-    PointSeries series{.name = text_of(from, "name"), .mark = Mark::kLine};
+    PointSeries series{.name = text_at(from, "name"), .mark = Mark::kLine};
     for (const Json& x : from.at("x")) series.x.push_back(number_of(x));
     for (const Json& y : from.at("y")) series.y.push_back(number_of(y));
     const std::size_t size = std::min(series.x.size(), series.y.size());
@@ -67,10 +67,10 @@ Chart chart_of(const Json& json) {
 }
 
 // Mosaics of one scene in DN above black, as float files.
-PicturesBlock pictures_of(const Json& json, const std::filesystem::path& folder) {
+PicturesBlock pictures_block(const Json& json, const std::filesystem::path& folder) {
   const double white = json.at("white_dn").get<double>();
-  PicturesBlock block{.title = text_of(json, "title"),
-                      .text = text_of(json, "text"),
+  PicturesBlock block{.title = text_at(json, "title"),
+                      .text = text_at(json, "text"),
                       .layout = SensorLayout::named(json.at("layout").get<std::string>()),
                       .white_dn = white};
   FrameOptions options;
@@ -85,7 +85,7 @@ PicturesBlock pictures_of(const Json& json, const std::filesystem::path& folder)
       throw InputError(file.string(), "has another size than the pictures beside it",
                        "list pictures of one scene");
     }
-    block.pictures.push_back({text_of(from, "name"), std::move(frame.dn), 1});
+    block.pictures.push_back({text_at(from, "name"), std::move(frame.dn), 1});
   }
   return block;
 }
@@ -124,14 +124,14 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
   for (const Metric& metric : kMetrics) table.columns.push_back({metric.name, metric.unit});
   std::vector<std::string> names;
   for (const Json& result : results) {
-    const std::string name = text_of(result, "test");
+    const std::string name = text_at(result, "test");
     names.push_back(name.empty() ? "test" : std::filesystem::path(name).filename().string());
     TableBlock::Row row{names.back(), {}};
     for (const Metric& metric : kMetrics)
       row.cells.emplace_back(Measured{metric_of(result, metric), Measured::kNone});
     table.rows.push_back(std::move(row));
   }
-  Section section{prefix + "evaluation", "Evaluation", text_of(evaluation, "reference"), {table}};
+  Section section{prefix + "evaluation", "Evaluation", text_at(evaluation, "reference"), {table}};
   if (results.size() > 1)
     for (const Metric& metric : kMetrics) {
       Chart chart{metric.name,
@@ -154,7 +154,7 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
 
 std::vector<Section> record_sections(const Json& record, const std::filesystem::path& folder,
                                      const std::string& prefix) {
-  Section section{prefix + "record", text_of(record, "title"), text_of(record, "text"), {}};
+  Section section{prefix + "record", text_at(record, "title"), text_at(record, "text"), {}};
   try {
     if (record.contains("notes")) {
       NoticesBlock notices;
@@ -163,13 +163,13 @@ std::vector<Section> record_sections(const Json& record, const std::filesystem::
       section.blocks.emplace_back(std::move(notices));
     }
     if (record.contains("tables"))
-      for (const Json& table : record.at("tables")) section.blocks.emplace_back(table_of(table));
+      for (const Json& table : record.at("tables")) section.blocks.emplace_back(table_block(table));
     if (record.contains("charts"))
       for (const Json& chart : record.at("charts"))
         section.blocks.emplace_back(ChartsBlock{"", {{"", chart_of(chart)}}});
     if (record.contains("pictures"))
       for (const Json& pictures : record.at("pictures"))
-        section.blocks.emplace_back(pictures_of(pictures, folder));
+        section.blocks.emplace_back(pictures_block(pictures, folder));
   } catch (const Json::exception& error) {
     throw InputError("record", std::string("does not hold what a page needs: ") + error.what(),
                      "see docs/report.md for its format");
@@ -180,13 +180,13 @@ std::vector<Section> record_sections(const Json& record, const std::filesystem::
 void write_evaluation_report(const Json& evaluation, const std::filesystem::path& path,
                              bool force) {
   write_report(
-      make_report("Evaluation", text_of(evaluation, "reference"), evaluation_sections(evaluation)),
+      make_report("Evaluation", text_at(evaluation, "reference"), evaluation_sections(evaluation)),
       path, {.force = force});
 }
 
 void write_record_report(const Json& record, const std::filesystem::path& path, bool force,
                          const std::filesystem::path& folder) {
-  write_report(make_report(text_of(record, "title"), {}, record_sections(record, folder)), path,
+  write_report(make_report(text_at(record, "title"), {}, record_sections(record, folder)), path,
                {.force = force});
 }
 
