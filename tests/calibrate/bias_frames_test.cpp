@@ -13,19 +13,11 @@
 namespace malus {
 namespace {
 
+using testing::calibrated;
 using testing::polar_gain;
 using testing::simulated_session;
 using testing::SimulatedCamera;
-
-SimulatedCamera small_camera() {
-  SimulatedCamera camera;
-  camera.gains.push_back(polar_gain(12));
-  return camera;
-}
-
-NoiseModel calibrated(const SimulatedCamera& camera) {
-  return calibrate_physics(simulated_session(camera), {}, silent_progress());
-}
+using testing::small_camera;
 
 // One pixel in a hundred that is 800 DN too bright would lift a plain mean by 8 DN.
 TEST(BiasFrames, HotPixelsLeaveTheBiasOfTheOthersAlone) {

@@ -15,8 +15,8 @@
 namespace malus {
 namespace {
 
+using testing::calibrated;
 using testing::polar_gain;
-using testing::simulated_session;
 using testing::SimulatedCamera;
 
 struct Coverage {
@@ -37,7 +37,7 @@ std::map<std::string, Coverage> cover(SimulatedCamera camera, int repeats) {
   std::map<std::string, Coverage> coverage;
   for (int i = 0; i < repeats; ++i) {
     camera.seed = 4000 + static_cast<std::uint64_t>(i);
-    const NoiseModel model = calibrate_physics(simulated_session(camera), {}, silent_progress());
+    const NoiseModel model = calibrated(camera);
     for (std::size_t g = 0; g < camera.gains.size(); ++g) {
       const PhysicsCalibration& p = model.physics[g];
       for (std::size_t c = 0; c < camera.gains[g].noise.channels.size(); ++c) {
@@ -122,7 +122,7 @@ TEST(CalibratedJointModel, PredictsAGainThatWasLeftOut) {
       channel.sigma_row_dn *= 0.17 * std::pow(amplification, 0.93) / (0.03 + 0.14 * amplification);
     }
   }
-  NoiseModel model = calibrate_physics(simulated_session(camera), {}, silent_progress());
+  NoiseModel model = calibrated(camera);
   ASSERT_TRUE(model.joint.has_value());
   for (const std::size_t left_out : {1u, 2u}) {
     NoiseModel partial = model;

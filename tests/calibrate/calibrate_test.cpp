@@ -13,20 +13,11 @@
 namespace malus {
 namespace {
 
+using testing::calibrated;
 using testing::polar_gain;
 using testing::simulated_session;
 using testing::SimulatedCamera;
-
-SimulatedCamera small_camera(std::uint64_t seed = 0) {
-  SimulatedCamera camera;
-  camera.seed = seed;
-  camera.gains.push_back(polar_gain(12));
-  return camera;
-}
-
-NoiseModel calibrated(const SimulatedCamera& camera, const CalibrationSettings& settings = {}) {
-  return calibrate_physics(simulated_session(camera), settings, silent_progress());
-}
+using testing::small_camera;
 
 // All parameters of all 16 channels within four standard errors (80 values: chance 0.5 %), and
 // within sane distances in absolute terms.

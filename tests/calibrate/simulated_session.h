@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/base/random.h"
+#include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/frame_set.h"
 #include "malus/synthesize/exact.h"
 
@@ -137,6 +138,19 @@ inline CalibrationInput simulated_session(const SimulatedCamera& camera_) {
           level);
   }
   return input;
+}
+
+/// A camera of one gain, 12 dB.
+inline SimulatedCamera small_camera(std::uint64_t seed = 0) {
+  SimulatedCamera camera;
+  camera.seed = seed;
+  camera.gains.push_back(polar_gain(12));
+  return camera;
+}
+
+inline NoiseModel calibrated(const SimulatedCamera& camera,
+                             const CalibrationSettings& settings = {}) {
+  return calibrate_physics(simulated_session(camera), settings, silent_progress());
 }
 
 }  // namespace malus::testing

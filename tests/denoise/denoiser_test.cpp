@@ -15,7 +15,7 @@
 namespace malus {
 namespace {
 
-PhysicsNoise camera(const SensorLayout& layout) {
+PhysicsNoise camera_noise(const SensorLayout& layout) {
   PhysicsNoise noise;
   noise.layout = layout;
   noise.row_group = 2;
@@ -65,7 +65,7 @@ DenoiseSettings fast(const std::string& method = "bm3d") {
 }
 
 TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   const Image clean = scene(160, 192);
   const RawFrame frame = noisy_frame(clean, noise, 3);
   Image noisy = frame.dn;
@@ -84,7 +84,7 @@ TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {
 
 TEST(DenoiseFrame, EveryLayoutAndSizeWorks) {
   for (const std::string& name : SensorLayout::known_names()) {
-    const PhysicsNoise noise = camera(SensorLayout::named(name));
+    const PhysicsNoise noise = camera_noise(SensorLayout::named(name));
     for (const auto& [rows, cols] : {std::pair{61, 43}, {1, 50}, {50, 1}, {1, 1}, {3, 2}}) {
       const Image clean(rows, cols, 100.0f);
       const Denoised result =
@@ -102,7 +102,7 @@ TEST(DenoiseFrame, EveryLayoutAndSizeWorks) {
 }
 
 TEST(DenoiseFrame, TilesEqualTheWhole) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   const RawFrame frame = noisy_frame(scene(700, 900), noise, 5);
   DenoiseSettings settings = fast();
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings);
@@ -118,7 +118,7 @@ TEST(DenoiseFrame, TilesEqualTheWhole) {
 }
 
 TEST(DenoiseFrame, TilesAndThreadsDoNotChangeTwoScales) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(300, 333), noise, 6);
   DenoiseSettings settings;
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
@@ -134,7 +134,7 @@ TEST(DenoiseFrame, TilesAndThreadsDoNotChangeTwoScales) {
 }
 
 TEST(DenoiseFrame, SameBytesForAnyThreadCount) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(300, 280), noise, 5);
   const int before = thread_count();
   set_thread_count(1);
@@ -146,7 +146,7 @@ TEST(DenoiseFrame, SameBytesForAnyThreadCount) {
 }
 
 TEST(DenoiseFrame, NonfinitePixelsStayAndHarmNobody) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   const Image clean = scene(96, 96);
   RawFrame frame = noisy_frame(clean, noise, 9);
   frame.dn(10, 20) = std::numeric_limits<float>::quiet_NaN();
@@ -161,7 +161,7 @@ TEST(DenoiseFrame, NonfinitePixelsStayAndHarmNobody) {
 }
 
 TEST(DenoiseFrame, FlatAndSaturatedPicturesStayFlat) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   RawFrame frame = noisy_frame(Image(80, 80), noise, 9);
   for (float& v : frame.dn.values()) v = 4095;  // all white
   const Denoised result = denoise_frame(frame, profile_of(noise), fast());
@@ -171,7 +171,7 @@ TEST(DenoiseFrame, FlatAndSaturatedPicturesStayFlat) {
 
 TEST(DenoiseFrame, TheMeanOfADarkPictureIsKept) {
   // 1.3 electrons: an inverse without correction would be wrong by a quarter of an electron.
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-bayer-rggb"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   const Image clean(256, 256, 2.0f);
   const Denoised result = denoise_frame(noisy_frame(clean, noise, 2), profile_of(noise), fast());
   double mean = 0;
@@ -181,7 +181,7 @@ TEST(DenoiseFrame, TheMeanOfADarkPictureIsKept) {
 }
 
 TEST(DenoiseFrame, SaysByHowMuchTheMeansMoved) {
-  const PhysicsNoise noise = camera(SensorLayout::named("bayer-rggb"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("bayer-rggb"));
   const RawFrame frame = noisy_frame(scene(128, 128), noise, 3);
   const auto mean = [](const Image& plane) {
     double sum = 0;
@@ -212,7 +212,7 @@ TEST(DenoiseFrame, SaysByHowMuchTheMeansMoved) {
 }
 
 TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(Image(2000, 1000, 100.0f), noise, 1);
   for (const DenoiseMethod& method : denoise_methods()) {
     DenoiseSettings settings = fast(method.name);
@@ -222,10 +222,10 @@ TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {
 }
 
 TEST(DenoiseFrame, BadInputGetsOneLine) {
-  const PhysicsNoise noise = camera(SensorLayout::named("polar-mono"));
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(40, 40), noise, 1);
   EXPECT_THROW(denoise_frame(frame, profile_of(noise), fast("bm4d")), InputError);
-  EXPECT_THROW(denoise_frame(frame, profile_of(camera(SensorLayout::named("mono"))), fast()),
+  EXPECT_THROW(denoise_frame(frame, profile_of(camera_noise(SensorLayout::named("mono"))), fast()),
                InputError);
   DenoiseSettings settings = fast();
   settings.profile = "slow";

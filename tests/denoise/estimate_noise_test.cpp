@@ -10,7 +10,7 @@
 namespace malus {
 namespace {
 
-PhysicsNoise camera(double gain, double read) {
+PhysicsNoise shot_and_read_noise(double gain, double read) {
   PhysicsNoise noise;
   noise.layout = SensorLayout::named("polar-bayer-rggb");
   noise.row_group = 2;
@@ -42,7 +42,7 @@ Image shaded(int rows, int cols, double low, double high) {
 TEST(EstimateProfile, FindsTheDeviationOfShadedPictures) {
   for (const auto& [gain, read] : {std::pair{1.5, 3.7}, {0.4, 1.0}, {6.0, 15.0}}) {
     const Estimate<PictureNoise> noise =
-        estimate_profile(frame_of(shaded(512, 640, 30, 600), camera(gain, read)));
+        estimate_profile(frame_of(shaded(512, 640, 30, 600), shot_and_read_noise(gain, read)));
     ASSERT_TRUE(noise);
     for (const double signal : {60.0, 300.0, 550.0}) {
       const double truth = std::sqrt(gain * signal + read * read);
@@ -64,7 +64,8 @@ TEST(EstimateProfile, TextureRaisesItByLittle) {
   for (int r = 0; r < 512; ++r)
     for (int c = 0; c < 256; ++c)  // half of the picture
       dn(r, c) += static_cast<float>(60 * std::sin(0.2 * r) * std::sin(0.15 * c));
-  const Estimate<PictureNoise> noise = estimate_profile(frame_of(dn, camera(1.5, 3.7)));
+  const Estimate<PictureNoise> noise =
+      estimate_profile(frame_of(dn, shot_and_read_noise(1.5, 3.7)));
   ASSERT_TRUE(noise);
   const double truth = std::sqrt(1.5 * 300 + 3.7 * 3.7);
   EXPECT_NEAR(std::sqrt(noise->profile.channels[0].variance(300)) / truth, 1.05, 0.1);
@@ -72,17 +73,18 @@ TEST(EstimateProfile, TextureRaisesItByLittle) {
 
 TEST(EstimateProfile, SaysThatTextureWasTakenForNoise) {
   Image dn = shaded(512, 512, 100, 500);
-  const RawFrame plain = frame_of(dn, camera(1.5, 3.7));
+  const RawFrame plain = frame_of(dn, shot_and_read_noise(1.5, 3.7));
   EXPECT_EQ(estimate_profile(plain)->trust.find("it is texture"), std::string::npos);
   for (int r = 0; r < 512; ++r)  // a checker of whole cells: every channel sees it alike
     for (int c = 0; c < 512; ++c) dn(r, c) *= (r / 4 + c / 4) % 2 ? 1.4F : 0.6F;
-  EXPECT_NE(estimate_profile(frame_of(dn, camera(1.5, 3.7)))->trust.find("it is texture"),
-            std::string::npos);
+  EXPECT_NE(
+      estimate_profile(frame_of(dn, shot_and_read_noise(1.5, 3.7)))->trust.find("it is texture"),
+      std::string::npos);
 }
 
 TEST(EstimateProfile, ABlackLevelThatIsNotKnownDoesNotHarm) {
   Image dn = shaded(512, 512, 5, 500);
-  RawFrame frame = frame_of(dn, camera(1.5, 3.7));
+  RawFrame frame = frame_of(dn, shot_and_read_noise(1.5, 3.7));
   for (float& v : frame.dn.values()) v += 82;
   const Estimate<PictureNoise> noise = estimate_profile(frame);
   ASSERT_TRUE(noise);
@@ -92,10 +94,10 @@ TEST(EstimateProfile, ABlackLevelThatIsNotKnownDoesNotHarm) {
 }
 
 TEST(EstimateProfile, RefusesWhatHasNoNoiseOrIsTooSmall) {
-  RawFrame flat = frame_of(shaded(512, 512, 30, 60), camera(1.5, 3.7));
+  RawFrame flat = frame_of(shaded(512, 512, 30, 60), shot_and_read_noise(1.5, 3.7));
   for (float& v : flat.dn.values()) v = 500;
   EXPECT_FALSE(estimate_profile(flat));
-  EXPECT_FALSE(estimate_profile(frame_of(Image(64, 64, 100.0f), camera(1.5, 3.7))));
+  EXPECT_FALSE(estimate_profile(frame_of(Image(64, 64, 100.0f), shot_and_read_noise(1.5, 3.7))));
 }
 
 }  // namespace

@@ -12,16 +12,16 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 
-constexpr const char* kGood =
+constexpr const char* kGoodDescription =
     "# comment\r\nv 3.0\r\nn 12 640 480\r\nb 40000.0 120.0\r\ni images\\b 1.png\r\n"
     "i images\\b2.png\r\nd 40000.0\r\ni images\\d1.png\r\nb 80000 240\r\ni images\\c1.png\r\n";
 
-EmvaSession parse(const std::string& text) {
+EmvaSession emva_session_of(const std::string& text) {
   return parse_emva_description(text, "D.txt", "top", false);
 }
 
 TEST(EmvaDescription, SetsBecomeGroups) {
-  const Session session = parse(kGood).session;
+  const Session session = emva_session_of(kGoodDescription).session;
   EXPECT_EQ(session.sensor.white_dn, 4095);
   EXPECT_EQ(session.sensor.rows, 480);
   EXPECT_EQ(session.sensor.cols, 640);
@@ -37,7 +37,7 @@ TEST(EmvaDescription, SetsBecomeGroups) {
 
 TEST(EmvaDescription, DefectsNameTheirLine) {
   const auto refused = [](const std::string& text, const std::string& what) {
-    EXPECT_THAT([&] { parse(text); }, ThrowsMessage<InputError>(HasSubstr(what))) << text;
+    EXPECT_THAT([&] { emva_session_of(text); }, ThrowsMessage<InputError>(HasSubstr(what))) << text;
   };
   refused("v 3.0\nn 12 640\n", "D.txt:2: the entry has not the form \"n bits width height\"");
   refused("v 9.0\n", "version 9");

@@ -37,8 +37,8 @@ RawFrame ramp(int rows, int cols, double step) {
   return frame;
 }
 
-void expect_refused(const std::filesystem::path& path, const std::string& text,
-                    const FrameOptions& options = {}) {
+void expect_frame_refused(const std::filesystem::path& path, const std::string& text,
+                          const FrameOptions& options = {}) {
   EXPECT_THAT([&] { load_frame(path, options); },
               ThrowsMessage<InputError>(AllOf(HasSubstr(path.string()), HasSubstr(text))));
 }
@@ -148,10 +148,10 @@ TEST(FrameFile, HeaderlessNeedsItsSizeAndExactlyItsBytes) {
   write_file(path, std::string({'\x23', '\xC1', '\xAB'}), false);
   FrameOptions options;
   options.raw_format = RawFormat::kMono12p;
-  expect_refused(path, "needs its size", options);
+  expect_frame_refused(path, "needs its size", options);
   options.rows = 2;
   options.cols = 2;
-  expect_refused(path, "it has 3 bytes, 2x2 pixels of mono12p need 6", options);
+  expect_frame_refused(path, "it has 3 bytes, 2x2 pixels of mono12p need 6", options);
   options.rows = 1;
   const FrameInfo info = load_frame_info(path, options);
   EXPECT_EQ(info.frame.dn.values(), (std::vector<float>{0x123, 0xABC}));
@@ -162,21 +162,21 @@ TEST(FrameFile, HeaderlessNeedsItsSizeAndExactlyItsBytes) {
 
 TEST(FrameFile, BadFilesAreRefusedInOneLine) {
   const testing::TemporaryFolder folder;
-  expect_refused(folder / "none.png", "does not exist");
-  expect_refused(folder.path(), "is a folder");
+  expect_frame_refused(folder / "none.png", "does not exist");
+  expect_frame_refused(folder.path(), "is a folder");
   write_file(folder / "empty.tif", "", false);
-  expect_refused(folder / "empty.tif", "the file is empty");
+  expect_frame_refused(folder / "empty.tif", "the file is empty");
   write_file(folder / "text.png", "hello, this is no picture at all", false);
-  expect_refused(folder / "text.png", "is not a picture of a known type");
+  expect_frame_refused(folder / "text.png", "is not a picture of a known type");
   write_file(folder / "tiny", "x", false);
-  expect_refused(folder / "tiny", "is not a picture of a known type");
+  expect_frame_refused(folder / "tiny", "is not a picture of a known type");
   save_picture(folder / "rgb.png", Planes(3, 4, 4), {});
-  expect_refused(folder / "rgb.png", "3 channels, a raw mosaic has one");
+  expect_frame_refused(folder / "rgb.png", "3 channels, a raw mosaic has one");
   save_picture(folder / "ok.png", Image(4, 6));
   FrameOptions options;
   options.rows = 6;
   options.cols = 4;
-  expect_refused(folder / "ok.png", "it is 6x4 pixels, 4x6 were declared", options);
+  expect_frame_refused(folder / "ok.png", "it is 6x4 pixels, 4x6 were declared", options);
 }
 
 TEST(FrameFile, LevelsThatMakeNoSenseAreRefused) {
@@ -185,14 +185,14 @@ TEST(FrameFile, LevelsThatMakeNoSenseAreRefused) {
   FrameOptions options;
   options.black_dn = {100};
   options.white_dn = 100;
-  expect_refused(folder / "a.png", "black 100 DN is not below white 100 DN", options);
+  expect_frame_refused(folder / "a.png", "black 100 DN is not below white 100 DN", options);
   options.white_dn.reset();
   options.black_dn = {70000};
-  expect_refused(folder / "a.png", "not below white 65535 DN", options);
+  expect_frame_refused(folder / "a.png", "not below white 65535 DN", options);
   options.black_dn = {1, 2, 3};
-  expect_refused(folder / "a.png", "3 black levels for the 1 channels", options);
+  expect_frame_refused(folder / "a.png", "3 black levels for the 1 channels", options);
   options.black_dn = {std::nan("")};
-  expect_refused(folder / "a.png", "not below white", options);
+  expect_frame_refused(folder / "a.png", "not below white", options);
 }
 
 // Whatever is cut off, the answer is an InputError: never a crash, never silently missing pixels.

@@ -6,14 +6,14 @@
 #include <cmath>
 #include <numbers>
 
+#include "sample_model.h"
 #include "support.h"
 
 namespace malus {
 namespace {
 
+using testing::iso;
 using Values = std::vector<double>;
-
-GainSetting iso(double value) { return {{}, value}; }
 
 double normal_cdf(double x) { return 0.5 * std::erfc(-x / std::numbers::sqrt2); }
 

@@ -18,7 +18,7 @@ using Values = std::vector<double>;
 constexpr double kLogPerDb = 0.11512925464970229;  // ln(10)/20
 
 // A sensor that follows Eq. 7 exactly; error is the relative sampling error of every estimate.
-struct Law {
+struct JointLaw {
   double K0 = 0.4, error = 0.0;
   int channels = 3;
   double K(double db, int c) const { return K0 * std::exp(kLogPerDb * db) * (1 + 0.01 * c); }
@@ -36,7 +36,7 @@ double noisy(double truth, double error, RandomSequence& random) {
   return truth * (1.0 + error * random.normal());
 }
 
-PhysicsCalibration measured(const Law& law, double db, std::uint64_t seed = 0) {
+PhysicsCalibration measured(const JointLaw& law, double db, std::uint64_t seed = 0) {
   RandomSequence random(seed, static_cast<std::uint32_t>(db * 16), Draw::kUser);
   PhysicsCalibration p;
   p.gain.gain_db = db;
@@ -63,7 +63,7 @@ PhysicsCalibration measured(const Law& law, double db, std::uint64_t seed = 0) {
   return p;
 }
 
-std::vector<PhysicsCalibration> session(const Law& law, const Values& gains,
+std::vector<PhysicsCalibration> session(const JointLaw& law, const Values& gains,
                                         std::uint64_t seed = 0) {
   std::vector<PhysicsCalibration> all;
   for (double db : gains) all.push_back(measured(law, db, seed));
@@ -71,7 +71,7 @@ std::vector<PhysicsCalibration> session(const Law& law, const Values& gains,
 }
 
 TEST(JointGain, RecoversExactLaws) {
-  const Law law;
+  const JointLaw law;
   const JointGainModel joint = fit_joint_model(session(law, {0, 6, 12, 18, 24, 30})).value();
   ASSERT_EQ(joint.segments.size(), 1U);
   EXPECT_TRUE(joint.notes.empty());
@@ -98,7 +98,7 @@ TEST(JointGain, RecoversExactLaws) {
 
 // Issue: interpolation to a gain left out within 5 % in sigma and K; estimates with 1 % error.
 TEST(JointGain, InterpolatesALeftOutGainOfASimulatedLaw) {
-  Law law;
+  JointLaw law;
   law.error = 0.01;
   const Values gains = {0, 6, 12, 18, 24};
   double worst = 0;
@@ -126,7 +126,7 @@ TEST(JointGain, InterpolatesALeftOutGainOfASimulatedLaw) {
 
 // On a true law the residuals are sampling error and must be smoothed away.
 TEST(JointGain, ResidualsThatAreErrorsAreLeftOut) {
-  Law law;
+  JointLaw law;
   law.error = 0.02;
   Moments weight;
   for (std::uint64_t seed = 0; seed < 60; ++seed) {
@@ -171,7 +171,7 @@ TEST(JointGain, VariancesLostInSamplingErrorDoNotBreakTheLaw) {
   gains[0].mu.covariance(2, 2) = -1e-5;
   const JointGainModel joint = fit_joint_model(gains).value();
   const GainParameters p = joint_parameters(joint.segments[0], 3.0);
-  EXPECT_NEAR(p.mu_covariance(2, 2) / std::pow(Law().mu_sd(3.0, 2), 2), 1.0, 1e-6);
+  EXPECT_NEAR(p.mu_covariance(2, 2) / std::pow(JointLaw().mu_sd(3.0, 2), 2), 1.0, 1e-6);
 }
 
 TEST(JointGain, FewerThanTwoGainsAreUndecided) {

@@ -15,10 +15,9 @@
 namespace malus {
 namespace {
 
+using testing::db;
+using testing::iso;
 using Values = std::vector<double>;
-
-GainSetting db(double gain_db) { return {gain_db, {}}; }
-GainSetting iso(double value) { return {{}, value}; }
 
 std::string problem_of(const std::function<void()>& call) {
   try {

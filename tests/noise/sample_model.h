@@ -7,6 +7,9 @@
 
 namespace malus::testing {
 
+inline GainSetting db(double gain_db) { return {gain_db, {}}; }
+inline GainSetting iso(double value) { return {{}, value}; }
+
 inline SquareMatrix matrix2(double a, double b, double d) {
   SquareMatrix m(2);
   m.values = {a, b, b, d};

@@ -16,12 +16,12 @@
 namespace malus {
 namespace {
 
-struct Law {
+struct AffineLaw {
   double slope, read_deviation;
 };
 
 // One sample of K Poisson(s/K) + N(0, read), by inversion and one normal.
-double sample(const Law& law, double s, RandomSequence& random) {
+double sample(const AffineLaw& law, double s, RandomSequence& random) {
   double value = law.read_deviation * random.normal();
   if (law.slope <= 0) return s + value;
   const double electrons = s / law.slope, u = random.uniform();
@@ -36,7 +36,8 @@ double sample(const Law& law, double s, RandomSequence& random) {
 
 TEST(Stabilizer, DeviationIsOneAndTheInverseIsUnbiased) {
   constexpr int kSamples = 40000;
-  for (const Law& law : {Law{1.55, 3.7}, Law{6.2, 15.0}, Law{0.4, 0.9}, Law{0.0, 2.0}}) {
+  for (const AffineLaw& law :
+       {AffineLaw{1.55, 3.7}, AffineLaw{6.2, 15.0}, AffineLaw{0.4, 0.9}, AffineLaw{0.0, 2.0}}) {
     const Stabilizer stabilizer(
         VarianceCurve::affine(law.slope, law.read_deviation * law.read_deviation), 4013);
     for (const double s : {0.0, 2.0, 10.0, 60.0, 250.0}) {
@@ -152,7 +153,7 @@ TEST(Stabilizer, TheInverseIsUnbiasedForMeasuredDistributions) {
 }
 
 TEST(Stabilizer, MeanOfIsTheInversesInverse) {
-  for (const Law& law : {Law{1.55, 3.7}, Law{0.4, 0.9}, Law{0.0, 2.0}}) {
+  for (const AffineLaw& law : {AffineLaw{1.55, 3.7}, AffineLaw{0.4, 0.9}, AffineLaw{0.0, 2.0}}) {
     const Stabilizer stabilizer(
         VarianceCurve::affine(law.slope, law.read_deviation * law.read_deviation), 4013);
     for (double s = -100; s < 6000; s += 23)

@@ -14,20 +14,16 @@
 #include <cmath>
 #include <limits>
 
+#include "sample_moments.h"
 #include "sixteen_channels.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
+using testing::moments_of;
+using testing::mono_noise;
 using testing::sixteen_channels;
-
-PhysicsNoise mono_noise(const PhysicsChannel& channel) {
-  PhysicsNoise noise;
-  noise.layout = SensorLayout::named("mono");
-  noise.channels = {channel};
-  return noise;
-}
 
 // Signals from below zero over a few electrons to saturation, NaN and infinity among them.
 Image mixed_signals(int rows, int cols) {
@@ -296,8 +292,7 @@ TEST(Compiled, GaussianKindHasTheStatedVariance) {
     const Image clean(400, 500, static_cast<float>(signal));
     Image noisy(400, 500);
     compiled.apply(clean, noisy, {.seed = 8});
-    Moments m;
-    for (const float v : noisy.values()) m.add(static_cast<double>(v));
+    const Moments m = moments_of(noisy);
     const double variance = std::max(0.0, 0.5 * signal - 1.0);
     EXPECT_NEAR(m.mean(), signal, 5 * std::sqrt(variance / 2e5) + 1e-9);
     EXPECT_NEAR(m.variance(), variance, 5 * m.variance_standard_error() + 1e-9);
@@ -310,8 +305,7 @@ TEST(Compiled, PoissonGaussianKeepsTheVarianceAndLosesTheTails) {
   const Image clean(400, 500);
   Image noisy(400, 500);
   compiled.apply(clean, noisy, {.seed = 8});
-  Moments m;
-  for (const float v : noisy.values()) m.add(static_cast<double>(v));
+  const Moments m = moments_of(noisy);
   EXPECT_NEAR(m.variance(), tukey_lambda_variance(-0.2) + 1.0 / 12,
               5 * m.variance_standard_error());
   EXPECT_NEAR(m.excess_kurtosis(), 0, 0.06);

@@ -15,10 +15,10 @@ const GainSetting kFrom{{}, 1600.0}, kTo{{}, 3200.0};
 
 NoiseModel camera() { return load_model("nikon-d850"); }
 
-struct Moments {
+struct MeanAndVariance {
   double mean = 0, variance = 0;
 };
-Moments moments(const Image& image) {
+MeanAndVariance mean_and_variance(const Image& image) {
   double sum = 0, squares = 0;
   for (const float v : image.values()) {
     sum += static_cast<double>(v);
@@ -91,11 +91,11 @@ TEST(GaussianDifference, AddsWhatTheNoisierGainHasMore) {
   const double row_from = std::pow(model.physics_at(kFrom).channels[0].sigma_row_dn, 2);
   const double wanted = to.slope_dn[0] * 900 + to.offset_dn2[0] - row_from;
   // Five standard errors of a variance of 262,144 samples: 5 sqrt(2 / n) = 1.4 %.
-  EXPECT_NEAR(moments(sum).variance, wanted, 0.014 * wanted);
+  EXPECT_NEAR(mean_and_variance(sum).variance, wanted, 0.014 * wanted);
   // 900 DN and the difference of the mean biases; five standard errors: 5 sd / 512.
   double bias = 0;
   for (std::size_t c = 0; c < 4; ++c) bias += (to.bias_dn[c] - from.bias_dn[c]) / 4;
-  EXPECT_NEAR(moments(sum).mean, 900 + bias, 5 * std::sqrt(wanted) / 512);
+  EXPECT_NEAR(mean_and_variance(sum).mean, 900 + bias, 5 * std::sqrt(wanted) / 512);
 }
 
 }  // namespace

@@ -10,30 +10,20 @@
 #include <cmath>
 #include <limits>
 
+#include "sample_moments.h"
+#include "sixteen_channels.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
-PhysicsNoise mono_noise(double K, double lambda, double mu, double sigma_tl, double sigma_row) {
-  PhysicsNoise noise;
-  noise.layout = SensorLayout::named("mono");
-  noise.channels = {PhysicsChannel{K, lambda, mu, sigma_tl, sigma_row}};
-  return noise;
-}
-
-Moments moments_of(const Image& image) {
-  Moments m;
-  for (const float v : image.values()) m.add(static_cast<double>(v));
-  return m;
-}
-
-// Five standard errors: a false alarm in two million runs, and the seed is fixed anyway.
-constexpr double kSigmas = 5;
+using testing::kSigmas;
+using testing::moments_of;
+using testing::mono_noise;
 
 TEST(ExactNoise, MeanAndVarianceFollowTheFormula) {
   for (const double signal : {0.0, 0.7, 12.0, 400.0, 3500.0}) {
-    const PhysicsNoise noise = mono_noise(0.8, 0.1, -3.0, 1.5, 0.0);
+    const PhysicsNoise noise = mono_noise({0.8, 0.1, -3.0, 1.5, 0.0});
     const Image clean(500, 400, static_cast<float>(signal));
     Image noisy(500, 400);
     add_noise_exact(noise, clean, noisy, {.seed = 1, .frame = 2});
@@ -88,7 +78,7 @@ TEST(ExactNoise, PoissonProbabilitiesChiSquare) {
 }
 
 TEST(ExactNoise, EverySwitchRemovesItsPartOnly) {
-  PhysicsNoise noise = mono_noise(1.0, 0.1, 5.0, 2.0, 3.0);
+  PhysicsNoise noise = mono_noise({1.0, 0.1, 5.0, 2.0, 3.0});
   noise.parts = {.shot = false, .read = false, .row = false, .quantization = false, .bias = false};
   const Image clean(64, 64, 100.5f);
   Image noisy(64, 64);
@@ -208,7 +198,7 @@ TEST(ExactNoise, CropsAndThreadsGiveTheSameBytes) {
 }
 
 TEST(ExactNoise, OddInputsAreDefined) {
-  PhysicsNoise noise = mono_noise(2.0, 0.0, 0.0, 0.0, 0.0);
+  PhysicsNoise noise = mono_noise({2.0, 0.0, 0.0, 0.0, 0.0});
   noise.parts.quantization = false;
   Image clean(1, 4);
   clean(0, 0) = -7.25f;
@@ -226,10 +216,10 @@ TEST(ExactNoise, ImpossibleParametersAreRefused) {
   const Image clean(2, 2);
   Image noisy(2, 2);
   for (const auto& bad :
-       {mono_noise(0, 0, 0, 1, 0), mono_noise(1, -0.5, 0, 1, 0), mono_noise(1, 0, 0, -1, 0),
-        mono_noise(1, 0, 0, 1, -1), mono_noise(1, 0, std::nan(""), 1, 0)})
+       {mono_noise({0, 0, 0, 1, 0}), mono_noise({1, -0.5, 0, 1, 0}), mono_noise({1, 0, 0, -1, 0}),
+        mono_noise({1, 0, 0, 1, -1}), mono_noise({1, 0, std::nan(""), 1, 0})})
     EXPECT_THROW(add_noise_exact(bad, clean, noisy, {}), InputError);
-  PhysicsNoise two = mono_noise(1, 0, 0, 1, 0);
+  PhysicsNoise two = mono_noise({1, 0, 0, 1, 0});
   two.channels.resize(2);
   EXPECT_THROW(add_noise_exact(two, clean, noisy, {}), InputError);
 }

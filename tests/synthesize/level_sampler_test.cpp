@@ -11,12 +11,13 @@
 #include <cmath>
 #include <limits>
 
+#include "sample_moments.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
-constexpr double kSigmas = 5;
+using testing::kSigmas;
 
 NonparametricCalibration two_level_calibration() {
   NonparametricCalibration calibration;
@@ -118,7 +119,7 @@ std::vector<std::vector<LevelDistribution>> uneven_channels() {
   return channels;
 }
 
-Image mixed_signals(int rows, int cols) {
+Image signals_around_levels(int rows, int cols) {
   Image image(rows, cols);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
@@ -162,7 +163,7 @@ TEST_P(EveryLevelTarget, EqualsThePlainDefinitionBitForBit) {
   const std::vector<double> sigma_row{0.5, 1, 1.5, 2};
   const RowDrift drift{0.6, 4.0};
   const LevelSampler sampler(layout, channels, sigma_row, 2, drift);
-  const Image signal = mixed_signals(23, 131);
+  const Image signal = signals_around_levels(23, 131);
   Image base(23, 131), noisy(23, 131);
   for (int r = 0; r < 23; ++r)
     for (int c = 0; c < 131; ++c) base(r, c) = static_cast<float>(r - c);

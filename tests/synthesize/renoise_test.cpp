@@ -10,6 +10,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "sample_moments.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -85,8 +86,7 @@ TEST(Renoiser, GivesTheTargetsMomentsAtEveryLevel) {
     source.apply(clean.view(), noisy.view(), {.seed = 1, .frame = 0});
     // The same seed and number as the source: the noises must be independent all the same.
     renoiser.apply(noisy, clean, again, {.seed = 1, .frame = 0});
-    Moments m;
-    for (const float v : again.values()) m.add(static_cast<double>(v));
+    const Moments m = testing::moments_of(again);
     const PixelDistribution truth(to.channels[0], to.parts, 1.0, level);
     const double row_variance = 0.49, variance = truth.variance_dn2() + row_variance;
     // The rows' 500 draws bound the mean; 1 % for bins and the end of the iteration.

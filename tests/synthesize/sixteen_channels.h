@@ -1,5 +1,5 @@
 // The noise that the tests of every twin of the compiled sampler draw: sixteen channels, no two
-// alike.
+// alike; and noise of one channel.
 #pragma once
 
 #include "malus/noise/physics.h"
@@ -17,6 +17,13 @@ inline PhysicsNoise sixteen_channels() {
                               .sigma_row_dn = 0.2 + 0.02 * c});
   noise.row_group = 2;
   noise.row_drift = {0.4, 3.0};
+  return noise;
+}
+
+inline PhysicsNoise mono_noise(const PhysicsChannel& channel) {
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named("mono");
+  noise.channels = {channel};
   return noise;
 }
 

@@ -11,12 +11,13 @@
 #include <cmath>
 #include <numeric>
 
+#include "sample_moments.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
-constexpr double kSigmas = 5;
+using testing::kSigmas;
 
 // Four channels at one gain, no spread unless asked.
 NoiseModel bayer_model(double mu_spread = 0) {
