@@ -44,7 +44,7 @@ def build_module():
     generator = ["-G", "Ninja"] if subprocess.run(["ninja", "--version"], capture_output=True).returncode == 0 else []
     subprocess.run(["cmake", "-S", ROOT, "-B", build, *generator, "-DCMAKE_BUILD_TYPE=Release", "-DMALUS_PYTHON=ON",
                     "-DMALUS_BUILD_TESTS=OFF", "-DMALUS_NEURAL=OFF", "-DMALUS_CAPTURE=OFF", "-DMALUS_CUDA=OFF",
-                    "-DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON", f"-DPYTHON_EXECUTABLE={sys.executable}",
+                    "-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON", f"-DPYTHON_EXECUTABLE={sys.executable}",
                     *shlex.split(os.environ.get("CMAKE_ARGS", ""))], check=True)
     subprocess.run(["cmake", "--build", build, "--target", "malus_python", "--parallel", str(os.cpu_count())], check=True)
     return build / "python" / "malus"
