@@ -33,7 +33,7 @@ const CrcTables& crc_tables() {
 
 [[noreturn]] void damaged_png(const std::filesystem::path& path, std::string_view what) {
   throw InputError(path.string(), fmt::format("the PNG file {}", what),
-                   "the file is damaged_png or cut off: copy or record it again");
+                   "the file is damaged or cut off: copy or record it again");
 }
 
 }  // namespace
@@ -56,7 +56,7 @@ void check_png(Bytes bytes, const std::filesystem::path& path) {
   constexpr std::array<std::uint8_t, 8> kSignature = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   if (bytes.size() < kSignature.size() ||
       !std::equal(kSignature.begin(), kSignature.end(), bytes.begin()))
-    damaged_png(path, "has a damaged_png signature");
+    damaged_png(path, "has a damaged signature");
   constexpr std::size_t kFrame = 12;  // length, type, checksum
   std::size_t at = kSignature.size();
   bool first = true, has_pixels = false;
