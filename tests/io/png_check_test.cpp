@@ -11,6 +11,7 @@
 namespace malus::internal {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 
@@ -44,6 +45,19 @@ TEST(PngCheck, DamagedPixelsAreNamed) {
   bytes[text.find("IDAT") + 6] ^= 1;
   EXPECT_THAT([&] { check_png(bytes, "a.png"); },
               ThrowsMessage<InputError>(HasSubstr("wrong checksum in its IDAT")));
+}
+
+TEST(PngCheck, SaysWhatIsWrongAndWhatToDo) {
+  const malus::testing::TemporaryFolder folder;
+  save_picture(folder / "a.png", Image(5, 7, 3.0f));
+  const auto good = read_bytes(folder / "a.png");
+  auto bytes = good;
+  bytes[1] ^= 1;
+  EXPECT_THAT([&] { check_png(bytes, "a.png"); },
+              ThrowsMessage<InputError>(AllOf(HasSubstr("has a damaged signature"),
+                                              HasSubstr("is damaged or cut off: copy or record"))));
+  EXPECT_THAT([&] { check_png(Bytes(good).first(good.size() - 12), "a.png"); },
+              ThrowsMessage<InputError>(HasSubstr("ends before its IEND chunk")));
 }
 
 }  // namespace
