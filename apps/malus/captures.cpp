@@ -1,6 +1,7 @@
 #include "captures.h"
 
 #include "malus/base/error.h"
+#include "malus/base/stopwatch.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/frame_file.h"
@@ -10,7 +11,6 @@
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
-#include <chrono>
 #include <cmath>
 
 #include "frame_input.h"
@@ -128,7 +128,7 @@ void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseM
   Planes reference = reference_colors(capture, loaded, model);
   double peak = (model.white_dn - model.black_dn.front()) / capture.ratio;
   Planes test;
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch stopwatch;
   if (!denoiser) {
     test = demosaick_bayer(above_black(loaded.noisy), model.layout);
   } else if (denoiser->target() == "mosaic") {
@@ -145,7 +145,7 @@ void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseM
       peak = 1;
     }
   }
-  score.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  score.seconds += stopwatch.seconds();
   const Evaluation e = evaluate_planes(reference, test, peak);
   score.psnr_db += e.image_psnr_db.value_or(0);
   score.ssim += e.image_ssim.value_or(0);

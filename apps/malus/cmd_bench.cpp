@@ -2,6 +2,7 @@
 // same run.
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/stopwatch.h"
 
 #include <algorithm>
 #include <array>
@@ -16,13 +17,12 @@
 namespace malus::app {
 
 double BenchmarkContext::time_s(const std::function<void()>& work, int repetitions) const {
-  using Clock = std::chrono::steady_clock;
   if (!quick) work();
   std::vector<double> times;
   for (int i = 0; i < (quick ? 1 : repetitions); ++i) {
-    const auto start = Clock::now();
+    const Stopwatch stopwatch;
     work();
-    times.push_back(std::chrono::duration<double>(Clock::now() - start).count());
+    times.push_back(stopwatch.seconds());
   }
   std::nth_element(times.begin(), times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2),
                    times.end());

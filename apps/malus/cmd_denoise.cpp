@@ -2,13 +2,13 @@
 // estimated from each picture.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/stopwatch.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/noise/same_sensor.h"
 
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -198,20 +198,33 @@ struct FrameJob {
   OutputNames names;
 };
 
+// A frame to denoise. The denoiser takes the pixels, so `described` is the frame without them.
+struct OpenedFrame {
+  RawFrame frame, described;
+  ProfileChoice choice;
+};
+
+OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
+                       const FrameJob& job, const FrameOptions& options) {
+  OpenedFrame opened;
+  opened.frame = load_frame(job.input, completed(options, model, job.input));
+  opened.choice = choose_profile(opened.frame, model, arguments);
+  warn_of_guesses(opened.frame);
+  Image pixels = std::move(opened.frame.dn);
+  opened.described = opened.frame;
+  opened.frame.dn = std::move(pixels);
+  return opened;
+}
+
 Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
                      const std::optional<NoiseModel>& model, const FrameJob& job,
                      const FrameOptions& options, Progress& progress, bool force) {
-  RawFrame frame = load_frame(job.input, completed(options, model, job.input));
-  const ProfileChoice choice = choose_profile(frame, model, arguments);
-  warn_of_guesses(frame);
-  Image pixels = std::move(frame.dn);
-  const RawFrame before = frame;
-  frame.dn = std::move(pixels);
-  const auto start = std::chrono::steady_clock::now();
-  NetworkInference::Rendered result = denoiser.render(std::move(frame), choice.profile, progress);
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  Json run = run_json(before, result.report, choice, arguments, seconds);
+  OpenedFrame opened = open_frame(arguments, model, job, options);
+  const Stopwatch stopwatch;
+  NetworkInference::Rendered result =
+      denoiser.render(std::move(opened.frame), opened.choice.profile, progress);
+  Json run =
+      run_json(opened.described, result.report, opened.choice, arguments, stopwatch.seconds());
   run["rows"] = result.picture.rows();
   run["cols"] = result.picture.cols();
   run["network"] = denoiser.description();
@@ -226,22 +239,18 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                     const std::optional<NoiseModel>& model, const FrameJob& job,
                     const FrameOptions& options, Progress& progress, bool force,
                     std::vector<DenoisedFrame>* report) {
-  RawFrame frame = load_frame(job.input, completed(options, model, job.input));
-  const ProfileChoice choice = choose_profile(frame, model, arguments);
-  warn_of_guesses(frame);
+  OpenedFrame opened = open_frame(arguments, model, job, options);
+  const ProfileChoice& choice = opened.choice;
   const bool compared = !job.reference.empty();
-  // The denoiser takes the pixels; a copy is kept only where somebody looks at it.
   DenoisedFrame kept;
   kept.profile = choice.profile;
-  Image pixels = std::move(frame.dn);
-  kept.before = frame;
-  if (report || compared) kept.before.dn = pixels;
-  frame.dn = std::move(pixels);
+  kept.before = std::move(opened.described);
+  // A copy of the pixels is kept only where somebody looks at it.
+  if (report || compared) kept.before.dn = opened.frame.dn;
   if (compared) add_reference(kept, job.reference, arguments.reference_ratio);
-  const auto start = std::chrono::steady_clock::now();
-  Denoised result = denoiser(std::move(frame), choice.profile, progress);
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const Stopwatch stopwatch;
+  Denoised result = denoiser(std::move(opened.frame), choice.profile, progress);
+  const double seconds = stopwatch.seconds();
   if (result.nonfinite_pixels > 0)
     warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
                      result.nonfinite_pixels));

@@ -1,6 +1,7 @@
 #include "scene_scores.h"
 
 #include "malus/base/error.h"
+#include "malus/base/stopwatch.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/angle_pictures.h"
@@ -10,7 +11,6 @@
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -163,10 +163,9 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const Noi
 void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoiser* denoiser) {
   Image test_dn;
   if (denoiser) {
-    const auto start = std::chrono::steady_clock::now();
+    const Stopwatch stopwatch;
     test_dn = (*denoiser)(scene.frame, scene.profile, silent_progress()).dn_above_black;
-    score.seconds +=
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    score.seconds += stopwatch.seconds();
   } else {
     test_dn = scene.frame.dn;
     for (int r = 0; r < test_dn.rows(); ++r)

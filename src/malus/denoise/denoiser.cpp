@@ -1,21 +1,19 @@
 #include "malus/denoise/denoiser.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/prepared_frame.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 // From the stabilised estimate and its error back to DN.
 void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& frame,
@@ -87,11 +85,12 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
   if (want_variance && !method.gives_variance)
     throw InputError("--method " + method.name, "gives no uncertainty", "use bm3d");
   Denoised result;
-  const auto start = Clock::now();
+  const Stopwatch preparation;
   const bool default_method = method.name == denoise_methods().front().name;
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile, settings.row_noise && default_method, result);
-  const auto filter_start = Clock::now();
+  const double preparation_s = preparation.seconds();
+  const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
   if (default_method)
     filter_prepared(prepared, profile, settings, progress, result);
@@ -99,11 +98,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
     result.dn_above_black =
         internal::run_baseline(method.name, prepared, profile, settings, progress);
   complete_result(prepared, result);
-  const auto seconds = [](auto from, auto to) {
-    return std::chrono::duration<double>(to - from).count();
-  };
-  result.times = {{"preparation and row noise", seconds(start, filter_start)},
-                  {"filter", seconds(filter_start, Clock::now())}};
+  result.times = {{"preparation and row noise", preparation_s}, {"filter", filter.seconds()}};
   return result;
 }
 

@@ -2,10 +2,10 @@
 
 #include "malus/base/error.h"
 #include "malus/base/random.h"
+#include "malus/base/stopwatch.h"
 #include "malus/polar/demosaick.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -95,11 +95,11 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
   for (; first_generation_ < oldest && !generations_.empty(); ++first_generation_)
     generations_.pop_front();
   changed_.notify_all();
-  const auto start = std::chrono::steady_clock::now();
+  const Stopwatch stopwatch;
   changed_.wait(lock, [&] {
     return failure_ || first_generation_ + static_cast<std::int64_t>(generations_.size()) > newest;
   });
-  waiting_s_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  waiting_s_ += stopwatch.seconds();
   if (failure_) std::rethrow_exception(failure_);
   std::vector<torch::Tensor> inputs, targets;
   for (int place = 0; place < shape_.places; ++place) {

@@ -1,6 +1,7 @@
 #include "malus/neural/inference.h"
 
 #include "malus/base/error.h"
+#include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/internal/packed.h"
@@ -8,7 +9,6 @@
 #include "malus/neural/tiles.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -16,15 +16,10 @@
 namespace malus {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using OrderedJson = nlohmann::ordered_json;
 
 // Memory beside the tiles, in frames: the frame, its guide, the network's planes, the result.
 constexpr double kMosaicFrames = 4, kPictureFrames = 8;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 // On a CPU the kernels of the forward pass round what they multiply; a processor without the
 // instruction stays with float32, for there half the bits would cost time. On a GPU it is
@@ -74,7 +69,7 @@ struct NetworkInference::Filtered {
   NetworkFrame prepared;
   torch::Tensor planes;
   int rows = 0, cols = 0;  ///< of the frame
-  Clock::time_point filter_start;
+  Stopwatch network;
 };
 
 NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseProfile& profile,
@@ -83,7 +78,7 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   if (settings.strength != 1)
     throw InputError("--strength", "a network takes out what it was trained to",
                      "leave it out, or use --method bm3d");
-  const auto start = Clock::now();
+  const Stopwatch preparation;
   const NetworkPackage& package = state_->loaded.package;
   PackageSettings wanted = package.settings;
   wanted.row_noise = wanted.row_noise && settings.row_noise;
@@ -105,7 +100,8 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         fmt::format("{:.0f} MiB is too little for this network and frame", settings.memory_mib),
         fmt::format("give at least {:.0f} MiB",
                     std::ceil((least_tile_bytes(batch, state_->demand) + held) / 0x1p20)));
-  const auto filter_start = Clock::now();
+  prepared.report.times.push_back({"preparation", preparation.seconds()});
+  const Stopwatch network;
   torch::Tensor planes = run_tiled(
       rows, cols, core, batch, state_->demand,
       [&](const TileSpan& r, const TileSpan& c) {
@@ -123,9 +119,7 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
       progress, prepared.report.tiles);
-  prepared.report.times.push_back(
-      {"preparation", std::chrono::duration<double>(filter_start - start).count()});
-  return {std::move(prepared), std::move(planes), frame_rows, frame_cols, filter_start};
+  return {std::move(prepared), std::move(planes), frame_rows, frame_cols, network};
 }
 
 Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
@@ -139,7 +133,7 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
   result.dn_above_black =
       restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
   complete_result(filtered.prepared.frame, result);
-  result.times.push_back({"network", seconds_since(filtered.filter_start)});
+  result.times.push_back({"network", filtered.network.seconds()});
   return result;
 }
 
@@ -152,7 +146,7 @@ NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseP
   Planes picture = picture_of(state_->loaded.package.settings, filtered.prepared.domain,
                               filtered.planes, filtered.rows, filtered.cols);
   Denoised report = std::move(filtered.prepared.report);
-  report.times.push_back({"network", seconds_since(filtered.filter_start)});
+  report.times.push_back({"network", filtered.network.seconds()});
   return {std::move(picture), filtered.prepared.domain.scale(), std::move(report)};
 }
 

@@ -1,10 +1,10 @@
 #include "malus/neural/measure.h"
 
+#include "malus/base/stopwatch.h"
 #include "malus/neural/internal/packed.h"
 #include "malus/neural/network.h"
 
 #include <algorithm>
-#include <chrono>
 #include <ctime>
 #include <fstream>
 #include <string>
@@ -89,14 +89,13 @@ double peak_bytes(const Work& work) {
 }
 
 NetworkCost::Time time_of(Network& network, const torch::Tensor& input, int repetitions) {
-  using Clock = std::chrono::steady_clock;
   std::vector<double> times, processor_times;
   for (int i = 0; i < repetitions; ++i) {
-    const auto start = Clock::now();
+    const Stopwatch stopwatch;
     const std::clock_t processor_start = std::clock();
     network.forward(input);
     processor_times.push_back(static_cast<double>(std::clock() - processor_start) / CLOCKS_PER_SEC);
-    times.push_back(std::chrono::duration<double>(Clock::now() - start).count());
+    times.push_back(stopwatch.seconds());
   }
   std::nth_element(times.begin(), times.begin() + std::ssize(times) / 2, times.end());
   return {times[times.size() / 2],

@@ -2,11 +2,11 @@
 
 #include "malus/base/error.h"
 #include "malus/base/random.h"
+#include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/noise_flow.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <numbers>
 
@@ -130,7 +130,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
   NoiseFlow& network = fit.model.network();
   start(network, planes);
   torch::optim::Adam adam(network.parameters(), torch::optim::AdamOptions(settings.learning_rate));
-  const auto begin = std::chrono::steady_clock::now();
+  const Stopwatch stopwatch;
   const double values = static_cast<double>(network.channels()) * settings.crop * settings.crop;
   progress.begin("training", settings.steps);
   OrderedJson log = OrderedJson::array();
@@ -157,8 +157,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
       log.push_back({{"step", step}, {"log_likelihood", nats - std::log(fit.model.scale_dn())}});
     progress.advance(1);
   }
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  const double seconds = stopwatch.seconds();
   std::int64_t count = 0;
   for (const auto& parameter : network.parameters()) count += parameter.numel();
   fit.record = {{"architecture", kNoiseFlowArchitecture},

@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/stopwatch.h"
 #include "malus/base/unfinished_files.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
@@ -11,7 +12,6 @@
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
 
-#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -20,7 +20,6 @@ namespace malus {
 namespace {
 
 using OrderedJson = nlohmann::ordered_json;
-using Clock = std::chrono::steady_clock;
 namespace fs = std::filesystem;
 
 PoolShape pool_shape(const TrainingConfig& config, const Workers& workers) {
@@ -98,11 +97,11 @@ class Trainer {
     progress_.begin("training", config_.train.steps);
     progress_.advance(state_.step);
     const double before = state_.seconds;
-    const auto start = Clock::now();
+    const Stopwatch stopwatch;
     while (state_.step < config_.train.steps) {
       const StepFigures figures = step(pool);
       ++state_.step;
-      state_.seconds = before + std::chrono::duration<double>(Clock::now() - start).count();
+      state_.seconds = before + stopwatch.seconds();
       after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
     }
     if (!leader()) return {{"rank", workers_.rank()}};
