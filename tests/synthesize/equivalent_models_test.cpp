@@ -6,27 +6,17 @@
 
 #include <cmath>
 
+#include "sample_moments.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
+using testing::moments_of;
+
 const GainSetting kFrom{{}, 1600.0}, kTo{{}, 3200.0};
 
 NoiseModel camera() { return load_model("nikon-d850"); }
-
-struct MeanAndVariance {
-  double mean = 0, variance = 0;
-};
-MeanAndVariance mean_and_variance(const Image& image) {
-  double sum = 0, squares = 0;
-  for (const float v : image.values()) {
-    sum += static_cast<double>(v);
-    squares += static_cast<double>(v) * static_cast<double>(v);
-  }
-  const auto n = static_cast<double>(image.size());
-  return {sum / n, squares / n - sum / n * sum / n};
-}
 
 TEST(EquivalentModels, HaveTheMomentsOfThePhysics) {
   const NoiseModel model = with_equivalents(camera(), {kFrom, kTo});
@@ -91,11 +81,11 @@ TEST(GaussianDifference, AddsWhatTheNoisierGainHasMore) {
   const double row_from = std::pow(model.physics_at(kFrom).channels[0].sigma_row_dn, 2);
   const double wanted = to.slope_dn[0] * 900 + to.offset_dn2[0] - row_from;
   // Five standard errors of a variance of 262,144 samples: 5 sqrt(2 / n) = 1.4 %.
-  EXPECT_NEAR(mean_and_variance(sum).variance, wanted, 0.014 * wanted);
+  EXPECT_NEAR(moments_of(sum).variance(), wanted, 0.014 * wanted);
   // 900 DN and the difference of the mean biases; five standard errors: 5 sd / 512.
   double bias = 0;
   for (std::size_t c = 0; c < 4; ++c) bias += (to.bias_dn[c] - from.bias_dn[c]) / 4;
-  EXPECT_NEAR(mean_and_variance(sum).mean, 900 + bias, 5 * std::sqrt(wanted) / 512);
+  EXPECT_NEAR(moments_of(sum).mean(), 900 + bias, 5 * std::sqrt(wanted) / 512);
 }
 
 }  // namespace

@@ -41,13 +41,13 @@ Image bilinear_plane(const Image& mosaic, const SensorLayout& layout, Color colo
   });
   const auto spread = [&](const Image& image) {
     Image across(rows, cols), both(rows, cols);
-    parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
       for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
         for (int c = 0; c < cols; ++c)
           for (int d = 1 - layout.cols(); d < layout.cols(); ++d)
             across(r, c) += ramp(d, layout.cols()) * image(r, mirrored(c + d, cols));
     });
-    parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
       for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
         for (int d = 1 - layout.rows(); d < layout.rows(); ++d) {
           const float weight = ramp(d, layout.rows());
@@ -96,7 +96,7 @@ Image intensity_guide(const Image& mosaic) {
   const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(mosaic)) + kTinyDn);
   const auto weight = [&](float gradient) { return 1 / ((gradient + floor) * (gradient + floor)); };
   Image guide(rows, cols);
-  parallel_for(0, rows, 32, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
       const int up = mirrored(r - 1, rows), below = mirrored(r + 1, rows);
       const int up2 = mirrored(r - 2, rows);
