@@ -239,6 +239,50 @@ TEST(CalibratePhysics, WarnsOfDriftLightLeaksAndACutBlackLevel) {
   EXPECT_THAT(warnings, ::testing::Contains(::testing::HasSubstr("no flat frames")));
 }
 
+TEST(CalibratePhysics, WarnsOfLitBiasFrames) {
+  SimulatedCamera camera = small_camera();
+  camera.flat_levels = 0;
+  camera.bias_frames = 20;
+  const auto warnings = [&](auto light_dn) {
+    CalibrationInput input = simulated_session(camera);
+    input.sets[0].load = [load = input.sets[0].load, light_dn](int i) {
+      RawFrame frame = load(i);
+      for (float& v : frame.dn.values()) v += light_dn(i);
+      return frame;
+    };
+    return calibrate_physics(input, {}, silent_progress()).physics[0].warnings;
+  };
+  using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
+  const auto none = warnings([](int) { return 0.0F; });
+  EXPECT_THAT(none, Not(Contains(HasSubstr("another setting"))));
+  EXPECT_THAT(none, Not(Contains(HasSubstr("are these dark frames"))));
+  EXPECT_THAT(warnings([](int i) { return i == 7 ? 10.0F : 0.0F; }),
+              Contains(HasSubstr("bias frame 8 of 20: the level lies up to +9.")));
+  EXPECT_THAT(warnings([](int) { return 600.0F; }), Contains(HasSubstr("are these dark frames")));
+}
+
+// A camera that makes its highest gain by multiplying: wider steps there, and only there.
+TEST(CalibratePhysics, EveryGainHasItsOwnConverterStep) {
+  SimulatedCamera camera = small_camera();
+  camera.flat_levels = 0;
+  camera.gains = {polar_gain(0), polar_gain(18)};
+  CalibrationInput input = simulated_session(camera);
+  input.sets[1].load = [load = input.sets[1].load](int i) {
+    RawFrame frame = load(i);
+    for (float& v : frame.dn.values()) v = 4 * std::round(v / 4);
+    return frame;
+  };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  EXPECT_EQ(model.quantization_dn, 1.0);
+  for (const std::size_t gain : {0u, 1u})
+    for (std::size_t c = 0; c < 16; ++c)
+      EXPECT_NEAR(model.physics[gain].sigma_tl.mean[c],
+                  camera.gains[gain].noise.channels[c].sigma_tl_dn,
+                  4 * model.physics[gain].sigma_tl.standard_error[c]);
+  EXPECT_THAT(model.physics[1].warnings,
+              ::testing::Contains(::testing::HasSubstr("its codes are multiples of 4 DN")));
+}
+
 TEST(CalibratePhysics, FloatFramesHaveNoQuantisation) {
   SimulatedCamera camera = small_camera(5);
   camera.rounded = false;
@@ -323,6 +367,9 @@ TEST(CalibratePhysics, BadInputIsNamed) {
     return frame;
   };
   EXPECT_THROW(calibrate_physics(sizes, {}, silent_progress()), InputError);
+  CalibrationInput one_group = simulated_session(small_camera());
+  one_group.row_group = 64;
+  EXPECT_THROW(calibrate_physics(one_group, {}, silent_progress()), InputError);
   CalibrationInput nan = simulated_session(small_camera());
   nan.sets[0].load = [load = nan.sets[0].load](int i) {
     RawFrame frame = load(i);

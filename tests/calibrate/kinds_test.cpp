@@ -104,6 +104,72 @@ CalibrationInput burst_with_reference(const PhysicsNoise& noise) {
   return input;
 }
 
+// Mean and deviation of the level of signal zero.
+void expect_dark_level(const NonparametricCalibration& found, const SimulatedCamera& camera) {
+  for (std::size_t c = 0; c < 4; ++c) {
+    const PhysicsChannel& truth = camera.gains[0].noise.channels[c];
+    const NonparametricChannel& channel = found.channels[c];
+    double mean = 0, square = 0;
+    for (std::size_t b = 0; b < channel.pmf[0].size(); ++b) {
+      const double centre = 0.5 * (channel.bin_edges_dn[b] + channel.bin_edges_dn[b + 1]);
+      mean += channel.pmf[0][b] * centre;
+      square += channel.pmf[0][b] * centre * centre;
+    }
+    EXPECT_NEAR(mean, truth.mu_dn, 0.15);
+    EXPECT_NEAR(std::sqrt(square - mean * mean),
+                std::hypot(std::sqrt(pixel_variance(truth, 0)), camera.dsnu_dn), 0.1);
+  }
+}
+
+// Dark frames of the flats' exposure, with a dark signal of 12 DN, are not the dark level.
+TEST(CalibrateKinds, OnlyBiasFramesMakeTheDarkLevel) {
+  const SimulatedCamera camera = polar_mono_camera();
+  CalibrationInput input = simulated_session(camera);
+  FrameSet darks = input.sets[0];
+  darks.exposure_s = 1.0;
+  darks.count = 20;
+  darks.load = [load = darks.load](int i) {
+    RawFrame frame = load(i);
+    for (float& v : frame.dn.values()) v += 12;
+    return frame;
+  };
+  input.sets.insert(input.sets.begin() + 1, darks);
+  const NoiseModel model =
+      calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress());
+  expect_dark_level(model.nonparametric.at(0), camera);
+}
+
+TEST(CalibrateKinds, FramesWithoutTheirBlackLevelHaveNegativeCodes) {
+  const SimulatedCamera camera = polar_mono_camera();
+  CalibrationInput input = simulated_session(camera);
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      for (float& v : frame.dn.values()) v -= 80;
+      frame.black_dn.assign(4, 0.0);
+      frame.white_dn -= 80;
+      return frame;
+    };
+  const NoiseModel model =
+      calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress());
+  expect_dark_level(model.nonparametric.at(0), camera);
+  EXPECT_THAT(model.physics[0].warnings,
+              ::testing::Not(::testing::Contains(::testing::HasSubstr("dark pixels are 0"))));
+}
+
+TEST(CalibrateKinds, MissingBrightFramesAreSaid) {
+  CalibrationInput input = simulated_session(polar_mono_camera());
+  const auto warnings = [&] {
+    return calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress())
+        .nonparametric.at(0)
+        .warnings;
+  };
+  const auto said = ::testing::Contains(::testing::HasSubstr("brighter signals are drawn"));
+  EXPECT_THAT(warnings(), ::testing::Not(said));
+  input.sets.resize(1 + 6);  // up to 40 % of the range
+  EXPECT_THAT(warnings(), said);
+}
+
 TEST(CalibrateKinds, LevelsTooFarApartAreSaid) {
   using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
   SimulatedCamera camera = polar_mono_camera();

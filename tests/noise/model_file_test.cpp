@@ -59,6 +59,15 @@ TEST(ModelFile, KeepsAModelWithNothingOptional) {
   EXPECT_EQ(load_model(folder / "m.h5"), model);
 }
 
+// As many as calibration lists at most (kMostDefects in calibrate/fixed_pattern.h).
+TEST(ModelFile, KeepsALongListOfDefects) {
+  const TemporaryFolder folder;
+  NoiseModel model = load_model("imx250myr-simulated");
+  for (int i = 0; i < 100000; ++i) model.defects.push_back({i / 2448, i % 2448, "hot", 9.0});
+  save_model(model, folder / "m.h5");
+  EXPECT_EQ(load_model(folder / "m.h5"), model);
+}
+
 TEST(ModelFile, NamedLayoutsKeepTheirName) {
   const TemporaryFolder folder;
   NoiseModel model = load_model("imx250myr-simulated");

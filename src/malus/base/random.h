@@ -64,10 +64,9 @@ MALUS_HOST_DEVICE inline double uniform_open(std::uint32_t word) {
   return (static_cast<double>(word) + 0.5) * 0x1p-32;
 }
 
-/// Uniform on (0,1), never 0 or 1, from two words: 53 bits.
+/// Uniform on (0,1), never 0 or 1, from two words: 52 bits, so that adding a half is exact.
 MALUS_HOST_DEVICE inline double uniform_open(std::uint32_t high, std::uint32_t low) {
-  const std::uint64_t bits =
-      (std::uint64_t{high} << 32 | low) >> 12;  // 52 bits + half stays exact in a double
+  const std::uint64_t bits = (std::uint64_t{high} << 32 | low) >> 12;
   return (static_cast<double>(bits) + 0.5) * 0x1p-52;
 }
 

@@ -269,13 +269,17 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
                 RowLagAccumulator(geometry), std::vector<double>(first.black_dn.size(), 0.0)};
+  bool cut_at_zero = true;  // not where black is subtracted already
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
     pass.temporal.add(frame.dn);
     pass.rows.add(frame.dn, channel_means(frame.dn, geometry));
     for (int r = 0; r < geometry.rows(); ++r)
-      for (int c = 0; c < geometry.cols(); ++c)
+      for (int c = 0; c < geometry.cols(); ++c) {
+        if (frame.dn(r, c) < 0.0F) cut_at_zero = false;
         if (frame.dn(r, c) <= 0.0F) pass.zero_share[as_index(geometry.channel(r, c))] += 1.0;
+      }
   });
+  if (!cut_at_zero) pass.zero_share.assign(pass.zero_share.size(), 0.0);
   for (int c = 0; c < geometry.channels(); ++c)
     pass.zero_share[as_index(c)] /=
         static_cast<double>(geometry.channel_pixels(c)) * std::max(set.count, 1);
@@ -311,6 +315,8 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   if (remove_pattern) warn_of_few_frames(out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
+  warn_of_outlying_frames(frames.mean, temporal_sd, out);
+  warn_of_high_level(first, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
   warn_of_coarse_steps(quantization_dn, out);
   if (!several) return;

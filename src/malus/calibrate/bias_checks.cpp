@@ -45,6 +45,39 @@ void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                     drift, error, frame_means_dn.size()));
 }
 
+void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_sd_dn,
+                             PhysicsCalibration& out) {
+  constexpr std::size_t kFewestFrames = 8;
+  constexpr double kDeviations = 8.0, kOfNoise = 0.2;
+  if (frame_means_dn.size() < kFewestFrames) return;
+  std::vector<double> level;
+  for (const auto& frame : frame_means_dn) level.push_back(mean_of(frame));
+  const double middle = median_of(level);
+  const double most = std::max(kDeviations * robust_deviation_of(level), kOfNoise * temporal_sd_dn);
+  std::vector<std::string> outlying;
+  double farthest = 0;
+  for (std::size_t i = 0; i < level.size(); ++i) {
+    if (!(std::abs(level[i] - middle) > most)) continue;
+    outlying.push_back(fmt::format("{}", i + 1));
+    if (std::abs(level[i] - middle) > std::abs(farthest)) farthest = level[i] - middle;
+  }
+  if (!outlying.empty())
+    out.warnings.push_back(
+        fmt::format("bias frame {} of {}: the level lies up to {:+.3g} DN from that of the others: "
+                    "light, or another setting? leave them out",
+                    joined(outlying), level.size(), farthest));
+}
+
+void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
+  constexpr double kOfRange = 0.1;
+  const double range = first.white_dn - mean_of(first.black_dn), level = mean_of(out.mu.mean);
+  if (level > kOfRange * range)
+    out.warnings.push_back(
+        fmt::format("the dark level lies {:.4g} DN above black, {:.0f} % of the range: are these "
+                    "dark frames, and is the black level right?",
+                    level, 100 * level / range));
+}
+
 void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                    double temporal_sd_dn, PhysicsCalibration& out) {
   constexpr int kBlocks = 4;
@@ -88,6 +121,13 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
 }
 
 void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {
+  const auto constant = [](double sd) { return sd == 0; };
+  if (std::all_of(out.temporal_sd_dark_dn.begin(), out.temporal_sd_dark_dn.end(), constant)) {
+    out.warnings.push_back(
+        "all dark pixels keep their value: the noise is too narrow for the converter's step, and "
+        "its parameters are not known");
+    return;
+  }
   if (!(quantization_dn > 0)) return;
   const auto of_normal = [](double sd_steps) {
     return std::exp(-2.0 * std::numbers::pi * std::numbers::pi * sd_steps * sd_steps);

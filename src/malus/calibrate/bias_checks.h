@@ -4,6 +4,7 @@
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/image/layout.h"
+#include "malus/image/raw_frame.h"
 #include "malus/noise/calibration.h"
 
 namespace malus {
@@ -12,6 +13,14 @@ namespace malus {
 /// the temporal noise.
 void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                    PhysicsCalibration& out);
+
+/// Frames whose level lies more than eight robust deviations and a fifth of the temporal noise from
+/// the median of all.
+void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_sd_dn,
+                             PhysicsCalibration& out);
+
+/// A dark level more than a tenth of the range above black. Reads mu.
+void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out);
 
 /// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
 /// noise: light, or amplifier glow.
@@ -25,7 +34,8 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
 /// Noise too narrow for the converter's step, so that rounding hides it: of the noise's
 /// characteristic function at one cycle per step more is left than of normal noise of half a step
 /// (Widrow, Kollár, Liu, IEEE Trans. Instrum. Meas. 45, 1996). Heavy-tailed noise has a narrow core
-/// and may deviate by a whole step. Reads temporal_sd_dark_dn, sigma_tl, lambda and sigma_row.
+/// and may deviate by a whole step. Also where all dark pixels are equal. Reads
+/// temporal_sd_dark_dn, sigma_tl, lambda and sigma_row.
 void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out);
 
 }  // namespace malus

@@ -38,14 +38,11 @@ std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
     auto plan = std::find_if(plans.begin(), plans.end(),
                              [&](const GainPlan& p) { return p.gain == set.gain; });
     if (plan == plans.end()) plan = plans.insert(plans.end(), GainPlan{set.gain, nullptr, {}, {}});
-    if (set.kind == FrameKind::kFlat) {
+    plan->bias = bias_set_at(set.gain, input);
+    if (set.kind == FrameKind::kFlat)
       plan->flats.push_back(&set);
-    } else if (!plan->bias || set.count > plan->bias->count) {
-      if (plan->bias) plan->darks.push_back(plan->bias);
-      plan->bias = &set;
-    } else {
+    else if (&set != plan->bias)
       plan->darks.push_back(&set);
-    }
   }
   for (GainPlan& plan : plans)
     if (plan.bias) plan.darks.push_back(plan.bias);  // it may share its exposure with a flat level
@@ -96,9 +93,20 @@ double mean_pixel_variance(const DarkPass& dark) {
          static_cast<double>(variance.size());
 }
 
+// Row noise is the spread of a channel's row groups.
+void require_row_groups(const RawFrame& first, int row_group) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  for (int c = 0; c < geometry.channels(); ++c)
+    if (geometry.channel_groups(c) < 2)
+      throw InputError(first.source,
+                       fmt::format("its {} rows are one row group of {}: nothing to compare",
+                                   first.dn.rows(), row_group),
+                       "correct row_group in the session file, or leave it out");
+}
+
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
-                                  RowGroupDecision& row_group, double quantization_dn,
-                                  const CalibrationSettings& settings, Progress& progress,
+                                  RowGroupDecision& row_group, const CalibrationSettings& settings,
+                                  Progress& progress, double& quantization_dn,
                                   std::vector<DefectPixel>& defects) {
   PhysicsCalibration out;
   out.gain = plan.gain;
@@ -108,6 +116,9 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
       temporal ? detect_row_group(dark.rows, mean_pixel_variance(dark), first.dn.cols())
                : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
       out.warnings);
+  require_row_groups(first, group);
+  // Gain that a camera makes by multiplying has wider steps.
+  quantization_dn = quantization_step(load_first(*plan.bias).dn);
   measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, quantization_dn,
                settings, progress, out);
   if (!temporal) {
@@ -148,6 +159,21 @@ void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, Progress
                   first.white_dn));
 }
 
+// The sensor's step is the smallest of its gains'. steps_dn: one per gain of the model, 0 where
+// frames are not made of whole numbers or all alike.
+void settle_step(const std::vector<double>& steps_dn, NoiseModel& model) {
+  model.quantization_dn = 0;
+  for (const double step : steps_dn)
+    if (step > 0 && (model.quantization_dn == 0 || step < model.quantization_dn))
+      model.quantization_dn = step;
+  for (std::size_t i = 0; i < steps_dn.size(); ++i)
+    if (steps_dn[i] > model.quantization_dn && model.quantization_dn > 0)
+      model.physics[i].warnings.push_back(
+          fmt::format("its codes are multiples of {:g} DN, those of other gains of {:g}: frames "
+                      "drawn at it are rounded to the smaller step",
+                      steps_dn[i], model.quantization_dn));
+}
+
 }  // namespace
 
 double quantization_step(View<const float> dn) {
@@ -174,6 +200,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
   model.origin = input.origin;
   RowGroupDecision row_group(input.row_group);
   RawFrame first;
+  std::vector<double> steps_dn;
   for (const GainPlan& plan : plans) {
     if (!plan.bias) {
       progress.warn(
@@ -186,17 +213,19 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
       model.layout = first.layout;
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;
-      model.quantization_dn = quantization_step(first.dn);
     }
     std::vector<DefectPixel> defects;
+    double step_dn = 0;
     model.physics.push_back(
-        calibrate_gain(plan, first, row_group, model.quantization_dn, settings, progress, defects));
+        calibrate_gain(plan, first, row_group, settings, progress, step_dn, defects));
+    steps_dn.push_back(step_dn);
     // The response belongs to the sensor, not to a gain: the map of the lowest gain is kept.
     if (!model.physics.back().prnu_map.empty())
       for (std::size_t i = 0; i + 1 < model.physics.size(); ++i)
         model.physics[i].prnu_map = Image();
     if (defects.size() > model.defects.size()) model.defects = std::move(defects);
   }
+  settle_step(steps_dn, model);
   model.row_group = row_group.value();
   model.row_group_origin = row_group.origin();
   std::reverse(model.physics.begin(), model.physics.end());

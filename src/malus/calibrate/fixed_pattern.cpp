@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace malus {
 namespace {
@@ -49,7 +50,7 @@ class WindowMean {
 };
 
 // Median and robust deviation of a function of the pixels of one channel; every k-th pixel of a
-// large channel says as much as all.
+// large channel says as much as all, where k shares no divisor with the columns: it visits all.
 struct Location {
   double centre = 0, deviation = 0;
 };
@@ -57,7 +58,8 @@ struct Location {
 template <class Value>
 Location location_of(const MosaicGeometry& geometry, int channel, const Value& value) {
   constexpr std::int64_t kEnough = 100000;
-  const auto step = static_cast<int>(1 + geometry.channel_pixels(channel) / kEnough);
+  auto step = static_cast<int>(1 + geometry.channel_pixels(channel) / kEnough);
+  while (std::gcd(step, geometry.channel_cols(channel)) > 1) ++step;
   std::vector<double> values;
   int index = 0;
   for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())

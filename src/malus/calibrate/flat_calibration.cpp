@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/photon_transfer.h"
 
 #include <algorithm>
 #include <cmath>

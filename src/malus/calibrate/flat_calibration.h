@@ -4,7 +4,6 @@
 #include "malus/calibrate/bias_calibration.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/frame_set.h"
-#include "malus/calibrate/photon_transfer.h"
 
 #include <vector>
 

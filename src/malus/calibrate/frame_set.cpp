@@ -76,6 +76,15 @@ CalibrationInput calibration_input(const Session& session) {
   return input;
 }
 
+const FrameSet* bias_set_at(const GainSetting& gain, const CalibrationInput& input) {
+  const FrameSet* largest = nullptr;
+  for (const FrameSet& set : input.sets)
+    if (set.kind == FrameKind::kBias && set.gain == gain &&
+        (!largest || set.count > largest->count))
+      largest = &set;
+  return largest;
+}
+
 RawFrame load_first(const FrameSet& set) {
   constexpr int kFewestCells = 4;
   RawFrame first = set.load(0);

@@ -35,6 +35,10 @@ struct CalibrationInput {
 /// The frames of a session. Groups of one kind, gain, exposure and level become one set.
 CalibrationInput calibration_input(const Session& session);
 
+/// The largest set of dark frames at a gain: its bias frames. Others have the exposures of flats
+/// and their dark signal. Null where there is none.
+const FrameSet* bias_set_at(const GainSetting& gain, const CalibrationInput& input);
+
 /// The set's first frame, which tells size, layout, black and white. Throws InputError when it is
 /// smaller than four cells of its layout in either direction: there is nothing to average.
 RawFrame load_first(const FrameSet& set);

@@ -36,7 +36,8 @@ const FrameSet* reference_for(const FrameSet& burst, const CalibrationInput& inp
 // Sources of noise at one gain, dark ones first.
 std::vector<NoiseSource> sources_at(const GainSetting& gain, const CalibrationInput& input) {
   std::vector<NoiseSource> sources;
-  for (const FrameKind kind : {FrameKind::kBias, FrameKind::kFlat, FrameKind::kBurst})
+  if (const FrameSet* bias = bias_set_at(gain, input)) sources.push_back({bias, nullptr});
+  for (const FrameKind kind : {FrameKind::kFlat, FrameKind::kBurst})
     for (const FrameSet& set : input.sets)
       if (set.kind == kind && set.gain == gain)
         sources.push_back({&set, kind == FrameKind::kBurst ? reference_for(set, input) : nullptr});
@@ -127,15 +128,8 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
 void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& settings,
                      Progress& progress, NoiseModel& model) {
   std::vector<const FrameSet*> sets;
-  for (const FrameSet& set : input.sets) {
-    if (set.kind != FrameKind::kBias) continue;
-    const auto same = std::find_if(sets.begin(), sets.end(),
-                                   [&](const FrameSet* other) { return other->gain == set.gain; });
-    if (same == sets.end())
-      sets.push_back(&set);
-    else if (set.count > (*same)->count)
-      *same = &set;
-  }
+  for (const FrameSet& set : input.sets)
+    if (&set == bias_set_at(set.gain, input)) sets.push_back(&set);
   std::sort(sets.begin(), sets.end(), [](const FrameSet* a, const FrameSet* b) {
     return a->gain.decibel().value_or(0.0) < b->gain.decibel().value_or(0.0);
   });

@@ -170,7 +170,6 @@ LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
     radius = std::min<std::ptrdiff_t>(radius, kBorrowedLevels);
     if (pooled.count * 10 < wanted) {
       ++out.refused_levels;
-      out.refused_samples += levels_[as_index(l)].count;
       continue;
     }
     const double centre = pooled.signal_sum / static_cast<double>(pooled.count);

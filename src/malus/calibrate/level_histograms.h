@@ -45,7 +45,6 @@ class LevelHistograms {
   struct Result {
     NonparametricChannel channel;
     int refused_levels = 0;
-    std::int64_t refused_samples = 0;
   };
   /// Levels with at least wanted samples as they are; those with fewer borrow from up to two levels
   /// on both sides, and are refused when that does not give a tenth of what is wanted. A level's

@@ -191,28 +191,29 @@ class DarkCodes {
   DarkCodes(const MosaicGeometry& geometry, const RawFrame& first, double step_dn)
       : geometry_(geometry), step_dn_(step_dn) {
     origin_dn_ = std::fmod(first.dn(0, 0), step_dn);
-    const auto codes = static_cast<std::size_t>(first.white_dn / step_dn) + 2;
-    counts_.assign(as_index(geometry.channels()), std::vector<double>(codes, 0.0));
+    zero_ = static_cast<std::int64_t>(first.white_dn / step_dn) + 2;
+    counts_.assign(as_index(geometry.channels()), std::vector<double>(as_index(2 * zero_), 0.0));
   }
   void add(View<const float> dn) {
     for (int r = 0; r < dn.rows(); ++r)
       for (int c = 0; c < dn.cols(); ++c) {
         auto& counts = counts_[as_index(geometry_.channel(r, c))];
-        const double code = std::clamp(std::round((dn(r, c) - origin_dn_) / step_dn_), 0.0,
-                                       static_cast<double>(counts.size() - 1));
-        counts[static_cast<std::size_t>(code)] += 1.0;
+        const double code = std::round((dn(r, c) - origin_dn_) / step_dn_);
+        const auto place = static_cast<double>(zero_) + code;
+        counts[static_cast<std::size_t>(
+            std::clamp(place, 0.0, static_cast<double>(counts.size() - 1)))] += 1.0;
       }
     ++frames_;
   }
   int frames() const { return frames_; }
   CodeGrid grid(double black_dn) const { return {step_dn_, origin_dn_ - black_dn}; }
   /// Counts from the first code that occurred to the last.
-  std::vector<double> occurred(int channel, std::size_t& first_code) const {
+  std::vector<double> occurred(int channel, std::int64_t& first_code) const {
     const auto& counts = counts_[as_index(channel)];
     const auto used = [](double n) { return n > 0; };
     const auto begin = std::find_if(counts.begin(), counts.end(), used);
     const auto end = std::find_if(counts.rbegin(), counts.rend(), used).base();
-    first_code = static_cast<std::size_t>(begin - counts.begin());
+    first_code = begin - counts.begin() - zero_;
     return {begin, end};
   }
 
@@ -220,6 +221,7 @@ class DarkCodes {
   const MosaicGeometry& geometry_;
   double step_dn_, origin_dn_ = 0;
   int frames_ = 0;
+  std::int64_t zero_ = 0;  ///< place of code 0: where black is subtracted codes are negative, too
   std::vector<std::vector<double>> counts_;
 };
 
@@ -250,7 +252,7 @@ void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
                     const std::vector<double>& sigma_row_dn, double step_dn,
                     std::vector<LevelHistograms>& histograms) {
   for (std::size_t c = 0; c < histograms.size(); ++c) {
-    std::size_t first_code = 0;
+    std::int64_t first_code = 0;
     const std::vector<double> counts = dark.occurred(static_cast<int>(c), first_code);
     CodeGrid codes = dark.grid(first.black_dn[c]);
     codes.offset_dn += static_cast<double>(first_code) * step_dn;
@@ -258,6 +260,20 @@ void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
         without_row_noise(counts, step_dn, sigma_row_dn[c]), codes,
         static_cast<std::int64_t>(std::accumulate(counts.begin(), counts.end(), 0.0)));
   }
+}
+
+// Above the brightest level that every channel has, its noise is drawn.
+void warn_of_missing_light(const RawFrame& first, NonparametricCalibration& out) {
+  constexpr double kReach = 0.7;
+  double brightest = std::numeric_limits<double>::infinity();
+  for (const NonparametricChannel& channel : out.channels)
+    brightest = std::min(brightest, channel.level_dn.back());
+  const double range = first.white_dn - mean_of(first.black_dn);
+  if (brightest < kReach * range)
+    out.warnings.push_back(
+        fmt::format("no frames above {:.0f} DN, {:.0f} % of the range: brighter signals are drawn "
+                    "with that level's noise; take brighter frames",
+                    brightest, 100 * brightest / range));
 }
 
 // Between two levels draws are mixed from both: of unlike variances, v and r v, the mixture's
@@ -303,6 +319,7 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
         "their neighbours",
         refused, settings.level_samples / 10));
   warn_of_gaps(out);
+  warn_of_missing_light(first, out);
 }
 
 }  // namespace

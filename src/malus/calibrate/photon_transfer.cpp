@@ -145,13 +145,10 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
   fit.intercept_dn2 = free_line.intercept - dark.variance_dn2;
   fit.intercept_stderr_dn2 =
       std::hypot(free_line.intercept_standard_error, dark.variance_stderr_dn2);
-  for (const TransferLevel& level : levels) {
+  for (const TransferLevel& level : levels)
     fit.variance_stderr_dn2.push_back(level.frames < 2
                                           ? std::numeric_limits<double>::quiet_NaN()
                                           : std::sqrt(level_error_dn4(level, dark, line.slope)));
-    fit.residual_dn2.push_back(level.variance_dn2 - level.dark_variance_dn2 + dark.variance_dn2 -
-                               line.intercept - line.slope * level.mean_dn);
-  }
   return fit;
 }
 

@@ -38,7 +38,6 @@ struct TransferFit {
   double chi_square_per_level = 0;          ///< with sampling errors alone
   double excess_deviation_dn2 = 0;          ///< scatter beyond the sampling errors (nonlinearity)
   std::vector<double> variance_stderr_dn2;  ///< of each level's variance
-  std::vector<double> residual_dn2;         ///< of each level, used or not
 };
 
 /// Line through the dark point and the levels, weighted by 1/variance. Sampling variances follow

@@ -1,5 +1,7 @@
 #include "malus/calibrate/row_drift_fit.h"
 
+#include "malus/base/golden_section.h"
+
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -107,24 +109,7 @@ double deviance(const Spectrum& spectrum, const Values& slow, double share) {
          logarithms;
 }
 
-// Lowest point of a function with one minimum between low and high, by golden sections.
-template <class Function>
-double minimum(const Function& of, double low, double high) {
-  constexpr double kGolden = 0.6180339887498949;
-  constexpr int kSections = 40;
-  double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
-  double at_a = of(a), at_b = of(b);
-  for (int i = 0; i < kSections; ++i) {
-    if (at_a <= at_b) {
-      high = b, b = a, at_b = at_a;
-      at_a = of(a = high - kGolden * (high - low));
-    } else {
-      low = a, a = b, at_a = at_b;
-      at_b = of(b = low + kGolden * (high - low));
-    }
-  }
-  return 0.5 * (low + high);
-}
+constexpr int kSections = 40;  // of a golden-section search
 
 struct Fit {
   double length = 0, share = 0, deviance = 0;
@@ -133,7 +118,7 @@ struct Fit {
 Fit best_share(const Spectrum& spectrum, double length) {
   const Values slow = slow_spectrum(spectrum, length);
   const auto of = [&](double share) { return deviance(spectrum, slow, share); };
-  const double share = minimum(of, 0.0, 1.0);
+  const double share = golden_section_minimum(of, 0.0, 1.0, kSections);
   return {length, share, of(share)};
 }
 
@@ -149,9 +134,9 @@ Fit best_fit(const Spectrum& spectrum) {
     const double found = best_share(spectrum, std::exp(low + i * step)).deviance;
     if (found < least) least = found, best = i;
   }
-  const double log_length =
-      minimum([&](double x) { return best_share(spectrum, std::exp(x)).deviance; },
-              std::max(low, low + (best - 1) * step), std::min(high, low + (best + 1) * step));
+  const double log_length = golden_section_minimum(
+      [&](double x) { return best_share(spectrum, std::exp(x)).deviance; },
+      std::max(low, low + (best - 1) * step), std::min(high, low + (best + 1) * step), kSections);
   return best_share(spectrum, std::exp(log_length));
 }
 

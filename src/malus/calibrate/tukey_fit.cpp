@@ -1,5 +1,6 @@
 #include "malus/calibrate/tukey_fit.h"
 
+#include "malus/base/golden_section.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -239,29 +240,11 @@ Plot probability_plot(const ResidualHistogram& histogram, double lambda) {
 Estimate<TukeyFit> fit_tukey_lambda_ppcc(const ResidualHistogram& histogram,
                                          const ResidualBlur& blur) {
   if (const std::string reason = refusal(histogram, 30); !reason.empty()) return Undecided{reason};
-  // The correlation has one maximum: golden section.
-  constexpr double kGolden = 0.6180339887498949;
-  double low = kLambdaLow, high = kLambdaHigh;
-  double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
-  double fa = probability_plot(histogram, a).correlation,
-         fb = probability_plot(histogram, b).correlation;
-  while (high - low > 1e-5) {
-    if (fa > fb) {
-      high = b;
-      b = a;
-      fb = fa;
-      a = high - kGolden * (high - low);
-      fa = probability_plot(histogram, a).correlation;
-    } else {
-      low = a;
-      a = b;
-      fa = fb;
-      b = low + kGolden * (high - low);
-      fb = probability_plot(histogram, b).correlation;
-    }
-  }
+  constexpr int kSections = 27;  // to 1e-5 of lambda
   TukeyFit fit;
-  fit.lambda = 0.5 * (low + high);
+  fit.lambda = golden_section_minimum(  // the correlation has one maximum
+      [&](double lambda) { return -probability_plot(histogram, lambda).correlation; }, kLambdaLow,
+      kLambdaHigh, kSections);
   const double slope = probability_plot(histogram, fit.lambda).slope;
   const double read =
       slope * slope - blur_variance_dn2(histogram, blur) / tukey_lambda_variance(fit.lambda);

@@ -23,6 +23,9 @@ struct GainSetting {
   std::optional<double> decibel() const;
 };
 
+/// ln(K) grows by this per dB of gain: ln(10)/20.
+inline constexpr double kLogPerDb = 0.11512925464970229;
+
 /// One frame. Pixels are DN as the camera wrote them, black level included, exact in float up to 24
 /// bits.
 struct RawFrame {

@@ -119,7 +119,10 @@ struct DarkFrameBank {
 struct DefectPixel {
   int row = 0, col = 0;
   std::string kind;
-  double value = 0;  ///< the statistic that condemned it, in robust sd
+  /// What condemned it: hot, deviations of the dark signal from its channel's median; dead,
+  /// response over its neighbourhood's; noisy and stuck, normal equivalent of its variance's chi
+  /// square.
+  double value = 0;
   bool operator==(const DefectPixel&) const = default;
 };
 

@@ -12,7 +12,6 @@ namespace {
 
 using Values = std::vector<double>;
 
-constexpr double kLogPerDb = 0.11512925464970229;  // ln(10)/20
 constexpr std::size_t kMaxBins = 4096;
 
 double share(const GainSetting& low, const GainSetting& high, const GainSetting& gain) {

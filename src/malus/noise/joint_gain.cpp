@@ -292,7 +292,6 @@ double LogLinear::at(double x, std::span<const double> knots_db, double gain_db)
 std::vector<int> conversion_gain_breaks(std::span<const double> gain_db,
                                         std::span<const double> log_K,
                                         std::span<const double> log_read_noise_dn) {
-  constexpr double kLogPerDb = 0.11512925464970229;  // ln(10)/20: K doubles with 6.02 dB
   const double limit = std::log(kBreakFactor);
   std::vector<int> breaks;
   for (std::size_t i = 0; i + 1 < gain_db.size(); ++i) {

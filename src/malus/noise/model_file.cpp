@@ -243,7 +243,10 @@ void transfer_columns(Archive& archive, std::vector<std::int64_t>& row,
   archive.integers({"row", "1", "mosaic row"}, row);
   archive.integers({"col", "1", "mosaic column"}, col);
   archive.texts({"kind", "", "hot, dead, noisy or stuck"}, kind);
-  archive.numbers({"value", "1", "the statistic that condemned the pixel, in robust sd"}, value);
+  archive.numbers({"value", "1",
+                   "what condemned the pixel: hot, robust deviations from its channel's median; "
+                   "dead, relative response; noisy, stuck, normal equivalent of its variance"},
+                  value);
 }
 
 template <class Archive, class Defects>

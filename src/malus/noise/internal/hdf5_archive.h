@@ -51,8 +51,10 @@ class Hdf5Session {
 /// Lengths and sizes that a file may ask for, far above any real model: checked before allocation.
 inline constexpr std::size_t kMaxListItems = 1000;
 inline constexpr std::size_t kMaxValues = std::size_t{1} << 24;
+inline constexpr std::size_t kMaxTexts = std::size_t{1} << 20;
 inline constexpr std::size_t kMaxTextBytes = std::size_t{1} << 16;
-inline constexpr std::size_t kMaxPixels = std::size_t{1} << 29;
+inline constexpr std::size_t kMaxImagePixels = std::size_t{1} << 29;
+inline constexpr std::size_t kMaxImages = 1000;
 
 /// Writes into one group of a file. Empty vectors, matrices and images write nothing. Every
 /// function throws Hdf5WriteError when HDF5 refuses (a full disk).
@@ -138,6 +140,9 @@ class Hdf5Reader {
   Hdf5Handle open(const Field& field, int type_class, std::size_t rank, std::size_t max_values,
                   std::vector<std::size_t>& shape) const;
   void read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values) const;
+  /// The part that the data spaces select.
+  void read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values,
+            const Hdf5Handle& in_memory, const Hdf5Handle& in_file) const;
   Hdf5Handle file_, group_;
   std::string path_, where_;
 };

@@ -134,7 +134,13 @@ Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank
 
 void Hdf5Reader::read(const Hdf5Handle& data, const Field& field, std::int64_t type,
                       void* values) const {
-  if (H5Dread(data.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0)
+  const Hdf5Handle all(H5Dget_space(data.id()), H5Sclose);
+  read(data, field, type, values, all, all);
+}
+
+void Hdf5Reader::read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values,
+                      const Hdf5Handle& in_memory, const Hdf5Handle& in_file) const {
+  if (H5Dread(data.id(), type, in_memory.id(), in_file.id(), H5P_DEFAULT, values) < 0)
     fail(field.name, "cannot be read: its checksum or its storage is wrong");
 }
 
@@ -167,7 +173,7 @@ void Hdf5Reader::text(const Field& field, std::string& value) const {
 
 void Hdf5Reader::texts(const Field& field, std::vector<std::string>& values) const {
   std::vector<std::size_t> shape;
-  const Hdf5Handle data = open(field, H5T_STRING, 1, kMaxValues / 256, shape);
+  const Hdf5Handle data = open(field, H5T_STRING, 1, kMaxTexts, shape);
   if (!data.valid()) return;
   const Hdf5Handle type(H5Dget_type(data.id()), H5Tclose);
   if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
@@ -221,7 +227,7 @@ void Hdf5Reader::matrix(const Field& field, SquareMatrix& matrix) const {
 
 void Hdf5Reader::image(const Field& field, Image& image) const {
   std::vector<std::size_t> shape;
-  const Hdf5Handle data = open(field, H5T_FLOAT, 2, kMaxPixels, shape);
+  const Hdf5Handle data = open(field, H5T_FLOAT, 2, kMaxImagePixels, shape);
   if (!data.valid()) return;
   image = Image(static_cast<int>(shape[0]), static_cast<int>(shape[1]));
   read(data, field, H5T_NATIVE_FLOAT, image.values().data());
@@ -229,16 +235,21 @@ void Hdf5Reader::image(const Field& field, Image& image) const {
 
 void Hdf5Reader::images(const Field& field, std::vector<Image>& images) const {
   std::vector<std::size_t> shape;
-  const Hdf5Handle data = open(field, H5T_FLOAT, 3, kMaxPixels, shape);
+  const Hdf5Handle data = open(field, H5T_FLOAT, 3, kMaxImages * kMaxImagePixels, shape);
   if (!data.valid()) return;
-  std::vector<float> stack(shape[0] * shape[1] * shape[2]);
-  read(data, field, H5T_NATIVE_FLOAT, stack.data());
-  images.assign(shape[0], Image(static_cast<int>(shape[1]), static_cast<int>(shape[2])));
-  auto from = stack.begin();
-  for (Image& image : images) {
-    const auto to = from + static_cast<std::ptrdiff_t>(image.size());
-    std::copy(from, to, image.values().begin());
-    from = to;
+  if (shape[0] > kMaxImages || shape[1] * shape[2] > kMaxImagePixels)
+    fail(field.name, fmt::format("has an impossible size: {}", shape_text(shape)));
+  const std::vector<hsize_t> one = {1, shape[1], shape[2]};
+  const Hdf5Handle file(H5Dget_space(data.id()), H5Sclose);
+  const Hdf5Handle memory(H5Screate_simple(3, one.data(), nullptr), H5Sclose);
+  images.clear();
+  for (std::size_t i = 0; i < shape[0]; ++i) {
+    images.emplace_back(static_cast<int>(shape[1]), static_cast<int>(shape[2]));
+    const std::vector<hsize_t> first = {i, 0, 0};
+    if (H5Sselect_hyperslab(file.id(), H5S_SELECT_SET, first.data(), nullptr, one.data(), nullptr) <
+        0)
+      fail(field.name, "cannot be read");
+    read(data, field, H5T_NATIVE_FLOAT, images.back().values().data(), memory, file);
   }
 }
 
