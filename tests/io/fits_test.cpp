@@ -68,6 +68,13 @@ TEST(Fits, ScaleBlankAndFacts) {
   EXPECT_EQ(decoded.camera, "Camera 7");
 }
 
+TEST(Fits, BlankMayLieOutsideWhatAFloatHoldsExactly) {
+  const auto cards = with(header(32, 2, 1), "BLANK   = -2147483648");
+  const Decoded decoded = parse_fits(fits(cards, {0, 0, 0, 7, '\x80', 0, 0, 0}), "x");
+  EXPECT_EQ(decoded.planes[0].values()[0], 7.0f);
+  EXPECT_TRUE(std::isnan(decoded.planes[0].values()[1]));
+}
+
 TEST(Fits, DamagedFilesAreRefused) {
   const auto refused = [](const std::vector<std::uint8_t>& bytes, const std::string& text) {
     EXPECT_THAT([&] { parse_fits(bytes, "x.fits"); }, ThrowsMessage<InputError>(HasSubstr(text)));

@@ -121,6 +121,19 @@ TEST(Npy, IntegersBeyondFloatAreRefused) {
               ThrowsMessage<InputError>(HasSubstr("16777217")));
 }
 
+TEST(Npy, TheSignOfAnIntegerIsNoneOfItsBits) {
+  const auto bits = [](const std::string& type, std::size_t bytes) {
+    return parse_npy(npy("{'descr': '" + type + "', 'fortran_order': False, 'shape': (1, 1), }",
+                         std::string(bytes, '\0')),
+                     "x.npy")
+        .bits;
+  };
+  EXPECT_EQ(bits("<u2", 2), 16);
+  EXPECT_EQ(bits("<i2", 2), 15);
+  EXPECT_EQ(bits("|i1", 1), 7);
+  EXPECT_EQ(bits("<i4", 4), 24);
+}
+
 TEST(Npy, WhatIsWrittenIsReadBack) {
   Planes planes(2, 3, 2);
   for (int k = 0; k < 2; ++k)

@@ -159,6 +159,18 @@ TEST(Session, MissingFilesAreNamed) {
   EXPECT_THAT([&] { load_session(path); }, ThrowsMessage<InputError>(HasSubstr("is a folder")));
 }
 
+TEST(Session, TheSensorAloneNeedsNoFrames) {
+  const testing::TemporaryFolder folder;
+  const std::string cell = "[sensor.cell]\nrows = [[\"0\", \"45\"], [\"135\", \"90\"]]\n";
+  write_file(folder / "s.toml", cell, false);
+  EXPECT_EQ(load_sensor(folder / "s.toml").layout,
+            SensorLayout::from_sites({{"0", "45"}, {"135", "90"}}));
+  write_file(folder / "moved.toml",
+             cell + "[[frames]]\nkind = \"bias\"\ngain_db = 0\npaths = [\"gone/*.tif\"]\n", false);
+  EXPECT_TRUE(load_sensor(folder / "moved.toml").layout);
+  EXPECT_THROW(load_session(folder / "s.toml"), InputError);
+}
+
 TEST(Session, WhatIsSavedIsReadBack) {
   const testing::TemporaryFolder folder;
   std::filesystem::create_directories(folder / "a b");

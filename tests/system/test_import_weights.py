@@ -100,9 +100,9 @@ def test_transformers_are_denoised_with_in_bfloat16(malus, tmp_path, name):
 
 def test_checkpoints_that_do_not_fit_are_refused(refused, tmp_path):
     out = tmp_path / "w.safetensors"
-    settings = json.dumps(NETWORKS["unet"][1])
+    fitting = json.dumps(NETWORKS["unet"][1])
 
-    def line(content, architecture="unet", extra=()):
+    def line(content, architecture="unet", settings=fitting, extra=()):
         if isinstance(content, bytes):
             (tmp_path / "bad.pth").write_bytes(content)
         else:
@@ -121,7 +121,11 @@ def test_checkpoints_that_do_not_fit_are_refused(refused, tmp_path):
     assert "bad.pth" in line(whole[: len(whole) // 2])
     assert "conv3_1.bias" in line({k: v for k, v in state.items() if k != "conv3_1.bias"})
     assert "shape" in line({k: v[:1] if k == "conv2_1.bias" else v for k, v in state.items()})
+    negated = {k: torch._neg_view(-v) if k == "conv2_1.bias" else v for k, v in state.items()}
+    assert "negated" in line(negated)
     assert "unet" in line(state, architecture="unett")
+    assert "levels" in line(state, settings='{"levels": 100}')
+    assert "values" in line(state, settings='{"levels": 8, "width": 8}')
     assert "--package" in line(state, extra=["--package", '{"domian": "linear"}'])
 
 

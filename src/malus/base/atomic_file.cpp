@@ -55,10 +55,11 @@ void make_output_folder(const fs::path& folder) {
   if (folder.empty()) return;
   std::error_code error;
   fs::create_directories(folder, error);
-  if (fs::is_directory(folder)) return;
+  const std::error_code making = error;
+  if (fs::is_directory(folder, error)) return;
   throw InputError(folder.string(),
                    fmt::format("the output folder cannot be made: {}",
-                               error ? error.message() : "a file is in the way"),
+                               making ? making.message() : "a file is in the way"),
                    "choose another output folder");
 }
 

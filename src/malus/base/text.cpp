@@ -1,6 +1,7 @@
 #include "malus/base/text.h"
 
 #include <algorithm>
+#include <cctype>
 #include <numeric>
 #include <vector>
 
@@ -30,6 +31,12 @@ std::string nearest_name(std::string_view name, std::span<const std::string> can
   return *std::min_element(candidates.begin(), candidates.end(), [&](const auto& a, const auto& b) {
     return edit_distance(name, a) < edit_distance(name, b);
   });
+}
+
+std::string lower_case(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
 }
 
 std::string joined(std::span<const std::string> parts, std::string_view separator) {

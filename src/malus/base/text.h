@@ -10,6 +10,9 @@ namespace malus {
 /// The candidate with the smallest edit distance to name; empty when there are no candidates.
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
 
+/// Its ASCII letters in lower case.
+std::string lower_case(std::string text);
+
 /// "a, b, c"
 std::string joined(std::span<const std::string> parts, std::string_view separator = ", ");
 

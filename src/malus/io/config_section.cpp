@@ -192,7 +192,7 @@ std::vector<ConfigSection> ConfigSection::sections(std::string_view key) const {
 const std::string& ConfigSection::source() const { return table_->source; }
 
 void ConfigSection::check_number(const ParameterInfo& info, double value) const {
-  if (value < info.minimum || value > info.maximum)
+  if (!(value >= info.minimum && value <= info.maximum))  // nor NaN
     fail(info.name, fmt::format("is {:g}", value),
          fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
 }

@@ -153,9 +153,9 @@ void decode_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, c
       for (int c = 0; c < plane.cols(); ++c, offset += item) {
         const double raw = stored(bytes, offset, layout.bitpix);
         const double value = layout.zero + layout.scale * raw;
-        if (layout.whole()) require_exact(path, value);
-        row[c] = layout.blank && raw == *layout.blank ? std::numeric_limits<float>::quiet_NaN()
-                                                      : static_cast<float>(value);
+        const bool blank = layout.blank && raw == *layout.blank;
+        if (layout.whole() && !blank) require_exact(path, value);
+        row[c] = blank ? std::numeric_limits<float>::quiet_NaN() : static_cast<float>(value);
       }
     }
 }

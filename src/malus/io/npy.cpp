@@ -208,7 +208,8 @@ Decoded describe(const NpyHeader& header, const Axes& axes) {
   decoded.cols = static_cast<int>(axes.cols);
   decoded.channels = static_cast<int>(axes.channels);
   const int item_bits = 8 * header.item_bytes;
-  decoded.bits = header.kind == 'f' ? 0 : header.kind == 'b' ? 1 : std::min(item_bits, 24);
+  const int value_bits = header.kind == 'i' ? item_bits - 1 : item_bits;  // less the sign
+  decoded.bits = header.kind == 'f' ? 0 : header.kind == 'b' ? 1 : std::min(value_bits, 24);
   decoded.sample = header.kind == 'b' ? "bool"
                    : header.kind == 'f'
                        ? (item_bits == 16   ? "half"

@@ -25,13 +25,6 @@ namespace {
 namespace fs = std::filesystem;
 using OIIO::TypeDesc;
 
-std::string lower_ending(const fs::path& path) {
-  std::string ending = path.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return ending;
-}
-
 [[noreturn]] void unreadable(const fs::path& path, std::string detail) {
   detail = detail.substr(0, detail.find('\n'));  // the first of many is the cause
   while (!detail.empty() && (detail.back() == '\n' || detail.back() == '.')) detail.pop_back();
@@ -137,7 +130,7 @@ std::string picture_codec(const fs::path& path) {
   };
   if (begins({0x89, 'P', 'N', 'G'})) return "png";
   if (begins({0x76, 0x2f, 0x31, 0x01})) return "openexr";
-  const std::string ending = lower_ending(path);
+  const std::string ending = lower_case(path.extension().string());
   if (ending != ".tif" && ending != ".tiff") return {};
   if (begins({'I', 'I', 42, 0}) || begins({'M', 'M', 0, 42}) || begins({'I', 'I', 43, 0}) ||
       begins({'M', 'M', 0, 43}))

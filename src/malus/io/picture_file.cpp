@@ -11,7 +11,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -35,9 +34,7 @@ constexpr std::array<Ending, 8> kEndings = {{{".tif", "tiff"},
                                              {".npy", "npy"}}};
 
 std::string codec_by_ending(const fs::path& path) {
-  std::string ending = path.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string ending = lower_case(path.extension().string());
   for (const Ending& e : kEndings)
     if (ending == e.ending) return e.codec;
   throw InputError(path.string(), fmt::format("the ending \"{}\" cannot be written", ending),

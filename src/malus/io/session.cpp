@@ -109,6 +109,14 @@ FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, boo
   return group;
 }
 
+std::string session_text(const fs::path& path) {
+  constexpr std::uintmax_t kMaxBytes = 64 << 20;
+  if (internal::require_file(path) > kMaxBytes)
+    throw InputError(path.string(), "is too large for a session file", "name the right file");
+  const auto bytes = internal::read_bytes(path);
+  return {bytes.begin(), bytes.end()};
+}
+
 }  // namespace
 
 std::string_view frame_kind_name(FrameKind kind) {
@@ -188,12 +196,16 @@ Session parse_session(std::string_view toml, const fs::path& source, const fs::p
 }
 
 Session load_session(const fs::path& path) {
-  constexpr std::uintmax_t kMaxBytes = 64 << 20;
-  if (internal::require_file(path) > kMaxBytes)
-    throw InputError(path.string(), "is too large for a session file", "name the right file");
-  const auto bytes = internal::read_bytes(path);
-  return parse_session({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path,
-                       path.parent_path());
+  return parse_session(session_text(path), path, path.parent_path());
+}
+
+SensorDescription load_sensor(const fs::path& path) {
+  const auto file = ConfigSection::parse(session_text(path), path.string(), "the session file");
+  file.require_known({"sensor", "frames"});
+  for (const auto& section : file.sections("frames"))  // a mistake there is one, too
+    parse_group(section, path.parent_path(), false);
+  const auto sensor = file.section("sensor");
+  return sensor ? parse_sensor(*sensor) : SensorDescription();
 }
 
 FrameOptions frame_options(const Session& session, const FrameGroup& group) {

@@ -51,7 +51,10 @@ struct Session {
 /// numbers, black >= white, both gain_db and iso, no [[frames]], a pattern without a match.
 Session load_session(const std::filesystem::path& path);
 
-/// The same from text; folder is what relative paths start from. With check_files false patterns
+/// Its [sensor] section alone: the file may have no [[frames]], and theirs need not exist.
+SensorDescription load_sensor(const std::filesystem::path& path);
+
+/// A session from text; folder is what relative paths start from. With check_files false patterns
 /// are not expanded: paths stay as written.
 Session parse_session(std::string_view toml, const std::filesystem::path& source,
                       const std::filesystem::path& folder, bool check_files = true);

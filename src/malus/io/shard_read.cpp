@@ -48,7 +48,8 @@ std::vector<ShardEntry> shard_entries(const std::filesystem::path& path) {
   std::string header(kTarBlock, '\0');
   for (std::uint64_t at = 0; at + kTarBlock <= total;) {
     in.seekg(static_cast<std::streamoff>(at));
-    in.read(header.data(), kTarBlock);
+    if (!in.read(header.data(), kTarBlock))
+      throw InputError(path.string(), "cannot be read", kRemedy);
     if (std::all_of(header.begin(), header.end(), [](char c) { return c == '\0'; })) break;
     check_header(header, path);
     const std::uint64_t size = octal(header, 124, 12, path);

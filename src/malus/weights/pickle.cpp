@@ -331,6 +331,9 @@ class Parser {
     if (given[2]->items.size() > kMostDimensions ||
         given[3]->items.size() != given[2]->items.size())
       fail("holds a tensor without a proper shape");
+    constexpr std::size_t kMetadata = 6;  // {"neg": true} and the like: views that change values
+    if (given.size() > kMetadata && !given[kMetadata]->table.empty())
+      fail("holds a tensor that is a negated or conjugated view; save a copy of it");
     PickleValue* value = made(Kind::kTensor);
     PickleTensor& tensor = value->tensor;
     tensor.dtype = given[0]->tensor.dtype;

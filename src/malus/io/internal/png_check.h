@@ -13,7 +13,4 @@ namespace malus::internal {
 /// whole.
 void check_png(Bytes bytes, const std::filesystem::path& path);
 
-/// CRC-32 of ISO 3309, as in PNG's annex D.
-std::uint32_t crc32(Bytes bytes);
-
 }  // namespace malus::internal
