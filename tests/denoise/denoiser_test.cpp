@@ -169,6 +169,27 @@ TEST(DenoiseFrame, FlatAndSaturatedPicturesStayFlat) {
   for (const float v : result.dn_above_black.values()) EXPECT_NEAR(v, 4013.4, 0.01);
 }
 
+TEST(DenoiseFrame, SaturatedPixelsAreToldByWhiteWhateverTheBias) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
+  RawFrame frame = noisy_frame(Image(64, 64, 3900.0f), noise, 9);
+  NoiseProfile profile = profile_of(noise);
+  const std::array<double, 4> bias_dn = {30, -30, 0, 7};
+  for (std::size_t k = 0; k < 4; ++k) profile.channels[k].bias_dn = bias_dn[k];
+  for (int i = 0; i < 64; ++i) {
+    frame.dn(i, i) = 4095;
+    frame.dn(i, (i + 9) % 64) = 4090;  // not saturated
+  }
+  const Denoised result = denoise_frame(frame, profile, fast());
+  for (int i = 0; i < 64; ++i) {
+    const auto above_dn = [&](int col, double raw_dn) {
+      const auto k = static_cast<std::size_t>(frame.layout.channel_at(i, col));
+      return static_cast<float>(raw_dn) - static_cast<float>(82 + bias_dn[k]);
+    };
+    EXPECT_EQ(result.dn_above_black(i, i), above_dn(i, 4095));
+    EXPECT_NE(result.dn_above_black(i, (i + 9) % 64), above_dn((i + 9) % 64, 4090));
+  }
+}
+
 TEST(DenoiseFrame, TheMeanOfADarkPictureIsKept) {
   // 1.3 electrons: an inverse without correction would be wrong by a quarter of an electron.
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));

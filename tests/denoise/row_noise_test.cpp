@@ -44,6 +44,8 @@ Simulated simulate(const NoiseProfile& profile, int rows, int cols, bool picture
   return result;
 }
 
+const std::vector<float> kSaturatedDn(16, 4000.0f);
+
 double rms_error(const std::vector<double>& a, const std::vector<double>& b) {
   double sum = 0;
   for (std::size_t i = 0; i < a.size(); ++i) sum += (a[i] - b[i]) * (a[i] - b[i]);
@@ -53,7 +55,7 @@ double rms_error(const std::vector<double>& a, const std::vector<double>& b) {
 TEST(RowNoise, OffsetsAreFoundWithTheirDeviation) {
   const NoiseProfile profile = profile_with(1.0, 1.5);
   const Simulated truth = simulate(profile, 400, 600, false);
-  const RowNoise rows = estimate_row_noise(truth.dn, profile, 4000);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
   ASSERT_EQ(rows.offset.size(), 200u);
   // 1200 pixels of 7.7 DN: 0.22 of the offsets' deviation is the floor.
   EXPECT_LT(rms_error(rows.offset, truth.offset), 0.45);
@@ -62,7 +64,7 @@ TEST(RowNoise, OffsetsAreFoundWithTheirDeviation) {
 TEST(RowNoise, APictureIsNotTakenForRows) {
   const NoiseProfile profile = profile_with(1.0, 1.5);
   const Simulated truth = simulate(profile, 400, 600, true);
-  const RowNoise rows = estimate_row_noise(truth.dn, profile, 4000);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
   // The waves lift rows by 0.7 DN against their neighbours, two thirds of the noise.
   EXPECT_LT(rms_error(rows.offset, truth.offset), 0.92);
   // The row beside the horizontal edge of 50 DN must not be lifted by more than the model's rows.
@@ -71,7 +73,7 @@ TEST(RowNoise, APictureIsNotTakenForRows) {
 
 TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
   const Simulated truth = simulate(profile_with(1.6, 1.5), 400, 600, false);
-  const RowNoise rows = estimate_row_noise(truth.dn, profile_with(1.0, 1.5), 4000);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile_with(1.0, 1.5), kSaturatedDn);
   std::vector<double> drawn_dn = truth.offset;
   for (double& offset : drawn_dn) offset *= 1.6;
   // 1.6 DN is what was there.
@@ -86,7 +88,7 @@ TEST(RowNoise, LevelStripesAreLeftInThePicture) {
   for (int r = 0; r < 400; ++r)
     for (int c = 0; c < 600; ++c)
       frame.dn(r, c) += static_cast<float>(5 * std::sin(2 * 3.14159265358979 * r / 21.3));
-  const RowNoise rows = estimate_row_noise(frame.dn, profile, 4000);
+  const RowNoise rows = estimate_row_noise(frame.dn, profile, kSaturatedDn);
   double taken = 0;  // along the stripes, 5 is all of them
   for (int g = 0; g < 200; ++g)
     taken += rows.offset[static_cast<std::size_t>(g)] *
@@ -106,7 +108,8 @@ TEST(RowNoise, StripesThatDwarfTheNoiseAreNoRowNoise) {
 
 TEST(RowNoise, NothingWithoutRowNoiseInTheModel) {
   const Simulated truth = simulate(profile_with(1.0, 1.5), 64, 64, false);
-  for (const double offset : estimate_row_noise(truth.dn, profile_with(0.0, 1.5), 4000).offset)
+  for (const double offset :
+       estimate_row_noise(truth.dn, profile_with(0.0, 1.5), kSaturatedDn).offset)
     EXPECT_EQ(offset, 0.0);
 }
 
@@ -114,8 +117,14 @@ TEST(RowNoise, RemovalSubtractsTheChannelsOwnShareAndLeavesSaturatedPixels) {
   const NoiseProfile profile = profile_with(2.0, 1.5);
   Image dn(4, 4, 100.0f);
   dn(0, 0) = 4000;
-  remove_row_noise(dn, profile, RowNoise{{1.0, -0.5}, {1, 1}}, 4000);
+  dn(0, 1) = 3990;  // the next channel saturates earlier
+  dn(1, 0) = 3990;
+  std::vector<float> saturated_dn = kSaturatedDn;
+  saturated_dn[1] = 3985;
+  remove_row_noise(dn, profile, RowNoise{{1.0, -0.5}, {1, 1}}, saturated_dn);
   EXPECT_EQ(dn(0, 0), 4000.0f);
+  EXPECT_EQ(dn(0, 1), 3990.0f);
+  EXPECT_NEAR(dn(1, 0), 3988.0f, 1e-3);
   EXPECT_NEAR(dn(1, 1), 98.0f, 1e-4);
   EXPECT_NEAR(dn(2, 1), 101.1f, 1e-4);
 }

@@ -158,6 +158,21 @@ TEST(FrameInDomain, AWindowIsAPartOfTheWholeAndTheGuideComesBack) {
             denoise_frame(camera.noisy(), camera.profile, classical).dn_above_black);
 }
 
+// Grey light is grey, whatever bends the estimate found in single channels.
+TEST(FrameInDomain, ChannelsOfAnEstimateShareOneLine) {
+  const Camera camera(64, 64);
+  NoiseProfile profile = camera.profile;
+  profile.channels[3].variance = VarianceCurve::table({500, 4000}, {2, 3000});
+  const auto spread = [&] {
+    const NetworkFrame frame = prepare_network_frame(camera.noisy(), profile, PackageSettings());
+    const auto planes = frame.domain.clean_planes(Image(64, 64, 800.0F));
+    return (planes.max() - planes.min()).item<double>() * frame.domain.scale();
+  };
+  EXPECT_GT(spread(), 5.0);  // deviations of the noise
+  profile.estimated_from_picture = true;
+  EXPECT_LT(spread(), 1e-3);
+}
+
 TEST(FrameInDomain, AsksForTheRatioWhereItNeedsIt) {
   const Camera camera(64, 64);
   PackageSettings settings;
@@ -166,7 +181,7 @@ TEST(FrameInDomain, AsksForTheRatioWhereItNeedsIt) {
   EXPECT_THROW(prepare_network_frame(camera.noisy(), camera.profile, settings), InputError);
   const NetworkFrame frame =
       prepare_network_frame(camera.noisy(), camera.profile, settings, {}, 10.0);
-  EXPECT_DOUBLE_EQ(frame.domain.scale(), frame.frame.saturated_dn / 10);
+  EXPECT_DOUBLE_EQ(frame.domain.scale(), frame.frame.range_dn / 10);
   settings.layout = "bayer-rggb";
   EXPECT_THROW(prepare_network_frame(camera.noisy(), camera.profile, settings, {}, 10.0),
                InputError);

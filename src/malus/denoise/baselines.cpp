@@ -136,7 +136,7 @@ Image run_baseline(const std::string& name, const PreparedFrame& frame, const No
       filter_each(planes, sigma, bm3d_settings, progress);
     }
   } else {
-    const auto stabilizers = make_stabilizers(profile, frame.saturated_dn, settings.strength);
+    const auto stabilizers = make_stabilizers(profile, frame.range_dn, settings.strength);
     stabilise(planes, stabilizers, false);
     if (name == "vst-pca-bm3d") {
       const Eigen::MatrixXd axes = principal_components(planes);

@@ -1,6 +1,5 @@
 #include "malus/denoise/bm3d.h"
 
-#include "malus/base/parallel.h"
 #include "malus/denoise/internal/bm3d_pass.h"
 
 #include <cmath>

@@ -25,9 +25,9 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
             stabilizers[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
         const double value = result.dn_above_black(row, col);
         // A saturated pixel is at least as bright as it says: nothing better is known.
-        const bool saturated = frame.dn(row, col) >= frame.saturated_dn;
-        result.dn_above_black(row, col) =
-            saturated ? frame.dn(row, col) : static_cast<float>(stabilizer.inverse(value));
+        result.dn_above_black(row, col) = frame.saturated(row, col)
+                                              ? frame.dn(row, col)
+                                              : static_cast<float>(stabilizer.inverse(value));
         if (result.variance_dn2) {
           const double slope = stabilizer.inverse_slope(value);
           (*result.variance_dn2)(row, col) *= static_cast<float>(slope * slope);
@@ -41,7 +41,7 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
                      const DenoiseSettings& settings, Progress& progress, Denoised& result) {
   result.dn_above_black = Image(frame.dn.rows(), frame.dn.cols());
-  const auto stabilizers = make_stabilizers(profile, frame.saturated_dn, settings.strength);
+  const auto stabilizers = make_stabilizers(profile, frame.range_dn, settings.strength);
   const PixelSource pixel = [&](int r, int c) {
     const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
     return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));

@@ -64,13 +64,19 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool re
   PreparedFrame prepared;
   prepared.layout = frame.layout;
   const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
-  prepared.saturated_dn = frame.white_dn - black;
+  prepared.range_dn = frame.white_dn - black;
+  std::vector<float> zero_dn;
+  for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
+    zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
+    // In single precision, as the pixels: those at white are found again.
+    prepared.saturated_dn.push_back(static_cast<float>(frame.white_dn) - zero_dn[k]);
+  }
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {
       const auto k = static_cast<std::size_t>(frame.layout.channel_at(r, c));
       float& pixel = frame.dn(r, c);
       if (pixel >= frame.white_dn) ++report.saturated_pixels;
-      pixel -= static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn);
+      pixel -= zero_dn[k];
     }
   prepared.dn = std::move(frame.dn);
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);

@@ -20,9 +20,15 @@ struct NonfinitePixel {
 struct PreparedFrame {
   Image dn;  ///< above black and bias, row noise removed, every pixel finite
   SensorLayout layout;
-  double saturated_dn = 0;  ///< above black; pixels at least this bright are not trusted
+  double range_dn = 0;  ///< white above the highest black level
+  /// Per channel, as dn; pixels at least this bright are as bright as white or brighter.
+  std::vector<float> saturated_dn;
   std::vector<NonfinitePixel> nonfinite;
   std::vector<double> mean_dn;  ///< per channel
+
+  bool saturated(int row, int col) const {
+    return dn(row, col) >= saturated_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
+  }
 };
 
 /// Throws InputError on a frame without pixels or with another layout than the profile's.

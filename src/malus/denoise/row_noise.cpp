@@ -46,18 +46,20 @@ struct SegmentSum {
 };
 
 std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile& profile,
-                                        double saturated_dn, int row, int periods) {
+                                        const std::vector<float>& saturated_dn, int row,
+                                        int periods) {
   const SensorLayout& layout = profile.layout;
   const int distance = periods * layout.rows();
   if (row - distance < 0 || row + distance >= dn.rows()) return std::nullopt;
   const float *above = dn.row(row - distance), *here = dn.row(row), *below = dn.row(row + distance);
   SegmentSum parts[kSegments];
-  const auto limit = static_cast<float>(saturated_dn);
   for (int c = 0; c < dn.cols(); ++c) {
-    const auto& channel = profile.channels[static_cast<std::size_t>(layout.channel_at(row, c))];
+    const auto k = static_cast<std::size_t>(layout.channel_at(row, c));
+    const ChannelProfile& channel = profile.channels[k];
     const double sigma = channel.sigma_row_dn;
     const float top = std::max({above[c], here[c], below[c]});
-    if (!(sigma > 0) || !(top < limit) || !std::isfinite(above[c] + here[c] + below[c])) continue;
+    if (!(sigma > 0) || !(top < saturated_dn[k]) || !std::isfinite(above[c] + here[c] + below[c]))
+      continue;
     const double mean = (static_cast<double>(above[c]) + here[c] + below[c]) / 3.0;
     const double variance = 1.5 * (channel.variance(mean) + sigma * sigma);
     const double bound = kInfluenceEnd * std::sqrt(variance);
@@ -142,8 +144,8 @@ void leave_stripes(RowNoise& rows) {
 }  // namespace
 
 RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
-                            double saturated_dn) {
-  MALUS_REQUIRE(profile.row_group >= 1);
+                            const std::vector<float>& saturated_dn) {
+  MALUS_REQUIRE(profile.row_group >= 1 && saturated_dn.size() == profile.channels.size());
   const int groups = (dn.rows() + profile.row_group - 1) / profile.row_group;
   RowNoise rows{std::vector<double>(static_cast<std::size_t>(groups), 0.0),
                 std::vector<double>(static_cast<std::size_t>(groups), 1.0)};
@@ -180,16 +182,15 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
 }
 
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
-                      double saturated_dn) {
+                      const std::vector<float>& saturated_dn) {
   parallel_for(0, dn.rows(), 32, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
       const double offset = rows.offset[static_cast<std::size_t>(r / profile.row_group)];
       float* to = dn.row(r);
       for (int c = 0; c < dn.cols(); ++c) {
-        const int channel = profile.layout.channel_at(r, c);
-        if (to[c] < saturated_dn)
-          to[c] -= static_cast<float>(
-              offset * profile.channels[static_cast<std::size_t>(channel)].sigma_row_dn);
+        const auto k = static_cast<std::size_t>(profile.layout.channel_at(r, c));
+        if (to[c] < saturated_dn[k])
+          to[c] -= static_cast<float>(offset * profile.channels[k].sigma_row_dn);
       }
     }
   });
@@ -201,7 +202,8 @@ void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProf
   }
   profile.row_group = 1;
   std::vector<std::optional<RowEvidence>> rows;
-  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r, 1));
+  const std::vector<float> limits(profile.channels.size(), static_cast<float>(saturated_dn));
+  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, limits, r, 1));
   std::vector<double> values, explained, within, across;
   for (std::size_t r = 0; r < rows.size(); ++r) {
     if (!rows[r]) continue;

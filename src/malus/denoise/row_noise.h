@@ -18,13 +18,14 @@ struct RowNoise {
   std::vector<double> deviation;  ///< posterior deviation, same unit; 1 where nothing is known
 };
 
-/// dn: mosaic in DN above black and bias; pixels that are not finite or at least saturated_dn take
-/// no part. All offsets are 0 where the profile has no row noise.
-RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile, double saturated_dn);
+/// dn: mosaic in DN above black and bias; pixels that are not finite or at least their channel's
+/// saturated_dn take no part. All offsets are 0 where the profile has no row noise.
+RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
+                            const std::vector<float>& saturated_dn);
 
-/// Subtracts sigma_row * offset from every pixel below saturated_dn.
+/// Subtracts sigma_row * offset from every pixel below its channel's saturated_dn.
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
-                      double saturated_dn);
+                      const std::vector<float>& saturated_dn);
 
 /// Fills sigma_row_dn (equal for all channels) and row_group (1 or 2) of a profile that knows only
 /// the pixel noise, from the picture's rows: the spread of their second differences beyond what

@@ -304,8 +304,7 @@ void filter_block(const StackJob& job, const ReferenceBlock& block) {
 
 void filter(const StackJob& job, const ReferenceBlock& block) {
   if (job.block_cells == 2) return filter_block<2>(job, block);
-  if (job.block_cells == 4) return filter_block<4>(job, block);
-  filter_block<8>(job, block);
+  filter_block<4>(job, block);
 }
 
 int match_one(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {

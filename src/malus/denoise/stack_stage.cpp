@@ -15,9 +15,8 @@ namespace {
 constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
-// The filter's gains and matches come from the same samples, so that estimate is too small:
-// measured on four scenes at three light levels it must be multiplied by 1.4 to 6.1
-// (docs/denoising.md).
+// The filter's gains and matches come from the same samples, so that estimate is too small. How
+// well this one factor serves all: `malus experiment uncertainty`, docs/denoising.md "Uncertainty".
 constexpr float kOptimism = 3.5f;
 
 // Orthonormal DCT-II: matrix[k][i].
@@ -146,7 +145,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   MALUS_REQUIRE(input.guide->rows() == noisy.rows() && input.guide->cols() == noisy.cols());
   MALUS_REQUIRE(stage.stack >= 1 && stage.stack <= kMaxStack &&
                 (stage.stack & (stage.stack - 1)) == 0);
-  MALUS_REQUIRE(stage.block_cells == 2 || stage.block_cells == 4 || stage.block_cells == 8);
+  MALUS_REQUIRE(stage.block_cells == 2 || stage.block_cells == 4);
   MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
   Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
   if (variance_out) *variance_out = Image(noisy.rows(), noisy.cols());

@@ -42,16 +42,34 @@ torch::Tensor tensor_of(const Image& mosaic, const SensorLayout& layout) {
   return tensor;
 }
 
+// Curves that are estimated channel by channel bend at different places, and stabilised values then
+// differ by more than their noise: colour, to a network. The channels of a sensor share their noise
+// up to a few per cent, so they get one line.
+NoiseProfile with_shared_line(NoiseProfile profile, double range_dn) {
+  const double low_dn = 0.25 * range_dn, high_dn = range_dn;
+  double low = 0, high = 0;
+  for (const ChannelProfile& channel : profile.channels) {
+    low += channel.variance(low_dn) / static_cast<double>(profile.channels.size());
+    high += channel.variance(high_dn) / static_cast<double>(profile.channels.size());
+  }
+  const double slope_dn = std::max((high - low) / (high_dn - low_dn), 0.0);
+  const auto line = VarianceCurve::affine(slope_dn, std::max(low - slope_dn * low_dn, 0.0));
+  for (ChannelProfile& channel : profile.channels) channel.variance = line;
+  return profile;
+}
+
 }  // namespace
 
 FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
-                         const NoiseProfile& profile, std::optional<double> ratio)
+                         const NoiseProfile& given, std::optional<double> ratio)
     : layout_(frame.layout),
       stabilised_(settings.domain == "stabilised"),
       noise_level_(settings.noise_input != "none") {
+  const NoiseProfile profile =
+      given.estimated_from_picture ? with_shared_line(given, frame.range_dn) : given;
   for (const ChannelProfile& channel : profile.channels) variances_.push_back(channel.variance);
   if (stabilised_) {
-    stabilizers_ = make_stabilizers(profile, frame.saturated_dn, 1.0);
+    stabilizers_ = make_stabilizers(profile, frame.range_dn, 1.0);
     scale_ = kLeastScale + kScalePerMean * mean_over(frame.dn, [&](int r, int c, double dn) {
                              const auto k = static_cast<std::size_t>(layout_.channel_at(r, c));
                              return std::max(stabilizers_[k].forward(dn), 0.0);
@@ -67,9 +85,9 @@ FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& f
   } else {
     const double mean = mean_over(frame.dn, [](int, int, double dn) { return std::max(dn, 0.0); });
     amplification =
-        std::clamp(kMeanLevel * frame.saturated_dn / std::max(mean, 1e-9), 1.0, kMostAmplification);
+        std::clamp(kMeanLevel * frame.range_dn / std::max(mean, 1e-9), 1.0, kMostAmplification);
   }
-  scale_ = frame.saturated_dn / amplification;
+  scale_ = frame.range_dn / amplification;
 }
 
 template <class Map>
@@ -205,10 +223,9 @@ Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
                      const MosaicWindow& window) {
   Image mosaic = frame.domain.mosaic_of(planes, window.rows, window.cols);
   for (int r = 0; r < window.rows; ++r)
-    for (int c = 0; c < window.cols; ++c) {
-      const float noisy = frame.frame.dn(window.row0 + r, window.col0 + c);
-      if (static_cast<double>(noisy) >= frame.frame.saturated_dn) mosaic(r, c) = noisy;
-    }
+    for (int c = 0; c < window.cols; ++c)
+      if (frame.frame.saturated(window.row0 + r, window.col0 + c))
+        mosaic(r, c) = frame.frame.dn(window.row0 + r, window.col0 + c);
   return mosaic;
 }
 

@@ -26,7 +26,7 @@ struct Candidates {
   }
 };
 
-/// A block's rows, two of 8 pixels or parts of one of 16 or 32 to a vector.
+/// A block's rows, two of 8 pixels or parts of one of 16 to a vector.
 template <int kBlock>
 HWY_INLINE Floats load_part(const float* block, std::ptrdiff_t stride, int part) {
   if constexpr (kBlock == 8) {

@@ -18,15 +18,15 @@ constexpr int floor_div(int a, int b) { return a >= 0 ? a / b : -((b - 1 - a) / 
 
 inline constexpr int kCell = 4;               ///< mosaic pixels per side of a cell
 inline constexpr int kLanes = kCell * kCell;  ///< values of a cell, row by row
-inline constexpr int kMaxBlockCells = 8;      ///< cells per side of the largest block
-inline constexpr int kMaxStack = 128;
+inline constexpr int kMaxBlockCells = 4;      ///< cells per side of the largest block
+inline constexpr int kMaxStack = 64;
 
 using CellVector = std::array<float, kLanes>;
 /// rotation[i][k]: weight of value i in component k; columns are orthonormal.
 using CellMatrix = std::array<CellVector, kLanes>;
 
 struct StackStage {
-  int block_cells = 4;  ///< cells per side of a block: 2, 4 or 8
+  int block_cells = 4;  ///< cells per side of a block: 2 or 4
   int step = 4;         ///< mosaic pixels between reference blocks; not a multiple of the cell, so
                         ///< that all alignments of cells and mosaic are averaged
   int search = 13;      ///< blocks are compared up to this many layout cells away
