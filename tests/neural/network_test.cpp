@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/neural/loss.h"
+#include "malus/neural/network_size.h"
 
 #include "support.h"
 #include <gtest/gtest.h>
@@ -126,6 +127,72 @@ TEST(Networks, UnknownNamesAndSettingsAreRefused) {
   EXPECT_THROW(make_network({"restorner", {}}), InputError);
   EXPECT_THROW(make_network({"unet", {{"widht", 4}}}), InputError);
   EXPECT_THROW(make_network({"unet", {{"width", "four"}}}), InputError);
+}
+
+// A digit too many must not take the machine's memory: nothing is built.
+TEST(Networks, SettingsOutOfRangeAreRefused) {
+  const std::vector<NetworkDescription> wrong = {
+      {"unet", {{"levels", 100}}},
+      {"unet", {{"levels", 0}}},
+      {"unet", {{"width", -1}}},
+      {"unet", {{"width", 4.5}}},
+      {"unet", {{"width", 1e300}}},
+      {"unet", {{"width", 4096}, {"levels", 8}}},
+      {"unet", {{"upscale", 1000}}},
+      {"unet", {{"in_channels", 1 << 20}}},
+      {"nafnet", {{"middle_blk_num", 1000000}}},
+      {"nafnet", {{"enc_blk_nums", std::vector<int>(40, 1)}, {"dec_blk_nums", {1}}}},
+      {"nafnet", {{"enc_blk_nums", {1, 1}}, {"dec_blk_nums", {1}}}},
+      {"nafnet", {{"enc_blk_nums", {"one"}}, {"dec_blk_nums", {1}}}},
+      {"restormer", {{"dim", 4096}}},
+      {"restormer", {{"num_blocks", {1, 1}}}},
+      {"restormer", {{"heads", {0, 1, 1, 1}}}},
+      {"restormer", {{"heads", {5, 5, 5, 5}}}},
+      {"restormer", {{"ffn_expansion_factor", 1e9}}},
+      {"restormer", {{"LayerNorm_type", "None"}}},
+      {"uformer", {{"depths", {1, 1, 1}}}},
+      {"uformer", {{"depths", std::vector<int>(9, 1 << 30)}}},
+      {"uformer", {{"win_size", 1 << 20}}},
+      {"uformer", {{"embed_dim", 4096}}},
+      {"malus", {{"dim", 64}, {"depths", std::vector<int>(60, 2)}}},
+      {"malus", {{"depths", {1, 1, 1}}}},
+      {"malus", {{"window", 0}}},
+  };
+  for (const NetworkDescription& description : wrong) {
+    EXPECT_THROW(make_network(description), InputError)
+        << description.architecture << ' ' << description.settings.dump();
+  }
+}
+
+TEST(Networks, LeastValuesAreBelowTheTrueOnesAndNearThem) {
+  for (const auto& name : network_names())
+    for (const nlohmann::json& settings : {nlohmann::json::object(), small(name).settings}) {
+      const NetworkDescription description{name, settings};
+      const auto network = make_network(description);
+      double values = 0;
+      for (const auto& parameter : network->parameters())
+        values += static_cast<double>(parameter.numel());
+      for (const auto& buffer : network->buffers()) values += static_cast<double>(buffer.numel());
+      const double least = least_network_values(name, full_settings(description));
+      EXPECT_LE(least, values) << name;
+      EXPECT_GE(least, 0.2 * values) << name;
+    }
+}
+
+TEST(Weights, TooFewForTheSettingsAreRefusedBeforeBuilding) {
+  const NetworkDescription described = small("unet");
+  const TensorFile file = weights_of(*make_network(described), described);
+  EXPECT_NO_THROW(make_network(described, file, "f"));
+  for (const nlohmann::json& change : {nlohmann::json{{"levels", 8}}, {{"levels", 40}}}) {
+    NetworkDescription edited = described;
+    edited.settings.update(change);
+    try {
+      make_network(edited, file, "edited.safetensors");
+      FAIL() << change.dump();
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.subject(), "edited.safetensors");
+    }
+  }
 }
 
 TEST(Weights, OfAnotherNetworkAreRefused) {

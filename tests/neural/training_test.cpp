@@ -308,7 +308,7 @@ TEST(Training, LearnsToRemoveNoise) {
 
 TEST(Log, DropsWhatTheCheckpointDoesNotKnow) {
   const TemporaryFolder folder;
-  std::ofstream(folder / "log.jsonl") << "{\"step\":1}\n{\"step\":5}\n{\"st";
+  std::ofstream(folder / "log.jsonl") << "{\"step\":1}\n{\"step\":5}\n{\"step\":\"2\"}\n{\"st";
   TrainingLog log(folder / "log.jsonl", 3);
   log.write({{"step", 4}});
   EXPECT_EQ(log.lines().size(), 2u);

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/neural/network_size.h"
 #include "malus/neural/networks.h"
 
 #include <cstring>
@@ -100,6 +101,9 @@ Json merged(const Architecture& architecture, const Json& settings) {
   return all;
 }
 
+// 2 GiB of float32, ten times the largest published network.
+constexpr double kMostValues = 1 << 29;
+
 template <class Visit>
 void for_each_state(const Network& network, Visit&& visit) {
   for (const auto& item : network.named_parameters()) visit(item.key(), item.value());
@@ -119,12 +123,20 @@ Json default_network_settings(const std::string& architecture) {
 }
 
 Json full_settings(const NetworkDescription& description) {
-  return merged(find_architecture(description.architecture), description.settings);
+  const Json settings = merged(find_architecture(description.architecture), description.settings);
+  check_network_settings(description.architecture, settings);
+  return settings;
 }
 
 std::shared_ptr<Network> make_network(const NetworkDescription& description) {
   const auto& architecture = find_architecture(description.architecture);
   const Json settings = full_settings(description);
+  if (const double values = least_network_values(description.architecture, settings);
+      values > kMostValues)
+    throw InputError(
+        fmt::format("settings of {}", architecture.name),
+        fmt::format("describe at least {:.3g} values, more than {:.3g}", values, kMostValues),
+        "lower widths or depths");
   try {
     return architecture.make(settings);
   } catch (const Json::exception& error) {
@@ -136,6 +148,29 @@ std::shared_ptr<Network> make_network(const NetworkDescription& description) {
                      "no network can be built with them",
                      fmt::format("start from the defaults: {}", architecture.defaults.dump()));
   }
+}
+
+std::shared_ptr<Network> make_network(const NetworkDescription& description, const TensorFile& file,
+                                      const std::string& source) {
+  double stored = 0, needed = 0;
+  for (const auto& [name, tensor] : file.tensors)
+    stored +=
+        static_cast<double>(tensor.bytes.size()) / static_cast<double>(dtype_size(tensor.dtype));
+  try {
+    needed = least_network_values(description.architecture, full_settings(description));
+  } catch (const InputError& error) {  // the settings are those of the file
+    throw InputError(source, fmt::format("{}: {}", error.subject(), error.problem()),
+                     error.remedy());
+  }
+  if (needed > stored)
+    throw InputError(source,
+                     fmt::format("holds {:.3g} values, but the {} that its settings describe has "
+                                 "at least {:.3g}",
+                                 stored, description.architecture, needed),
+                     "give weights of this architecture and size");
+  auto network = make_network(description);
+  load_weights(*network, file, "", source);
+  return network;
 }
 
 std::int64_t parameter_count(const Network& network) {

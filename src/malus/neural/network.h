@@ -35,8 +35,12 @@ nlohmann::json default_network_settings(const std::string& architecture);
 nlohmann::json full_settings(const NetworkDescription& description);
 
 /// Builds with random weights (torch's own generator). Throws InputError on an unknown name or
-/// setting, or a wrong type.
+/// setting, a wrong type, a value outside its range, or where the network would be too large.
 std::shared_ptr<Network> make_network(const NetworkDescription& description);
+/// Builds with a file's weights (load_weights); nothing is built that the file cannot fill. Throws
+/// InputError.
+std::shared_ptr<Network> make_network(const NetworkDescription& description, const TensorFile& file,
+                                      const std::string& source);
 
 /// Number of trainable values.
 std::int64_t parameter_count(const Network& network);

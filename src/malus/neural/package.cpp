@@ -184,8 +184,7 @@ LoadedPackage load_package(const std::filesystem::path& path) {
   const TensorFile file = load_tensor_file(path);
   LoadedPackage loaded{package_of(file, path.string()), nullptr};
   check_finite(file, path.string());
-  loaded.network = make_network(loaded.package.network);
-  load_weights(*loaded.network, file, "", path.string());
+  loaded.network = make_network(loaded.package.network, file, path.string());
   loaded.network->eval();
   return loaded;
 }

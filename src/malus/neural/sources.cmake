@@ -17,6 +17,7 @@ set(neural_SOURCES
   measure.cpp
   nafnet.cpp
   network.cpp
+  network_size.cpp
   noise_flow.cpp
   noise_flow_config.cpp
   noise_flow_file.cpp

@@ -80,8 +80,9 @@ nlohmann::ordered_json import_checkpoint(const ImportRequest& request) {
   package.settings = package_settings(request.package);
   package.network = fitted_network({request.architecture, request.settings}, package.settings);
   package.training = {{"imported_from", json_text(request.checkpoint.filename().string())}};
-  const auto network = make_network(package.network);
-  load_weights(*network, read_torch_checkpoint(request.checkpoint), "", source);
+  full_settings(package.network);  // mistakes in them come before those in the file
+  const auto network =
+      make_network(package.network, read_torch_checkpoint(request.checkpoint), source);
   const TensorFile file = package_file(package, *network);
   package_of(file, source);  // what would be refused when read is refused before it is written
   save_tensor_file(file, request.output);

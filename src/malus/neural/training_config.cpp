@@ -72,7 +72,11 @@ NetworkDescription read_network(const ConfigSection& section) {
       network.settings[key] = *section.number(key);
     else {
       std::vector<int> list;
-      for (const double number : section.numbers(key)) list.push_back(static_cast<int>(number));
+      for (const double number : section.numbers(key)) {
+        if (!(number >= 0 && number <= 1 << 20) || number != std::floor(number))
+          section.fail(key, fmt::format("holds {:g}", number), "give whole numbers");
+        list.push_back(static_cast<int>(number));
+      }
       network.settings[key] = list;
     }
   }

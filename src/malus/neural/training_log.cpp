@@ -14,7 +14,9 @@ TrainingLog::TrainingLog(const std::filesystem::path& path, std::int64_t last_st
   std::ifstream in(path);
   for (std::string text; std::getline(in, text);) {
     const OrderedJson line = OrderedJson::parse(text, nullptr, false);
-    if (!line.is_object() || line.value("step", last_step + 1) > last_step) continue;
+    // A line that is none of ours, or was cut off by a kill, is dropped.
+    if (!line.is_object() || !line.contains("step") || !line["step"].is_number_integer()) continue;
+    if (line["step"].get<std::int64_t>() > last_step) continue;
     kept += text + "\n";
     lines_.push_back(line);
   }
