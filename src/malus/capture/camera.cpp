@@ -34,14 +34,23 @@ constexpr KnownFormat kFormats[] = {
     {0x010C0047, RawFormat::kMono12p, 12},  // Mono12p, PFNC
     {ARV_PIXEL_FORMAT_MONO_12_PACKED, RawFormat::kMono12Packed, 12},
     {ARV_PIXEL_FORMAT_BAYER_RG_12P, RawFormat::kMono12p, 12},
+    {ARV_PIXEL_FORMAT_BAYER_GR_12P, RawFormat::kMono12p, 12},
+    {ARV_PIXEL_FORMAT_BAYER_GB_12P, RawFormat::kMono12p, 12},
+    {ARV_PIXEL_FORMAT_BAYER_BG_12P, RawFormat::kMono12p, 12},
     {ARV_PIXEL_FORMAT_BAYER_RG_12_PACKED, RawFormat::kMono12Packed, 12},
     {ARV_PIXEL_FORMAT_BAYER_GR_12_PACKED, RawFormat::kMono12Packed, 12},
     {ARV_PIXEL_FORMAT_BAYER_GB_12_PACKED, RawFormat::kMono12Packed, 12},
     {ARV_PIXEL_FORMAT_BAYER_BG_12_PACKED, RawFormat::kMono12Packed, 12},
     {ARV_PIXEL_FORMAT_MONO_10, RawFormat::kMono16, 10},
     {ARV_PIXEL_FORMAT_BAYER_RG_10, RawFormat::kMono16, 10},
+    {ARV_PIXEL_FORMAT_BAYER_GR_10, RawFormat::kMono16, 10},
+    {ARV_PIXEL_FORMAT_BAYER_GB_10, RawFormat::kMono16, 10},
     {ARV_PIXEL_FORMAT_BAYER_BG_10, RawFormat::kMono16, 10},
     {kMono10p, RawFormat::kMono10p, 10},
+    {ARV_PIXEL_FORMAT_BAYER_RG_10P, RawFormat::kMono10p, 10},
+    {ARV_PIXEL_FORMAT_BAYER_GR_10P, RawFormat::kMono10p, 10},
+    {ARV_PIXEL_FORMAT_BAYER_GB_10P, RawFormat::kMono10p, 10},
+    {ARV_PIXEL_FORMAT_BAYER_BG_10P, RawFormat::kMono10p, 10},
     {ARV_PIXEL_FORMAT_MONO_8, RawFormat::kMono8, 8},
     {ARV_PIXEL_FORMAT_BAYER_RG_8, RawFormat::kMono8, 8},
     {ARV_PIXEL_FORMAT_BAYER_GR_8, RawFormat::kMono8, 8},
@@ -57,7 +66,7 @@ const KnownFormat* known_format(ArvPixelFormat pixel) {
 
 std::string text_of(const char* text) { return text ? text : ""; }
 
-// Aravis reports by GError; every call of ours passes one and checks it.
+// Aravis reports by GError.
 class ErrorSlot {
  public:
   ErrorSlot() = default;
@@ -147,6 +156,10 @@ CameraIdentity describe_camera(const std::string& id) {
   for (guint i = 0; i < count; ++i) identity.pixel_formats.emplace_back(text_of(formats[i]));
   g_free(formats);
   g_object_unref(camera);
+  if (error.failed())
+    throw InputError(fmt::format("camera {}", id),
+                     fmt::format("does not tell its pixel formats ({})", error.message()),
+                     "is another program using it?");
   return identity;
 }
 
@@ -174,7 +187,9 @@ Camera::~Camera() {
 std::string Camera::name() const {
   ErrorSlot error;
   const auto vendor = text_of(arv_camera_get_vendor_name(handle_->camera, error.out()));
+  handle_->check(error, "reading the vendor's name");
   const auto model = text_of(arv_camera_get_model_name(handle_->camera, error.out()));
+  handle_->check(error, "reading the camera's name");
   return vendor + " " + model;
 }
 
@@ -231,7 +246,9 @@ std::string Camera::set_pixel_format(const std::string& name) {
   const auto pixel = arv_camera_get_pixel_format(handle_->camera, error.out());
   handle_->check(error, "reading the pixel format back");
   if (!known_format(pixel)) handle_->fail("setting the pixel format", "malus cannot decode it");
-  return text_of(arv_camera_get_pixel_format_as_string(handle_->camera, error.out()));
+  const auto chosen = text_of(arv_camera_get_pixel_format_as_string(handle_->camera, error.out()));
+  handle_->check(error, "reading the pixel format's name");
+  return chosen;
 }
 
 void Camera::set_size(int width, int height) {
@@ -285,7 +302,9 @@ double Camera::set_frame_rate_hz(double rate_hz) {
   }
   arv_camera_set_frame_rate(handle_->camera, rate_hz, error.out());
   handle_->check(error, fmt::format("setting the frame rate {:g} Hz", rate_hz));
-  return arv_camera_get_frame_rate(handle_->camera, error.out());
+  const double in_force_hz = arv_camera_get_frame_rate(handle_->camera, error.out());
+  handle_->check(error, "reading the frame rate back");
+  return in_force_hz;
 }
 
 void Camera::start(std::size_t buffer_bytes) {

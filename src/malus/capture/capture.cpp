@@ -71,7 +71,7 @@ fs::path frame_path(const fs::path& folder, int index) {
 }
 
 // Frames are written in order and appear whole: the first gap is where an interrupted run stopped.
-// Two writers may have left one gap: what lies beyond is taken again.
+// Its writers may have left gaps: what lies beyond the first is taken again.
 int whole_frames(const fs::path& folder, int wanted) {
   int count = 0;
   while (count < wanted && fs::exists(frame_path(folder, count))) ++count;

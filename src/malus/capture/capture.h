@@ -2,7 +2,6 @@
 #pragma once
 
 #include "malus/base/progress.h"
-#include "malus/base/quantity.h"
 #include "malus/capture/plan.h"
 
 #include <cstdint>

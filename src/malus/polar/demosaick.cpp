@@ -1,7 +1,6 @@
 #include "malus/polar/demosaick.h"
 
 #include "malus/base/parallel.h"
-#include "malus/image/pack.h"
 #include "malus/polar/internal/bayer.h"
 #include "malus/polar/internal/lattice.h"
 

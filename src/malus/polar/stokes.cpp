@@ -1,7 +1,6 @@
 #include "malus/polar/stokes.h"
 
 #include "malus/base/parallel.h"
-#include "malus/base/text.h"
 
 #include <array>
 
