@@ -32,7 +32,7 @@ PYBIND11_MODULE(_malus, m) {
     try {
       if (pending) std::rethrow_exception(pending);
     } catch (const InputError& error) {
-      input_error(error.what());
+      PyErr_SetObject(input_error.ptr(), text_of(error.what()).ptr());
     } catch (const Cancelled&) {
       if (!PyErr_Occurred()) PyErr_SetString(PyExc_KeyboardInterrupt, "");
     }

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <memory>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -32,6 +34,10 @@ constexpr int kDlCpu = 1, kDlPinned = 3;  // CPU memory, plain or pinned for a G
 constexpr const char* kTypeLetters = "iuf";
 constexpr int kTypes = 3;
 
+// NumPy's kinds that are real numbers: text, dates and objects convert too, into what nobody meant.
+constexpr std::string_view kNumberKinds = "biuf";
+constexpr std::ptrdiff_t kFloatBytes = sizeof(float);
+
 py::array from_dlpack(const py::object& object) {
   const auto device = object.attr("__dlpack_device__")().cast<std::pair<int, int>>();
   if (device.first != kDlCpu && device.first != kDlPinned)
@@ -57,6 +63,22 @@ py::array from_dlpack(const py::object& object) {
                    data, owner);
 }
 
+// Whether every number lies a whole number of floats from the first, which is aligned.
+bool whole_floats(const py::array& array) {
+  if (reinterpret_cast<std::uintptr_t>(array.data()) % alignof(float) != 0) return false;
+  for (py::ssize_t i = 0; i < array.ndim(); ++i)
+    if (array.shape(i) > 1 && array.strides(i) % kFloatBytes != 0) return false;
+  return true;
+}
+
+int size_of(const py::array& array, py::ssize_t dimension) {
+  const py::ssize_t size = array.shape(dimension);
+  if (size > std::numeric_limits<int>::max())
+    throw InputError("array", fmt::format("has {} rows or columns", size),
+                     fmt::format("give at most {}", std::numeric_limits<int>::max()));
+  return static_cast<int>(size);
+}
+
 }  // namespace
 
 py::array array_from(const py::object& object) {
@@ -66,34 +88,42 @@ py::array array_from(const py::object& object) {
   return array.cast<py::array>();
 }
 
-Array input_from(const py::object& object) {
-  const auto array = Array::ensure(array_from(object));
-  if (!array) throw py::error_already_set();
+py::array numbers_from(const py::object& object, const char* name) {
+  py::array array = array_from(object);
+  if (kNumberKinds.find(array.dtype().kind()) == std::string_view::npos)
+    throw py::type_error(fmt::format("{} must be an array of numbers, not of {}", name,
+                                     py::repr(array.dtype()).cast<std::string>()));
   return array;
+}
+
+Array input_from(const py::object& object, const char* name) {
+  return converted<Array>(object, name);
 }
 
 py::array output_from(const py::object& object) {
   const py::array array = array_from(object);
   const auto last = array.ndim() - 1;
-  if (!array.dtype().is(py::dtype::of<float>()) || !array.writeable() || last < 1 ||
+  // By equivalence: every unpickled array has a type object of its own.
+  if (!py::isinstance<py::array_t<float>>(array) || !array.writeable() || last < 1 ||
       (array.shape(last) > 1 && array.strides(last) != sizeof(float)))
     throw py::type_error("out must be a writable float32 array with contiguous rows");
+  if (!whole_floats(array))
+    throw py::type_error(
+        "out must hold its numbers at multiples of 4 bytes, unlike a field of a packed structured "
+        "array; give an array of its own");
   return array;
 }
 
 View<const float> view_of(const Array& array) {
   if (array.ndim() != 2) throw py::value_error("expected a 2-D array [row, column]");
-  return {{array.data(), static_cast<std::size_t>(array.size())},
-          static_cast<int>(array.shape(0)),
-          static_cast<int>(array.shape(1)),
-          static_cast<std::ptrdiff_t>(array.shape(1))};
+  const int rows = size_of(array, 0), cols = size_of(array, 1);
+  return {{array.data(), static_cast<std::size_t>(array.size())}, rows, cols, cols};
 }
 
 View<float> writable_view_of(py::array& array) {
-  const auto rows = static_cast<int>(array.shape(0)), cols = static_cast<int>(array.shape(1));
-  const auto stride = rows > 1 ? static_cast<std::ptrdiff_t>(array.strides(0)) /
-                                     static_cast<std::ptrdiff_t>(sizeof(float))
-                               : cols;
+  MALUS_REQUIRE(array.ndim() == 2 && whole_floats(array));
+  const int rows = size_of(array, 0), cols = size_of(array, 1);
+  const auto stride = rows > 1 ? static_cast<std::ptrdiff_t>(array.strides(0)) / kFloatBytes : cols;
   if (stride < cols) throw py::value_error("out must have rows in rising order of memory");
   const auto size = rows ? static_cast<std::size_t>((rows - 1) * stride + cols) : 0;
   return {{static_cast<float*>(array.mutable_data()), size}, rows, cols, stride};
@@ -121,6 +151,20 @@ Image image_of(const Array& array) {
   return image;
 }
 
+py::str text_of(std::string_view message) {
+  PyObject* text = PyUnicode_DecodeUTF8(message.data(), static_cast<py::ssize_t>(message.size()),
+                                        "surrogateescape");
+  if (!text) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(text);
+}
+
+py::str text_of_path(const std::string& path) {
+  PyObject* text =
+      PyUnicode_DecodeFSDefaultAndSize(path.data(), static_cast<py::ssize_t>(path.size()));
+  if (!text) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(text);
+}
+
 void PythonProgress::warn(std::string_view message) {
   const std::lock_guard lock(mutex_);
   warnings_.emplace_back(message);
@@ -133,7 +177,8 @@ bool PythonProgress::stop_requested() const {
 
 void PythonProgress::give_warnings() {
   for (const auto& message : warnings_)
-    if (PyErr_WarnEx(PyExc_UserWarning, message.c_str(), 1) != 0) throw py::error_already_set();
+    if (PyErr_WarnFormat(PyExc_UserWarning, 1, "%U", text_of(message).ptr()) != 0)
+      throw py::error_already_set();
 }
 
 }  // namespace malus::python

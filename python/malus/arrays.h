@@ -6,7 +6,9 @@
 #include "malus/image/view.h"
 
 #include <mutex>
+#include <new>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -17,17 +19,29 @@ namespace malus::python {
 
 namespace py = pybind11;
 
-/// float32, C order: what the library reads.
-using Array = py::array_t<float, py::array::c_style | py::array::forcecast>;
+/// float32, C order, aligned: what the library reads.
+using Array = py::array_t<float, py::array::c_style | py::array::forcecast |
+                                     py::detail::npy_api::NPY_ARRAY_ALIGNED_>;
 
 /// A NumPy array of anything array-like, without copying where it is an array or offers DLPack (a
 /// torch tensor on the CPU). Throws InputError for tensors in a GPU's memory, TypeError for
 /// bfloat16 and other types that NumPy lacks.
 py::array array_from(const py::object& object);
-/// The same as float32 in C order: converted, which copies, only where it is something else.
-Array input_from(const py::object& object);
+/// The same, refused where it holds something else than real numbers: TypeError that names the
+/// argument.
+py::array numbers_from(const py::object& object, const char* name);
+/// Those numbers as an array_t: copied only where they are something else.
+template <class Converted>
+Converted converted(const py::object& object, const char* name) {
+  auto array = Converted::ensure(numbers_from(object, name));
+  // ensure clears Python's error; for numbers it can only be a lack of memory.
+  if (!array) throw std::bad_alloc();
+  return array;
+}
+/// The same as what the library reads.
+Array input_from(const py::object& object, const char* name);
 /// An array to write into: nothing is converted. Throws TypeError unless it is float32, writable,
-/// with contiguous rows.
+/// aligned, with contiguous rows.
 py::array output_from(const py::object& object);
 
 /// 2-D arrays as views. Throws ValueError for other numbers of dimensions.
@@ -41,6 +55,12 @@ py::array array_of(Image image);
 /// Pixels of something that Python keeps alive: the owner.
 py::array array_sharing(Image& image, const py::object& owner);
 Image image_of(const Array& array);
+
+/// Text that may hold a path, whose bytes need not be UTF-8: those that are not become lone
+/// surrogates, as in Python's own paths. Messages are UTF-8 besides; a path alone has the file
+/// system's encoding, so that Python opens the same file by it.
+py::str text_of(std::string_view message);
+py::str text_of_path(const std::string& path);
 
 /// Warnings of a computation are given after it, with the interpreter's lock; Ctrl-C reaches the
 /// work between its steps.

@@ -5,16 +5,27 @@
 #include "malus/image/pack.h"
 #include "malus/polar/stokes.h"
 
+#include <cmath>
 #include <optional>
 #include <string>
 
 #include "arrays.h"
 #include "model_with_sampler.h"
 #include "settings.h"
+#include <fmt/format.h>
 #include <pybind11/stl.h>
 
 namespace malus::python {
 namespace {
+
+// The reader of files checks theirs; these are the caller's.
+void check_levels(const RawFrame& frame) {
+  for (const double black : frame.black_dn)
+    if (!(black < frame.white_dn) || !std::isfinite(black) || !std::isfinite(frame.white_dn))
+      throw InputError("black",
+                       fmt::format("{:g} DN is not below white, {:g} DN", black, frame.white_dn),
+                       "give black below white, both finite");
+}
 
 // A Frame, or an array with what an array does not know.
 RawFrame frame_from(const py::object& raw, const std::optional<std::string>& layout,
@@ -26,7 +37,7 @@ RawFrame frame_from(const py::object& raw, const std::optional<std::string>& lay
     if (!layout || !white)
       throw InputError("array", "does not know its layout and white level",
                        "give layout and white (and black), or a Frame");
-    frame.dn = image_of(input_from(raw));
+    frame.dn = image_of(input_from(raw, "raw"));
     frame.source = "array";
   }
   if (layout) frame.layout = SensorLayout::named(*layout);
@@ -34,6 +45,7 @@ RawFrame frame_from(const py::object& raw, const std::optional<std::string>& lay
     frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()),
                           black.value_or(frame.black_dn.empty() ? 0.0 : frame.black_dn.front()));
   if (white) frame.white_dn = *white;
+  if (black || white) check_levels(frame);
   return frame;
 }
 
@@ -72,7 +84,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
 py::dict stokes(const py::object& dn_above_black, const std::string& layout_name) {
   const auto layout = SensorLayout::named(layout_name);
   require_polarized(layout, "array");
-  const Array mosaic = input_from(dn_above_black);
+  const Array mosaic = input_from(dn_above_black, "dn_above_black");
   const auto view = view_of(mosaic);
   std::optional<StokesPicture> picture;
   {

@@ -1,25 +1,36 @@
 // Metrics of pictures and of noise.
+#include "malus/base/error.h"
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/evaluate/noise_comparison.h"
 
+#include <cmath>
+#include <cstdint>
+#include <limits>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "arrays.h"
 #include "settings.h"
+#include <fmt/format.h>
 #include <pybind11/stl.h>
 
 namespace malus::python {
 namespace {
 
-using Counts = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
-
 py::dict evaluate(const py::object& reference, const py::object& test, const std::string& layout,
                   double peak) {
-  const Array first = input_from(reference), second = input_from(test);
+  const Array first = input_from(reference, "reference"), second = input_from(test, "test");
   const auto a = view_of(first), b = view_of(second);
+  if (a.rows() != b.rows() || a.cols() != b.cols())
+    throw InputError("test",
+                     fmt::format("has {} rows and {} columns, the reference {} and {}", b.rows(),
+                                 b.cols(), a.rows(), a.cols()),
+                     "compare pictures of one size");
+  if (!(peak > 0 && std::isfinite(peak)))
+    throw InputError("peak", fmt::format("is {:g} DN", peak), "give a finite number above 0");
   const auto sensor = SensorLayout::named(layout);
   std::optional<Evaluation> result;
   {
@@ -32,8 +43,8 @@ py::dict evaluate(const py::object& reference, const py::object& test, const std
   return out;
 }
 
-std::vector<Image> images_of(const py::object& frames) {
-  const Array stack = input_from(frames);
+std::vector<Image> images_of(const py::object& frames, const char* name) {
+  const Array stack = input_from(frames, name);
   if (stack.ndim() != 3) throw py::value_error("expected frames as [frame, row, column]");
   std::vector<Image> images;
   for (py::ssize_t i = 0; i < stack.shape(0); ++i)
@@ -55,9 +66,9 @@ py::dict dict_of(const NoiseDistance& d) {
 py::dict compare(const py::object& reference, const py::object& test, const std::string& layout,
                  const py::object& clean, const py::kwargs& kwargs) {
   const auto settings = settings_from<NoiseComparisonSettings>(kwargs);
-  const auto first = images_of(reference), second = images_of(test);
+  const auto first = images_of(reference, "reference"), second = images_of(test, "test");
   std::optional<Image> scene;
-  if (!clean.is_none()) scene = image_of(input_from(clean));
+  if (!clean.is_none()) scene = image_of(input_from(clean, "clean"));
   const auto sensor = SensorLayout::named(layout);
   PythonProgress progress;
   NoiseComparison result;
@@ -76,10 +87,36 @@ py::dict compare(const py::object& reference, const py::object& test, const std:
   return out;
 }
 
-double divergence(const Counts& a, const Counts& b, bool symmetric) {
-  if (a.size() != b.size()) throw py::value_error("histograms of different lengths");
-  const std::span<const std::int64_t> first(a.data(), static_cast<std::size_t>(a.size())),
-      second(b.data(), static_cast<std::size_t>(b.size()));
+struct Histogram {
+  py::object counts;
+  const char* name;  ///< of the argument
+};
+
+// Any type of number is read as double, in which the divergences are computed (np.histogram with
+// weights gives counts as floats). The library adds counts up as 64-bit integers.
+std::vector<std::int64_t> counts_of(const Histogram& histogram) {
+  using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast |
+                                          py::detail::npy_api::NPY_ARRAY_ALIGNED_>;
+  const auto values = converted<Doubles>(histogram.counts, histogram.name);
+  constexpr double kLimit = 0x1p63;
+  std::vector<std::int64_t> counts;
+  std::int64_t sum = 0;
+  for (const double value : std::span(values.data(), static_cast<std::size_t>(values.size()))) {
+    if (!(value >= 0 && value == std::floor(value) && std::isfinite(value)))
+      throw InputError(histogram.name, fmt::format("bin {} holds {}", counts.size(), value),
+                       "give counts of samples: whole numbers, 0 or more");
+    if (value >= kLimit ||
+        static_cast<std::int64_t>(value) > std::numeric_limits<std::int64_t>::max() - sum)
+      throw InputError(histogram.name, "holds 2^63 samples or more", "scale its counts down");
+    counts.push_back(static_cast<std::int64_t>(value));
+    sum += counts.back();
+  }
+  return counts;
+}
+
+double divergence(const Histogram& a, const Histogram& b, bool symmetric) {
+  const auto first = counts_of(a), second = counts_of(b);
+  if (first.size() != second.size()) throw py::value_error("histograms of different lengths");
   const auto result = symmetric ? jsd_bits(first, second) : kld_nats(first, second);
   if (!result) throw py::value_error(result.reason());
   return *result;
@@ -103,12 +140,18 @@ void bind_evaluate(py::module_& m) {
          settings_help<NoiseComparisonSettings>())
             .c_str());
   m.def(
-      "kld_nats", [](const Counts& q, const Counts& p) { return divergence(q, p, false); },
+      "kld_nats",
+      [](const py::object& q, const py::object& p) {
+        return divergence({q, "test_q"}, {p, "reference_p"}, false);
+      },
       py::arg("test_q"), py::arg("reference_p"),
       "Kullback-Leibler divergence D(Q||P) [nat] of two histograms: integer counts over the same "
       "bins.");
   m.def(
-      "jsd_bits", [](const Counts& a, const Counts& b) { return divergence(a, b, true); },
+      "jsd_bits",
+      [](const py::object& a, const py::object& b) {
+        return divergence({a, "a"}, {b, "b"}, true);
+      },
       py::arg("a"), py::arg("b"),
       "Jensen-Shannon divergence [bit], 0 to 1, of two histograms: integer counts over the same "
       "bins.");

@@ -52,7 +52,9 @@ void bind_frames(py::module_& m) {
       .def_property_readonly(
           "iso", [](const RawFrame& f) { return f.gain.iso; }, "gain as ISO, or None")
       .def_readonly("exposure_s", &RawFrame::exposure_s, "exposure time, s, or None")
-      .def_readonly("source", &RawFrame::source, "the file it came from");
+      .def_property_readonly(
+          "source", [](const RawFrame& f) { return text_of_path(f.source); },
+          "the file it came from");
 
   py::class_<FrameGroup>(m, "FrameGroup", "Frames of a session that were taken alike.")
       .def_property_readonly(

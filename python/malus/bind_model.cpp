@@ -5,6 +5,8 @@
 #include "malus/synthesize/model.h"
 
 #include <algorithm>
+#include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,8 +26,20 @@ namespace {
 struct Place {
   std::uint64_t seed;
   std::uint32_t frame;
-  int row0, col0;
+  std::int64_t row0, col0;
 };
+
+// The mosaic's last row and column: far beyond any sensor, and the library counts on from there in
+// int, by whole groups of columns.
+constexpr std::int64_t kLastPosition = (std::int64_t{1} << 30) - 1;
+
+int checked_start(const char* name, std::int64_t start, int size) {
+  const std::int64_t last = std::max<std::int64_t>(kLastPosition - size + 1, 0);
+  if (start < 0 || start > last)
+    throw InputError(name, fmt::format("{} is no place on a sensor", start),
+                     fmt::format("give 0 to {}", last));
+  return static_cast<int>(start);
+}
 
 struct Planes3D {
   std::vector<py::array> keep_alive;
@@ -56,7 +70,7 @@ void draw_packed(const NoiseAtGain& noise, const py::array& clean, const py::arr
 
 py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, const Place& place,
                       const py::object& out) {
-  const Array clean = input_from(clean_object);
+  const Array clean = input_from(clean_object, "clean");
   const auto dimensions = clean.ndim();
   if (dimensions < 2 || dimensions > 4)
     throw py::value_error(
@@ -71,8 +85,10 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   if (dimensions == 2) {
     const auto from = view_of(clean);
     const auto to = writable_view_of(noisy);
+    const int row0 = checked_start("row0", place.row0, from.rows());
+    const int col0 = checked_start("col0", place.col0, from.cols());
     const py::gil_scoped_release release;
-    noise.synthesize(from, to, place.seed, place.frame, place.row0, place.col0);
+    noise.synthesize(from, to, place.seed, place.frame, row0, col0);
   } else if (dimensions == 3) {
     draw_packed(noise, clean, noisy, place);
   } else {
@@ -88,6 +104,14 @@ py::object python_of(const nlohmann::ordered_json& json) {
   return py::module_::import("json").attr("loads")(json.dump());
 }
 
+std::filesystem::path session_path(const py::object& path) {
+  try {
+    return path.cast<std::filesystem::path>();
+  } catch (const py::cast_error&) {
+    throw py::type_error("session must be a Session or the path of a session file");
+  }
+}
+
 ModelWithSampler calibrate_session(const py::object& session_or_path,
                                    const std::vector<std::string>& kinds,
                                    const py::kwargs& kwargs) {
@@ -95,8 +119,7 @@ ModelWithSampler calibrate_session(const py::object& session_or_path,
   PythonProgress progress;
   std::optional<Session> session;
   if (py::isinstance<Session>(session_or_path)) session = session_or_path.cast<Session>();
-  const auto path =
-      session ? std::filesystem::path{} : session_or_path.cast<std::filesystem::path>();
+  const auto path = session ? std::filesystem::path{} : session_path(session_or_path);
   std::optional<NoiseModel> model;
   {
     const py::gil_scoped_release release;
@@ -126,29 +149,24 @@ std::string synthesize_help() {
          "The result is DN above black, not rounded, not clipped.";
 }
 
-}  // namespace
-
-void bind_model(py::module_& m) {
+void bind_noise(py::module_& m) {
   py::class_<NoiseAtGain>(m, "Noise",
                           "The noise of a model at one gain (or at random gains): Model.at_gain "
                           "makes it.")
       .def(
           "synthesize",
           [](const NoiseAtGain& noise, const py::object& clean, std::uint64_t seed,
-             std::uint32_t frame, const py::object& out, int row0, int col0) {
+             std::uint32_t frame, const py::object& out, std::int64_t row0, std::int64_t col0) {
             return synthesize(noise, clean, {seed, frame, row0, col0}, out);
           },
           py::arg("clean"), py::arg("seed") = 0, py::arg("frame") = 0, py::arg("out") = py::none(),
           py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0, synthesize_help().c_str());
+}
 
-  py::class_<ModelWithSampler>(m, "Model",
-                               "A noise model: a file that calibrate wrote, or a built-in one by "
-                               "name. Throws InputError.")
-      .def(py::init([](const std::filesystem::path& path) {
-             const py::gil_scoped_release release;
-             return std::make_unique<ModelWithSampler>(Model::load(path));
-           }),
-           py::arg("path"))
+using ModelClass = py::class_<ModelWithSampler>;
+
+void add_drawing(ModelClass& model_class) {
+  model_class
       .def(
           "at_gain",
           [](ModelWithSampler& model, const Gain& gain, const py::kwargs& kwargs) {
@@ -161,7 +179,7 @@ void bind_model(py::module_& m) {
       .def(
           "synthesize",
           [](ModelWithSampler& model, const py::object& clean, const Gain& gain, std::uint64_t seed,
-             std::uint32_t frame, const py::object& out, int row0, int col0,
+             std::uint32_t frame, const py::object& out, std::int64_t row0, std::int64_t col0,
              const py::kwargs& kwargs) {
             return synthesize(model.noise(gain, kwargs), clean, {seed, frame, row0, col0}, out);
           },
@@ -175,7 +193,16 @@ void bind_model(py::module_& m) {
             return gain.iso ? *gain.iso : gain.gain_db.value();
           },
           py::arg("seed"), py::arg("frame"),
-          "The gain [dB or ISO] that synthesize(gain=None) draws for this seed and frame.")
+          "The gain [dB or ISO] that synthesize(gain=None) draws for this seed and frame.");
+}
+
+void add_file(ModelClass& model_class) {
+  model_class
+      .def(py::init([](const std::filesystem::path& path) {
+             const py::gil_scoped_release release;
+             return std::make_unique<ModelWithSampler>(Model::load(path));
+           }),
+           py::arg("path"))
       .def(
           "save",
           [](const ModelWithSampler& model, const std::filesystem::path& path, bool force) {
@@ -183,7 +210,11 @@ void bind_model(py::module_& m) {
             save_model(model.description(), path, force);
           },
           py::arg("path"), py::arg("force") = false,
-          "Writes HDF5; an existing file needs force=True.")
+          "Writes HDF5; an existing file needs force=True.");
+}
+
+void add_description(ModelClass& model_class) {
+  model_class
       .def(
           "as_dict",
           [](const ModelWithSampler& model) {
@@ -203,6 +234,18 @@ void bind_model(py::module_& m) {
       .def_property_readonly(
           "kinds", [](const ModelWithSampler& model) { return model.description().kinds(); },
           "Kinds of noise model that it holds.");
+}
+
+}  // namespace
+
+void bind_model(py::module_& m) {
+  bind_noise(m);
+  ModelClass model_class(m, "Model",
+                         "A noise model: a file that calibrate wrote, or a built-in one by name. "
+                         "Throws InputError.");
+  add_file(model_class);
+  add_drawing(model_class);
+  add_description(model_class);
 
   m.def("calibrate", &calibrate_session, py::arg("session"),
         py::arg("kinds") = std::vector<std::string>{"physics"},

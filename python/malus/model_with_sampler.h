@@ -6,9 +6,9 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "settings.h"
-#include <fmt/format.h>
 #include <pybind11/pybind11.h>
 
 namespace malus::python {
@@ -23,14 +23,13 @@ class ModelWithSampler {
 
   /// Called with the interpreter's lock, which guards the cache.
   NoiseAtGain noise(const Gain& gain, const pybind11::kwargs& kwargs) {
-    std::string key;
-    for (const auto& [name, value] : kwargs)
-      key += fmt::format("{}={}|", pybind11::str(name).cast<std::string>(),
-                         pybind11::repr(value).cast<std::string>());
-    if (!sampler_ || key != key_) {
+    // Converted first: different objects may have one repr, and the same object other values later.
+    const auto settings = settings_from<SynthesisSettings>(kwargs);
+    auto values = values_of(settings);
+    if (!sampler_ || values != values_) {
       last_.reset();
-      sampler_ = model_.at_random_gain(settings_from<SynthesisSettings>(kwargs));
-      key_ = key;
+      sampler_ = model_.at_random_gain(settings);
+      values_ = std::move(values);
     }
     if (!last_ || gain != gain_) {
       last_ = sampler_->with_gain(gain);
@@ -43,7 +42,7 @@ class ModelWithSampler {
 
  private:
   Model model_;
-  std::string key_;
+  std::vector<std::string> values_;  ///< of sampler_'s settings
   std::optional<NoiseAtGain> sampler_;
   Gain gain_;
   std::optional<NoiseAtGain> last_;  ///< of gain_

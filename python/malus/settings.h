@@ -55,6 +55,16 @@ Settings settings_from(const pybind11::kwargs& kwargs) {
   return settings;
 }
 
+/// Every value in turn, in full precision: equal for equal settings alone.
+template <class Settings>
+std::vector<std::string> values_of(const Settings& settings) {
+  std::vector<std::string> values;
+  Settings::describe(settings, [&](const auto& value, const ParameterInfo&) {
+    values.push_back(fmt::format("{}", value));
+  });
+  return values;
+}
+
 /// One line per setting: name, default, unit, meaning.
 template <class Settings>
 std::string settings_help() {

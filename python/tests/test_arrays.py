@@ -1,5 +1,7 @@
 """Arrays and tensors of every kind in and out: no copies where none are needed."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -107,6 +109,115 @@ def test_the_sampler_that_is_kept_never_answers_for_other_settings(model):
     assert not np.array_equal(first, model.synthesize(clean, gain=13, seed=1))
     assert np.array_equal(first, model.synthesize(clean, gain=12, seed=1))
     assert np.array_equal(first, model.at_gain(12).synthesize(clean, seed=1))
+
+
+def test_an_object_whose_value_changes_is_read_anew(model):
+    class Ratio:
+        def __init__(self, value):
+            self.value = value
+
+        def __float__(self):
+            return self.value
+
+        def __repr__(self):
+            return "a ratio"
+
+    clean = np.full((32, 32), 100, np.float32)
+    draw = lambda ratio: model.synthesize(clean, gain=12, seed=1, ratio=ratio)
+    expected = [draw(2), draw(4)]
+    changing = Ratio(2.0)
+    assert np.array_equal(draw(changing), expected[0])
+    changing.value = 4.0
+    assert np.array_equal(draw(changing), expected[1])
+
+
+def test_tensors_that_print_alike_are_told_apart(model, torch):
+    clean = np.full((32, 32), 100, np.float32)
+    draw = lambda ratio: model.synthesize(clean, gain=12, seed=1, ratio=ratio)
+    a, b = torch.tensor(5e-5, dtype=torch.float64), torch.tensor(5.00001e-5, dtype=torch.float64)
+    assert repr(a) == repr(b)
+    first = draw(a)
+    assert not np.array_equal(first, draw(b))
+    assert np.array_equal(draw(b), draw(5.00001e-5)) and np.array_equal(draw(a), first)
+
+
+def packed_field(rows=8, cols=8):
+    """float32 numbers at 1 + 33 i + 4 k bytes."""
+    return np.zeros(rows, dtype=[("flag", "u1"), ("x", np.float32, (cols,))])
+
+
+def test_a_packed_field_is_no_output_and_stays_untouched(model):
+    table = packed_field()
+    with pytest.raises(TypeError, match="out must hold its numbers at multiples of 4 bytes"):
+        model.synthesize(np.full((8, 8), 50, np.float32), gain=12, out=table["x"])
+    assert not any(table.tobytes())
+    planes = np.zeros((16, 2), dtype=[("flag", "u1"), ("x", np.float32, (4,))])
+    with pytest.raises(TypeError, match="out must hold its numbers at multiples of 4 bytes"):
+        model.synthesize(np.full((16, 2, 4), 50, np.float32), gain=12, out=planes["x"])
+    assert not any(planes.tobytes())
+
+
+def test_an_aligned_field_is_written_in_place(model):
+    clean = np.full((8, 8), 50, np.float32)
+    table = np.zeros(8, dtype=[("flag", "u4"), ("x", np.float32, (8,))])
+    model.synthesize(clean, gain=12, seed=1, out=table["x"])
+    assert np.array_equal(table["x"], model.synthesize(clean, gain=12, seed=1)) and not table["flag"].any()
+
+
+def test_unaligned_numbers_are_read(model):
+    clean = np.random.default_rng(0).uniform(0, 500, (8, 8)).astype(np.float32)
+    expected = model.synthesize(clean, gain=12, seed=1)
+    table = packed_field()
+    table["x"] = clean
+    assert np.array_equal(model.synthesize(table["x"], gain=12, seed=1), expected)
+    shifted = np.zeros(clean.nbytes + 1, np.uint8)[1:].view(np.float32).reshape(8, 8)
+    shifted[:] = clean
+    assert not shifted.flags.aligned
+    assert np.array_equal(model.synthesize(shifted, gain=12, seed=1), expected)
+    with pytest.raises(TypeError, match="multiples of 4 bytes"):
+        model.synthesize(clean, gain=12, out=shifted)
+    assert np.array_equal(shifted, clean)
+
+
+def test_an_unpickled_array_is_written_in_place(model):
+    """Its type is float32, but not the same object as other arrays'."""
+    clean = np.full((8, 8), 50, np.float32)
+    out = pickle.loads(pickle.dumps(np.empty_like(clean)))
+    assert model.synthesize(clean, gain=12, seed=1, out=out) is out
+    assert np.array_equal(out, model.synthesize(clean, gain=12, seed=1))
+
+
+def test_the_other_byte_order_is_read_and_not_written(model):
+    clean = np.full((8, 8), 50, np.float32)
+    swapped = clean.astype(clean.dtype.newbyteorder())
+    assert np.array_equal(model.synthesize(swapped, gain=12, seed=1), model.synthesize(clean, gain=12, seed=1))
+    with pytest.raises(TypeError, match="float32"):
+        model.synthesize(clean, gain=12, out=swapped)
+
+
+@pytest.mark.parametrize("given", ["abc", [[1, None]], [["1", "2"]], [[1j]], None])
+def test_what_holds_no_numbers_is_refused_by_name(model, given):
+    layout = model.layout
+    numbers = np.zeros((8, 8), np.float32)
+    for name, call in (("clean", lambda: model.synthesize(given, gain=12)),
+                       ("raw", lambda: malus.denoise(given, layout=layout, white=100)),
+                       ("dn_above_black", lambda: malus.stokes(given, layout)),
+                       ("test", lambda: malus.evaluate(numbers, given, layout, 100)),
+                       ("reference", lambda: malus.compare_noise(given, numbers, layout)),
+                       ("a", lambda: malus.jsd_bits(given, [1, 2]))):
+        with pytest.raises(TypeError, match=f"^{name} must be an array of numbers"):
+            call()
+
+
+@pytest.mark.parametrize("name", ["row0", "col0"])
+@pytest.mark.parametrize("place", [-1, 2**30 - 63, 2**31 - 1, 2**31])
+def test_places_off_the_sensor_are_refused(model, name, place):
+    clean = np.zeros((64, 64), np.float32)
+    with pytest.raises(malus.InputError, match=f"^{name}: {place} .* give 0 to {2**30 - 64}$"):
+        model.synthesize(clean, gain=12, **{name: place})
+    with pytest.raises(malus.InputError, match=f"^{name}: "):
+        model.at_gain(12).synthesize(clean, **{name: place})
+    model.synthesize(clean, gain=12, **{name: 2**30 - 64})
 
 
 @pytest.mark.parametrize("out", [

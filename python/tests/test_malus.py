@@ -124,6 +124,26 @@ def test_divergences():
     assert malus.kld_nats(a, b) == pytest.approx(np.sum(p * np.log(p / q)))
 
 
+@pytest.mark.parametrize("divergence, names", [(malus.jsd_bits, ("a", "b")), (malus.kld_nats, ("test_q", "reference_p"))])
+def test_histograms_hold_counts(divergence, names):
+    good = [1, 2]
+    for bad in ([1.7, 2.2], [1, -2], [1, float("nan")], [float("inf"), 1], [2**62, 2**62], np.array([2**63, 1], np.uint64)):
+        for which, given in ((0, (bad, good)), (1, (good, bad))):
+            with pytest.raises(malus.InputError, match=f"^{names[which]}: "):
+                divergence(*given)
+    expected = divergence([3, 4], [1, 2])
+    for kind in (float, np.float32, np.uint8, np.uint64, np.int16, ">i4"):
+        assert divergence(np.array([3, 4], kind), np.array([1, 2], kind)) == expected
+
+
+def test_paths_need_not_be_utf8(tmp_path):
+    path = f"{tmp_path}/\udcfe"
+    with pytest.raises(malus.InputError, match="\udcfe.h5: does not exist"):
+        malus.Model(path + ".h5")
+    np.save(path + ".npy", np.arange(64, dtype=np.uint16).reshape(8, 8))
+    assert malus.load_frame(path + ".npy", layout="mono").source == path + ".npy"
+
+
 def test_errors_have_the_words_of_the_program(model, tmp_path):
     program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
     if not program.exists():
@@ -153,6 +173,12 @@ def test_version_is_the_program_s():
     (lambda m: m.synthesize(np.zeros(4), gain=12), ValueError),
     (lambda m: m.synthesize(np.zeros((4, 4)), gain=12, out=np.zeros((4, 5), np.float32)), ValueError),
     (lambda m: malus.stokes(np.zeros((4, 4)), "bayer-rggb"), malus.InputError),
+    (lambda m: malus.evaluate(np.zeros((4, 4)), np.zeros((4, 8)), m.layout, 100), malus.InputError),
+    (lambda m: malus.evaluate(np.zeros((4, 4)), np.zeros((4, 4)), m.layout, 0), malus.InputError),
+    (lambda m: malus.evaluate(np.zeros((4, 4)), np.zeros((4, 4)), m.layout, float("nan")), malus.InputError),
+    (lambda m: malus.denoise(np.zeros((8, 8)), layout=m.layout, white=10, black=82, model=m, gain=12), malus.InputError),
+    (lambda m: malus.denoise(np.zeros((8, 8)), layout=m.layout, white=float("nan"), model=m, gain=12), malus.InputError),
+    (lambda m: malus.calibrate(None), TypeError),
 ])
 def test_mistakes_raise(model, call, error):
     with pytest.raises(error):
