@@ -1,5 +1,4 @@
 // malus calibrate: a session of bias and flat frames (or bursts) becomes a noise model.
-#include "malus/base/atomic_file.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/io/session.h"
 #include "malus/noise/model.h"
@@ -11,6 +10,7 @@
 
 #include "flags.h"
 #include "model_json.h"
+#include "output_check.h"
 #include "program.h"
 #include "report_pages.h"
 #include <fmt/format.h>
@@ -43,9 +43,10 @@ void return_planes_to_the_system() {
 
 void calibrate_session(const Common& common, const CalibrateArguments& arguments) {
   return_planes_to_the_system();
-  check_output(arguments.output, common.force);
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
   const Session session = load_session(arguments.session);
+  const std::vector<std::filesystem::path> read = files_read(session);
+  check_output_apart("-o", arguments.output, read, {}, common.force);
+  check_output_apart("--report", arguments.report, read, {arguments.output}, common.force);
   const auto progress = make_progress(common);
   const NoiseModel model =
       calibrate(calibration_input(session), arguments.settings, arguments.kinds, *progress);

@@ -13,13 +13,13 @@
 #include "malus/synthesize/dataset.h"
 #include "malus/synthesize/model.h"
 
+#include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <sstream>
 
+#include "dataset_folder.h"
 #include "flags.h"
 #include "program.h"
 #include <fmt/format.h>
@@ -37,7 +37,8 @@ struct DatasetArguments {
 
 // What the configuration file says.
 struct Plan {
-  fs::path source, model_path;
+  std::string model;  ///< as it is written there
+  fs::path model_path;
   DatasetSettings dataset;
   SynthesisSettings noise;
   std::vector<fs::path> cleans;
@@ -48,10 +49,10 @@ Plan load_plan(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the data-set configuration");
   root.require_known({"model", "clean", "black", "dataset", "noise"});
   Plan plan;
-  plan.source = path;
   plan.noise.debias = plan.noise.amplify = true;
   if (!root.has("model")) root.fail("model", "is missing", "name a noise model");
-  plan.model_path = *root.text("model");
+  plan.model = *root.text("model");
+  plan.model_path = plan.model;
   // A file beside the configuration goes before a built-in name.
   if (const fs::path beside = path.parent_path() / plan.model_path; fs::exists(beside))
     plan.model_path = beside;
@@ -63,6 +64,8 @@ Plan load_plan(const fs::path& path) {
   }
   if (plan.cleans.empty()) root.fail("clean", "is missing", "name clean mosaics in DN above black");
   plan.black_dn = root.numbers("black");
+  for (const double black : plan.black_dn)
+    if (!std::isfinite(black)) root.fail("black", "is no finite number", "give it in DN");
   if (const auto section = root.section("dataset")) section->read(plan.dataset);
   if (const auto section = root.section("noise")) section->read(plan.noise, {"ratio"});
   if (const auto section = root.section("noise"); section && section->has("ratio"))
@@ -119,17 +122,13 @@ class CleanSources {
   std::size_t held_pixels_ = 0;
 };
 
-// Names of files may be no UTF-8.
-std::string utf8(const Json& json, int indent = 2) {
-  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
-}
-
 struct Factory {
   const Plan& plan;
   const Model model;
   CleanSources sources;
   std::map<double, Synthesizer> synthesizers;  // by ratio
   std::uint64_t seed;
+  std::string set;  ///< named in every sample
 
   Factory(const Plan& p, std::uint64_t s)
       : plan(p), model(load_model(p.model_path)), sources(p, model.description()), seed(s) {
@@ -149,7 +148,8 @@ struct Factory {
     if (recipe.gain) gain = model.gain_setting(*recipe.gain);
     const TrainingPair pair = make_pair_of(recipe, plan.dataset, *sources.get(recipe.source),
                                            synthesizers.at(recipe.ratio), gain, seed);
-    Json facts{{"source", plan.cleans[recipe.source].filename().string()},
+    Json facts{{kSetKey, set},
+               {"source", plan.cleans[recipe.source].filename().string()},
                {"row", recipe.row0},
                {"col", recipe.col0},
                {"symmetry", std::string(facts_of(recipe.symmetry).name)},
@@ -158,51 +158,85 @@ struct Factory {
     const std::string name = fmt::format("{:09}", number);
     return {{{name + ".clean.npy", npy_bytes(pack(pair.clean_dn, description.layout))},
              {name + ".noisy.npy", npy_bytes(pack(pair.noisy_dn, description.layout))},
-             {name + ".json", utf8(facts, -1)}}};
+             {name + ".json", json_utf8(facts, -1)}}};
   }
 };
 
-// Written once; a run that goes on must have the same settings.
-void check_same_dataset(const fs::path& path, const Json& description, bool force) {
-  const std::string text = utf8(description) + "\n";
-  if (fs::exists(path) && !force) {
-    std::stringstream found;
-    found << std::ifstream(path).rdbuf();
-    if (found.str() != text)
-      throw InputError(path.string(), "belongs to a data set with other settings",
-                       "use another folder, or --force to replace it");
-    return;
-  }
-  write_file(path, text, true);
+// Everything that the pixels follow from. Files are named without their folders, which may be moved
+// between two runs, and told apart by their content: a picture that was made anew under its name
+// usually has the same size, and copies have other times. Each is read once more for that, which is
+// what one or two samples of it cost.
+Json dataset_json(const Plan& plan, const Factory& factory) {
+  std::vector<std::string> prints(plan.cleans.size());
+  parallel_for(0, std::ssize(plan.cleans), 1, [&](std::ptrdiff_t from, std::ptrdiff_t to) {
+    for (auto i = static_cast<std::size_t>(from); i < static_cast<std::size_t>(to); ++i)
+      prints[i] = file_fingerprint(plan.cleans[i]);
+  });
+  const NoiseModel& description = factory.model.description();
+  Json json{{"model", plan.model},
+            {"model_fingerprint",  // none: built in
+             fs::exists(plan.model_path) ? Json(file_fingerprint(plan.model_path)) : Json()},
+            {"sensor", description.sensor},
+            {"layout", description.layout.name()},
+            {"channels", description.layout.channel_names()},
+            {"unit", "DN above black"},
+            {"seed", factory.seed},
+            {"black", plan.black_dn},
+            {"dataset", settings_json(plan.dataset)},
+            {"noise", settings_json(plan.noise)},
+            {"clean", Json::array()}};
+  for (std::size_t i = 0; i < prints.size(); ++i)
+    json["clean"].push_back(
+        {{"file", plan.cleans[i].filename().string()}, {"fingerprint", prints[i]}});
+  return json;
 }
 
-Json dataset_json(const Plan& plan, const Factory& factory, std::uint64_t seed) {
-  Json json{{"model", plan.model_path.string()},
-            {"sensor", factory.model.description().sensor},
-            {"layout", factory.model.description().layout.name()},
-            {"channels", factory.model.description().layout.channel_names()},
-            {"unit", "DN above black"},
-            {"seed", seed},
-            {"dataset", settings_json(plan.dataset)},
-            {"noise", settings_json(plan.noise)}};
-  for (const fs::path& path : plan.cleans) json["clean"].push_back(path.filename().string());
-  return json;
+void write_shard(Factory& factory, const fs::path& path, int shard, bool force,
+                 const Progress& progress) {
+  constexpr int kAtOnce = 32;  // samples in memory
+  const DatasetSettings& settings = factory.plan.dataset;
+  const int first = shard * settings.shard_size;
+  const int count = std::min(settings.shard_size, settings.samples - first);
+  TarShard tar(path, force);
+  for (int begin = 0; begin < count; begin += kAtOnce) {
+    check_stop(progress);
+    const int end = std::min(begin + kAtOnce, count);
+    std::vector<std::array<std::pair<std::string, std::string>, 3>> samples(
+        static_cast<std::size_t>(end - begin));
+    parallel_for(begin, end, 1, [&](std::ptrdiff_t from, std::ptrdiff_t to) {
+      for (std::ptrdiff_t i = from; i < to; ++i)
+        samples[static_cast<std::size_t>(i - begin)] =
+            factory.make(static_cast<std::uint32_t>(first + i));
+    });
+    for (const auto& sample : samples)
+      for (const auto& [name, content] : sample) tar.add(name, content);
+  }
+  tar.commit();
+}
+
+// The factory of a folder that is ready for its shards.
+std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
+                                      const Common& common) {
+  auto factory = std::make_unique<Factory>(plan, common.seed);
+  // Settings that no sample could be made with fail here, not after hours.
+  const NoiseModel& description = factory->model.description();
+  sample_recipe(plan.dataset, description.layout, description.row_group, factory->sources.sizes(),
+                common.seed, 0);
+  const Json json = dataset_json(plan, *factory);
+  factory->set = set_name(json);
+  make_output_folder(folder);
+  // Of runs that were killed; workers that share the folder go on with theirs.
+  remove_unfinished(folder, [](std::string_view name) {
+    return name == "dataset.json" || (name.starts_with("shard-") && name.ends_with(".tar"));
+  });
+  prepare_dataset_folder(folder, json, common.force);
+  return factory;
 }
 
 void run_dataset(const DatasetArguments& arguments, const Common& common) {
   const Plan plan = load_plan(arguments.config);
   const auto [rank, world] = worker_of(arguments);
-  Factory factory(plan, common.seed);
-  // Settings that no sample could be made with fail here, not after hours.
-  sample_recipe(plan.dataset, factory.model.description().layout,
-                factory.model.description().row_group, factory.sources.sizes(), common.seed, 0);
-  make_output_folder(arguments.folder);
-  // Of runs that were killed; workers that share the folder go on with theirs.
-  remove_unfinished(arguments.folder, [](std::string_view name) {
-    return name == "dataset.json" || (name.starts_with("shard-") && name.ends_with(".tar"));
-  });
-  check_same_dataset(arguments.folder / "dataset.json", dataset_json(plan, factory, common.seed),
-                     common.force);
+  const auto factory = open_dataset(plan, arguments.folder, common);
   const int shards = (plan.dataset.samples + plan.dataset.shard_size - 1) / plan.dataset.shard_size;
   const auto progress = make_progress(common);
   progress->begin("data set", (shards - rank + world - 1) / world);
@@ -210,27 +244,10 @@ void run_dataset(const DatasetArguments& arguments, const Common& common) {
   for (int shard = rank; shard < shards; shard += world) {
     check_stop(*progress);
     const fs::path path = arguments.folder / fmt::format("shard-{:06}.tar", shard);
-    if (fs::exists(path) && !common.force) {
+    if (!common.force && shard_is_made(path, factory->set)) {
       ++kept;
     } else {
-      const int first = shard * plan.dataset.shard_size;
-      const int count = std::min(plan.dataset.shard_size, plan.dataset.samples - first);
-      TarShard tar(path, common.force);
-      constexpr int kAtOnce = 32;  // samples in memory
-      for (int begin = 0; begin < count; begin += kAtOnce) {
-        check_stop(*progress);
-        const int end = std::min(begin + kAtOnce, count);
-        std::vector<std::array<std::pair<std::string, std::string>, 3>> samples(
-            static_cast<std::size_t>(end - begin));
-        parallel_for(begin, end, 1, [&](std::ptrdiff_t from, std::ptrdiff_t to) {
-          for (std::ptrdiff_t i = from; i < to; ++i)
-            samples[static_cast<std::size_t>(i - begin)] =
-                factory.make(static_cast<std::uint32_t>(first + i));
-        });
-        for (const auto& sample : samples)
-          for (const auto& [name, content] : sample) tar.add(name, content);
-      }
-      tar.commit();
+      write_shard(*factory, path, shard, common.force, *progress);
       ++made;
     }
     progress->advance(1);

@@ -7,7 +7,6 @@
 #include "malus/denoise/estimate_noise.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
-#include "malus/noise/same_sensor.h"
 
 #include <cmath>
 #include <filesystem>
@@ -21,6 +20,7 @@
 #include "denoise_run.h"
 #include "flags.h"
 #include "frame_input.h"
+#include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
 #include "report_pages.h"
@@ -78,6 +78,18 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
   plan(arguments.planes, "_planes.exr", &OutputNames::planes);
   plan(arguments.uncertainty, "_variance.exr", &OutputNames::variance);
   return names;
+}
+
+// A report that replaced a frame or a result would lose it.
+void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,
+                  bool force) {
+  std::vector<fs::path> read = arguments.inputs, written;
+  read.insert(read.end(), arguments.references.begin(), arguments.references.end());
+  read.push_back(arguments.model);
+  for (const OutputNames& n : names)
+    for (const fs::path& path : {n.picture, n.mosaic, n.record, n.integers, n.planes, n.variance})
+      written.push_back(path);
+  check_output_apart("--report", arguments.report, read, written, force);
 }
 
 // The noise that is taken out, and in words where it comes from.
@@ -178,20 +190,6 @@ Json metrics_json(const DenoisedFrame& frame) {
   return {{"before", values(frame.metrics_before)}, {"after", values(frame.metrics_after)}};
 }
 
-// The layout comes from the flags or the model; black and white from the flags, else the file, else
-// the model: a frame that malus wrote above black says so itself.
-FrameOptions completed(const FrameOptions& options, const std::optional<NoiseModel>& model,
-                       const fs::path& input) {
-  if (!model) return options;
-  FrameOptions fallback;
-  fallback.layout = model->layout;
-  const RawFrame known = probe_frame(input, merged(options, fallback)).frame;
-  require_layout_of_model(known, model->layout);
-  if (!known.black_known) fallback.black_dn = model->black_dn;
-  if (!known.white_known && model->white_dn > 0) fallback.white_dn = model->white_dn;
-  return merged(options, fallback);
-}
-
 // One frame's part of the job.
 struct FrameJob {
   fs::path input, reference;  ///< the reference may be empty
@@ -207,7 +205,8 @@ struct OpenedFrame {
 OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
                        const FrameJob& job, const FrameOptions& options) {
   OpenedFrame opened;
-  opened.frame = load_frame(job.input, completed(options, model, job.input));
+  opened.frame =
+      load_frame(job.input, model ? options_for_model(options, *model, job.input) : options);
   opened.choice = choose_profile(opened.frame, model, arguments);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);
@@ -308,7 +307,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   make_output_folder(arguments.folder);
   const std::vector<OutputNames> names =
       plan_denoised_files(arguments, denoiser.target(), common.force);
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  check_report(arguments, names, common.force);
   std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
   Json results = Json::array();
@@ -362,6 +361,7 @@ void add_denoise(CLI::App& app, Common& common) {
   command
       ->add_option("--reference-ratio", arguments->reference_ratio,
                    "how much more light the references had")
+      ->check(positive_number())
       ->capture_default_str();
   command->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                     "allow a gain outside the calibrated range");

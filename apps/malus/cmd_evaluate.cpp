@@ -1,6 +1,7 @@
 // malus evaluate: how near pictures, polarization and noise are to a reference.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/picture_file.h"
 
@@ -14,6 +15,7 @@
 #include "evaluate_noise.h"
 #include "flags.h"
 #include "frame_input.h"
+#include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
 #include "report_pages.h"
@@ -44,10 +46,9 @@ struct Subject {
 };
 
 bool ends_as_picture(const fs::path& path) {
-  std::string ending = path.extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  const std::vector<std::string> known = {".tif", ".tiff", ".png", ".exr", ".npy"};
+  const std::string ending = lower_case(path.extension().string());
+  const std::vector<std::string> known = {".tif", ".tiff", ".png", ".exr",
+                                          ".npy", ".fits", ".fit", ".fts"};
   return std::find(known.begin(), known.end(), ending) != known.end();
 }
 
@@ -79,7 +80,7 @@ double largest_of(const RawFrame& frame) {
 double peak_of(const EvaluateArguments& arguments, const fs::path& path, const Subject& reference,
                const Subject& test) {
   if (arguments.peak_dn) return *arguments.peak_dn;
-  if (reference.picture) return reference.picture->white;
+  if (reference.picture) return arguments.raw.white_dn().value_or(reference.picture->white);
   for (const RawFrame* frame : {&reference.frame, &test.frame})
     if (frame->white_known && frame->white_dn > 0) return frame->white_dn;
   const bool integer = reference.frame.bits > 0;
@@ -153,7 +154,9 @@ std::array<std::string, 5> cells_of(const Evaluation& e) {
 }
 
 void run_image_comparison(const EvaluateArguments& arguments, const Common& common) {
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  std::vector<fs::path> read = arguments.noise.test;
+  read.push_back(arguments.noise.reference.front());
+  check_output_apart("--report", arguments.report, read, {}, common.force);
   const FrameOptions options = arguments.raw.resolve();
   const Subject reference = load_subject(arguments.noise.reference.front(), options);
   Json results = Json::array();
@@ -206,11 +209,11 @@ void add_evaluate(CLI::App& app, Common& common) {
       ->required();
   command->add_option("--test", noise.test, "one or more to judge; with --noise a set of frames");
   command->add_option("--peak", arguments->peak_dn, "white above black for PSNR and SSIM [DN]")
-      ->check(CLI::PositiveNumber);
+      ->check(positive_number());
   command
       ->add_option("--ratio", arguments->ratio,
                    "low-light ratio of the tests: they are multiplied by it before the comparison")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->capture_default_str();
   command->add_option("--report", arguments->report, "also a report page (HTML)");
   const std::string group = "Noise";
@@ -226,7 +229,7 @@ void add_evaluate(CLI::App& app, Common& common) {
       ->group(group);
   command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")->group(group);
   command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
-      ->check(CLI::Range(0, 1000000))
+      ->check(in_range(0, 1000000))
       ->group(group);
   add_flags(*command, noise.settings);
   arguments->raw.add_to(*command);

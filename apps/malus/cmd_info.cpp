@@ -57,11 +57,13 @@ void collect_warnings(Findings& findings) {
   const double largest = largest_value(findings);
   if (!frame.white_known && frame.bits > 8 && findings.grid && largest >= 0) {
     const int fits = std::bit_width(static_cast<unsigned>(largest));
-    if (fits < frame.bits)
+    // The last code of data that are scaled up is a whole step below the end.
+    const int step = std::max(findings.grid->spread == 0 ? findings.grid->step : 1, 1);
+    if (fits < frame.bits || step > 1)
       findings.warnings.push_back(
           fmt::format("the largest value {:g} fits in {} bits; if the sensor has as many, give "
                       "--white {}",
-                      largest, fits, (1 << fits) - 1));
+                      largest, fits, (1 << fits) - step));
   }
   const auto declared = declared_pairing(frame.layout);
   if (declared && findings.check.decided() && findings.check.winner() != *declared)

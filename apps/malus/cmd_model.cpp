@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 
+#include "flags.h"
 #include "model_from_dng.h"
 #include "model_import.h"
 #include "model_json.h"
@@ -109,9 +110,10 @@ void add_model(CLI::App& app, Common& common) {
                   [&common, arguments] { show_model(common, *arguments); });
   show_command->add_option("MODEL", arguments->model, "model file or name of a built-in model")
       ->required();
-  CLI::Option* gain = show_command->add_option("--gain", arguments->gain_db, "one gain only [dB]");
+  CLI::Option* gain = show_command->add_option("--gain", arguments->gain_db, "one gain only [dB]")
+                          ->check(finite_number());
   show_command->add_option("--iso", arguments->iso, "one gain only, as ISO")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->excludes(gain);
   show_command->add_flag("--extrapolate-gain", arguments->extrapolate,
                          "allow a gain outside the calibrated range");

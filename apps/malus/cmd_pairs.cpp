@@ -15,6 +15,8 @@
 #include <optional>
 #include <vector>
 
+#include "flags.h"
+#include "output_check.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -74,6 +76,32 @@ std::map<std::optional<int>, Scene> scenes_of(const Session& session) {
     throw InputError(session.source.string(), "has no frames of kind reference and short",
                      "pairs need both");
   return scenes;
+}
+
+struct PairFiles {
+  fs::path reference, noisy;
+};
+
+PairFiles files_of_pair(const fs::path& folder, const std::string& name) {
+  return {folder / (name + "_reference.tif"), folder / (name + "_short.tif")};
+}
+
+std::string pair_name(const std::optional<int>& label, std::size_t number) {
+  return fmt::format("{}_{:02}", scene_name(label), number);
+}
+
+// Before the work refuses what exists already, and what would replace a file that is read.
+void check_pair_files(const PairsArguments& arguments, const Session& session,
+                      const std::map<std::optional<int>, Scene>& scenes, bool force) {
+  std::vector<fs::path> read = files_read(session);
+  read.push_back(arguments.model);
+  check_output_apart("-o", arguments.folder / "pairs.json", read, {}, force);
+  for (const auto& [label, scene] : scenes)
+    for (std::size_t k = 0; k < scene.shorts.size(); ++k) {
+      const PairFiles files = files_of_pair(arguments.folder, pair_name(label, k));
+      check_output_apart("-o", files.reference, read, {}, force);
+      check_output_apart("-o", files.noisy, read, {}, force);
+    }
 }
 
 // DN above black, and above the mean bias where a model tells it.
@@ -145,19 +173,18 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   RawFrame noisy = load_frame(chosen, frame_options(job.session, group));
   SaveOptions save;
   save.force = job.common.force;
-  const fs::path clean_path = job.arguments.folder / (name + "_reference.tif");
-  const fs::path noisy_path = job.arguments.folder / (name + "_short.tif");
+  const PairFiles files = files_of_pair(job.arguments.folder, name);
   RawFrame clean = reference;
   clean.white_dn -= clean.black_dn[0];
   std::fill(clean.black_dn.begin(), clean.black_dn.end(), 0.0);
   clean.bits = 0;
   save.type = SampleType::kFloat;
-  save_frame(clean_path, clean, save);
+  save_frame(files.reference, clean, save);
   save.type = noisy.bits > 0 ? SampleType::kUint16 : SampleType::kFloat;
-  save_frame(noisy_path, noisy, save);
+  save_frame(files.noisy, noisy, save);
   Json entry{{"name", name},
-             {"reference", clean_path.filename().string()},
-             {"short", noisy_path.filename().string()},
+             {"reference", files.reference.filename().string()},
+             {"short", files.noisy.filename().string()},
              {"source", chosen.string()},
              {"ratio", ratio},
              {"reference_frames", reference_group.paths.size()},
@@ -174,8 +201,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
   make_output_folder(arguments.folder);
-  const fs::path list = arguments.folder / "pairs.json";
-  check_output(list, common.force);
+  check_pair_files(arguments, session, scenes, common.force);
   std::int64_t steps = 0;
   for (const auto& [label, scene] : scenes) {
     steps += static_cast<std::int64_t>(scene.reference->paths.size());
@@ -190,7 +216,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
   for (const auto& [label, scene] : scenes) {
     const RawFrame reference = reference_of(job, *scene.reference);
     for (std::size_t k = 0; k < scene.shorts.size(); ++k) {
-      const std::string name = fmt::format("{}_{:02}", scene_name(label), k);
+      const std::string name = pair_name(label, k);
       pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
       const Json& last = pairs.back();
       if (const double off = last["deviation"].get<double>(); std::abs(off) > kMostDeviation)
@@ -205,7 +231,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
     }
   }
   const Json result{{"session", arguments.session.string()}, {"pairs", pairs}};
-  write_file(list, result.dump(2) + "\n", common.force);
+  write_file(arguments.folder / "pairs.json", result.dump(2) + "\n", common.force);
   print_result(common, result, text);
 }
 
@@ -224,7 +250,7 @@ void add_pairs(CLI::App& app, Common& common) {
       ->add_option("--ratio", arguments->ratio,
                    "light of the reference over that of the short frames; otherwise from "
                    "exposure and gain")
-      ->check(CLI::PositiveNumber);
+      ->check(positive_number());
 }
 
 }  // namespace malus::app

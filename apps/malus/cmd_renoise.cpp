@@ -11,11 +11,13 @@
 #include "malus/synthesize/synthesizer.h"
 
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -94,11 +96,8 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   const NoiseModel model = load_model(arguments.model);
   const Model door(model);
   const GainSetting from = door.gain_setting(arguments.from), to = door.gain_setting(arguments.to);
-  FrameOptions fallback;
-  fallback.layout = model.layout;
-  fallback.black_dn = model.black_dn;
-  if (model.white_dn > 0) fallback.white_dn = model.white_dn;
-  const FrameOptions options = merged(arguments.raw.resolve(), fallback);
+  require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
+  const FrameOptions options = arguments.raw.resolve();
   const bool naive = arguments.method == "naive";
   std::optional<Renoiser> renoiser;
   if (!naive) renoiser.emplace(make_renoiser(arguments, model, from, to));
@@ -114,7 +113,8 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
   for (std::size_t i = 0; i < names.size(); ++i) {
     check_stop(*progress);
-    RawFrame frame = load_frame(arguments.inputs[i], options);
+    RawFrame frame =
+        load_frame(arguments.inputs[i], options_for_model(options, model, arguments.inputs[i]));
     Image result = guide_of(arguments, i, frame, model, from, *progress);
     subtract_black(frame);
     const DrawAddress address{.seed = common.seed,
@@ -154,8 +154,9 @@ void add_renoise(CLI::App& app, Common& common) {
       ->required();
   command
       ->add_option("--from", arguments->from, "gain of the frames, in the model's unit (dB or ISO)")
+      ->check(finite_number())
       ->required();
-  command->add_option("--to", arguments->to, "gain to imitate")->required();
+  command->add_option("--to", arguments->to, "gain to imitate")->check(finite_number())->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--guide", arguments->guides,
                       "denoised frames in DN above black, one per frame; otherwise made with the "
@@ -168,8 +169,10 @@ void add_renoise(CLI::App& app, Common& common) {
                    "noise-on-noise adds to the noisy frame; naive puts new noise on the guide")
       ->check(CLI::IsMember({"noise-on-noise", "naive"}))
       ->capture_default_str();
-  command->add_option("--first-frame", arguments->first_frame,
-                      "number of the first frame; seed and number decide the noise");
+  command
+      ->add_option("--first-frame", arguments->first_frame,
+                   "number of the first frame; seed and number decide the noise")
+      ->check(counting_number(std::numeric_limits<std::uint32_t>::max()));
   command->add_flag("--float", arguments->as_float, "write DN above black, unrounded");
   command->add_option("--format", arguments->format, "ending of the results")
       ->check(CLI::IsMember({"tif", "png", "fits", "npy", "exr"}))

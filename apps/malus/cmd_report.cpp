@@ -9,6 +9,8 @@
 #include <memory>
 
 #include "denoise_run.h"
+#include "flags.h"
+#include "output_check.h"
 #include "program.h"
 #include "report_pages.h"
 #include <fmt/format.h>
@@ -124,7 +126,7 @@ Report report_of(const ReportArguments& arguments) {
 void run_report(const ReportArguments& arguments, const Common& common) {
   if (arguments.output.empty() && arguments.figures.empty())
     throw CLI::RequiredError("one of --output and --figures");
-  if (!arguments.output.empty()) check_output(arguments.output, common.force);
+  check_output_apart("--output", arguments.output, all_inputs(arguments.inputs), {}, common.force);
   const Report report = report_of(arguments);
   Json files = Json::array();
   if (!arguments.output.empty()) {
@@ -158,7 +160,7 @@ void add_report(CLI::App& app, Common& common) {
   command
       ->add_option("--picture-budget", arguments->budget_mib,
                    "space for all pictures in the file [MiB]")
-      ->check(CLI::Range(0.1, 512.0))
+      ->check(in_range(0.1, 512.0))
       ->capture_default_str();
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "flags.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -43,7 +44,8 @@ void add_session_from_emva(CLI::App& app, Common& common) {
       ->required();
   command->add_option("-o,--output", arguments->output, "session file to write")->required();
   command->add_option("--name", arguments->name, "name of the sensor");
-  command->add_option("--gain", arguments->gain_db, "camera gain of the measurement [dB]");
+  command->add_option("--gain", arguments->gain_db, "camera gain of the measurement [dB]")
+      ->check(finite_number());
 }
 
 }  // namespace malus::app

@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -48,6 +50,18 @@ Planes load_linear(const fs::path& path, const std::string& tone, const SensorLa
   return cropped;
 }
 
+constexpr const char *kS0 = "_s0.exr", *kS1 = "_s1.exr", *kS2 = "_s2.exr", *kDolp = "_dolp.exr",
+                     *kAolp = "_aolp.exr", *kNormals = "_normals.exr";
+
+// As the mosaics before the work: none may exist already or be a picture that is read.
+void check_truth_files(const SimulateArguments& arguments, bool force) {
+  for (const char* suffix : {kS0, kS1, kS2, kDolp, kAolp, kNormals}) {
+    if (suffix == kNormals && !arguments.polarized) continue;
+    for (const fs::path& name : output_names(arguments.inputs, arguments.folder, suffix))
+      check_output(name, force);
+  }
+}
+
 void write_truth(const SimulateArguments& arguments, const std::string& stem,
                  const PolarScene& scene, bool force) {
   SaveOptions save;
@@ -62,24 +76,26 @@ void write_truth(const SimulateArguments& arguments, const std::string& stem,
       planes[static_cast<int>(k)] = image_of(scene.stokes[k]);
     save_picture(arguments.folder / (stem + suffix), planes, names, save);
   };
-  write("_s0.exr", [](const StokesPlanes& s) { return s.s0; });
-  write("_s1.exr", [](const StokesPlanes& s) { return s.s1; });
-  write("_s2.exr", [](const StokesPlanes& s) { return s.s2; });
-  write("_dolp.exr", [](const StokesPlanes& s) { return dolp_of(s); });
-  write("_aolp.exr", [](const StokesPlanes& s) { return aolp_deg_of(s); });
+  write(kS0, [](const StokesPlanes& s) { return s.s0; });
+  write(kS1, [](const StokesPlanes& s) { return s.s1; });
+  write(kS2, [](const StokesPlanes& s) { return s.s2; });
+  write(kDolp, [](const StokesPlanes& s) { return dolp_of(s); });
+  write(kAolp, [](const StokesPlanes& s) { return aolp_deg_of(s); });
   if (scene.normal_x.empty()) return;
   Planes normals(3, 0, 0);
   normals[0] = scene.normal_x;
   normals[1] = scene.normal_y;
   normals[2] = scene.normal_z;
-  save_picture(arguments.folder / (stem + "_normals.exr"), normals, {"X", "Y", "Z"}, save);
+  save_picture(arguments.folder / (stem + kNormals), normals, {"X", "Y", "Z"}, save);
 }
 
 void run_simulate(const SimulateArguments& arguments, const Common& common) {
+  require_numbers_left("--first-scene", arguments.first_scene, std::ssize(arguments.inputs));
   const SensorLayout layout = SensorLayout::named(arguments.layout);
   const auto names = output_names(arguments.inputs, arguments.folder, "_clean." + arguments.format);
   make_output_folder(arguments.folder);
   for (const fs::path& name : names) check_output(name, common.force);
+  if (arguments.truth) check_truth_files(arguments, common.force);
   const auto progress = make_progress(common);
   progress->begin("simulate", static_cast<std::int64_t>(names.size()));
   SaveOptions save;
@@ -147,7 +163,8 @@ void add_simulate(CLI::App& app, Common& common) {
                    "integers, none for float")
       ->check(CLI::IsMember({"auto", "srgb", "linear"}))
       ->capture_default_str();
-  command->add_option("--first-scene", arguments->first_scene, "number of the first scene");
+  command->add_option("--first-scene", arguments->first_scene, "number of the first scene")
+      ->check(counting_number(std::numeric_limits<std::uint32_t>::max()));
   command->add_option("--format", arguments->format, "ending of the mosaics")
       ->check(CLI::IsMember({"tif", "npy", "fits", "exr"}))
       ->capture_default_str();

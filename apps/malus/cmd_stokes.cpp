@@ -38,7 +38,7 @@ struct StokesArguments {
   fs::path folder, model;
   std::string format = "exr";
   std::string method = "residual";  ///< of demosaicking
-  bool pictures = true, full = false;
+  bool pictures = true, full = false, extrapolate_gain = false;
   bool confidence() const { return !model.empty() || !variance.empty(); }
   /// Names of what is written for every input.
   std::vector<std::string> products() const {
@@ -132,7 +132,10 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 // What the noise of one input is: the model's, or what denoise wrote beside it.
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, const RawFrame& frame) {
-  return model ? variance_by_model(frame, *model) : load_variance(arguments.variance[index], frame);
+  const auto range =
+      arguments.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
+  return model ? variance_by_model(frame, *model, range)
+               : load_variance(arguments.variance[index], frame);
 }
 
 void save_all(const std::vector<fs::path>& paths, const std::vector<Product>& products,
@@ -147,7 +150,9 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
                     std::size_t index, const FrameOptions& options, const ProductNames& names,
                     bool force) {
   const fs::path& input = arguments.inputs[index];
-  const RawFrame frame = load_above_black(input, options);
+  const RawFrame frame = load_above_black(
+      input, model ? options_for_model(options, *model, input) : options,
+      arguments.raw.black_given() ? FloatBlack::kHolds : FloatBlack::kAboveAlready);
   require_polarized(frame.layout, input.string());
   warn_of_guesses(frame);
   const StokesPicture picture = stokes_picture(arguments, frame);
@@ -232,6 +237,11 @@ void add_stokes(CLI::App& app, Common& common) {
   auto* model = command->add_option("--model", arguments->model,
                                     "noise model of these raw frames; needs their gain");
   model->group(confidence);
+  command
+      ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
+                 "allow a gain outside the calibrated range")
+      ->needs(model)
+      ->group(confidence);
   command
       ->add_option("--variance", arguments->variance,
                    "of denoised frames: what denoise --uncertainty wrote, one per RAW")

@@ -10,6 +10,8 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -156,6 +158,8 @@ std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& a
 }
 
 void run_synthesize(const SynthesizeArguments& arguments, const Common& common) {
+  require_numbers_left("--first-frame", arguments.first_frame,
+                       std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
   const FrameOptions options = arguments.raw.resolve();
   const auto gain = gain_of(arguments);
   const FrameSource source = arguments.model.extension() == ".safetensors"
@@ -221,22 +225,23 @@ void add_synthesize(CLI::App& app, Common& common) {
                                    "camera gain [dB], or random: uniform in log K over the "
                                    "calibrated range, anew for every frame");
   command->add_option("--iso", arguments->iso, "camera gain as ISO")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->excludes(gain);
   command->add_option("--frames", arguments->frames, "noisy frames per clean one")
-      ->check(CLI::Range(1, 1000000))
+      ->check(in_range(1, 1000000))
       ->capture_default_str();
   command
       ->add_option("--first-frame", arguments->first_frame,
                    "number of the first frame drawn; frames count on over the inputs, and seed and "
                    "number decide the noise")
+      ->check(counting_number(std::numeric_limits<std::uint32_t>::max()))
       ->capture_default_str();
   command
       ->add_option("--origin", arguments->origin,
                    "row,column on the sensor of the first pixel, where CLEAN is a crop")
       ->delimiter(',')
       ->expected(2)
-      ->check(CLI::Range(0, 1 << 24));
+      ->check(in_range(0, 1 << 24));
   command->add_flag("--float", arguments->as_float,
                     "write DN above black, unrounded, instead of the camera's integers");
   command->add_option("--format", arguments->format, "ending of the results")

@@ -2,10 +2,12 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/image/pack.h"
 #include "malus/noise/model.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <cmath>
 #include <functional>
 #include <memory>
 
@@ -72,15 +74,47 @@ StandIn stand_in_for(const NoiseArguments& arguments, const RawFrame& reference)
   return stand_in;
 }
 
+Moments moments_over(const Image& image) {
+  Moments moments;
+  for (const float v : image.values())
+    if (std::isfinite(v)) moments.add(static_cast<double>(v));
+  return moments;
+}
+
+// The uniform scene that the reference shows: its channels' means less those of a frame drawn
+// without light. Below a twentieth of the noise a channel counts as dark.
+Image uniform_scene(const StandIn& stand_in, const RawFrame& reference, const DrawAddress& address,
+                    bool rounded) {
+  constexpr double kDark = 0.05;
+  Image scene(reference.dn.rows(), reference.dn.cols());
+  const Planes lit = pack(reference.dn, stand_in.layout),
+               dark = pack(stand_in.draw(scene, reference.gain, address, rounded), stand_in.layout);
+  std::vector<float> light_dn;
+  for (int k = 0; k < lit.channels(); ++k) {
+    const Moments found = moments_over(lit[k]), unlit = moments_over(dark[k]);
+    const double light = found.mean() - unlit.mean();
+    light_dn.push_back(light > kDark * std::sqrt(unlit.variance()) ? static_cast<float>(light)
+                                                                   : 0.0f);
+  }
+  for (int r = 0; r < scene.rows(); ++r)
+    for (int c = 0; c < scene.cols(); ++c)
+      scene(r, c) = light_dn[static_cast<std::size_t>(stand_in.layout.channel_at(r, c))];
+  return scene;
+}
+
 // Rounded and clipped when the reference's are whole numbers.
 NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& arguments,
                          const Common& common, const RawFrame& reference,
                          const std::optional<Image>& clean) {
   const int count =
       arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
-  const Image scene = clean ? *clean : Image(reference.dn.rows(), reference.dn.cols());
-  return {count, [draw = stand_in.draw, scene, seed = common.seed, gain = reference.gain,
-                  rounded = reference.bits > 0](int k) {
+  const bool rounded = reference.bits > 0;
+  const Image scene =
+      clean ? *clean
+            : uniform_scene(stand_in, reference,
+                            {common.seed, static_cast<std::uint32_t>(count), 0, 0}, rounded);
+  return {count,
+          [draw = stand_in.draw, scene, seed = common.seed, gain = reference.gain, rounded](int k) {
             return draw(scene, gain, {seed, static_cast<std::uint32_t>(k), 0, 0}, rounded);
           }};
 }

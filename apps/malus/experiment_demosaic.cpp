@@ -13,6 +13,7 @@
 
 #include "captures.h"
 #include "experiments.h"
+#include "flags.h"
 #include "networks_door.h"
 #include "report_pages.h"
 #include "scene_scores.h"
@@ -205,7 +206,7 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
                       "in their place: captured pairs (pairs.json of malus pairs)");
   command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
   command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
-      ->check(CLI::Range(16, 100000))
+      ->check(in_range(16, 100000))
       ->capture_default_str();
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }

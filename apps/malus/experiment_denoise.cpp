@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "experiments.h"
+#include "flags.h"
 #include "report_pages.h"
 #include "scene_scores.h"
 #include <fmt/format.h>
@@ -89,7 +90,7 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
   command
       ->add_option("--row-noise", arguments->row_noise,
                    "row noise in place of the model's [deviations of its read noise]")
-      ->check(CLI::Range(0.0, 100.0));
+      ->check(in_range(0.0, 100.0));
   command->add_flag("--estimate-noise", arguments->estimate_noise,
                     "methods do not know the model: the noise is estimated from every frame");
   command->add_option("--report", arguments->report, "also a report page (HTML)");

@@ -256,10 +256,13 @@ void add_renoise_experiment(CLI::App& experiment, Common& common) {
   command->add_option("--model", arguments->model, "noise model, a file or a built-in name")
       ->capture_default_str();
   command->add_option("--from", arguments->from, "gain of the source frames, in the model's unit")
+      ->check(finite_number())
       ->capture_default_str();
-  command->add_option("--to", arguments->to, "gain to imitate")->capture_default_str();
+  command->add_option("--to", arguments->to, "gain to imitate")
+      ->check(finite_number())
+      ->capture_default_str();
   command->add_option("--frames", arguments->frames, "frames of each kind")
-      ->check(CLI::Range(2, 10000))
+      ->check(in_range(2, 10000))
       ->capture_default_str();
   command->add_option("--weak-guide", arguments->weak_guide, "a denoising method to compare with")
       ->capture_default_str();

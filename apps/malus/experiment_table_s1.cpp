@@ -17,6 +17,7 @@
 
 #include "captures.h"
 #include "experiments.h"
+#include "flags.h"
 #include "frame_input.h"
 #include "networks_door.h"
 #include "report_pages.h"
@@ -385,7 +386,7 @@ void add_table_s1_experiment(CLI::App& experiment, Common& common) {
   command->add_option("-o,--output", arguments->folder, "folder of frames and trainings")
       ->required();
   command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
-      ->check(CLI::Range(16, 100000))
+      ->check(in_range(16, 100000))
       ->capture_default_str();
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }

@@ -1,10 +1,11 @@
-// Settings structs (base/parameter.h) to flags and to JSON.
+// Checks of numeric flags; settings structs (base/parameter.h) to flags and to JSON.
 #pragma once
 
 #include "malus/base/parameter.h"
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <type_traits>
@@ -15,9 +16,37 @@
 
 namespace malus::app {
 
+// Every numeric flag of the program is checked by one of these four and by none of CLI11's own:
+// CLI11's Range and PositiveNumber let NaN pass, print the largest double with 300 digits, and its
+// conversion of whole numbers reads 010 as 8 and -1 as 2^64 - 1.
+
+/// A number from minimum to maximum, both included; an infinite end is open, but infinity itself is
+/// refused. Described in --help as CLI::Range does.
+CLI::Validator in_range(double minimum, double maximum);
+CLI::Validator in_range(int minimum, int maximum);
+/// A finite number above 0.
+CLI::Validator positive_number();
+/// Any number but NaN and infinity.
+CLI::Validator finite_number();
+/// A whole number from 0 to maximum.
+CLI::Validator counting_number(std::uint64_t maximum);
+
+/// Frames and scenes are numbered with 32 bits (base/random.h), and a number that came round would
+/// repeat noise. Throws InputError, naming the flag, where `count` of them from `first` do not fit.
+void require_numbers_left(const std::string& flag, std::uint32_t first, std::int64_t count);
+
 inline std::string flag_name(std::string name) {
   std::replace(name.begin(), name.end(), '_', '-');
   return "--" + name;
+}
+
+/// Whether a described field is a number, or holds some.
+template <class Value>
+constexpr bool holds_numbers() {
+  if constexpr (requires { typename Value::value_type; })
+    return std::is_arithmetic_v<typename Value::value_type> && !std::is_same_v<Value, std::string>;
+  else
+    return std::is_arithmetic_v<Value>;
 }
 
 /// One flag per described field, of a bool two (--x and --no-x); ranges and choices are checked by
@@ -36,7 +65,9 @@ void add_flags(CLI::App& command, Settings& settings) {
       CLI::Option* option = command.add_option(flag_name(info.name), value, info.help + unit);
       if (!info.choices.empty()) option->check(CLI::IsMember(info.choices));
       if (std::isfinite(info.minimum) || std::isfinite(info.maximum))
-        option->check(CLI::Range(info.minimum, info.maximum));
+        option->check(in_range(info.minimum, info.maximum));
+      else if constexpr (holds_numbers<Value>())
+        option->check(finite_number());
       if constexpr (!requires { value.has_value(); }) option->capture_default_str();
     }
   });

@@ -2,14 +2,28 @@
 #pragma once
 
 #include "malus/io/frame_file.h"
+#include "malus/noise/model.h"
 
 #include <filesystem>
 
 namespace malus::app {
 
+/// What --black means for a float file that does not tell its black level.
+enum class FloatBlack {
+  kAboveAlready,  ///< nothing but that white lies as much higher: one flag serves raw and results
+  kHolds,         ///< the file holds it, as the mean of raw frames does
+};
+
 /// A raw frame minus its black level. Float files hold DN above black already (interface: malus
-/// writes them so): there --black moves white alone. white_dn is above black.
-RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options);
+/// writes them so) unless told otherwise. white_dn is above black.
+RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
+                          FloatBlack float_black = FloatBlack::kAboveAlready);
+
+/// The options for a frame of the model's sensor: layout, black and white come from the options,
+/// else the file, else the model; float files that tell no black level hold DN above it, which is
+/// said on stderr. Throws InputError where file and model have different layouts.
+FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& model,
+                               const std::filesystem::path& input);
 
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "output_check.h"
 #include "raw_options.h"
 #include <fmt/format.h>
 
@@ -34,7 +35,7 @@ RawFrame layout_and_levels(const std::filesystem::path& path, const FrameOptions
 }
 
 void run_from_dng(const FromDngArguments& arguments, const Common& common) {
-  check_output(arguments.model, common.force);
+  check_output_apart("--output", arguments.model, {arguments.frame}, {}, common.force);
   const DngNoiseProfile profile = read_dng_noise_profile(arguments.frame);
   NoiseModel model =
       gaussian_model_of(profile, layout_and_levels(arguments.frame, arguments.raw.resolve()));

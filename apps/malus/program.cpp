@@ -10,11 +10,13 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <limits>
 #include <mutex>
 #include <new>
 #include <system_error>
 #include <vector>
 
+#include "flags.h"
 #include "live_progress.h"
 #include <fmt/format.h>
 #include <sys/ioctl.h>
@@ -141,8 +143,9 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
   command->add_flag("-q,--quiet", common.quiet, "no progress and no notes");
   command->add_flag("--force", common.force, "replace existing outputs");
   command->add_option("--threads", common.threads, "number of threads; 0 = all cores")
-      ->check(CLI::Range(0, 1024));
-  command->add_option("--seed", common.seed, "seed of all random numbers");
+      ->check(in_range(0, 1024));
+  command->add_option("--seed", common.seed, "seed of all random numbers")
+      ->check(counting_number(std::numeric_limits<std::uint64_t>::max()));
   command->callback([&common, run = std::move(run)] {
     set_thread_count(common.threads);
     run();

@@ -7,6 +7,7 @@
 #include <set>
 #include <tuple>
 
+#include "flags.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -22,17 +23,22 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
                   "black level: one number, or one per channel, separated by commas [DN]")
       ->delimiter(',')
       ->allow_extra_args(false)
+      ->check(finite_number())
       ->group(group);
-  command.add_option("--white", white_dn_, "saturation, black level included [DN]")->group(group);
+  command.add_option("--white", white_dn_, "saturation, black level included [DN]")
+      ->check(finite_number())
+      ->group(group);
   if (with_gain) {
-    auto* gain = command.add_option("--gain", gain_db_, "camera gain [dB]")->group(group);
+    auto* gain = command.add_option("--gain", gain_db_, "camera gain [dB]")
+                     ->check(finite_number())
+                     ->group(group);
     command.add_option("--iso", iso_, "camera gain as ISO")
-        ->check(CLI::PositiveNumber)
+        ->check(positive_number())
         ->excludes(gain)
         ->group(group);
   }
   command.add_option("--exposure", exposure_s_, "exposure time [s]")
-      ->check(CLI::PositiveNumber)
+      ->check(positive_number())
       ->group(group);
   command
       .add_option("--raw-format", raw_format_,
@@ -53,7 +59,9 @@ FrameOptions RawOptions::resolve() const {
   if (!raw_format_.empty()) options.raw_format = raw_format_named(raw_format_);
   if (!size_.empty()) std::tie(options.rows, options.cols) = parse_frame_size(size_);
   if (session_.empty()) return options;
-  return merged(options, frame_options(load_session(session_), FrameGroup()));
+  return merged(
+      options,
+      frame_options({.sensor = load_sensor(session_), .groups = {}, .source = {}}, FrameGroup()));
 }
 
 std::string stem_of(const std::filesystem::path& input) { return input.stem().string(); }

@@ -20,6 +20,9 @@ class RawOptions {
   void add_to(CLI::App& command, bool with_gain = true);
   /// Flags over the session's [sensor]; throws InputError.
   FrameOptions resolve() const;
+  /// By its flag, not by the session.
+  bool black_given() const { return !black_dn_.empty(); }
+  std::optional<double> white_dn() const { return white_dn_; }
 
  private:
   std::string layout_, raw_format_, size_;

@@ -1,6 +1,5 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
-#include "malus/noise/data_sheet.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>

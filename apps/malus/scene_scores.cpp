@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "flags.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -84,7 +85,7 @@ void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
   command.add_option("--cases", cases, "gain [dB, or ISO] : low-light ratio")
       ->capture_default_str();
   command.add_option("--crop", crop, "middle part of the scenes [pixels]")
-      ->check(CLI::Range(16, 100000))
+      ->check(in_range(16, 100000))
       ->capture_default_str();
 }
 

@@ -13,9 +13,9 @@
 
 namespace malus::app {
 
-Planes variance_by_model(const RawFrame& frame, const NoiseModel& model) {
+Planes variance_by_model(const RawFrame& frame, const NoiseModel& model, GainRange range) {
   require_layout_of_model(frame, model.layout);
-  const NoiseProfile profile = model.profile_at(frame.gain);
+  const NoiseProfile profile = model.profile_at(frame.gain, range);
   Planes variance = pack(frame.dn, frame.layout);
   for (int k = 0; k < variance.channels(); ++k) {
     const ChannelProfile& channel = profile.channels[static_cast<std::size_t>(k)];

@@ -21,7 +21,7 @@ inline constexpr std::array<const char*, 3> kConfidenceProducts = {"dolp_sd", "a
 /// Variance of every packed pixel of a noisy frame by the model at the frame's gain: the variance
 /// curve at the pixel itself, row noise added as if independent. Throws InputError when the gain is
 /// not known or the layouts differ.
-Planes variance_by_model(const RawFrame& frame, const NoiseModel& model);
+Planes variance_by_model(const RawFrame& frame, const NoiseModel& model, GainRange range);
 
 /// Packed planes that malus denoise --uncertainty wrote, in the layout's order.
 Planes load_variance(const std::filesystem::path& path, const RawFrame& frame);

@@ -163,6 +163,42 @@ def test_wrong_usage_exits_2(malus, arguments):
     malus(*arguments, code=2)
 
 
+@pytest.mark.parametrize("command,flag,words", [
+    ("pairs s.toml -o out", "--ratio nan", "finite number above 0"),
+    ("synthesize f.npy -m m -o out", "--ratio nan", "between 1e-06 and 1000000000"),
+    ("synthesize f.npy -m m -o out", "--iso nan", "finite number above 0"),
+    ("synthesize f.npy -m m -o out", "--white inf", "finite number"),
+    ("synthesize f.npy -m m -o out", "--frames 1.5", "whole number between 1 and 1000000"),
+    ("synthesize f.npy -m m -o out", "--origin 0,nan", "whole number"),
+    ("simulate p.png -o out", "--exposure nan", "between 1e-06 and 1000000"),
+    ("simulate p.png -o out", "--white-balance nan 1 1", "between 0.01 and 100"),
+    ("simulate p.png -o out", "--color-matrix 1 0 0 0 1 0 0 0 nan", "finite number"),
+    ("denoise f.npy -o out", "--exposure 0", "finite number above 0, not 0"),
+    ("denoise f.npy -o out", "--black 1,nan", "finite number"),
+    ("denoise f.npy -o out", "--strength nan", "between 0.1 and 4"),
+    ("info f.npy", "--threads -1", "whole number between 0 and 1024 in plain digits, not -1"),
+    ("info f.npy", "--seed -1", "whole number"),
+    ("info f.npy", "--seed 18446744073709551616", "between 0 and 18446744073709551615"),
+    ("info f.npy", "--seed 0x10", "whole number"),
+    ("info f.npy", "--seed 010", "in plain digits, not 010"),
+    ("synthesize f.npy -m m -o out", "--frames 010", "in plain digits, not 010"),
+    ("info f.npy", "--seed 1e3", "whole number"),
+])
+def test_numbers_of_flags_are_checked(malus, command, flag, words):
+    line = malus(*command.split(), *flag.split(), code=2).err.splitlines()[0]
+    assert flag.split()[0] in line and words in line and len(line) < 150
+
+
+def test_seeds_are_decimal_digits(malus, frame, tmp_path):
+    assert "--seed" in malus("info", frame, "--seed", "", code=2).err
+    np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))
+    drawn = {}
+    for seed in ("8", "10", "18446744073709551615"):
+        malus("synthesize", tmp_path / "flat.npy", "-m", "imx250mzr-simulated", "--gain", "24", "--seed", seed, "-o", tmp_path / seed)
+        drawn[seed] = (tmp_path / seed / "flat_000.tif").read_bytes()
+    assert len(set(drawn.values())) == 3
+
+
 def test_names_with_control_characters_stay_on_one_line(refused, tmp_path):
     refused("info", tmp_path / "two\nlines.png")
 
@@ -190,3 +226,21 @@ def test_a_frame_is_never_replaced_by_the_result_of_another(refused, tmp_path):
     frames = [tmp_path / "a.png", tmp_path / "a_s0.png"]
     assert "a_s0.png" in refused("stokes", *frames, *LAYOUT, "-o", tmp_path, "--force")
     assert (tmp_path / "a_s0.png").read_bytes() == before
+
+
+def test_calibrate_replaces_nothing_that_it_reads(malus, refused, tmp_path):
+    rng = np.random.default_rng(2)
+    for i in range(4):
+        np.save(tmp_path / f"b{i}.npy", rng.normal(100, 3, (64, 64)).round().astype(np.uint16))
+    session = write(tmp_path / "session.toml", '[sensor]\nlayout = "mono"\nblack = 100\nwhite = 4095\n'
+                    '[[frames]]\nkind = "bias"\ngain_db = 0\npaths = ["b*.npy"]\n')
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    model, frame = tmp_path / "m.h5", tmp_path / "b2.npy"
+    arguments = ["calibrate", session, "--kind", "dark-frames", "--force"]
+    for output, report in ((session, None), (frame, None), (model, session), (model, frame), (model, model),
+                           (model, tmp_path / "." / "m.h5")):
+        line = refused(*arguments, "-o", output, *(["--report", report] if report else []))
+        assert ("--report" if report else "-o") in line and "replace" in line
+        assert before == {path: path.read_bytes() for path in tmp_path.iterdir()}
+    malus(*arguments, "-o", model, "--report", tmp_path / "m.html")
+    malus(*arguments, "-o", model, "--report", "/dev/null")

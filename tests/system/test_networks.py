@@ -128,9 +128,21 @@ def other_architecture(tensors, metadata):
     metadata["architecture"] = "unett"
 
 
+def with_settings(**changed):
+    """A digit too many must take neither time nor memory."""
+    def change(tensors, metadata):
+        metadata["settings"] = json.dumps({**json.loads(metadata["settings"]), **changed})
+
+    return change
+
+
 @pytest.mark.parametrize("change,word", [(without("architecture"), "architecture"), (without("malus_package"), "metadata"),
                                          (with_nan, "conv3_1.weight"), (without_layer, "upv7.bias"),
-                                         (other_architecture, "unet")])
+                                         (other_architecture, "unet"),
+                                         (with_settings(levels=40), 'bad.safetensors: settings of unet: "levels"'),
+                                         (with_settings(width=1e9), 'bad.safetensors: settings of unet: "width"'),
+                                         (with_settings(levels=8), "bad.safetensors: holds"),
+                                         (with_settings(width=4096), "bad.safetensors: holds")])
 def test_weight_files_that_do_not_fit_are_refused(refused, noisy, tmp_path, change, word):
     line = refused("denoise", noisy, "--method", spoiled(tmp_path, change), *MODEL, "--black", "82", "--white", "4095",
                    "-o", tmp_path / "out")

@@ -1,18 +1,10 @@
-"""Training material as a user makes it: renoise, pairs, simulate, dataset, checked with numpy."""
+"""Training material as a user makes it: renoise, pairs, simulate, checked with numpy."""
 
-import io
 import json
-import os
-import signal
-import subprocess
-import tarfile
-import time
 
 import numpy as np
 import pytest
 from PIL import Image
-
-from conftest import PROGRAM
 
 pytestmark = pytest.mark.slow
 
@@ -195,95 +187,35 @@ def test_simulate_refuses_what_it_cannot_use(refused, tmp_path):
     assert "nine" in refused("simulate", tmp_path / "dark.png", "-o", tmp_path / "out", "--color-matrix", 1, 2, 3)
 
 
-# dataset
+# numbers of frames and scenes
 
-def write_plan(folder, samples=40, shard_size=8, extra=""):
-    np.save(folder / "a_clean.npy", smooth_scene(160, 192))
-    np.save(folder / "b_clean.npy", smooth_scene(128, 128, 20, 300))
-    plan = folder / "plan.toml"
-    plan.write_text(f'model = "{MODEL}"\nclean = ["*_clean.npy"]\n[dataset]\nsamples = {samples}\nshard_size = {shard_size}\n'
-                    f'patch = 64\nratios = [4, 20]\n{extra}')
-    return plan
-
-
-def shards(folder):
-    return {path.name: path.read_bytes() for path in sorted(folder.glob("shard-*.tar"))}
-
-
-def test_dataset_holds_pairs_that_numpy_reads(malus, tmp_path):
-    plan = write_plan(tmp_path)
-    result = malus("dataset", plan, "-o", tmp_path / "out", "--seed", 9, "--json").json
-    assert result["shards"] == result["made"] == 5
-    sources = {name: np.load(tmp_path / name) for name in ("a_clean.npy", "b_clean.npy")}
-    seen, residual = 0, []
-    for content in shards(tmp_path / "out").values():
-        with tarfile.open(fileobj=io.BytesIO(content)) as tar:
-            files = {member.name: tar.extractfile(member).read() for member in tar}
-        for name in (n for n in files if n.endswith(".json")):
-            facts = json.loads(files[name])
-            clean, noisy = (np.load(io.BytesIO(files[name.replace("json", f"{what}.npy")])) for what in ("clean", "noisy"))
-            assert clean.shape == noisy.shape == (16, 16, 16) and clean.dtype == np.float32
-            assert facts["ratio"] in (4, 20) and 0 <= facts["gain_db"] <= 30
-            source = sources[facts["source"]]
-            assert source.min() - 1e-3 <= clean.min() and clean.max() <= source.max() + 1e-3
-            if facts["symmetry"] == "identity":
-                patch = source[facts["row"]:facts["row"] + 64, facts["col"]:facts["col"] + 64]
-                packed = patch.reshape(16, 4, 16, 4).transpose(1, 3, 0, 2).reshape(16, 16, 16)
-                assert np.array_equal(clean, packed)
-            residual.append(((noisy - clean).mean(), (noisy - clean).std()))
-            seen += 1
-    assert seen == 40
-    mean, spread = np.array(residual).T
-    assert abs(mean.mean()) < 5 * spread.max() / np.sqrt(40) and (spread > 1).all()
-    assert len({round(s, 3) for s in spread}) == 40  # every sample has noise of its own
+def test_frame_numbers_do_not_come_round(malus, refused, tmp_path):
+    np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))
+    common = [tmp_path / "flat.npy", "-m", MODEL, "--gain", 6, "-o", tmp_path / "out"]
+    assert "--first-frame 4294967295" in refused("synthesize", *common, "--first-frame", 2**32 - 1, "--frames", 2)
+    assert not (tmp_path / "out").exists()
+    malus("synthesize", *common, "--first-frame", 2**32 - 2, "--frames", 2)
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.png")
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "b.png")
+    pictures = [tmp_path / "a.png", tmp_path / "b.png", "-o", tmp_path / "clean"]
+    assert "--first-scene 4294967295" in refused("simulate", *pictures, "--first-scene", 2**32 - 1)
+    malus("simulate", *pictures, "--first-scene", 2**32 - 2)
 
 
-def test_dataset_is_the_same_for_any_number_of_workers(malus, tmp_path):
-    plan = write_plan(tmp_path)
-    malus("dataset", plan, "-o", tmp_path / "one", "--threads", 1)
-    for rank, names in ((0, ("RANK", "WORLD_SIZE")), (1, ("SLURM_PROCID", "SLURM_NTASKS"))):
-        environment = {**os.environ, names[0]: str(rank), names[1]: "2"}
-        malus("dataset", plan, "-o", tmp_path / "two", env=environment)
-    for rank in range(3):
-        malus("dataset", plan, "-o", tmp_path / "three", "--rank", rank, "--world", 3)
-    assert shards(tmp_path / "one") == shards(tmp_path / "two") == shards(tmp_path / "three")
+# results that would replace what is read
 
-
-def test_killed_dataset_goes_on_to_the_same_bytes(malus, tmp_path):
-    plan = write_plan(tmp_path, samples=800, shard_size=8)
-    out = tmp_path / "killed"
-    process = subprocess.Popen([PROGRAM, "dataset", str(plan), "-o", str(out), "--threads", "1", "-q"],
-                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while len(shards(out) if out.is_dir() else {}) < 3 and time.monotonic() < deadline:
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    done = shards(out)
-    assert 3 <= len(done) < 100
-    for content in done.values():  # whatever has its name is whole
-        assert len(tarfile.open(fileobj=io.BytesIO(content)).getmembers()) == 24
-    result = malus("dataset", plan, "-o", out, "--json").json
-    assert result["kept"] == len(done) and result["made"] == 100 - len(done)
-    malus("dataset", plan, "-o", tmp_path / "whole")
-    assert shards(out) == shards(tmp_path / "whole")
-    assert not list(out.glob(".*"))  # what the killed run had begun is gone
-
-
-def test_dataset_refuses_bad_plans(malus, refused, tmp_path):
-    plan = write_plan(tmp_path)
-    malus("dataset", plan, "-o", tmp_path / "out")
-    assert "other settings" in refused("dataset", plan, "-o", tmp_path / "out", "--seed", 1)
-    assert "does not exist" in refused("dataset", plan, "-o", tmp_path / "new", "--rank", 2, "--world", 2)
-    for name, value in (("RANK", "first"), ("WORLD_SIZE", "0"), ("WORLD_SIZE", "2x")):
-        refused("dataset", plan, "-o", tmp_path / "new", env={**os.environ, name: value})
-    text = plan.read_text()
-    for old, new, words in (("patch = 64", "patch = 66", "whole cells"), ("patch = 64", "patch = 4000", "holds no patch"),
-                            ("*_clean", "*_none", "matches no file"), ("ratios", "ratio", "ratios"),
-                            (f'"{MODEL}"', '"nothing"', "nothing"), ("ratios = [4, 20]", "ratios = []", "empty")):
-        plan.write_text(text.replace(old, new))
-        assert words in refused("dataset", plan, "-o", tmp_path / "new")
-    np.save(tmp_path / "integers.npy", np.full((128, 128), 500, np.uint16))
-    plan.write_text(text.replace("*_clean", "integers"))
-    assert "black level is not known" in refused("dataset", plan, "-o", tmp_path / "new")
-    assert not (tmp_path / "new").exists() or not list((tmp_path / "new").glob("*.tar"))
+def test_truth_and_pairs_replace_no_input(malus, refused, tmp_path):
+    Image.fromarray(np.full((8, 8, 3), 90, np.uint8)).save(tmp_path / "a.png")
+    malus("simulate", tmp_path / "a.png", "-o", tmp_path, "--truth")
+    kept = (tmp_path / "a_s0.exr").read_bytes()
+    assert "is an input" in refused("simulate", tmp_path / "a_s0.exr", tmp_path / "a.png", "-o", tmp_path, "--truth", "--force")
+    assert (tmp_path / "a_s0.exr").read_bytes() == kept
+    Image.fromarray(np.full((16, 16), 900, np.uint16)).save(tmp_path / "scene_00_short.tif")
+    Image.fromarray(np.full((16, 16), 9000, np.uint16)).save(tmp_path / "long.tif")
+    session = tmp_path / "session.toml"
+    session.write_text('[sensor]\nlayout = "mono"\nblack = 0\nwhite = 65535\n[[frames]]\nkind = "reference"\npaths = ["long.tif"]\n'
+                       '[[frames]]\nkind = "short"\npaths = ["scene_00_short.tif"]\n')
+    kept = (tmp_path / "scene_00_short.tif").read_bytes()
+    assert "is an input" in refused("pairs", session, "-o", tmp_path, "--ratio", 10, "--force")
+    assert (tmp_path / "scene_00_short.tif").read_bytes() == kept
+    malus("pairs", session, "-o", tmp_path / "out", "--ratio", 10)

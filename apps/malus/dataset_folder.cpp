@@ -1,0 +1,137 @@
+#include "dataset_folder.h"
+
+#include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
+#include "malus/base/unfinished_files.h"
+#include "malus/io/shard_read.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cstdint>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <system_error>
+#include <vector>
+
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kFnvStart = 0xcbf29ce484222325, kFnvPrime = 0x100000001b3;
+
+std::uint64_t fnv_of(std::string_view bytes, std::uint64_t state) {
+  for (const char c : bytes) state = (state ^ static_cast<unsigned char>(c)) * kFnvPrime;
+  return state;
+}
+
+bool is_shard_name(std::string_view name) {
+  constexpr std::string_view kBegin = "shard-", kEnd = ".tar";
+  if (!name.starts_with(kBegin) || !name.ends_with(kEnd)) return false;
+  name = name.substr(kBegin.size(), name.size() - kBegin.size() - kEnd.size());
+  return !name.empty() && std::all_of(name.begin(), name.end(),
+                                      [](unsigned char c) { return std::isdigit(c) != 0; });
+}
+
+std::vector<fs::path> shards_in(const fs::path& folder) {
+  std::vector<fs::path> shards;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (is_shard_name(entry.path().filename().string())) shards.push_back(entry.path());
+  return shards;
+}
+
+// The set that a shard's first sample names; empty where it names none or the shard is damaged.
+std::string set_of_shard(const fs::path& path) {
+  try {
+    for (const ShardEntry& entry : shard_entries(path))
+      if (entry.name.ends_with(".json"))
+        return nlohmann::json::parse(shard_content(path, entry)).value(kSetKey, "");
+  } catch (const InputError&) {
+  } catch (const nlohmann::json::exception&) {
+  }
+  return {};
+}
+
+std::optional<std::string> whole_text(const fs::path& path) {
+  const std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::stringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+// A worker beside this one may put its own new shard in the place of an old one at any instant. So
+// the file is taken away first and looked at then; under this name a killed run's are cleared away.
+void remove_shard_of_another_set(const fs::path& path, const std::string& set) {
+  if (set_of_shard(path) == set) return;
+  const fs::path aside = unfinished_name(path);
+  std::error_code gone;
+  fs::rename(path, aside, gone);
+  if (gone == std::errc::no_such_file_or_directory) return;  // the other worker was faster
+  if (gone)
+    throw InputError(path.string(), fmt::format("cannot be removed: {}", gone.message()),
+                     "change the folder's permissions or use another");
+  if (set_of_shard(aside) == set)
+    fs::rename(aside, path);
+  else
+    fs::remove(aside);
+}
+
+}  // namespace
+
+std::string json_utf8(const Json& json, int indent) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string fingerprint(std::string_view bytes) {
+  return fmt::format("{:016x}", fnv_of(bytes, kFnvStart));
+}
+
+std::string file_fingerprint(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string piece(std::size_t{1} << 20, '\0');
+  std::uint64_t state = kFnvStart;
+  while (file) {
+    file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    state =
+        fnv_of(std::string_view(piece).substr(0, static_cast<std::size_t>(file.gcount())), state);
+  }
+  if (!file.eof()) throw InputError(path.string(), "cannot be read", "check the name and the disk");
+  return fmt::format("{:016x}", state);
+}
+
+void prepare_dataset_folder(const fs::path& folder, const Json& description, bool force) {
+  constexpr const char* kRemedy = "use another folder, or --force to replace it";
+  const fs::path path = folder / "dataset.json";
+  const std::string text = json_utf8(description, 2) + "\n", set = set_name(description);
+  const std::vector<fs::path> shards = shards_in(folder);
+  const std::optional<std::string> found = whole_text(path);
+  // It is written when no shard of another set is left, so there is none.
+  if (found == text) return;
+  if (!force && found)
+    throw InputError(path.string(), "belongs to a data set with other settings or inputs", kRemedy);
+  // dataset.json goes first: whenever this run is killed, it speaks for no shard but its own.
+  if (force) fs::remove(path);
+  for (const fs::path& shard : shards) {
+    if (force)
+      remove_shard_of_another_set(shard, set);
+    else if (set_of_shard(shard) != set)
+      throw InputError(shard.string(), "is of another data set, and dataset.json is missing",
+                       kRemedy);
+  }
+  write_file(path, text, true);
+}
+
+bool shard_is_made(const fs::path& path, const std::string& set) {
+  if (!fs::exists(path)) return false;
+  if (set_of_shard(path) != set)
+    throw InputError(path.string(), "is damaged or of another data set than dataset.json",
+                     "remove it, or --force to make all shards again");
+  return true;
+}
+
+}  // namespace malus::app

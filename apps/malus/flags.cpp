@@ -1,0 +1,98 @@
+#include "flags.h"
+
+#include "malus/base/error.h"
+
+#include <charconv>
+#include <limits>
+#include <string_view>
+
+namespace malus::app {
+namespace {
+
+// The whole text as one number; empty where it is none. CLI11 reads doubles in the same way.
+std::optional<double> finite_value(const std::string& text) {
+  double value = 0;
+  if (!CLI::detail::lexical_cast(text, value) || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+// Shortest digits, without the exponent of {:g} where they are few.
+std::string words_of_range(double minimum, double maximum) {
+  if (std::isfinite(minimum) && std::isfinite(maximum))
+    return fmt::format("must be between {} and {}", minimum, maximum);
+  return std::isfinite(minimum) ? fmt::format("must be a finite number of at least {}", minimum)
+                                : fmt::format("must be a finite number of at most {}", maximum);
+}
+
+// A whole number as it would be printed; empty for every other text, 010 among them, which CLI11
+// goes on to read as 8.
+template <class Whole>
+std::optional<Whole> plain_digits(const std::string& text) {
+  Whole value = 0;
+  const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || std::to_string(value) != text) return std::nullopt;
+  return value;
+}
+
+template <class Whole>
+std::string whole_number_wanted(Whole minimum, Whole maximum, const std::string& text) {
+  return fmt::format("must be a whole number between {} and {} in plain digits, not {}", minimum,
+                     maximum, text.empty() ? "\"\"" : text);
+}
+
+}  // namespace
+
+CLI::Validator in_range(double minimum, double maximum) {
+  CLI::Validator validator{CLI::Range(minimum, maximum).get_description()};
+  return validator.operation([=](std::string& text) {
+    const auto value = finite_value(text);
+    return value && *value >= minimum && *value <= maximum
+               ? std::string()
+               : fmt::format("{}, not {}", words_of_range(minimum, maximum), text);
+  });
+}
+
+CLI::Validator in_range(int minimum, int maximum) {
+  CLI::Validator validator{CLI::Range(minimum, maximum).get_description()};
+  return validator.operation([=](std::string& text) {
+    const auto value = plain_digits<int>(text);
+    return value && *value >= minimum && *value <= maximum
+               ? std::string()
+               : whole_number_wanted(minimum, maximum, text);
+  });
+}
+
+CLI::Validator positive_number() {
+  return CLI::Validator("POSITIVE").operation([](std::string& text) {
+    const auto value = finite_value(text);
+    return value && *value > 0 ? std::string()
+                               : fmt::format("must be a finite number above 0, not {}", text);
+  });
+}
+
+CLI::Validator finite_number() {
+  return CLI::Validator("").operation([](std::string& text) {
+    return finite_value(text) ? std::string()
+                              : fmt::format("must be a finite number, not {}", text);
+  });
+}
+
+CLI::Validator counting_number(std::uint64_t maximum) {
+  return CLI::Validator("").operation([=](std::string& text) {
+    const auto value = plain_digits<std::uint64_t>(text);
+    return value && *value <= maximum ? std::string()
+                                      : whole_number_wanted(std::uint64_t{0}, maximum, text);
+  });
+}
+
+void require_numbers_left(const std::string& flag, std::uint32_t first, std::int64_t count) {
+  constexpr std::int64_t kLast = std::numeric_limits<std::uint32_t>::max();
+  if (count - 1 > kLast - first)
+    throw InputError(
+        fmt::format("{} {}", flag, first),
+        fmt::format("leaves no {} numbers up to {}, and a number twice repeats its noise", count,
+                    kLast),
+        fmt::format("begin at {} or below", std::max<std::int64_t>(0, kLast - count + 1)));
+}
+
+}  // namespace malus::app

@@ -1,0 +1,109 @@
+"""What black and white mean: by flag, by file, by the model."""
+
+import numpy as np
+import pytest
+
+LAYOUT = ("--layout", "polar-mono")
+CELL_DEG = np.array([[90, 45], [135, 0]])
+
+
+def mosaic(s0_dn=800.0, dolp=0.5, aolp_deg=30.0, side=32):
+    """A uniform scene by Malus's law, in DN above black."""
+    angle = np.tile(np.deg2rad(CELL_DEG), (side // 2, side // 2))
+    return 0.5 * s0_dn * (1 + dolp * np.cos(2 * (angle - np.deg2rad(aolp_deg))))
+
+
+def mean_dolp(malus, *arguments):
+    return malus("stokes", *arguments, *LAYOUT, "--no-pictures", "--force", "--json").json["mean_dolp"]
+
+
+def test_black_of_float_files_is_subtracted_when_the_flag_says_so(malus, tmp_path):
+    np.save(tmp_path / "above.npy", mosaic().astype(np.float32))
+    np.save(tmp_path / "mean.npy", (mosaic() + 200).astype(np.float32))
+    out = ("-o", tmp_path / "out")
+    assert mean_dolp(malus, tmp_path / "above.npy", *out) == pytest.approx(0.5, abs=1e-4)
+    assert mean_dolp(malus, tmp_path / "mean.npy", *out, "--black", 200) == pytest.approx(0.5, abs=1e-4)
+    normals = malus("normals", tmp_path / "mean.npy", *out, "--black", 200, *LAYOUT, "--json", "--force")
+    assert "not subtracted" not in normals.err
+
+
+def test_a_float_file_that_says_it_is_above_black_stays_so(malus, tmp_path):
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    malus("denoise", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--black", 80,
+          "-o", tmp_path)
+    result = malus("stokes", tmp_path / "raw_denoised.tif", *LAYOUT, "--black", 80, "-o", tmp_path / "out", "--json")
+    assert "--black is not subtracted" in result.err
+    assert result.json["mean_dolp"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_denoise_and_renoise_take_float_files_as_above_black(malus, tmp_path):
+    np.save(tmp_path / "above.npy", mosaic().astype(np.float32))
+    model = ("--model", "imx250mzr-simulated")
+    denoised = malus("denoise", tmp_path / "above.npy", *model, "--gain", 12, "--format", "npy", "-o", tmp_path)
+    assert "taken as DN above black" in denoised.err
+    bias = np.load(tmp_path / "above_denoised.npy").mean() - mosaic().mean()
+    assert abs(bias) < 15  # the model's bias; its black level would be 80
+    renoised = malus("renoise", tmp_path / "above.npy", *model, "--from", 6, "--to", 12, "--float", "--method", "naive",
+                     "--format", "npy", "-o", tmp_path)
+    assert "taken as DN above black" in renoised.err
+    assert abs(np.load(tmp_path / "above_renoised.npy").mean() - mosaic().mean()) < 15
+
+
+def test_stokes_takes_layout_and_black_from_the_model(malus, tmp_path):
+    model = malus("model", "show", "imx250mzr-simulated", "--json").json
+    black = np.mean(model["black"]["value"])
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + black).astype(np.uint16))
+    found = malus("stokes", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--no-pictures",
+                  "-o", tmp_path / "out", "--json")
+    assert found.json["mean_dolp"] == pytest.approx(0.5, abs=2e-3)
+    assert "black level not known" not in found.err
+
+
+def test_a_gain_outside_the_models_needs_the_flag_that_is_named(malus, refused, tmp_path):
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    arguments = ("stokes", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 40, "--no-pictures",
+                 "-o", tmp_path / "out")
+    assert "--extrapolate-gain" in refused(*arguments)
+    malus(*arguments, "--extrapolate-gain")
+
+
+def test_white_is_the_peak_of_pictures_of_several_channels(malus, tmp_path):
+    np.save(tmp_path / "raw.npy", mosaic().astype(np.float32))
+    for folder, scale in (("a", 1.0), ("b", 1.01)):
+        np.save(tmp_path / "raw.npy", (scale * mosaic()).astype(np.float32))
+        malus("stokes", tmp_path / "raw.npy", *LAYOUT, "--no-pictures", "--full", "-o", tmp_path / folder)
+    np.save(tmp_path / "a.npy", np.full((3, 20, 30), 1000, np.float32))
+    np.save(tmp_path / "b.npy", np.full((3, 20, 30), 1010, np.float32))
+    found = malus("evaluate", "--reference", tmp_path / "a.npy", "--test", tmp_path / "b.npy", "--white", 4095, "--json")
+    assert found.json["image"]["psnr"] == pytest.approx(20 * np.log10(4095 / 10), abs=1e-3)
+
+
+def test_stokes_written_as_fits_can_be_compared(malus, tmp_path):
+    rgb = np.random.default_rng(1).uniform(100, 900, (48, 48)).astype(np.float32)
+    np.save(tmp_path / "raw.npy", rgb)
+    for folder in "ab":
+        malus("stokes", tmp_path / "raw.npy", "--layout", "polar-bayer-rggb", "--format", "fits", "--no-pictures",
+              "-o", tmp_path / folder)
+    found = malus("evaluate", "--reference", tmp_path / "a/raw_s0.fits", "--test", tmp_path / "b/raw_s0.fits", "--json")
+    assert found.json["image"]["psnr"] is None  # equal
+
+
+def test_a_model_is_compared_at_the_light_of_the_frames(malus, tmp_path):
+    clean = np.full((128, 128), 220, np.float32)
+    np.save(tmp_path / "clean.npy", clean)
+    model = ("--model", "imx250mzr-simulated", "--gain", 12)
+    malus("synthesize", tmp_path / "clean.npy", *model, "--layout", "polar-mono", "--frames", 4, "--format", "npy",
+          "-o", tmp_path / "flats")
+    flats = sorted((tmp_path / "flats").glob("*.npy"))
+    compared = malus("evaluate", "--noise", "--reference", *flats, *model, "--layout", "polar-mono", "--black", 82,
+                     "--json").json
+    assert np.mean(compared["test"]["mean_dn"]) == pytest.approx(np.mean(compared["reference"]["mean_dn"]), rel=0.02)
+    assert compared["pooled"]["sqrt_jsd"] < 2 * compared["pooled"]["sqrt_jsd_floor"]
+
+
+def test_a_session_of_a_sensor_alone_serves_as_description(malus, tmp_path):
+    (tmp_path / "s.toml").write_text('[sensor]\nblack = 80\n[sensor.cell]\nrows = [["90", "45"], ["135", "0"]]\n')
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    found = malus("stokes", tmp_path / "raw.npy", "--session", tmp_path / "s.toml", "--no-pictures",
+                  "-o", tmp_path / "out", "--json")
+    assert found.json["mean_dolp"] == pytest.approx(0.5, abs=2e-3)
