@@ -1,7 +1,6 @@
 // malus evaluate: how near pictures, polarization and noise are to a reference.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
-#include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/picture_file.h"
 
@@ -45,15 +44,8 @@ struct Subject {
   int channels() const { return picture ? picture->planes.channels() : 1; }
 };
 
-bool ends_as_picture(const fs::path& path) {
-  const std::string ending = lower_case(path.extension().string());
-  const std::vector<std::string> known = {".tif", ".tiff", ".png", ".exr",
-                                          ".npy", ".fits", ".fit", ".fts"};
-  return std::find(known.begin(), known.end(), ending) != known.end();
-}
-
 Subject load_subject(const fs::path& path, const FrameOptions& options) {
-  if (!options.raw_format && ends_as_picture(path)) {
+  if (!options.raw_format && has_picture_ending(path)) {
     Picture picture = load_picture(path);
     if (picture.planes.channels() > 1) return {{}, std::move(picture)};
   }

@@ -66,8 +66,7 @@ Planes planes_of(const NormalMap& normals) {
 Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
                      const FrameOptions& options, const fs::path& data, const fs::path& picture,
                      bool force) {
-  const RawFrame frame = load_above_black(
-      input, options, arguments.raw.black_given() ? FloatBlack::kHolds : FloatBlack::kAboveAlready);
+  const RawFrame frame = load_above_black(input, options, arguments.raw.float_black());
   require_polarized(frame.layout, input.string());
   // Stokes vectors of all colours together: the mean of R, G and B.
   const StokesPicture colors =

@@ -11,7 +11,6 @@
 #include "malus/synthesize/synthesizer.h"
 
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -172,7 +171,7 @@ void add_renoise(CLI::App& app, Common& common) {
   command
       ->add_option("--first-frame", arguments->first_frame,
                    "number of the first frame; seed and number decide the noise")
-      ->check(counting_number(std::numeric_limits<std::uint32_t>::max()));
+      ->check(frame_number());
   command->add_flag("--float", arguments->as_float, "write DN above black, unrounded");
   command->add_option("--format", arguments->format, "ending of the results")
       ->check(CLI::IsMember({"tif", "png", "fits", "npy", "exr"}))

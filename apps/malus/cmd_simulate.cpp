@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <iterator>
-#include <limits>
 #include <memory>
 #include <vector>
 
@@ -164,7 +163,7 @@ void add_simulate(CLI::App& app, Common& common) {
       ->check(CLI::IsMember({"auto", "srgb", "linear"}))
       ->capture_default_str();
   command->add_option("--first-scene", arguments->first_scene, "number of the first scene")
-      ->check(counting_number(std::numeric_limits<std::uint32_t>::max()));
+      ->check(frame_number());
   command->add_option("--format", arguments->format, "ending of the mosaics")
       ->check(CLI::IsMember({"tif", "npy", "fits", "exr"}))
       ->capture_default_str();

@@ -150,9 +150,9 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
                     std::size_t index, const FrameOptions& options, const ProductNames& names,
                     bool force) {
   const fs::path& input = arguments.inputs[index];
-  const RawFrame frame = load_above_black(
-      input, model ? options_for_model(options, *model, input) : options,
-      arguments.raw.black_given() ? FloatBlack::kHolds : FloatBlack::kAboveAlready);
+  const RawFrame frame =
+      load_above_black(input, model ? options_for_model(options, *model, input) : options,
+                       arguments.raw.float_black());
   require_polarized(frame.layout, input.string());
   warn_of_guesses(frame);
   const StokesPicture picture = stokes_picture(arguments, frame);

@@ -11,7 +11,6 @@
 #include <filesystem>
 #include <functional>
 #include <iterator>
-#include <limits>
 #include <memory>
 #include <vector>
 
@@ -234,7 +233,7 @@ void add_synthesize(CLI::App& app, Common& common) {
       ->add_option("--first-frame", arguments->first_frame,
                    "number of the first frame drawn; frames count on over the inputs, and seed and "
                    "number decide the noise")
-      ->check(counting_number(std::numeric_limits<std::uint32_t>::max()))
+      ->check(frame_number())
       ->capture_default_str();
   command
       ->add_option("--origin", arguments->origin,

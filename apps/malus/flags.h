@@ -31,6 +31,9 @@ CLI::Validator finite_number();
 /// A whole number from 0 to maximum.
 CLI::Validator counting_number(std::uint64_t maximum);
 
+/// The number of a frame or scene.
+CLI::Validator frame_number();
+
 /// Frames and scenes are numbered with 32 bits (base/random.h), and a number that came round would
 /// repeat noise. Throws InputError, naming the flag, where `count` of them from `first` do not fit.
 void require_numbers_left(const std::string& flag, std::uint32_t first, std::int64_t count);

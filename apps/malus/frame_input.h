@@ -6,13 +6,9 @@
 
 #include <filesystem>
 
-namespace malus::app {
+#include "raw_options.h"
 
-/// What --black means for a float file that does not tell its black level.
-enum class FloatBlack {
-  kAboveAlready,  ///< nothing but that white lies as much higher: one flag serves raw and results
-  kHolds,         ///< the file holds it, as the mean of raw frames does
-};
+namespace malus::app {
 
 /// A raw frame minus its black level. Float files hold DN above black already (interface: malus
 /// writes them so) unless told otherwise. white_dn is above black.

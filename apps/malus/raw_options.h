@@ -13,6 +13,12 @@
 
 namespace malus::app {
 
+/// What --black means for a float file that does not tell its black level.
+enum class FloatBlack {
+  kAboveAlready,  ///< nothing but that white lies as much higher: one flag serves raw and results
+  kHolds,         ///< the file holds it, as the mean of raw frames does
+};
+
 /// --layout --black --white --gain --iso --exposure --raw-format --size --session. Keep the object
 /// alive as long as the command; with_gain = false where the command has its own --gain.
 class RawOptions {
@@ -20,8 +26,10 @@ class RawOptions {
   void add_to(CLI::App& command, bool with_gain = true);
   /// Flags over the session's [sensor]; throws InputError.
   FrameOptions resolve() const;
-  /// By its flag, not by the session.
-  bool black_given() const { return !black_dn_.empty(); }
+  /// Where a command has one kind of input: files hold what the flag (not the session) says.
+  FloatBlack float_black() const {
+    return black_dn_.empty() ? FloatBlack::kAboveAlready : FloatBlack::kHolds;
+  }
   std::optional<double> white_dn() const { return white_dn_; }
 
  private:

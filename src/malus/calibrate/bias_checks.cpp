@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -25,17 +26,23 @@ double of_tukey_lambda(double lambda, double scale_steps) {
   return std::abs(sum) / kQuantiles;
 }
 
+constexpr std::size_t kFewestFrames = 8;  // to judge their levels by
+
+// Mean over the channels of every frame.
+std::vector<double> levels_of(const FrameSeries& frame_means_dn) {
+  std::vector<double> level;
+  for (const auto& frame : frame_means_dn) level.push_back(mean_of(frame));
+  return level;
+}
+
 }  // namespace
 
 void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                    PhysicsCalibration& out) {
-  constexpr std::size_t kFewestFrames = 8;
   if (frame_means_dn.size() < kFewestFrames) return;
-  std::vector<double> index, level;
-  for (const auto& frame : frame_means_dn) {
-    index.push_back(static_cast<double>(index.size()));
-    level.push_back(mean_of(frame));
-  }
+  const std::vector<double> level = levels_of(frame_means_dn);
+  std::vector<double> index(level.size());
+  std::iota(index.begin(), index.end(), 0.0);
   const LineFit line = fit_line(index, level);
   const double drift = line.slope * index.back(), error = line.slope_standard_error * index.back();
   if (std::abs(drift) > 5.0 * error && std::abs(drift) > 0.05 * temporal_sd_dn)
@@ -47,11 +54,9 @@ void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
 
 void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                              PhysicsCalibration& out) {
-  constexpr std::size_t kFewestFrames = 8;
   constexpr double kDeviations = 8.0, kOfNoise = 0.2;
   if (frame_means_dn.size() < kFewestFrames) return;
-  std::vector<double> level;
-  for (const auto& frame : frame_means_dn) level.push_back(mean_of(frame));
+  const std::vector<double> level = levels_of(frame_means_dn);
   const double middle = median_of(level);
   const double most = std::max(kDeviations * robust_deviation_of(level), kOfNoise * temporal_sd_dn);
   std::vector<std::string> outlying;

@@ -37,8 +37,8 @@ std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
     if (set.kind != FrameKind::kBias && set.kind != FrameKind::kFlat) continue;
     auto plan = std::find_if(plans.begin(), plans.end(),
                              [&](const GainPlan& p) { return p.gain == set.gain; });
-    if (plan == plans.end()) plan = plans.insert(plans.end(), GainPlan{set.gain, nullptr, {}, {}});
-    plan->bias = bias_set_at(set.gain, input);
+    if (plan == plans.end())
+      plan = plans.insert(plans.end(), GainPlan{set.gain, bias_set_at(set.gain, input), {}, {}});
     if (set.kind == FrameKind::kFlat)
       plan->flats.push_back(&set);
     else if (&set != plan->bias)
@@ -105,8 +105,8 @@ void require_row_groups(const RawFrame& first, int row_group) {
 }
 
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
-                                  RowGroupDecision& row_group, const CalibrationSettings& settings,
-                                  Progress& progress, double& quantization_dn,
+                                  RowGroupDecision& row_group, double quantization_dn,
+                                  const CalibrationSettings& settings, Progress& progress,
                                   std::vector<DefectPixel>& defects) {
   PhysicsCalibration out;
   out.gain = plan.gain;
@@ -117,8 +117,6 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
                : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
       out.warnings);
   require_row_groups(first, group);
-  // Gain that a camera makes by multiplying has wider steps.
-  quantization_dn = quantization_step(load_first(*plan.bias).dn);
   measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, quantization_dn,
                settings, progress, out);
   if (!temporal) {
@@ -207,18 +205,19 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
           fmt::format("{}: flat frames without bias frames are left out", plan.gain.text()));
       continue;
     }
+    const RawFrame own_first = load_first(*plan.bias);
+    // Gain that a camera makes by multiplying has wider steps.
+    steps_dn.push_back(quantization_step(own_first.dn));
     if (model.physics.empty()) {
-      first = load_first(*plan.bias);
+      first = own_first;
       settle_levels(plans, first, progress);
       model.layout = first.layout;
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;
     }
     std::vector<DefectPixel> defects;
-    double step_dn = 0;
     model.physics.push_back(
-        calibrate_gain(plan, first, row_group, settings, progress, step_dn, defects));
-    steps_dn.push_back(step_dn);
+        calibrate_gain(plan, first, row_group, steps_dn.back(), settings, progress, defects));
     // The response belongs to the sensor, not to a gain: the map of the lowest gain is kept.
     if (!model.physics.back().prnu_map.empty())
       for (std::size_t i = 0; i + 1 < model.physics.size(); ++i)

@@ -50,7 +50,8 @@ class WindowMean {
 };
 
 // Median and robust deviation of a function of the pixels of one channel; every k-th pixel of a
-// large channel says as much as all, where k shares no divisor with the columns: it visits all.
+// large channel says as much as all. k shares no divisor with the number of columns, so that pixels
+// of all columns are among them.
 struct Location {
   double centre = 0, deviation = 0;
 };

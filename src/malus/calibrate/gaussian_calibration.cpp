@@ -70,7 +70,8 @@ GaussianCalibration gaussian_of(const PhysicsCalibration& physics) {
 Estimate<GaussianCalibration> gaussian_of(const NonparametricCalibration& levels,
                                           double highest_dn) {
   GaussianCalibration out;
-  out.gain = levels.gain;  // the warnings are about drawing single levels, not about a line
+  // Not the warnings: they are about drawing single levels.
+  out.gain = levels.gain;
   for (std::size_t c = 0; c < levels.channels.size(); ++c) {
     const NonparametricChannel& channel = levels.channels[c];
     std::vector<LevelPoint> points;

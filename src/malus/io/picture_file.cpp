@@ -33,10 +33,15 @@ constexpr std::array<Ending, 8> kEndings = {{{".tif", "tiff"},
                                              {".fts", "fits"},
                                              {".npy", "npy"}}};
 
+const Ending* known_ending(const std::string& ending) {
+  const auto found = std::find_if(kEndings.begin(), kEndings.end(),
+                                  [&](const Ending& e) { return ending == e.ending; });
+  return found == kEndings.end() ? nullptr : &*found;
+}
+
 std::string codec_by_ending(const fs::path& path) {
   const std::string ending = lower_case(path.extension().string());
-  for (const Ending& e : kEndings)
-    if (ending == e.ending) return e.codec;
+  if (const Ending* known = known_ending(ending)) return known->codec;
   throw InputError(path.string(), fmt::format("the ending \"{}\" cannot be written", ending),
                    "use .tif, .png, .exr, .fits or .npy");
 }
@@ -115,6 +120,10 @@ void save_described(const fs::path& path, const Planes& planes,
 }
 
 }  // namespace
+
+bool has_picture_ending(const fs::path& path) {
+  return known_ending(lower_case(path.extension().string())) != nullptr;
+}
 
 Picture load_picture(const fs::path& path) {
   internal::Decoded decoded = internal::read_any(path, true);

@@ -34,6 +34,9 @@ struct SaveOptions {
   std::optional<SampleType> type;
 };
 
+/// Whether save_picture knows the ending, in any case of letters.
+bool has_picture_ending(const std::filesystem::path& path);
+
 /// names: one per channel, or empty for Y / RGB / RGBA / C00, C01, ... Throws InputError when the
 /// ending is unknown or cannot hold the type or the number of channels (PNG: 1 to 4).
 void save_picture(const std::filesystem::path& path, const Planes& planes,

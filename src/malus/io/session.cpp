@@ -109,6 +109,18 @@ FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, boo
   return group;
 }
 
+// With or without [[frames]].
+Session session_of(const ConfigSection& file, const fs::path& source, const fs::path& folder,
+                   bool check_files) {
+  file.require_known({"sensor", "frames"});
+  Session session;
+  session.source = source;
+  if (const auto sensor = file.section("sensor")) session.sensor = parse_sensor(*sensor);
+  for (const auto& section : file.sections("frames"))
+    session.groups.push_back(parse_group(section, folder, check_files));
+  return session;
+}
+
 std::string session_text(const fs::path& path) {
   constexpr std::uintmax_t kMaxBytes = 64 << 20;
   if (internal::require_file(path) > kMaxBytes)
@@ -183,15 +195,9 @@ FrameKind parse_frame_kind(const ConfigSection& section) {
 Session parse_session(std::string_view toml, const fs::path& source, const fs::path& folder,
                       bool check_files) {
   const auto file = ConfigSection::parse(toml, source.string(), "the session file");
-  file.require_known({"sensor", "frames"});
-  Session session;
-  session.source = source;
-  if (const auto sensor = file.section("sensor")) session.sensor = parse_sensor(*sensor);
-  const auto frames = file.sections("frames");
-  if (frames.empty())
+  Session session = session_of(file, source, folder, check_files);
+  if (session.groups.empty())
     file.fail("frames", "is missing", "describe at least one set of frames with [[frames]]");
-  for (const auto& section : frames)
-    session.groups.push_back(parse_group(section, folder, check_files));
   return session;
 }
 
@@ -201,11 +207,7 @@ Session load_session(const fs::path& path) {
 
 SensorDescription load_sensor(const fs::path& path) {
   const auto file = ConfigSection::parse(session_text(path), path.string(), "the session file");
-  file.require_known({"sensor", "frames"});
-  for (const auto& section : file.sections("frames"))  // a mistake there is one, too
-    parse_group(section, path.parent_path(), false);
-  const auto sensor = file.section("sensor");
-  return sensor ? parse_sensor(*sensor) : SensorDescription();
+  return session_of(file, path, path.parent_path(), false).sensor;
 }
 
 FrameOptions frame_options(const Session& session, const FrameGroup& group) {
