@@ -4,6 +4,7 @@
 #include "malus/image/frame_statistics.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
+#include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
 #include <bit>
@@ -65,6 +66,8 @@ void collect_warnings(Findings& findings) {
                       "--white {}",
                       largest, fits, (1 << fits) - step));
   }
+  if (const std::string note = declaration_note(frame); !note.empty())
+    findings.warnings.push_back(note);
   const auto declared = declared_pairing(frame.layout);
   if (declared && findings.check.decided() && findings.check.winner() != *declared)
     findings.warnings.push_back(fmt::format(

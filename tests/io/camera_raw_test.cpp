@@ -2,6 +2,8 @@
 #include "malus/base/error.h"
 #include "malus/io/frame_file.h"
 
+#include <cmath>
+
 #include "support.h"
 #include "tiff_directory.h"
 #include <gmock/gmock.h>
@@ -18,7 +20,11 @@ using ::testing::ThrowsMessage;
 constexpr int kRows = 50, kCols = 66, kTop = 4, kLeft = 2;
 
 // A DNG 1.4 whose visible area starts at (top, left) and reads R G / G B from there.
-std::string dng(std::uint32_t top = kTop, std::uint32_t left = kLeft) {
+std::string dng(std::uint32_t top = kTop, std::uint32_t left = kLeft,
+                const std::vector<double>& black = {60, 61, 62, 63}) {
+  std::vector<std::int32_t> hundredths;
+  for (const double level : black)
+    hundredths.insert(hundredths.end(), {static_cast<std::int32_t>(std::lround(100 * level)), 100});
   const auto build = [&](std::uint32_t exif_at, std::uint32_t pixels_at) {
     TiffDirectory d;
     d.longs(254, {0});
@@ -42,7 +48,7 @@ std::string dng(std::uint32_t top = kTop, std::uint32_t left = kLeft) {
     d.bytes(50710, {0, 1, 2});
     d.shorts(50711, {1});
     d.shorts(50713, {2, 2});
-    d.shorts(50714, {60, 61, 62, 63});
+    d.rationals(50714, 5, hundredths);
     d.longs(50717, {4000});
     d.rationals(50721, 10, {1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1});
     d.rationals(50728, 5, {1, 1, 1, 1, 1, 1});
@@ -88,7 +94,7 @@ TEST(CameraRaw, VisibleAreaLevelsAndFacts) {
   EXPECT_NEAR(frame.exposure_s.value(), 0.02, 1e-9);
 }
 
-TEST(CameraRaw, TheLayoutFollowsAnOddVisibleArea) {
+TEST(CameraRaw, LayoutAndBlackFollowAnOddVisibleArea) {
   const testing::TemporaryFolder folder;
   const std::string colors[2][2] = {{"R", "G"}, {"G", "B"}};
   for (const std::uint32_t top : {3u, 4u})
@@ -104,7 +110,17 @@ TEST(CameraRaw, TheLayoutFollowsAnOddVisibleArea) {
       EXPECT_EQ(frame.layout.channel_name(0).substr(0, 1),
                 colors[(row - top) % 2][(col - left) % 2])
           << top << " " << left;
+      EXPECT_EQ(frame.black_dn[0], 60 + 2 * ((row - top) % 2) + (col - left) % 2);
+      EXPECT_EQ(frame.black_dn[3], 63 - frame.black_dn[0] + 60);
     }
+}
+
+TEST(CameraRaw, FractionsOfBlackAndDecimalsOfTheExposureAreKept) {
+  const testing::TemporaryFolder folder;
+  write_file(folder / "a.dng", dng(kTop, kLeft, {60.75, 61.1, 62, 63.5}), false);
+  const RawFrame frame = load_frame(folder / "a.dng");
+  EXPECT_THAT(frame.black_dn, ElementsAre(60.75, 61.1, 62, 63.5));
+  EXPECT_EQ(frame.exposure_s, 0.02);
 }
 
 TEST(CameraRaw, ProbeTellsTheSame) {

@@ -137,9 +137,38 @@ TEST(FrameFile, OptionsWinOverTheFile) {
   EXPECT_EQ(frame.white_dn, 255);
   EXPECT_EQ(frame.gain.text(), "ISO 100");
   EXPECT_EQ(frame.exposure_s, 2.0);
-  // The file's sixteen black levels belong to its own layout.
+  EXPECT_EQ(frame.file_layout, "polar-bayer-rggb");
+  // The file's sixteen black levels do not fit into four places, and are not dropped silently.
   options.black_dn.clear();
-  EXPECT_FALSE(load_frame(folder / "a.tif", options).black_known);
+  expect_frame_refused(folder / "a.tif", "tells 16 black levels for its layout polar-bayer-rggb",
+                       options);
+}
+
+TEST(FrameFile, BlackKeepsItsPlaceInTheCellOfADeclaredLayout) {
+  const testing::TemporaryFolder folder;
+  RawFrame frame = ramp(8, 8, 1.0);
+  frame.layout = SensorLayout::named("bayer-grbg");
+  frame.black_dn = {60, 61, 62, 63};
+  save_frame(folder / "a.tif", frame);
+  FrameOptions options;
+  for (const char* name : {"bayer-rggb", "polar-mono"}) {
+    options.layout = SensorLayout::named(name);
+    const RawFrame declared = load_frame(folder / "a.tif", options);
+    EXPECT_TRUE(declared.black_known);
+    EXPECT_EQ(declared.black_dn, frame.black_dn);
+    EXPECT_EQ(declared.file_layout, "bayer-grbg");
+  }
+  options.layout = SensorLayout::named("polar-bayer-rggb");
+  const RawFrame larger = load_frame(folder / "a.tif", options);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 4; ++c) EXPECT_EQ(larger.black_at(r, c), frame.black_at(r, c));
+  options.layout = SensorLayout::named("mono");
+  expect_frame_refused(folder / "a.tif", "which the declared mono has no place for", options);
+  frame.black_dn.assign(4, 64.5);
+  save_frame(folder / "b.tif", frame);
+  EXPECT_EQ(load_frame(folder / "b.tif", options).black_dn, std::vector<double>{64.5});
+  options.layout = frame.layout;
+  EXPECT_EQ(load_frame(folder / "b.tif", options).file_layout, "");
 }
 
 TEST(FrameFile, HeaderlessNeedsItsSizeAndExactlyItsBytes) {

@@ -5,6 +5,7 @@
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"
 #include "malus/calibrate/row_group.h"
+#include "malus/noise/same_sensor.h"
 
 #include <algorithm>
 #include <cmath>
@@ -142,6 +143,8 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
 // Black and white when neither the session nor the files tell them: said, because μ then holds the
 // whole dark level, and saturated flats are known by the largest values alone.
 void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, Progress& progress) {
+  if (const std::string note = declaration_note(first); !note.empty())
+    progress.warn(fmt::format("{}: {}", first.source, note));
   if (!first.black_known)
     progress.warn(
         fmt::format("the black level is not given, taken as {:g}: mu holds the rest of "

@@ -216,8 +216,7 @@ std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
 }  // namespace
 
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
-  const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
-  const double saturated = frame.white_dn - black;
+  const double saturated = white_above_black(frame.white_dn, frame.black_dn);
   Planes planes = pack(frame.dn, frame.layout);
   for (int k = 0; k < planes.channels(); ++k)
     for (float& v : planes[k].values())

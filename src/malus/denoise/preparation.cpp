@@ -63,8 +63,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool re
                             Denoised& report) {
   PreparedFrame prepared;
   prepared.layout = frame.layout;
-  const double black = *std::max_element(frame.black_dn.begin(), frame.black_dn.end());
-  prepared.range_dn = frame.white_dn - black;
+  prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
   std::vector<float> zero_dn;
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));

@@ -1,5 +1,6 @@
 #include "malus/image/raw_frame.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -18,13 +19,24 @@ std::optional<double> GainSetting::decibel() const {
   return std::nullopt;
 }
 
+bool GainSetting::contradicts(const GainSetting& other) const {
+  constexpr double kRoundingDb = 0.172;  // 2 %
+  const bool comparable = (gain_db && other.gain_db) || (!gain_db && !other.gain_db);
+  const auto own = decibel(), others = other.decibel();
+  return comparable && own && others && std::abs(*own - *others) > kRoundingDb;
+}
+
+double white_above_black(double white_dn, const std::vector<double>& black_dn) {
+  return white_dn - (black_dn.empty() ? 0.0 : *std::max_element(black_dn.begin(), black_dn.end()));
+}
+
 void subtract_black(RawFrame& frame) {
   MALUS_REQUIRE(static_cast<int>(frame.black_dn.size()) == frame.layout.channels());
   for (int r = 0; r < frame.dn.rows(); ++r) {
     float* row = frame.dn.row(r);
     for (int c = 0; c < frame.dn.cols(); ++c) row[c] -= static_cast<float>(frame.black_at(r, c));
   }
-  frame.white_dn -= frame.black_dn.empty() ? 0.0 : frame.black_dn[0];
+  frame.white_dn = white_above_black(frame.white_dn, frame.black_dn);
   frame.black_dn.assign(frame.black_dn.size(), 0.0);
 }
 

@@ -21,6 +21,8 @@ struct GainSetting {
   /// The number to sort and interpolate by: dB as they are, ISO as 20 log10(iso/100); empty when
   /// unknown.
   std::optional<double> decibel() const;
+  /// Both are known, in one unit, and differ by more than files round them (2 %): another setting.
+  bool contradicts(const GainSetting& other) const;
 };
 
 /// ln(K) grows by this per dB of gain: ln(10)/20.
@@ -38,6 +40,7 @@ struct RawFrame {
   int bits = 0;  ///< significant bits of integer data; 0 for float data
   bool black_known = false, white_known = false,
        layout_known = false;  ///< from file, session or flag, not guessed
+  std::string file_layout;    ///< name of the file's own layout where another was declared
   std::string source;         ///< file name, for messages
 
   double black_at(int row, int col) const {
@@ -45,7 +48,11 @@ struct RawFrame {
   }
 };
 
-/// Subtracts the black level in place: afterwards pixels are DN above black. Nothing is clamped.
+/// White above black: the largest signal that every channel can hold, white less the highest black.
+double white_above_black(double white_dn, const std::vector<double>& black_dn);
+
+/// Subtracts the black level in place: afterwards pixels and white are DN above black. Nothing is
+/// clamped.
 void subtract_black(RawFrame& frame);
 
 }  // namespace malus

@@ -6,6 +6,8 @@
 #include <bit>
 #include <cmath>
 #include <memory>
+#include <type_traits>
+#include <utility>
 
 #include <fmt/format.h>
 #include <libraw/libraw.h>
@@ -18,6 +20,22 @@ namespace fs = std::filesystem;
 constexpr const char* kReadable =
     "read are TIFF, PNG, EXR, FITS, .npy, camera raw, and headerless files with --raw-format and "
     "--size";
+
+// LibRaw moves the corner of a DNG's ActiveArea to even rows and columns, and its colours with it,
+// but not its black levels, which count from that corner (DNG 1.4, BlackLevel). Only a reader that
+// is a LibRaw may ask where the corner was.
+class RawFile : public LibRaw {
+ public:
+  /// Rows and columns from the ActiveArea's corner to the shown one; 0 where it is not known.
+  std::pair<unsigned, unsigned> corner_in_active_area() const {
+    if (imgdata.idata.dng_version == 0) return {0, 0};
+    for (const tiff_ifd_t& directory : tiff_ifd)
+      if (directory.offset == libraw_internal_data.unpacker_data.data_offset)
+        return {imgdata.sizes.top_margin - static_cast<unsigned>(directory.t_tm),
+                imgdata.sizes.left_margin - static_cast<unsigned>(directory.t_lm)};
+    return {0, 0};
+  }
+};
 
 bool begins_like_tiff(const fs::path& path) {
   const auto head = read_bytes(path, 2);
@@ -70,20 +88,37 @@ SensorLayout layout_of(LibRaw& raw, const fs::path& path) {
   not_a_mosaic(path, fmt::format("the colour pattern {}", pattern));
 }
 
-// The stored black level is a sum of a common part, a part per colour and a repeating pattern, all
-// counted from the corner of the visible area.
-double black_at(LibRaw& raw, int row, int col, bool mosaic) {
-  const auto& color = raw.imgdata.color;
-  double black = color.black;
-  black += color.cblack[mosaic ? raw.COLOR(row, col) : 0];
-  const unsigned rows = color.cblack[4], cols = color.cblack[5];
-  if (rows > 0 && cols > 0)
-    black += color.cblack[6 + static_cast<unsigned>(row) % rows * cols +
-                          static_cast<unsigned>(col) % cols];
-  return black;
+// Shortest decimal of a float: 0.01, not 0.009999999776.
+double decimal_of(float value) { return std::stod(fmt::format("{}", value)); }
+
+// A black level is a sum of a common part, a part per colour and a pattern that repeats from (0,
+// 0).
+template <class Number>
+double level_at(Number common, const Number* part, int color, unsigned row, unsigned col) {
+  Number level = common + part[color];
+  const auto rows = static_cast<unsigned>(part[4]), cols = static_cast<unsigned>(part[5]);
+  if (rows > 0 && cols > 0) level += part[6 + row % rows * cols + col % cols];
+  if constexpr (std::is_same_v<Number, float>) return decimal_of(level);
+  return static_cast<double>(level);
 }
 
-void read_metadata(LibRaw& raw, Decoded& decoded, const fs::path& path) {
+// Of a position counted from the corner of what LibRaw shows.
+double black_at(RawFile& raw, int row, int col) {
+  const auto& color = raw.imgdata.color;
+  const int channel = raw.imgdata.idata.filters != 0 ? raw.COLOR(row, col) : 0;
+  const auto [below, right] = raw.corner_in_active_area();
+  const auto r = static_cast<unsigned>(row) + below, c = static_cast<unsigned>(col) + right;
+  const double whole = level_at(color.black, color.cblack, channel, r, c);
+  if (raw.imgdata.idata.dng_version == 0) return whole;
+  // LibRaw rounds a DNG's fractions, two or three times in one sum; where it has set the levels
+  // itself they are further apart.
+  constexpr double kRounding = 2;
+  const auto& dng = color.dng_levels;
+  const double exact = level_at(dng.dng_fblack, dng.dng_fcblack, channel, r, c);
+  return std::abs(exact - whole) < kRounding ? exact : whole;
+}
+
+void read_metadata(RawFile& raw, Decoded& decoded, const fs::path& path) {
   const auto& data = raw.imgdata;
   decoded.format = "camera raw";
   decoded.sample = "uint16";
@@ -93,7 +128,7 @@ void read_metadata(LibRaw& raw, Decoded& decoded, const fs::path& path) {
   decoded.layout = layout_of(raw, path);
   for (int row = 0; row < decoded.layout->rows(); ++row)
     for (int col = 0; col < decoded.layout->cols(); ++col)
-      decoded.black_dn.push_back(black_at(raw, row, col, data.idata.filters != 0));
+      decoded.black_dn.push_back(black_at(raw, row, col));
   if (data.color.maximum > 0) {
     decoded.white_dn = data.color.maximum;
     decoded.bits = std::bit_width(data.color.maximum);
@@ -101,16 +136,16 @@ void read_metadata(LibRaw& raw, Decoded& decoded, const fs::path& path) {
     decoded.bits = 16;
   }
   if (data.other.iso_speed > 0 && std::isfinite(data.other.iso_speed))
-    decoded.gain.iso = data.other.iso_speed;
+    decoded.gain.iso = decimal_of(data.other.iso_speed);
   if (data.other.shutter > 0 && std::isfinite(data.other.shutter))
-    decoded.exposure_s = data.other.shutter;
+    decoded.exposure_s = decimal_of(data.other.shutter);
 }
 
 }  // namespace
 
 Decoded read_camera_raw(const fs::path& path, bool pixels) {
   const std::uintmax_t file_bytes = require_file(path);
-  const auto raw = std::make_unique<LibRaw>();   // too large for the stack
+  const auto raw = std::make_unique<RawFile>();  // too large for the stack
   raw->set_dataerror_handler(nullptr, nullptr);  // its default prints
   check_open(raw->open_file(path.c_str()), path);
   const auto& sizes = raw->imgdata.sizes;

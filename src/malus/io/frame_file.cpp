@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <numeric>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -60,6 +61,31 @@ std::vector<double> per_channel(const std::vector<double>& values, const SensorL
   return values;
 }
 
+// The file's black levels for the declared layout: black belongs to a place in the sensor's cell,
+// whatever its colour is called. Empty where the file tells none.
+std::vector<double> black_of_file(const Decoded& decoded, const SensorLayout& layout,
+                                  const std::string& source) {
+  const std::vector<double>& told = decoded.black_dn;
+  if (told.size() <= 1 || decoded.layout == layout) return told;
+  if (!decoded.layout || told.size() != static_cast<std::size_t>(decoded.layout->channels()))
+    return {};
+  const SensorLayout& own = *decoded.layout;
+  std::vector<double> black(static_cast<std::size_t>(layout.channels()), std::nan(""));
+  for (int row = 0; row < std::lcm(layout.rows(), own.rows()); ++row)
+    for (int col = 0; col < std::lcm(layout.cols(), own.cols()); ++col) {
+      double& place = black[static_cast<std::size_t>(layout.channel_at(row, col))];
+      const double value = told[static_cast<std::size_t>(own.channel_at(row, col))];
+      if (std::isnan(place)) place = value;
+      if (place != value)
+        throw InputError(source,
+                         fmt::format("tells {} black levels for its layout {}, which the declared "
+                                     "{} has no place for",
+                                     told.size(), own.name(), layout.name()),
+                         "give --black, or the file's own layout");
+    }
+  return black;
+}
+
 // White where nobody tells it: the container's largest value; for floats the largest pixel.
 double assumed_white(const Decoded& decoded) {
   if (decoded.bits > 0) return std::ldexp(1.0, decoded.bits) - 1.0;
@@ -88,16 +114,14 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   frame.bits = decoded.bits;
   frame.layout_known = options.layout || decoded.layout;
   frame.layout = options.layout ? *options.layout : decoded.layout.value_or(SensorLayout());
-  frame.black_known = !options.black_dn.empty();
-  if (frame.black_known) {
-    frame.black_dn = per_channel(options.black_dn, frame.layout, frame.source);
-  } else if (!decoded.black_dn.empty() &&
-             (decoded.black_dn.size() == 1 || frame.layout == decoded.layout)) {
-    frame.black_dn = per_channel(decoded.black_dn, frame.layout, frame.source);
-    frame.black_known = true;
-  } else {
-    frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
-  }
+  if (decoded.layout && !(*decoded.layout == frame.layout))
+    frame.file_layout = decoded.layout->name();
+  const std::vector<double> black = options.black_dn.empty()
+                                        ? black_of_file(decoded, frame.layout, frame.source)
+                                        : options.black_dn;
+  frame.black_known = !black.empty();
+  frame.black_dn =
+      per_channel(frame.black_known ? black : std::vector<double>{0.0}, frame.layout, frame.source);
   frame.white_known = options.white_dn || decoded.white_dn;
   frame.white_dn = options.white_dn   ? *options.white_dn
                    : decoded.white_dn ? *decoded.white_dn

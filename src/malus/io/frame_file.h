@@ -18,7 +18,8 @@ namespace malus {
 /// What the user or a session says about frames; each wins over the file's own metadata.
 struct FrameOptions {
   std::optional<SensorLayout> layout;  ///< else from the file, else mono
-  std::vector<double> black_dn;    ///< empty: from the file, else 0; one number, or one per channel
+  std::vector<double> black_dn;    ///< empty: from the file, by place in the cell where a layout
+                                   ///< is declared, else 0; one number, or one per channel
   std::optional<double> white_dn;  ///< else from the file, else 2^bits - 1; float: largest pixel
   GainSetting gain;                ///< either field set: replaces the file's
   std::optional<double> exposure_s;

@@ -15,4 +15,17 @@ void require_layout_of_model(const RawFrame& frame, const SensorLayout& model_la
       "use this sensor's model, or declare the right layout (--layout, or a session's [sensor])");
 }
 
+std::string declaration_note(const RawFrame& frame) {
+  if (frame.file_layout.empty()) return {};
+  return fmt::format("its layout is {} as the file says, taken as {} as declared",
+                     frame.file_layout, frame.layout.name());
+}
+
+void take_layout_of_model(RawFrame& frame, const SensorLayout& model_layout) {
+  if (frame.layout_known) return require_layout_of_model(frame, model_layout);
+  const double black = frame.black_dn.empty() ? 0.0 : frame.black_dn.front();
+  frame.layout = model_layout;
+  frame.black_dn.assign(static_cast<std::size_t>(model_layout.channels()), black);
+}
+
 }  // namespace malus

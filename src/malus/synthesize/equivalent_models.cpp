@@ -71,7 +71,7 @@ NonparametricCalibration nonparametric_equivalent(const PhysicsNoise& noise,
 NoiseModel with_equivalents(NoiseModel model, const std::vector<GainSetting>& gains) {
   if (model.physics.empty()) return model;
   const bool gaussian = model.gaussian.empty(), nonparametric = model.nonparametric.empty();
-  const double white = model.white_dn - model.black_dn.front();
+  const double white = white_above_black(model.white_dn, model.black_dn);
   for (const GainSetting& gain : gains) {
     const PhysicsNoise noise = model.physics_at(gain);
     if (gaussian) model.gaussian.push_back(gaussian_equivalent(noise, gain));

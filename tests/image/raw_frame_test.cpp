@@ -1,0 +1,36 @@
+#include "malus/image/raw_frame.h"
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+GainSetting iso(double value) { return {std::nullopt, value}; }
+GainSetting decibel(double value) { return {value, std::nullopt}; }
+
+TEST(GainSetting, ContradictsAnotherSettingInTheSameUnit) {
+  EXPECT_TRUE(iso(400).contradicts(iso(500)));
+  EXPECT_TRUE(decibel(12).contradicts(decibel(12.5)));
+  EXPECT_FALSE(iso(400).contradicts(iso(404)));
+  EXPECT_FALSE(decibel(12).contradicts(decibel(12.04)));
+  EXPECT_FALSE(iso(400).contradicts(decibel(0)));
+  EXPECT_FALSE(iso(400).contradicts({}));
+  EXPECT_FALSE(GainSetting().contradicts(iso(400)));
+}
+
+TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {
+  EXPECT_EQ(white_above_black(4000, {60, 70, 50, 60}), 3930);
+  EXPECT_EQ(white_above_black(4000, {}), 4000);
+  RawFrame frame;
+  frame.dn = Image(2, 2, 100.0f);
+  frame.layout = SensorLayout::named("polar-mono");
+  frame.black_dn = {60, 70, 50, 60};
+  frame.white_dn = 4000;
+  subtract_black(frame);
+  EXPECT_EQ(frame.white_dn, 3930);
+  EXPECT_EQ(frame.dn(0, 1), 30);
+  EXPECT_EQ(frame.black_dn, std::vector<double>(4, 0.0));
+}
+
+}  // namespace
+}  // namespace malus
