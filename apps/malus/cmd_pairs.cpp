@@ -106,7 +106,7 @@ void check_pair_files(const PairsArguments& arguments, const Session& session,
 
 // DN above black, and above the mean bias where a model tells it.
 RawFrame load_above_bias(const PairJob& job, const FrameGroup& group, const fs::path& path) {
-  RawFrame frame = load_frame(path, frame_options(job.session, group));
+  RawFrame frame = load_session_frame(job.session, group, path);
   subtract_black(frame);
   if (!job.model) return frame;
   const NoiseProfile profile = job.model->profile_at(frame.gain);
@@ -141,7 +141,8 @@ double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGrou
   if (job.arguments.ratio) return *job.arguments.ratio;
   if (!reference.exposure_s || !group.exposure_s)
     throw InputError(job.session.source.string(),
-                     "reference or short frames without exposure_s: the ratio is not known",
+                     "reference or short frames without exposure_s, nor do the files tell it: the "
+                     "ratio is not known",
                      "give exposure_s to both, or --ratio");
   double ratio = *reference.exposure_s / *group.exposure_s;
   const auto long_db = reference.gain.decibel(), short_db = group.gain.decibel();
@@ -152,7 +153,7 @@ double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGrou
 Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
                 const FrameGroup& reference_group, const FrameGroup& group) {
   const double ratio = ratio_of(job, reference_group, group);
-  const double top = 0.9 * (reference.white_dn - reference.black_dn[0]);
+  const double top = 0.9 * (white_above_black(reference.white_dn, reference.black_dn));
   std::vector<double> intensities;
   for (const fs::path& path : group.paths) {
     check_stop(job.progress);
@@ -170,12 +171,12 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   }
   const NearestFrame nearest = nearest_frame(intensities, ratio);
   const fs::path chosen = group.paths[nearest.index];
-  RawFrame noisy = load_frame(chosen, frame_options(job.session, group));
+  RawFrame noisy = load_session_frame(job.session, group, chosen);
   SaveOptions save;
   save.force = job.common.force;
   const PairFiles files = files_of_pair(job.arguments.folder, name);
   RawFrame clean = reference;
-  clean.white_dn -= clean.black_dn[0];
+  clean.white_dn = white_above_black(clean.white_dn, clean.black_dn);
   std::fill(clean.black_dn.begin(), clean.black_dn.end(), 0.0);
   clean.bits = 0;
   save.type = SampleType::kFloat;
@@ -196,11 +197,11 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
 }
 
 void run_pairs(const PairsArguments& arguments, const Common& common) {
-  const Session session = load_session(arguments.session);
+  const Session session = with_settings_of_files(load_session(arguments.session));
   const auto scenes = scenes_of(session);
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   check_pair_files(arguments, session, scenes, common.force);
   std::int64_t steps = 0;
   for (const auto& [label, scene] : scenes) {

@@ -84,6 +84,21 @@ std::filesystem::path name_of_the_dead(const std::filesystem::path& path) {
   return name;
 }
 
+TEST(OutputFolder, GoesAgainWhereNothingWasWritten) {
+  const testing::TemporaryFolder folder;
+  { const OutputFolder made(folder / "a/b/c"); }
+  EXPECT_EQ(files_in(folder.path()), 0);
+  std::filesystem::create_directory(folder / "mine");
+  { const OutputFolder kept(folder / "mine"); }
+  EXPECT_EQ(files_in(folder.path()), 1);
+  {
+    const OutputFolder used(folder / "a/b");
+    std::ofstream(folder / "a/x") << "x";
+  }
+  EXPECT_TRUE(std::filesystem::exists(folder / "a/x"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "a/b"));
+}
+
 TEST(UnfinishedFiles, OfTheDeadAreRemovedAndOfTheLivingKept) {
   const testing::TemporaryFolder folder;
   const auto wanted = [](std::string_view name) { return name.starts_with("shard-"); };

@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/io/picture_file.h"
 
 #include <filesystem>
 
@@ -211,6 +212,70 @@ TEST(Session, WhatIsSavedIsReadBack) {
   std::filesystem::rename(folder / "x.raw", folder / "moved/x.raw");
   std::filesystem::rename(folder / "s.toml", folder / "moved/s.toml");
   EXPECT_EQ(load_session(folder / "moved/s.toml").groups[0].paths.size(), 2u);
+}
+
+GainSetting iso(double value) { return {std::nullopt, value}; }
+
+// A frame whose file tells what is given.
+void write_frame(const std::filesystem::path& path, const GainSetting& gain,
+                 std::optional<double> exposure_s) {
+  RawFrame frame;
+  frame.dn = Image(4, 4, 100.0f);
+  frame.black_dn = {0};
+  frame.gain = gain;
+  frame.exposure_s = exposure_s;
+  save_frame(path, frame, {true, SampleType::kUint16});
+}
+
+// The session's only group, settled, and its last frame.
+RawFrame last_frame(const testing::TemporaryFolder& folder, const std::string& declared) {
+  write_file(folder / "s.toml", "[[frames]]\nkind = \"bias\"\npaths = [\"*.tif\"]\n" + declared,
+             true);
+  const Session session = with_settings_of_files(load_session(folder / "s.toml"));
+  const FrameGroup& group = session.groups.front();
+  const RawFrame frame = load_session_frame(session, group, group.paths.back());
+  EXPECT_EQ(frame.gain, group.gain);
+  EXPECT_EQ(frame.exposure_s, group.exposure_s);
+  return frame;
+}
+
+void expect_disagreement(const testing::TemporaryFolder& folder, const std::string& declared,
+                         const std::string& a, const std::string& b) {
+  EXPECT_THAT([&] { last_frame(folder, declared); },
+              ThrowsMessage<InputError>(AllOf(HasSubstr("2.tif"), HasSubstr(a), HasSubstr(b))));
+}
+
+TEST(SessionFrames, TheFilesTellWhatTheSessionDoesNot) {
+  const testing::TemporaryFolder folder;
+  for (const char* name : {"1.tif", "2.tif"}) write_frame(folder / name, iso(400), 0.01);
+  EXPECT_EQ(last_frame(folder, "").gain.iso, 400);
+  EXPECT_EQ(last_frame(folder, "").exposure_s, 0.01);
+  EXPECT_EQ(last_frame(folder, "iso = 404\nexposure_s = 0.0105").gain.iso, 404);
+  EXPECT_EQ(last_frame(folder, "gain_db = 3\nexposure_s = 0").gain.gain_db, 3);
+  expect_disagreement(folder, "iso = 800", "at ISO 400", "session says ISO 800");
+  expect_disagreement(folder, "exposure_s = 0.02", "at 0.01 s", "session says 0.02 s");
+}
+
+TEST(SessionFrames, OfOneSetAreOfOneSetting) {
+  const testing::TemporaryFolder folder;
+  write_frame(folder / "1.tif", iso(400), 0.01);
+  write_frame(folder / "2.tif", iso(1600), 0.01);
+  for (const char* declared : {"", "iso = 400", "gain_db = 3"})
+    expect_disagreement(folder, declared, "at ISO 1600", "1.tif of the same set at ISO 400");
+  write_frame(folder / "2.tif", iso(400), 0.02);
+  expect_disagreement(folder, "", "at 0.02 s", "1.tif of the same set at 0.01 s");
+}
+
+TEST(SessionFrames, FilesThatTellNothingAreTakenAtTheSessionsWord) {
+  const testing::TemporaryFolder folder;
+  for (const char* name : {"1.tif", "2.tif"}) write_frame(folder / name, {}, {});
+  EXPECT_EQ(last_frame(folder, "").gain.text(), "unknown gain");
+  EXPECT_EQ(last_frame(folder, "iso = 200").gain.iso, 200);
+  write_frame(folder / "2.tif", iso(400), {});
+  expect_disagreement(folder, "", "at ISO 400", "1.tif of the same set tells no gain");
+  EXPECT_EQ(last_frame(folder, "iso = 400").gain.iso, 400);
+  write_frame(folder / "2.tif", {}, 0.5);
+  expect_disagreement(folder, "iso = 400", "at 0.5 s", "1.tif of the same set tells no exposure");
 }
 
 }  // namespace

@@ -63,6 +63,20 @@ void make_output_folder(const fs::path& folder) {
                    "choose another output folder");
 }
 
+OutputFolder::OutputFolder(const fs::path& folder) {
+  std::error_code error;
+  for (fs::path missing = folder; !missing.empty() && !fs::exists(missing, error);
+       missing = missing.parent_path())
+    made_.push_back(missing);
+  make_output_folder(folder);
+}
+
+OutputFolder::~OutputFolder() {
+  std::error_code not_empty;
+  for (const fs::path& folder : made_)
+    if (!fs::remove(folder, not_empty)) return;
+}
+
 AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)) {
   check_output(path_, force);
   direct_ = is_device(path_);

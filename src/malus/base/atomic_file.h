@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace malus {
 
@@ -15,6 +16,19 @@ void check_output(const std::filesystem::path& path, bool force);
 /// Makes the folder and its parents where they are missing; throws InputError when that fails or a
 /// file is in the way.
 void make_output_folder(const std::filesystem::path& folder);
+
+/// make_output_folder for the time of a run: what it made and what is empty still goes again at the
+/// end, so a refused run leaves no folder.
+class OutputFolder {
+ public:
+  explicit OutputFolder(const std::filesystem::path& folder);
+  ~OutputFolder();
+  OutputFolder(const OutputFolder&) = delete;
+  OutputFolder& operator=(const OutputFolder&) = delete;
+
+ private:
+  std::vector<std::filesystem::path> made_;  ///< the innermost first
+};
 
 /// A file under construction. Without commit() nothing remains of it. An existing device or pipe
 /// (/dev/null, /dev/stdout) is written directly.

@@ -39,16 +39,13 @@ void check_frame(const RawFrame& frame, const RawFrame* like) {
 
 }  // namespace
 
-CalibrationInput calibration_input(const Session& session) {
+CalibrationInput calibration_input(const Session& declared) {
+  const Session session = with_settings_of_files(declared);
   CalibrationInput input;
   input.sensor = session.sensor.name;
   input.origin = "session " + session.source.filename().string();
   input.row_group = session.sensor.row_group;
-  struct Files {
-    FrameOptions options;
-    std::vector<std::filesystem::path> paths;
-  };
-  std::vector<Files> files;
+  std::vector<FrameGroup> files;  // of each set
   for (const FrameGroup& group : session.groups) {
     const auto same = std::find_if(input.sets.begin(), input.sets.end(), [&](const FrameSet& set) {
       return set.kind == group.kind && set.gain == group.gain &&
@@ -63,14 +60,16 @@ CalibrationInput calibration_input(const Session& session) {
       set.level = group.level;
       set.name = set_name(set);
       input.sets.push_back(std::move(set));
-      files.push_back({frame_options(session, group), {}});
+      files.push_back(group);
+    } else {
+      files[index].paths.insert(files[index].paths.end(), group.paths.begin(), group.paths.end());
     }
-    files[index].paths.insert(files[index].paths.end(), group.paths.begin(), group.paths.end());
   }
+  const Session sensor{.sensor = session.sensor, .groups = {}, .source = session.source};
   for (std::size_t i = 0; i < files.size(); ++i) {
     input.sets[i].count = static_cast<int>(files[i].paths.size());
-    input.sets[i].load = [source = std::move(files[i])](int frame) {
-      return load_frame(source.paths[static_cast<std::size_t>(frame)], source.options);
+    input.sets[i].load = [sensor, group = std::move(files[i])](int frame) {
+      return load_session_frame(sensor, group, group.paths[static_cast<std::size_t>(frame)]);
     };
   }
   return input;

@@ -32,7 +32,8 @@ struct CalibrationInput {
   std::vector<FrameSet> sets;
 };
 
-/// The frames of a session. Groups of one kind, gain, exposure and level become one set.
+/// The frames of a session. Groups of one kind, gain, exposure and level become one set; gain and
+/// exposure that the session does not tell are the files' (with_settings_of_files).
 CalibrationInput calibration_input(const Session& session);
 
 /// The largest set of dark frames at a gain: its bias frames. Others have the exposures of flats

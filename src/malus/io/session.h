@@ -28,6 +28,12 @@ struct SensorDescription {
   int rows = 0, cols = 0;               ///< 0 = any; `size = "2448x2048"`, width first
 };
 
+/// How a camera was set, as far as it is known.
+struct CameraSettings {
+  GainSetting gain;
+  std::optional<double> exposure_s;
+};
+
 /// Frames of one setting. A `flat` group is one light level; a `bias` group with an exposure is the
 /// dark set of the flats with the same exposure.
 struct FrameGroup {
@@ -36,7 +42,8 @@ struct FrameGroup {
   std::optional<double> exposure_s;
   std::optional<int> level;
   std::vector<std::filesystem::path>
-      paths;  ///< existing files, absolute or relative to the process
+      paths;            ///< existing files, absolute or relative to the process
+  CameraSettings told;  ///< what the first file says of itself: with_settings_of_files
 };
 
 struct Session {
@@ -69,5 +76,15 @@ void save_session(const std::filesystem::path& path, const Session& session, boo
 
 /// What load_frame needs for this group's frames.
 FrameOptions frame_options(const Session& session, const FrameGroup& group);
+
+/// The session with what files tell where it is silent: gain and exposure of each group from the
+/// header of its first file. The others are checked when they are loaded.
+Session with_settings_of_files(Session session);
+
+/// A frame of a group of such a session. Throws InputError, with both numbers, where the frame's
+/// file tells another gain or exposure than the session or the group's first file; files that tell
+/// none are taken at the session's word.
+RawFrame load_session_frame(const Session& session, const FrameGroup& group,
+                            const std::filesystem::path& path);
 
 }  // namespace malus

@@ -16,6 +16,7 @@ set(io_SOURCES
   png_check.cpp
   raw_format.cpp
   session.cpp
+  session_frames.cpp
   session_write.cpp
   shard.cpp
   shard_read.cpp
