@@ -33,7 +33,7 @@ void save_floats(const fs::path& path, const Planes& planes,
 Planes clean_light(const fs::path& path, const NoiseModel& camera, const CameraShot& shot) {
   const Picture picture = load_picture(path);
   const Planes light = linear_light(picture.planes, picture.names, picture.white, picture.bits > 0);
-  const double white = camera.white_dn - camera.black_dn.front();
+  const double white = white_above_black(camera.white_dn, camera.black_dn);
   Planes middle(3, 0, 0);
   for (int k = 0; k < 3; ++k) {
     middle[k] = middle_of(light[light.channels() == 3 ? k : 0], camera.layout, shot.crop);
@@ -126,7 +126,7 @@ void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseM
   LoadedCapture loaded = load_capture(capture, model);
   const NoiseProfile profile = model.profile_at(capture.gain);
   Planes reference = reference_colors(capture, loaded, model);
-  double peak = (model.white_dn - model.black_dn.front()) / capture.ratio;
+  double peak = white_above_black(model.white_dn, model.black_dn) / capture.ratio;
   Planes test;
   const Stopwatch stopwatch;
   if (!denoiser) {

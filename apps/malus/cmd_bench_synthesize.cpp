@@ -105,7 +105,7 @@ std::vector<BenchmarkLine> synthesis_lines(const BenchmarkContext& context) {
   const NoiseModel model = load_model("builtin:imx250myr-simulated");
   const GainSetting gain{.gain_db = 12.0, .iso = {}};
   const PhysicsNoise noise = model.physics_at(gain);
-  const double top = model.white_dn - model.black_dn[0];
+  const double top = white_above_black(model.white_dn, model.black_dn);
   const Image clean = spread_signals(rows, kCols, top);
   const Image dim = spread_signals(rows, kCols, 20.0 * noise.channels[0].gain_dn_per_e);
   Image noisy(rows, kCols);

@@ -21,6 +21,7 @@
 
 #include "dataset_folder.h"
 #include "flags.h"
+#include "frame_input.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -87,10 +88,11 @@ WorkerPlace worker_of(const DatasetArguments& arguments) {
 class CleanSources {
  public:
   CleanSources(const Plan& plan, const NoiseModel& model) : plan_(plan) {
-    options_.layout = model.layout;
-    options_.black_dn = plan.black_dn;
+    FrameOptions declared;
+    declared.black_dn = plan.black_dn;
     for (const fs::path& path : plan.cleans) {
-      const FrameInfo info = probe_frame(path, options_);
+      options_.push_back(options_in_layout(declared, model.layout, path));
+      const FrameInfo info = probe_frame(path, options_.back());
       if (info.frame.bits > 0 && !info.frame.black_known)
         throw InputError(path.string(), "holds integers, but its black level is not known",
                          "give black in the configuration (0 where black is subtracted already)");
@@ -102,7 +104,7 @@ class CleanSources {
   std::shared_ptr<const Image> get(std::size_t index) {
     const std::lock_guard lock(mutex_);
     if (const auto found = held_.find(index); found != held_.end()) return found->second;
-    RawFrame frame = load_frame(plan_.cleans[index], options_);
+    RawFrame frame = load_frame(plan_.cleans[index], options_[index]);
     if (frame.bits > 0) subtract_black(frame);  // float files hold DN above black already
     if (held_pixels_ > kMostPixels) {
       held_.clear();
@@ -115,7 +117,7 @@ class CleanSources {
  private:
   static constexpr std::size_t kMostPixels = std::size_t{1} << 28;  // 1 GiB
   const Plan& plan_;
-  FrameOptions options_;
+  std::vector<FrameOptions> options_;  // of each clean
   std::vector<std::pair<int, int>> sizes_;
   std::mutex mutex_;
   std::map<std::size_t, std::shared_ptr<const Image>> held_;
@@ -224,7 +226,7 @@ std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
                 common.seed, 0);
   const Json json = dataset_json(plan, *factory);
   factory->set = set_name(json);
-  make_output_folder(folder);
+  const OutputFolder output(folder);
   // Of runs that were killed; workers that share the folder go on with theirs.
   remove_unfinished(folder, [](std::string_view name) {
     return name == "dataset.json" || (name.starts_with("shard-") && name.ends_with(".tar"));

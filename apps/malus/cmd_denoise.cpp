@@ -285,12 +285,7 @@ std::string metrics_text(const Json& run) {
 
 void check_references(const DenoiseArguments& arguments) {
   if (!arguments.references.empty() && arguments.references.size() != arguments.inputs.size())
-    throw InputError("--reference",
-                     fmt::format("{} references for {} frames", arguments.references.size(),
-                                 arguments.inputs.size()),
-                     "give one per frame, in the frames' order");
-  if (!(arguments.reference_ratio > 0))
-    throw InputError("--reference-ratio", "must be above 0", "1 means the frame's own light");
+    throw CLI::ValidationError("--reference", "one file per RAW, in the same order");
 }
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
@@ -304,7 +299,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   std::optional<NoiseModel> model;
   const FrameOptions options = arguments.raw.resolve();
   if (!arguments.model.empty()) model = load_model(arguments.model);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   const std::vector<OutputNames> names =
       plan_denoised_files(arguments, denoiser.target(), common.force);
   check_report(arguments, names, common.force);

@@ -49,7 +49,9 @@ Subject load_subject(const fs::path& path, const FrameOptions& options) {
     Picture picture = load_picture(path);
     if (picture.planes.channels() > 1) return {{}, std::move(picture)};
   }
-  return {load_above_black(path, options), std::nullopt};
+  Subject subject{load_above_black(path, options), std::nullopt};
+  warn_of_unknown_black(subject.frame);
+  return subject;
 }
 
 void multiply(Subject& subject, double ratio) {

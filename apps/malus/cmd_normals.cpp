@@ -110,7 +110,7 @@ std::string normals_text(const Json& json) {
 
 void run_normals(const NormalsArguments& arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr");
   const auto pictures = output_names(arguments.inputs, arguments.folder, "_normals.png");
   for (const auto& list : {data, pictures})

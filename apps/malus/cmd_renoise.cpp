@@ -49,13 +49,19 @@ Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFr
                const NoiseModel& model, const GainSetting& gain, Progress& progress) {
   if (arguments.guides.empty())
     return denoise_frame(frame, model.profile_at(gain), {}, progress).dn_above_black;
-  FrameOptions options;
-  options.layout = model.layout;
+  FrameOptions options = options_in_layout({}, model.layout, arguments.guides[index]);
   options.rows = frame.dn.rows();
   options.cols = frame.dn.cols();
   RawFrame guide = load_frame(arguments.guides[index], options);
   subtract_black(guide);
   return std::move(guide.dn);
+}
+
+void check_gain_of(const RawFrame& frame, const GainSetting& from) {
+  if (frame.gain.contradicts(from))
+    throw InputError(frame.source,
+                     fmt::format("was taken at {}, --from says {}", frame.gain.text(), from.text()),
+                     "give the frame's own gain");
 }
 
 Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& model,
@@ -64,7 +70,7 @@ Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& mode
     return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
                     model.row_group);
   return Renoiser(model.physics_at(from), target_physics(model, to, !arguments.as_float),
-                  model.white_dn - model.black_dn[0]);
+                  white_above_black(model.white_dn, model.black_dn));
 }
 
 RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& model,
@@ -75,7 +81,7 @@ RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& mod
   out.black_known = out.white_known = out.layout_known = true;
   if (arguments.as_float) {
     out.black_dn.assign(model.black_dn.size(), 0.0);
-    out.white_dn = model.white_dn - model.black_dn[0];
+    out.white_dn = white_above_black(model.white_dn, model.black_dn);
   } else {
     out.black_dn = model.black_dn;
     out.white_dn = model.white_dn;
@@ -88,10 +94,7 @@ RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& mod
 
 void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   if (!arguments.guides.empty() && arguments.guides.size() != arguments.inputs.size())
-    throw InputError(
-        "--guide",
-        fmt::format("{} guides for {} frames", arguments.guides.size(), arguments.inputs.size()),
-        "give one per frame, in the same order");
+    throw CLI::ValidationError("--guide", "one per frame, in the same order");
   const NoiseModel model = load_model(arguments.model);
   const Model door(model);
   const GainSetting from = door.gain_setting(arguments.from), to = door.gain_setting(arguments.to);
@@ -102,7 +105,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   if (!naive) renoiser.emplace(make_renoiser(arguments, model, from, to));
   const auto names =
       output_names(arguments.inputs, arguments.folder, "_renoised." + arguments.format);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   for (const fs::path& name : names) check_output(name, common.force);
   const auto progress = make_progress(common);
   Json frames = Json::array();
@@ -114,6 +117,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
     check_stop(*progress);
     RawFrame frame =
         load_frame(arguments.inputs[i], options_for_model(options, model, arguments.inputs[i]));
+    check_gain_of(frame, from);
     Image result = guide_of(arguments, i, frame, model, from, *progress);
     subtract_black(frame);
     const DrawAddress address{.seed = common.seed,

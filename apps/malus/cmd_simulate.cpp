@@ -92,7 +92,7 @@ void run_simulate(const SimulateArguments& arguments, const Common& common) {
   require_numbers_left("--first-scene", arguments.first_scene, std::ssize(arguments.inputs));
   const SensorLayout layout = SensorLayout::named(arguments.layout);
   const auto names = output_names(arguments.inputs, arguments.folder, "_clean." + arguments.format);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   for (const fs::path& name : names) check_output(name, common.force);
   if (arguments.truth) check_truth_files(arguments, common.force);
   const auto progress = make_progress(common);

@@ -199,7 +199,7 @@ void run_stokes(const StokesArguments& arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   const std::vector<ProductNames> plans = plan_product_files(arguments, common.force);
   const auto progress = make_progress(common);
   progress->begin("stokes", static_cast<std::int64_t>(arguments.inputs.size()));

@@ -51,8 +51,8 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
       if (used != arguments.gain.size() || !std::isfinite(*gain.gain_db))
         throw std::invalid_argument(arguments.gain);
     } catch (const std::logic_error&) {
-      throw InputError(fmt::format("--gain {}", arguments.gain), "is not a gain",
-                       "give a number in dB, or random");
+      throw CLI::ValidationError("--gain",
+                                 arguments.gain + " is not a gain: give a number in dB, or random");
     }
   }
   return gain;
@@ -61,14 +61,10 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
 // The clean mosaic in DN above black.
 Image load_clean(const fs::path& path, const FrameOptions& options, const SensorLayout& layout) {
   RawFrame frame = load_frame(path, options);
-  if (frame.layout_known) require_layout_of_model(frame, layout);
+  take_layout_of_model(frame, layout);
   if (frame.bits > 0 && !frame.black_known)
     throw InputError(path.string(), "holds integers, but its black level is not known",
                      "give --black (0 where black is subtracted already)");
-  frame.layout = layout;
-  if (frame.black_dn.size() != static_cast<std::size_t>(layout.channels()))
-    frame.black_dn.assign(static_cast<std::size_t>(layout.channels()),
-                          frame.black_dn.empty() ? 0.0 : frame.black_dn[0]);
   // Float files hold DN above black already: --black is that of integers.
   if (frame.bits > 0) subtract_black(frame);
   std::int64_t odd = 0;
@@ -91,7 +87,8 @@ RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& argumen
   frame.layout = model.layout;
   frame.black_dn.assign(static_cast<std::size_t>(model.layout.channels()), 0.0);
   const SynthesisSettings& settings = synthesizer.settings();
-  frame.white_dn = (white_dn - model.black_dn[0]) * (settings.amplify ? settings.ratio : 1.0);
+  frame.white_dn =
+      white_above_black(white_dn, model.black_dn) * (settings.amplify ? settings.ratio : 1.0);
   frame.gain = noisy.gain;
   frame.black_known = frame.white_known = frame.layout_known = true;
   return frame;
@@ -135,7 +132,7 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
             frame.dn = flow->draw(signal.view(), *gain, address);
             frame.layout = SensorLayout::named(flow->sensor().layout);
             frame.black_dn.assign(flow->sensor().black_dn.size(), 0.0);
-            frame.white_dn = flow->sensor().white_dn - flow->sensor().black_dn.front();
+            frame.white_dn = white_above_black(flow->sensor().white_dn, flow->sensor().black_dn);
             frame.gain = *gain;
             frame.black_known = frame.white_known = frame.layout_known = true;
             return frame;
@@ -164,7 +161,7 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
   const FrameSource source = arguments.model.extension() == ".safetensors"
                                  ? flow_source(arguments, gain)
                                  : calibrated_source(arguments, gain);
-  make_output_folder(arguments.folder);
+  const OutputFolder folder(arguments.folder);
   const auto plans = plan_noisy_files(arguments, common.force);
   const auto progress = make_progress(common);
   progress->begin("synthesize",

@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 void save_mosaic(const fs::path& path, const RawFrame& header, Image& dn_above_black,
                  const SaveOptions& save) {
   RawFrame out = header;
-  out.white_dn -= *std::max_element(header.black_dn.begin(), header.black_dn.end());
+  out.white_dn = white_above_black(header.white_dn, header.black_dn);
   std::fill(out.black_dn.begin(), out.black_dn.end(), 0.0);
   out.bits = 0;
   out.dn = std::move(dn_above_black);
@@ -49,7 +49,9 @@ std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
     files.push_back(names.planes.string());
   }
   if (!names.variance.empty()) {
-    save_picture(names.variance, pack(*result.variance_dn2, header.layout), channels, save);
+    SaveOptions variance = save;
+    variance.holds = kHoldsVariance;
+    save_picture(names.variance, pack(*result.variance_dn2, header.layout), channels, variance);
     files.push_back(names.variance.string());
   }
   if (!names.integers.empty()) {

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 
 #include "networks_door.h"
+#include <CLI/CLI.hpp>
 
 namespace malus::app {
 
@@ -14,7 +15,8 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
     return;
   }
   if (uncertainty)
-    throw InputError("--uncertainty", "a network gives none", "leave it out, or use --method bm3d");
+    throw CLI::ValidationError("--uncertainty",
+                               "a network gives none: leave it out, or use --method bm3d");
   network_ = networks().open_denoiser({settings.method, inference});
 }
 

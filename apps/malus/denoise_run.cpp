@@ -71,8 +71,13 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
 void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
   const RawFrame& before = frame.before;
   FrameOptions options;
-  options.layout = before.layout;
   const RawFrame known = probe_frame(path, options).frame;
+  if (known.layout_known && !(known.layout == before.layout))
+    throw InputError(
+        path.string(),
+        fmt::format("has the layout {}, the frame {}", known.layout.name(), before.layout.name()),
+        "give the same scene's clean mosaic");
+  options.layout = before.layout;
   if (!known.black_known) {
     options.black_dn = before.black_dn;
     const double black = mean_of(before.black_dn);
@@ -90,7 +95,7 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
                      "give the same scene's clean mosaic");
   for (float& value : reference.dn.values()) value = static_cast<float>(value / ratio);
   frame.reference_dn = std::move(reference.dn);
-  frame.reference_peak_dn = (before.white_dn - before.black_dn.front()) / ratio;
+  frame.reference_peak_dn = white_above_black(before.white_dn, before.black_dn) / ratio;
 }
 
 void measure_against_reference(DenoisedFrame& frame) {

@@ -155,7 +155,7 @@ void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const
   if (!is_bayer(door.description().layout))
     throw InputError(setup.model, "is not of a Bayer sensor",
                      "set another model in the rows' file");
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   const std::vector<RecordedPair> captures =
       test_captures(arguments, setup, door, common.seed, *progress);

@@ -78,7 +78,7 @@ Image denoised(const Gains& gains, const Image& noisy_dn, const std::string& met
   frame.dn = noisy_dn;
   frame.layout = gains.model.layout;
   frame.black_dn.assign(gains.model.black_dn.size(), 0.0);
-  frame.white_dn = gains.model.white_dn - gains.model.black_dn.front();
+  frame.white_dn = white_above_black(gains.model.white_dn, gains.model.black_dn);
   frame.gain = gains.from_gain;
   frame.black_known = frame.white_known = frame.layout_known = true;
   DenoiseSettings settings;
@@ -119,7 +119,7 @@ struct Variant {
 std::vector<Variant> variants_of(const RenoiseExperimentArguments& arguments, const Gains& gains,
                                  const Image& clean_dn) {
   const auto renoiser = std::make_shared<Renoiser>(
-      gains.from, gains.to, gains.model.white_dn - gains.model.black_dn.front());
+      gains.from, gains.to, white_above_black(gains.model.white_dn, gains.model.black_dn));
   const auto on_noisy = [renoiser](const Image& noisy_dn, const Image& guide_dn,
                                    const DrawAddress& address) {
     Image dn(noisy_dn.rows(), noisy_dn.cols());
@@ -167,7 +167,7 @@ double detail_psnr_db(const Gains& gains, const std::vector<Image>& frames, cons
                            static_cast<double>(clean_dn(r, c)) - gains.to.channels[channel].mu_dn;
       squares += error * error;
     }
-  const double white = gains.model.white_dn - gains.model.black_dn.front();
+  const double white = white_above_black(gains.model.white_dn, gains.model.black_dn);
   return 10 * std::log10(white * white * static_cast<double>(clean_dn.size()) / squares);
 }
 
@@ -196,7 +196,7 @@ void run_renoise_experiment(const RenoiseExperimentArguments& arguments, const C
   RawFrame clean = load_frame(arguments.clean, options);
   subtract_black(clean);
   // No highlights: where frames clip there is no noise to compare.
-  const double white = gains.model.white_dn - gains.model.black_dn.front();
+  const double white = white_above_black(gains.model.white_dn, gains.model.black_dn);
   for (float& v : clean.dn.values()) v = std::clamp(v, 0.0f, static_cast<float>(0.8 * white));
   const auto variants = variants_of(arguments, gains, clean.dn);
   const auto progress = make_progress(common);

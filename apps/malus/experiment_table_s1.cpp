@@ -164,7 +164,7 @@ FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
     PhysicsNoise target = model.physics_at(bench.to);
     target.parts.quantization = false;  // the camera's rounding is drawn later
     renoiser = std::make_shared<Renoiser>(model.physics_at(bench.from), target,
-                                          model.white_dn - model.black_dn.front());
+                                          white_above_black(model.white_dn, model.black_dn));
   }
   return [renoiser](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
     Image dn(noisy_dn.rows(), noisy_dn.cols());
@@ -339,7 +339,7 @@ void run_table_s1(const TableS1Arguments& arguments, const Common& common) {
   if (!arguments.report.empty()) check_output(arguments.report, common.force);
   networks();
   const TableS1Setup setup = read_table_s1_setup(arguments.rows);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   const TestBench bench = open_test_bench(arguments, setup, common, *progress);
   std::string weights;

@@ -35,7 +35,7 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   networks();
   const std::vector<TableRow> rows = read_table(arguments.rows);
   const NoiseModel model = load_model(arguments.runs.model);
-  make_output_folder(arguments.folder);
+  const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   std::vector<SceneScore> scores;
   const auto score = [&](const std::string& name, const FrameDenoiser* denoiser) {

@@ -9,6 +9,29 @@
 #include <fmt/format.h>
 
 namespace malus::app {
+namespace {
+
+// What options and file tell of a frame, before anything is taken from a model.
+RawFrame told_of(const std::filesystem::path& input, FrameOptions options) {
+  const bool black_given = !options.black_dn.empty();
+  // They may be one per channel of a layout that is not known yet.
+  if (!options.layout && options.black_dn.size() > 1) options.black_dn.clear();
+  RawFrame told = probe_frame(input, options).frame;
+  told.black_known = told.black_known || black_given;
+  return told;
+}
+
+// The file's own layout is never replaced by the model's: the model would describe other channels.
+FrameOptions in_layout(FrameOptions options, const SensorLayout& model_layout,
+                       const RawFrame& told) {
+  if (told.layout_known)
+    require_layout_of_model(told, model_layout);
+  else
+    options.layout = model_layout;
+  return options;
+}
+
+}  // namespace
 
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
                           FloatBlack float_black) {
@@ -24,33 +47,38 @@ RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions&
   }
   if (holds)
     warn(fmt::format("{}: says that it is above black; --black is not subtracted", path.string()));
-  if (above.white_dn && !options.black_dn.empty()) *above.white_dn -= mean_of(options.black_dn);
+  if (above.white_dn && !options.black_dn.empty())
+    above.white_dn = white_above_black(*above.white_dn, options.black_dn);
   RawFrame frame = load_frame(path, above);
   frame.black_known = true;
   subtract_black(frame);
   return frame;
 }
 
+FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& model_layout,
+                               const std::filesystem::path& input) {
+  return in_layout(options, model_layout, told_of(input, options));
+}
+
 FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& model,
                                const std::filesystem::path& input) {
-  FrameOptions fallback;
-  fallback.layout = model.layout;
-  const RawFrame known = probe_frame(input, merged(options, fallback)).frame;
-  require_layout_of_model(known, model.layout);
+  const RawFrame known = told_of(input, options);
+  FrameOptions result = in_layout(options, model.layout, known);
   const bool is_float = !options.raw_format && known.bits == 0;
-  if (!known.white_known && model.white_dn > 0) fallback.white_dn = model.white_dn;
-  if (known.black_known) return merged(options, fallback);
-  fallback.black_dn = model.black_dn;
+  if (!known.white_known && model.white_dn > 0) result.white_dn = model.white_dn;
+  if (known.black_known) return result;
+  result.black_dn = model.black_dn;
   const double black = mean_of(model.black_dn);
   if (is_float && black != 0) {
-    fallback.black_dn = {0.0};
-    if (fallback.white_dn) *fallback.white_dn -= black;
+    result.black_dn = {0.0};
+    if (!known.white_known && result.white_dn)
+      result.white_dn = white_above_black(*result.white_dn, model.black_dn);
     warn(
         fmt::format("{}: black level not known; float pixels are taken as DN above black, give "
                     "--black {:g} if they hold the camera's",
                     input.string(), black));
   }
-  return merged(options, fallback);
+  return result;
 }
 
 Image above_black(const RawFrame& frame) {
@@ -69,9 +97,15 @@ void warn_of_guesses(const RawFrame& frame) {
   if (!complaint.empty()) warn(fmt::format("{}: {}", frame.source, complaint));
   if (const std::string wrong = level_complaint(frame); !wrong.empty())
     warn(fmt::format("{}: {}", frame.source, wrong));
-  if (!frame.black_known)
-    warn(fmt::format("{}: black level not known, taken as 0{} (--black)", frame.source,
-                     frame.layout.polarized() ? "; DoLP is too low if it is not" : ""));
+  if (const std::string note = declaration_note(frame); !note.empty())
+    warn(fmt::format("{}: {}", frame.source, note));
+  warn_of_unknown_black(frame);
+}
+
+void warn_of_unknown_black(const RawFrame& frame) {
+  if (frame.black_known) return;
+  warn(fmt::format("{}: black level not known, taken as 0{} (--black)", frame.source,
+                   frame.layout.polarized() ? "; DoLP is too low if it is not" : ""));
 }
 
 }  // namespace malus::app

@@ -15,6 +15,11 @@ namespace malus::app {
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
                           FloatBlack float_black = FloatBlack::kAboveAlready);
 
+/// The options with the layout of a sensor where neither they nor the file tell one. Throws
+/// InputError where they do and it is another.
+FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& model_layout,
+                               const std::filesystem::path& input);
+
 /// The options for a frame of the model's sensor: layout, black and white come from the options,
 /// else the file, else the model; float files that tell no black level hold DN above it, which is
 /// said on stderr. Throws InputError where file and model have different layouts.
@@ -25,7 +30,9 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 Image above_black(const RawFrame& frame);
 
 /// Says on stderr what a frame was taken for without anybody having stated it, layout and black
-/// level, and where its pixels contradict the layout.
+/// level, and where its pixels or its file contradict the layout.
 void warn_of_guesses(const RawFrame& frame);
+/// The part of it that matters to a comparison.
+void warn_of_unknown_black(const RawFrame& frame);
 
 }  // namespace malus::app

@@ -72,7 +72,7 @@ PicturesBlock pictures(const DenoisedFrame& frame) {
     if (channel.gain_dn_per_e > 0) block.gain_dn_per_e.push_back(channel.gain_dn_per_e);
   }
   if (block.gain_dn_per_e.size() != frame.profile.channels.size()) block.gain_dn_per_e.clear();
-  block.white_dn = before.white_dn - before.black_dn.front();
+  block.white_dn = white_above_black(before.white_dn, before.black_dn);
   add_confidence(frame, block.pictures.size(), block);
   return block;
 }

@@ -156,7 +156,7 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const Noi
   NoisyScene noisy{camera.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed}, model.black_dn,
                                    model.white_dn),
                    model.profile_at(gain), &scene, light.ratio,
-                   model.white_dn - model.black_dn.front()};
+                   white_above_black(model.white_dn, model.black_dn)};
   noisy.frame.source = scene.name;
   return noisy;
 }

@@ -28,6 +28,9 @@ Planes variance_by_model(const RawFrame& frame, const NoiseModel& model, GainRan
 
 Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
   Picture picture = load_picture(path);
+  if (picture.holds != kHoldsVariance)
+    throw InputError(path.string(), "is no file of variances",
+                     "give the _variance.exr that malus denoise --uncertainty wrote for the frame");
   const std::vector<std::string> names = frame.layout.channel_names();
   const int rows = packed_size(frame.dn.rows(), frame.layout.rows());
   const int cols = packed_size(frame.dn.cols(), frame.layout.cols());

@@ -61,6 +61,19 @@ TEST(PictureFile, SixteenNamedPlanesInOneExr) {
   }
 }
 
+TEST(PictureFile, WhatThePlanesHoldIsKept) {
+  const testing::TemporaryFolder folder;
+  SaveOptions save;
+  for (const std::string ending : {".exr", ".tif", ".fits"}) {
+    save.holds.clear();
+    save_picture(folder / ("plain" + ending), numbered(4, 4, 3), {}, save);
+    EXPECT_EQ(load_picture(folder / ("plain" + ending)).holds, "") << ending;
+    save.holds = kHoldsVariance;
+    save_picture(folder / ("a" + ending), numbered(4, 4, 3), {}, save);
+    EXPECT_EQ(load_picture(folder / ("a" + ending)).holds, kHoldsVariance) << ending;
+  }
+}
+
 TEST(PictureFile, AlphaDoesNotTouchTheColours) {
   const testing::TemporaryFolder folder;
   Planes planes(4, 1, 1);

@@ -130,6 +130,19 @@ def test_existing_outputs_need_force(malus, refused, frame, tmp_path):
     malus(*arguments, "--force")
 
 
+@pytest.mark.parametrize("command", [
+    ["stokes"], ["denoise", "--model", "imx250mzr-simulated", "--gain", "90"], ["normals", "-q"],
+    ["synthesize", "-m", "imx250mzr-simulated", "--gain", "12"],
+    ["renoise", "-m", "imx250mzr-simulated", "--from", "6", "--to", "90"]])
+def test_refused_runs_leave_no_folder(refused, tmp_path, command):
+    np.save(tmp_path / "f.npy", np.full((16, 16), 300, np.uint16))
+    refused(command[0], tmp_path / "f.npy", *command[1:], "--layout", "bayer-rggb", "-o", tmp_path / "new/out")
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "mine").mkdir()
+    refused(command[0], tmp_path / "f.npy", *command[1:], "--layout", "bayer-rggb", "-o", tmp_path / "mine")
+    assert (tmp_path / "mine").exists()
+
+
 def test_output_folder_that_is_a_file(refused, frame, tmp_path):
     blocked = write(tmp_path / "blocked", "a file")
     assert "blocked" in refused("stokes", frame, *LAYOUT, "-o", blocked)
@@ -161,6 +174,17 @@ def test_full_disk_leaves_nothing(refused, tmp_path):
 @pytest.mark.parametrize("arguments", [["denois"], ["denoise"], ["info", "--wat"], ["synthesize", "--gain", "x"], []])
 def test_wrong_usage_exits_2(malus, arguments):
     malus(*arguments, code=2)
+
+
+@pytest.mark.parametrize("arguments", [
+    ["stokes", "f.npy", "-o", "out", "--variance", "a.exr", "b.exr"],
+    ["denoise", "f.npy", "-o", "out", "--reference", "a.npy", "b.npy"],
+    ["denoise", "f.npy", "-o", "out", "--method", "w.safetensors", "--uncertainty"],
+    ["renoise", "f.npy", "-m", "m", "--from", "1", "--to", "2", "-o", "out", "--guide", "a.npy", "b.npy"],
+    ["synthesize", "f.npy", "-m", "m", "-o", "out", "--gain", "loud"]])
+def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
+    malus(*arguments, code=2, cwd=tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("command,flag,words", [
@@ -208,13 +232,16 @@ def test_interrupted_run_leaves_whole_files_only(tmp_path, frame):
     for i in range(40):
         shutil.copy(frame, tmp_path / f"f{i}.png")
     out = tmp_path / "out"
-    process = subprocess.Popen([PROGRAM, "denoise", *map(str, sorted(tmp_path.glob("f*.png"))), *LAYOUT, "-o", str(out)],
+    model = ["--model", "imx250mzr-simulated", "--gain", "12"]  # frames this small do not tell their noise
+    process = subprocess.Popen([PROGRAM, "denoise", *map(str, sorted(tmp_path.glob("f*.png"))), *LAYOUT, *model, "-o", str(out)],
                                stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     while process.poll() is None and len(list(out.glob("*_denoised.tif")) if out.exists() else []) < 2:
         pass
     process.kill()
     process.wait()
-    for path in out.glob("*_denoised.tif"):
+    written = list(out.glob("*_denoised.tif"))
+    assert len(written) >= 2
+    for path in written:
         assert np.array(Image.open(path)).shape == (64, 64)
 
 

@@ -107,3 +107,48 @@ def test_a_session_of_a_sensor_alone_serves_as_description(malus, tmp_path):
     found = malus("stokes", tmp_path / "raw.npy", "--session", tmp_path / "s.toml", "--no-pictures",
                   "-o", tmp_path / "out", "--json")
     assert found.json["mean_dolp"] == pytest.approx(0.5, abs=2e-3)
+
+
+def test_evaluate_says_where_the_black_of_integers_is_not_known(malus, tmp_path):
+    np.save(tmp_path / "clean.npy", mosaic().astype(np.float32))
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    arguments = ("evaluate", "--reference", tmp_path / "clean.npy", "--test", tmp_path / "raw.npy", *LAYOUT, "--white", 4095)
+    assert "raw.npy: black level not known, taken as 0" in malus(*arguments).err
+    assert "black" not in malus(*arguments, "--black", 80).err
+
+
+def test_variances_are_told_from_planes(malus, refused, tmp_path):
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    malus("denoise", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--black", 80, "--planes",
+          "--uncertainty", "-o", tmp_path)
+    stokes = ("stokes", tmp_path / "raw_denoised.tif", "-o", tmp_path / "out", "--no-pictures", "--variance")
+    assert "raw_planes.exr: is no file of variances" in refused(*stokes, tmp_path / "raw_planes.exr")
+    malus(*stokes, tmp_path / "raw_variance.exr")
+
+
+def test_white_above_black_is_one_number(malus, tmp_path):
+    """What is left for every channel, above the highest of unequal black levels."""
+    for name in ("r0", "s0"):
+        np.save(tmp_path / f"{name}.npy", np.round(mosaic() + 60).astype(np.uint16))
+    (tmp_path / "s.toml").write_text('[sensor]\nlayout = "polar-mono"\nblack = [60, 70, 50, 60]\nwhite = 4000\n' + "".join(
+        f'[[frames]]\nkind = "{kind}"\nexposure_s = 1\npaths = ["{path}"]\n'
+        for kind, path in (("reference", "r0.npy"), ("short", "s0.npy"))))
+    malus("pairs", tmp_path / "s.toml", "-o", tmp_path)
+    malus("denoise", tmp_path / "s0.npy", "--session", tmp_path / "s.toml", "--model", "imx250mzr-simulated", "--gain", 12,
+          "-o", tmp_path)
+    for name in ("scene_00_reference.tif", "s0_denoised.tif"):
+        assert malus("info", tmp_path / name, "--json").json["white"] == 4000 - 70
+
+
+def test_calibrate_says_when_black_lies_above_the_dark_level(malus, tmp_path):
+    rng = np.random.default_rng(2)
+    for i in range(4):
+        np.save(tmp_path / f"b{i}.npy", rng.normal(60, 3, (64, 64)).round().astype(np.uint16))
+    errors = {}
+    for black in (58, 60, 63, 200):
+        (tmp_path / "s.toml").write_text(f'[sensor]\nlayout = "mono"\nblack = {black}\nwhite = 4095\n'
+                                         '[[frames]]\nkind = "bias"\ngain_db = 0\npaths = ["b*.npy"]\n')
+        run = malus("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5", "--force", "--json")
+        errors[black] = [line for line in run.err.splitlines() if "below the black level of" in line]
+    assert errors[200] and "140 DN below the black level of 200 DN" in errors[200][0]
+    assert not errors[58] and not errors[60] and not errors[63]

@@ -160,12 +160,13 @@ def test_truncated_and_missing_weight_files_are_refused(refused, noisy, tmp_path
                                          "-o", tmp_path / "out")
 
 
-def test_another_layout_too_little_memory_and_what_networks_do_not_do(refused, noisy, tmp_path):
+def test_another_layout_too_little_memory_and_what_networks_do_not_do(malus, refused, noisy, tmp_path):
     weights = unet_package(tmp_path / "w.safetensors")
     raw = ["--black", "82", "--white", "4095", "-o", tmp_path / "out"]
     np.save(tmp_path / "mono.npy", np.full((64, 64), 500, np.uint16))
     assert "layout" in refused("denoise", tmp_path / "mono.npy", "--layout", "polar-mono", "--method", weights, *raw)
-    assert "--uncertainty" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty")
+    usage = malus("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty", code=2)
+    assert "--uncertainty" in usage.err
     assert "--strength" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--strength", "2")
     np.save(tmp_path / "large.npy", np.full((3000, 3000), 500, np.uint16))
     assert "MiB" in refused("denoise", tmp_path / "large.npy", "--method", weights, *MODEL, *raw, "--memory", "128")

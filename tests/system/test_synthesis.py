@@ -69,7 +69,8 @@ def test_renoise_refuses_quieter_targets_and_missing_guides(malus, refused, tmp_
     np.save(tmp_path / "flat.npy", np.full((16, 16), 400, np.float32))
     arguments = ["renoise", tmp_path / "flat.npy", "-m", MODEL, "--black", "0", "-o", tmp_path / "out"]
     assert "more noise" in refused(*arguments, "--from", 18, "--to", 6)
-    assert "one per frame" in refused(*arguments, "--from", 6, "--to", 18, "--guide", tmp_path / "a.npy", tmp_path / "b.npy")
+    usage = malus(*arguments, "--from", 6, "--to", 18, "--guide", tmp_path / "a.npy", tmp_path / "b.npy", code=2)
+    assert "one per frame" in usage.err
     assert "outside the calibrated range" in refused(*arguments, "--from", 6, "--to", 90)
 
 

@@ -84,6 +84,10 @@ std::string frame_tags(const RawFrame& frame) {
   return text.size() > kOpening.size() ? text + "]" : std::string();
 }
 
+std::string content_tag(const std::string& holds) {
+  return holds.empty() ? std::string() : fmt::format("{}holds={}]", kOpening, holds);
+}
+
 void apply_frame_tags(Decoded& decoded) {
   const std::string_view text = decoded.description;
   const auto begin = text.find(kOpening);
@@ -97,6 +101,8 @@ void apply_frame_tags(Decoded& decoded) {
     const auto key = entry.substr(0, equals), value = entry.substr(equals + 1);
     if (key == "layout" || key == "cell") {
       decoded.layout = parse_layout(key, value);
+    } else if (key == "holds") {
+      decoded.holds = value;
     } else if (key == "black") {
       decoded.black_dn.clear();
       for (const auto part : split(value, ','))

@@ -131,13 +131,14 @@ Picture load_picture(const fs::path& path) {
   picture.names = channel_names(decoded.channels, decoded.names);
   picture.planes = std::move(decoded.planes);
   picture.bits = decoded.bits;
+  picture.holds = decoded.holds;
   picture.white = decoded.bits > 0 ? std::ldexp(1.0, decoded.bits) - 1.0 : 1.0;
   return picture;
 }
 
 void save_picture(const fs::path& path, const Planes& planes, const std::vector<std::string>& names,
                   const SaveOptions& options) {
-  save_described(path, planes, names, options, {}, {});
+  save_described(path, planes, names, options, internal::content_tag(options.holds), {});
 }
 
 void save_picture(const fs::path& path, const Image& image, const SaveOptions& options) {

@@ -18,6 +18,7 @@ struct Picture {
   std::vector<std::string> names;  ///< one per channel: "R", "G", "B", "Y", "R90", ...
   double white = 0;                ///< largest value of the integer type; 1 for float data
   int bits = 0;                    ///< of integer data; 0 for float
+  std::string holds;               ///< SaveOptions::holds of the writer; empty where none is kept
 };
 
 /// Throws InputError as load_frame does. .npy: 2-D, or 3-D as [channel, row, column]; a last axis
@@ -32,7 +33,13 @@ struct SaveOptions {
   /// Integers: values are rounded to nearest (ties to even) and held to the type's range, NaN
   /// becomes 0. Unset: float, but 16 bit for .png. Half exists in .exr only; PNG holds no float.
   std::optional<SampleType> type;
+  /// What a picture's values are where its channels do not tell: one word, kept in the file's
+  /// description (all endings but .npy).
+  std::string holds{};
 };
+
+/// The word for variances [DN^2].
+inline constexpr const char* kHoldsVariance = "variance";
 
 /// Whether save_picture knows the ending, in any case of letters.
 bool has_picture_ending(const std::filesystem::path& path);

@@ -99,7 +99,7 @@ const NoiseFlowSensor& NoiseFlowModel::sensor() const { return state_->sensor; }
 NoiseFlow& NoiseFlowModel::network() { return *state_->network; }
 
 double NoiseFlowModel::scale_dn() const {
-  return state_->sensor.white_dn - state_->sensor.black_dn.front();
+  return white_above_black(state_->sensor.white_dn, state_->sensor.black_dn);
 }
 
 double NoiseFlowModel::log_gain(const GainSetting& gain) {

@@ -64,7 +64,7 @@ class SyntheticPairs final : public PairSource {
     const NoiseModel sensor =
         noise_.jitter > 0 ? jittered_sensor(base, gain, noise_.jitter, seed, number) : base;
     const std::vector<StokesPlanes> light = scenes_.draw(seed, number);
-    const double white = sensor.white_dn - sensor.black_dn.front();
+    const double white = white_above_black(sensor.white_dn, sensor.black_dn);
     const auto exposed = [&](Image image) {
       for (float& v : image.values())
         v = static_cast<float>(std::clamp(static_cast<double>(v) * exposure, 0.0, 1.0) * white);

@@ -8,6 +8,7 @@
 #include "malus/io/pair_list.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
+#include "malus/noise/same_sensor.h"
 
 #include <algorithm>
 #include <cmath>
@@ -86,7 +87,7 @@ class ShardPairs final : public PairSource {
     for (const Image* image : {&pair.clean_dn, &pair.noisy.dn}) require_finite(*image, where);
     pair.noisy.layout = model_.layout;
     pair.noisy.source = where;
-    pair.noisy.white_dn = model_.white_dn - model_.black_dn.front();
+    pair.noisy.white_dn = white_above_black(model_.white_dn, model_.black_dn);
     // What the bias' removal will subtract again.
     for (const ChannelProfile& channel : pair.profile.channels)
       pair.noisy.black_dn.push_back(sample.debiased ? -channel.bias_dn : 0.0);
@@ -129,11 +130,9 @@ class CapturedPairs final : public PairSource {
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
     RandomSequence random(seed, number, Draw::kScene, 5);
     const RecordedPair& recorded = pairs_[pick(random, pairs_.size())];
-    FrameOptions options;
-    options.layout = model_.layout;
     RawPair pair;
-    pair.noisy = load_frame(recorded.noisy, options);
-    std::vector<Image> clean{load_frame(recorded.reference, options).dn};
+    pair.noisy = load_of_sensor(recorded.noisy);
+    std::vector<Image> clean{load_of_sensor(recorded.reference).dn};
     if (with_picture_ && !recorded.picture.empty())
       for (Image& plane : load_picture(recorded.picture).planes) clean.push_back(std::move(plane));
     for (Image& plane : clean) {
@@ -169,6 +168,11 @@ class CapturedPairs final : public PairSource {
   }
 
  private:
+  RawFrame load_of_sensor(const fs::path& path) const {
+    RawFrame frame = load_frame(path);
+    take_layout_of_model(frame, model_.layout);
+    return frame;
+  }
   static Image window(const Image& from, int row0, int col0, int rows, int cols) {
     Image out(rows, cols);
     for (int r = 0; r < rows; ++r) std::copy_n(from.row(row0 + r) + col0, cols, out.row(r));

@@ -128,7 +128,7 @@ class Trainer {
   // Worker 0 alone has the folder; the others begin with what it holds.
   void open_folder() {
     if (leader()) {
-      make_output_folder(options_.folder);
+      folder_.emplace(options_.folder);
       remove_unfinished(options_.folder, [](std::string_view name) {
         return name == "log.jsonl" || name.ends_with(".safetensors");
       });
@@ -324,6 +324,7 @@ class Trainer {
 
   const TrainingConfig& config_;
   const TrainOptions& options_;
+  std::optional<OutputFolder> folder_;
   Workers& workers_;
   Progress& progress_;
   SensorLayout layout_;

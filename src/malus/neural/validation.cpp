@@ -16,7 +16,7 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
   if (config.validation_scenes.empty()) return;
   const Model model(load_model(config.models.front()));
   const NoiseModel& camera = model.description();
-  const double white = camera.white_dn - camera.black_dn.front();
+  const double white = white_above_black(camera.white_dn, camera.black_dn);
   std::uint32_t number = 0;
   for (const auto& folder : config.validation_scenes) {
     const std::vector<StokesPlanes> light = std::filesystem::is_directory(folder)

@@ -13,6 +13,9 @@ namespace malus::internal {
 /// Only what is known (RawFrame's *_known flags).
 std::string frame_tags(const RawFrame& frame);
 
+/// [malus holds=variance], or nothing for an empty word.
+std::string content_tag(const std::string& holds);
+
 /// Sets what decoded.description tells in these tags; text without tags, or with damaged ones, is
 /// no error and tells nothing.
 void apply_frame_tags(Decoded& decoded);
