@@ -19,7 +19,8 @@ void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
 void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                              PhysicsCalibration& out);
 
-/// A dark level more than a tenth of the range above black. Reads mu.
+/// A dark level more than a tenth of the range above black, or a tenth of black (1 DN at least)
+/// below it. Reads mu.
 void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out);
 
 /// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
