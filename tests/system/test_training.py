@@ -303,6 +303,7 @@ def test_a_bad_configuration_is_one_line(refused, config, tmp_path, old, new, wo
     assert old in CONFIG
     line = refused("train", config(3, 2, CONFIG.replace(old, new)), "-o", tmp_path / "run")
     assert word in line
+    assert not (tmp_path / "run").exists()
 
 
 def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
@@ -327,6 +328,16 @@ def test_recorded_pairs_with_holes_are_named(refused, clean, tmp_path, holed):
     (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=1))
     line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
     assert f"{holed}: 1 pixels are NaN" in line
+
+
+def test_recorded_pairs_of_another_layout_are_refused(malus, refused, clean, tmp_path):
+    malus("synthesize", clean, "-m", "imx250myr-simulated", "--gain", 12, "-o", tmp_path)
+    pair = {"name": "one", "short": "clean_000.tif", "reference": "clean.npy", "ratio": 1, "gain_db": 12, "iso": None}
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": [pair]}))
+    text = CONFIG.replace('scenes = ["scene"]', 'pairs = ["pairs.json"]').replace("= 64", "= 192").replace("jitter = 0.2", "")
+    (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=1))
+    line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
+    assert "clean_000.tif: has the layout polar-bayer-rggb, the noise model polar-mono" in line
 
 
 def test_names_of_files_may_be_any_bytes(malus, config, tmp_path):
