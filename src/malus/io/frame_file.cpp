@@ -1,6 +1,7 @@
 #include "malus/io/frame_file.h"
 
 #include "malus/base/error.h"
+#include "malus/image/black_levels.h"
 #include "malus/io/internal/camera_raw.h"
 #include "malus/io/internal/decoded.h"
 #include "malus/io/internal/file_bytes.h"
@@ -48,18 +49,6 @@ Decoded read_headerless(const fs::path& path, const FrameOptions& options, bool 
   return decoded;
 }
 
-std::vector<double> per_channel(const std::vector<double>& values, const SensorLayout& layout,
-                                const std::string& source) {
-  const auto channels = static_cast<std::size_t>(layout.channels());
-  if (values.size() == 1) return std::vector<double>(channels, values[0]);
-  if (values.size() != channels)
-    throw InputError(source,
-                     fmt::format("{} black levels for the {} channels of {}", values.size(),
-                                 channels, layout.name()),
-                     "give one number, or one per channel in mosaic order");
-  return values;
-}
-
 // White where nobody tells it: the container's largest value; for floats the largest pixel.
 double assumed_white(const Decoded& decoded) {
   if (decoded.bits > 0) return std::ldexp(1.0, decoded.bits) - 1.0;
@@ -90,10 +79,10 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   frame.layout = options.layout ? *options.layout : decoded.layout.value_or(SensorLayout());
   frame.black_known = !options.black_dn.empty();
   if (frame.black_known) {
-    frame.black_dn = per_channel(options.black_dn, frame.layout, frame.source);
+    frame.black_dn = black_per_channel(options.black_dn, frame.layout, frame.source);
   } else if (!decoded.black_dn.empty() &&
              (decoded.black_dn.size() == 1 || frame.layout == decoded.layout)) {
-    frame.black_dn = per_channel(decoded.black_dn, frame.layout, frame.source);
+    frame.black_dn = black_per_channel(decoded.black_dn, frame.layout, frame.source);
     frame.black_known = true;
   } else {
     frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
