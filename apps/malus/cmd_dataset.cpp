@@ -131,6 +131,8 @@ struct Factory {
   std::map<double, Synthesizer> synthesizers;  // by ratio
   std::uint64_t seed;
   std::string set;  ///< named in every sample
+  std::mutex coverage_mutex;
+  LevelCoverage coverage;  ///< of all samples made
 
   Factory(const Plan& p, std::uint64_t s)
       : plan(p), model(load_model(p.model_path)), sources(p, model.description()), seed(s) {
@@ -150,6 +152,10 @@ struct Factory {
     if (recipe.gain) gain = model.gain_setting(*recipe.gain);
     const TrainingPair pair = make_pair_of(recipe, plan.dataset, *sources.get(recipe.source),
                                            synthesizers.at(recipe.ratio), gain, seed);
+    {
+      const std::lock_guard lock(coverage_mutex);
+      coverage.add(pair.coverage);
+    }
     Json facts{{kSetKey, set},
                {"source", plan.cleans[recipe.source].filename().string()},
                {"row", recipe.row0},
@@ -254,6 +260,8 @@ void run_dataset(const DatasetArguments& arguments, const Common& common) {
     }
     progress->advance(1);
   }
+  if (const std::string complaint = factory->coverage.complaint(); !complaint.empty())
+    warn(complaint);
   print_result(common,
                {{"folder", arguments.folder.string()},
                 {"rank", rank},

@@ -362,6 +362,8 @@ void add_denoise(CLI::App& app, Common& common) {
                     "allow a gain outside the calibrated range");
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->settings);
+  command->get_option("--method")
+      ->description("bm3d (the default), a baseline, or a network's file");
   add_flags(*command, arguments->inference);
 }
 

@@ -6,6 +6,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/compiled.h"
+#include "malus/synthesize/level_coverage.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/renoise.h"
 #include "malus/synthesize/synthesizer.h"
@@ -68,9 +69,18 @@ Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& mode
                        const GainSetting& from, const GainSetting& to) {
   if (arguments.kind == "nonparametric")
     return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
-                    model.row_group);
+                    model.row_group, model.white_dn - model.black_dn[0],
+                    arguments.as_float ? 0.0 : model.quantization_dn);
   return Renoiser(model.physics_at(from), target_physics(model, to, !arguments.as_float),
                   white_above_black(model.white_dn, model.black_dn));
+}
+
+// Signals that a non-parametric model knows the added noise of; empty for other noise.
+std::vector<LevelRange> ranges_of(const RenoiseArguments& arguments, const NoiseModel& model,
+                                  const GainSetting& from, const GainSetting& to) {
+  if (arguments.kind != "nonparametric" || arguments.method == "naive") return {};
+  return common_ranges(level_ranges(model.nonparametric_at(from)),
+                       level_ranges(model.nonparametric_at(to)));
 }
 
 RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& model,
@@ -101,6 +111,8 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   const FrameOptions options = arguments.raw.resolve();
   const bool naive = arguments.method == "naive";
+  const std::vector<LevelRange> ranges = ranges_of(arguments, model, from, to);
+  LevelCoverage coverage;
   std::optional<Renoiser> renoiser;
   if (!naive) renoiser.emplace(make_renoiser(arguments, model, from, to));
   const auto names =
@@ -119,6 +131,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
         load_frame(arguments.inputs[i], options_for_model(options, model, arguments.inputs[i]));
     check_gain_of(frame, from);
     Image result = guide_of(arguments, i, frame, model, from, *progress);
+    if (!ranges.empty()) coverage.add(level_coverage(model.layout, ranges, result));
     subtract_black(frame);
     const DrawAddress address{.seed = common.seed,
                               .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
@@ -134,6 +147,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
     text += fmt::format("{} <- {}: {} -> {}\n", names[i].string(), arguments.inputs[i].string(),
                         from.text(), to.text());
   }
+  if (const std::string complaint = coverage.complaint(); !complaint.empty()) warn(complaint);
   print_result(common,
                {{"model", arguments.model.string()},
                 {"from", from.text()},

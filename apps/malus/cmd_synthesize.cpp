@@ -73,15 +73,20 @@ Image load_clean(const fs::path& path, const FrameOptions& options, const Sensor
   return std::move(frame.dn);
 }
 
-// One noisy frame, as it is written.
+// One noisy frame, as it is written; coverage counts its pixels.
 RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& arguments,
               const Image& clean, const std::optional<GainSetting>& gain,
-              const DrawAddress& address) {
+              const DrawAddress& address, LevelCoverage& coverage) {
   const NoiseModel& model = synthesizer.model();
   const double white_dn = model.white_dn > 0 ? model.white_dn : 65535.0;
-  if (!arguments.as_float)
-    return synthesizer.draw_raw(clean, gain, address, model.black_dn, white_dn);
+  if (!arguments.as_float) {
+    FrameParameters drawn;
+    RawFrame frame = synthesizer.draw_raw(clean, gain, address, model.black_dn, white_dn, &drawn);
+    coverage.add(drawn.coverage);
+    return frame;
+  }
   SyntheticFrame noisy = synthesizer.draw(clean, gain, address);
+  coverage.add(noisy.coverage);
   RawFrame frame;
   frame.dn = std::move(noisy.dn);
   frame.layout = model.layout;
@@ -99,16 +104,19 @@ struct FrameSource {
   std::string sensor;
   SensorLayout layout;
   std::function<RawFrame(const Image& clean, const DrawAddress& address)> draw;
+  std::shared_ptr<LevelCoverage> coverage = std::make_shared<LevelCoverage>();  ///< of all drawn
 };
 
 FrameSource calibrated_source(const SynthesizeArguments& arguments,
                               const std::optional<GainSetting>& gain) {
   const auto synthesizer =
       std::make_shared<const Synthesizer>(load_model(arguments.model), arguments.settings);
+  const auto coverage = std::make_shared<LevelCoverage>();
   return {synthesizer->model().sensor, synthesizer->model().layout,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
-            return draw(*synthesizer, arguments, clean, gain, address);
-          }};
+            return draw(*synthesizer, arguments, clean, gain, address, *coverage);
+          },
+          coverage};
 }
 
 FrameSource flow_source(const SynthesizeArguments& arguments,
@@ -188,6 +196,8 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
       progress->advance(1);
     }
   }
+  if (const std::string complaint = source.coverage->complaint(); !complaint.empty())
+    warn(complaint);
   std::string text;
   for (const Json& f : frames)
     text += fmt::format("{} <- {} (frame {})\n", f["output"].get<std::string>(),

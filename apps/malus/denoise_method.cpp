@@ -11,7 +11,7 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
                              bool uncertainty)
     : settings_(settings), uncertainty_(uncertainty) {
   if (!settings.method.ends_with(".safetensors")) {
-    denoise_method(settings.method);
+    denoise_method(settings.method, ", and networks' weight files (.safetensors)");
     return;
   }
   if (uncertainty)

@@ -158,8 +158,9 @@ FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
   }
   std::shared_ptr<const Renoiser> renoiser;
   if (!model.nonparametric.empty()) {
-    renoiser = std::make_shared<Renoiser>(model.layout, model.nonparametric_at(bench.from),
-                                          model.nonparametric_at(bench.to), model.row_group);
+    renoiser = std::make_shared<Renoiser>(
+        model.layout, model.nonparametric_at(bench.from), model.nonparametric_at(bench.to),
+        model.row_group, model.white_dn - model.black_dn.front(), model.quantization_dn);
   } else {
     PhysicsNoise target = model.physics_at(bench.to);
     target.parts.quantization = false;  // the camera's rounding is drawn later

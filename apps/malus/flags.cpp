@@ -87,14 +87,4 @@ CLI::Validator counting_number(std::uint64_t maximum) {
 
 CLI::Validator frame_number() { return counting_number(std::numeric_limits<std::uint32_t>::max()); }
 
-void require_numbers_left(const std::string& flag, std::uint32_t first, std::int64_t count) {
-  constexpr std::int64_t kLast = std::numeric_limits<std::uint32_t>::max();
-  if (count - 1 > kLast - first)
-    throw InputError(
-        fmt::format("{} {}", flag, first),
-        fmt::format("leaves no {} numbers up to {}, and a number twice repeats its noise", count,
-                    kLast),
-        fmt::format("begin at {} or below", std::max<std::int64_t>(0, kLast - count + 1)));
-}
-
 }  // namespace malus::app

@@ -1,6 +1,7 @@
 // Checks of numeric flags; settings structs (base/parameter.h) to flags and to JSON.
 #pragma once
 
+#include "malus/base/frame_numbers.h"
 #include "malus/base/parameter.h"
 
 #include <algorithm>
@@ -33,10 +34,6 @@ CLI::Validator counting_number(std::uint64_t maximum);
 
 /// The number of a frame or scene.
 CLI::Validator frame_number();
-
-/// Frames and scenes are numbered with 32 bits (base/random.h), and a number that came round would
-/// repeat noise. Throws InputError, naming the flag, where `count` of them from `first` do not fit.
-void require_numbers_left(const std::string& flag, std::uint32_t first, std::int64_t count);
 
 inline std::string flag_name(std::string name) {
   std::replace(name.begin(), name.end(), '_', '-');

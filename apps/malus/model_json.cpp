@@ -1,5 +1,6 @@
 #include "model_json.h"
 
+#include "malus/base/error.h"
 #include "malus/io/gain_json.h"
 #include "malus/noise/physics.h"
 
@@ -201,6 +202,16 @@ Json bank_json(const DarkFrameBank& bank) {
   return json;
 }
 
+// What at() gives, or nothing where the kind does not know that gain.
+template <class At>
+auto known_at(const At& at) -> std::vector<decltype(at())> {
+  try {
+    return {at()};
+  } catch (const InputError&) {
+    return {};
+  }
+}
+
 template <class Calibration>
 void keep_gain(std::vector<Calibration>& calibrations, const GainSetting& gain) {
   std::erase_if(calibrations, [&](const Calibration& c) { return c.gain != gain; });
@@ -247,8 +258,8 @@ NoiseModel model_at_gain(const NoiseModel& model, const GainSetting& gain, GainR
   const GainParameters p = model.parameters_at(gain, range);
   keep_gain(reduced.physics, p.gain);
   if (!p.measured) reduced.physics = {interpolated_entry(model, p)};
-  keep_gain(reduced.gaussian, gain);
-  keep_gain(reduced.nonparametric, gain);
+  reduced.gaussian = known_at([&] { return model.gaussian_at(gain); });
+  reduced.nonparametric = known_at([&] { return model.nonparametric_at(gain); });
   return reduced;
 }
 

@@ -17,9 +17,8 @@ nlohmann::ordered_json model_json(const NoiseModel& model);
 std::string model_text(const NoiseModel& model);
 
 /// The model reduced to one gain: the measured entry, or one made from the joint model (frames 0).
-/// Beside physics the other kinds keep their entry where they have that gain; alone they are
-/// interpolated. Throws InputError as
-/// NoiseModel::parameters_at.
+/// The other kinds are interpolated, too (dark frames are not); beside physics those that do not
+/// know the gain are left out. Throws InputError as NoiseModel::parameters_at.
 NoiseModel model_at_gain(const NoiseModel& model, const GainSetting& gain, GainRange range);
 
 }  // namespace malus::app

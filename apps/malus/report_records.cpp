@@ -2,7 +2,10 @@
 #include "malus/io/frame_file.h"
 #include "malus/report/write_report.h"
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <string_view>
 
 #include "report_pages.h"
 #include <fmt/format.h>
@@ -105,6 +108,41 @@ double metric_of(const Json& result, const Metric& metric) {
   return number_of(result.at(metric.group).value(metric.key, Json()));
 }
 
+bool has_metric(const std::vector<Json>& results, const Metric& metric) {
+  return std::any_of(results.begin(), results.end(),
+                     [&](const Json& result) { return std::isfinite(metric_of(result, metric)); });
+}
+
+// Those of the picture always; those of polarization where any picture has any, as their absence
+// means equal pictures there, but no polarization elsewhere.
+std::vector<Metric> metrics_of(const std::vector<Json>& results) {
+  const auto of_picture = [](const Metric& m) { return std::string_view(m.group) == "image"; };
+  const bool polarized = std::any_of(
+      std::begin(kMetrics), std::end(kMetrics),
+      [&](const Metric& metric) { return !of_picture(metric) && has_metric(results, metric); });
+  std::vector<Metric> metrics;
+  std::copy_if(std::begin(kMetrics), std::end(kMetrics), std::back_inserter(metrics),
+               [&](const Metric& metric) { return polarized || of_picture(metric); });
+  return metrics;
+}
+
+// One bar per picture.
+ChartsBlock bars_of(const Metric& metric, const std::vector<Json>& results,
+                    const std::vector<std::string>& names) {
+  Chart chart{metric.name,
+              "One bar per picture.",
+              {"picture", "1", AxisScale::kCategory, names},
+              {metric.name, metric.unit},
+              {}};
+  PointSeries bars{.name = metric.name, .mark = Mark::kBars};
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    bars.x.push_back(static_cast<double>(i));
+    bars.y.push_back(metric_of(results[i], metric));
+  }
+  chart.series.emplace_back(std::move(bars));
+  return {"", {{"", std::move(chart)}}};
+}
+
 }  // namespace
 
 std::vector<Section> evaluation_sections(const Json& evaluation, const std::string& prefix) {
@@ -113,42 +151,27 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
     for (const Json& result : evaluation.at("results")) results.push_back(result);
   else
     results.push_back(evaluation);
-  TableBlock table{.title = "Against the reference",
-                   .note =
-                       "PSNR of AoLP is the papers' linear one, which punishes 179° against 1°; "
-                       "the circular error is the root mean square in degrees, weighted by "
-                       "DoLP.",
-                   .head = "picture",
-                   .columns = {},
-                   .rows = {}};
-  for (const Metric& metric : kMetrics) table.columns.push_back({metric.name, metric.unit});
+  const std::vector<Metric> metrics = metrics_of(results);
+  TableBlock table{
+      .title = "Against the reference", .note = "", .head = "picture", .columns = {}, .rows = {}};
+  if (metrics.size() == std::size(kMetrics))
+    table.note =
+        "PSNR of AoLP is the papers' linear one, which punishes 179° against 1°; the circular "
+        "error is the root mean square in degrees, weighted by DoLP.";
+  for (const Metric& metric : metrics) table.columns.push_back({metric.name, metric.unit});
   std::vector<std::string> names;
   for (const Json& result : results) {
     const std::string name = text_at(result, "test");
     names.push_back(name.empty() ? "test" : std::filesystem::path(name).filename().string());
     TableBlock::Row row{names.back(), {}};
-    for (const Metric& metric : kMetrics)
+    for (const Metric& metric : metrics)
       row.cells.emplace_back(Measured{metric_of(result, metric), Measured::kNone});
     table.rows.push_back(std::move(row));
   }
   Section section{prefix + "evaluation", "Evaluation", text_at(evaluation, "reference"), {table}};
   if (results.size() > 1)
-    for (const Metric& metric : kMetrics) {
-      Chart chart{metric.name,
-                  "One bar per picture.",
-                  {"picture", "1", AxisScale::kCategory, names},
-                  {metric.name, metric.unit},
-                  {}};
-      PointSeries bars{.name = metric.name, .mark = Mark::kBars};
-      bool any = false;
-      for (std::size_t i = 0; i < results.size(); ++i) {
-        bars.x.push_back(static_cast<double>(i));
-        bars.y.push_back(metric_of(results[i], metric));
-        any = any || std::isfinite(bars.y.back());
-      }
-      chart.series.emplace_back(std::move(bars));
-      if (any) section.blocks.emplace_back(ChartsBlock{"", {{"", std::move(chart)}}});
-    }
+    for (const Metric& metric : metrics)
+      if (has_metric(results, metric)) section.blocks.emplace_back(bars_of(metric, results, names));
   return {section};
 }
 

@@ -1,6 +1,7 @@
 // The Python module malus._malus: NumPy in, NumPy out, no algorithms. The interpreter's lock is
 // released around every computation.
 #include "malus/base/error.h"
+#include "malus/base/fork.h"
 #include "malus/base/parallel.h"
 #include "malus/image/layout.h"
 
@@ -17,8 +18,8 @@ int set_threads(int threads) {
 
 // A forked process (a worker of a torch DataLoader) has the one thread that called fork.
 void one_thread_after_fork() {
-  py::module_::import("os").attr("register_at_fork")(
-      py::arg("after_in_child") = py::cpp_function([] { set_thread_count(1); }));
+  py::module_::import("os").attr("register_at_fork")(py::arg("after_in_child") =
+                                                         py::cpp_function([] { work_alone(); }));
 }
 
 }  // namespace

@@ -63,7 +63,7 @@ class Session:
     def layout(self) -> str | None: ...
     @property
     def groups(self) -> list[FrameGroup]: ...
-    def load(self, group: int, index: int) -> Frame: ...
+    def load(self, group: int | FrameGroup, index: int) -> Frame: ...
 
 class Noise:
     @overload
@@ -151,7 +151,10 @@ class Model:
     def kinds(self) -> list[str]: ...
 
 def load_frame(
-    path: str | PathLike[str], layout: str | None = None, black: float | None = None, white: float | None = None
+    path: str | PathLike[str],
+    layout: str | None = None,
+    black: float | Sequence[float] | None = None,
+    white: float | None = None,
 ) -> Frame: ...
 def calibrate(
     session: Session | str | PathLike[str],
@@ -170,7 +173,7 @@ def denoise(
     raw: Frame | Arrays,
     *,
     layout: str | None = None,
-    black: float | None = None,
+    black: float | Sequence[float] | None = None,
     white: float | None = None,
     model: Model | None = None,
     gain: float | None = None,

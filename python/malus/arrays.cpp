@@ -114,6 +114,25 @@ py::array output_from(const py::object& object) {
   return array;
 }
 
+std::vector<double> levels_of(const Black& black) {
+  if (!black) return {};
+  if (const double* one = std::get_if<double>(&*black)) return {*one};
+  const auto& levels = std::get<std::vector<double>>(*black);
+  if (levels.empty())
+    throw InputError("black", "is an empty list",
+                     "give one number, or one per channel in mosaic order");
+  return levels;
+}
+
+void require_apart_or_same(const py::array& input, const py::array& out) {
+  bool same = input.data() == out.data();
+  for (py::ssize_t i = 0; i < input.ndim(); ++i)
+    same = same && (input.shape(i) < 2 || input.strides(i) == out.strides(i));
+  if (same || !py::module_::import("numpy").attr("shares_memory")(input, out).cast<bool>()) return;
+  throw InputError("out", "overlaps clean in part",
+                   "give clean itself, or an array that shares no memory with it");
+}
+
 View<const float> view_of(const Array& array) {
   if (array.ndim() != 2) throw py::value_error("expected a 2-D array [row, column]");
   const int rows = size_of(array, 0), cols = size_of(array, 1);

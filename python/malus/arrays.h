@@ -7,9 +7,11 @@
 
 #include <mutex>
 #include <new>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include <pybind11/numpy.h>
@@ -77,6 +79,15 @@ class PythonProgress final : public Progress {
   std::mutex mutex_;
   std::vector<std::string> warnings_;
 };
+
+/// Black levels [DN]: one number, or one per channel.
+using Black = std::optional<std::variant<double, std::vector<double>>>;
+/// As the library takes them; empty where none is given.
+std::vector<double> levels_of(const Black& black);
+
+/// Memory to draw into has to be the input's very own, or apart from it: noise written over pixels
+/// that are yet to be read would be taken for light. Throws InputError.
+void require_apart_or_same(const py::array& input, const py::array& out);
 
 void bind_frames(py::module_& m);
 void bind_model(py::module_& m);

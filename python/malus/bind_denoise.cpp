@@ -2,10 +2,11 @@
 #include "malus/base/error.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/image/black_levels.h"
 #include "malus/image/pack.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/polar/stokes.h"
 
-#include <cmath>
 #include <optional>
 #include <string>
 
@@ -18,18 +19,14 @@
 namespace malus::python {
 namespace {
 
-// The reader of files checks theirs; these are the caller's.
-void check_levels(const RawFrame& frame) {
-  for (const double black : frame.black_dn)
-    if (!(black < frame.white_dn) || !std::isfinite(black) || !std::isfinite(frame.white_dn))
-      throw InputError("black",
-                       fmt::format("{:g} DN is not below white, {:g} DN", black, frame.white_dn),
-                       "give black below white, both finite");
+// The element type tells, as the type of a file does, whether pixels are the camera's codes.
+int bits_of(const py::array& array) {
+  return array.dtype().kind() == 'f' ? 0 : static_cast<int>(8 * array.dtype().itemsize());
 }
 
 // A Frame, or an array with what an array does not know.
 RawFrame frame_from(const py::object& raw, const std::optional<std::string>& layout,
-                    const std::optional<double>& black, const std::optional<double>& white) {
+                    const Black& black, const std::optional<double>& white) {
   RawFrame frame;
   if (py::isinstance<RawFrame>(raw)) {
     frame = raw.cast<const RawFrame&>();
@@ -37,25 +34,35 @@ RawFrame frame_from(const py::object& raw, const std::optional<std::string>& lay
     if (!layout || !white)
       throw InputError("array", "does not know its layout and white level",
                        "give layout and white (and black), or a Frame");
-    frame.dn = image_of(input_from(raw, "raw"));
+    const py::array numbers = numbers_from(raw, "raw");
+    frame.dn = image_of(input_from(numbers, "raw"));
+    frame.bits = bits_of(numbers);
     frame.source = "array";
+    frame.black_dn = {0.0};
   }
-  if (layout) frame.layout = SensorLayout::named(*layout);
-  if (black || layout)
-    frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()),
-                          black.value_or(frame.black_dn.empty() ? 0.0 : frame.black_dn.front()));
+  const SensorLayout wanted = layout ? SensorLayout::named(*layout) : frame.layout;
+  frame.black_dn = black ? black_per_channel(levels_of(black), wanted, "black")
+                         : blacks_for_layout(frame, wanted);
+  frame.layout = wanted;
+  frame.layout_known = frame.layout_known || layout.has_value();
+  frame.black_known = frame.black_known || black.has_value();
+  frame.white_known = frame.white_known || white.has_value();
   if (white) frame.white_dn = *white;
-  if (black || white) check_levels(frame);
+  if (black || white) require_levels(frame);
   return frame;
 }
 
 py::dict denoise(const py::object& raw, const std::optional<std::string>& layout,
-                 const std::optional<double>& black, const std::optional<double>& white,
+                 const Black& black, const std::optional<double>& white,
                  const ModelWithSampler* model, const Gain& gain, bool variance,
                  const py::kwargs& kwargs) {
   const auto settings = settings_from<DenoiseSettings>(kwargs);
+  denoise_method(settings.method);  // a wrong one is refused before any work
   RawFrame frame = frame_from(raw, layout, black, white);
   PythonProgress progress;
+  if (model)
+    if (const auto warning = take_levels_of_model(model->description(), frame); !warning.empty())
+      progress.warn(warning);
   NoiseProfile profile;
   Denoised result;
   {
@@ -108,19 +115,24 @@ py::dict stokes(const py::object& dn_above_black, const std::string& layout_name
 }  // namespace
 
 void bind_denoise(py::module_& m) {
-  m.def("denoise", &denoise, py::arg("raw"), py::kw_only(), py::arg("layout") = py::none(),
-        py::arg("black") = py::none(), py::arg("white") = py::none(), py::arg("model") = py::none(),
-        py::arg("gain") = py::none(), py::arg("variance") = false,
-        ("Denoises one raw mosaic.\n\n"
-         "raw: a Frame, or an array [row, column] in DN, black included, with its layout, black "
-         "(0 if not given) and white [DN].\n"
-         "model: a Model; None estimates the noise from the picture. gain [dB or ISO]: that of "
-         "the Frame if not given.\n\n"
-         "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
-         "squared error [DN^2], with variance=True, else None), sigma_used_dn (per channel), "
-         "row_noise_removed_dn, mean_dn, mean_shift_dn, noise_estimated_from_picture." +
-         settings_help<DenoiseSettings>())
-            .c_str());
+  m.def(
+      "denoise", &denoise, py::arg("raw"), py::kw_only(), py::arg("layout") = py::none(),
+      py::arg("black") = py::none(), py::arg("white") = py::none(), py::arg("model") = py::none(),
+      py::arg("gain") = py::none(), py::arg("variance") = false,
+      ("Denoises one raw mosaic.\n\n"
+       "raw: a Frame, or an array [row, column] in DN, black included, with its layout, black "
+       "and white [DN].\n"
+       "black: one number, or one per channel in mosaic order. Not known to the Frame, not given: "
+       "the model's for integers, 0\n"
+       "    for float pixels, which are taken as DN above black, and without a model. white: the "
+       "Frame's, else the model's.\n"
+       "model: a Model; None estimates the noise from the picture. gain [dB or ISO]: that of "
+       "the Frame if not given.\n\n"
+       "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
+       "squared error [DN^2], with variance=True, else None), sigma_used_dn (per channel), "
+       "row_noise_removed_dn, mean_dn, mean_shift_dn, noise_estimated_from_picture." +
+       settings_help<DenoiseSettings>())
+          .c_str());
   m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"),
         "Stokes parameters of a raw mosaic [row, column] in DN above black: dict of s0, s1, s2 "
         "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column] at one "

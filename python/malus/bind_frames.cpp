@@ -1,9 +1,12 @@
 // Frames and sessions.
+#include "malus/base/error.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/session.h"
 
+#include <algorithm>
 #include <optional>
 #include <string>
+#include <variant>
 
 #include "arrays.h"
 #include <fmt/format.h>
@@ -14,16 +17,30 @@ namespace malus::python {
 namespace {
 
 RawFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
-              const std::optional<double>& black, const std::optional<double>& white) {
+              const Black& black, const std::optional<double>& white) {
   FrameOptions options;
   if (layout) options.layout = SensorLayout::named(*layout);
-  if (black) options.black_dn = {*black};
+  options.black_dn = levels_of(black);
   options.white_dn = white;
   const py::gil_scoped_release release;
   return load_frame(path, options);
 }
 
-RawFrame load_of_session(const Session& session, std::size_t group, std::size_t index) {
+// Its number, or one of session.groups, which are copies in Python's list and known by their files.
+using WhichGroup = std::variant<std::size_t, FrameGroup>;
+
+std::size_t number_of(const Session& session, const WhichGroup& group) {
+  if (const auto* number = std::get_if<std::size_t>(&group)) return *number;
+  const auto found = std::find_if(
+      session.groups.begin(), session.groups.end(),
+      [&](const FrameGroup& own) { return own.paths == std::get<FrameGroup>(group).paths; });
+  if (found == session.groups.end())
+    throw InputError("group", "is none of this session's", "take it from session.groups");
+  return static_cast<std::size_t>(found - session.groups.begin());
+}
+
+RawFrame load_of_session(const Session& session, const WhichGroup& which, std::size_t index) {
+  const std::size_t group = number_of(session, which);
   if (group >= session.groups.size() || index >= session.groups[group].paths.size())
     throw py::index_error(fmt::format("the session has no frame {} in group {}", index, group));
   const auto& frames = session.groups[group];
@@ -84,12 +101,13 @@ void bind_frames(py::module_& m) {
           "name of the mosaic layout, or None where the files tell it")
       .def_readonly("groups", &Session::groups, "list of FrameGroup")
       .def("load", &load_of_session, py::arg("group"), py::arg("index"),
-           "Frame `index` of group `group`, read with the session's black, white and layout.");
+           "Frame `index` of group `group` (its number, or one of `groups`), read with the "
+           "session's black, white and layout.");
 
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(),
         "Reads TIFF, PNG, EXR, FITS, .npy or camera raw into a Frame: DN exactly as stored. "
-        "layout, black, white [DN] win over what the file says.");
+        "layout, black (one number, or one per channel), white [DN] win over what the file says.");
 }
 
 }  // namespace malus::python

@@ -1,5 +1,6 @@
 // Noise models: load, calibrate, draw.
 #include "malus/base/error.h"
+#include "malus/base/frame_numbers.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/io/session.h"
 #include "malus/synthesize/model.h"
@@ -82,6 +83,7 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   py::array noisy = out.is_none() ? py::array(py::array_t<float>(shape)) : output_from(out);
   if (noisy.ndim() != dimensions || !std::equal(shape.begin(), shape.end(), noisy.shape()))
     throw py::value_error("out has another shape than the clean array");
+  if (!out.is_none()) require_apart_or_same(clean, noisy);
   if (dimensions == 2) {
     const auto from = view_of(clean);
     const auto to = writable_view_of(noisy);
@@ -92,6 +94,7 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   } else if (dimensions == 3) {
     draw_packed(noise, clean, noisy, place);
   } else {
+    require_numbers_left("frame", place.frame, shape[0]);
     Place at = place;
     for (py::ssize_t i = 0; i < shape[0]; ++i, ++at.frame)
       draw_packed(noise, part_of(clean, i), part_of(noisy, i), at);
@@ -143,7 +146,8 @@ std::string synthesize_help() {
          "seed, frame: the same seed, frame and pixel give the same noise for any number of "
          "threads.\n"
          "out: float32 array or tensor of clean's shape, written in place and returned; may be "
-         "clean itself.\n"
+         "clean itself,\n"
+         "    but not overlap it in part.\n"
          "row0, col0: place of a mosaic's first pixel on the sensor: a crop gets the noise of its "
          "place.\n\n"
          "The result is DN above black, not rounded, not clipped.";

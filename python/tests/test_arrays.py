@@ -252,6 +252,16 @@ def test_a_session_knows_its_frames(tmp_path):
     assert frame.black_dn == [64] * 4 and frame.gain_db == 6 and frame.exposure_s == 0.01 and frame.dn[0, 0] == 70
     with pytest.raises(IndexError):
         session.load(0, 1)
+    by_group = session.load(group, 0)
+    assert by_group.black_dn == frame.black_dn and by_group.gain_db == 6 and np.array_equal(by_group.dn, frame.dn)
+    assert np.array_equal(session.load(group=group, index=0).dn, frame.dn)
+    with pytest.raises(IndexError):
+        session.load(group, 1)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/session.toml").write_text((tmp_path / "session.toml").read_text())
+    np.save(tmp_path / "other/a.npy", np.full((8, 8), 70, np.uint16))
+    with pytest.raises(malus.InputError, match="^group: is none of this session's"):
+        malus.Session(tmp_path / "other/session.toml").load(group, 0)
 
 
 def test_frames_are_denoised_with_what_they_know(model, tmp_path):

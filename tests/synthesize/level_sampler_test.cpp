@@ -79,6 +79,36 @@ TEST(LevelSampler, CropsGiveTheSameBytesAndRowsShareTheirDraw) {
     for (int c = 0; c < 30; ++c) ASSERT_EQ(crop(r, c), whole(r + 11, c + 17));
 }
 
+// Above the brightest level the variance is V + K above, as far as asked for; the levels below keep
+// their draws to the bit.
+TEST(LevelSampler, NoiseGrowsAboveTheBrightestLevel) {
+  auto calibration = two_level_calibration();
+  const SensorLayout layout = SensorLayout::named("bayer-rggb");
+  const LevelSampler plain(layout, calibration, 0);
+  const LevelSampler unknown(layout, calibration, 0, 4000);
+  calibration.K.assign(4, 0.5);
+  const LevelSampler continued(layout, calibration, 0, 4000);
+  const LevelMoments last = level_moments(calibration.channels[0], 1);
+  Image noisy(400, 500), other(400, 500);
+  for (const double signal : {30.0, 100.0}) {
+    const Image clean(400, 500, static_cast<float>(signal));
+    plain.apply(clean, noisy, {.seed = 9});
+    continued.apply(clean, other, {.seed = 9});
+    for (std::size_t i = 0; i < noisy.size(); ++i) ASSERT_EQ(noisy.values()[i], other.values()[i]);
+  }
+  for (const double signal : {103.0, 150.0, 700.0, 4000.0}) {
+    const Image clean(400, 500, static_cast<float>(signal));
+    continued.apply(clean, noisy, {.seed = 9});
+    const Moments m = testing::moments_of(noisy);
+    EXPECT_NEAR(m.variance(), last.variance_dn2 + 0.5 * (signal - 100),
+                kSigmas * m.variance_standard_error() + 1e-3 * m.variance())
+        << signal;
+    EXPECT_NEAR(m.mean(), signal + last.mean_dn, kSigmas * std::sqrt(m.variance() / 2e5));
+    unknown.apply(clean, noisy, {.seed = 9});
+    EXPECT_NEAR(testing::moments_of(noisy).variance(), last.variance_dn2, 0.05 * last.variance_dn2);
+  }
+}
+
 TEST(LevelSampler, UnevenLevelsAreFound) {
   // One bin per level whose place tells the level: noise = level number, width nearly nothing.
   NonparametricCalibration calibration;

@@ -7,6 +7,7 @@
 #include "malus/noise/distribution.h"
 #include "malus/synthesize/compiled.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -98,6 +99,93 @@ TEST(Renoiser, GivesTheTargetsMomentsAtEveryLevel) {
         5 * std::sqrt(2.0 / 3e5) + 5 * row_variance / variance * std::sqrt(2.0 / 500) + 0.01)
         << level;
   }
+}
+
+// √JSD (base 2) of two sets of samples on 60 bins over ±5 deviations of the second.
+double root_jsd(const Image& a, const Image& b) {
+  constexpr std::size_t kHistogram = 60;
+  const Moments m = testing::moments_of(b);
+  const auto histogram = [&](const Image& image) {
+    std::vector<double> p(kHistogram, 0.0);
+    for (const float v : image.values()) {
+      const double z = (static_cast<double>(v) - m.mean()) / std::sqrt(m.variance());
+      p[static_cast<std::size_t>(std::clamp((z + 5) * 0.1 * kHistogram, 0.0, kHistogram - 1.0))] +=
+          1.0 / static_cast<double>(image.size());
+    }
+    return p;
+  };
+  const auto p = histogram(a), q = histogram(b);
+  double jsd = 0;
+  for (std::size_t i = 0; i < kHistogram; ++i)
+    for (const double v : {p[i], q[i]})
+      if (v > 0) jsd += 0.5 * v * std::log2(2 * v / (p[i] + q[i]));
+  return std::sqrt(jsd);
+}
+
+// What calibration gives: levels and bins of each gain's own, narrow in the middle and growing
+// outwards, up to a brightest level well below white.
+NonparametricCalibration as_calibrated(const PhysicsNoise& noise, int levels, double growth) {
+  NonparametricCalibration n;
+  const PhysicsChannel& channel = noise.channels[0];
+  NonparametricChannel measured;
+  std::vector<double> half{0.15};
+  for (double width = 0.3; half.back() < 300; width *= growth) half.push_back(half.back() + width);
+  for (const double edge : half) {
+    measured.bin_edges_dn.push_back(edge);
+    measured.bin_edges_dn.insert(measured.bin_edges_dn.begin(), -edge);
+  }
+  for (int l = 0; l <= levels; ++l) {
+    const double level = 600.0 * l * l / (levels * levels);
+    const PixelDistribution pixel(channel, noise.parts, noise.quantization_dn, level);
+    std::vector<double> pmf;
+    for (std::size_t b = 0; b + 1 < measured.bin_edges_dn.size(); ++b)
+      pmf.push_back(pixel.cdf(level + measured.bin_edges_dn[b + 1]) -
+                    pixel.cdf(level + measured.bin_edges_dn[b]));
+    measured.level_dn.push_back(level);
+    measured.pmf.push_back(pmf);
+    measured.samples.push_back(100000);
+  }
+  n.channels = {measured};
+  n.sigma_row_dn = {channel.sigma_row_dn};
+  n.K = {channel.gain_dn_per_e};
+  return n;
+}
+
+// Frames of the lower gain against frames that the camera took at the higher one, rounded; 1500 DN
+// lies above all levels.
+TEST(Renoiser, MeasuredNoiseOfUnlikeLevelsAndBinsBecomesTheTargets) {
+  const PhysicsNoise from = mono(0.5, 0.9, 0, -1), to = mono(2.0, 2.2, 0, -3);
+  const SensorLayout layout = SensorLayout::named("mono");
+  const Renoiser renoiser(layout, as_calibrated(from, 24, 1.05), as_calibrated(to, 20, 1.08), 1,
+                          2000, 1.0);
+  const auto round = [](Image& image) {
+    for (float& v : image.values()) v = std::nearbyint(v);
+  };
+  PhysicsNoise camera_from = from, camera_to = to;
+  camera_from.parts.quantization = camera_to.parts.quantization = false;
+  for (const double level : {0.0, 12.3, 150.0, 590.0, 1500.0}) {
+    const Image clean(600, 600, static_cast<float>(level));
+    Image noisy(600, 600), ours(600, 600), target(600, 600);
+    CompiledNoise(camera_from).apply(clean.view(), noisy.view(), {.seed = 5});
+    round(noisy);
+    renoiser.apply(noisy, clean, ours, {.seed = 5});
+    round(ours);
+    CompiledNoise(camera_to).apply(clean.view(), target.view(), {.seed = 6});
+    round(target);
+    const Moments mine = testing::moments_of(ours), truth = testing::moments_of(target);
+    EXPECT_NEAR(mine.mean(), truth.mean(), 0.02 * std::sqrt(truth.variance())) << level;
+    EXPECT_NEAR(mine.variance() / truth.variance(), 1.0, 0.02) << level;
+    // Two samples of one distribution give 0.008.
+    EXPECT_LT(root_jsd(ours, target), 0.02) << level;
+  }
+}
+
+TEST(Renoiser, GainsWithoutACommonLevelAreRefused) {
+  NonparametricCalibration from = as_calibrated(mono(0.5, 0.9, 0, 0), 2, 1.2),
+                           to = as_calibrated(mono(2.0, 2.2, 0, 0), 2, 1.2);
+  for (double& level : to.channels[0].level_dn) level += 1000;
+  from.K.clear();
+  EXPECT_THROW(Renoiser(SensorLayout::named("mono"), from, to, 1, 2000, 1.0), InputError);
 }
 
 // Rows of the target's autocorrelation, whatever the source's: 40 frames of 400 row means; the

@@ -49,3 +49,20 @@ def test_bad_records_are_one_line_and_leave_nothing(refused, tmp_path, changes, 
     error = refused("report", record(tmp_path, **changes), "-o", tmp_path / "page.html")
     assert words in error
     assert not (tmp_path / "page.html").exists()
+
+
+@pytest.mark.parametrize("layout, columns", [("bayer-rggb", 2), ("mono", 2), ("polar-mono", 5)])
+@pytest.mark.parametrize("tests", [1, 2])
+def test_evaluations_without_polarization_say_nothing_of_it(malus, tmp_path, layout, columns, tests):
+    rng = np.random.default_rng(3)
+    clean = rng.uniform(200, 900, (64, 64)).astype(np.float32)
+    np.save(tmp_path / "clean.npy", clean)
+    for n in range(tests):
+        np.save(tmp_path / f"noisy{n}.npy", clean + rng.normal(0, 20, clean.shape).astype(np.float32))
+    malus("evaluate", "--reference", tmp_path / "clean.npy", "--test", *[tmp_path / f"noisy{n}.npy" for n in range(tests)],
+          "--layout", layout, "--white", 1000, "--report", tmp_path / "page.html")
+    blocks = page_data(tmp_path / "page.html")["sections"][0]["blocks"]
+    assert [len(blocks[0]["columns"])] + [len(row["cells"]) for row in blocks[0]["rows"]] == [columns] * (1 + tests)
+    polarized = columns == 5
+    assert ("AoLP" in json.dumps(blocks, ensure_ascii=False)) == polarized
+    assert len(blocks) == 1 + (columns if tests > 1 else 0)

@@ -1,7 +1,9 @@
 #include "malus/base/parallel.h"
 
 #include "malus/base/error.h"
+#include "malus/base/fork.h"
 
+#include <atomic>
 #include <memory>
 #include <mutex>
 #include <thread>
@@ -33,10 +35,16 @@ ThreadLimit& thread_limit() {
   return limit;
 }
 
+std::atomic<bool> alone = false;
+
 }  // namespace
+
+void work_alone() { alone = true; }
 
 int set_thread_count(int threads) {
   MALUS_REQUIRE(threads >= 0);
+  if (alone && threads == 1) return 1;
+  alone = false;
   auto& limit = thread_limit();
   const std::lock_guard lock(limit.mutex);
   limit.control.reset();
@@ -47,6 +55,7 @@ int set_thread_count(int threads) {
 }
 
 int thread_count() {
+  if (alone) return 1;
   return static_cast<int>(
       tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
 }
@@ -55,6 +64,7 @@ void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain
                   const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body) {
   MALUS_REQUIRE(grain > 0);
   if (end <= begin) return;
+  if (alone) return body(begin, end);
   const std::ptrdiff_t pieces = (end - begin + grain - 1) / grain;
   char fork = 0, join = 0;
   __tsan_release(&fork);

@@ -262,7 +262,7 @@ void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
   }
 }
 
-// Above the brightest level that every channel has, its noise is drawn.
+// Above the brightest level that every channel has, its noise is drawn, widened where K is known.
 void warn_of_missing_light(const RawFrame& first, NonparametricCalibration& out) {
   constexpr double kReach = 0.7;
   double brightest = std::numeric_limits<double>::infinity();
@@ -272,8 +272,9 @@ void warn_of_missing_light(const RawFrame& first, NonparametricCalibration& out)
   if (brightest < kReach * range)
     out.warnings.push_back(
         fmt::format("no frames above {:.0f} DN, {:.0f} % of the range: brighter signals are drawn "
-                    "with that level's noise; take brighter frames",
-                    brightest, 100 * brightest / range));
+                    "with that level's noise{}; take brighter frames",
+                    brightest, 100 * brightest / range,
+                    out.K.empty() ? ", which is too weak there" : ", widened as shot noise grows"));
 }
 
 // Between two levels draws are mixed from both: of unlike variances, v and r v, the mixture's
@@ -334,6 +335,7 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
   for (std::size_t c = 0; c < dark.size(); ++c) dark[c] += bias[c];
   NonparametricCalibration out;
   out.gain = sources.front().frames->gain;
+  if (physics) out.K = physics->K.mean;
   std::vector<LevelHistograms> histograms;
   LevelPass pass(geometry, dark, bias, histograms);
   const double step_dn = quantization_step(first.dn);
@@ -378,7 +380,7 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
         physics ? physics->sigma_row.standard_error[c]
                 : 0.5 * (std::sqrt(sigma * sigma + 2 * row_error[c]) - sigma));
   }
-  if (physics) out.K = physics->K.mean, out.row_drift = physics->row_drift;
+  if (physics) out.row_drift = physics->row_drift;
   return out;
 }
 

@@ -67,15 +67,18 @@ const std::vector<DenoiseMethod>& denoise_methods() {
   return methods;
 }
 
-const DenoiseMethod& denoise_method(const std::string& name) {
+const DenoiseMethod& denoise_method(const std::string& name, const std::string& also) {
   std::vector<std::string> names;
   for (const DenoiseMethod& method : denoise_methods()) {
     if (method.name == name) return method;
     names.push_back(method.name);
   }
+  if (name.ends_with(".safetensors"))
+    throw InputError("--method " + name, "networks run in the program alone",
+                     "run malus denoise with it, or choose one of " + joined(names));
   throw InputError("--method " + name,
                    "is no method (did you mean " + nearest_name(name, names) + "?)",
-                   "there are " + joined(names) + ", and networks' weight files (.safetensors)");
+                   "there are " + joined(names) + also);
 }
 
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,

@@ -24,8 +24,7 @@ struct DenoiseSettings {
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
-    field(self.method,
-          ParameterInfo{"method", "", "bm3d (the default), a baseline, or a network's file"});
+    field(self.method, ParameterInfo{"method", "", "bm3d (the default) or a baseline"});
     field(self.profile, ParameterInfo{.name = "profile",
                                       .unit = "",
                                       .help = "speed against quality",
@@ -67,8 +66,9 @@ struct DenoiseMethod {
 };
 /// The built-in methods, the default first.
 const std::vector<DenoiseMethod>& denoise_methods();
-/// Throws InputError that names the nearest method.
-const DenoiseMethod& denoise_method(const std::string& name);
+/// Throws InputError that names the nearest method, and networks' files as what malus denoise
+/// takes: this library runs none. A caller that does says so in `also`: what it takes besides.
+const DenoiseMethod& denoise_method(const std::string& name, const std::string& also = "");
 
 /// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
 /// its bias is subtracted. Pixels that are not finite are filled from their neighbours for the

@@ -1,6 +1,7 @@
 #include "malus/io/frame_file.h"
 
 #include "malus/base/error.h"
+#include "malus/image/black_levels.h"
 #include "malus/io/internal/camera_raw.h"
 #include "malus/io/internal/decoded.h"
 #include "malus/io/internal/file_bytes.h"
@@ -49,41 +50,14 @@ Decoded read_headerless(const fs::path& path, const FrameOptions& options, bool 
   return decoded;
 }
 
-std::vector<double> per_channel(const std::vector<double>& values, const SensorLayout& layout,
-                                const std::string& source) {
-  const auto channels = static_cast<std::size_t>(layout.channels());
-  if (values.size() == 1) return std::vector<double>(channels, values[0]);
-  if (values.size() != channels)
-    throw InputError(source,
-                     fmt::format("{} black levels for the {} channels of {}", values.size(),
-                                 channels, layout.name()),
-                     "give one number, or one per channel in mosaic order");
-  return values;
-}
-
-// The file's black levels for the declared layout: black belongs to a place in the sensor's cell,
-// whatever its colour is called. Empty where the file tells none.
+// The file's black levels for the declared layout. Empty where the file tells none.
 std::vector<double> black_of_file(const Decoded& decoded, const SensorLayout& layout,
                                   const std::string& source) {
   const std::vector<double>& told = decoded.black_dn;
   if (told.size() <= 1 || decoded.layout == layout) return told;
   if (!decoded.layout || told.size() != static_cast<std::size_t>(decoded.layout->channels()))
     return {};
-  const SensorLayout& own = *decoded.layout;
-  std::vector<double> black(static_cast<std::size_t>(layout.channels()), std::nan(""));
-  for (int row = 0; row < std::lcm(layout.rows(), own.rows()); ++row)
-    for (int col = 0; col < std::lcm(layout.cols(), own.cols()); ++col) {
-      double& place = black[static_cast<std::size_t>(layout.channel_at(row, col))];
-      const double value = told[static_cast<std::size_t>(own.channel_at(row, col))];
-      if (std::isnan(place)) place = value;
-      if (place != value)
-        throw InputError(source,
-                         fmt::format("tells {} black levels for its layout {}, which the declared "
-                                     "{} has no place for",
-                                     told.size(), own.name(), layout.name()),
-                         "give --black, or the file's own layout");
-    }
-  return black;
+  return blacks_for_layout(told, *decoded.layout, layout, source);
 }
 
 // White where nobody tells it: the container's largest value; for floats the largest pixel.
@@ -120,8 +94,8 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
                                         ? black_of_file(decoded, frame.layout, frame.source)
                                         : options.black_dn;
   frame.black_known = !black.empty();
-  frame.black_dn =
-      per_channel(frame.black_known ? black : std::vector<double>{0.0}, frame.layout, frame.source);
+  frame.black_dn = black_per_channel(frame.black_known ? black : std::vector<double>{0.0},
+                                     frame.layout, frame.source);
   frame.white_known = options.white_dn || decoded.white_dn;
   frame.white_dn = options.white_dn   ? *options.white_dn
                    : decoded.white_dn ? *decoded.white_dn

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/joint_gain.h"
+#include "malus/noise/level_noise.h"
 
 #include <algorithm>
 #include <cmath>
@@ -30,53 +31,6 @@ Values mixed(const Values& low, const Values& high, double t) {
   if (low.size() != high.size()) return out;
   for (std::size_t c = 0; c < low.size(); ++c) out.push_back(mixed(low[c], high[c], t));
   return out;
-}
-
-// A distribution as its piecewise linear cumulative function: probability p[i] below x[i].
-struct Cumulative {
-  Values x, p;
-};
-
-// The distribution at a signal: the two levels around it, mixed by the fractional distance.
-Cumulative cumulative_at(const NonparametricChannel& channel, double signal_dn) {
-  const auto above = std::upper_bound(channel.level_dn.begin(), channel.level_dn.end(), signal_dn);
-  const auto last = channel.level_dn.size() - 1;
-  const auto j = std::min(static_cast<std::size_t>(above - channel.level_dn.begin()), last);
-  const auto i = above == channel.level_dn.begin() || above == channel.level_dn.end() ? j : j - 1;
-  const double t =
-      i == j ? 0.0
-             : (signal_dn - channel.level_dn[i]) / (channel.level_dn[j] - channel.level_dn[i]);
-  Cumulative out{channel.bin_edges_dn, {0.0}};
-  for (std::size_t b = 0; b < channel.pmf[i].size(); ++b)
-    out.p.push_back(out.p.back() + (1 - t) * channel.pmf[i][b] + t * channel.pmf[j][b]);
-  for (double& p : out.p) p /= out.p.back();
-  // Empty bins at the ends are no support.
-  const auto first = static_cast<std::ptrdiff_t>(std::upper_bound(out.p.begin(), out.p.end(), 0.0) -
-                                                 out.p.begin() - 1);
-  const auto end = static_cast<std::ptrdiff_t>(
-      std::lower_bound(out.p.begin(), out.p.end(), out.p.back()) - out.p.begin() + 1);
-  return {Values(out.x.begin() + first, out.x.begin() + end),
-          Values(out.p.begin() + first, out.p.begin() + end)};
-}
-
-double standard_deviation(const Cumulative& f) {
-  double mean = 0, square = 0;
-  for (std::size_t i = 0; i + 1 < f.x.size(); ++i) {
-    const double p = f.p[i + 1] - f.p[i], a = f.x[i], b = f.x[i + 1];
-    mean += p * 0.5 * (a + b);
-    square += p * (a * a + a * b + b * b) / 3.0;
-  }
-  return std::sqrt(std::max(square - mean * mean, 0.0));
-}
-
-// y at a given x for rising tables; the first of equal x.
-double table_at(const Values& x, const Values& y, double at) {
-  const auto above = std::lower_bound(x.begin(), x.end(), at);
-  if (above == x.begin()) return y.front();
-  if (above == x.end()) return y.back();
-  const auto i = static_cast<std::size_t>(above - x.begin());
-  const double width = x[i] - x[i - 1];
-  return width > 0 ? y[i - 1] + (at - x[i - 1]) / width * (y[i] - y[i - 1]) : y[i];
 }
 
 // (1-t) Q_low + t Q_high on the probabilities where either bends.
@@ -114,8 +68,8 @@ NonparametricChannel interpolated_channel(const NonparametricChannel& low,
   std::vector<Cumulative> levels;
   double first = 0, last = 0;
   for (double level : out.level_dn) {
-    const Cumulative a = cumulative_at(low, level), b = cumulative_at(high, level);
-    const double sd_a = standard_deviation(a), sd_b = standard_deviation(b);
+    const Cumulative a = noise_at(low, level), b = noise_at(high, level);
+    const double sd_a = a.standard_deviation(), sd_b = b.standard_deviation();
     const double sd = mixed(sd_a, sd_b, t);
     levels.push_back(quantile_mean(a, b, sd_a == sd_b ? t : (sd - sd_a) / (sd_b - sd_a)));
     first = std::min(first, levels.back().x.front());
@@ -135,7 +89,7 @@ NonparametricChannel interpolated_channel(const NonparametricChannel& low,
     Values pmf;
     double below = 0;
     for (std::size_t b = 0; b < bins; ++b) {
-      const double upto = b + 1 == bins ? 1.0 : table_at(level.x, level.p, out.bin_edges_dn[b + 1]);
+      const double upto = b + 1 == bins ? 1.0 : level.below(out.bin_edges_dn[b + 1]);
       pmf.push_back(std::max(upto - below, 0.0));
       below = std::max(below, upto);
     }

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/noise/interpolate_kinds.h"
+#include "malus/noise/level_noise.h"
 
 #include <algorithm>
 #include <cmath>
@@ -151,10 +152,11 @@ NoiseProfile nonparametric_profile(const NoiseModel& model,
     std::vector<double> variance;
     for (std::size_t level = 0; level < measured.pmf.size(); ++level)
       variance.push_back(level_moments(measured, level).variance_dn2);
-    profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance);
+    const double K = gain_of_channel(calibration, c);
+    profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance, K);
     // The distributions hold the dark bias as their mean.
     profile.channels[c].bias_dn = level_moments(measured, 0).mean_dn;
-    profile.channels[c].law = NoiseLaw::measured(measured, profile.channels[c].bias_dn);
+    profile.channels[c].law = NoiseLaw::measured(measured, profile.channels[c].bias_dn, K);
     if (!calibration.sigma_row_dn.empty())
       profile.channels[c].sigma_row_dn = calibration.sigma_row_dn[c];
     if (!calibration.K.empty()) profile.channels[c].gain_dn_per_e = calibration.K[c];

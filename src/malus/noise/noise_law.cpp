@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/noise/distribution.h"
+#include "malus/noise/level_noise.h"
 
 #include <algorithm>
 #include <cmath>
@@ -56,10 +57,13 @@ NoiseLaw NoiseLaw::physics(const PhysicsChannel& channel, const PhysicsParts& pa
   return law;
 }
 
-NoiseLaw NoiseLaw::measured(const NonparametricChannel& channel, double bias_dn) {
+NoiseLaw NoiseLaw::measured(const NonparametricChannel& channel, double bias_dn,
+                            double gain_dn_per_e) {
   MALUS_REQUIRE(!channel.level_dn.empty() && channel.level_dn.size() == channel.pmf.size());
   NoiseLaw law;
   law.level_dn_ = channel.level_dn;
+  law.brightest_variance_dn2_ = level_moments(channel, channel.pmf.size() - 1).variance_dn2;
+  law.gain_above_dn_per_e_ = gain_dn_per_e;
   for (const std::vector<double>& pmf : channel.pmf) {
     Nodes nodes;
     double total = 0;
@@ -87,7 +91,10 @@ double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_d
   };
   if (deviation_) return over(0, std::sqrt((*deviation_)(signal_dn)));
   if (level_dn_.empty() || signal_dn <= level_dn_.front()) return over(0, 1.0);
-  if (signal_dn >= level_dn_.back()) return over(level_dn_.size() - 1, 1.0);
+  if (signal_dn >= level_dn_.back())
+    return over(level_dn_.size() - 1,
+                spread_above_levels(brightest_variance_dn2_, gain_above_dn_per_e_,
+                                    signal_dn - level_dn_.back()));
   const auto above = static_cast<std::size_t>(
       std::upper_bound(level_dn_.begin(), level_dn_.end(), signal_dn) - level_dn_.begin());
   const double share =

@@ -22,8 +22,10 @@ class NoiseLaw {
   static NoiseLaw physics(const PhysicsChannel& channel, const PhysicsParts& parts,
                           double quantization_dn);
   /// Measured levels; between two of them a mixture by the fractional distance, as when sampling;
-  /// the outer ones go on. The bias is subtracted: it is what a profile holds as the channel's.
-  static NoiseLaw measured(const NonparametricChannel& channel, double bias_dn);
+  /// the darkest goes on below, the brightest above as level_noise.h says. The bias is subtracted:
+  /// it is what a profile holds as the channel's.
+  static NoiseLaw measured(const NonparametricChannel& channel, double bias_dn,
+                           double gain_dn_per_e = 0);
 
   /// E f(pixel) for clean signals in DN above black and bias; f continuous. Error for functions
   /// with the curvature of a variance stabilisation: below 1e-3 of the local deviation.
@@ -41,6 +43,7 @@ class NoiseLaw {
   double shot_dn_per_e_ = 0;      ///< 0: no Poisson part
   std::vector<double> level_dn_;  ///< signals of the nodes; empty where one set serves them all
   std::vector<Nodes> nodes_;      ///< per level
+  double brightest_variance_dn2_ = 0, gain_above_dn_per_e_ = 0;  ///< of levels
   std::optional<VarianceCurve> deviation_;  ///< squared, for nodes of a normal deviate
 };
 

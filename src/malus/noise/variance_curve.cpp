@@ -13,13 +13,14 @@ VarianceCurve VarianceCurve::affine(double slope_dn, double offset_dn2) {
   return curve;
 }
 
-VarianceCurve VarianceCurve::table(std::vector<double> signal_dn,
-                                   std::vector<double> variance_dn2) {
+VarianceCurve VarianceCurve::table(std::vector<double> signal_dn, std::vector<double> variance_dn2,
+                                   double slope_above_dn) {
   MALUS_REQUIRE(!signal_dn.empty() && signal_dn.size() == variance_dn2.size());
   MALUS_REQUIRE(std::is_sorted(signal_dn.begin(), signal_dn.end()));
   VarianceCurve curve;
   curve.signal_dn_ = std::move(signal_dn);
   curve.variance_dn2_ = std::move(variance_dn2);
+  curve.slope_dn_ = slope_above_dn;
   return curve;
 }
 
@@ -27,7 +28,8 @@ double VarianceCurve::operator()(double signal_dn) const {
   if (is_affine()) return std::max(slope_dn_ * std::max(signal_dn, 0.0) + offset_dn2_, 0.0);
   const auto above = std::upper_bound(signal_dn_.begin(), signal_dn_.end(), signal_dn);
   if (above == signal_dn_.begin()) return variance_dn2_.front();
-  if (above == signal_dn_.end()) return variance_dn2_.back();
+  if (above == signal_dn_.end())
+    return variance_dn2_.back() + slope_dn_ * (signal_dn - signal_dn_.back());
   const auto i = static_cast<std::size_t>(above - signal_dn_.begin());
   const double t = (signal_dn - signal_dn_[i - 1]) / (signal_dn_[i] - signal_dn_[i - 1]);
   return variance_dn2_[i - 1] + t * (variance_dn2_[i] - variance_dn2_[i - 1]);

@@ -12,9 +12,10 @@ class VarianceCurve {
   /// variance = max(slope_dn * signal, 0) + offset_dn2: Poisson-Gaussian, physics, heteroscedastic
   /// Gaussian.
   static VarianceCurve affine(double slope_dn, double offset_dn2);
-  /// Piecewise linear through measured knots (rising signals), constant outside: non-parametric
-  /// models.
-  static VarianceCurve table(std::vector<double> signal_dn, std::vector<double> variance_dn2);
+  /// Piecewise linear through measured knots (rising signals): non-parametric models. Constant
+  /// below; above the last knot it rises by slope_above_dn.
+  static VarianceCurve table(std::vector<double> signal_dn, std::vector<double> variance_dn2,
+                             double slope_above_dn = 0);
   double operator()(double signal_dn) const;
   /// The curve with every variance multiplied by factor > 0.
   VarianceCurve scaled(double factor) const;
@@ -23,7 +24,7 @@ class VarianceCurve {
   double offset_dn2() const { return offset_dn2_; }  ///< contract: is_affine()
 
  private:
-  double slope_dn_ = 0, offset_dn2_ = 0;
+  double slope_dn_ = 0, offset_dn2_ = 0;  ///< slope_dn_: of a table, above its last knot
   std::vector<double> signal_dn_, variance_dn2_;
 };
 

@@ -81,6 +81,7 @@ TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& set
   TrainingPair pair;
   pair.noisy_dn = std::move(noisy.dn);
   pair.gain = noisy.gain;
+  pair.coverage = noisy.coverage;
   pair.clean_dn = Image(settings.patch, settings.patch);
   const float factor =
       synthesizer.settings().amplify ? 1.0f : static_cast<float>(1.0 / recipe.ratio);

@@ -63,6 +63,7 @@ SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& 
 struct TrainingPair {
   Image clean_dn, noisy_dn;  ///< mosaics of settings.patch, DN above black
   GainSetting gain;
+  LevelCoverage coverage;  ///< of kind nonparametric; else empty
 };
 
 /// Cuts and turns the clean patch, then adds the noise: geometry comes first, or rows would become

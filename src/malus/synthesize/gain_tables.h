@@ -2,6 +2,7 @@
 // many frames at one gain then costs the sampling alone.
 #pragma once
 
+#include "malus/noise/level_noise.h"
 #include "malus/noise/model.h"
 #include "malus/noise/parameter_sampler.h"
 #include "malus/synthesize/compiled.h"
@@ -10,8 +11,8 @@
 #include <functional>
 #include <list>
 #include <memory>
-#include <mutex>
 #include <optional>
+#include <vector>
 
 namespace malus {
 
@@ -21,10 +22,12 @@ struct GainTables {
   std::optional<ParameterSampler> parameters;  ///< physics, poisson-gaussian, dark-frames
   std::optional<CompiledNoise> compiled;       ///< all but nonparametric; of the mean parameters
   std::optional<LevelSampler> levels;          ///< nonparametric
+  std::vector<LevelRange> level_ranges;        ///< nonparametric
   double global_bias_dn = 0;  ///< the mean frame's bias, mean over the channels; 0 without bias
 };
 
-/// The tables of the gains drawn last. Safe to use from several threads.
+/// The tables of the gains drawn last. Safe to use from several threads, and in a process that was
+/// forked while they drew.
 class GainTableCache {
  public:
   /// The gain's tables, made by `make` where they are not held. Two threads that miss at the same
@@ -33,7 +36,6 @@ class GainTableCache {
       const GainSetting& gain, const std::function<GainTables(const GainSetting& gain)>& make);
 
  private:
-  std::mutex mutex_;
   std::list<std::shared_ptr<const GainTables>> recent_;  ///< latest first
 };
 

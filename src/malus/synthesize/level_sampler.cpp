@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/noise/level_noise.h"
 #include "malus/synthesize/formation.h"
 #include "malus/synthesize/level_kernel.h"
 
@@ -24,6 +25,28 @@ void append_guesses(const std::vector<double>& level_dn, float start, float per_
       ++level;
     guess.push_back(static_cast<std::uint32_t>(level));
   }
+}
+
+// Levels above the measured ones, close enough that a mixture of two neighbours is as good as their
+// distribution: its excess kurtosis is 3 ((r + 1)² / (4 r) - 1) for variances v and r v.
+struct Continuation {
+  std::vector<double> level_dn, spread;
+};
+
+Continuation continuation(const NonparametricChannel& measured, const LevelMoments& brightest,
+                          double gain_dn_per_e, double highest_dn) {
+  constexpr double kStep = 1.05;  // from spread to spread: an excess of 0.007
+  Continuation above;
+  const double last_dn = measured.level_dn.back(), variance = brightest.variance_dn2;
+  const double most = spread_above_levels(variance, gain_dn_per_e, highest_dn - last_dn);
+  if (!(most > 1)) return above;
+  const int steps = static_cast<int>(std::ceil(std::log(most) / std::log(kStep)));
+  for (int i = 1; i <= steps; ++i) {
+    above.spread.push_back(std::pow(most, static_cast<double>(i) / steps));
+    above.level_dn.push_back(last_dn + (above.spread.back() * above.spread.back() - 1) * variance /
+                                           gain_dn_per_e);
+  }
+  return above;
 }
 
 }  // namespace
@@ -55,15 +78,32 @@ std::vector<AliasCell> alias_cells(const std::vector<double>& probabilities) {
 }
 
 LevelSampler::LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
-                           int row_group)
+                           int row_group, double highest_dn)
     : layout_(layout), row_group_(row_group), row_drift_(calibration.row_drift.drift) {
   MALUS_REQUIRE(static_cast<int>(calibration.channels.size()) == layout.channels());
-  for (std::size_t c = 0; c < calibration.channels.size(); ++c) {
-    const NonparametricChannel& measured = calibration.channels[c];
-    add_channel(measured.level_dn, measured.bin_edges_dn.size() - 1, true,
-                calibration.sigma_row_dn.empty() ? 0.0 : calibration.sigma_row_dn[c]);
+  for (std::size_t c = 0; c < calibration.channels.size(); ++c)
+    add_calibrated(calibration.channels[c], gain_of_channel(calibration, c),
+                   calibration.sigma_row_dn.empty() ? 0.0 : calibration.sigma_row_dn[c],
+                   highest_dn);
+}
+
+// The levels that were measured, and above them the brightest one, wider and wider.
+void LevelSampler::add_calibrated(const NonparametricChannel& measured, double gain_dn_per_e,
+                                  double sigma_row_dn, double highest_dn) {
+  const LevelMoments brightest = level_moments(measured, measured.pmf.size() - 1);
+  const Continuation above = continuation(measured, brightest, gain_dn_per_e, highest_dn);
+  std::vector<double> level_dn = measured.level_dn;
+  level_dn.insert(level_dn.end(), above.level_dn.begin(), above.level_dn.end());
+  const bool shared_places = above.level_dn.empty();
+  add_channel(level_dn, measured.bin_edges_dn.size() - 1, shared_places, sigma_row_dn);
+  for (const auto& pmf : measured.pmf) add_cells(pmf);
+  for (std::size_t l = 0; l < (shared_places ? 1 : measured.pmf.size()); ++l)
     add_places(measured.bin_edges_dn);
-    for (const auto& pmf : measured.pmf) add_cells(pmf);
+  for (const double spread : above.spread) {
+    std::vector<double> edges_dn = measured.bin_edges_dn;
+    for (double& edge : edges_dn) edge = brightest.mean_dn + spread * (edge - brightest.mean_dn);
+    add_places(edges_dn);
+    add_cells(measured.pmf.back());
   }
 }
 

@@ -2,8 +2,8 @@
 // exactly by Walker's alias method ("An efficient method for generating discrete random variables
 // with general distributions", ACM TOMS 3, 1977) and uniform inside the bin. Between two levels one
 // of them is chosen at random with the fractional distance as probability, so that mean and second
-// moment interpolate linearly in the signal, as shot noise does; below the first level and above
-// the last, these serve.
+// moment interpolate linearly in the signal, as shot noise does. Below the first level that one
+// serves, above the last one its distribution, widened where K is known (noise/level_noise.h).
 #pragma once
 
 #include "malus/image/view.h"
@@ -26,9 +26,9 @@ struct LevelDistribution {
 class LevelSampler {
  public:
   /// Contract: one channel of the calibration per channel of the layout, as models are checked.
-  /// row_group 0: no row noise.
+  /// row_group 0: no row noise. highest_dn: brightest signal that noise has to grow for.
   LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
-               int row_group);
+               int row_group, double highest_dn = 0);
   /// Per channel its levels, rising, all with equally many bins; sigma_row_dn: one per channel or
   /// empty; row_drift: of the rows.
   LevelSampler(const SensorLayout& layout,
@@ -53,6 +53,8 @@ class LevelSampler {
   struct RowLanes;
   void add_channel(const std::vector<double>& level_dn, std::size_t bins, bool shared_places,
                    double sigma_row_dn);
+  void add_calibrated(const NonparametricChannel& measured, double gain_dn_per_e,
+                      double sigma_row_dn, double highest_dn);
   void add_places(const std::vector<double>& edges_dn);
   void add_cells(const std::vector<double>& pmf);
   std::vector<RowLanes> row_lanes() const;

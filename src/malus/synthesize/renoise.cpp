@@ -3,10 +3,12 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/noise/distribution.h"
+#include "malus/noise/level_noise.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -66,29 +68,70 @@ RowDrift drift_difference(const std::vector<double>& from_dn, const RowDrift& fr
   return share > 0 ? RowDrift{std::min(share, 1.0), to.length_groups} : RowDrift{};
 }
 
+// Signal of level l of kLevels, closer together in the dark.
+double level_at(double lowest_dn, double highest_dn, std::size_t l) {
+  const double share = static_cast<double>(l) / (kLevels - 1);
+  return lowest_dn + (highest_dn - lowest_dn) * share * share;
+}
+
+// Seven sd of the noisier one to either side, and room for the biases.
+double bin_width(double noisier_sd_dn, double mean_before_dn, double mean_after_dn) {
+  return 2.0 * (7.0 * noisier_sd_dn + std::abs(mean_before_dn) + std::abs(mean_after_dn)) / kBins;
+}
+
+// One channel's noise at both gains.
+struct MeasuredPair {
+  const NonparametricChannel &one, &two;
+  double K_one, K_two;
+};
+
+// First and last signal that both gains tell the noise of.
+std::pair<double, double> common_signals(const MeasuredPair& pair, const std::string& name,
+                                         double white_dn) {
+  const double lowest = std::max(pair.one.level_dn.front(), pair.two.level_dn.front());
+  double highest = std::min(pair.one.level_dn.back(), pair.two.level_dn.back());
+  if (pair.K_one > 0 && pair.K_two > 0) highest = std::max(highest, white_dn);
+  if (lowest > highest)
+    throw InputError("noise on noise",
+                     fmt::format("channel {} has levels from {:.4g} DN on at one gain and up to "
+                                 "{:.4g} DN at the other",
+                                 name, lowest, highest),
+                     "calibrate both gains over the same range of signals");
+  return {lowest, highest};
+}
+
+LevelDistribution measured_difference(const MeasuredPair& pair, const std::string& name,
+                                      double level_dn, double quantization_dn) {
+  const Cumulative before = noise_at(pair.one, level_dn, pair.K_one);
+  const Cumulative after = noise_at(pair.two, level_dn, pair.K_two);
+  const double sd = after.standard_deviation();
+  const double rounded_dn2 =
+      std::pow(before.standard_deviation(), 2) + quantization_dn * quantization_dn / 12.0;
+  require_noisier(name, level_dn, rounded_dn2, sd * sd);
+  const double width = bin_width(sd, before.mean(), after.mean());
+  // The rounding to come counts as the source's: p1 * rounding * d = p2.
+  return difference(level_dn, width, equal_bins(before, width, kBins, quantization_dn),
+                    equal_bins(after, width, kBins));
+}
+
 ChannelLevels measured_differences(const SensorLayout& layout, const NonparametricCalibration& from,
-                                   const NonparametricCalibration& to) {
+                                   const NonparametricCalibration& to, double white_dn,
+                                   double quantization_dn) {
   MALUS_REQUIRE(static_cast<int>(from.channels.size()) == layout.channels() &&
                 static_cast<int>(to.channels.size()) == layout.channels());
   ChannelLevels levels(from.channels.size());
   for (std::size_t c = 0; c < levels.size(); ++c) {
-    const NonparametricChannel &one = from.channels[c], &two = to.channels[c];
+    const MeasuredPair pair{from.channels[c], to.channels[c], gain_of_channel(from, c),
+                            gain_of_channel(to, c)};
     const std::string name = layout.channel_name(static_cast<int>(c));
-    if (one.level_dn != two.level_dn || one.bin_edges_dn != two.bin_edges_dn)
-      throw InputError("noise on noise",
-                       fmt::format("channel {} has other levels or bins at the two gains", name),
-                       "calibrate both gains with the same levels and bins");
-    const double width = one.bin_edges_dn[1] - one.bin_edges_dn[0];
-    for (std::size_t l = 0; l < one.level_dn.size(); ++l)
-      require_noisier(name, one.level_dn[l], level_moments(one, l).variance_dn2,
-                      level_moments(two, l).variance_dn2);
-    levels[c].resize(one.level_dn.size());
-    parallel_for(0, static_cast<std::ptrdiff_t>(levels[c].size()), 1,
-                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-                   for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end);
-                        ++l)
-                     levels[c][l] = difference(one.level_dn[l], width, one.pmf[l], two.pmf[l]);
-                 });
+    const auto [lowest, highest] = common_signals(pair, name, white_dn);
+    levels[c].resize(highest > lowest ? kLevels : 1);
+    parallel_for(
+        0, std::ssize(levels[c]), 1,
+        [&, low = lowest, high = highest](std::ptrdiff_t begin, std::ptrdiff_t end) {
+          for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end); ++l)
+            levels[c][l] = measured_difference(pair, name, level_at(low, high, l), quantization_dn);
+        });
   }
   return levels;
 }
@@ -109,13 +152,10 @@ ChannelLevels physics_differences(const PhysicsNoise& from, const PhysicsNoise& 
     const PixelBins before_bins(from, c), after_bins(to, c);
     parallel_for(0, kLevels, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end); ++l) {
-        const double share = static_cast<double>(l) / (kLevels - 1);
-        const double level = white_dn * share * share;
+        const double level = level_at(0.0, white_dn, l);
         const double before = sd_at(from, one, level), after = sd_at(to, two, level);
         require_noisier(from.layout.channel_name(c), level, before * before, after * after);
-        // Seven sd of the noisier one to either side, and room for the biases.
-        const double width =
-            2.0 * (7.0 * after + std::abs(one.mu_dn) + std::abs(two.mu_dn)) / kBins;
+        const double width = bin_width(after, one.mu_dn, two.mu_dn);
         mine[l] = difference(level, width, before_bins.probabilities(level, width, kBins),
                              after_bins.probabilities(level, width, kBins));
       }
@@ -216,8 +256,9 @@ DrawAddress second_noise(const DrawAddress& address) {
 }
 
 Renoiser::Renoiser(const SensorLayout& layout, const NonparametricCalibration& from,
-                   const NonparametricCalibration& to, int row_group)
-    : sampler_(layout, measured_differences(layout, from, to),
+                   const NonparametricCalibration& to, int row_group, double white_dn,
+                   double quantization_dn)
+    : sampler_(layout, measured_differences(layout, from, to, white_dn, quantization_dn),
                row_difference(from.sigma_row_dn, to.sigma_row_dn), row_group,
                drift_difference(from.sigma_row_dn, from.row_drift.drift, to.sigma_row_dn,
                                 to.row_drift.drift)) {}

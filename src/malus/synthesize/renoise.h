@@ -48,10 +48,15 @@ DrawAddress second_noise(const DrawAddress& address);
 
 class Renoiser {
  public:
-  /// Both at one sensor. Throws InputError where the target is quieter than the source at some
-  /// level (nothing can be added to get there), or, for distributions of different bins or levels.
+  /// Both at one sensor, with any levels and bins: the distributions are taken at common signals,
+  /// on common bins. white_dn: largest signal, DN above black; beyond the levels that both gains
+  /// have it is reached where both know K, else the outermost added noise goes on. quantization_dn:
+  /// step that the result is rounded to, which both distributions hold already; 0: it is not.
+  /// Throws InputError where the target is quieter than the source at some level (nothing can be
+  /// added to get there), and where the gains have no level in common.
   Renoiser(const SensorLayout& layout, const NonparametricCalibration& from,
-           const NonparametricCalibration& to, int row_group);
+           const NonparametricCalibration& to, int row_group, double white_dn,
+           double quantization_dn);
   /// From physics noise at the two gains; white_dn: largest signal, DN above black.
   Renoiser(const PhysicsNoise& from, const PhysicsNoise& to, double white_dn);
 

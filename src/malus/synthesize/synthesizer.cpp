@@ -16,6 +16,7 @@ namespace {
 // Index of RandomSequence(kParameters) that chooses a dark frame; the noise module uses 0 to 3.
 constexpr std::uint64_t kStreamDarkFrame = 16;
 constexpr std::ptrdiff_t kRowsPerPiece = 16;
+constexpr double kWhiteUnknown = 65535.0;  // no integers lie higher
 
 template <class Change>
 void change_pixels(View<const float> from, View<float> to, const Change& change) {
@@ -94,8 +95,13 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
     return tables;
   }
   if (settings_.kind == "nonparametric") {
-    tables.levels.emplace(model_.layout, model_.nonparametric_at(gain),
-                          settings_.row ? model_.row_group : 0);
+    const NonparametricCalibration calibration = model_.nonparametric_at(gain);
+    const double lowest_black =
+        model_.black_dn.empty() ? 0.0
+                                : *std::min_element(model_.black_dn.begin(), model_.black_dn.end());
+    tables.levels.emplace(model_.layout, calibration, settings_.row ? model_.row_group : 0,
+                          (model_.white_dn > 0 ? model_.white_dn : kWhiteUnknown) - lowest_black);
+    tables.level_ranges = level_ranges(calibration);
     return tables;
   }
   const GainRange range =
@@ -146,11 +152,14 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
     signal_dn = noisy_dn;
   }
   if (tables->parameters) return physical(*tables, signal_dn, noisy_dn, address, rounded_later);
-  if (tables->levels)
-    tables->levels->apply(signal_dn, noisy_dn, address);
-  else
-    tables->compiled->apply(signal_dn, noisy_dn, address);
   FrameParameters frame;
+  if (tables->levels) {
+    frame.coverage =
+        level_coverage(model_.layout, tables->level_ranges, signal_dn, address.row0, address.col0);
+    tables->levels->apply(signal_dn, noisy_dn, address);
+  } else {
+    tables->compiled->apply(signal_dn, noisy_dn, address);
+  }
   frame.gain = tables->gain;
   frame.global_bias_dn = tables->global_bias_dn;
   return frame;
@@ -179,11 +188,12 @@ SyntheticFrame Synthesizer::draw(View<const float> clean_dn, const std::optional
 
 RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                                const DrawAddress& address, const std::vector<double>& black_dn,
-                               double white_dn) const {
+                               double white_dn, FrameParameters* drawn) const {
   MALUS_REQUIRE(static_cast<int>(black_dn.size()) == model_.layout.channels());
   SyntheticFrame noise;
   noise.dn = Image(clean_dn.rows(), clean_dn.cols());
   static_cast<FrameParameters&>(noise) = noisy(clean_dn, noise.dn, gain, address, true);
+  if (drawn) *drawn = noise;
   CameraOutput camera{black_dn, white_dn,
                       model_.quantization_dn > 0 ? model_.quantization_dn : 1.0};
   round_as_camera(noise.dn, model_.layout, camera, address.row0, address.col0);

@@ -10,6 +10,7 @@
 #include "malus/noise/model.h"
 #include "malus/synthesize/compiled.h"
 #include "malus/synthesize/gain_tables.h"
+#include "malus/synthesize/level_coverage.h"
 
 #include <cstdint>
 #include <memory>
@@ -72,6 +73,7 @@ struct FrameParameters {
   GainSetting gain;
   PhysicsNoise physics;       ///< of kinds physics, poisson-gaussian and dark-frames; else empty
   double global_bias_dn = 0;  ///< what debias took away
+  LevelCoverage coverage;     ///< of kind nonparametric; else empty
 };
 
 struct SyntheticFrame : FrameParameters {
@@ -100,9 +102,10 @@ class Synthesizer {
 
   /// The same as the camera would write it: rounded and clipped DN, black included, no uniform
   /// quantisation noise. With debias or amplify these act on the rounded values; white moves along.
+  /// drawn, if given, gets what draw_into returns.
   RawFrame draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                     const DrawAddress& address, const std::vector<double>& black_dn,
-                    double white_dn) const;
+                    double white_dn, FrameParameters* drawn = nullptr) const;
 
   const NoiseModel& model() const { return model_; }
   const SynthesisSettings& settings() const { return settings_; }

@@ -1,0 +1,109 @@
+"""Black and white as the program takes them: from the caller, else the file, else the model."""
+
+import os
+import pathlib
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+malus = pytest.importorskip("malus", reason="the Python module is not built (pybind11 is missing)")
+
+MODEL = "imx250mzr-simulated"
+LAYOUT = "polar-mono"
+CELL = [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return malus.Model(MODEL)
+
+
+@pytest.fixture(scope="module")
+def black(model):
+    return model.as_dict()["black"]["value"]
+
+
+@pytest.fixture
+def raw(model, black, tmp_path):
+    """A flat of 300 DN as the camera writes it: uint16 TIFF without any tag."""
+    clean = np.full((96, 128), 300, np.float32)
+    codes = np.round(model.synthesize(clean, gain=12, seed=1, parameters="mean", quantization=False) + black[0])
+    Image.fromarray(codes.astype(np.uint16)).save(tmp_path / "raw.tif")
+    return tmp_path / "raw.tif"
+
+
+def offsets(dn, values):
+    """A mosaic with a number on every position of the cell."""
+    for (r, c), value in zip(CELL, values):
+        dn[r::2, c::2] += value
+    return dn
+
+
+def test_files_without_a_black_level_get_the_model_s(model, raw, tmp_path):
+    dn = malus.denoise(malus.load_frame(raw, layout=LAYOUT), model=model, gain=12)["dn"]
+    assert dn.mean() == pytest.approx(300, abs=1)
+    program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
+    if not program.exists():
+        pytest.skip("needs the program beside the module")
+    subprocess.run([program, "denoise", raw, "--model", MODEL, "--gain", "12", "--layout", LAYOUT, "--format", "npy",
+                    "-o", tmp_path / "out"], check=True, capture_output=True)
+    assert np.array_equal(np.load(tmp_path / "out/raw_denoised.npy").squeeze(), dn)
+    # The file tells no layout either: the model's, as in the program.
+    assert np.array_equal(malus.denoise(malus.load_frame(raw), model=model, gain=12)["dn"], dn)
+
+
+def test_what_is_given_wins(model, raw, black):
+    frame = malus.load_frame(raw, layout=LAYOUT, black=black[0] - 10)
+    assert malus.denoise(frame, model=model, gain=12)["dn"].mean() == pytest.approx(310, abs=1)
+    assert malus.denoise(frame, model=model, gain=12, black=black[0] - 20)["dn"].mean() == pytest.approx(320, abs=1)
+
+
+def test_integers_are_codes_and_floats_are_light(model, raw, black):
+    codes = np.array(Image.open(raw))
+    given = dict(layout=LAYOUT, white=4095, model=model, gain=12)
+    assert malus.denoise(codes, **given)["dn"].mean() == pytest.approx(300, abs=1)
+    light = codes.astype(np.float32) - np.float32(black[0])
+    with pytest.warns(UserWarning, match=f"float pixels are taken as DN above black, give --black {black[0]:g}"):
+        assert malus.denoise(light, **given)["dn"].mean() == pytest.approx(300, abs=1)
+    import warnings
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert malus.denoise(light, black=0, **given)["dn"].mean() == pytest.approx(300, abs=1)
+
+
+def test_each_channel_has_its_black(model, raw):
+    blacks = [70, 74, 68, 72]
+    codes = offsets(np.full((96, 128), 300, np.uint16), blacks)
+    np.save(raw.with_name("uneven.npy"), codes)
+    means = lambda dn: [dn[r::2, c::2].mean() for r, c in CELL]
+    frame = malus.load_frame(raw.with_name("uneven.npy"), layout=LAYOUT, black=blacks, white=4095)
+    assert frame.black_dn == blacks
+    # Naming the layout that the frame has already changes nothing, and neither does one of the same blacks.
+    for other in ({}, {"layout": LAYOUT}):
+        dn = malus.denoise(frame, model=model, gain=12, method="vst-bm3d", **other)["dn"]
+        assert np.ptp(means(dn)) < 0.5
+    for given in (blacks, np.array(blacks), tuple(blacks)):
+        dn = malus.denoise(codes, layout=LAYOUT, white=4095, black=given, model=model, gain=12, method="vst-bm3d")["dn"]
+        assert np.ptp(means(dn)) < 0.5
+    with pytest.raises(malus.InputError, match="unlike black levels"):
+        malus.denoise(frame, layout="mono")
+
+
+@pytest.mark.parametrize("blacks", [[70, 74], [70] * 5, []])
+def test_blacks_are_counted(model, raw, blacks):
+    with pytest.raises(malus.InputError, match="one number, or one per channel"):
+        malus.load_frame(raw, layout=LAYOUT, black=blacks)
+    with pytest.raises(malus.InputError, match="^black: "):
+        malus.denoise(malus.load_frame(raw, layout=LAYOUT), black=blacks, model=model, gain=12)
+
+
+def test_networks_are_named_as_the_program_s(raw):
+    frame = malus.load_frame(raw, layout=LAYOUT, black=0)
+    with pytest.raises(malus.InputError, match="networks run in the program alone; run malus denoise"):
+        malus.denoise(frame, method="weights/bayer.safetensors")
+    with pytest.raises(malus.InputError, match="is no method") as raised:
+        malus.denoise(frame, method="bm3")
+    assert "safetensors" not in str(raised.value)
+    assert "network" not in malus.denoise.__doc__

@@ -1,0 +1,46 @@
+#include "malus/image/black_levels.h"
+
+#include "malus/base/error.h"
+
+#include <cmath>
+#include <numeric>
+
+#include <fmt/format.h>
+
+namespace malus {
+
+std::vector<double> black_per_channel(const std::vector<double>& values, const SensorLayout& layout,
+                                      const std::string& source) {
+  const auto channels = static_cast<std::size_t>(layout.channels());
+  if (values.size() == 1) return std::vector<double>(channels, values[0]);
+  if (values.size() != channels)
+    throw InputError(source,
+                     fmt::format("{} black levels for the {} channels of {}", values.size(),
+                                 channels, layout.name()),
+                     "give one number, or one per channel in mosaic order");
+  return values;
+}
+
+std::vector<double> blacks_for_layout(const std::vector<double>& blacks, const SensorLayout& own,
+                                      const SensorLayout& layout, const std::string& source) {
+  std::vector<double> moved(static_cast<std::size_t>(layout.channels()), std::nan(""));
+  for (int row = 0; row < std::lcm(layout.rows(), own.rows()); ++row)
+    for (int col = 0; col < std::lcm(layout.cols(), own.cols()); ++col) {
+      double& place = moved[static_cast<std::size_t>(layout.channel_at(row, col))];
+      const double value = blacks[static_cast<std::size_t>(own.channel_at(row, col))];
+      if (std::isnan(place)) place = value;
+      if (place != value)
+        throw InputError(source,
+                         fmt::format("tells {} black levels for its layout {}, which {} has no "
+                                     "place for",
+                                     blacks.size(), own.name(), layout.name()),
+                         "give black, or the frame's own layout");
+    }
+  return moved;
+}
+
+std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout& layout) {
+  return blacks_for_layout(frame.black_dn, frame.layout, layout, frame.source);
+}
+
+}  // namespace malus

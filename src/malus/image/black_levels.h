@@ -1,0 +1,23 @@
+// Black levels per channel: one number for all of them, or one each; and what becomes of them where
+// a frame's layout changes.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// One level per channel, from that many or from one for all. Throws InputError naming the source.
+std::vector<double> black_per_channel(const std::vector<double>& values, const SensorLayout& layout,
+                                      const std::string& source);
+
+/// The black levels, one per channel of `own`, of a frame that is given another layout: black
+/// belongs to a place in the sensor's cell, whatever its colour is called. Throws InputError naming
+/// the source where places of one new channel have unlike blacks.
+std::vector<double> blacks_for_layout(const std::vector<double>& blacks, const SensorLayout& own,
+                                      const SensorLayout& layout, const std::string& source);
+std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout& layout);
+
+}  // namespace malus

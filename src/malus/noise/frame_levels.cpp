@@ -1,0 +1,54 @@
+#include "malus/noise/frame_levels.h"
+
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
+#include "malus/image/black_levels.h"
+#include "malus/noise/same_sensor.h"
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+
+std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
+  if (!frame.layout_known) {
+    frame.black_dn = blacks_for_layout(frame, model.layout);
+    frame.layout = model.layout;
+    frame.layout_known = true;
+  }
+  require_layout_of_model(frame, model.layout);
+  std::string warning;
+  double white_dn = model.white_dn;
+  if (!frame.black_known) {
+    const double black = mean_of(model.black_dn);
+    const bool above_already = frame.bits == 0 && black != 0;
+    if (above_already) {
+      frame.black_dn.assign(model.black_dn.size(), 0.0);
+      white_dn -= black;
+      warning = fmt::format(
+          "{}: black level not known; float pixels are taken as DN above black, give --black {:g} "
+          "if they hold the camera's",
+          frame.source, black);
+    } else {
+      frame.black_dn = model.black_dn;
+    }
+    frame.black_known = true;
+  }
+  if (!frame.white_known && model.white_dn > 0) {
+    frame.white_dn = white_dn;
+    frame.white_known = true;
+  }
+  require_levels(frame);
+  return warning;
+}
+
+void require_levels(const RawFrame& frame) {
+  for (const double black : frame.black_dn)
+    if (!(black < frame.white_dn) || !std::isfinite(black) || !std::isfinite(frame.white_dn))
+      throw InputError("black",
+                       fmt::format("{:g} DN is not below white, {:g} DN", black, frame.white_dn),
+                       "give black below white, both finite");
+}
+
+}  // namespace malus

@@ -1,0 +1,21 @@
+// Black and white levels of a frame that is read with its sensor's noise model: what neither the
+// user nor the file states comes from the model.
+#pragma once
+
+#include "malus/noise/model.h"
+
+#include <string>
+
+namespace malus {
+
+/// Fills in layout, black and white of a frame of the model's sensor where they are not known.
+/// Float pixels (bits 0) of unknown black are DN above it already, as malus writes them: black
+/// becomes 0, and white is the model's above its black. Returns what to warn of, for the case that
+/// they are not; empty otherwise. Throws InputError where frame and model have different layouts,
+/// or the levels contradict each other.
+std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame);
+
+/// Throws InputError where a black level is not below white, or one is not finite.
+void require_levels(const RawFrame& frame);
+
+}  // namespace malus
