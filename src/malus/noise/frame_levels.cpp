@@ -2,7 +2,6 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
-#include "malus/image/black_levels.h"
 #include "malus/noise/same_sensor.h"
 
 #include <cmath>
@@ -12,12 +11,7 @@
 namespace malus {
 
 std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
-  if (!frame.layout_known) {
-    frame.black_dn = blacks_for_layout(frame, model.layout);
-    frame.layout = model.layout;
-    frame.layout_known = true;
-  }
-  require_layout_of_model(frame, model.layout);
+  take_layout_of_model(frame, model.layout);
   std::string warning;
   double white_dn = model.white_dn;
   if (!frame.black_known) {

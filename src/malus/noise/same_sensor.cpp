@@ -1,6 +1,7 @@
 #include "malus/noise/same_sensor.h"
 
 #include "malus/base/error.h"
+#include "malus/image/black_levels.h"
 
 #include <fmt/format.h>
 
@@ -23,9 +24,9 @@ std::string declaration_note(const RawFrame& frame) {
 
 void take_layout_of_model(RawFrame& frame, const SensorLayout& model_layout) {
   if (frame.layout_known) return require_layout_of_model(frame, model_layout);
-  const double black = frame.black_dn.empty() ? 0.0 : frame.black_dn.front();
+  if (!frame.black_dn.empty()) frame.black_dn = blacks_for_layout(frame, model_layout);
   frame.layout = model_layout;
-  frame.black_dn.assign(static_cast<std::size_t>(model_layout.channels()), black);
+  frame.layout_known = true;
 }
 
 }  // namespace malus

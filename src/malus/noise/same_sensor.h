@@ -14,8 +14,8 @@ void require_layout_of_model(const RawFrame& frame, const SensorLayout& model_la
 /// where it was not.
 std::string declaration_note(const RawFrame& frame);
 
-/// A loaded frame whose layout neither file nor flag tells gets the model's, and its one black
-/// level in every channel; any other must have the model's already, else InputError.
+/// A loaded frame whose layout neither file nor flag tells gets the model's, and its black levels
+/// for it (image/black_levels.h); any other must have the model's already, else InputError.
 void take_layout_of_model(RawFrame& frame, const SensorLayout& model_layout);
 
 }  // namespace malus
