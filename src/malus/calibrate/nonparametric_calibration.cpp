@@ -4,8 +4,6 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/geometry.h"
-#include "malus/calibrate/level_histograms.h"
-#include "malus/calibrate/temporal.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,104 +14,6 @@
 
 namespace malus {
 namespace {
-
-// First pass over one source: what a noiseless frame would be, in DN above dark.
-struct CleanFrame {
-  Image light_dn;
-  std::vector<double> frame_mean_dn;      ///< the mean the frames had, above dark, per channel
-  std::vector<double> dark_variance_dn2;  ///< temporal, of the darkest twentieth of each channel
-  std::vector<double> slope_dn;           ///< rise of the variance from there to the channel's mean
-  double kept = 1.0;                      ///< share of a frame's variance that noisy - clean shows
-};
-
-TemporalAccumulator accumulate(const FrameSet& set, const RawFrame& first,
-                               const MosaicGeometry& geometry,
-                               const std::vector<double>& dark_level_dn, FrameAlignment alignment,
-                               Progress& progress) {
-  TemporalAccumulator temporal(geometry, dark_level_dn, alignment);
-  for_each_frame(set, &first, progress,
-                 [&](const RawFrame& frame, int) { temporal.add(frame.dn); });
-  return temporal;
-}
-
-// clean = slope * reference per channel, the line fitted to the frames' own mean; the intercept is
-// the dark bias that black subtraction left and belongs to the noise.
-void map_reference(const Image& reference_dn, const MosaicGeometry& geometry, Image& mean_dn) {
-  for (int channel = 0; channel < geometry.channels(); ++channel) {
-    double n = 0, x = 0, y = 0, xx = 0, xy = 0;
-    const auto for_pixels = [&](auto&& use) {
-      for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-        for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-          use(r, c);
-    };
-    for_pixels([&](int r, int c) {
-      const double u = reference_dn(r, c), v = mean_dn(r, c);
-      n += 1;
-      x += u;
-      y += v;
-      xx += u * u;
-      xy += u * v;
-    });
-    const double spread = xx - x * x / n;
-    const double slope = spread > 0 ? (xy - x * y / n) / spread : (x > 0 ? y / x : 0.0);
-    for_pixels(
-        [&](int r, int c) { mean_dn(r, c) = static_cast<float>(slope * reference_dn(r, c)); });
-  }
-}
-
-// Variance in the darkest twentieth of each channel and its rise to the mean: what the bins of the
-// histograms have to suit.
-void measure_range(const TemporalAccumulator& temporal, const MosaicGeometry& geometry,
-                   CleanFrame& clean) {
-  const std::vector<double> variance = temporal.variance_dn2();
-  for (int channel = 0; channel < geometry.channels(); ++channel) {
-    std::vector<std::pair<float, float>> light_and_squares;
-    const std::int64_t step = 1 + geometry.channel_pixels(channel) / 50000;
-    std::int64_t index = 0;
-    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-        if (index++ % step == 0)
-          light_and_squares.emplace_back(clean.light_dn(r, c), temporal.sum_of_squares()(r, c));
-    const auto darkest = static_cast<std::ptrdiff_t>(light_and_squares.size() / 20 + 1);
-    std::nth_element(light_and_squares.begin(), light_and_squares.begin() + darkest - 1,
-                     light_and_squares.end());
-    double light = 0, squares = 0;
-    for (std::ptrdiff_t i = 0; i < darkest; ++i) {
-      light += light_and_squares[static_cast<std::size_t>(i)].first;
-      squares += light_and_squares[static_cast<std::size_t>(i)].second;
-    }
-    const auto n = static_cast<double>(darkest);
-    const double dark = squares / n / (temporal.frames() - 1.0), all = variance[as_index(channel)];
-    const double rise = clean.frame_mean_dn[as_index(channel)] - light / n;
-    clean.dark_variance_dn2.push_back(dark);
-    // On a flat field there is no rise to see: all of the variance may be shot noise.
-    const double mean = std::max(clean.frame_mean_dn[as_index(channel)], 1e-6);
-    clean.slope_dn.push_back(rise > 0.2 * mean && all > dark ? (all - dark) / rise : all / mean);
-  }
-}
-
-CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
-                         const MosaicGeometry& geometry, const std::vector<double>& dark_level_dn,
-                         Progress& progress) {
-  const FrameAlignment alignment = source.frames->kind == FrameKind::kBias
-                                       ? FrameAlignment::kAdditive
-                                       : FrameAlignment::kMultiplicative;
-  TemporalAccumulator temporal =
-      accumulate(*source.frames, first, geometry, dark_level_dn, alignment, progress);
-  CleanFrame clean;
-  clean.frame_mean_dn = temporal.mean_dn();
-  clean.light_dn = temporal.release_mean_frame_dn();
-  measure_range(temporal, geometry, clean);
-  if (source.reference) {
-    TemporalAccumulator reference = accumulate(*source.reference, first, geometry, first.black_dn,
-                                               FrameAlignment::kMultiplicative, progress);
-    map_reference(reference.release_mean_frame_dn(), geometry, clean.light_dn);
-  } else {
-    clean.kept = 1.0 - 1.0 / source.frames->count;
-  }
-  if (source.frames->kind == FrameKind::kBias) clean.frame_mean_dn.clear();
-  return clean;
-}
 
 // Noise of one frame, row by row of groups, into the channels' histograms.
 class LevelPass {
@@ -136,9 +36,11 @@ class LevelPass {
     return rows_[as_index(channel)].variance() - explained_[as_index(channel)].mean();
   }
   double row_variance_error_dn2(int channel) const {
-    return rows_[as_index(channel)].variance_standard_error();
+    // Offsets about their own mean over the frames tell as much as `kept` of their number.
+    return rows_[as_index(channel)].variance_standard_error() / std::sqrt(kept_);
   }
-  void reset_rows() {
+  void begin(const CleanFrame& clean) {
+    kept_ = clean.kept;
     rows_.assign(dark_.size(), Moments());
     explained_ = rows_;
   }
@@ -172,14 +74,27 @@ class LevelPass {
       rows_[c].add(mean / std::sqrt(clean.kept));
       explained_[c].add(pixel / n / clean.kept);
       const double scale = 1.0 / std::sqrt((1.0 - 1.0 / n) * clean.kept);
-      for (std::size_t i = 0; i < noise_.size(); ++i)
-        histograms_[c].add(signal_[i], (noise_[i] - mean) * scale + bias_[c]);
+      for (std::size_t i = 0; i < noise_.size(); ++i) {
+        const double residual = noise_[i] - mean;
+        histograms_[c].add(signal_[i], residual * scale + bias_[c]);
+        histograms_[c].add_square(signal_[i], residual, own_square(residual, pixel, n) / clean.kept,
+                                  clean.kept);
+      }
     }
+  }
+
+  // The mean of a group holds all its pixels' noise: a residual about it has the variance
+  // v (1 - 2/n) + p/n, v the pixel's own and p the group's mean variance. In the row of a scene,
+  // dark pixels would take over a bright neighbour's variance.
+  static double own_square(double residual, double group_variance, int n) {
+    return n > 2 ? (residual * residual - group_variance / n) / (1.0 - 2.0 / n)
+                 : residual * residual / (1.0 - 1.0 / n);
   }
 
   const MosaicGeometry& geometry_;
   const std::vector<double>&dark_, &bias_;
   std::vector<LevelHistograms>& histograms_;
+  double kept_ = 1.0;
   std::vector<Moments> rows_, explained_;
   std::vector<double> signal_, noise_;
 };
@@ -324,15 +239,15 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
 
 }  // namespace
 
-NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
-                                        const RawFrame& first, const PhysicsCalibration* physics,
-                                        int row_group, const CalibrationSettings& settings,
-                                        Progress& progress) {
+MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
+                              const PhysicsCalibration* physics, int row_group,
+                              const CalibrationSettings& settings, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
   std::vector<double> bias(as_index(geometry.channels()), 0.0), dark = first.black_dn;
   if (physics) bias = physics->mu.mean;
   for (std::size_t c = 0; c < dark.size(); ++c) dark[c] += bias[c];
-  NonparametricCalibration out;
+  MeasuredLevels measured;
+  NonparametricCalibration& out = measured.distributions;
   out.gain = sources.front().frames->gain;
   std::vector<LevelHistograms> histograms;
   LevelPass pass(geometry, dark, bias, histograms);
@@ -354,7 +269,7 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
     const CleanFrame clean = measure_clean(source, first, geometry, dark, progress);
     if (histograms.empty())
       histograms = make_histograms(first, clean, physics, bias, step_dn, settings);
-    pass.reset_rows();
+    pass.begin(clean);
     for_each_frame(*source.frames, &first, progress,
                    [&](const RawFrame& frame, int) { pass.add(frame.dn, clean); });
     const double light = clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn);
@@ -377,9 +292,16 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
     out.sigma_row_stderr_dn.push_back(
         physics ? physics->sigma_row.standard_error[c]
                 : 0.5 * (std::sqrt(sigma * sigma + 2 * row_error[c]) - sigma));
+    measured.noise.push_back(histograms[c].noise());
+    if (!physics) continue;
+    row_variance[c] = std::pow(out.sigma_row_dn[c], 2);
+    row_error[c] = 2.0 * out.sigma_row_dn[c] * out.sigma_row_stderr_dn[c];
   }
   if (physics) out.K = physics->K.mean, out.row_drift = physics->row_drift;
-  return out;
+  measured.row_variance_dn2 = std::move(row_variance);
+  measured.row_variance_stderr_dn2 = std::move(row_error);
+  measured.bias_dn = std::move(bias);
+  return measured;
 }
 
 }  // namespace malus
