@@ -42,13 +42,17 @@ void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, View<
   }
 }
 
+// The calibrated offset is a recorded frame's, rounding and all: its q²/12 is taken out here and
+// comes back as uniform noise, or by the rounding itself; never both.
 std::vector<GaussianChannel> gaussian_channels(const GaussianCalibration& calibration,
+                                               double quantization_dn,
                                                const SynthesisSettings& settings) {
+  const double rounding_dn2 = quantization_dn * quantization_dn / 12.0;
   std::vector<GaussianChannel> channels;
   for (std::size_t c = 0; c < calibration.slope_dn.size(); ++c)
     channels.push_back(
         {.slope_dn = settings.shot ? calibration.slope_dn[c] : 0.0,
-         .offset_dn2 = settings.read ? calibration.offset_dn2[c] : 0.0,
+         .offset_dn2 = settings.read ? calibration.offset_dn2[c] - rounding_dn2 : 0.0,
          .mu_dn = settings.bias && !calibration.bias_dn.empty() ? calibration.bias_dn[c] : 0.0});
   return channels;
 }
@@ -87,8 +91,11 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
   GainTables tables;
   tables.gain = gain;
   if (settings_.kind == "gaussian") {
-    const auto channels = gaussian_channels(model_.gaussian_at(gain), settings_);
-    tables.compiled = CompiledNoise::gaussian(model_.layout, channels, model_.row_group);
+    const auto channels =
+        gaussian_channels(model_.gaussian_at(gain), model_.quantization_dn, settings_);
+    tables.compiled =
+        CompiledNoise::gaussian(model_.layout, channels, model_.row_group,
+                                settings_.quantization ? model_.quantization_dn : 0.0);
     for (const GaussianChannel& channel : channels)
       tables.global_bias_dn += channel.mu_dn / static_cast<double>(channels.size());
     return tables;
@@ -148,6 +155,8 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
   if (tables->parameters) return physical(*tables, signal_dn, noisy_dn, address, rounded_later);
   if (tables->levels)
     tables->levels->apply(signal_dn, noisy_dn, address);
+  else if (rounded_later)
+    tables->compiled->without_quantization().apply(signal_dn, noisy_dn, address);
   else
     tables->compiled->apply(signal_dn, noisy_dn, address);
   FrameParameters frame;
