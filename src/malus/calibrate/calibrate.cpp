@@ -16,7 +16,7 @@ namespace malus {
 namespace {
 
 // The sets of one gain. The bias set is the largest dark one; the others are dark partners of flats
-// with their exposure.
+// with their exposure. Flats of the bias frames' own exposure have them as their dark point anyway.
 struct GainPlan {
   GainSetting gain;
   const FrameSet* bias = nullptr;
@@ -44,8 +44,6 @@ std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
     else if (&set != plan->bias)
       plan->darks.push_back(&set);
   }
-  for (GainPlan& plan : plans)
-    if (plan.bias) plan.darks.push_back(plan.bias);  // it may share its exposure with a flat level
   std::stable_sort(plans.begin(), plans.end(), [](const GainPlan& a, const GainPlan& b) {
     return a.gain.decibel().value_or(0.0) > b.gain.decibel().value_or(0.0);
   });
