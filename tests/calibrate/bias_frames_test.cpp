@@ -4,6 +4,7 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/noise/tukey_lambda.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "simulated_session.h"
@@ -43,6 +44,68 @@ TEST(BiasFrames, HotPixelsLeaveTheBiasOfTheOthersAlone) {
     for (int c = 0; c < found.dark_shading_dn.cols(); ++c)
       if (r % 10 != 3 || c % 10 != 5) shading += found.dark_shading_dn(r, c), ++pixels;
   EXPECT_NEAR(shading / pixels, 0.0, 1e-3);
+}
+
+// The same of one frame alone, of noise so narrow that most pixels have one value too, and of
+// frames that are taken one by one.
+TEST(BiasFrames, HotPixelsDoNotLiftTheBiasOfSingleFramesEither) {
+  for (const double narrow : {1.0, 0.15})
+    for (const bool one : {true, false}) {
+      SimulatedCamera camera;
+      camera.gains.push_back(polar_gain(12, "polar-mono", 1));
+      camera.dsnu_dn = 0;
+      camera.bias_frames = one ? 1 : 5;
+      camera.flat_levels = 0;
+      for (PhysicsChannel& channel : camera.gains.front().noise.channels) {
+        channel.sigma_tl_dn *= narrow;
+        channel.sigma_row_dn *= narrow;
+        channel.mu_dn = -2;  // a code: rounding moves no mean
+      }
+      CalibrationInput input = simulated_session(camera);
+      for (FrameSet& set : input.sets)
+        set.load = [load = set.load](int i) {
+          RawFrame frame = load(i);
+          for (int r = 3; r < frame.dn.rows(); r += 5)
+            for (int c = 5; c < frame.dn.cols(); c += 15) frame.dn(r, c) += 800;
+          return frame;
+        };
+      const NoiseModel model = calibrate_physics(input, {.single_frame = !one}, silent_progress());
+      for (const double mu : model.physics.front().mu.mean)  // five standard errors of 1024 pixels
+        EXPECT_NEAR(mu, -2.0, 5 * 2.2 * narrow * std::sqrt(1 / 1024.0 + 0.1 / 32) + 0.05) << narrow;
+    }
+}
+
+// A single value far out in the tail makes a pixel neither noisy nor hot. λ = -0.27 has no fourth
+// moment: 1 % of the pixels had four times the median variance over 100 frames.
+TEST(BiasFrames, HeavyTailsMakeNoDefects) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.gains.push_back(polar_gain(12, "polar-mono", 1));
+  camera.flat_levels = 0;
+  for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = -0.27;
+  for (const int frames : {4, 20, 100}) {
+    camera.bias_frames = frames;
+    CalibrationInput input = simulated_session(camera);
+    for (FrameSet& set : input.sets)
+      set.load = [load = set.load](int i) {
+        RawFrame frame = load(i);
+        frame.black_dn.assign(4, -1000.0);  // room for large values
+        for (float& v : frame.dn.values()) v -= 1080;
+        frame.dn(20, 31) += i % 2 ? 600.0F : -600.0F;
+        frame.dn(40, 41) += 400;
+        return frame;
+      };
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    // Expected by chance: a twentieth of a pixel per channel, of both kinds.
+    EXPECT_LE(model.defects.size(), 2U + 3U) << frames;
+    const auto listed = [&](int row, int col, const char* kind) {
+      return std::any_of(model.defects.begin(), model.defects.end(), [&](const DefectPixel& d) {
+        return d.row == row && d.col == col && d.kind == kind;
+      });
+    };
+    EXPECT_TRUE(listed(20, 31, "noisy")) << frames;
+    EXPECT_TRUE(listed(40, 41, "hot")) << frames;
+  }
 }
 
 // About their mean two frames are mirror images: one of them says all. The standard errors have to

@@ -304,12 +304,12 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
-  const OrdinaryPixels ordinary = ordinary_pixels(pattern, geometry);
-  if (remove_pattern) {
-    const std::vector<double> all = channel_means(pattern, geometry);
-    for (std::vector<double>& frame : frames.mean)
-      for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
-  }
+  const OrdinaryPixels ordinary =
+      ordinary_pixels(pattern, several ? 0.0 : quantization_dn, geometry);
+  // Hot pixels are as bright in every frame as in their mean.
+  const std::vector<double> all = channel_means(pattern, geometry);
+  for (std::vector<double>& frame : frames.mean)
+    for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   measure_shapes(frames, analyzer, quantization_dn, kept, settings, first.layout, out);
   if (remove_pattern) warn_of_few_frames(out);

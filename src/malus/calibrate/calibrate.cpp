@@ -128,8 +128,11 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   else
     measure_flats(plan.flats, plan.darks, first, dark, group, settings, progress, out);
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
+  std::vector<ReadTail> tails;
+  for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
+    tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
   defects = find_defects(out.dark_shading_dn, dark.temporal.sum_of_squares(), plan.bias->count,
-                         out.prnu_map, geometry);
+                         out.prnu_map, tails, geometry);
   if (!settings.maps) {
     out.dark_shading_dn = Image();
     out.prnu_map = Image();

@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
@@ -75,6 +76,28 @@ double chi_square_deviation(double ratio, double freedom) {
   return (std::cbrt(ratio) - (1.0 - a)) / std::sqrt(a);
 }
 
+// Chances that the heaviest of a pixel's values alone explains what it shows: of a heavy-tailed sum
+// the tail is that of its largest term (Chistyakov, Theory Probab. Appl. 9, 1964). No variance of a
+// variance serves here: below λ = -1/4 there is none.
+class SingleValue {
+ public:
+  SingleValue(const ReadTail& tail, int frames) : tail_(tail), frames_(frames) {}
+  /// Of a mean this far above the others' or farther.
+  double above_mean(double difference_dn) const { return beyond(difference_dn * frames_); }
+  /// Of a sum of squares this far above the others' or farther; the pixel's own mean moves along.
+  double above_squares(double difference_dn2) const {
+    return 2.0 * beyond(std::sqrt(std::max(difference_dn2, 0.0) / (1.0 - 1.0 / frames_)));
+  }
+
+ private:
+  double beyond(double value_dn) const {
+    return tail_.scale_dn > 0 ? frames_ * tukey_lambda_cdf(-value_dn / tail_.scale_dn, tail_.lambda)
+                              : 0.0;
+  }
+  ReadTail tail_;
+  int frames_;
+};
+
 }  // namespace
 
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry) {
@@ -91,13 +114,16 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
   return variance;
 }
 
-OrdinaryPixels ordinary_pixels(View<const float> mosaic, const MosaicGeometry& geometry) {
+OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
+                               const MosaicGeometry& geometry) {
   OrdinaryPixels out;
+  const double least = 0.5 * quantization_dn / kMedianOfNormal;  // that a median shows
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const Location level =
         location_of(geometry, channel, [&](int r, int c) { return mosaic(r, c); });
-    const double bound = level.deviation > 0 ? kDefectDeviations * level.deviation
-                                             : std::numeric_limits<double>::infinity();
+    const double deviation = std::max(level.deviation, least);
+    const double bound =
+        deviation > 0 ? kDefectDeviations * deviation : std::numeric_limits<double>::infinity();
     Moments moments;
     for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
       for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
@@ -176,8 +202,11 @@ Response ResponseAccumulator::response() const {
 
 std::vector<DefectPixel> find_defects(View<const float> shading_dn,
                                       View<const float> sum_of_squares, int frames,
-                                      View<const float> response, const MosaicGeometry& geometry) {
+                                      View<const float> response,
+                                      const std::vector<ReadTail>& tails,
+                                      const MosaicGeometry& geometry) {
   constexpr double kNoisyRatio = 4.0, kDeadBelow = 0.5;
+  constexpr double kExpectedByChance = 0.05;  // of all the channel's pixels
   // Aligning the frames' means moves even a pixel that never changes a little.
   constexpr double kStuckRatio = 0.02;
   constexpr int kStuckNeedsFrames = 20;
@@ -187,6 +216,8 @@ std::vector<DefectPixel> find_defects(View<const float> shading_dn,
         location_of(geometry, channel, [&](int r, int c) { return shading_dn(r, c); });
     const double variance =
         location_of(geometry, channel, [&](int r, int c) { return sum_of_squares(r, c); }).centre;
+    const SingleValue single(tails[as_index(channel)], frames);
+    const double chance = kExpectedByChance / static_cast<double>(geometry.channel_pixels(channel));
     for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
       for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols()) {
         if (defects.size() >= kMostDefects) return defects;
@@ -198,9 +229,11 @@ std::vector<DefectPixel> find_defects(View<const float> shading_dn,
           defects.push_back({r, c, "stuck", noisy});
         else if (!response.empty() && response(r, c) < kDeadBelow)
           defects.push_back({r, c, "dead", response(r, c)});
-        else if (hot > kDefectDeviations)
+        else if (hot > kDefectDeviations &&
+                 single.above_mean(shading_dn(r, c) - dark.centre) < chance)
           defects.push_back({r, c, "hot", hot});
-        else if (noisy > kDefectDeviations && ratio > kNoisyRatio)
+        else if (noisy > kDefectDeviations && ratio > kNoisyRatio &&
+                 single.above_squares(sum_of_squares(r, c) - variance) < chance)
           defects.push_back({r, c, "noisy", noisy});
       }
   }
