@@ -258,6 +258,20 @@ void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
   out.row_correlation = nearest_correlation(correlation_of(row_covariance));
 }
 
+void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int frames,
+                    FrameAnalyzer& analyzer) {
+  const std::vector<double> temporal = dark.temporal.variance_dn2();
+  Moments rows;
+  for (int r = 0; r < dark.rows.rows(); ++r) rows.add(dark.rows.covariance_dn2(r, 0));
+  const double row = std::max(rows.mean() - mean_of(temporal) / dark.rows.cols(), 0.0);
+  std::vector<OffsetSpread> spread;
+  for (std::size_t c = 0; c < temporal.size(); ++c)
+    spread.push_back({ordinary.mean_dn[c],
+                      std::max(ordinary.variance_dn2[c] - temporal[c] / frames, 0.0), row,
+                      std::max(temporal[c] - row, 0.0)});
+  analyzer.expect(spread);
+}
+
 void add_black(const RawFrame& first, Image& dn) {
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
@@ -299,13 +313,14 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   for (double& width : cell) width = width > 0 ? std::sqrt(width) / kCellsPerDeviation : 1.0;
   FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
                          cell);
+  const OrdinaryPixels ordinary =
+      ordinary_pixels(pattern, several ? 0.0 : quantization_dn, geometry);
+  if (remove_pattern) expect_offsets(dark, ordinary, set.count, analyzer);
   BiasFrames frames;
   for_each_frame(set, &first, progress,
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
-  const OrdinaryPixels ordinary =
-      ordinary_pixels(pattern, several ? 0.0 : quantization_dn, geometry);
   // Hot pixels are as bright in every frame as in their mean.
   const std::vector<double> all = channel_means(pattern, geometry);
   for (std::vector<double>& frame : frames.mean)
