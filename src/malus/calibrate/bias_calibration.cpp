@@ -19,7 +19,8 @@ namespace {
 
 constexpr double kCellsPerDeviation = 24.0;
 constexpr double kNormalLambda = 0.14;
-// Below: the mean of the other frames, whose error is taken for normal, has tails of its own.
+// Below: the mean of the other frames, whose error is taken for normal, has tails of its own where
+// the fixed pattern is strong enough to need it.
 constexpr int kFewFrames = 10;
 constexpr double kHeavyLambda = 0.05;
 
@@ -207,10 +208,10 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
 void warn_of_few_frames(PhysicsCalibration& out) {
   const double lambda = mean_of(out.lambda.mean);
   if (out.bias_frames < kFewFrames && lambda < kHeavyLambda)
-    out.warnings.push_back(
-        fmt::format("heavy tails (λ = {:.2f}) from {} bias frames: λ and σ_TL come out too low, by "
-                    "up to a tenth; take 20 frames or more",
-                    lambda, out.bias_frames));
+    out.warnings.push_back(fmt::format(
+        "heavy tails (λ = {:.2f}) from {} bias frames: λ and σ_TL may be off by some per "
+        "cent; take 20 frames or more",
+        lambda, out.bias_frames));
 }
 
 // White where the frames do not show more. What drift moves from the rows' variance in a frame to
