@@ -337,15 +337,14 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_coarse_steps(quantization_dn, out);
   if (!several) return;
   const std::vector<double> temporal = dark.temporal.variance_dn2();
-  out.dsnu_dn = dsnu_dn(channel_variances(pattern, geometry), temporal, set.count);
+  out.dsnu_dn = dsnu_dn(ordinary.variance_dn2, temporal, set.count);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
   // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
-  const std::vector<double> of_ordinary = dsnu_dn(ordinary.variance_dn2, temporal, set.count);
-  for (std::size_t c = 0; c < of_ordinary.size(); ++c)
+  for (std::size_t c = 0; c < out.dsnu_dn.size(); ++c)
     out.mu.standard_error[c] = std::hypot(
         out.mu.standard_error[c],
-        of_ordinary[c] /
+        out.dsnu_dn[c] /
             std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
   warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
 }

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -175,27 +176,59 @@ void ResponseAccumulator::add(TemporalAccumulator& flat, View<const float> shadi
     }
 }
 
+// Writes one channel's relative response into the map and returns its mean square about one. A
+// defect would be a good part of its neighbours' window and most of a channel's variance: pixels
+// that stand out of a first map are replaced by their window's mean in the second one's windows,
+// and no part of the square.
+double ResponseAccumulator::relate(int channel, Image& map) const {
+  const auto for_pixels = [&](auto&& use) {
+    for (int r = 0; r < geometry_.channel_rows(channel); ++r)
+      for (int c = 0; c < geometry_.channel_cols(channel); ++c)
+        use(r, c, channel / geometry_.cell_cols() + r * geometry_.cell_rows(),
+            channel % geometry_.cell_cols() + c * geometry_.cell_cols());
+  };
+  WindowMean all(sum_, geometry_, channel);
+  for_pixels([&](int r, int c, int row, int col) {
+    const double mean = all.around(r, c).mean;
+    if (mean > 0) map(row, col) = static_cast<float>(sum_(row, col) / mean);
+  });
+  const Location usual = location_of(geometry_, channel, [&](int r, int c) { return map(r, c); });
+  const auto stands_out = [&](int row, int col) {
+    return usual.deviation > 0 &&
+           std::abs(map(row, col) - usual.centre) > kDefectDeviations * usual.deviation;
+  };
+  Image filled = sum_;
+  std::vector<std::pair<int, int>> left_out;
+  for_pixels([&](int r, int c, int row, int col) {
+    if (!stands_out(row, col)) return;
+    filled(row, col) = static_cast<float>(all.around(r, c).mean);
+    left_out.emplace_back(row, col);
+  });
+  WindowMean ordinary(filled, geometry_, channel);
+  double square = 0.0;
+  auto next = left_out.begin();
+  for_pixels([&](int r, int c, int row, int col) {
+    const auto window = ordinary.around(r, c);
+    const bool defect = next != left_out.end() && *next == std::pair(row, col);
+    if (defect) ++next;
+    if (!(window.mean > 0)) return;
+    const double relative = sum_(row, col) / window.mean;
+    map(row, col) = static_cast<float>(relative);
+    // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
+    if (!defect) square += (relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels);
+  });
+  return square / static_cast<double>(geometry_.channel_pixels(channel) -
+                                      static_cast<std::int64_t>(left_out.size()));
+}
+
 Response ResponseAccumulator::response() const {
   MALUS_REQUIRE(!empty());
   Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}};
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
-    WindowMean local(sum_, geometry_, channel);
-    double square = 0.0;
-    for (int r = 0; r < geometry_.channel_rows(channel); ++r)
-      for (int c = 0; c < geometry_.channel_cols(channel); ++c) {
-        const int row = channel / geometry_.cell_cols() + r * geometry_.cell_rows();
-        const int col = channel % geometry_.cell_cols() + c * geometry_.cell_cols();
-        const auto window = local.around(r, c);
-        if (!(window.mean > 0)) continue;
-        const double relative = sum_(row, col) / window.mean;
-        out.map(row, col) = static_cast<float>(relative);
-        // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
-        square += (relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels);
-      }
+    const double square = relate(channel, out.map);
     const double sampling = weight_[i] > 0 ? weighted_error_[i] / (weight_[i] * weight_[i]) : 0.0;
-    out.prnu.push_back(std::sqrt(
-        std::max(square / static_cast<double>(geometry_.channel_pixels(channel)) - sampling, 0.0)));
+    out.prnu.push_back(std::sqrt(std::max(square - sampling, 0.0)));
   }
   return out;
 }

@@ -39,7 +39,9 @@ struct Response {
   /// Relative to the surroundings (at most 15x15 pixels of the same channel), so that uneven light
   /// and vignetting do not count; mean 1.
   Image map;
-  std::vector<double> prnu;  ///< sd of the map per channel, sampling error removed
+  /// Sd of the map per channel, sampling error removed, of the pixels within kDefectDeviations
+  /// robust deviations of the median: a few defects would be most of it.
+  std::vector<double> prnu;
 };
 
 /// Relative response of every pixel, from any number of flat levels weighted by their precision.
@@ -54,6 +56,7 @@ class ResponseAccumulator {
   Response response() const;
 
  private:
+  double relate(int channel, Image& map) const;
   MosaicGeometry geometry_;
   Image sum_;
   std::vector<double> weight_;          ///< per channel
