@@ -40,7 +40,7 @@ class LevelPass {
     return rows_[as_index(channel)].variance_standard_error() / std::sqrt(kept_);
   }
   void begin(const CleanFrame& clean) {
-    kept_ = clean.kept;
+    kept_ = clean.rows_kept;
     rows_.assign(dark_.size(), Moments());
     explained_ = rows_;
   }
@@ -57,7 +57,8 @@ class LevelPass {
       if (n < 2) continue;
       signal_.clear();
       noise_.clear();
-      double sum = 0, square = 0;
+      pixel_kept_.clear();
+      double sum = 0, square = 0, kept = 0;
       for (int r = begin; r < end; ++r) {
         if (r % geometry_.cell_rows() != channel / geometry_.cell_cols()) continue;
         for (int col = channel % geometry_.cell_cols(); col < geometry_.cols();
@@ -66,29 +67,22 @@ class LevelPass {
           const double noise = dn(r, col) - dark_[c] - light;
           signal_.push_back(bias_frame ? 0.0 : light);
           noise_.push_back(noise);
+          pixel_kept_.push_back(clean.kept(r, col));
+          kept += pixel_kept_.back() / n;
           sum += noise;
           square += noise * noise;
         }
       }
       const double mean = sum / n, pixel = (square - n * mean * mean) / (n - 1);
-      rows_[c].add(mean / std::sqrt(clean.kept));
-      explained_[c].add(pixel / n / clean.kept);
-      const double scale = 1.0 / std::sqrt((1.0 - 1.0 / n) * clean.kept);
+      rows_[c].add(mean / std::sqrt(clean.rows_kept));
+      explained_[c].add(pixel / n / kept);
       for (std::size_t i = 0; i < noise_.size(); ++i) {
-        const double residual = noise_[i] - mean;
-        histograms_[c].add(signal_[i], residual * scale + bias_[c]);
-        histograms_[c].add_square(signal_[i], residual, own_square(residual, pixel, n) / clean.kept,
-                                  clean.kept);
+        const double residual = noise_[i] - mean, own_kept = pixel_kept_[i];
+        histograms_[c].add(signal_[i], residual / std::sqrt((1.0 - 1.0 / n) * own_kept) + bias_[c]);
+        histograms_[c].add_square(signal_[i], residual, own_square(residual, pixel, n) / own_kept,
+                                  own_kept);
       }
     }
-  }
-
-  // The mean of a group holds all its pixels' noise: a residual about it has the variance
-  // v (1 - 2/n) + p/n, v the pixel's own and p the group's mean variance. In the row of a scene,
-  // dark pixels would take over a bright neighbour's variance.
-  static double own_square(double residual, double group_variance, int n) {
-    return n > 2 ? (residual * residual - group_variance / n) / (1.0 - 2.0 / n)
-                 : residual * residual / (1.0 - 1.0 / n);
   }
 
   const MosaicGeometry& geometry_;
@@ -96,7 +90,7 @@ class LevelPass {
   std::vector<LevelHistograms>& histograms_;
   double kept_ = 1.0;
   std::vector<Moments> rows_, explained_;
-  std::vector<double> signal_, noise_;
+  std::vector<double> signal_, noise_, pixel_kept_;
 };
 
 // Histogram of the codes of dark frames, per channel. The lattice is kept as it is: a converter's
@@ -243,14 +237,15 @@ MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const Raw
                               const PhysicsCalibration* physics, int row_group,
                               const CalibrationSettings& settings, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  std::vector<double> bias(as_index(geometry.channels()), 0.0), dark = first.black_dn;
+  std::vector<double> bias(as_index(geometry.channels()), 0.0);
   if (physics) bias = physics->mu.mean;
-  for (std::size_t c = 0; c < dark.size(); ++c) dark[c] += bias[c];
+  DarkLevel dark{first.black_dn, physics != nullptr};
+  for (std::size_t c = 0; c < bias.size(); ++c) dark.dn[c] += bias[c];
   MeasuredLevels measured;
   NonparametricCalibration& out = measured.distributions;
   out.gain = sources.front().frames->gain;
   std::vector<LevelHistograms> histograms;
-  LevelPass pass(geometry, dark, bias, histograms);
+  LevelPass pass(geometry, dark.dn, bias, histograms);
   const double step_dn = quantization_step(first.dn);
   // Integer dark frames have their own way, where row noise is known.
   const bool by_code = physics && step_dn > 0;

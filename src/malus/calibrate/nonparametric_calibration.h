@@ -22,15 +22,14 @@ struct MeasuredLevels {
   std::vector<double> bias_dn;  ///< of dark pixels above black, where physics told it; else 0
 };
 
-/// Clean is the mean of the reference mapped to the frames by a fitted line, or the mean of the
-/// frames themselves (the fixed pattern then is not noise; each frame's share in that mean is
-/// accounted for). Row-group means of noisy - clean are taken off first: row noise is in
-/// sigma_row. The channel's dark bias stays in, as the distributions' mean. Integer bias frames
-/// make the dark level code by code, fixed pattern included, with row noise deconvolved: unequal
-/// steps of the converter stay visible. physics: the same
-/// gain's bias results, for the dark level, row noise and K; null: the black level is dark and row
-/// noise comes from the darkest source. Two passes over each source. Throws InputError when fewer
-/// than two levels of a channel have enough samples.
+/// Clean is the mean of the frames themselves, averaged with the reference where there is one
+/// (measure_clean): the fixed pattern is not noise. Row-group means of noisy - clean are taken off
+/// first: row noise is in sigma_row. The channel's dark bias stays in, as the distributions' mean.
+/// Integer bias frames make the dark level code by code, fixed pattern included, with row noise
+/// deconvolved: unequal steps of the converter stay visible. physics: the same gain's bias results,
+/// for the dark level, row noise and K; null: the black level is dark and row noise comes from the
+/// darkest source. Two passes over each source. Throws InputError when fewer than two levels of a
+/// channel have enough samples.
 MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
                               const PhysicsCalibration* physics, int row_group,
                               const CalibrationSettings& settings, Progress& progress);
