@@ -186,6 +186,24 @@ TEST(CalibrateKinds, LevelsTooFarApartAreSaid) {
   EXPECT_THAT(warnings(), Not(Contains(HasSubstr("no frames between"))));
 }
 
+// Levels that were left out for few samples are not said to be missing in the frames.
+TEST(CalibrateKinds, LevelsWithFewSamplesAreNotMissingFrames) {
+  using ::testing::AllOf, ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
+  CalibrationInput input = simulated_session(polar_mono_camera());
+  for (FrameSet& set : input.sets)
+    if (set.kind == FrameKind::kFlat) set.count = 2;
+  input.sets[2].count = input.sets[3].count = 20;  // only these have samples enough
+  CalibrationSettings settings = small_levels();
+  settings.level_samples = 200000;
+  const auto warnings = calibrate(input, settings, {"physics", "nonparametric"}, silent_progress())
+                            .nonparametric.at(0)
+                            .warnings;
+  EXPECT_THAT(warnings, Not(Contains(HasSubstr("no frames"))));
+  for (const char* place : {"no levels between 0 and", "no levels above"})
+    EXPECT_THAT(warnings, Contains(AllOf(HasSubstr(place), HasSubstr("20000 are needed"),
+                                         HasSubstr("lower --level-samples"))));
+}
+
 TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
   const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
   const CalibrationInput input = burst_with_reference(noise);

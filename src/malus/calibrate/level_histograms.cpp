@@ -195,7 +195,8 @@ LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
     }
     radius = std::min<std::ptrdiff_t>(radius, kBorrowedLevels);
     if (pooled.count * 10 < wanted) {
-      ++out.refused_levels;
+      const Level& own = levels_[as_index(l)];
+      out.refused.emplace_back(own.signal_sum / static_cast<double>(own.count), pooled.count);
       continue;
     }
     const double centre = pooled.signal_sum / static_cast<double>(pooled.count);

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace malus {
@@ -53,7 +54,8 @@ class LevelHistograms {
 
   struct Result {
     NonparametricChannel channel;
-    int refused_levels = 0;
+    /// Level and its samples, neighbours' included: too few.
+    std::vector<std::pair<double, std::int64_t>> refused;
   };
   /// Levels with at least wanted samples as they are; those with fewer borrow from up to two levels
   /// on both sides, and are refused when that does not give a tenth of what is wanted. A level's

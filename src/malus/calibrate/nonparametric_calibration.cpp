@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -171,26 +172,62 @@ void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
   }
 }
 
+// Signals of one channel that frames hold, with too few samples for a level of their own.
+using RefusedLevels = std::vector<std::pair<double, std::int64_t>>;
+
+// What the frames hold between two signals without a level of their own; empty where that leaves
+// most of the distance open: the tails of a flat's noise reach a little beyond it.
+std::string too_few_between(const RefusedLevels& refused, double low_dn, double high_dn,
+                            std::int64_t wanted) {
+  constexpr double kMostOpen = 0.8;
+  int levels = 0;
+  std::int64_t most = 0;
+  double brightest = low_dn, open = 0;
+  for (const auto& [signal, samples] : refused) {  // rising
+    if (!(signal > low_dn && signal < high_dn)) continue;
+    ++levels;
+    most = std::max(most, samples);
+    open = std::max(open, signal - brightest);
+    brightest = signal;
+  }
+  open = std::max(open, high_dn - brightest);
+  if (open > kMostOpen * (high_dn - low_dn)) return {};
+  return fmt::format(
+      "there are signals of up to {:.0f} DN, but their {} levels have {} samples or fewer "
+      "with their neighbours, and {} are needed",
+      brightest, levels, most, wanted / 10);
+}
+
+constexpr const char* kMoreSamples =
+    "take more frames, or lower --level-samples or raise --level-step";
+
 // Above the brightest level that every channel has, its noise is drawn.
-void warn_of_missing_light(const RawFrame& first, NonparametricCalibration& out) {
+void warn_of_missing_light(const RawFrame& first, const std::vector<RefusedLevels>& refused,
+                           std::int64_t wanted, NonparametricCalibration& out) {
   constexpr double kReach = 0.7;
-  double brightest = std::numeric_limits<double>::infinity();
-  for (const NonparametricChannel& channel : out.channels)
-    brightest = std::min(brightest, channel.level_dn.back());
+  std::size_t c = 0;
+  for (std::size_t i = 1; i < out.channels.size(); ++i)
+    if (out.channels[i].level_dn.back() < out.channels[c].level_dn.back()) c = i;
+  const double brightest = out.channels[c].level_dn.back();
   const double range = first.white_dn - mean_of(first.black_dn);
-  if (brightest < kReach * range)
-    out.warnings.push_back(
-        fmt::format("no frames above {:.0f} DN, {:.0f} % of the range: brighter signals are drawn "
-                    "with that level's noise; take brighter frames",
-                    brightest, 100 * brightest / range));
+  if (!(brightest < kReach * range)) return;
+  const std::string few = too_few_between(refused[c], brightest, kReach * range, wanted);
+  out.warnings.push_back(fmt::format(
+      "no {} above {:.0f} DN, {:.0f} % of the range{}: brighter signals are drawn with that "
+      "level's noise; {}",
+      few.empty() ? "frames" : "levels", brightest, 100 * brightest / range,
+      few.empty() ? "" : " (" + few + ")", few.empty() ? "take brighter frames" : kMoreSamples));
 }
 
 // Between two levels draws are mixed from both: of unlike variances, v and r v, the mixture's
 // excess kurtosis reaches 3 ((r + 1)² / (4 r) - 1), which is 1.7 for r = 4.
-void warn_of_gaps(NonparametricCalibration& out) {
+void warn_of_gaps(const std::vector<RefusedLevels>& refused, std::int64_t wanted,
+                  NonparametricCalibration& out) {
   constexpr double kMostRise = 4.0;
   double most = kMostRise, low_dn = 0, high_dn = 0;
-  for (const NonparametricChannel& channel : out.channels)
+  std::string few;
+  for (std::size_t c = 0; c < out.channels.size(); ++c) {
+    const NonparametricChannel& channel = out.channels[c];
     for (std::size_t i = 1; i < channel.level_dn.size(); ++i) {
       const double below = level_moments(channel, i - 1).variance_dn2;
       const double rise = level_moments(channel, i).variance_dn2 / below;
@@ -198,37 +235,42 @@ void warn_of_gaps(NonparametricCalibration& out) {
       most = rise;
       low_dn = channel.level_dn[i - 1];
       high_dn = channel.level_dn[i];
+      few = too_few_between(refused[c], low_dn, high_dn, wanted);
     }
+  }
   if (most > kMostRise)
     out.warnings.push_back(fmt::format(
-        "no frames between {:.0f} and {:.0f} DN, where the noise's variance rises "
-        "{:.0f}-fold: signals between them get a mixture of both with heavy tails; take "
-        "flats in between, or an unevenly lit scene",
-        low_dn, high_dn, most));
+        "no {} between {:.0f} and {:.0f} DN, where the noise's variance rises {:.0f}-fold{}: "
+        "signals between them get a mixture of both with heavy tails; {}",
+        few.empty() ? "frames" : "levels", low_dn, high_dn, most,
+        few.empty() ? "" : " (" + few + ")",
+        few.empty() ? "take flats in between, or an unevenly lit scene" : kMoreSamples));
 }
 
 void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFrame& first,
                      const CalibrationSettings& settings, NonparametricCalibration& out) {
-  int refused = 0;
+  std::vector<RefusedLevels> refused;
+  std::size_t all_refused = 0;
   for (std::size_t c = 0; c < histograms.size(); ++c) {
     auto result = histograms[c].result(settings.level_samples);
-    refused += result.refused_levels;
     if (result.channel.level_dn.size() < 2)
       throw InputError(
           fmt::format("{}, channel {}", out.gain.text(),
                       first.layout.channel_name(static_cast<int>(c))),
           fmt::format("{} of its signal levels have a tenth of {} samples, 2 are needed",
                       result.channel.level_dn.size(), settings.level_samples),
-          "take more frames, or lower --level-samples or raise --level-step");
+          kMoreSamples);
     out.channels.push_back(std::move(result.channel));
+    all_refused += result.refused.size();
+    refused.push_back(std::move(result.refused));
   }
-  if (refused > 0)
+  if (all_refused > 0)
     out.warnings.push_back(fmt::format(
         "{} signal levels of all channels together were left out: fewer than {} samples even with "
         "their neighbours",
-        refused, settings.level_samples / 10));
-  warn_of_gaps(out);
-  warn_of_missing_light(first, out);
+        all_refused, settings.level_samples / 10));
+  warn_of_gaps(refused, settings.level_samples, out);
+  warn_of_missing_light(first, refused, settings.level_samples, out);
 }
 
 }  // namespace
