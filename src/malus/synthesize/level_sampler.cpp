@@ -26,6 +26,18 @@ void append_guesses(const std::vector<double>& level_dn, float start, float per_
   }
 }
 
+// Bin edges of one level, drawn together about the mean until q²/12 of the variance is gone.
+std::vector<double> edges_before_rounding(const NonparametricChannel& channel, std::size_t level,
+                                          double step_dn) {
+  std::vector<double> edges = channel.bin_edges_dn;
+  const LevelMoments moments = level_moments(channel, level);
+  if (channel.level_dn[level] == 0 || !(moments.variance_dn2 > 0)) return edges;
+  const double share =
+      std::sqrt(std::max(1.0 - step_dn * step_dn / 12.0 / moments.variance_dn2, 0.0));
+  for (double& edge : edges) edge = moments.mean_dn + share * (edge - moments.mean_dn);
+  return edges;
+}
+
 }  // namespace
 
 std::vector<AliasCell> alias_cells(const std::vector<double>& probabilities) {
@@ -55,15 +67,19 @@ std::vector<AliasCell> alias_cells(const std::vector<double>& probabilities) {
 }
 
 LevelSampler::LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
-                           int row_group)
+                           int row_group, double rounded_to_dn)
     : layout_(layout), row_group_(row_group), row_drift_(calibration.row_drift.drift) {
   MALUS_REQUIRE(static_cast<int>(calibration.channels.size()) == layout.channels());
   for (std::size_t c = 0; c < calibration.channels.size(); ++c) {
     const NonparametricChannel& measured = calibration.channels[c];
-    add_channel(measured.level_dn, measured.bin_edges_dn.size() - 1, true,
+    const bool shared_places = !(rounded_to_dn > 0);
+    add_channel(measured.level_dn, measured.bin_edges_dn.size() - 1, shared_places,
                 calibration.sigma_row_dn.empty() ? 0.0 : calibration.sigma_row_dn[c]);
-    add_places(measured.bin_edges_dn);
-    for (const auto& pmf : measured.pmf) add_cells(pmf);
+    if (shared_places) add_places(measured.bin_edges_dn);
+    for (std::size_t l = 0; l < measured.pmf.size(); ++l) {
+      if (!shared_places) add_places(edges_before_rounding(measured, l, rounded_to_dn));
+      add_cells(measured.pmf[l]);
+    }
   }
 }
 

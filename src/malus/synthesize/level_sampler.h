@@ -26,9 +26,13 @@ struct LevelDistribution {
 class LevelSampler {
  public:
   /// Contract: one channel of the calibration per channel of the layout, as models are checked.
-  /// row_group 0: no row noise.
+  /// row_group 0: no row noise. rounded_to_dn: step of the whole numbers that both the
+  /// calibration's frames and this sampler's output are rounded to, 0 for none. The rounding's
+  /// variance, q²/12, is then taken out by drawing the distributions narrower about their means.
+  /// That of signal zero stays: it was measured code by code, and rounding a draw gives the code
+  /// again.
   LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
-               int row_group);
+               int row_group, double rounded_to_dn = 0.0);
   /// Per channel its levels, rising, all with equally many bins; sigma_row_dn: one per channel or
   /// empty; row_drift: of the rows.
   LevelSampler(const SensorLayout& layout,

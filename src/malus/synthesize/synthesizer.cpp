@@ -101,8 +101,11 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
     return tables;
   }
   if (settings_.kind == "nonparametric") {
-    tables.levels.emplace(model_.layout, model_.nonparametric_at(gain),
-                          settings_.row ? model_.row_group : 0);
+    const NonparametricCalibration calibration = model_.nonparametric_at(gain);
+    const int row_group = settings_.row ? model_.row_group : 0;
+    tables.levels.emplace(model_.layout, calibration, row_group);
+    if (model_.quantization_dn > 0)
+      tables.rounded_levels.emplace(model_.layout, calibration, row_group, model_.quantization_dn);
     return tables;
   }
   const GainRange range =
@@ -154,7 +157,8 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
   }
   if (tables->parameters) return physical(*tables, signal_dn, noisy_dn, address, rounded_later);
   if (tables->levels)
-    tables->levels->apply(signal_dn, noisy_dn, address);
+    (rounded_later && tables->rounded_levels ? tables->rounded_levels : tables->levels)
+        ->apply(signal_dn, noisy_dn, address);
   else if (rounded_later)
     tables->compiled->without_quantization().apply(signal_dn, noisy_dn, address);
   else
