@@ -4,6 +4,7 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/noise/tukey_lambda.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "simulated_session.h"
@@ -45,6 +46,68 @@ TEST(BiasFrames, HotPixelsLeaveTheBiasOfTheOthersAlone) {
   EXPECT_NEAR(shading / pixels, 0.0, 1e-3);
 }
 
+// The same of one frame alone, of noise so narrow that most pixels have one value too, and of
+// frames that are taken one by one.
+TEST(BiasFrames, HotPixelsDoNotLiftTheBiasOfSingleFramesEither) {
+  for (const double narrow : {1.0, 0.15})
+    for (const bool one : {true, false}) {
+      SimulatedCamera camera;
+      camera.gains.push_back(polar_gain(12, "polar-mono", 1));
+      camera.dsnu_dn = 0;
+      camera.bias_frames = one ? 1 : 5;
+      camera.flat_levels = 0;
+      for (PhysicsChannel& channel : camera.gains.front().noise.channels) {
+        channel.sigma_tl_dn *= narrow;
+        channel.sigma_row_dn *= narrow;
+        channel.mu_dn = -2;  // a code: rounding moves no mean
+      }
+      CalibrationInput input = simulated_session(camera);
+      for (FrameSet& set : input.sets)
+        set.load = [load = set.load](int i) {
+          RawFrame frame = load(i);
+          for (int r = 3; r < frame.dn.rows(); r += 5)
+            for (int c = 5; c < frame.dn.cols(); c += 15) frame.dn(r, c) += 800;
+          return frame;
+        };
+      const NoiseModel model = calibrate_physics(input, {.single_frame = !one}, silent_progress());
+      for (const double mu : model.physics.front().mu.mean)  // five standard errors of 1024 pixels
+        EXPECT_NEAR(mu, -2.0, 5 * 2.2 * narrow * std::sqrt(1 / 1024.0 + 0.1 / 32) + 0.05) << narrow;
+    }
+}
+
+// A single value far out in the tail makes a pixel neither noisy nor hot. λ = -0.27 has no fourth
+// moment: 1 % of the pixels had four times the median variance over 100 frames.
+TEST(BiasFrames, HeavyTailsMakeNoDefects) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.gains.push_back(polar_gain(12, "polar-mono", 1));
+  camera.flat_levels = 0;
+  for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = -0.27;
+  for (const int frames : {4, 20, 100}) {
+    camera.bias_frames = frames;
+    CalibrationInput input = simulated_session(camera);
+    for (FrameSet& set : input.sets)
+      set.load = [load = set.load](int i) {
+        RawFrame frame = load(i);
+        frame.black_dn.assign(4, -1000.0);  // room for large values
+        for (float& v : frame.dn.values()) v -= 1080;
+        frame.dn(20, 31) += i % 2 ? 600.0F : -600.0F;
+        frame.dn(40, 41) += 400;
+        return frame;
+      };
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    // Expected by chance: a twentieth of a pixel per channel, of both kinds.
+    EXPECT_LE(model.defects.size(), 2U + 3U) << frames;
+    const auto listed = [&](int row, int col, const char* kind) {
+      return std::any_of(model.defects.begin(), model.defects.end(), [&](const DefectPixel& d) {
+        return d.row == row && d.col == col && d.kind == kind;
+      });
+    };
+    EXPECT_TRUE(listed(20, 31, "noisy")) << frames;
+    EXPECT_TRUE(listed(40, 41, "hot")) << frames;
+  }
+}
+
 // About their mean two frames are mirror images: one of them says all. The standard errors have to
 // know it, or they are short by the root of two.
 TEST(BiasFrames, TwoBiasFramesClaimNoMoreThanTheyTell) {
@@ -71,6 +134,55 @@ TEST(BiasFrames, TwoBiasFramesClaimNoMoreThanTheyTell) {
   const double rms = std::sqrt(dark.variance() + dark.mean() * dark.mean());
   EXPECT_GT(rms, 0.75);
   EXPECT_LT(rms, 1.25);
+}
+
+SimulatedCamera camera_of_shape(double lambda, double sd_dn, double dsnu_dn, int frames) {
+  SimulatedCamera camera;
+  camera.gains.push_back(polar_gain(0, "polar-mono", 1));
+  camera.bias_frames = frames;
+  camera.flat_levels = 0;
+  camera.dsnu_dn = dsnu_dn;
+  for (PhysicsChannel& channel : camera.gains.front().noise.channels) {
+    channel.lambda = lambda;
+    channel.sigma_tl_dn = sd_dn / std::sqrt(tukey_lambda_variance(lambda));
+    channel.sigma_row_dn = 0.05;
+  }
+  return camera;
+}
+
+// Relative errors of σ_TL over sessions and channels, and in standard errors.
+struct ScaleErrors {
+  Moments relative, z;
+};
+
+ScaleErrors scale_errors(SimulatedCamera camera, int sessions) {
+  ScaleErrors out;
+  for (int i = 0; i < sessions; ++i) {
+    camera.seed = 1000 + static_cast<std::uint64_t>(i);
+    const ChannelStatistics found = calibrated(camera).physics.front().sigma_tl;
+    for (std::size_t c = 0; c < 4; ++c) {
+      const double truth = camera.gains.front().noise.channels[c].sigma_tl_dn;
+      out.relative.add(found.mean[c] / truth - 1);
+      out.z.add((found.mean[c] - truth) / found.standard_error[c]);
+    }
+  }
+  return out;
+}
+
+// All pixels at one phase of the lattice: σ_TL was 4.2 % too large when every pixel's own noisy
+// mean was its offset. 32 estimates of 1.1 % each: four standard errors of their mean are 0.8 %.
+TEST(BiasFrames, NoiseOfHalfAStepWithoutAFixedPatternIsMeasured) {
+  const ScaleErrors errors = scale_errors(camera_of_shape(0.14, 0.5, 0.0, 100), 8);
+  EXPECT_LT(std::abs(errors.relative.mean()), 0.013);
+}
+
+// Another frame's value far out in the tail shifts a pixel's mean. 160 estimates: the root mean
+// square of z has a standard deviation of 0.06; it was 1.9 from four frames and 1.5 from eight.
+TEST(BiasFrames, HeavyTailsFromFewFramesStateTheirError) {
+  for (const int frames : {4, 8}) {
+    const Moments z = scale_errors(camera_of_shape(-0.27, 3.0, 0.4, frames), 40).z;
+    EXPECT_LT(std::sqrt(z.variance() + z.mean() * z.mean()), 1.35) << frames;
+  }
 }
 
 TEST(BiasFrames, HeavyTailsFromFewFramesAreSaid) {

@@ -19,7 +19,8 @@ namespace {
 
 constexpr double kCellsPerDeviation = 24.0;
 constexpr double kNormalLambda = 0.14;
-// Below: the mean of the other frames, whose error is taken for normal, has tails of its own.
+// Below: the mean of the other frames, whose error is taken for normal, has tails of its own where
+// the fixed pattern is strong enough to need it.
 constexpr int kFewFrames = 10;
 constexpr double kHeavyLambda = 0.05;
 
@@ -207,10 +208,10 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
 void warn_of_few_frames(PhysicsCalibration& out) {
   const double lambda = mean_of(out.lambda.mean);
   if (out.bias_frames < kFewFrames && lambda < kHeavyLambda)
-    out.warnings.push_back(
-        fmt::format("heavy tails (λ = {:.2f}) from {} bias frames: λ and σ_TL come out too low, by "
-                    "up to a tenth; take 20 frames or more",
-                    lambda, out.bias_frames));
+    out.warnings.push_back(fmt::format(
+        "heavy tails (λ = {:.2f}) from {} bias frames: λ and σ_TL may be off by some per "
+        "cent; take 20 frames or more",
+        lambda, out.bias_frames));
 }
 
 // White where the frames do not show more. What drift moves from the rows' variance in a frame to
@@ -258,6 +259,20 @@ void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
   out.row_correlation = nearest_correlation(correlation_of(row_covariance));
 }
 
+void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int frames,
+                    FrameAnalyzer& analyzer) {
+  const std::vector<double> temporal = dark.temporal.variance_dn2();
+  Moments rows;
+  for (int r = 0; r < dark.rows.rows(); ++r) rows.add(dark.rows.covariance_dn2(r, 0));
+  const double row = std::max(rows.mean() - mean_of(temporal) / dark.rows.cols(), 0.0);
+  std::vector<OffsetSpread> spread;
+  for (std::size_t c = 0; c < temporal.size(); ++c)
+    spread.push_back({ordinary.mean_dn[c],
+                      std::max(ordinary.variance_dn2[c] - temporal[c] / frames, 0.0), row,
+                      std::max(temporal[c] - row, 0.0)});
+  analyzer.expect(spread);
+}
+
 void add_black(const RawFrame& first, Image& dn) {
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
@@ -299,17 +314,18 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   for (double& width : cell) width = width > 0 ? std::sqrt(width) / kCellsPerDeviation : 1.0;
   FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
                          cell);
+  const OrdinaryPixels ordinary =
+      ordinary_pixels(pattern, several ? 0.0 : quantization_dn, geometry);
+  if (remove_pattern) expect_offsets(dark, ordinary, set.count, analyzer);
   BiasFrames frames;
   for_each_frame(set, &first, progress,
                  [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
-  const OrdinaryPixels ordinary = ordinary_pixels(pattern, geometry);
-  if (remove_pattern) {
-    const std::vector<double> all = channel_means(pattern, geometry);
-    for (std::vector<double>& frame : frames.mean)
-      for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
-  }
+  // Hot pixels are as bright in every frame as in their mean.
+  const std::vector<double> all = channel_means(pattern, geometry);
+  for (std::vector<double>& frame : frames.mean)
+    for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   measure_shapes(frames, analyzer, quantization_dn, kept, settings, first.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
@@ -321,15 +337,14 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_coarse_steps(quantization_dn, out);
   if (!several) return;
   const std::vector<double> temporal = dark.temporal.variance_dn2();
-  out.dsnu_dn = dsnu_dn(channel_variances(pattern, geometry), temporal, set.count);
+  out.dsnu_dn = dsnu_dn(ordinary.variance_dn2, temporal, set.count);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
   // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
-  const std::vector<double> of_ordinary = dsnu_dn(ordinary.variance_dn2, temporal, set.count);
-  for (std::size_t c = 0; c < of_ordinary.size(); ++c)
+  for (std::size_t c = 0; c < out.dsnu_dn.size(); ++c)
     out.mu.standard_error[c] = std::hypot(
         out.mu.standard_error[c],
-        of_ordinary[c] /
+        out.dsnu_dn[c] /
             std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
   warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
 }

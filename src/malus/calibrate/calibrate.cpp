@@ -17,7 +17,7 @@ namespace malus {
 namespace {
 
 // The sets of one gain. The bias set is the largest dark one; the others are dark partners of flats
-// with their exposure.
+// with their exposure. Flats of the bias frames' own exposure have them as their dark point anyway.
 struct GainPlan {
   GainSetting gain;
   const FrameSet* bias = nullptr;
@@ -45,8 +45,6 @@ std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
     else if (&set != plan->bias)
       plan->darks.push_back(&set);
   }
-  for (GainPlan& plan : plans)
-    if (plan.bias) plan.darks.push_back(plan.bias);  // it may share its exposure with a flat level
   std::stable_sort(plans.begin(), plans.end(), [](const GainPlan& a, const GainPlan& b) {
     return a.gain.decibel().value_or(0.0) > b.gain.decibel().value_or(0.0);
   });
@@ -131,8 +129,11 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   else
     measure_flats(plan.flats, plan.darks, first, dark, group, settings, progress, out);
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
+  std::vector<ReadTail> tails;
+  for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
+    tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
   defects = find_defects(out.dark_shading_dn, dark.temporal.sum_of_squares(), plan.bias->count,
-                         out.prnu_map, geometry);
+                         out.prnu_map, tails, geometry);
   if (!settings.maps) {
     out.dark_shading_dn = Image();
     out.prnu_map = Image();

@@ -3,11 +3,13 @@
 #include "malus/base/index.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -75,6 +77,28 @@ double chi_square_deviation(double ratio, double freedom) {
   return (std::cbrt(ratio) - (1.0 - a)) / std::sqrt(a);
 }
 
+// Chances that the heaviest of a pixel's values alone explains what it shows: of a heavy-tailed sum
+// the tail is that of its largest term (Chistyakov, Theory Probab. Appl. 9, 1964). No variance of a
+// variance serves here: below λ = -1/4 there is none.
+class SingleValue {
+ public:
+  SingleValue(const ReadTail& tail, int frames) : tail_(tail), frames_(frames) {}
+  /// Of a mean this far above the others' or farther.
+  double above_mean(double difference_dn) const { return beyond(difference_dn * frames_); }
+  /// Of a sum of squares this far above the others' or farther; the pixel's own mean moves along.
+  double above_squares(double difference_dn2) const {
+    return 2.0 * beyond(std::sqrt(std::max(difference_dn2, 0.0) / (1.0 - 1.0 / frames_)));
+  }
+
+ private:
+  double beyond(double value_dn) const {
+    return tail_.scale_dn > 0 ? frames_ * tukey_lambda_cdf(-value_dn / tail_.scale_dn, tail_.lambda)
+                              : 0.0;
+  }
+  ReadTail tail_;
+  int frames_;
+};
+
 }  // namespace
 
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry) {
@@ -91,13 +115,16 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
   return variance;
 }
 
-OrdinaryPixels ordinary_pixels(View<const float> mosaic, const MosaicGeometry& geometry) {
+OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
+                               const MosaicGeometry& geometry) {
   OrdinaryPixels out;
+  const double least = 0.5 * quantization_dn / kMedianOfNormal;  // that a median shows
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const Location level =
         location_of(geometry, channel, [&](int r, int c) { return mosaic(r, c); });
-    const double bound = level.deviation > 0 ? kDefectDeviations * level.deviation
-                                             : std::numeric_limits<double>::infinity();
+    const double deviation = std::max(level.deviation, least);
+    const double bound =
+        deviation > 0 ? kDefectDeviations * deviation : std::numeric_limits<double>::infinity();
     Moments moments;
     for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
       for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
@@ -149,35 +176,70 @@ void ResponseAccumulator::add(TemporalAccumulator& flat, View<const float> shadi
     }
 }
 
+// Writes one channel's relative response into the map and returns its mean square about one. A
+// defect would be a good part of its neighbours' window and most of a channel's variance: pixels
+// that stand out of a first map are replaced by their window's mean in the second one's windows,
+// and no part of the square.
+double ResponseAccumulator::relate(int channel, Image& map) const {
+  const auto for_pixels = [&](auto&& use) {
+    for (int r = 0; r < geometry_.channel_rows(channel); ++r)
+      for (int c = 0; c < geometry_.channel_cols(channel); ++c)
+        use(r, c, channel / geometry_.cell_cols() + r * geometry_.cell_rows(),
+            channel % geometry_.cell_cols() + c * geometry_.cell_cols());
+  };
+  WindowMean all(sum_, geometry_, channel);
+  for_pixels([&](int r, int c, int row, int col) {
+    const double mean = all.around(r, c).mean;
+    if (mean > 0) map(row, col) = static_cast<float>(sum_(row, col) / mean);
+  });
+  const Location usual = location_of(geometry_, channel, [&](int r, int c) { return map(r, c); });
+  const auto stands_out = [&](int row, int col) {
+    return usual.deviation > 0 &&
+           std::abs(map(row, col) - usual.centre) > kDefectDeviations * usual.deviation;
+  };
+  Image filled = sum_;
+  std::vector<std::pair<int, int>> left_out;
+  for_pixels([&](int r, int c, int row, int col) {
+    if (!stands_out(row, col)) return;
+    filled(row, col) = static_cast<float>(all.around(r, c).mean);
+    left_out.emplace_back(row, col);
+  });
+  WindowMean ordinary(filled, geometry_, channel);
+  double square = 0.0;
+  auto next = left_out.begin();
+  for_pixels([&](int r, int c, int row, int col) {
+    const auto window = ordinary.around(r, c);
+    const bool defect = next != left_out.end() && *next == std::pair(row, col);
+    if (defect) ++next;
+    if (!(window.mean > 0)) return;
+    const double relative = sum_(row, col) / window.mean;
+    map(row, col) = static_cast<float>(relative);
+    // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
+    if (!defect) square += (relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels);
+  });
+  return square / static_cast<double>(geometry_.channel_pixels(channel) -
+                                      static_cast<std::int64_t>(left_out.size()));
+}
+
 Response ResponseAccumulator::response() const {
   MALUS_REQUIRE(!empty());
   Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}};
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
-    WindowMean local(sum_, geometry_, channel);
-    double square = 0.0;
-    for (int r = 0; r < geometry_.channel_rows(channel); ++r)
-      for (int c = 0; c < geometry_.channel_cols(channel); ++c) {
-        const int row = channel / geometry_.cell_cols() + r * geometry_.cell_rows();
-        const int col = channel % geometry_.cell_cols() + c * geometry_.cell_cols();
-        const auto window = local.around(r, c);
-        if (!(window.mean > 0)) continue;
-        const double relative = sum_(row, col) / window.mean;
-        out.map(row, col) = static_cast<float>(relative);
-        // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
-        square += (relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels);
-      }
+    const double square = relate(channel, out.map);
     const double sampling = weight_[i] > 0 ? weighted_error_[i] / (weight_[i] * weight_[i]) : 0.0;
-    out.prnu.push_back(std::sqrt(
-        std::max(square / static_cast<double>(geometry_.channel_pixels(channel)) - sampling, 0.0)));
+    out.prnu.push_back(std::sqrt(std::max(square - sampling, 0.0)));
   }
   return out;
 }
 
 std::vector<DefectPixel> find_defects(View<const float> shading_dn,
                                       View<const float> sum_of_squares, int frames,
-                                      View<const float> response, const MosaicGeometry& geometry) {
+                                      View<const float> response,
+                                      const std::vector<ReadTail>& tails,
+                                      const MosaicGeometry& geometry) {
   constexpr double kNoisyRatio = 4.0, kDeadBelow = 0.5;
+  constexpr double kExpectedByChance = 0.05;  // of all the channel's pixels
   // Aligning the frames' means moves even a pixel that never changes a little.
   constexpr double kStuckRatio = 0.02;
   constexpr int kStuckNeedsFrames = 20;
@@ -187,6 +249,8 @@ std::vector<DefectPixel> find_defects(View<const float> shading_dn,
         location_of(geometry, channel, [&](int r, int c) { return shading_dn(r, c); });
     const double variance =
         location_of(geometry, channel, [&](int r, int c) { return sum_of_squares(r, c); }).centre;
+    const SingleValue single(tails[as_index(channel)], frames);
+    const double chance = kExpectedByChance / static_cast<double>(geometry.channel_pixels(channel));
     for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
       for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols()) {
         if (defects.size() >= kMostDefects) return defects;
@@ -198,9 +262,11 @@ std::vector<DefectPixel> find_defects(View<const float> shading_dn,
           defects.push_back({r, c, "stuck", noisy});
         else if (!response.empty() && response(r, c) < kDeadBelow)
           defects.push_back({r, c, "dead", response(r, c)});
-        else if (hot > kDefectDeviations)
+        else if (hot > kDefectDeviations &&
+                 single.above_mean(shading_dn(r, c) - dark.centre) < chance)
           defects.push_back({r, c, "hot", hot});
-        else if (noisy > kDefectDeviations && ratio > kNoisyRatio)
+        else if (noisy > kDefectDeviations && ratio > kNoisyRatio &&
+                 single.above_squares(sum_of_squares(r, c) - variance) < chance)
           defects.push_back({r, c, "noisy", noisy});
       }
   }

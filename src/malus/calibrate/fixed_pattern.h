@@ -17,11 +17,14 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 
 /// Mean and spatial variance per channel of the pixels that are no defects: those within
 /// kDefectDeviations robust deviations of the channel's median. A few hot pixels would lift a plain
-/// mean, and with it the bias that is taken off every other pixel.
+/// mean, and with it the bias that is taken off every other pixel. quantization_dn: step of a
+/// mosaic that is a single frame, where most pixels may have one value and hide a deviation of 0.74
+/// steps.
 struct OrdinaryPixels {
   std::vector<double> mean_dn, variance_dn2;
 };
-OrdinaryPixels ordinary_pixels(View<const float> mosaic, const MosaicGeometry& geometry);
+OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
+                               const MosaicGeometry& geometry);
 
 /// Mosaic minus one level per channel, in place.
 void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
@@ -36,7 +39,9 @@ struct Response {
   /// Relative to the surroundings (at most 15x15 pixels of the same channel), so that uneven light
   /// and vignetting do not count; mean 1.
   Image map;
-  std::vector<double> prnu;  ///< sd of the map per channel, sampling error removed
+  /// Sd of the map per channel, sampling error removed, of the pixels within kDefectDeviations
+  /// robust deviations of the median: a few defects would be most of it.
+  std::vector<double> prnu;
 };
 
 /// Relative response of every pixel, from any number of flat levels weighted by their precision.
@@ -51,19 +56,29 @@ class ResponseAccumulator {
   Response response() const;
 
  private:
+  double relate(int channel, Image& map) const;
   MosaicGeometry geometry_;
   Image sum_;
   std::vector<double> weight_;          ///< per channel
   std::vector<double> weighted_error_;  ///< per channel: sum of weight² times relative variance
 };
 
+/// Read noise of a channel's ordinary pixels, to judge the others by.
+struct ReadTail {
+  double lambda = 0.14, scale_dn = 0;
+};
+
 /// Pixels that stand out by more than kDefectDeviations robust deviations: "hot" in the dark
 /// shading, "noisy" in temporal variance (and above four times the channel's), "stuck" with less
 /// than a fiftieth of it over 20 frames or more, "dead" with less than half of the response.
+/// Of heavy tails a single value can make a pixel hot or noisy: these must be farther out than is
+/// likely anywhere among the channel's pixels (tails: one per channel).
 /// response may be empty. The list ends at kMostDefects.
 inline constexpr std::size_t kMostDefects = 100000;
 std::vector<DefectPixel> find_defects(View<const float> shading_dn,
                                       View<const float> sum_of_squares, int frames,
-                                      View<const float> response, const MosaicGeometry& geometry);
+                                      View<const float> response,
+                                      const std::vector<ReadTail>& tails,
+                                      const MosaicGeometry& geometry);
 
 }  // namespace malus

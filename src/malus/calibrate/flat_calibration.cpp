@@ -26,6 +26,7 @@ constexpr double kResponseShare = 0.2;
 struct MatchingDark {
   std::vector<double> level_dn, variance_dn2;  ///< black included; per channel
   int frames = 0;                              ///< 0: the common dark point
+  int set = 0;                                 ///< which of the dark sets
 };
 
 MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
@@ -37,12 +38,14 @@ MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSe
     for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
     out.variance_dn2 = source.variance_dn2();
   };
-  for (const FrameSet* set : darks) {
+  for (std::size_t i = 0; i < darks.size(); ++i) {
+    const FrameSet* set = darks[i];
     if (!flat.exposure_s || !set->exposure_s || set->count < 2) continue;
     if (std::abs(*set->exposure_s / *flat.exposure_s - 1.0) > 0.01) continue;
     TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
     for_each_frame(*set, &first, progress, [&](const RawFrame& frame, int) { own.add(frame.dn); });
     out.frames = set->count;
+    out.set = static_cast<int>(i);
     take(own);
     return out;
   }
@@ -172,12 +175,14 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     const double range = first.white_dn - first.black_dn[c];
     TransferLevel point;
     point.mean_dn = mean[c];
-    point.mean_variance_dn2 = frame_deviation_dn[c] * frame_deviation_dn[c] *
-                              (1.0 / flat.count + 1.0 / (dark.frames ? dark.frames : bias_frames));
+    const double frame_variance = frame_deviation_dn[c] * frame_deviation_dn[c];
+    point.mean_variance_dn2 = frame_variance / flat.count;
+    point.dark_mean_variance_dn2 = frame_variance / (dark.frames ? dark.frames : bias_frames);
     point.variance_dn2 = variance[c];
     point.frames = flat.count;
     point.dark_variance_dn2 = dark.variance_dn2[c];
     point.dark_frames = dark.frames;
+    point.dark_set = dark.set;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
     good_for_response &= point.refused.empty() && mean[c] > kResponseShare * range;
     series.levels[c].push_back(std::move(point));

@@ -112,6 +112,38 @@ FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
   return out;
 }
 
+void FrameAnalyzer::expect(const std::vector<OffsetSpread>& spread) {
+  MALUS_REQUIRE(pattern_dn_ && static_cast<int>(spread.size()) == geometry_.channels());
+  spread_ = spread;
+}
+
+// What of a pixel's own mean over the other frames, and of its group's over the other pixels, is
+// taken for its offset: prior variance over prior plus sampling variance (1 where nothing is
+// known).
+struct FrameAnalyzer::Shares {
+  double pattern = 1, row = 1;
+  double left_dn2 = 0;  ///< variance of the offset's error
+  double reach_dn = 0;  ///< of ordinary pixels' means about the centre
+};
+
+FrameAnalyzer::Shares FrameAnalyzer::shares(int channel, int group_pixels) const {
+  constexpr double kReach = 4.0;
+  Shares out;
+  if (spread_.empty()) return out;
+  const OffsetSpread& known = spread_[as_index(channel)];
+  const double pattern_error =
+                   (known.pixel_variance_dn2 + known.row_variance_dn2) * (1.0 - kept_) / kept_,
+               row_error = known.pixel_variance_dn2 / ((group_pixels - 1.0) * kept_);
+  const auto share = [](double prior, double error) {
+    return error > 0 ? prior / (prior + error) : 1.0;
+  };
+  out.pattern = share(known.pattern_variance_dn2, pattern_error);
+  out.row = share(known.row_variance_dn2, row_error);
+  out.left_dn2 = out.pattern * pattern_error + out.row * row_error;
+  out.reach_dn = kReach * std::sqrt(known.pattern_variance_dn2 + pattern_error);
+  return out;
+}
+
 void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
                                     FrameComponents& out) const {
   constexpr std::size_t kDenseCells = 512;
@@ -119,17 +151,31 @@ void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
   std::vector<std::vector<std::uint32_t>> dense(channels,
                                                 std::vector<std::uint32_t>(kDenseCells, 0));
   std::vector<std::vector<std::int32_t>> beyond(channels);
+  const double others = (1.0 - kept_) / kept_;  // 1 / (frames - 1); 0 without a pattern
   for (int r = 0; r < geometry_.rows(); ++r)
     for (int j = 0; j < geometry_.cell_cols(); ++j) {
       const int c = geometry_.channel(r, j);
       const std::size_t index = geometry_.group_index(r / geometry_.row_group(), c);
       const int n = geometry_.group_pixels(r / geometry_.row_group(), c);
-      const auto mean = static_cast<float>(sums.group[index] / n);
-      // About the mean of the others: independent of the pixel's own noise.
-      const auto to_cells =
-          static_cast<float>(1.0 / (cell_dn_[as_index(c)] * (1.0 - 1.0 / n) * kept_));
+      const Shares share = shares(c, n);
+      if (n < 2) continue;
+      // About the means of the other frames and the other pixels: independent of the pixel's own
+      // noise. own: DN about the pattern and the frame's level; the other frames put the pattern at
+      // own * others below.
+      const double level = sums.mean[as_index(c)], cell = cell_dn_[as_index(c)],
+                   of_row = share.row / ((n - 1.0) * kept_);
+      const auto own_factor = static_cast<float>((1.0 + share.pattern * others + of_row) / cell),
+                 left_factor = static_cast<float>((1.0 - share.pattern) / cell),
+                 row_cells = static_cast<float>(of_row * (sums.group[index] - n * level) / cell),
+                 mean = static_cast<float>(level), back = static_cast<float>(others),
+                 reach = static_cast<float>(share.reach_dn),
+                 centre = static_cast<float>(spread_.empty() ? 0 : spread_[as_index(c)].centre_dn);
       for (int col = j; col < geometry_.cols(); col += geometry_.cell_cols()) {
-        const float cells = std::abs(dn(r, col) - pattern(r, col) - mean) * to_cells;
+        const float known = pattern(r, col), own = dn(r, col) - known - mean, away = known - centre;
+        // Hot, or hit by a value far out in the tail in another frame: no prior holds for it. Its
+        // own value in this frame has no part in the choice.
+        if (!spread_.empty() && std::abs(away - own * back) > reach) continue;
+        const float cells = std::abs(own_factor * own + left_factor * away - row_cells);
         if (cells < static_cast<float>(kDenseCells))
           ++dense[as_index(c)][static_cast<std::size_t>(cells)];
         else
@@ -171,6 +217,8 @@ SquareMatrix FrameAnalyzer::row_covariance_dn2() const {
 }
 
 double FrameAnalyzer::offset_variance_dn2(int channel, double pixel_variance_dn2) const {
+  if (!spread_.empty())
+    return shares(channel, static_cast<int>(geometry_.pixels_per_group(channel))).left_dn2;
   const double kept = (1.0 - 1.0 / geometry_.pixels_per_group(channel)) * kept_;
   return pixel_variance_dn2 * (1.0 / kept - 1.0);
 }

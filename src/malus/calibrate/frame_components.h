@@ -23,6 +23,15 @@ struct FrameComponents {
       residuals;  ///< of pixels about the mean of the rest of their group
 };
 
+/// How far the offsets of a channel's pixels lie apart, known beforehand: a pixel's offset is then
+/// estimated by its posterior mean instead of its own noisy means.
+struct OffsetSpread {
+  double centre_dn = 0;             ///< of the fixed pattern, black included
+  double pattern_variance_dn2 = 0;  ///< of the fixed pattern among ordinary pixels
+  double row_variance_dn2 = 0;      ///< σ_b²
+  double pixel_variance_dn2 = 0;    ///< temporal, of a pixel without its rows
+};
+
 /// Takes frames apart by a two-way analysis of variance (row groups x columns).
 class FrameAnalyzer {
  public:
@@ -31,6 +40,13 @@ class FrameAnalyzer {
   /// frame stands alone (the papers' way). cell_dn: width of the histogram's cells per channel.
   FrameAnalyzer(const MosaicGeometry& geometry, std::vector<double> black_dn,
                 const Image* fixed_pattern_dn, int frames, std::vector<double> cell_dn);
+
+  /// From now on residuals are about posterior means of the offsets, and pixels whose mean over the
+  /// other frames is no ordinary one are not among them. A pixel's own mean as its offset blurs the
+  /// residuals: where all offsets lie at one phase of the converter's lattice it does so otherwise
+  /// than the fit supposes, and of heavy-tailed noise not normally. Contract: the fixed pattern is
+  /// removed; one entry per channel, variances not negative.
+  void expect(const std::vector<OffsetSpread>& spread);
 
   FrameComponents analyze(View<const float> dn);
 
@@ -46,12 +62,15 @@ class FrameAnalyzer {
   void fill_histograms(View<const float> dn, const Sums& sums, FrameComponents& out) const;
   void add_row_covariance(const Sums& sums, const FrameComponents& components);
   float pattern(int row, int col) const;
+  struct Shares;
+  Shares shares(int channel, int group_pixels) const;
 
   MosaicGeometry geometry_;
   std::vector<double> black_dn_;
   const Image* pattern_dn_;
   double kept_;  ///< share of a frame's variance left after the fixed pattern's removal
   std::vector<double> cell_dn_, pattern_mean_dn_;
+  std::vector<OffsetSpread> spread_;  ///< empty: nothing is known of the offsets
   SquareMatrix row_products_;
   int analyzed_ = 0;
 };

@@ -1,6 +1,7 @@
 #include "malus/calibrate/gaussian_calibration.h"
 
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,37 +15,52 @@ struct Line {
   double slope = 0, slope_stderr = 0, offset = 0, offset_stderr = 0;
 };
 
-struct LevelPoint {
-  double signal, variance, weight;
-};
-
-// Weighted least squares about the weighted mean of the signals.
-Line fitted_line(const std::vector<LevelPoint>& points) {
-  double weight = 0, signal = 0, variance = 0;
-  for (const LevelPoint& p : points) {
-    weight += p.weight;
-    signal += p.weight * p.signal;
-    variance += p.weight * p.variance;
+Line weighted_line(const std::vector<LevelNoise>& levels, const std::vector<double>& weights) {
+  std::vector<double> signal, variance;
+  for (const LevelNoise& level : levels) {
+    signal.push_back(level.signal_dn);
+    variance.push_back(level.variance_dn2);
   }
-  signal /= weight;
-  variance /= weight;
-  double spread = 0, product = 0;
-  for (const LevelPoint& p : points) {
-    spread += p.weight * (p.signal - signal) * (p.signal - signal);
-    product += p.weight * (p.signal - signal) * (p.variance - variance);
-  }
-  Line line;
-  line.slope = product / spread;
-  line.offset = variance - line.slope * signal;
+  const LineFit fit = fit_line(signal, variance, weights, true);
   double chi2 = 0;
-  for (const LevelPoint& p : points) {
-    const double residual = p.variance - line.offset - line.slope * p.signal;
-    chi2 += p.weight * residual * residual;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    const double residual = variance[i] - fit.intercept - fit.slope * signal[i];
+    chi2 += weights[i] * residual * residual;
   }
   const double scatter =
-      std::sqrt(std::max(1.0, chi2 / (static_cast<double>(points.size()) - 2.0)));
-  line.slope_stderr = scatter / std::sqrt(spread);
-  line.offset_stderr = scatter * std::sqrt(1.0 / weight + signal * signal / spread);
+      std::sqrt(std::max(1.0, chi2 / (static_cast<double>(levels.size()) - 2.0)));
+  return {fit.slope, scatter * fit.slope_standard_error, fit.intercept,
+          scatter * fit.intercept_standard_error};
+}
+
+// Half of the darkest levels' variance: a line that chance leads below zero there would give the
+// dark infinite weight.
+double least_variance(const std::vector<LevelNoise>& levels) {
+  constexpr double kEnough = 200;  // a tenth of the variance
+  double square = 0, freedom = 0;
+  for (const LevelNoise& level : levels) {
+    square += level.freedom * level.variance_dn2;
+    freedom += level.freedom;
+    if (freedom >= kEnough && square > 0) break;
+  }
+  return 0.5 * square / freedom;
+}
+
+// Weights from the line, not from each level's own variance: a level that came out low by chance
+// would weigh more for it. Contract: levels rise, their variances are above zero together.
+Line fitted_line(const std::vector<LevelNoise>& levels) {
+  constexpr int kPasses = 8;
+  const double least = least_variance(levels);
+  std::vector<double> weights;
+  for (const LevelNoise& level : levels) weights.push_back(level.freedom);
+  Line line = weighted_line(levels, weights);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    for (std::size_t i = 0; i < levels.size(); ++i) {
+      const double variance = std::max(line.offset + line.slope * levels[i].signal_dn, least);
+      weights[i] = 0.5 * levels[i].freedom / (variance * variance);
+    }
+    line = weighted_line(levels, weights);
+  }
   return line;
 }
 
@@ -67,37 +83,30 @@ GaussianCalibration gaussian_of(const PhysicsCalibration& physics) {
   return out;
 }
 
-Estimate<GaussianCalibration> gaussian_of(const NonparametricCalibration& levels,
-                                          double highest_dn) {
+Estimate<GaussianCalibration> gaussian_of(const MeasuredLevels& measured, double highest_dn) {
   GaussianCalibration out;
   // Not the warnings: they are about drawing single levels.
-  out.gain = levels.gain;
-  for (std::size_t c = 0; c < levels.channels.size(); ++c) {
-    const NonparametricChannel& channel = levels.channels[c];
-    std::vector<LevelPoint> points;
-    double bias = 0, samples = 0;
-    for (std::size_t l = 0; l < channel.level_dn.size(); ++l) {
-      if (channel.level_dn[l] > highest_dn) continue;
-      const LevelMoments moments = level_moments(channel, l);
-      const auto n = static_cast<double>(channel.samples[l]);
-      const double error = moments.variance_dn2 * std::sqrt(2.0 / n);
-      points.push_back({channel.level_dn[l], moments.variance_dn2, 1.0 / (error * error)});
-      bias += n * moments.mean_dn;
-      samples += n;
-    }
-    if (points.size() < 3)
+  out.gain = measured.distributions.gain;
+  out.bias_dn = measured.bias_dn;
+  for (std::size_t c = 0; c < measured.noise.size(); ++c) {
+    std::vector<LevelNoise> levels;
+    double variance = 0;
+    for (const LevelNoise& level : measured.noise[c])
+      if (level.signal_dn <= highest_dn) {
+        levels.push_back(level);
+        variance += level.freedom * level.variance_dn2;
+      }
+    if (levels.size() < 3)
       return Undecided{
-          fmt::format("{} signal levels of channel {}, and a line needs three", points.size(), c)};
-    out.levels = std::max(out.levels, static_cast<int>(points.size()));
-    const Line line = fitted_line(points);
-    const double sigma_row = levels.sigma_row_dn.empty() ? 0.0 : levels.sigma_row_dn[c];
-    const double row_error =
-        levels.sigma_row_stderr_dn.empty() ? 0.0 : 2.0 * sigma_row * levels.sigma_row_stderr_dn[c];
+          fmt::format("{} signal levels of channel {}, and a line needs three", levels.size(), c)};
+    if (!(variance > 0)) return Undecided{fmt::format("channel {} has no noise", c)};
+    out.levels = std::max(out.levels, static_cast<int>(levels.size()));
+    const Line line = fitted_line(levels);
     out.slope_dn.push_back(line.slope);
     out.slope_stderr_dn.push_back(line.slope_stderr);
-    out.offset_dn2.push_back(line.offset + sigma_row * sigma_row);
-    out.offset_stderr_dn2.push_back(std::hypot(line.offset_stderr, row_error));
-    out.bias_dn.push_back(bias / samples);
+    out.offset_dn2.push_back(line.offset + measured.row_variance_dn2[c]);
+    out.offset_stderr_dn2.push_back(
+        std::hypot(line.offset_stderr, measured.row_variance_stderr_dn2[c]));
   }
   return out;
 }

@@ -67,16 +67,16 @@ std::vector<GainSetting> required_lit_gains(const CalibrationInput& input, const
 
 // The distributions at these gains; what the model does not know of the sensor yet is taken from
 // the first frame.
-std::vector<NonparametricCalibration> measure_gains(const CalibrationInput& input,
-                                                    const std::vector<GainSetting>& gains,
-                                                    const CalibrationSettings& settings,
-                                                    Progress& progress, NoiseModel& model) {
+std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
+                                          const std::vector<GainSetting>& gains,
+                                          const CalibrationSettings& settings, Progress& progress,
+                                          NoiseModel& model) {
   std::int64_t steps = 0;
   for (const GainSetting& gain : gains)
     for (const NoiseSource& source : sources_at(gain, input))
       steps += 2 * source.frames->count + (source.reference ? source.reference->count : 0);
   progress.begin("distributions", steps);
-  std::vector<NonparametricCalibration> measured;
+  std::vector<MeasuredLevels> measured;
   for (const GainSetting& gain : gains) {
     const std::vector<NoiseSource> sources = sources_at(gain, input);
     RawFrame first = load_first(*sources.front().frames);
@@ -107,13 +107,13 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
                      [&](const GaussianCalibration& g) { return g.gain == gain; }))
       missing.push_back(gain);
   const auto measured = measure_gains(input, missing, settings, progress, model);
-  for (const NonparametricCalibration& levels : measured) {
+  for (const MeasuredLevels& levels : measured) {
     const double range = model.white_dn - model.black_dn.front();
     const auto line = gaussian_of(levels, settings.saturation_limit * range);
     if (!line)
       throw InputError(input.origin,
-                       fmt::format("{}: no line of variance against signal: {}", levels.gain.text(),
-                                   line.reason()),
+                       fmt::format("{}: no line of variance against signal: {}",
+                                   levels.distributions.gain.text(), line.reason()),
                        "give a burst of a scene with many signal levels, or flats, or lower "
                        "--level-samples");
     model.gaussian.push_back(*line);
@@ -175,8 +175,9 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
   }
   if (contains(kinds, "gaussian")) add_gaussian(input, settings, progress, model);
   if (contains(kinds, "nonparametric"))
-    model.nonparametric = measure_gains(input, required_lit_gains(input, "non-parametric"),
-                                        settings, progress, model);
+    for (MeasuredLevels& levels : measure_gains(input, required_lit_gains(input, "non-parametric"),
+                                                settings, progress, model))
+      model.nonparametric.push_back(std::move(levels.distributions));
   if (contains(kinds, "dark-frames")) add_dark_frames(input, settings, progress, model);
   if (!contains(kinds, "physics")) {
     model.physics.clear();

@@ -107,13 +107,17 @@ std::vector<double> without_row_noise(const std::vector<double>& counts, double 
 LevelHistograms::LevelHistograms(std::vector<double> edges_dn, double step_dn, double range_dn)
     : edges_(std::move(edges_dn)),
       levels_(as_index(static_cast<std::ptrdiff_t>(range_dn / step_dn) + 2)),
+      squares_(levels_.size()),
       counts_(levels_.size() * (edges_.size() - 1), 0),
       step_dn_(step_dn) {}
 
+std::size_t LevelHistograms::level_of(double signal_dn) const {
+  return static_cast<std::size_t>(
+      std::clamp(signal_dn / step_dn_ + 0.5, 0.0, static_cast<double>(levels_.size()) - 0.5));
+}
+
 void LevelHistograms::add(double signal_dn, double noise_dn) {
-  const double position =
-      std::clamp(signal_dn / step_dn_ + 0.5, 0.0, static_cast<double>(levels_.size()) - 0.5);
-  const auto level = static_cast<std::size_t>(position);
+  const std::size_t level = level_of(signal_dn);
   const auto above = std::upper_bound(edges_.begin(), edges_.end(), noise_dn);
   const auto bin = std::clamp<std::ptrdiff_t>(above - edges_.begin() - 1, 0,
                                               static_cast<std::ptrdiff_t>(edges_.size()) - 2);
@@ -122,6 +126,28 @@ void LevelHistograms::add(double signal_dn, double noise_dn) {
   levels_[level].signal_sum += signal_dn;
   lowest_ = std::min(lowest_, noise_dn);
   highest_ = std::max(highest_, noise_dn);
+}
+
+void LevelHistograms::add_square(double signal_dn, double residual_dn, double square_dn2,
+                                 double freedom) {
+  Squares& level = squares_[level_of(signal_dn)];
+  level.signal_sum += signal_dn;
+  level.residual_sum += residual_dn;
+  level.square_sum += square_dn2;
+  level.freedom += freedom;
+  ++level.count;
+}
+
+std::vector<LevelNoise> LevelHistograms::noise() const {
+  std::vector<LevelNoise> out;
+  for (const Squares& level : squares_) {
+    if (level.count < 2) continue;
+    const auto n = static_cast<double>(level.count);
+    // A reference that is not quite the scene leaves an error in the level's mean: no noise.
+    const double mean = level.residual_sum / n;
+    out.push_back({level.signal_sum / n, level.square_sum / n - mean * mean, level.freedom});
+  }
+  return out;
 }
 
 void LevelHistograms::set_dark(const std::vector<double>& probability, CodeGrid codes,
@@ -169,7 +195,8 @@ LevelHistograms::Result LevelHistograms::result(std::int64_t wanted) const {
     }
     radius = std::min<std::ptrdiff_t>(radius, kBorrowedLevels);
     if (pooled.count * 10 < wanted) {
-      ++out.refused_levels;
+      const Level& own = levels_[as_index(l)];
+      out.refused.emplace_back(own.signal_sum / static_cast<double>(own.count), pooled.count);
       continue;
     }
     const double centre = pooled.signal_sum / static_cast<double>(pooled.count);

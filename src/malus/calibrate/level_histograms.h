@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace malus {
@@ -29,6 +30,12 @@ std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn,
 std::vector<double> without_row_noise(const std::vector<double>& counts, double step_dn,
                                       double sigma_row_dn);
 
+/// Moments of the noise at one level, of its own samples alone.
+struct LevelNoise {
+  double signal_dn = 0, variance_dn2 = 0;
+  double freedom = 0;  ///< independent samples' worth: Var(s²) = 2 σ⁴ / freedom for normal noise
+};
+
 /// One channel's histograms, by level = nearest multiple of the step.
 class LevelHistograms {
  public:
@@ -38,26 +45,38 @@ class LevelHistograms {
   /// Signals outside 0..range count at the nearest level; noise outside the edges counts in the
   /// last bins, whose edges move out to hold it.
   void add(double signal_dn, double noise_dn);
+  /// A residual of mean zero and an unbiased estimate of its variance, for noise(); freedom: what
+  /// it counts for.
+  void add_square(double signal_dn, double residual_dn, double square_dn2, double freedom);
   /// The distribution in the dark, by code: probability i at offset + i * step. It becomes the
   /// level of signal zero.
   void set_dark(const std::vector<double>& probability, CodeGrid codes, std::int64_t samples);
 
   struct Result {
     NonparametricChannel channel;
-    int refused_levels = 0;
+    /// Level and its samples, neighbours' included: too few.
+    std::vector<std::pair<double, std::int64_t>> refused;
   };
   /// Levels with at least wanted samples as they are; those with fewer borrow from up to two levels
   /// on both sides, and are refused when that does not give a tenth of what is wanted. A level's
   /// centre is the mean signal of its samples, borrowed ones included.
   Result result(std::int64_t wanted) const;
+  /// Of all levels with two squares or more, rising.
+  std::vector<LevelNoise> noise() const;
 
  private:
   struct Level {
     std::int64_t count = 0;
     double signal_sum = 0;
   };
+  struct Squares {
+    double signal_sum = 0, residual_sum = 0, square_sum = 0, freedom = 0;
+    std::int64_t count = 0;
+  };
+  std::size_t level_of(double signal_dn) const;
   std::vector<double> edges_;
   std::vector<Level> levels_;
+  std::vector<Squares> squares_;       ///< [level]
   std::vector<std::uint32_t> counts_;  ///< [level][bin]
   std::vector<double> dark_pmf_;       ///< by bin; empty: none set
   std::int64_t dark_samples_ = 0;

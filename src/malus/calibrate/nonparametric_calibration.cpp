@@ -4,116 +4,17 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/geometry.h"
-#include "malus/calibrate/level_histograms.h"
-#include "malus/calibrate/temporal.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
-
-// First pass over one source: what a noiseless frame would be, in DN above dark.
-struct CleanFrame {
-  Image light_dn;
-  std::vector<double> frame_mean_dn;      ///< the mean the frames had, above dark, per channel
-  std::vector<double> dark_variance_dn2;  ///< temporal, of the darkest twentieth of each channel
-  std::vector<double> slope_dn;           ///< rise of the variance from there to the channel's mean
-  double kept = 1.0;                      ///< share of a frame's variance that noisy - clean shows
-};
-
-TemporalAccumulator accumulate(const FrameSet& set, const RawFrame& first,
-                               const MosaicGeometry& geometry,
-                               const std::vector<double>& dark_level_dn, FrameAlignment alignment,
-                               Progress& progress) {
-  TemporalAccumulator temporal(geometry, dark_level_dn, alignment);
-  for_each_frame(set, &first, progress,
-                 [&](const RawFrame& frame, int) { temporal.add(frame.dn); });
-  return temporal;
-}
-
-// clean = slope * reference per channel, the line fitted to the frames' own mean; the intercept is
-// the dark bias that black subtraction left and belongs to the noise.
-void map_reference(const Image& reference_dn, const MosaicGeometry& geometry, Image& mean_dn) {
-  for (int channel = 0; channel < geometry.channels(); ++channel) {
-    double n = 0, x = 0, y = 0, xx = 0, xy = 0;
-    const auto for_pixels = [&](auto&& use) {
-      for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-        for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-          use(r, c);
-    };
-    for_pixels([&](int r, int c) {
-      const double u = reference_dn(r, c), v = mean_dn(r, c);
-      n += 1;
-      x += u;
-      y += v;
-      xx += u * u;
-      xy += u * v;
-    });
-    const double spread = xx - x * x / n;
-    const double slope = spread > 0 ? (xy - x * y / n) / spread : (x > 0 ? y / x : 0.0);
-    for_pixels(
-        [&](int r, int c) { mean_dn(r, c) = static_cast<float>(slope * reference_dn(r, c)); });
-  }
-}
-
-// Variance in the darkest twentieth of each channel and its rise to the mean: what the bins of the
-// histograms have to suit.
-void measure_range(const TemporalAccumulator& temporal, const MosaicGeometry& geometry,
-                   CleanFrame& clean) {
-  const std::vector<double> variance = temporal.variance_dn2();
-  for (int channel = 0; channel < geometry.channels(); ++channel) {
-    std::vector<std::pair<float, float>> light_and_squares;
-    const std::int64_t step = 1 + geometry.channel_pixels(channel) / 50000;
-    std::int64_t index = 0;
-    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-        if (index++ % step == 0)
-          light_and_squares.emplace_back(clean.light_dn(r, c), temporal.sum_of_squares()(r, c));
-    const auto darkest = static_cast<std::ptrdiff_t>(light_and_squares.size() / 20 + 1);
-    std::nth_element(light_and_squares.begin(), light_and_squares.begin() + darkest - 1,
-                     light_and_squares.end());
-    double light = 0, squares = 0;
-    for (std::ptrdiff_t i = 0; i < darkest; ++i) {
-      light += light_and_squares[static_cast<std::size_t>(i)].first;
-      squares += light_and_squares[static_cast<std::size_t>(i)].second;
-    }
-    const auto n = static_cast<double>(darkest);
-    const double dark = squares / n / (temporal.frames() - 1.0), all = variance[as_index(channel)];
-    const double rise = clean.frame_mean_dn[as_index(channel)] - light / n;
-    clean.dark_variance_dn2.push_back(dark);
-    // On a flat field there is no rise to see: all of the variance may be shot noise.
-    const double mean = std::max(clean.frame_mean_dn[as_index(channel)], 1e-6);
-    clean.slope_dn.push_back(rise > 0.2 * mean && all > dark ? (all - dark) / rise : all / mean);
-  }
-}
-
-CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
-                         const MosaicGeometry& geometry, const std::vector<double>& dark_level_dn,
-                         Progress& progress) {
-  const FrameAlignment alignment = source.frames->kind == FrameKind::kBias
-                                       ? FrameAlignment::kAdditive
-                                       : FrameAlignment::kMultiplicative;
-  TemporalAccumulator temporal =
-      accumulate(*source.frames, first, geometry, dark_level_dn, alignment, progress);
-  CleanFrame clean;
-  clean.frame_mean_dn = temporal.mean_dn();
-  clean.light_dn = temporal.release_mean_frame_dn();
-  measure_range(temporal, geometry, clean);
-  if (source.reference) {
-    TemporalAccumulator reference = accumulate(*source.reference, first, geometry, first.black_dn,
-                                               FrameAlignment::kMultiplicative, progress);
-    map_reference(reference.release_mean_frame_dn(), geometry, clean.light_dn);
-  } else {
-    clean.kept = 1.0 - 1.0 / source.frames->count;
-  }
-  if (source.frames->kind == FrameKind::kBias) clean.frame_mean_dn.clear();
-  return clean;
-}
 
 // Noise of one frame, row by row of groups, into the channels' histograms.
 class LevelPass {
@@ -136,9 +37,11 @@ class LevelPass {
     return rows_[as_index(channel)].variance() - explained_[as_index(channel)].mean();
   }
   double row_variance_error_dn2(int channel) const {
-    return rows_[as_index(channel)].variance_standard_error();
+    // Offsets about their own mean over the frames tell as much as `kept` of their number.
+    return rows_[as_index(channel)].variance_standard_error() / std::sqrt(kept_);
   }
-  void reset_rows() {
+  void begin(const CleanFrame& clean) {
+    kept_ = clean.rows_kept;
     rows_.assign(dark_.size(), Moments());
     explained_ = rows_;
   }
@@ -155,7 +58,8 @@ class LevelPass {
       if (n < 2) continue;
       signal_.clear();
       noise_.clear();
-      double sum = 0, square = 0;
+      pixel_kept_.clear();
+      double sum = 0, square = 0, kept = 0;
       for (int r = begin; r < end; ++r) {
         if (r % geometry_.cell_rows() != channel / geometry_.cell_cols()) continue;
         for (int col = channel % geometry_.cell_cols(); col < geometry_.cols();
@@ -164,24 +68,30 @@ class LevelPass {
           const double noise = dn(r, col) - dark_[c] - light;
           signal_.push_back(bias_frame ? 0.0 : light);
           noise_.push_back(noise);
+          pixel_kept_.push_back(clean.kept(r, col));
+          kept += pixel_kept_.back() / n;
           sum += noise;
           square += noise * noise;
         }
       }
       const double mean = sum / n, pixel = (square - n * mean * mean) / (n - 1);
-      rows_[c].add(mean / std::sqrt(clean.kept));
-      explained_[c].add(pixel / n / clean.kept);
-      const double scale = 1.0 / std::sqrt((1.0 - 1.0 / n) * clean.kept);
-      for (std::size_t i = 0; i < noise_.size(); ++i)
-        histograms_[c].add(signal_[i], (noise_[i] - mean) * scale + bias_[c]);
+      rows_[c].add(mean / std::sqrt(clean.rows_kept));
+      explained_[c].add(pixel / n / kept);
+      for (std::size_t i = 0; i < noise_.size(); ++i) {
+        const double residual = noise_[i] - mean, own_kept = pixel_kept_[i];
+        histograms_[c].add(signal_[i], residual / std::sqrt((1.0 - 1.0 / n) * own_kept) + bias_[c]);
+        histograms_[c].add_square(signal_[i], residual, own_square(residual, pixel, n) / own_kept,
+                                  own_kept);
+      }
     }
   }
 
   const MosaicGeometry& geometry_;
   const std::vector<double>&dark_, &bias_;
   std::vector<LevelHistograms>& histograms_;
+  double kept_ = 1.0;
   std::vector<Moments> rows_, explained_;
-  std::vector<double> signal_, noise_;
+  std::vector<double> signal_, noise_, pixel_kept_;
 };
 
 // Histogram of the codes of dark frames, per channel. The lattice is kept as it is: a converter's
@@ -262,27 +172,64 @@ void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
   }
 }
 
+// Signals of one channel that frames hold, with too few samples for a level of their own.
+using RefusedLevels = std::vector<std::pair<double, std::int64_t>>;
+
+// What the frames hold between two signals without a level of their own; empty where that leaves
+// most of the distance open: the tails of a flat's noise reach a little beyond it.
+std::string too_few_between(const RefusedLevels& refused, double low_dn, double high_dn,
+                            std::int64_t wanted) {
+  constexpr double kMostOpen = 0.8;
+  int levels = 0;
+  std::int64_t most = 0;
+  double brightest = low_dn, open = 0;
+  for (const auto& [signal, samples] : refused) {  // rising
+    if (!(signal > low_dn && signal < high_dn)) continue;
+    ++levels;
+    most = std::max(most, samples);
+    open = std::max(open, signal - brightest);
+    brightest = signal;
+  }
+  open = std::max(open, high_dn - brightest);
+  if (open > kMostOpen * (high_dn - low_dn)) return {};
+  return fmt::format(
+      "there are signals of up to {:.0f} DN, but their {} levels have {} samples or fewer "
+      "with their neighbours, and {} are needed",
+      brightest, levels, most, wanted / 10);
+}
+
+constexpr const char* kMoreSamples =
+    "take more frames, or lower --level-samples or raise --level-step";
+
 // Above the brightest level that every channel has, its noise is drawn, widened where K is known.
-void warn_of_missing_light(const RawFrame& first, NonparametricCalibration& out) {
+void warn_of_missing_light(const RawFrame& first, const std::vector<RefusedLevels>& refused,
+                           std::int64_t wanted, NonparametricCalibration& out) {
   constexpr double kReach = 0.7;
-  double brightest = std::numeric_limits<double>::infinity();
-  for (const NonparametricChannel& channel : out.channels)
-    brightest = std::min(brightest, channel.level_dn.back());
+  std::size_t c = 0;
+  for (std::size_t i = 1; i < out.channels.size(); ++i)
+    if (out.channels[i].level_dn.back() < out.channels[c].level_dn.back()) c = i;
+  const double brightest = out.channels[c].level_dn.back();
   const double range = first.white_dn - mean_of(first.black_dn);
-  if (brightest < kReach * range)
-    out.warnings.push_back(
-        fmt::format("no frames above {:.0f} DN, {:.0f} % of the range: brighter signals are drawn "
-                    "with that level's noise{}; take brighter frames",
-                    brightest, 100 * brightest / range,
-                    out.K.empty() ? ", which is too weak there" : ", widened as shot noise grows"));
+  if (!(brightest < kReach * range)) return;
+  const std::string few = too_few_between(refused[c], brightest, kReach * range, wanted);
+  out.warnings.push_back(fmt::format(
+      "no {} above {:.0f} DN, {:.0f} % of the range{}: brighter signals are drawn with that "
+      "level's noise{}; {}",
+      few.empty() ? "frames" : "levels", brightest, 100 * brightest / range,
+      few.empty() ? "" : " (" + few + ")",
+      out.K.empty() ? ", which is too weak there" : ", widened as shot noise grows",
+      few.empty() ? "take brighter frames" : kMoreSamples));
 }
 
 // Between two levels draws are mixed from both: of unlike variances, v and r v, the mixture's
 // excess kurtosis reaches 3 ((r + 1)² / (4 r) - 1), which is 1.7 for r = 4.
-void warn_of_gaps(NonparametricCalibration& out) {
+void warn_of_gaps(const std::vector<RefusedLevels>& refused, std::int64_t wanted,
+                  NonparametricCalibration& out) {
   constexpr double kMostRise = 4.0;
   double most = kMostRise, low_dn = 0, high_dn = 0;
-  for (const NonparametricChannel& channel : out.channels)
+  std::string few;
+  for (std::size_t c = 0; c < out.channels.size(); ++c) {
+    const NonparametricChannel& channel = out.channels[c];
     for (std::size_t i = 1; i < channel.level_dn.size(); ++i) {
       const double below = level_moments(channel, i - 1).variance_dn2;
       const double rise = level_moments(channel, i).variance_dn2 / below;
@@ -290,54 +237,60 @@ void warn_of_gaps(NonparametricCalibration& out) {
       most = rise;
       low_dn = channel.level_dn[i - 1];
       high_dn = channel.level_dn[i];
+      few = too_few_between(refused[c], low_dn, high_dn, wanted);
     }
+  }
   if (most > kMostRise)
     out.warnings.push_back(fmt::format(
-        "no frames between {:.0f} and {:.0f} DN, where the noise's variance rises "
-        "{:.0f}-fold: signals between them get a mixture of both with heavy tails; take "
-        "flats in between, or an unevenly lit scene",
-        low_dn, high_dn, most));
+        "no {} between {:.0f} and {:.0f} DN, where the noise's variance rises {:.0f}-fold{}: "
+        "signals between them get a mixture of both with heavy tails; {}",
+        few.empty() ? "frames" : "levels", low_dn, high_dn, most,
+        few.empty() ? "" : " (" + few + ")",
+        few.empty() ? "take flats in between, or an unevenly lit scene" : kMoreSamples));
 }
 
 void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFrame& first,
                      const CalibrationSettings& settings, NonparametricCalibration& out) {
-  int refused = 0;
+  std::vector<RefusedLevels> refused;
+  std::size_t all_refused = 0;
   for (std::size_t c = 0; c < histograms.size(); ++c) {
     auto result = histograms[c].result(settings.level_samples);
-    refused += result.refused_levels;
     if (result.channel.level_dn.size() < 2)
       throw InputError(
           fmt::format("{}, channel {}", out.gain.text(),
                       first.layout.channel_name(static_cast<int>(c))),
           fmt::format("{} of its signal levels have a tenth of {} samples, 2 are needed",
                       result.channel.level_dn.size(), settings.level_samples),
-          "take more frames, or lower --level-samples or raise --level-step");
+          kMoreSamples);
     out.channels.push_back(std::move(result.channel));
+    all_refused += result.refused.size();
+    refused.push_back(std::move(result.refused));
   }
-  if (refused > 0)
+  if (all_refused > 0)
     out.warnings.push_back(fmt::format(
         "{} signal levels of all channels together were left out: fewer than {} samples even with "
         "their neighbours",
-        refused, settings.level_samples / 10));
-  warn_of_gaps(out);
-  warn_of_missing_light(first, out);
+        all_refused, settings.level_samples / 10));
+  warn_of_gaps(refused, settings.level_samples, out);
+  warn_of_missing_light(first, refused, settings.level_samples, out);
 }
 
 }  // namespace
 
-NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
-                                        const RawFrame& first, const PhysicsCalibration* physics,
-                                        int row_group, const CalibrationSettings& settings,
-                                        Progress& progress) {
+MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
+                              const PhysicsCalibration* physics, int row_group,
+                              const CalibrationSettings& settings, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  std::vector<double> bias(as_index(geometry.channels()), 0.0), dark = first.black_dn;
+  std::vector<double> bias(as_index(geometry.channels()), 0.0);
   if (physics) bias = physics->mu.mean;
-  for (std::size_t c = 0; c < dark.size(); ++c) dark[c] += bias[c];
-  NonparametricCalibration out;
+  DarkLevel dark{first.black_dn, physics != nullptr};
+  for (std::size_t c = 0; c < bias.size(); ++c) dark.dn[c] += bias[c];
+  MeasuredLevels measured;
+  NonparametricCalibration& out = measured.distributions;
   out.gain = sources.front().frames->gain;
   if (physics) out.K = physics->K.mean;
   std::vector<LevelHistograms> histograms;
-  LevelPass pass(geometry, dark, bias, histograms);
+  LevelPass pass(geometry, dark.dn, bias, histograms);
   const double step_dn = quantization_step(first.dn);
   // Integer dark frames have their own way, where row noise is known.
   const bool by_code = physics && step_dn > 0;
@@ -356,7 +309,7 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
     const CleanFrame clean = measure_clean(source, first, geometry, dark, progress);
     if (histograms.empty())
       histograms = make_histograms(first, clean, physics, bias, step_dn, settings);
-    pass.reset_rows();
+    pass.begin(clean);
     for_each_frame(*source.frames, &first, progress,
                    [&](const RawFrame& frame, int) { pass.add(frame.dn, clean); });
     const double light = clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn);
@@ -379,9 +332,16 @@ NonparametricCalibration measure_levels(const std::vector<NoiseSource>& sources,
     out.sigma_row_stderr_dn.push_back(
         physics ? physics->sigma_row.standard_error[c]
                 : 0.5 * (std::sqrt(sigma * sigma + 2 * row_error[c]) - sigma));
+    measured.noise.push_back(histograms[c].noise());
+    if (!physics) continue;
+    row_variance[c] = std::pow(out.sigma_row_dn[c], 2);
+    row_error[c] = 2.0 * out.sigma_row_dn[c] * out.sigma_row_stderr_dn[c];
   }
   if (physics) out.row_drift = physics->row_drift;
-  return out;
+  measured.row_variance_dn2 = std::move(row_variance);
+  measured.row_variance_stderr_dn2 = std::move(row_error);
+  measured.bias_dn = std::move(bias);
+  return measured;
 }
 
 }  // namespace malus

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -15,6 +16,8 @@ constexpr double kHuber = 3.0;
 
 struct Points {
   std::vector<double> x, y, variance, huber;
+  std::vector<std::size_t> set;
+  std::vector<double> shared;  ///< per set: variance of the error that its points have in common
   std::size_t size() const { return x.size(); }
 };
 
@@ -30,33 +33,79 @@ double variance_error_dn4(double signal, int frames, const DarkPoint& dark, doub
   return 2.0 / (frames - 1.0) * gaussian + fourth_cumulant / (frames * pixels);
 }
 
-double level_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain) {
-  const double dark_error =
-      level.dark_frames < 2 ? 0.0 : variance_error_dn4(0.0, level.dark_frames, dark, gain);
-  return variance_error_dn4(std::max(level.mean_dn, 0.0), level.frames, dark, gain) + dark_error;
+double dark_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain) {
+  return level.dark_frames < 2 ? 0.0 : variance_error_dn4(0.0, level.dark_frames, dark, gain);
+}
+
+double flat_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain) {
+  return variance_error_dn4(std::max(level.mean_dn, 0.0), level.frames, dark, gain);
+}
+
+// Sums over points that share an error of variance D beside their own 1/w: the inverse of the
+// covariance diag(1/w) + D 1 1' is diag(w) - w w' D / (1 + D Σw) (Sherman and Morrison, Ann. Math.
+// Statist. 21, 1950).
+struct Sums {
+  double w = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0;
+  void add(double weight, double px, double py) {
+    w += weight;
+    x += weight * px;
+    y += weight * py;
+    xx += weight * px * px;
+    xy += weight * px * py;
+    yy += weight * py * py;
+  }
+  double take_out(double shared) const { return shared / (1.0 + shared * w); }
+  void merge(const Sums& set, double shared) {
+    const double f = set.take_out(shared);
+    w += set.w - f * set.w * set.w;
+    x += set.x - f * set.x * set.w;
+    y += set.y - f * set.y * set.w;
+    xx += set.xx - f * set.x * set.x;
+    xy += set.xy - f * set.x * set.y;
+    yy += set.yy - f * set.y * set.y;
+  }
+};
+
+double weight_of(const Points& points, std::size_t i, double excess_dn4) {
+  return points.huber[i] / (points.variance[i] + excess_dn4);
+}
+
+// Per set, of the points' distances from a line (zero for the points themselves).
+std::vector<Sums> sums_of(const Points& points, double excess_dn4, const LineFit& line = {}) {
+  std::vector<Sums> sets(points.shared.size());
+  for (std::size_t i = 0; i < points.size(); ++i)
+    sets[points.set[i]].add(weight_of(points, i, excess_dn4), points.x[i],
+                            points.y[i] - line.intercept - line.slope * points.x[i]);
+  return sets;
+}
+
+Sums merged(const std::vector<Sums>& sets, const std::vector<double>& shared) {
+  Sums all;
+  for (std::size_t s = 0; s < sets.size(); ++s) all.merge(sets[s], shared[s]);
+  return all;
+}
+
+LineFit line_of(const Sums& sums) {
+  LineFit line;
+  const double spread = sums.xx - sums.x * sums.x / sums.w;
+  line.slope = (sums.xy - sums.x * sums.y / sums.w) / spread;
+  line.intercept = (sums.y - line.slope * sums.x) / sums.w;
+  line.slope_standard_error = std::sqrt(1.0 / spread);
+  line.intercept_standard_error = std::sqrt(sums.xx / (spread * sums.w));
+  return line;
 }
 
 // Line through the points plus the dark point at (0, dark_y).
 LineFit line_with_dark(const Points& points, double excess_dn4, double dark_y, double dark_stderr) {
-  std::vector<double> x{0.0}, y{dark_y}, weights;
   // A dark variance known perfectly would make the weights infinite.
   const double floor = 1e-6 * std::max(std::abs(dark_y), 1e-12);
-  weights.push_back(1.0 / std::pow(std::max(dark_stderr, floor), 2));
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    x.push_back(points.x[i]);
-    y.push_back(points.y[i]);
-    weights.push_back(points.huber[i] / (points.variance[i] + excess_dn4));
-  }
-  return fit_line(x, y, weights, true);
+  Sums sums = merged(sums_of(points, excess_dn4), points.shared);
+  sums.add(1.0 / std::pow(std::max(dark_stderr, floor), 2), 0.0, dark_y);
+  return line_of(sums);
 }
 
 double chi_square(const Points& points, const LineFit& line, double excess_dn4) {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double r = points.y[i] - line.intercept - line.slope * points.x[i];
-    sum += points.huber[i] * r * r / (points.variance[i] + excess_dn4);
-  }
-  return sum;
+  return merged(sums_of(points, excess_dn4, line), points.shared).yy;
 }
 
 // χ² that chance exceeds once in 10,000 (Wilson and Hilferty, 1931): a session of 16 channels and
@@ -84,16 +133,56 @@ double mandel_paule(const Points& points, double dark_y, double dark_stderr) {
   return high;
 }
 
-// Weights from the present gain, then Huber's from the residuals of a fit.
+// Weights from the present gain, then Huber's from the residuals of a fit about what their set has
+// in common.
 void reweight(Points& points, const std::vector<const TransferLevel*>& used, const DarkPoint& dark,
               const LineFit& line, double excess_dn4) {
   for (std::size_t i = 0; i < used.size(); ++i) {
-    points.variance[i] = level_error_dn4(*used[i], dark, line.slope) +
-                         line.slope * line.slope * used[i]->mean_variance_dn2;
-    const double residual = std::abs(points.y[i] - line.intercept - line.slope * points.x[i]);
+    const TransferLevel& level = *used[i];
+    points.variance[i] =
+        flat_error_dn4(level, dark, line.slope) + line.slope * line.slope * level.mean_variance_dn2;
+    points.shared[points.set[i]] = dark_error_dn4(level, dark, line.slope) +
+                                   line.slope * line.slope * level.dark_mean_variance_dn2;
+  }
+  const std::vector<Sums> sets = sums_of(points, excess_dn4, line);
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    const Sums& set = sets[points.set[i]];
+    const double residual = std::abs(points.y[i] - line.intercept - line.slope * points.x[i] -
+                                     set.take_out(points.shared[points.set[i]]) * set.y);
     const double deviations = residual / std::sqrt(points.variance[i] + excess_dn4);
     points.huber[i] = deviations > kHuber ? kHuber / deviations : 1.0;
   }
+}
+
+// The levels as points of the line; a set of dark frames per dark_set.
+Points points_of(const std::vector<const TransferLevel*>& used, const DarkPoint& dark) {
+  Points points;
+  std::vector<std::pair<int, int>> sets;
+  for (const TransferLevel* level : used) {
+    points.x.push_back(level->mean_dn);
+    points.y.push_back(level->variance_dn2 - level->dark_variance_dn2 + dark.variance_dn2);
+    const std::pair<int, int> own{level->dark_frames, level->dark_set};
+    const auto found = std::find(sets.begin(), sets.end(), own);
+    points.set.push_back(static_cast<std::size_t>(found - sets.begin()));
+    if (found == sets.end()) sets.push_back(own);
+  }
+  points.variance.assign(used.size(), 1.0);
+  points.huber.assign(used.size(), 1.0);
+  points.shared.assign(sets.size(), 0.0);
+  return points;
+}
+
+// The line that the dark point does not hold. Minus the dark variance its intercept has the error
+// of the dark frames that were subtracted, the common ones' too.
+LineFit free_line_of(Points points, const std::vector<const TransferLevel*>& used,
+                     const DarkPoint& dark, double excess_dn4) {
+  std::vector<bool> counted(points.shared.size(), false);
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (const std::size_t s = points.set[i]; used[i]->dark_frames < 2 && !counted[s]) {
+      counted[s] = true;
+      points.shared[s] += dark.variance_stderr_dn2 * dark.variance_stderr_dn2;
+    }
+  return line_of(merged(sums_of(points, excess_dn4), points.shared));
 }
 
 }  // namespace
@@ -106,16 +195,12 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
   if (used.size() < 2)
     return Undecided{fmt::format("{} usable light level{}; 2 are needed, 8 or more are good",
                                  used.size(), used.size() == 1 ? "" : "s")};
-  Points points;
+  Points points = points_of(used, dark);
   double xy = 0.0, xx = 0.0;
-  for (const TransferLevel* level : used) {
-    points.x.push_back(level->mean_dn);
-    points.y.push_back(level->variance_dn2 - level->dark_variance_dn2 + dark.variance_dn2);
-    xy += level->mean_dn * (points.y.back() - dark.variance_dn2);
-    xx += level->mean_dn * level->mean_dn;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    xy += points.x[i] * (points.y[i] - dark.variance_dn2);
+    xx += points.x[i] * points.x[i];
   }
-  points.variance.assign(used.size(), 1.0);
-  points.huber.assign(used.size(), 1.0);
   LineFit line;
   line.slope = std::max(xy / xx, 0.0);
   line.intercept = dark.variance_dn2;
@@ -138,17 +223,14 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
       chi_square(points, line_with_dark(points, 0.0, dark.variance_dn2, dark.variance_stderr_dn2),
                  0.0) /
       std::max(static_cast<double>(points.size()) - 1.0, 1.0);
-  std::vector<double> weights;
-  for (std::size_t i = 0; i < points.size(); ++i)
-    weights.push_back(points.huber[i] / (points.variance[i] + excess));
-  const LineFit free_line = fit_line(points.x, points.y, weights, true);
+  const LineFit free_line = free_line_of(points, used, dark, excess);
   fit.intercept_dn2 = free_line.intercept - dark.variance_dn2;
-  fit.intercept_stderr_dn2 =
-      std::hypot(free_line.intercept_standard_error, dark.variance_stderr_dn2);
+  fit.intercept_stderr_dn2 = free_line.intercept_standard_error;
   for (const TransferLevel& level : levels)
     fit.variance_stderr_dn2.push_back(level.frames < 2
                                           ? std::numeric_limits<double>::quiet_NaN()
-                                          : std::sqrt(level_error_dn4(level, dark, line.slope)));
+                                          : std::sqrt(flat_error_dn4(level, dark, line.slope) +
+                                                      dark_error_dn4(level, dark, line.slope)));
   return fit;
 }
 

@@ -13,12 +13,14 @@ namespace malus {
 /// One channel at one light level, with the dark frames that belong to it.
 struct TransferLevel {
   double mean_dn = 0;            ///< signal above dark
-  double mean_variance_dn2 = 0;  ///< error of mean_dn, squared
+  double mean_variance_dn2 = 0;  ///< error of the flats' share in mean_dn, squared
   double variance_dn2 = 0;       ///< temporal, dark part and all
   int frames = 0;
-  double dark_variance_dn2 = 0;  ///< temporal variance of the matching dark frames
-  int dark_frames = 0;           ///< their number; 0: the common dark point was used
-  std::string refused;           ///< not empty: why this level must not be used
+  double dark_variance_dn2 = 0;       ///< temporal variance of the matching dark frames
+  int dark_frames = 0;                ///< their number; 0: the common dark point was used
+  int dark_set = 0;                   ///< which: levels of one set share the error of its frames
+  double dark_mean_variance_dn2 = 0;  ///< error of the dark frames' share in mean_dn, squared
+  std::string refused;                ///< not empty: why this level must not be used
 };
 
 /// The channel's dark point, common to all levels.
@@ -43,10 +45,12 @@ struct TransferFit {
 /// Line through the dark point and the levels, weighted by 1/variance. Sampling variances follow
 /// from the fitted line: 2σ⁴/((M-1)P) with the kurtosis of Poisson and dark noise and the row
 /// noise, which does not average over a row. Levels beyond three deviations are weighted down
-/// (Huber). When the scatter is more than sampling explains (χ² at the level of 1e-4), a constant
-/// variance is added to every level until it is explained (Mandel and Paule, Anal. Chem. 42, 1970),
-/// so that the standard error stays honest on a nonlinear sensor. Undecided: fewer than two usable
-/// levels, or a variance that does not rise with the light.
+/// (Huber). Levels with the same dark frames have those frames' error in common, which no number of
+/// levels averages out: generalised least squares. When the scatter is more than sampling explains
+/// (χ² at the level of 1e-4), a constant variance is added to every level until it is explained
+/// (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error stays honest on a nonlinear
+/// sensor. Undecided: fewer than two usable levels, or a variance that does not rise with the
+/// light.
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
                                           const DarkPoint& dark);
 

@@ -3,6 +3,7 @@ set(calibrate_SOURCES
   bias_calibration.cpp
   bias_checks.cpp
   calibrate.cpp
+  clean_frame.cpp
   fixed_pattern.cpp
   flat_calibration.cpp
   frame_components.cpp

@@ -55,6 +55,7 @@ class RowLagAccumulator {
   void add(View<const float> dn, const std::vector<double>& channel_means_dn);
   int frames() const { return frames_; }
   int rows() const { return geometry_.rows(); }
+  int cols() const { return geometry_.cols(); }
   /// Covariance over frames in DN²; contract: at least two frames, 0 <= lag < kLags.
   double covariance_dn2(int row, int lag) const;
 

@@ -70,7 +70,9 @@ struct PhysicsCalibration {
 };
 
 /// Heteroscedastic Gaussian noise at one gain: variance = max(slope s + offset, 0), s the signal in
-/// DN above black. One entry per channel; row noise and quantisation are part of the offset.
+/// DN above black. One entry per channel. The offset is that of frames as they were recorded: row
+/// noise and, of frames of whole numbers, quantisation (q²/12) are part of it, whichever way it was
+/// measured. Who draws frames that will be rounded takes q²/12 out.
 struct GaussianCalibration {
   GainSetting gain;
   int levels = 0;  ///< signal levels that the line was fitted to; 0 when published, not fitted

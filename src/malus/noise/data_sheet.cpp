@@ -94,8 +94,8 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
   Quantity dark{"temporal_dark_noise", "σ_d", "e-", "temporal dark noise", {}, {}};
   Quantity read{"read_noise", "σ_read", "e-", "read noise without row noise", {}, {}};
   Quantity bias{"dark_signal", "μ", "DN", "dark signal above black", {}, {}};
-  Quantity dsnu{"dsnu", "DSNU", "e-", "dark signal non-uniformity", {}, {}};
-  Quantity prnu{"prnu", "PRNU", "%", "photo response non-uniformity", {}, {}};
+  Quantity dsnu{"dsnu", "DSNU", "e-", "dark signal non-uniformity, defects left out", {}, {}};
+  Quantity prnu{"prnu", "PRNU", "%", "photo response non-uniformity, defects left out", {}, {}};
   Quantity full{"saturation", "μ_sat", "e-", "saturation capacity (white level)", {}, {}};
   Quantity least{"threshold", "μ_min", "e-", "absolute sensitivity threshold", {}, {}};
   Quantity range{"dynamic_range", "DR", "dB", "dynamic range", {}, {}};

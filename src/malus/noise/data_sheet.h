@@ -13,6 +13,8 @@ namespace malus {
 /// One value per channel: gain, temporal dark noise, read noise, dark signal, DSNU, PRNU,
 /// saturation capacity, absolute sensitivity threshold (in electrons: quantum efficiency is not
 /// measured here), dynamic range, largest SNR, linearity error. What the calibration lacks is NaN.
+/// DSNU and PRNU are of pixels within eight robust deviations of the channel's median; the standard
+/// takes all, and a few defects then are most of both.
 /// Saturation is the white level's, not the point where the photon-transfer curve bends.
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
 

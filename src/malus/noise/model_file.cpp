@@ -142,8 +142,11 @@ void transfer_physics(Archive& archive, Calibration& p) {
                   p.temporal_sd_dark_dn);
   archive.numbers({"temporal_sd_dark_stderr_dn", "DN", "standard error of temporal_sd_dark_dn"},
                   p.temporal_sd_dark_stderr_dn);
-  archive.numbers({"dsnu_dn", "DN", "sd of the dark pattern, sampling error removed"}, p.dsnu_dn);
-  archive.numbers({"prnu", "1", "relative sd of the response, sampling error removed"}, p.prnu);
+  archive.numbers(
+      {"dsnu_dn", "DN", "sd of the dark pattern without defects, sampling error removed"},
+      p.dsnu_dn);
+  archive.numbers(
+      {"prnu", "1", "relative sd of the response without defects, sampling error removed"}, p.prnu);
   archive.matrix({"row_correlation", "1", "of row-group offsets, by channels"}, p.row_correlation);
   transfer_points(archive, p.transfer);
   archive.image({"dark_shading_dn", "DN", "mosaic: mean of the bias frames minus its channel's"},

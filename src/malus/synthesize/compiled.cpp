@@ -83,6 +83,12 @@ void CompiledNoise::use_physics(const PhysicsNoise& noise) {
   }
 }
 
+CompiledNoise CompiledNoise::without_quantization() const {
+  CompiledNoise compiled = *this;
+  compiled.parts_.quantization_dn = 0.0f;
+  return compiled;
+}
+
 CompiledNoise CompiledNoise::gaussian(const SensorLayout& layout,
                                       const std::vector<GaussianChannel>& channels, int row_group,
                                       double quantization_dn) {

@@ -74,6 +74,8 @@ class CompiledNoise {
   /// anew, without the cost. Contract: the layout, the lambdas and parts.read are those that this
   /// was compiled with.
   CompiledNoise with_parameters(const PhysicsNoise& noise) const;
+  /// The same without uniform quantisation noise: for output that is rounded later.
+  CompiledNoise without_quantization() const;
 
   /// DN above black in, DN above black out, nothing rounded or clamped. Contract: equal sizes;
   /// noisy_dn may be clean_dn.

@@ -23,6 +23,8 @@ struct GainTables {
   std::optional<CompiledNoise> compiled;       ///< all but nonparametric; of the mean parameters
   std::optional<LevelSampler> levels;          ///< nonparametric
   std::vector<LevelRange> level_ranges;        ///< nonparametric
+  std::optional<LevelSampler> rounded_levels;  ///< for output that will be rounded, where that
+                                               ///< differs
   double global_bias_dn = 0;  ///< the mean frame's bias, mean over the channels; 0 without bias
 };
 

@@ -43,13 +43,17 @@ void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, View<
   }
 }
 
+// The calibrated offset is a recorded frame's, rounding and all: its q²/12 is taken out here and
+// comes back as uniform noise, or by the rounding itself; never both.
 std::vector<GaussianChannel> gaussian_channels(const GaussianCalibration& calibration,
+                                               double quantization_dn,
                                                const SynthesisSettings& settings) {
+  const double rounding_dn2 = quantization_dn * quantization_dn / 12.0;
   std::vector<GaussianChannel> channels;
   for (std::size_t c = 0; c < calibration.slope_dn.size(); ++c)
     channels.push_back(
         {.slope_dn = settings.shot ? calibration.slope_dn[c] : 0.0,
-         .offset_dn2 = settings.read ? calibration.offset_dn2[c] : 0.0,
+         .offset_dn2 = settings.read ? calibration.offset_dn2[c] - rounding_dn2 : 0.0,
          .mu_dn = settings.bias && !calibration.bias_dn.empty() ? calibration.bias_dn[c] : 0.0});
   return channels;
 }
@@ -88,8 +92,11 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
   GainTables tables;
   tables.gain = gain;
   if (settings_.kind == "gaussian") {
-    const auto channels = gaussian_channels(model_.gaussian_at(gain), settings_);
-    tables.compiled = CompiledNoise::gaussian(model_.layout, channels, model_.row_group);
+    const auto channels =
+        gaussian_channels(model_.gaussian_at(gain), model_.quantization_dn, settings_);
+    tables.compiled =
+        CompiledNoise::gaussian(model_.layout, channels, model_.row_group,
+                                settings_.quantization ? model_.quantization_dn : 0.0);
     for (const GaussianChannel& channel : channels)
       tables.global_bias_dn += channel.mu_dn / static_cast<double>(channels.size());
     return tables;
@@ -99,9 +106,14 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
     const double lowest_black =
         model_.black_dn.empty() ? 0.0
                                 : *std::min_element(model_.black_dn.begin(), model_.black_dn.end());
-    tables.levels.emplace(model_.layout, calibration, settings_.row ? model_.row_group : 0,
-                          (model_.white_dn > 0 ? model_.white_dn : kWhiteUnknown) - lowest_black);
+    const double highest_dn =
+        (model_.white_dn > 0 ? model_.white_dn : kWhiteUnknown) - lowest_black;
+    const int row_group = settings_.row ? model_.row_group : 0;
+    tables.levels.emplace(model_.layout, calibration, row_group, highest_dn);
     tables.level_ranges = level_ranges(calibration);
+    if (model_.quantization_dn > 0)
+      tables.rounded_levels.emplace(model_.layout, calibration, row_group, highest_dn,
+                                    model_.quantization_dn);
     return tables;
   }
   const GainRange range =
@@ -156,7 +168,10 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
   if (tables->levels) {
     frame.coverage =
         level_coverage(model_.layout, tables->level_ranges, signal_dn, address.row0, address.col0);
-    tables->levels->apply(signal_dn, noisy_dn, address);
+    (rounded_later && tables->rounded_levels ? tables->rounded_levels : tables->levels)
+        ->apply(signal_dn, noisy_dn, address);
+  } else if (rounded_later) {
+    tables->compiled->without_quantization().apply(signal_dn, noisy_dn, address);
   } else {
     tables->compiled->apply(signal_dn, noisy_dn, address);
   }

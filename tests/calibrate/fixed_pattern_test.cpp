@@ -1,0 +1,40 @@
+// DSNU and PRNU beside defect pixels.
+#include "malus/calibrate/calibrate.h"
+
+#include "simulated_session.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// Sixteen hot and sixteen dead pixels of 65536 were once most of both.
+TEST(FixedPattern, DefectsAreNoPartOfDsnuAndPrnu) {
+  testing::SimulatedCamera camera;
+  camera.rows = camera.cols = 256;
+  camera.bias_frames = 30;
+  camera.flat_frames = 12;
+  camera.flat_levels = 6;
+  camera.dsnu_dn = 0.4;
+  camera.prnu = 0.006;
+  camera.gains.push_back(testing::polar_gain(12, "mono", 1));
+  CalibrationInput input = testing::simulated_session(camera);
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load, kind = set.kind](int i) {
+      RawFrame frame = load(i);
+      for (int k = 0; k < 16; ++k) {
+        frame.dn(8 + 14 * k, 37) += 60.0F + static_cast<float>(k);
+        if (kind == FrameKind::kFlat) frame.dn(8 + 14 * k, 181) = 85;
+      }
+      return frame;
+    };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  const PhysicsCalibration& p = model.physics.at(0);
+  EXPECT_EQ(model.defects.size(), 32u);
+  EXPECT_NEAR(p.dsnu_dn[0], camera.dsnu_dn, 0.05);
+  EXPECT_NEAR(p.prnu[0], camera.prnu, 0.0002);
+  EXPECT_LT(p.prnu_map(8, 181), 0.05F);  // the map still shows them
+  EXPECT_GT(p.dark_shading_dn(8, 37), 55.0F);
+}
+
+}  // namespace
+}  // namespace malus
