@@ -55,7 +55,7 @@ struct PhysicsCalibration {
   std::vector<double> temporal_sd_dark_dn;                      ///< rows, quantisation and all
   std::vector<double> temporal_sd_dark_stderr_dn;
   std::vector<double> dsnu_dn,
-      prnu;                      ///< sd of the fixed pattern (DN; relative), sampling error removed
+      prnu;  ///< sd of the fixed pattern (DN; relative), no defects, no sampling error
   SquareMatrix row_correlation;  ///< between the channels' row-group offsets inside a frame
   std::vector<PhotonTransferPoint> transfer;
   Image dark_shading_dn;  ///< mosaic: per-pixel mean of the bias frames minus the channel's mean;
