@@ -1,7 +1,7 @@
 #include "frame_input.h"
 
-#include "malus/base/statistics.h"
 #include "malus/image/frame_statistics.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
@@ -62,22 +62,13 @@ FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& 
 
 FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& model,
                                const std::filesystem::path& input) {
-  const RawFrame known = told_of(input, options);
-  FrameOptions result = in_layout(options, model.layout, known);
-  const bool is_float = !options.raw_format && known.bits == 0;
-  if (!known.white_known && model.white_dn > 0) result.white_dn = model.white_dn;
-  if (known.black_known) return result;
-  result.black_dn = model.black_dn;
-  const double black = mean_of(model.black_dn);
-  if (is_float && black != 0) {
-    result.black_dn = {0.0};
-    if (!known.white_known && result.white_dn)
-      result.white_dn = white_above_black(*result.white_dn, model.black_dn);
-    warn(
-        fmt::format("{}: black level not known; float pixels are taken as DN above black, give "
-                    "--black {:g} if they hold the camera's",
-                    input.string(), black));
-  }
+  const RawFrame told = told_of(input, options);
+  FrameOptions result = in_layout(options, model.layout, told);
+  RawFrame filled = told;
+  const std::string warning = take_levels_of_model(model, filled);
+  if (!warning.empty()) warn(warning);
+  if (!told.black_known) result.black_dn = filled.black_dn;
+  if (!told.white_known && filled.white_known) result.white_dn = filled.white_dn;
   return result;
 }
 

@@ -163,7 +163,7 @@ TEST(FrameFile, BlackKeepsItsPlaceInTheCellOfADeclaredLayout) {
   for (int r = 0; r < 4; ++r)
     for (int c = 0; c < 4; ++c) EXPECT_EQ(larger.black_at(r, c), frame.black_at(r, c));
   options.layout = SensorLayout::named("mono");
-  expect_frame_refused(folder / "a.tif", "which the declared mono has no place for", options);
+  expect_frame_refused(folder / "a.tif", "which mono has no place for", options);
   frame.black_dn.assign(4, 64.5);
   save_frame(folder / "b.tif", frame);
   EXPECT_EQ(load_frame(folder / "b.tif", options).black_dn, std::vector<double>{64.5});

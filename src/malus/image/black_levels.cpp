@@ -43,4 +43,15 @@ std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout&
   return blacks_for_layout(frame.black_dn, frame.layout, layout, frame.source);
 }
 
+void require_levels(const RawFrame& frame) {
+  const bool limited = frame.white_known || frame.bits > 0;
+  for (const double black : frame.black_dn)
+    if (!std::isfinite(black) || !std::isfinite(frame.white_dn) ||
+        (limited && black >= frame.white_dn))
+      throw InputError(
+          frame.source,
+          fmt::format("black {:g} DN is not below white {:g} DN", black, frame.white_dn),
+          "check black and white (--black, --white, or the session file)");
+}
+
 }  // namespace malus

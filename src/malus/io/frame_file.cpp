@@ -70,17 +70,6 @@ double assumed_white(const Decoded& decoded) {
   return static_cast<double>(largest);
 }
 
-void check_levels(const RawFrame& frame) {
-  for (const double black : frame.black_dn)
-    if (!std::isfinite(black) || !std::isfinite(frame.white_dn) ||
-        (frame.white_known && black >= frame.white_dn) ||
-        (!frame.white_known && frame.bits > 0 && black >= frame.white_dn))
-      throw InputError(
-          frame.source,
-          fmt::format("black {:g} DN is not below white {:g} DN", black, frame.white_dn),
-          "check --black and --white, or the session file");
-}
-
 // The user's word, then the file's, then the default.
 RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path& path) {
   RawFrame frame;
@@ -103,7 +92,7 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   const bool gain_given = options.gain.gain_db || options.gain.iso;
   frame.gain = gain_given ? options.gain : decoded.gain;
   frame.exposure_s = options.exposure_s ? options.exposure_s : decoded.exposure_s;
-  check_levels(frame);
+  require_levels(frame);
   if (decoded.planes.channels() > 0) frame.dn = std::move(decoded.planes[0]);
   return frame;
 }

@@ -1,10 +1,8 @@
 #include "malus/noise/frame_levels.h"
 
-#include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/image/black_levels.h"
 #include "malus/noise/same_sensor.h"
-
-#include <cmath>
 
 #include <fmt/format.h>
 
@@ -19,7 +17,7 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
     const bool above_already = frame.bits == 0 && black != 0;
     if (above_already) {
       frame.black_dn.assign(model.black_dn.size(), 0.0);
-      white_dn -= black;
+      white_dn = white_above_black(white_dn, model.black_dn);
       warning = fmt::format(
           "{}: black level not known; float pixels are taken as DN above black, give --black {:g} "
           "if they hold the camera's",
@@ -35,14 +33,6 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
   }
   require_levels(frame);
   return warning;
-}
-
-void require_levels(const RawFrame& frame) {
-  for (const double black : frame.black_dn)
-    if (!(black < frame.white_dn) || !std::isfinite(black) || !std::isfinite(frame.white_dn))
-      throw InputError("black",
-                       fmt::format("{:g} DN is not below white, {:g} DN", black, frame.white_dn),
-                       "give black below white, both finite");
 }
 
 }  // namespace malus

@@ -15,7 +15,4 @@ namespace malus {
 /// or the levels contradict each other.
 std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame);
 
-/// Throws InputError where a black level is not below white, or one is not finite.
-void require_levels(const RawFrame& frame);
-
 }  // namespace malus
