@@ -153,7 +153,7 @@ double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGrou
 Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
                 const FrameGroup& reference_group, const FrameGroup& group) {
   const double ratio = ratio_of(job, reference_group, group);
-  const double top = 0.9 * (white_above_black(reference.white_dn, reference.black_dn));
+  const double top = 0.9 * white_above_black(reference.white_dn, reference.black_dn);
   std::vector<double> intensities;
   for (const fs::path& path : group.paths) {
     check_stop(job.progress);

@@ -1,7 +1,5 @@
 #include "flags.h"
 
-#include "malus/base/error.h"
-
 #include <charconv>
 #include <limits>
 #include <string_view>

@@ -20,17 +20,22 @@ using testing::simulated_session;
 using testing::SimulatedCamera;
 using testing::small_camera;
 
+// From pixel (3, 5) on, 800 DN too bright in every frame.
+void add_hot_pixels(CalibrationInput& input, int every_rows, int every_cols) {
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load, every_rows, every_cols](int i) {
+      RawFrame frame = load(i);
+      for (int r = 3; r < frame.dn.rows(); r += every_rows)
+        for (int c = 5; c < frame.dn.cols(); c += every_cols) frame.dn(r, c) += 800;
+      return frame;
+    };
+}
+
 // One pixel in a hundred that is 800 DN too bright would lift a plain mean by 8 DN.
 TEST(BiasFrames, HotPixelsLeaveTheBiasOfTheOthersAlone) {
   const SimulatedCamera camera = small_camera();
   CalibrationInput input = simulated_session(camera);
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      for (int r = 3; r < frame.dn.rows(); r += 10)
-        for (int c = 5; c < frame.dn.cols(); c += 10) frame.dn(r, c) += 800;
-      return frame;
-    };
+  add_hot_pixels(input, 10, 10);
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   const PhysicsCalibration& found = model.physics.front();
   const PhysicsNoise& truth = camera.gains.front().noise;
@@ -62,13 +67,7 @@ TEST(BiasFrames, HotPixelsDoNotLiftTheBiasOfSingleFramesEither) {
         channel.mu_dn = -2;  // a code: rounding moves no mean
       }
       CalibrationInput input = simulated_session(camera);
-      for (FrameSet& set : input.sets)
-        set.load = [load = set.load](int i) {
-          RawFrame frame = load(i);
-          for (int r = 3; r < frame.dn.rows(); r += 5)
-            for (int c = 5; c < frame.dn.cols(); c += 15) frame.dn(r, c) += 800;
-          return frame;
-        };
+      add_hot_pixels(input, 5, 15);
       const NoiseModel model = calibrate_physics(input, {.single_frame = !one}, silent_progress());
       for (const double mu : model.physics.front().mu.mean)  // five standard errors of 1024 pixels
         EXPECT_NEAR(mu, -2.0, 5 * 2.2 * narrow * std::sqrt(1 / 1024.0 + 0.1 / 32) + 0.05) << narrow;

@@ -11,6 +11,7 @@ namespace malus {
 namespace {
 
 using testing::polar_gain;
+using testing::ramp_frame;
 using testing::simulated_session;
 using testing::SimulatedCamera;
 
@@ -237,7 +238,6 @@ TEST(CalibrateKinds, GaussianFromBurstsAlone) {
   EXPECT_LT(g.slope_stderr_dn[0], 0.02 * truth.gain_dn_per_e);
 }
 
-// A burst of a ramp; every row holds dark and bright pixels.
 CalibrationInput ramp_burst(const PhysicsNoise& noise, double brightest_dn, int size, int frames,
                             std::uint64_t seed, bool rounded) {
   FrameSet burst;
@@ -245,16 +245,8 @@ CalibrationInput ramp_burst(const PhysicsNoise& noise, double brightest_dn, int 
   burst.gain.iso = 1600;
   burst.count = frames;
   burst.load = [=](int i) {
-    RawFrame out;
-    out.black_dn = {100};
-    out.white_dn = 4095;
-    out.dn = Image(size, size);
-    for (int r = 0; r < size; ++r)
-      for (int c = 0; c < size; ++c)
-        out.dn(r, c) = static_cast<float>(brightest_dn * (0.3 * r + 0.7 * c) / size);
-    add_noise_exact(noise, out.dn, out.dn, DrawAddress{seed, static_cast<std::uint32_t>(i), 0, 0});
-    for (float& v : out.dn.values()) v = rounded ? std::round(v + 100) : v + 100;
-    return out;
+    return ramp_frame(noise, brightest_dn, size,
+                      DrawAddress{seed, static_cast<std::uint32_t>(i), 0, 0}, rounded);
   };
   CalibrationInput input;
   input.sets = {burst};

@@ -12,6 +12,7 @@ namespace malus {
 namespace {
 
 using testing::polar_gain;
+using testing::ramp_frame;
 
 constexpr double kReferenceLight = 0.7;  // of the burst's
 
@@ -23,16 +24,7 @@ struct RampSession {
 
   RawFrame frame(const PhysicsNoise& of, double light, std::uint32_t index,
                  std::uint64_t own_seed) const {
-    RawFrame out;
-    out.black_dn = {100};
-    out.white_dn = 4095;
-    out.dn = Image(size, size);
-    for (int r = 0; r < size; ++r)
-      for (int c = 0; c < size; ++c)
-        out.dn(r, c) = static_cast<float>(light * 2600 * (0.3 * r + 0.7 * c) / size);
-    add_noise_exact(of, out.dn, out.dn, DrawAddress{own_seed, index, 0, 0});
-    for (float& v : out.dn.values()) v = std::round(v + 100);
-    return out;
+    return ramp_frame(of, light * 2600, size, DrawAddress{own_seed, index, 0, 0}, true);
   }
   CalibrationInput input() const {
     FrameSet burst, reference;

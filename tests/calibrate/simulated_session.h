@@ -56,6 +56,22 @@ inline SimulatedGain polar_gain(double gain_db, const char* layout = "polar-baye
   return out;
 }
 
+/// A ramp whose every row holds dark and bright pixels, from 0 to brightest_dn above a black level
+/// of 100, one channel.
+inline RawFrame ramp_frame(const PhysicsNoise& noise, double brightest_dn, int size,
+                           const DrawAddress& address, bool rounded) {
+  RawFrame out;
+  out.black_dn = {100};
+  out.white_dn = 4095;
+  out.dn = Image(size, size);
+  for (int r = 0; r < size; ++r)
+    for (int c = 0; c < size; ++c)
+      out.dn(r, c) = static_cast<float>(brightest_dn * (0.3 * r + 0.7 * c) / size);
+  add_noise_exact(noise, out.dn, out.dn, address);
+  for (float& v : out.dn.values()) v = rounded ? std::round(v + 100) : v + 100;
+  return out;
+}
+
 namespace internal {
 
 inline double normal_at(std::uint64_t seed, std::uint64_t index, std::uint32_t stream) {

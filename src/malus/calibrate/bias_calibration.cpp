@@ -259,17 +259,18 @@ void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
   out.row_correlation = nearest_correlation(correlation_of(row_covariance));
 }
 
+// What is known of a pixel's offset before its own frames are looked at: how the others' lie.
 void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int frames,
                     FrameAnalyzer& analyzer) {
   const std::vector<double> temporal = dark.temporal.variance_dn2();
   Moments rows;
   for (int r = 0; r < dark.rows.rows(); ++r) rows.add(dark.rows.covariance_dn2(r, 0));
   const double row = std::max(rows.mean() - mean_of(temporal) / dark.rows.cols(), 0.0);
+  const std::vector<double> pattern = dsnu_dn(ordinary.variance_dn2, temporal, frames);
   std::vector<OffsetSpread> spread;
   for (std::size_t c = 0; c < temporal.size(); ++c)
-    spread.push_back({ordinary.mean_dn[c],
-                      std::max(ordinary.variance_dn2[c] - temporal[c] / frames, 0.0), row,
-                      std::max(temporal[c] - row, 0.0)});
+    spread.push_back(
+        {ordinary.mean_dn[c], pattern[c] * pattern[c], row, std::max(temporal[c] - row, 0.0)});
   analyzer.expect(spread);
 }
 

@@ -75,13 +75,13 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
 
 void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
   constexpr double kOfRange = 0.1, kOfBlack = 0.1, kLeastBelow = 1;
-  const double range = first.white_dn - mean_of(first.black_dn), level = mean_of(out.mu.mean);
+  const double black = mean_of(first.black_dn), range = first.white_dn - black;
+  const double level = mean_of(out.mu.mean);
   if (level > kOfRange * range)
     out.warnings.push_back(
         fmt::format("the dark level lies {:.4g} DN above black, {:.0f} % of the range: are these "
                     "dark frames, and is the black level right?",
                     level, 100 * level / range));
-  const double black = mean_of(first.black_dn);
   if (-level > std::max(kLeastBelow, kOfBlack * black))
     out.warnings.push_back(fmt::format(
         "the dark level lies {:.4g} DN below the black level of {:.4g} DN: is that right?", -level,

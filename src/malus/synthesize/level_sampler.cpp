@@ -54,9 +54,9 @@ Continuation continuation(const NonparametricChannel& measured, const LevelMomen
 std::vector<double> edges_of_level(const NonparametricChannel& channel, std::size_t level,
                                    double spread, double rounded_to_dn) {
   std::vector<double> edges = channel.bin_edges_dn;
+  if (spread == 1.0 && (rounded_to_dn == 0 || channel.level_dn[level] == 0)) return edges;
   const LevelMoments moments = level_moments(channel, level);
-  const bool as_measured = spread == 1.0 && (rounded_to_dn == 0 || channel.level_dn[level] == 0);
-  if (as_measured || !(moments.variance_dn2 > 0)) return edges;
+  if (!(moments.variance_dn2 > 0)) return edges;
   const double rounding = rounded_to_dn * rounded_to_dn / 12.0 / moments.variance_dn2;
   const double factor = std::sqrt(std::max(spread * spread - rounding, 0.0));
   for (double& edge : edges) edge = moments.mean_dn + factor * (edge - moments.mean_dn);
