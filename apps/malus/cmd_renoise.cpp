@@ -67,12 +67,11 @@ void check_gain_of(const RawFrame& frame, const GainSetting& from) {
 
 Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& model,
                        const GainSetting& from, const GainSetting& to) {
+  const double white_dn = white_above_black(model.white_dn, model.black_dn);
   if (arguments.kind == "nonparametric")
     return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
-                    model.row_group, model.white_dn - model.black_dn[0],
-                    arguments.as_float ? 0.0 : model.quantization_dn);
-  return Renoiser(model.physics_at(from), target_physics(model, to, !arguments.as_float),
-                  white_above_black(model.white_dn, model.black_dn));
+                    model.row_group, white_dn, arguments.as_float ? 0.0 : model.quantization_dn);
+  return Renoiser(model.physics_at(from), target_physics(model, to, !arguments.as_float), white_dn);
 }
 
 // Signals that a non-parametric model knows the added noise of; empty for other noise.

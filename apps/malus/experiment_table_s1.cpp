@@ -156,16 +156,16 @@ FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
       return dn;
     };
   }
+  const double white_dn = white_above_black(model.white_dn, model.black_dn);
   std::shared_ptr<const Renoiser> renoiser;
   if (!model.nonparametric.empty()) {
-    renoiser = std::make_shared<Renoiser>(
-        model.layout, model.nonparametric_at(bench.from), model.nonparametric_at(bench.to),
-        model.row_group, model.white_dn - model.black_dn.front(), model.quantization_dn);
+    renoiser = std::make_shared<Renoiser>(model.layout, model.nonparametric_at(bench.from),
+                                          model.nonparametric_at(bench.to), model.row_group,
+                                          white_dn, model.quantization_dn);
   } else {
     PhysicsNoise target = model.physics_at(bench.to);
     target.parts.quantization = false;  // the camera's rounding is drawn later
-    renoiser = std::make_shared<Renoiser>(model.physics_at(bench.from), target,
-                                          white_above_black(model.white_dn, model.black_dn));
+    renoiser = std::make_shared<Renoiser>(model.physics_at(bench.from), target, white_dn);
   }
   return [renoiser](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
     Image dn(noisy_dn.rows(), noisy_dn.cols());

@@ -108,7 +108,7 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
       missing.push_back(gain);
   const auto measured = measure_gains(input, missing, settings, progress, model);
   for (const MeasuredLevels& levels : measured) {
-    const double range = model.white_dn - model.black_dn.front();
+    const double range = white_above_black(model.white_dn, model.black_dn);
     const auto line = gaussian_of(levels, settings.saturation_limit * range);
     if (!line)
       throw InputError(input.origin,
