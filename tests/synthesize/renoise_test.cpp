@@ -180,6 +180,29 @@ TEST(Renoiser, MeasuredNoiseOfUnlikeLevelsAndBinsBecomesTheTargets) {
   }
 }
 
+// Both distributions hold their frames' rounding: that of the result is not added to it.
+TEST(Renoiser, RoundingOfTheResultIsNoMoreNoise) {
+  const PhysicsNoise from = mono(0.01, 0.5, 0, 0), to = mono(0.02, 0.8, 0, 0);
+  const Renoiser renoiser(SensorLayout::named("mono"), as_calibrated(from, 2, 1.05),
+                          as_calibrated(to, 2, 1.05), 1, 10, 1.0);
+  const Image clean(600, 600, 0.0f);
+  const auto recorded = [&](PhysicsNoise camera, std::uint64_t seed) {
+    camera.parts.quantization = false;
+    Image dn(600, 600);
+    CompiledNoise(camera).apply(clean.view(), dn.view(), {.seed = seed});
+    return dn;
+  };
+  const auto round = [](Image dn) {
+    for (float& v : dn.values()) v = std::nearbyint(v);
+    return dn;
+  };
+  Image ours = round(recorded(from, 5));
+  renoiser.apply(ours, clean, ours, {.seed = 5});
+  const double target = testing::moments_of(round(recorded(to, 6))).variance();
+  // q²/12 twice would be 0.046 of it more; five standard errors of the two are 0.017.
+  EXPECT_NEAR(testing::moments_of(round(ours)).variance(), target, 0.02 * target);
+}
+
 TEST(Renoiser, GainsWithoutACommonLevelAreRefused) {
   NonparametricCalibration from = as_calibrated(mono(0.5, 0.9, 0, 0), 2, 1.2),
                            to = as_calibrated(mono(2.0, 2.2, 0, 0), 2, 1.2);

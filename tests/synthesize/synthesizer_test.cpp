@@ -263,6 +263,34 @@ TEST(Synthesizer, NonparametricFramesAreRoundedOnce) {
   }
 }
 
+// Above the brightest level, too, where the distribution is widened.
+TEST(Synthesizer, NonparametricFramesAboveTheLevelsAreRoundedOnce) {
+  Image clean(600, 400);
+  for (std::size_t i = 0; i < clean.size(); ++i)
+    clean.values()[i] = 400.0f + static_cast<float>(i % 97) / 97.0f;
+  NonparametricChannel channel;
+  channel.level_dn = {0, 150};
+  channel.samples = {1000, 1000};
+  channel.bin_edges_dn = {-1.5, -0.5, 0.5, 1.5};
+  channel.pmf.assign(2, {0.25, 0.5, 0.25});
+  NonparametricCalibration n;
+  n.gain = kGain;
+  n.channels.assign(4, channel);
+  n.K.assign(4, 0.002);
+  NoiseModel model = bayer_model();
+  model.quantization_dn = 1;
+  model.nonparametric = {n};
+  SynthesisSettings settings;
+  settings.kind = "nonparametric";
+  const RawFrame frame =
+      Synthesizer(model, settings).draw_raw(clean, kGain, {.seed = 3}, model.black_dn, 4095);
+  Moments noise;
+  for (std::size_t i = 0; i < clean.size(); ++i)
+    noise.add(frame.dn.values()[i] - clean.values()[i] - 64);
+  const double expected = level_moments(channel, 1).variance_dn2 + 0.002 * (400.5 - 150);
+  EXPECT_NEAR(noise.variance(), expected, kSigmas * noise.variance_standard_error());
+}
+
 TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
   NoiseModel model = bayer_model();
   Image dark(4, 6);
