@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <thread>
+#include <utility>
 
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
@@ -36,10 +37,14 @@ ThreadLimit& thread_limit() {
 }
 
 std::atomic<bool> alone = false;
+thread_local bool serial = false;
 
 }  // namespace
 
 void work_alone() { alone = true; }
+
+SerialLoops::SerialLoops() : before_(std::exchange(serial, true)) {}
+SerialLoops::~SerialLoops() { serial = before_; }
 
 int set_thread_count(int threads) {
   MALUS_REQUIRE(threads >= 0);
@@ -64,7 +69,7 @@ void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain
                   const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body) {
   MALUS_REQUIRE(grain > 0);
   if (end <= begin) return;
-  if (alone) return body(begin, end);
+  if (alone || serial) return body(begin, end);
   const std::ptrdiff_t pieces = (end - begin + grain - 1) / grain;
   char fork = 0, join = 0;
   __tsan_release(&fork);

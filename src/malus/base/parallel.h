@@ -18,6 +18,19 @@ int thread_count();
 void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
                   const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body);
 
+/// While it lives, this thread's loops stay on this thread: for programs that have threads of their
+/// own, each with a whole piece of work.
+class SerialLoops {
+ public:
+  SerialLoops();
+  ~SerialLoops();
+  SerialLoops(const SerialLoops&) = delete;
+  SerialLoops& operator=(const SerialLoops&) = delete;
+
+ private:
+  bool before_;
+};
+
 /// Rows of a picture that one task takes: many tasks even for small frames, few enough to cost
 /// nothing.
 inline constexpr int kRowsPerTask = 32;

@@ -31,6 +31,11 @@ WorkerPlace worker_place_of_environment() {
       number_of_environment({"WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"}, 1)};
 }
 
+int local_rank_of_environment() {
+  return number_of_environment(
+      {"LOCAL_RANK", "OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID", "SLURM_LOCALID"}, 0);
+}
+
 void require_place(const WorkerPlace& place, const char* remedy) {
   if (place.size < 1 || place.rank < 0 || place.rank >= place.size)
     throw InputError(fmt::format("worker {} of {}", place.rank, place.size), "does not exist",

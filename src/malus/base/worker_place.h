@@ -18,6 +18,10 @@ struct WorkerPlace {
 /// variable is no number.
 WorkerPlace worker_place_of_environment();
 
+/// This process among those of its machine: LOCAL_RANK (torchrun), OMPI_COMM_WORLD_LOCAL_RANK or
+/// MPI_LOCALRANKID (mpirun), SLURM_LOCALID (srun); 0 where none is set. Throws InputError likewise.
+int local_rank_of_environment();
+
 /// Throws InputError where no process has that place; remedy: how the user sets it.
 void require_place(const WorkerPlace& place, const char* remedy);
 

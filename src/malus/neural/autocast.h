@@ -4,6 +4,7 @@
 
 #include <ATen/autocast_mode.h>
 #include <torch/torch.h>
+#include <torch/version.h>
 
 namespace malus {
 
@@ -21,6 +22,11 @@ class Autocast {
  private:
   void set(bool on) const {
     if (!wanted_) return;
+#if TORCH_VERSION_MAJOR > 2 || (TORCH_VERSION_MAJOR == 2 && TORCH_VERSION_MINOR >= 4)
+    const auto device = cuda_ ? at::kCUDA : at::kCPU;
+    at::autocast::set_autocast_dtype(device, torch::kBFloat16);
+    at::autocast::set_autocast_enabled(device, on);
+#else
     if (cuda_) {
       at::autocast::set_autocast_gpu_dtype(torch::kBFloat16);
       at::autocast::set_enabled(on);
@@ -28,6 +34,7 @@ class Autocast {
       at::autocast::set_autocast_cpu_dtype(torch::kBFloat16);
       at::autocast::set_cpu_enabled(on);
     }
+#endif
   }
   bool wanted_, cuda_;
 };

@@ -22,6 +22,11 @@ constexpr std::size_t kMostPixels = std::size_t{1} << 27;  // held: 512 MiB per 
 // Surfaces of the reliefs (synthesize/scene.h): wide, so that networks see every polarization.
 constexpr double kReliefLow = 15, kReliefHigh = 85, kIndexLow = 1.3, kIndexHigh = 2.0;
 constexpr double kBumpsLow = 2, kBumpsHigh = 60;
+// Real surfaces are rough: of every other one a part of the polarization is left. Most of a real
+// scene is polarized by a few per cent, some of it strongly.
+constexpr double kPolarizedLow = 0.03;
+// Where the brighter surface begins, in means of the picture.
+constexpr double kEdgeLow = 0.5, kEdgeHigh = 1.5;
 
 double between(RandomSequence& random, double low, double high) {
   return low + (high - low) * random.uniform();
@@ -57,20 +62,31 @@ SceneSettings random_surface(RandomSequence& random) {
   return settings;
 }
 
+void depolarize(std::vector<StokesPlanes>& light, RandomSequence& random) {
+  const double drawn = random.uniform(), left = std::pow(kPolarizedLow, random.uniform());
+  if (drawn < 0.5) return;
+  for (StokesPlanes& color : light)
+    for (Image* image : {&color.s1, &color.s2})
+      for (float& v : image->values()) v *= static_cast<float>(left);
+}
+
 // Two surfaces, the brighter and the darker half of the picture: polarization changes where the
 // picture has its edges.
 std::vector<StokesPlanes> polarized(const Planes& light, RandomSequence& random, std::uint64_t seed,
                                     std::uint32_t number) {
   const SceneSettings first = random_surface(random), second = random_surface(random);
   PolarScene bright = polarized_scene(light, first, seed, number);
-  const PolarScene dark = polarized_scene(light, second, seed + 1, number);
+  PolarScene dark = polarized_scene(light, second, seed + 1, number);
+  depolarize(bright.stokes, random);
+  depolarize(dark.stokes, random);
   const Image& guide = light[light.channels() / 2];
   double mean = 0;
   for (const float v : guide.values()) mean += static_cast<double>(v);
-  mean /= static_cast<double>(guide.size());
+  const double edge =
+      between(random, kEdgeLow, kEdgeHigh) * mean / static_cast<double>(guide.size());
   for (std::size_t k = 0; k < bright.stokes.size(); ++k)
     for (std::size_t i = 0; i < guide.size(); ++i) {
-      if (static_cast<double>(guide.values()[i]) >= mean) continue;
+      if (static_cast<double>(guide.values()[i]) >= edge) continue;
       bright.stokes[k].s0.values()[i] = dark.stokes[k].s0.values()[i];
       bright.stokes[k].s1.values()[i] = dark.stokes[k].s1.values()[i];
       bright.stokes[k].s2.values()[i] = dark.stokes[k].s2.values()[i];

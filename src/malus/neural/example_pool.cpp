@@ -1,12 +1,14 @@
 #include "malus/neural/example_pool.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
 #include "malus/base/random.h"
 #include "malus/base/stopwatch.h"
 #include "malus/polar/demosaick.h"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -41,7 +43,8 @@ ExamplePool::ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed
     : maker_(std::move(maker)), shape_(shape), seed_(seed) {
   wanted_ = newest_generation(first_step) + kAhead;
   first_generation_ = std::max<std::int64_t>(0, newest_generation(first_step) - shape_.pool + 1);
-  thread_ = std::thread([this] { work(); });
+  next_place_ = shape_.places;
+  for (int i = 0; i < std::max(shape_.makers, 1); ++i) threads_.emplace_back([this] { work(); });
 }
 
 ExamplePool::~ExamplePool() {
@@ -50,7 +53,7 @@ ExamplePool::~ExamplePool() {
     stop_ = true;
   }
   changed_.notify_all();
-  thread_.join();
+  for (std::thread& thread : threads_) thread.join();
 }
 
 std::int64_t ExamplePool::newest_generation(std::int64_t step) const {
@@ -58,33 +61,49 @@ std::int64_t ExamplePool::newest_generation(std::int64_t step) const {
 }
 
 void ExamplePool::work() {
+  std::optional<SerialLoops> alone;  // several makers are enough for all cores
+  if (shape_.makers > 1) alone.emplace();
+  std::unique_lock lock(mutex_);
   try {
-    std::unique_lock lock(mutex_);
-    while (!stop_) {
-      const std::int64_t next = first_generation_ + static_cast<std::int64_t>(generations_.size());
-      if (next > wanted_) {
+    while (!stop_ && !failure_) {
+      const std::int64_t end = first_generation_ + static_cast<std::int64_t>(generations_.size());
+      if (next_place_ == shape_.places && end <= wanted_) {
+        generations_.push_back(
+            {std::vector<TrainingExample>(static_cast<std::size_t>(shape_.places)), shape_.places});
+        next_place_ = 0;
+      }
+      if (next_place_ < shape_.places)
+        make_next(lock);
+      else
         changed_.wait(lock);
-        continue;
-      }
-      lock.unlock();
-      std::vector<TrainingExample> generation;
-      for (int place = 0; place < shape_.places; ++place) {
-        {
-          const std::lock_guard check(mutex_);
-          if (stop_) return;
-        }
-        generation.push_back(
-            maker_(static_cast<std::uint32_t>(next * shape_.batch + shape_.first_place + place)));
-      }
-      lock.lock();
-      generations_.push_back(std::move(generation));
-      changed_.notify_all();
     }
   } catch (...) {  // handed to whoever waits
-    const std::lock_guard lock(mutex_);
+    if (!lock.owns_lock()) lock.lock();
     failure_ = std::current_exception();
     changed_.notify_all();
   }
+}
+
+// The next example of the last generation, made while the lock is open.
+void ExamplePool::make_next(std::unique_lock<std::mutex>& lock) {
+  const std::int64_t number =
+      first_generation_ + static_cast<std::int64_t>(generations_.size()) - 1;
+  const int place = next_place_++;
+  lock.unlock();
+  TrainingExample made =
+      maker_(static_cast<std::uint32_t>(number * shape_.batch + shape_.first_place + place));
+  lock.lock();
+  // Steps that leap may have left the generation behind meanwhile.
+  if (number < first_generation_) return;
+  Generation& generation = generations_[static_cast<std::size_t>(number - first_generation_)];
+  generation.examples[static_cast<std::size_t>(place)] = std::move(made);
+  if (--generation.missing == 0) changed_.notify_all();
+}
+
+bool ExamplePool::complete(std::int64_t generation) const {
+  const std::int64_t at = generation - first_generation_;
+  return at < static_cast<std::int64_t>(generations_.size()) &&
+         generations_[static_cast<std::size_t>(at)].missing == 0;
 }
 
 TrainingExample ExamplePool::batch(std::int64_t step) {
@@ -92,12 +111,16 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
   const std::int64_t oldest = std::max<std::int64_t>(0, newest - shape_.pool + 1);
   std::unique_lock lock(mutex_);
   wanted_ = newest + kAhead;
-  for (; first_generation_ < oldest && !generations_.empty(); ++first_generation_)
+  // The last one stays: it may be in the making.
+  for (; first_generation_ < oldest && generations_.size() > 1; ++first_generation_)
     generations_.pop_front();
   changed_.notify_all();
   const Stopwatch stopwatch;
   changed_.wait(lock, [&] {
-    return failure_ || first_generation_ + static_cast<std::int64_t>(generations_.size()) > newest;
+    if (failure_) return true;
+    for (std::int64_t g = std::max(oldest, first_generation_); g <= newest; ++g)
+      if (!complete(g)) return false;
+    return true;
   });
   waiting_s_ += stopwatch.seconds();
   if (failure_) std::rethrow_exception(failure_);
@@ -108,7 +131,7 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
     const std::int64_t generation = oldest + below(random, newest - oldest + 1);
     const TrainingExample& example =
         generations_[static_cast<std::size_t>(generation - first_generation_)]
-                    [static_cast<std::size_t>(place)];
+            .examples[static_cast<std::size_t>(place)];
     const std::int64_t rows = example.input.size(1), cols = example.input.size(2);
     if (rows < shape_.patch_rows || cols < shape_.patch_cols)
       throw InputError("an example", fmt::format("has planes of {} x {} only", cols, rows),

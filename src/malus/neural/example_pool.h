@@ -1,4 +1,4 @@
-// Examples for training, made ahead by a background thread and used more than once, because the
+// Examples for training, made ahead by background threads and used more than once, because the
 // classical guide is dear. What a step sees depends on the seed and the step alone: not on threads,
 // nor on how many workers share the batch, nor on where an interrupted run went on.
 //
@@ -38,40 +38,49 @@ struct PoolShape {
   int pool = 32;
   double refresh = 0.25;
   std::int64_t patch_rows = 32, patch_cols = 32;  ///< in planes
+  int makers = 1;                                 ///< threads that make examples
 };
 
 class ExamplePool {
  public:
   using Maker = std::function<TrainingExample(std::uint32_t number)>;
-  /// Begins to make the examples of first_step at once. maker is called from another thread.
+  /// Begins to make the examples of first_step at once. maker is called from other threads, from
+  /// several at a time where shape says so.
   ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed, std::int64_t first_step);
   ~ExamplePool();
   ExamplePool(const ExamplePool&) = delete;
   ExamplePool& operator=(const ExamplePool&) = delete;
 
-  /// Patches of this worker's places at a step, [places, channels, rows, cols]; targets as much
-  /// larger as the examples' are. Waits for examples
-  /// that are not there yet; throws what the maker threw. Steps must not fall.
+  /// Patches of this worker's places at a step, on the device that the maker left them on, [places,
+  /// channels, rows, cols]; targets as much larger as the examples' are. Waits for examples that
+  /// are not there yet; throws what the maker threw. Steps must not fall.
   TrainingExample batch(std::int64_t step);
   /// Share of the time since the start that batch() waited.
   double waiting_s() const { return waiting_s_; }
 
  private:
+  struct Generation {
+    std::vector<TrainingExample> examples;  ///< [place]
+    int missing;
+  };
   std::int64_t newest_generation(std::int64_t step) const;
   void work();
+  void make_next(std::unique_lock<std::mutex>& lock);
+  bool complete(std::int64_t generation) const;
 
   Maker maker_;
   PoolShape shape_;
   std::uint64_t seed_;
-  std::int64_t first_generation_;                         ///< of lanes_'s front
-  std::int64_t wanted_;                                   ///< newest generation that may be made
-  std::deque<std::vector<TrainingExample>> generations_;  ///< [generation][place]
+  std::int64_t first_generation_;       ///< of the front
+  std::int64_t wanted_;                 ///< newest generation that may be made
+  std::deque<Generation> generations_;  ///< from first_generation_ on
+  int next_place_ = 0;                  ///< of the last generation; places: all are given out
   std::exception_ptr failure_;
   bool stop_ = false;
   double waiting_s_ = 0;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::thread thread_;
+  std::vector<std::thread> threads_;
 };
 
 }  // namespace malus

@@ -34,25 +34,37 @@ void Adam::update(double rate, std::int64_t step) {
   const torch::NoGradGuard no_gradients;
   const auto count = static_cast<double>(step + 1);
   const double correction1 = 1 - std::pow(beta1_, count), correction2 = 1 - std::pow(beta2_, count);
+  // Lists, for a GPU takes a whole list in few launches.
+  std::vector<torch::Tensor> parameters, gradients, first, second;
   for (std::size_t i = 0; i < parameters_.size(); ++i) {
-    const torch::Tensor& gradient = parameters_[i].grad();
-    if (!gradient.defined()) continue;
-    first_[i].mul_(beta1_).add_(gradient, 1 - beta1_);
-    second_[i].mul_(beta2_).addcmul_(gradient, gradient, 1 - beta2_);
-    const auto deviation = second_[i].sqrt().div_(std::sqrt(correction2)).add_(kEpsilon);
-    parameters_[i].addcdiv_(first_[i], deviation, -rate / correction1);
+    if (!parameters_[i].grad().defined()) continue;
+    parameters.push_back(parameters_[i]);
+    gradients.push_back(parameters_[i].grad());
+    first.push_back(first_[i]);
+    second.push_back(second_[i]);
   }
+  if (parameters.empty()) return;
+  at::_foreach_mul_(first, beta1_);
+  at::_foreach_add_(first, gradients, 1 - beta1_);
+  at::_foreach_mul_(second, beta2_);
+  at::_foreach_addcmul_(second, gradients, gradients, 1 - beta2_);
+  std::vector<torch::Tensor> deviation = at::_foreach_sqrt(second);
+  at::_foreach_div_(deviation, std::sqrt(correction2));
+  at::_foreach_add_(deviation, kEpsilon);
+  at::_foreach_addcdiv_(parameters, first, deviation, -rate / correction1);
 }
 
 double clip_gradients(const std::vector<torch::Tensor>& parameters, double limit) {
-  double sum = 0;
+  const torch::NoGradGuard no_gradients;
+  std::vector<torch::Tensor> gradients, squares;
   for (const torch::Tensor& parameter : parameters)
-    if (parameter.grad().defined())
-      sum += parameter.grad().square().sum(torch::kFloat64).item<double>();
-  const double norm = std::sqrt(sum);
-  if (limit > 0 && norm > limit)
-    for (const torch::Tensor& parameter : parameters)
-      if (parameter.grad().defined()) parameter.grad().mul_(limit / norm);
+    if (parameter.grad().defined()) {
+      gradients.push_back(parameter.grad());
+      squares.push_back(parameter.grad().square().sum(torch::kFloat64));
+    }
+  if (gradients.empty()) return 0;
+  const double norm = std::sqrt(torch::stack(squares).sum().item<double>());
+  if (limit > 0 && norm > limit) at::_foreach_mul_(gradients, limit / norm);
   return norm;
 }
 
@@ -62,8 +74,8 @@ void update_average(std::vector<torch::Tensor>& average,
   const torch::NoGradGuard no_gradients;
   const double early = (1.0 + static_cast<double>(step)) / (10.0 + static_cast<double>(step));
   const double keep = std::min(memory, early);
-  for (std::size_t i = 0; i < average.size(); ++i)
-    average[i].mul_(keep).add_(parameters[i], 1 - keep);
+  at::_foreach_mul_(average, keep);
+  at::_foreach_add_(average, parameters, 1 - keep);
 }
 
 }  // namespace malus

@@ -2,8 +2,10 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/unfinished_files.h"
+#include "malus/base/worker_place.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/example_pool.h"
@@ -12,8 +14,10 @@
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
 
+#include <algorithm>
 #include <cmath>
 
+#include <c10/core/DeviceGuard.h>
 #include <fmt/format.h>
 
 namespace malus {
@@ -22,7 +26,8 @@ namespace {
 using OrderedJson = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-PoolShape pool_shape(const TrainingConfig& config, const Workers& workers) {
+PoolShape pool_shape(const TrainingConfig& config, const Workers& workers,
+                     const torch::Device& device) {
   if (config.train.batch % workers.size() != 0)
     throw InputError(config.source.string(),
                      fmt::format("batch = {} cannot be shared by {} workers evenly",
@@ -37,6 +42,8 @@ PoolShape pool_shape(const TrainingConfig& config, const Workers& workers) {
   shape.refresh = config.data.refresh;
   shape.patch_rows = config.data.patch / layout.rows();
   shape.patch_cols = config.data.patch / layout.cols();
+  // The steps of a CPU need the cores themselves.
+  if (device.is_cuda()) shape.makers = std::max(1, thread_count() - 2);
   return shape;
 }
 
@@ -58,9 +65,9 @@ bool wants_bfloat16(const TrainingConfig& config, const torch::Device& device) {
 
 // What one step tells.
 struct StepFigures {
-  double loss, base_loss;  ///< base: of the guide, or of the noisy planes; NaN for pictures
-  double gradient_norm, rate;
-  bool stop;
+  double loss = 0, base_loss = 0;  ///< base: of the guide, or of the noisy planes; NaN for pictures
+  double gradient_norm = 0, rate = 0;
+  bool stop = false;
 };
 
 class Trainer {
@@ -73,6 +80,7 @@ class Trainer {
         progress_(progress),
         layout_(config.package.layout()),
         device_(training_device(config.train)),
+        device_in_force_(device_),
         bfloat16_(wants_bfloat16(config, device_)),
         description_(config_json(config)),
         network_(network_on_device()),
@@ -91,9 +99,11 @@ class Trainer {
     if (leader() && state_.step == 0 && !validation.empty()) log_start(validation);
     ExamplePool pool(
         [&](std::uint32_t number) {
-          return make_example(source->pair(options_.seed, number), config_.package);
+          const TrainingExample made =
+              make_example(source->pair(options_.seed, number), config_.package);
+          return TrainingExample{made.input.to(device_), made.target.to(device_)};
         },
-        pool_shape(config_, workers_), options_.seed, state_.step);
+        pool_shape(config_, workers_, device_), options_.seed, state_.step);
     progress_.begin("training", config_.train.steps);
     progress_.advance(state_.step);
     const double before = state_.seconds;
@@ -122,6 +132,14 @@ class Trainer {
   std::shared_ptr<Network> network_on_device() const {
     auto network = initial_network(config_, options_.seed);
     network->to(device_);
+    if (device_.is_cuda()) {
+      // The order that a GPU's convolutions work in.
+      const torch::NoGradGuard no_gradients;
+      for (torch::Tensor& parameter : network->parameters())
+        if (parameter.dim() == 4)
+          parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
+      at::globalContext().setBenchmarkCuDNN(true);
+    }
     return network;
   }
 
@@ -154,21 +172,25 @@ class Trainer {
     const auto parameters = network_->parameters();
     for (const torch::Tensor& parameter : parameters)
       if (parameter.grad().defined()) parameter.mutable_grad().reset();
-    const torch::Tensor input = batch.input.to(device_), target = batch.target.to(device_);
     torch::Tensor output;
     {
       const Autocast autocast(bfloat16_, device_.is_cuda());
-      output = apply_network(*network_, config_.package, input).to(torch::kFloat32);
+      output = apply_network(*network_, config_.package, batch.input).to(torch::kFloat32);
     }
-    const torch::Tensor loss = loss_of(input, output, target);
+    const torch::Tensor loss = loss_of(batch.input, output, batch.target);
     loss.backward();
-    StepFigures figures{.loss = loss.item<double>(),
-                        .base_loss = base_loss_of(input, target),
-                        .gradient_norm = 0,
-                        .rate = learning_rate_at(config_.train, state_.step),
-                        .stop = progress_.stop_requested()};
-    share(parameters, figures);
-    figures.gradient_norm = clip_gradients(parameters, config_.train.clip);
+    const double stop = progress_.stop_requested() ? 1.0 : 0.0;
+    torch::Tensor told =
+        torch::stack({loss.detach().to(torch::kFloat32), base_loss_of(batch.input, batch.target),
+                      torch::full({}, stop, loss.options())});
+    share(parameters, told);
+    // A GPU is waited for here and only here: reading a value of it stops the work ahead.
+    StepFigures figures{.gradient_norm = clip_gradients(parameters, config_.train.clip),
+                        .rate = learning_rate_at(config_.train, state_.step)};
+    told = told.cpu();
+    figures.loss = told[0].item<double>();
+    figures.base_loss = told[1].item<double>();
+    figures.stop = told[2].item<double>() > 0;
     if (!std::isfinite(figures.loss) || !std::isfinite(figures.gradient_norm))
       throw InputError(config_.source.string(),
                        fmt::format("the loss is no number any more at step {}", state_.step),
@@ -187,21 +209,21 @@ class Trainer {
     return training_loss(config_.train, layout_, output / level, target / level);
   }
 
-  double base_loss_of(const torch::Tensor& input, const torch::Tensor& target) const {
-    if (config_.package.gives_picture()) return std::nan("");
+  torch::Tensor base_loss_of(const torch::Tensor& input, const torch::Tensor& target) const {
+    if (config_.package.gives_picture()) return torch::full({}, std::nan(""), input.options());
     const torch::NoGradGuard no_gradients;
-    return loss_of(input, input.slice(1, 0, target.size(1)), target).item<double>();
+    return loss_of(input, input.slice(1, 0, target.size(1)), target);
   }
 
-  // Gradients, losses and the wish to stop become the mean over the workers, in one message.
-  void share(const std::vector<torch::Tensor>& parameters, StepFigures& figures) {
+  // Gradients, losses and the wish to stop (`told`) become the mean over the workers, in one
+  // message.
+  void share(const std::vector<torch::Tensor>& parameters, torch::Tensor& told) {
     if (workers_.size() == 1) return;
     std::vector<torch::Tensor> parts;
     for (const torch::Tensor& parameter : parameters)
       parts.push_back(parameter.grad().defined() ? parameter.grad().flatten()
                                                  : torch::zeros_like(parameter).flatten());
-    parts.push_back(torch::tensor({figures.loss, figures.base_loss, figures.stop ? 1.0 : 0.0},
-                                  parts.front().options()));
+    parts.push_back(told);
     torch::Tensor all = torch::cat(parts);
     workers_.sum(all);
     all.div_(workers_.size());
@@ -211,9 +233,7 @@ class Trainer {
         parameter.grad().copy_(all.slice(0, at, at + parameter.numel()).view_as(parameter));
       at += parameter.numel();
     }
-    figures.loss = all[at].item<double>();
-    figures.base_loss = all[at + 1].item<double>();
-    figures.stop = all[at + 2].item<double>() > 0;
+    told = all.slice(0, at, at + told.numel());
   }
 
   void after_step(const StepFigures& figures, const Validation& validation, double waiting) {
@@ -329,6 +349,7 @@ class Trainer {
   Progress& progress_;
   SensorLayout layout_;
   torch::Device device_;
+  c10::DeviceGuard device_in_force_;
   bool bfloat16_;
   nlohmann::json description_;
   std::shared_ptr<Network> network_;
@@ -344,7 +365,10 @@ torch::Device training_device(const TrainSettings& settings) {
   const bool there = torch::cuda::is_available();
   if (settings.device == "cuda" && !there)
     throw InputError("device = \"cuda\"", "this libtorch finds no GPU", "use device = \"cpu\"");
-  return settings.device != "cpu" && there ? torch::kCUDA : torch::kCPU;
+  if (settings.device == "cpu" || !there) return torch::kCPU;
+  // Each process of a machine takes its own GPU.
+  const int gpus = static_cast<int>(torch::cuda::device_count());
+  return {torch::kCUDA, static_cast<c10::DeviceIndex>(local_rank_of_environment() % gpus)};
 }
 
 torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& layout,

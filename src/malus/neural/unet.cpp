@@ -44,8 +44,10 @@ class UNet final : public Network {
     if (internal::kernels_apply(x))
       x = with_kernels(x);
     else
-      x = with_layers(
-          torch::GradMode::is_enabled() ? x : x.contiguous(torch::MemoryFormat::ChannelsLast));
+      // On a CPU the gradients' layers are slower in that order.
+      x = with_layers(torch::GradMode::is_enabled() && !x.is_cuda()
+                          ? x
+                          : x.contiguous(torch::MemoryFormat::ChannelsLast));
     if (upscale_ > 1) x = torch::pixel_shuffle(x, upscale_);
     return x.slice(2, 0, rows * upscale_).slice(3, 0, cols * upscale_);
   }

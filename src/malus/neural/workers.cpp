@@ -9,14 +9,19 @@
 #include <vector>
 
 #include <fmt/format.h>
-// libtorch's header needs Gloo's own, which come in a package of their own.
+#include <torch/version.h>
+// libtorch's headers need those of Gloo and NCCL, which come in packages of their own.
 #if defined(USE_C10D_GLOO) && __has_include(<gloo/algorithm.h>)
 #define MALUS_WITH_GLOO
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
-#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 #endif
-#if defined(MALUS_WITH_GLOO) && defined(USE_C10D_NCCL)
+#if defined(USE_C10D_NCCL) && __has_include(<nccl.h>)
+#define MALUS_WITH_NCCL
 #include <torch/csrc/distributed/c10d/ProcessGroupNCCL.hpp>
+#endif
+#if defined(MALUS_WITH_GLOO) || defined(MALUS_WITH_NCCL)
+#define MALUS_WITH_WORKERS
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 #endif
 
 namespace malus {
@@ -30,10 +35,16 @@ class SingleWorker final : public Workers {
   void broadcast(torch::Tensor&) override {}
 };
 
-#if defined(MALUS_WITH_GLOO)
+#if defined(MALUS_WITH_WORKERS)
+#if TORCH_VERSION_MAJOR >= 2
+using Backend = c10d::Backend;
+#else
+using Backend = c10d::ProcessGroup;
+#endif
+
 class WorkerGroup final : public Workers {
  public:
-  WorkerGroup(WorkerPlace place, c10::intrusive_ptr<c10d::ProcessGroup> group)
+  WorkerGroup(WorkerPlace place, c10::intrusive_ptr<Backend> group)
       : place_(place), group_(std::move(group)) {}
   int rank() const override { return place_.rank; }
   int size() const override { return place_.size; }
@@ -59,26 +70,31 @@ class WorkerGroup final : public Workers {
   }
 
   WorkerPlace place_;
-  c10::intrusive_ptr<c10d::ProcessGroup> group_;
+  c10::intrusive_ptr<Backend> group_;
 };
 
-c10::intrusive_ptr<c10d::ProcessGroup> make_group(const WorkerPlace& place,
-                                                  const c10::intrusive_ptr<c10d::Store>& store,
-                                                  std::chrono::milliseconds timeout,
-                                                  [[maybe_unused]] const torch::Device& device) {
-#if defined(USE_C10D_NCCL)
+c10::intrusive_ptr<Backend> make_group(const WorkerPlace& place,
+                                       const c10::intrusive_ptr<c10d::Store>& store,
+                                       std::chrono::milliseconds timeout,
+                                       const torch::Device& device) {
+#if defined(MALUS_WITH_NCCL)
   if (device.is_cuda()) {
     auto options = c10d::ProcessGroupNCCL::Options::create();
     options->timeout = timeout;
     return c10::make_intrusive<c10d::ProcessGroupNCCL>(store, place.rank, place.size, options);
   }
 #endif
+#if defined(MALUS_WITH_GLOO)
   auto options = c10d::ProcessGroupGloo::Options::create(timeout);
   // The same variable as PyTorch's own programs: the network interface to listen on.
   const char* interface = std::getenv("GLOO_SOCKET_IFNAME");
   options->devices.push_back(interface ? c10d::ProcessGroupGloo::createDeviceForInterface(interface)
                                        : c10d::ProcessGroupGloo::createDefaultDevice());
   return c10::make_intrusive<c10d::ProcessGroupGloo>(store, place.rank, place.size, options);
+#else
+  static_cast<void>(timeout);
+  throw std::runtime_error("this program has no group for " + device.str());
+#endif
 }
 
 std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
@@ -115,13 +131,19 @@ std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::D
   const WorkerPlace place = worker_place_of_environment();
   require_place(place, "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
   if (place.size == 1) return single_worker();
-#if defined(MALUS_WITH_GLOO)
+  return meet_workers(place, timeout_s, device);
+}
+
+std::unique_ptr<Workers> meet_workers(const WorkerPlace& place, double timeout_s,
+                                      const torch::Device& device) {
+#if defined(MALUS_WITH_WORKERS)
   return meet_others(place, timeout_s, device);
 #else
   static_cast<void>(timeout_s);
   static_cast<void>(device);
   throw InputError(fmt::format("worker {} of {}", place.rank, place.size),
-                   "this program was built for one worker", "install libgloo-dev and build again");
+                   "this program was built for one worker",
+                   "install libgloo-dev (for GPUs NCCL's header) and build again");
 #endif
 }
 

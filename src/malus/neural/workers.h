@@ -2,6 +2,8 @@
 // a function of the step, so that nothing else needs to be told.
 #pragma once
 
+#include "malus/base/worker_place.h"
+
 #include <memory>
 
 #include <torch/torch.h>
@@ -27,5 +29,9 @@ std::unique_ptr<Workers> single_worker();
 /// (127.0.0.1:29500 where not set) through PyTorch's c10d: NCCL for tensors on GPUs where libtorch
 /// has it, else Gloo. A worker that is silent for timeout_s is lost. Throws InputError.
 std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device);
+
+/// The same for a place that the caller knows; a group of one goes the same ways as any other.
+std::unique_ptr<Workers> meet_workers(const WorkerPlace& place, double timeout_s,
+                                      const torch::Device& device);
 
 }  // namespace malus

@@ -38,6 +38,7 @@ class Stabilizer {
  private:
   void build_forward_table(double highest_dn);
   void build_inverse_table(double highest_dn, const NoiseLaw& law);
+  std::vector<double> expectations_at(const std::vector<double>& knots, const NoiseLaw& law) const;
 
   VarianceCurve variance_;
   double floor_dn2_;              ///< least variance

@@ -36,29 +36,50 @@ Matrix inverse_of(const std::vector<double>& m) {
 struct Hill {
   double row, col, radius, height;
 };
-struct Field {
-  std::vector<Hill> hills;
-  double height(double row, double col) const {
-    double sum = 0;
-    for (const Hill& h : hills) sum += h.height * shape(h, row, col);
-    return sum;
+using Field = std::vector<Hill>;
+
+// Of one row of a field: its heights, its slopes to the right (d height / d column) and down.
+struct FieldRow {
+  std::vector<double> height, right, down;
+};
+
+// A Gaussian hill is the product of a function of the row and one of the column, so that a pixel
+// costs a few products per hill and no exponential.
+class FieldRows {
+ public:
+  FieldRows(const Field& hills, int cols) : hills_(hills), cols_(static_cast<std::size_t>(cols)) {
+    for (const Hill& h : hills_)
+      for (int c = 0; c < cols; ++c) {
+        const double away = c - h.col;
+        across_.push_back(shape(away, h));
+        falling_.push_back(-across_.back() * away / (h.radius * h.radius));
+      }
   }
-  // d height / d column, d height / d row
-  std::pair<double, double> slope(double row, double col) const {
-    double x = 0, y = 0;
-    for (const Hill& h : hills) {
-      const double g = h.height * shape(h, row, col) / (h.radius * h.radius);
-      x -= g * (col - h.col);
-      y -= g * (row - h.row);
+
+  FieldRow row(int r) const {
+    FieldRow out{std::vector<double>(cols_), std::vector<double>(cols_),
+                 std::vector<double>(cols_)};
+    for (std::size_t i = 0; i < hills_.size(); ++i) {
+      const Hill& h = hills_[i];
+      const double away = r - h.row, height = h.height * shape(away, h),
+                   down = -height * away / (h.radius * h.radius);
+      const double *across = across_.data() + i * cols_, *falling = falling_.data() + i * cols_;
+      for (std::size_t c = 0; c < cols_; ++c) {
+        out.height[c] += height * across[c];
+        out.right[c] += height * falling[c];
+        out.down[c] += down * across[c];
+      }
     }
-    return {x, y};
+    return out;
   }
 
  private:
-  static double shape(const Hill& h, double row, double col) {
-    const double dr = row - h.row, dc = col - h.col;
-    return std::exp(-0.5 * (dr * dr + dc * dc) / (h.radius * h.radius));
+  static double shape(double away, const Hill& h) {
+    return std::exp(-0.5 * away * away / (h.radius * h.radius));
   }
+  const Field& hills_;
+  std::size_t cols_;
+  std::vector<double> across_, falling_;  ///< [hill][column]
 };
 
 Field random_field(RandomSequence& random, int rows, int cols, int hills, bool signed_heights) {
@@ -71,31 +92,39 @@ Field random_field(RandomSequence& random, int rows, int cols, int hills, bool s
     hill.radius = size * 0.03 * std::pow(8.0, random.uniform());
     hill.height = hill.radius * (0.3 + random.uniform());
     if (signed_heights && random.uniform() < 0.3) hill.height = -hill.height;
-    field.hills.push_back(hill);
+    field.push_back(hill);
   }
   return field;
 }
 
-// The largest slope over a coarse grid: enough to scale the relief.
-double steepest(const Field& field, int rows, int cols) {
-  double largest = 1e-12;
-  for (int r = 0; r < rows; r += 1 + rows / 64)
+// The largest slope and the largest height over a coarse grid: enough to scale a field.
+struct Extremes {
+  double slope = 1e-12, height = 1e-12;
+};
+Extremes extremes_of(const FieldRows& field, int rows, int cols) {
+  Extremes most;
+  for (int r = 0; r < rows; r += 1 + rows / 64) {
+    const FieldRow row = field.row(r);
     for (int c = 0; c < cols; c += 1 + cols / 64) {
-      const auto [x, y] = field.slope(r, c);
-      largest = std::max(largest, std::hypot(x, y));
+      const auto i = static_cast<std::size_t>(c);
+      most.slope = std::max(most.slope, std::hypot(row.right[i], row.down[i]));
+      most.height = std::max(most.height, row.height[i]);
     }
-  return largest;
+  }
+  return most;
 }
 
 struct Surface {
-  double zenith_deg, azimuth;  ///< azimuth in radians, counter-clockwise from the right
+  double zenith_deg;
+  double right, up;  ///< cosine and sine of the azimuth, counter-clockwise from the right
 };
 
-Surface surface_at(const Field& relief, double scale, double steepest_slope, int row, int col) {
-  auto [x, y] = relief.slope(row, col);
-  const double slope = std::min(scale * std::hypot(x, y), steepest_slope);
+Surface surface_of(double right, double down, double scale, double steepest_slope) {
+  const double length = std::sqrt(right * right + down * down);
+  const double slope = std::min(scale * length, steepest_slope);
   // The normal leans away from the rise; rows count downwards.
-  return {std::atan(slope) * 180.0 / std::numbers::pi, std::atan2(y, -x)};
+  const double unit = length > 0 ? 1.0 / length : 0.0;
+  return {std::atan(slope) * 180.0 / std::numbers::pi, -right * unit, down * unit};
 }
 
 }  // namespace
@@ -174,11 +203,10 @@ PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settin
   const Field relief = random_field(random, rows, cols, settings.bumps, true);
   const Field shine = random_field(random, rows, cols, 8, false);
   const double limit = std::tan(settings.relief_deg * std::numbers::pi / 180.0);
-  const double scale = limit / steepest(relief, rows, cols);
-  double brightest = 1e-12, light = 0;  // of the mirrored surroundings: the picture's mean
-  for (int r = 0; r < rows; r += 1 + rows / 64)
-    for (int c = 0; c < cols; c += 1 + cols / 64)
-      brightest = std::max(brightest, shine.height(r, c));
+  const FieldRows slopes(relief, cols), shines(shine, cols);
+  const double scale = limit / extremes_of(slopes, rows, cols).slope;
+  const double brightest = extremes_of(shines, rows, cols).height;
+  double light = 0;  // of the mirrored surroundings: the picture's mean
   for (const Image& plane : camera_rgb)
     for (const float v : plane.values()) light += static_cast<double>(v);
   light /= std::max(1.0, static_cast<double>(rows) * cols * camera_rgb.channels());
@@ -186,13 +214,16 @@ PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settin
   PolarScene scene{unpolarized(camera_rgb), Image(rows, cols), Image(rows, cols),
                    Image(rows, cols)};
   parallel_for(0, rows, 8, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < end; ++r)
+    for (int r = static_cast<int>(begin); r < end; ++r) {
+      const FieldRow slope = slopes.row(r), bright = shines.row(r);
       for (int c = 0; c < cols; ++c) {
-        const Surface s = surface_at(relief, scale, limit, r, c);
-        const double share = settings.gloss * std::clamp(shine.height(r, c) / brightest, 0.0, 1.0);
+        const auto i = static_cast<std::size_t>(c);
+        const Surface s = surface_of(slope.right[i], slope.down[i], scale, limit);
+        const double share = settings.gloss * std::clamp(bright.height[i] / brightest, 0.0, 1.0);
         const double diffuse = diffuse_dolp(s.zenith_deg, settings.index);
         const double mirrored = -specular_dolp(s.zenith_deg, settings.index);  // across the azimuth
-        const double along = std::cos(2.0 * s.azimuth), across = std::sin(2.0 * s.azimuth);
+        // Cosine and sine of twice the azimuth.
+        const double along = s.right * s.right - s.up * s.up, across = 2.0 * s.right * s.up;
         for (std::size_t k = 0; k < scene.stokes.size(); ++k) {
           StokesPlanes& planes = scene.stokes[k];
           const double own = (1.0 - share) * static_cast<double>(planes.s0(r, c));
@@ -203,10 +234,11 @@ PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settin
           planes.s2(r, c) = static_cast<float>(polarized * across);
         }
         const double zenith = s.zenith_deg * std::numbers::pi / 180.0;
-        scene.normal_x(r, c) = static_cast<float>(std::sin(zenith) * std::cos(s.azimuth));
-        scene.normal_y(r, c) = static_cast<float>(std::sin(zenith) * std::sin(s.azimuth));
+        scene.normal_x(r, c) = static_cast<float>(std::sin(zenith) * s.right);
+        scene.normal_y(r, c) = static_cast<float>(std::sin(zenith) * s.up);
         scene.normal_z(r, c) = static_cast<float>(std::cos(zenith));
       }
+    }
   });
   return scene;
 }
