@@ -15,7 +15,7 @@
 
 namespace malus {
 namespace testing {
-void draw_noise_ptx(const ptx::Place& place, const unsigned char* const* parameters);
+void draw_noise_ptx(int kernel, const ptx::Place& place, const unsigned char* const* parameters);
 }
 
 namespace {
@@ -47,7 +47,7 @@ void draw_by_ptx(const CompiledNoise& noise, View<const float> clean, View<float
     for (place.block[0] = 0; place.block[0] < grid.blocks_x; ++place.block[0])
       for (place.thread[1] = 0; place.thread[1] < grid.threads_y; ++place.thread[1])
         for (place.thread[0] = 0; place.thread[0] < grid.threads_x; ++place.thread[0])
-          testing::draw_noise_ptx(place, parameters);
+          testing::draw_noise_ptx(static_cast<int>(plan.kernel), place, parameters);
 }
 
 struct Kind {
