@@ -71,9 +71,9 @@ Real rcp(Real value) {
   return Real{1} / value;
 }
 
-// A device's approximations are off by its own errors: what is computed from them must not depend
-// on more than PTX says of them. So these are off by up to as much, the one argument by something
-// else than the next.
+// A device's approximations have errors of their own, which a CPU does not know. So these are off
+// too, up to what PTX says of the device's, the one argument by something else than the next: no
+// pixel may hang on their last bits.
 inline float error_of(float value) {
   const std::uint32_t mixed = std::bit_cast<std::uint32_t>(value) * 2654435769u;
   return static_cast<float>(static_cast<int>(mixed >> 29) - 3) / 4.0f;  // -3/4, -1/2, ... 1

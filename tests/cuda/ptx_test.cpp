@@ -127,11 +127,22 @@ CompiledNoise shot_only() {
   return CompiledNoise(noise);
 }
 
+// Three channels side by side: the two pixels of a random block are of different channels.
+CompiledNoise three_columns() {
+  PhysicsNoise noise = sixteen_channels();
+  noise.layout = SensorLayout::from_sites({{"R", "G1", "B"}});
+  noise.channels.resize(3);
+  return CompiledNoise(noise);
+}
+
+CompiledNoise rounded_later() { return physics().without_quantization(); }
+
 INSTANTIATE_TEST_SUITE_P(Kinds, Ptx,
                          ::testing::Values(Kind{"physics", physics},
                                            Kind{"poisson_gaussian", poisson_gaussian},
-                                           Kind{"gaussian", gaussian},
-                                           Kind{"shot_only", shot_only}),
+                                           Kind{"gaussian", gaussian}, Kind{"shot_only", shot_only},
+                                           Kind{"three_columns", three_columns},
+                                           Kind{"rounded_later", rounded_later}),
                          [](const auto& kind) { return std::string(kind.param.name); });
 
 }  // namespace

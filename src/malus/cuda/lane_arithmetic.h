@@ -36,8 +36,11 @@ MALUS_LANE_OPERATOR(<)
 MALUS_LANE_OPERATOR(>)
 #undef MALUS_LANE_OPERATOR
 
-/// sqrt(a) as IEEE 754 rounds it, for normal a >= 2^-100: what nvcc makes of sqrtf, without the
-/// branch for other arguments. tests/cuda/rounding_test.cpp.
+/// sqrt(a) and 1 / a as IEEE 754 rounds them: what nvcc makes of sqrtf and of 1.0f / a for most
+/// arguments, without its test and branch for the others. Rounding is right by the device's own
+/// approximations, which nvcc relies on in the same way: with the worst error that PTX allows
+/// them, a few mantissas would be off by one unit in the last place.
+/// a >= 2^-100 here.
 __device__ __forceinline__ float rounded_sqrt(float a) {
   float inverse;
   asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(a));
@@ -45,11 +48,7 @@ __device__ __forceinline__ float rounded_sqrt(float a) {
   return fmaf(fmaf(-root, root, a), 0.5f * inverse, root);
 }
 
-/// 1 / a as IEEE 754 rounds it, for a from 2^-126 to 2^126: one Newton step from an approximation
-/// within one unit in the last place rounds correctly (Markstein, "Computation of elementary
-/// functions on the IBM RISC System/6000 processor", IBM J. Res. Dev. 34, 1990, theorem 5.2); the
-/// one exception, a mantissa of ones, is tested. Above 2^126, where the approximation flushes to
-/// zero, it is zero and not subnormal.
+/// a from 2^-126 to 2^126; above that the approximation flushes to zero, and so does this.
 __device__ __forceinline__ float rounded_reciprocal(float a) {
   float guess;
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(guess) : "f"(a));
