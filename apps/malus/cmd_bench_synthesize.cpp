@@ -88,10 +88,10 @@ void add_patch_lines(SynthesisBenchmark& bench, const NoiseModel& model, const G
 }
 
 #ifdef MALUS_WITH_CUDA
-void add_device_lines(SynthesisBenchmark& bench, const CompiledNoise& noise) {
+void add_device_lines(SynthesisBenchmark& bench, const CompiledNoise& noise, double top_dn) {
   if (!cuda::device_available()) return;
   const int side = bench.context.quick ? 512 : 16384;
-  const cuda::DeviceRates rates = cuda::measure_rates(noise, side, side);
+  const cuda::DeviceRates rates = cuda::measure_rates(noise, side, side, top_dn);
   bench.lines.push_back({"physics, GPU", 1e-6 * rates.drawn, "Mpx/s", cuda::device_name()});
   bench.lines.push_back({"copy on the GPU", 1e-6 * rates.copied, "Mpx/s", ""});
   bench.lines.push_back(
@@ -147,7 +147,7 @@ std::vector<BenchmarkLine> synthesis_lines(const BenchmarkContext& context) {
   bench.lines.push_back({"compiling 16 channels", 1e3 * compile_s, "ms", "per set of parameters"});
   add_patch_lines(bench, model, gain);
 #ifdef MALUS_WITH_CUDA
-  add_device_lines(bench, compiled);
+  add_device_lines(bench, compiled, top);
 #endif
   return bench.lines;
 }

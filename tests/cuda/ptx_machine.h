@@ -1,9 +1,11 @@
 // What ptx_to_cpp.py's C++ needs: PTX instructions that are no C++ operators, and memory.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <limits>
 
@@ -67,6 +69,28 @@ Integer truncated(Real value) {
 template <class Real>
 Real rcp(Real value) {
   return Real{1} / value;
+}
+
+// A device's approximations have errors of their own, which a CPU does not know. So these are off
+// too, up to what PTX says of the device's, the one argument by something else than the next: no
+// pixel may hang on their last bits.
+inline float error_of(float value) {
+  const std::uint32_t mixed = std::bit_cast<std::uint32_t>(value) * 2654435769u;
+  return static_cast<float>(static_cast<int>(mixed >> 29) - 3) / 4.0f;  // -3/4, -1/2, ... 1
+}
+
+/// rcp.approx.ftz.f32: within one unit in the last place; nothing subnormal.
+inline float rcp_approx(float value) {
+  const float exact = 1.0f / value, error = error_of(value);
+  if (!std::isnormal(exact)) return std::isfinite(exact) ? std::copysign(0.0f, exact) : exact;
+  if (error > -0.5f && error < 0.5f) return exact;
+  return std::nextafter(exact, error < 0 ? 0.0f : std::numeric_limits<float>::infinity());
+}
+
+/// rsqrt.approx.ftz.f32: relative error up to 2^-22.9.
+inline float rsqrt_approx(float value) {
+  const double relative = 1.2e-7 * static_cast<double>(error_of(value));  // 2^-22.99 at most
+  return static_cast<float>((1.0 + relative) / std::sqrt(static_cast<double>(value)));
 }
 
 /// The low `count` bits of `bits` put into `into` from bit `first` on.

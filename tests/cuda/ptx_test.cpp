@@ -15,7 +15,7 @@
 
 namespace malus {
 namespace testing {
-void draw_noise_ptx(const ptx::Place& place, const unsigned char* const* parameters);
+void draw_noise_ptx(int kernel, const ptx::Place& place, const unsigned char* const* parameters);
 }
 
 namespace {
@@ -47,7 +47,7 @@ void draw_by_ptx(const CompiledNoise& noise, View<const float> clean, View<float
     for (place.block[0] = 0; place.block[0] < grid.blocks_x; ++place.block[0])
       for (place.thread[1] = 0; place.thread[1] < grid.threads_y; ++place.thread[1])
         for (place.thread[0] = 0; place.thread[0] < grid.threads_x; ++place.thread[0])
-          testing::draw_noise_ptx(place, parameters);
+          testing::draw_noise_ptx(static_cast<int>(plan.kernel), place, parameters);
 }
 
 struct Kind {
@@ -127,11 +127,22 @@ CompiledNoise shot_only() {
   return CompiledNoise(noise);
 }
 
+// Three channels side by side: the two pixels of a random block are of different channels.
+CompiledNoise three_columns() {
+  PhysicsNoise noise = sixteen_channels();
+  noise.layout = SensorLayout::from_sites({{"R", "G1", "B"}});
+  noise.channels.resize(3);
+  return CompiledNoise(noise);
+}
+
+CompiledNoise rounded_later() { return physics().without_quantization(); }
+
 INSTANTIATE_TEST_SUITE_P(Kinds, Ptx,
                          ::testing::Values(Kind{"physics", physics},
                                            Kind{"poisson_gaussian", poisson_gaussian},
-                                           Kind{"gaussian", gaussian},
-                                           Kind{"shot_only", shot_only}),
+                                           Kind{"gaussian", gaussian}, Kind{"shot_only", shot_only},
+                                           Kind{"three_columns", three_columns},
+                                           Kind{"rounded_later", rounded_later}),
                          [](const auto& kind) { return std::string(kind.param.name); });
 
 }  // namespace

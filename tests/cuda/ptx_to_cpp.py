@@ -1,10 +1,10 @@
-"""PTX, as nvcc writes it for one kernel, to a C++ function that runs one thread of it on the CPU: so that the device's code is
-tested where no device is. Every instruction becomes one statement; one that is not known here is an error, not a guess.
+"""PTX, as nvcc writes it for one kernel template, to a C++ function that runs one thread of it on the CPU: so that the device's
+code is tested where no device is. Every instruction becomes one statement; one that is not known here is an error, not a guess.
 
 usage: ptx_to_cpp.py KERNEL.ptx KERNEL.cpp NAME
 
-KERNEL.cpp defines `void NAME(const ptx::Place&, const unsigned char* const* parameters)` (ptx_place.h). It must be compiled
-without contraction. Source: NVIDIA, Parallel Thread Execution ISA 9.0, section 9.7.
+KERNEL.cpp defines `void NAME(int kernel, const ptx::Place&, const unsigned char* const* parameters)` (ptx_place.h), `kernel` the
+template's one argument, an enumerator. It must be compiled without contraction. Source: NVIDIA, Parallel Thread Execution ISA 9.0, section 9.7.
 """
 import re
 import sys
@@ -45,7 +45,11 @@ def operand(text, kind):
         return f"std::bit_cast<double>(std::uint64_t{{0x{text[2:]}u}})"
     if re.fullmatch(r"-?\d+", text):
         return f"static_cast<{C_TYPES[kind]}>({text}LL)"
-    return f"ptx::address({text})"
+    return f"ptx::address({parameter(text) if '_param_' in text else text})"
+
+
+def parameter(name):
+    return f"parameters[{name.rsplit('_', 1)[1]}]"
 
 
 def memory(text):
@@ -55,9 +59,9 @@ def memory(text):
 
 
 def load(op, args):
-    kind, space = op[-1], op[1]
+    kind = op[-1]
     base, offset = memory(args[-1])
-    where = f"parameters[{base.rsplit('_', 1)[1]}] + {offset}" if space == "param" else f"ptx::pointer({base[1:]}) + {offset}"
+    where = f"ptx::pointer({base[1:]}) + {offset}" if base.startswith("%") else f"{parameter(base)} + {offset}"
     targets = args[0].strip("{}").split(",") if "v2" in op else [args[0]]
     width = {"32": 4, "64": 8}[kind[1:]]
     return " ".join(f"ptx::load({t.strip()[1:]}, {where} + {i * width});" for i, t in enumerate(targets))
@@ -125,8 +129,22 @@ def shift(op, args):
 
 def call_of(name):
     def emit(op, args):
-        return f"{args[0][1:]} = {name}({', '.join(operand(x, op[-1]) for x in args[1:])});"
+        return f"{args[0][1:]} = static_cast<decltype({args[0][1:]})>({name}({', '.join(operand(x, op[-1]) for x in args[1:])}));"
     return emit
+
+
+def extreme(op, args):
+    return call_of(("std::f" if is_float(op[-1]) else "std::") + op[0])(op, args)
+
+
+def approximate(op, args):
+    if op[1:] != ["approx", "ftz", "f32"]:
+        raise Unknown
+    return f"{args[0][1:]} = ptx::{op[0]}_approx({args[1][1:]});"
+
+
+def reciprocal(op, args):
+    return approximate(op, args) if op[1] == "approx" else call_of("ptx::rcp")(op, args)
 
 
 def select(op, args):
@@ -140,6 +158,10 @@ def compare(op, args):
     return f"{args[0][1:]} = {COMPARE[op[1]].format(a=a, b=b)};"
 
 
+def invert(op, args):
+    return f"{args[0][1:]} = {'!' if op[1] == 'pred' else '~'}{args[1][1:]};"
+
+
 def insert_bits(op, args):
     return f"{args[0][1:]} = ptx::bfi({', '.join(operand(x, 'u32') for x in args[1:])});"
 
@@ -148,8 +170,8 @@ EMIT = {
     "ld": load, "st": store, "mov": move, "cvt": convert, "cvta": lambda op, a: f"{a[0][1:]} = {operand(a[1], 'u64')};",
     "mul": multiply, "mad": multiply, "add": infix, "sub": infix, "div": infix, "rem": infix, "and": infix, "or": infix,
     "xor": infix, "shr": shift, "shl": shift, "fma": call_of("std::fma"), "sqrt": call_of("std::sqrt"),
-    "rcp": call_of("ptx::rcp"), "max": call_of("std::fmax"), "min": call_of("std::fmin"), "abs": call_of("std::fabs"),
-    "neg": call_of("-"), "selp": select, "setp": compare, "bfi": insert_bits,
+    "rcp": reciprocal, "rsqrt": approximate, "max": extreme, "min": extreme, "abs": call_of("std::fabs"),
+    "neg": call_of("-"), "selp": select, "setp": compare, "bfi": insert_bits, "not": invert,
 }
 
 
@@ -162,7 +184,7 @@ def statement(line):
         return "return;"
     if op[0] == "bra":
         return f"goto {args[0][1:]};"
-    if op[0] not in EMIT or (len(op) > 1 and "ftz" in op):
+    if op[0] not in EMIT or ("ftz" in op and "approx" not in op):
         raise Unknown
     return EMIT[op[0]](op, args)
 
@@ -170,7 +192,7 @@ def statement(line):
 def body_of(text):
     for raw in text.splitlines():
         line = re.sub(r"\s+", " ", raw.split("//")[0]).strip().rstrip(";")
-        if not line:
+        if not line or line.startswith(".pragma"):
             continue
         declared = re.fullmatch(r"\.reg \.(\w+) %(\w+)(?:<(\d+)>)?", line)
         if declared:
@@ -190,19 +212,30 @@ def body_of(text):
             yield f"  if ({guard[1]}{guard[2]}) {{ {done} }}" if guard else f"  {done}"
 
 
+def kernels_of(text):
+    """Template argument and body of every kernel."""
+    for entry in text.split(".entry")[1:]:
+        argument = re.search(r"ILN\w*?E(\d+)EEEv", entry[:entry.index("(")])
+        if not argument:
+            raise SystemExit("ptx_to_cpp: a kernel that is no instance of a template of one enumerator")
+        yield argument[1], entry[entry.index("\n{\n") + 3:entry.index("\n}\n")]
+
+
 def main():
     source, target, name = sys.argv[1:]
     with open(source) as file:
         text = file.read()
-    if text.count(".entry") != 1:
-        raise SystemExit(f"ptx_to_cpp: {source} has {text.count('.entry')} kernels: one is expected")
     constants = [f"alignas({align}) const unsigned char {symbol}[] = {{{values}}};"
                  for align, symbol, values in re.findall(r"\.align (\d+) \.b8 (\w+)\[\d+\] = \{([^}]*)\};", text)]
-    body = text[text.index("\n{\n") + 3:text.rindex("}")]
+    arguments = "[[maybe_unused]] const ptx::Place& place, const unsigned char* const* parameters"
+    kernels = list(kernels_of(text))
     with open(target, "w") as file:
-        file.write('#include "ptx_machine.h"\nnamespace malus::testing {\nnamespace {\n' + "\n".join(constants) + "\n}\n"
-                   f"void {name}([[maybe_unused]] const ptx::Place& place, const unsigned char* const* parameters) {{\n"
-                   + "\n".join(body_of(body)) + "\n}\n}\n")
+        file.write('#include "ptx_machine.h"\nnamespace malus::testing {\nnamespace {\n' + "\n".join(constants) + "\n")
+        for number, body in kernels:
+            file.write(f"void kernel_{number}({arguments}) {{\n" + "\n".join(body_of(body)) + "\n}\n")
+        file.write(f"}}\nvoid {name}(int kernel, {arguments}) {{\n"
+                   + "".join(f"  if (kernel == {number}) return kernel_{number}(place, parameters);\n" for number, _ in kernels)
+                   + "  std::abort();\n}\n}\n")
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ TEST(DeviceNoise, EqualsTheCpuBitForBit) {
 TEST(DeviceNoise, DrawsFasterThanFramesCanBeFetched) {
   if (!cuda::device_available()) GTEST_SKIP() << "no CUDA device answers";
   const cuda::DeviceRates rates =
-      cuda::measure_rates(CompiledNoise(sixteen_channels()), 16384, 16384);
+      cuda::measure_rates(CompiledNoise(sixteen_channels()), 16384, 16384, 4000);
   std::printf("  %s: %.1f Gpx/s drawn, %.1f copied on the device\n", cuda::device_name().c_str(),
               1e-9 * rates.drawn, 1e-9 * rates.copied);
   EXPECT_GE(rates.drawn, 4e9);

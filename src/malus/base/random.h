@@ -20,23 +20,53 @@ struct PhiloxBlock {
   std::uint32_t word[4];
 };
 
-/// One block of four independent uniform 32-bit words for a 128-bit counter and a 64-bit key.
-MALUS_HOST_DEVICE inline PhiloxBlock philox4x32(const PhiloxBlock& counter, std::uint64_t key) {
-  constexpr std::uint32_t kMultiplier0 = 0xD2511F53u, kMultiplier1 = 0xCD9E8D57u;
+/// The ten rounds' keys of one 64-bit key.
+struct PhiloxKeys {
+  std::uint32_t round[10][2];
+};
+
+MALUS_HOST_DEVICE inline PhiloxKeys philox_keys(std::uint64_t key) {
   constexpr std::uint32_t kWeyl0 = 0x9E3779B9u, kWeyl1 = 0xBB67AE85u;
-  PhiloxBlock x = counter;
+  PhiloxKeys keys{};
   auto key0 = static_cast<std::uint32_t>(key), key1 = static_cast<std::uint32_t>(key >> 32);
-  for (int round = 0; round < 10; ++round) {
-    const std::uint64_t product0 = std::uint64_t{kMultiplier0} * x.word[0];
-    const std::uint64_t product1 = std::uint64_t{kMultiplier1} * x.word[2];
-    x = PhiloxBlock{{static_cast<std::uint32_t>(product1 >> 32) ^ x.word[1] ^ key0,
-                     static_cast<std::uint32_t>(product1),
-                     static_cast<std::uint32_t>(product0 >> 32) ^ x.word[3] ^ key1,
-                     static_cast<std::uint32_t>(product0)}};
+  for (auto& round : keys.round) {
+    round[0] = key0;
+    round[1] = key1;
     key0 += kWeyl0;
     key1 += kWeyl1;
   }
+  return keys;
+}
+
+MALUS_HOST_DEVICE inline std::uint64_t wide_product(std::uint32_t a, std::uint32_t b) {
+#if defined(__CUDA_ARCH__)
+  // nvcc makes a 64-bit product of the plain expression, an addition more.
+  std::uint64_t product;
+  asm("mul.wide.u32 %0, %1, %2;" : "=l"(product) : "r"(a), "r"(b));
+  return product;
+#else
+  return std::uint64_t{a} * b;
+#endif
+}
+
+/// One block of four independent uniform 32-bit words for a 128-bit counter and a 64-bit key.
+MALUS_HOST_DEVICE inline PhiloxBlock philox4x32(const PhiloxBlock& counter,
+                                                const PhiloxKeys& keys) {
+  constexpr std::uint32_t kMultiplier0 = 0xD2511F53u, kMultiplier1 = 0xCD9E8D57u;
+  PhiloxBlock x = counter;
+  for (int round = 0; round < 10; ++round) {
+    const std::uint64_t product0 = wide_product(x.word[0], kMultiplier0);
+    const std::uint64_t product1 = wide_product(x.word[2], kMultiplier1);
+    x = PhiloxBlock{{static_cast<std::uint32_t>(product1 >> 32) ^ x.word[1] ^ keys.round[round][0],
+                     static_cast<std::uint32_t>(product1),
+                     static_cast<std::uint32_t>(product0 >> 32) ^ x.word[3] ^ keys.round[round][1],
+                     static_cast<std::uint32_t>(product0)}};
+  }
   return x;
+}
+
+MALUS_HOST_DEVICE inline PhiloxBlock philox4x32(const PhiloxBlock& counter, std::uint64_t key) {
+  return philox4x32(counter, philox_keys(key));
 }
 
 /// What a draw is for: streams never collide because the purpose is part of the counter.
@@ -49,8 +79,10 @@ enum class Draw : std::uint32_t {
 };
 
 /// Four words for (seed, frame, index, purpose, sub-draw). index is the pixel's (or row group's)
-/// number in the whole frame, never in the tile. frame < 2^32, sub < 2^24.
-MALUS_HOST_DEVICE inline PhiloxBlock random_block(std::uint64_t seed, std::uint32_t frame,
+/// number in the whole frame, never in the tile. frame < 2^32, sub < 2^24. Seed: the number, or
+/// its philox_keys.
+template <class Seed>
+MALUS_HOST_DEVICE inline PhiloxBlock random_block(const Seed& seed, std::uint32_t frame,
                                                   std::uint64_t index, Draw purpose,
                                                   std::uint32_t sub = 0) {
   return philox4x32(

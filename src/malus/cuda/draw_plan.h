@@ -10,6 +10,19 @@
 
 namespace malus::cuda {
 
+/// draw_noise is compiled for the usual noise models, whose switches then cost nothing, and once
+/// for all others: any switches, any cell.
+enum class DrawKernel { kAny, kPoissonSteps, kPoisson, kGaussianSteps, kGaussian };
+
+/// The rows that a thread draws in step.
+#ifndef MALUS_ROWS_IN_STEP
+#define MALUS_ROWS_IN_STEP 1
+#endif
+inline constexpr int kRowsInStep = MALUS_ROWS_IN_STEP;
+
+/// Threads of a block at most.
+inline constexpr unsigned kThreadsMost = 256;
+
 /// The kernel's first argument. Pointers are the device's, strides count elements.
 struct DrawFrame {
   const float* in;
@@ -17,8 +30,11 @@ struct DrawFrame {
   std::ptrdiff_t in_stride, out_stride;
   int rows, cols, row0, col0;
   int cell_rows, cell_cols;
-  std::uint64_t seed;
+  int row_sets;                      ///< a thread draws so many times kRowsInStep rows,
+  int rows_apart;                    ///< which lie so far apart
+  std::ptrdiff_t in_step, out_step;  ///< from a set to the next, in elements
   std::uint32_t frame;
+  PhiloxKeys keys;
 };
 
 /// Threads of a block and blocks of the grid, along columns (x) and rows (y).
@@ -29,11 +45,13 @@ struct DrawGrid {
 struct DrawPlan {
   DrawFrame frame;
   DrawGrid grid;
+  DrawKernel kernel = DrawKernel::kAny;
   std::vector<float> row_deviate;  ///< of every row, in deviations; zeros without row noise
 };
 
-/// One thread per Philox block of a row: it draws columns j and j + 16 of a group of 32. Contract:
-/// rows and cols > 0, the address not negative.
+/// One thread per Philox block of a row, which draws columns j and j + 16 of a group of 32, in
+/// several rows that lie threads_y apart, a multiple of the cell's rows: they share a channel.
+/// Contract: rows and cols > 0, the address not negative.
 DrawPlan plan_draw(const CompiledParts& parts, const float* in, std::ptrdiff_t in_stride,
                    float* out, std::ptrdiff_t out_stride, int rows, int cols,
                    const DrawAddress& address);

@@ -1,8 +1,8 @@
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
 #include "malus/cuda/draw_plan.h"
+#include "malus/cuda/lane_arithmetic.h"
 #include "malus/cuda/synthesize.h"
-#include "malus/synthesize/scalar_formation.h"
 
 #include <algorithm>
 #include <string>
@@ -39,33 +39,156 @@ class DeviceArray {
   T* data_ = nullptr;
 };
 
-// One thread draws the two pixels of one Philox block (plan_draw).
-__global__ void draw_noise(DrawFrame f, FormationTables tables, const CompiledChannel* channels,
-                           const float* row_deviate) {
-  using A = scalar::Arithmetic;
-  const int r = static_cast<int>(blockIdx.y * blockDim.y + threadIdx.y);
-  if (r >= f.rows) return;
-  const int row = f.row0 + r;
-  const auto block = static_cast<std::uint32_t>(f.col0) / kGroupColumns * 16u +
-                     blockIdx.x * blockDim.x + threadIdx.x;
-  const int first = static_cast<int>(block / 16u * kGroupColumns + block % 16u) - f.col0;
-  if (first >= f.cols) return;
-  const std::uint64_t index = std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | block;
-  const PhiloxBlock words = random_block(f.seed, f.frame, index, Draw::kPixel);
-  for (int half = 0; half < 2; ++half) {
-    const int c = first + 16 * half;
-    if (c < 0 || c >= f.cols) continue;
-    const CompiledChannel& p =
-        channels[row % f.cell_rows * f.cell_cols + (f.col0 + c) % f.cell_cols];
-    const scalar::ChannelLanes<A> lanes{p.gain_dn,
-                                        p.electrons_per_dn,
-                                        p.variance_dn2,
-                                        p.scale_dn,
-                                        p.mu_dn + p.sigma_row_dn * row_deviate[r],
-                                        p.first_line - kTailFirst};
-    f.out[r * f.out_stride + c] = scalar::noisy_pixel<A>(
-        f.in[r * f.in_stride + c], lanes, tables, words.word[2 * half], words.word[2 * half + 1]);
+#ifndef MALUS_MIN_BLOCKS
+#define MALUS_MIN_BLOCKS 4
+#endif
+// FormationTables whose switches the compiler knows.
+template <ShotKind kShot, bool kRead, bool kSteps>
+struct KnownTables {
+  static constexpr ShotKind shot = kShot;
+  const TailLine *normal, *read;
+  float quantization_dn;
+  __device__ explicit KnownTables(const FormationTables& tables)
+      : normal(tables.normal), read(tables.read), quantization_dn(tables.quantization_dn) {}
+  __device__ static constexpr bool has_read() { return kRead; }
+  __device__ static constexpr bool quantizes() { return kSteps; }
+};
+
+template <DrawKernel>
+struct TablesOf {
+  using Type = FormationTables;
+};
+template <>
+struct TablesOf<DrawKernel::kPoissonSteps> {
+  using Type = KnownTables<ShotKind::kPoisson, true, true>;
+};
+template <>
+struct TablesOf<DrawKernel::kPoisson> {
+  using Type = KnownTables<ShotKind::kPoisson, true, false>;
+};
+template <>
+struct TablesOf<DrawKernel::kGaussianSteps> {
+  using Type = KnownTables<ShotKind::kGaussian, false, true>;
+};
+template <>
+struct TablesOf<DrawKernel::kGaussian> {
+  using Type = KnownTables<ShotKind::kGaussian, false, false>;
+};
+
+// Lane i of a thread is half i % 2 of its Philox block in row i / 2 of its set.
+constexpr int kLanes = 2 * kRowsInStep;
+using Arithmetic = LaneArithmetic<kLanes>;
+
+// The channels of a thread's lanes: one for all rows, and unless kAny one for both halves too.
+template <DrawKernel kKernel>
+__device__ __forceinline__ Lanes<CompiledChannel, kLanes> channels_of_lanes(
+    const DrawFrame& f, const CompiledChannel* channels, int row, int col) {
+  const CompiledChannel* cells = channels + row % f.cell_rows * f.cell_cols;
+  CompiledChannel half[2];
+  half[0] = half[1] = cells[col % f.cell_cols];
+  if constexpr (kKernel == DrawKernel::kAny)
+    half[1] = cells[(col + kGroupColumns / 2) % f.cell_cols];
+  return each_lane<kLanes>([&](int i) { return half[i % 2]; });
+}
+
+template <class Member>
+__device__ __forceinline__ auto member_of(const Lanes<CompiledChannel, kLanes>& p, Member member) {
+  return each_lane<kLanes>([&](int i) { return p.v[i].*member; });
+}
+
+// The compiler may not compute the value again in every row to save a register.
+template <class T>
+__device__ __forceinline__ void keep(T& value) {
+  asm volatile("" : "+r"(value));
+}
+
+// A thread of plan_draw's grid; in and out may be the same memory.
+template <DrawKernel kKernel>
+__global__ void __launch_bounds__(kThreadsMost, MALUS_MIN_BLOCKS)
+    draw_noise(DrawFrame f, FormationTables all_tables, const CompiledChannel* channels,
+               const float* row_deviate) {
+  auto block = static_cast<std::uint32_t>(f.col0) / kGroupColumns * 16u + blockIdx.x * blockDim.x +
+               threadIdx.x;
+  const int col = static_cast<int>(block / 16u * kGroupColumns + block % 16u);
+  const int first = col - f.col0;
+  int r = static_cast<int>(blockIdx.y * blockDim.y) * f.row_sets * kRowsInStep +
+          static_cast<int>(threadIdx.y);
+  if (first >= f.cols || r >= f.rows) return;
+  const typename TablesOf<kKernel>::Type tables(all_tables);
+  const auto p = channels_of_lanes<kKernel>(f, channels, f.row0 + r, col);
+  const auto sigma_row_dn = member_of(p, &CompiledChannel::sigma_row_dn);
+  const auto mu_dn = member_of(p, &CompiledChannel::mu_dn);
+  ChannelLanes<Arithmetic> lanes{
+      member_of(p, &CompiledChannel::gain_dn),
+      member_of(p, &CompiledChannel::electrons_per_dn),
+      member_of(p, &CompiledChannel::variance_dn2),
+      member_of(p, &CompiledChannel::scale_dn),
+      mu_dn,
+      member_of(p, &CompiledChannel::first_line) + Arithmetic::word(0u - kTailFirst)};
+  const float* in = f.in + r * f.in_stride + first;
+  float* out = f.out + r * f.out_stride + first;
+  const float* deviates = row_deviate + r;
+  // Row past the last of each half; none where the column is outside.
+  const int past = min(f.rows, r + f.rows_apart * f.row_sets * kRowsInStep);
+  int end[2] = {first >= 0 ? past : 0, first + 16 >= 0 && first + 16 < f.cols ? past : 0};
+  keep(block);
+  keep(end[0]);
+  keep(end[1]);
+  const auto load = [&](int row) {
+    return each_lane<kLanes>([&](int i) {
+      return row + i / 2 * f.rows_apart < end[i % 2]
+                 ? in[i / 2 * f.rows_apart * f.in_stride + i % 2 * 16]
+                 : 0.0f;
+    });
+  };
+  Lanes<float, kLanes> next = load(r);
+#pragma unroll 1
+  for (; r < past; r += f.rows_apart * kRowsInStep) {
+    const Lanes<float, kLanes> signal_dn = next;
+    // The next rows' pixels arrive while these are drawn.
+    in += f.in_step;
+    next = load(r + f.rows_apart * kRowsInStep);
+    Lanes<std::uint32_t, kLanes> shot, read;
+    Lanes<float, kLanes> deviate;
+#pragma unroll
+    for (int k = 0; k < kRowsInStep; ++k) {
+      const int row = r + k * f.rows_apart;
+      const std::uint64_t index =
+          std::uint64_t{static_cast<std::uint32_t>(f.row0 + row)} << 32 | block;
+      const PhiloxBlock words = random_block(f.keys, f.frame, index, Draw::kPixel);
+      shot.v[2 * k] = words.word[0];
+      read.v[2 * k] = words.word[1];
+      shot.v[2 * k + 1] = words.word[2];
+      read.v[2 * k + 1] = words.word[3];
+      deviate.v[2 * k] = deviate.v[2 * k + 1] =
+          kRowsInStep == 1 || row < past ? deviates[k * f.rows_apart] : 0.0f;
+    }
+    deviates += f.rows_apart * kRowsInStep;
+    lanes.offset_dn = mu_dn + sigma_row_dn * deviate;
+    const auto noisy_dn = noisy_pixel<Arithmetic>(signal_dn, lanes, tables, shot, read);
+#pragma unroll
+    for (int i = 0; i < kLanes; ++i)
+      if (r + i / 2 * f.rows_apart < end[i % 2])
+        out[i / 2 * f.rows_apart * f.out_stride + i % 2 * 16] = noisy_dn.v[i];
+    out += f.out_step;
   }
+}
+
+// draw_noise for a plan's kernel.
+auto kernel_of(DrawKernel kernel) {
+  switch (kernel) {
+    case DrawKernel::kPoissonSteps:
+      return draw_noise<DrawKernel::kPoissonSteps>;
+    case DrawKernel::kPoisson:
+      return draw_noise<DrawKernel::kPoisson>;
+    case DrawKernel::kGaussianSteps:
+      return draw_noise<DrawKernel::kGaussianSteps>;
+    case DrawKernel::kGaussian:
+      return draw_noise<DrawKernel::kGaussian>;
+    case DrawKernel::kAny:
+      break;
+  }
+  return draw_noise<DrawKernel::kAny>;
 }
 
 }  // namespace
@@ -108,7 +231,8 @@ void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_st
   const FormationTables tables{tables_->normal.get(), tables_->read.get(), parts.shot,
                                parts.quantization_dn};
   const DrawGrid& grid = plan.grid;
-  draw_noise<<<dim3(grid.blocks_x, grid.blocks_y), dim3(grid.threads_x, grid.threads_y)>>>(
+  kernel_of(
+      plan.kernel)<<<dim3(grid.blocks_x, grid.blocks_y), dim3(grid.threads_x, grid.threads_y)>>>(
       plan.frame, tables, tables_->channels.get(), tables_->row_deviate.get());
   check_status(cudaGetLastError(), "starting the kernel");
 }
@@ -160,10 +284,14 @@ double device_seconds(const Work& work) {
 
 }  // namespace
 
-DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols) {
+DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols, double top_dn) {
   const DeviceNoise device(noise);
   const auto pixels = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
-  const DeviceArray<float> clean(std::vector<float>(pixels, 500.0f)), noisy(pixels);
+  std::vector<float> signals_dn(pixels);
+  for (std::size_t i = 0; i < pixels; ++i)
+    signals_dn[i] =
+        static_cast<float>(top_dn * uniform_open(static_cast<std::uint32_t>(i) * 2654435761u));
+  const DeviceArray<float> clean(signals_dn), noisy(pixels);
   const double drawn_s = device_seconds([&] {
     device.apply_on_device(clean.get(), cols, noisy.get(), cols, rows, cols, {.seed = 1});
   });

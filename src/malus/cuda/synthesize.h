@@ -31,10 +31,11 @@ class DeviceNoise {
 };
 
 /// Pixels per second of a frame in the device's memory, row draws of the host included: noise
-/// drawn, and the same frame copied. Throws InputError as DeviceNoise does.
+/// drawn, and the same frame copied. Its signals are spread from 0 to top_dn in no order. Throws
+/// InputError as DeviceNoise does.
 struct DeviceRates {
   double drawn = 0, copied = 0;
 };
-DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols);
+DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols, double top_dn);
 
 }  // namespace malus::cuda

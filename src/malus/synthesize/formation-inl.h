@@ -63,7 +63,8 @@ MALUS_FORMATION typename A::Real shot_large(typename A::Real m, typename A::Real
                           0.00877975609f, -1.0f / 36.0f,   1.0f / 3.0f};
   constexpr float kJ[] = {0.0116514197f, -0.00900972984f, 0.0189948401f, -0.0200593883f};
   // The root and the reciprocal take long: neither waits for the other.
-  const Real root = A::sqrt(m), reciprocal = A::real(1.0f) / m;
+  Real root, reciprocal;
+  A::root_and_reciprocal(m, root, reciprocal);
   const Real t = w * (root * reciprocal), t2 = t * t;
   const Real correction =
       A::multiply_add(polynomial<A>(kJ, t, t2), reciprocal,
@@ -144,10 +145,11 @@ MALUS_FORMATION typename A::Real quantization_noise(typename A::Word shot_word) 
 }
 
 /// One pixel, 000 Eq. 1: D = s + K (N - s/K) + mu + sigma_b z + sigma_TL T + q U. Per-channel
-/// parameters in `p`, read tables and switches in `row`.
-template <class A>
+/// parameters in `p`, read tables and switches in `row`: FormationTables, or a type with the same
+/// members whose switches the compiler knows.
+template <class A, class Tables>
 MALUS_FORMATION typename A::Real noisy_pixel(typename A::Real signal_dn, const ChannelLanes<A>& p,
-                                             const FormationTables& row, typename A::Word shot_word,
+                                             const Tables& row, typename A::Word shot_word,
                                              typename A::Word read_word) {
   using Real = typename A::Real;
   Real noise = p.offset_dn;
@@ -159,10 +161,10 @@ MALUS_FORMATION typename A::Real noisy_pixel(typename A::Real signal_dn, const C
     const Real w = symmetric_deviate<A>(row.normal, A::word(0u - kTailFirst), shot_word);
     noise = A::multiply_add(A::sqrt(A::max(variance, A::real(0.0f))), w, noise);
   }
-  if (row.read != nullptr)
+  if (row.has_read())
     noise =
         A::multiply_add(p.scale_dn, symmetric_deviate<A>(row.read, p.first_line, read_word), noise);
-  if (row.quantization_dn > 0.0f)
+  if (row.quantizes())
     noise = A::multiply_add(A::real(row.quantization_dn), quantization_noise<A>(shot_word), noise);
   // NaN and infinities stay what they are.
   return A::select(A::finite(signal_dn), signal_dn + noise, signal_dn);

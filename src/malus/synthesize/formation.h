@@ -30,6 +30,9 @@ struct FormationTables {
   const TailLine* read = nullptr;    ///< kTailCells lines per distinct shape; null = no read noise
   ShotKind shot = ShotKind::kPoisson;
   float quantization_dn = 0;  ///< step of uniform quantisation noise; 0 = none (or rounded later)
+
+  MALUS_HOST_DEVICE bool has_read() const { return read != nullptr; }
+  MALUS_HOST_DEVICE bool quantizes() const { return quantization_dn > 0.0f; }
 };
 
 /// A group of 32 mosaic columns takes its words from 16 Philox blocks: pixel j < 16 of the group

@@ -41,6 +41,10 @@ struct Arithmetic {
   MALUS_HOST_DEVICE static Word cell_of(Real x) { return bits_of(x) >> kTailShift; }
   MALUS_HOST_DEVICE static Real multiply_add(Real a, Real b, Real c) { return ::fmaf(a, b, c); }
   MALUS_HOST_DEVICE static Real sqrt(Real a) { return ::sqrtf(a); }
+  MALUS_HOST_DEVICE static void root_and_reciprocal(Real m, Real& root, Real& reciprocal) {
+    root = ::sqrtf(m);
+    reciprocal = 1.0f / m;
+  }
   MALUS_HOST_DEVICE static Real floor(Real a) { return ::floorf(a); }
   MALUS_HOST_DEVICE static Real max(Real a, Real b) { return a > b ? a : b; }
   MALUS_HOST_DEVICE static Real select(Truth t, Real a, Real b) { return t ? a : b; }

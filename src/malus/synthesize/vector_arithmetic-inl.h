@@ -77,6 +77,10 @@ struct Arithmetic {
     return {hn::MulAdd(a.v, b.v, c.v)};
   }
   static HWY_INLINE Real sqrt(Real a) { return {hn::Sqrt(a.v)}; }
+  static HWY_INLINE void root_and_reciprocal(Real m, Real& root, Real& reciprocal) {
+    root = {hn::Sqrt(m.v)};
+    reciprocal = real(1.0f) / m;
+  }
   static HWY_INLINE Real floor(Real a) { return {hn::Floor(a.v)}; }
   static HWY_INLINE Real max(Real a, Real b) { return {hn::Max(a.v, b.v)}; }
   static HWY_INLINE Real select(Truth t, Real a, Real b) { return {hn::IfThenElse(t.m, a.v, b.v)}; }
