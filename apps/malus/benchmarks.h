@@ -17,7 +17,8 @@ struct BenchmarkLine {
 };
 
 struct BenchmarkContext {
-  bool quick = false;  ///< a dry run: small data, one repetition
+  bool quick = false;          ///< a dry run: small data, one repetition
+  std::string device = "cpu";  ///< or "cuda", of benchmarks that run there
   /// Median time of repeated calls [s], after one that warms up.
   double time_s(const std::function<void()>& work, int repetitions = 9) const;
 };
@@ -25,6 +26,7 @@ struct BenchmarkContext {
 struct Benchmark {
   std::string name;  ///< for --only
   std::function<std::vector<BenchmarkLine>(const BenchmarkContext&)> run;
+  bool on_devices = false;  ///< it runs on a GPU too, and its peers know --device
 };
 
 // benchmark_<name>() is defined in cmd_bench_<name>.cpp and returns a Benchmark.

@@ -38,7 +38,7 @@ struct BenchArguments {
   std::vector<std::string> only;
   bool quick = false;
   fs::path peers;
-  std::string python = "python3";
+  std::string python = "python3", device = "cpu";
 };
 
 // What a program prints; InputError when it cannot be started or fails.
@@ -60,12 +60,15 @@ std::string quoted(const std::string& text) {
   return out + "'";
 }
 
-// How many times as long as our lines whose names begin with `compared` a peer takes.
+// How many times as fast as a peer our lines are whose names begin with `compared`.
 void add_ratios(const BenchmarkLine& peer, const std::string& compared,
                 const std::vector<BenchmarkLine>& ours, std::vector<BenchmarkLine>& lines) {
   for (const BenchmarkLine& own : ours)
-    if (own.name.starts_with(compared) && own.value > 0)
-      lines.push_back({own.name + ", ratio", peer.value / own.value, "", peer.name});
+    if (own.name.starts_with(compared) && own.value > 0 && peer.value > 0) {
+      const double times_as_long = peer.value / own.value;
+      const double ratio = peer.unit.ends_with("/s") ? 1 / times_as_long : times_as_long;
+      lines.push_back({own.name + ", ratio", ratio, "", peer.name});
+    }
 }
 
 // Every script prints one JSON list of lines, [{"name", "value", "unit", "note"}]; empty where what
@@ -73,8 +76,9 @@ void add_ratios(const BenchmarkLine& peer, const std::string& compared,
 std::vector<BenchmarkLine> run_peer(const BenchArguments& arguments, const fs::path& script,
                                     const std::vector<BenchmarkLine>& ours) {
   const std::string command =
-      fmt::format("{} {}{}", quoted(arguments.python), quoted(script.string()),
-                  arguments.quick ? " --quick" : "");
+      fmt::format("{} {}{}{}", quoted(arguments.python), quoted(script.string()),
+                  arguments.quick ? " --quick" : "",
+                  arguments.device == "cpu" ? "" : " --device " + arguments.device);
   const Json json = Json::parse(output_of(command), nullptr, false);
   if (!json.is_array())
     throw InputError(script.string(), "prints no JSON list", "run it by hand to see why");
@@ -114,7 +118,7 @@ void report(const std::string& name, const std::vector<BenchmarkLine>& lines, Js
 
 void run_bench(const BenchArguments& arguments, const Common& common,
                const std::vector<Benchmark>& all) {
-  const BenchmarkContext context{arguments.quick};
+  const BenchmarkContext context{arguments.quick, arguments.device};
   Json json{{"threads", thread_count()}, {"quick", arguments.quick}};
   std::string text;
   const auto scripts =
@@ -125,6 +129,9 @@ void run_bench(const BenchArguments& arguments, const Common& common,
                                                  benchmark.name) != arguments.only.end();
     };
     if (!wanted()) continue;
+    if (arguments.device != "cpu" && !benchmark.on_devices)
+      throw InputError("--device " + arguments.device, benchmark.name + " does not run there",
+                       "add --only networks");
     note(common, fmt::format("running {} ...", benchmark.name));
     const auto ours = benchmark.run(context);
     auto lines = ours;
@@ -155,6 +162,11 @@ void add_bench(CLI::App& app, Common& common) {
   command->add_option("--peers", arguments->peers,
                       "folder of scripts (bench/peers) that run other software on the same task");
   command->add_option("--python", arguments->python, "interpreter of the scripts")
+      ->capture_default_str();
+  command
+      ->add_option("--device", arguments->device,
+                   "where the networks run; cuda: images per second of inference and training")
+      ->check(CLI::IsMember({"cpu", "cuda"}))
       ->capture_default_str();
 }
 

@@ -1,5 +1,5 @@
 // malus bench networks: parameters, multiplications and time of every network; the figures of
-// docs/networks.md.
+// docs/networks.md; on a GPU images per second.
 #include "benchmarks.h"
 #include "networks_door.h"
 #include <fmt/format.h>
@@ -18,8 +18,37 @@ BenchmarkLine time_line(const std::string& name, const NetworkCost::Time& time,
           fmt::format("{}; {:.3f} s of processor time", note, time.processor_seconds)};
 }
 
+std::string rounding_of(const DeviceSpeed& speed) {
+  if (speed.tf32_convolutions && speed.tf32_products) return ", TF32";
+  return speed.tf32_convolutions ? ", TF32 in convolutions" : "";
+}
+
+std::vector<BenchmarkLine> device_lines(const BenchmarkContext& context) {
+  DeviceWork work{.device = context.device, .channels = kNetworkChannels, .once = context.quick};
+  if (context.quick) {
+    work.inference_batch = work.training_batch = 1;
+    work.inference_side = work.training_side = kQuickSide;
+  }
+  std::vector<BenchmarkLine> lines;
+  for (const NamedNetwork& network : networks().named_networks())
+    for (const DeviceSpeed& speed : networks().measure_device_speed(network, work)) {
+      const bool training = speed.work == "training";
+      const int side = training ? work.training_side : work.inference_side;
+      std::string note =
+          fmt::format("{} x {} x {} x {}, channels {} ({:.4g} in the other order)",
+                      training ? work.training_batch : work.inference_batch, work.channels, side,
+                      side, speed.channels_last ? "last" : "first", speed.other_order_images_per_s);
+      if (speed.precision == "float32") note += rounding_of(speed);
+      if (speed.images_per_s == 0) note += "; the device's memory does not suffice";
+      lines.push_back({fmt::format("{}, {}, {}", network.name, speed.work, speed.precision),
+                       speed.images_per_s, "images/s", note});
+    }
+  return lines;
+}
+
 std::vector<BenchmarkLine> network_lines(const BenchmarkContext& context) {
   std::vector<BenchmarkLine> lines;
+  if (context.device != "cpu") return device_lines(context);
   if (!have_networks()) return lines;
   const NetworkFunctions& functions = networks();
   const int counted_side = context.quick ? kQuickSide : kCountedSide,
@@ -54,6 +83,6 @@ std::vector<BenchmarkLine> network_lines(const BenchmarkContext& context) {
 
 }  // namespace
 
-Benchmark benchmark_networks() { return {"networks", network_lines}; }
+Benchmark benchmark_networks() { return {"networks", network_lines, /*on_devices=*/true}; }
 
 }  // namespace malus::app

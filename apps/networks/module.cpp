@@ -80,6 +80,11 @@ NetworkCost measure_guarded(const NamedNetwork& network, int channels, int rows,
   return guarded([&] { return measure_network(network, channels, rows, cols, repetitions); });
 }
 
+std::vector<DeviceSpeed> measure_device_speed_guarded(const NamedNetwork& network,
+                                                      const DeviceWork& work) {
+  return guarded([&] { return measure_device_speed(network, work); });
+}
+
 }  // namespace
 }  // namespace malus::app
 
@@ -91,7 +96,8 @@ extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
                                           .open_flow = open_flow,
                                           .import_checkpoint = import_guarded,
                                           .measure = measure_guarded,
-                                          .named_networks = malus::named_networks};
+                                          .named_networks = malus::named_networks,
+                                          .measure_device_speed = measure_device_speed_guarded};
   try {
     malus::use_network_threads(malus::thread_count());
   } catch (...) {

@@ -6,6 +6,7 @@
 
 #include "malus/base/progress.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/neural/device_speed.h"
 #include "malus/neural/inference.h"
 #include "malus/neural/measure.h"
 #include "malus/neural/noise_flow_file.h"
@@ -22,7 +23,7 @@
 namespace malus::app {
 
 /// Both sides must have been built from the same header: counted up with every change of it.
-inline constexpr int kNetworksInterface = 4;
+inline constexpr int kNetworksInterface = 5;
 
 /// A network with its weights, ready for many frames.
 class NetworkDenoiser {
@@ -76,6 +77,8 @@ struct NetworkFunctions {
   NetworkCost (*measure)(const NamedNetwork& network, int channels, int rows, int cols,
                          int repetitions);
   std::vector<NamedNetwork> (*named_networks)();
+  std::vector<DeviceSpeed> (*measure_device_speed)(const NamedNetwork& network,
+                                                   const DeviceWork& work);
 };
 
 /// What the module exports, by this name.

@@ -4,6 +4,7 @@
 #include "malus/neural/loss.h"
 #include "malus/neural/network_size.h"
 
+#include "small_networks.h"
 #include "support.h"
 #include <gtest/gtest.h>
 
@@ -34,41 +35,10 @@ TEST_P(Parity, MatchesThePublicImplementation) {
 INSTANTIATE_TEST_SUITE_P(Networks, Parity,
                          ::testing::Values("nafnet", "restormer_biasfree", "uformer"));
 
-NetworkDescription small(const std::string& name) {
-  if (name == "unet") return {name, {{"in_channels", 4}, {"out_channels", 4}, {"width", 4}}};
-  if (name == "nafnet")
-    return {name,
-            {{"img_channel", 4},
-             {"width", 4},
-             {"middle_blk_num", 1},
-             {"enc_blk_nums", {1, 1}},
-             {"dec_blk_nums", {1, 1}}}};
-  if (name == "restormer")
-    return {name,
-            {{"inp_channels", 4},
-             {"out_channels", 4},
-             {"dim", 8},
-             {"num_blocks", {1, 1, 1, 1}},
-             {"num_refinement_blocks", 1},
-             {"heads", {1, 1, 1, 1}}}};
-  if (name == "uformer")
-    return {name,
-            {{"in_chans", 4},
-             {"dd_in", 4},
-             {"embed_dim", 4},
-             {"num_heads", {1, 1, 1, 1, 1, 1, 1, 1, 1}}}};
-  return {name,
-          {{"in_channels", 4},
-           {"out_channels", 4},
-           {"dim", 8},
-           {"depths", {2, 1, 1, 1}},
-           {"heads", {1, 1, 2, 2}}}};
-}
-
 TEST(Networks, EveryOneTakesAnySizeAndKeepsIt) {
   const torch::NoGradGuard no_gradients;
   for (const auto& name : network_names()) {
-    const auto network = make_network(small(name));
+    const auto network = make_network(testing::small_network(name));
     for (const auto& [rows, cols] : {std::pair{1, 1}, {17, 40}, {64, 33}}) {
       const auto y = network->forward(torch::rand({2, 4, rows, cols}));
       EXPECT_EQ(y.sizes(), torch::IntArrayRef({2, 4, rows, cols})) << name;
@@ -80,7 +50,7 @@ TEST(Networks, EveryOneTakesAnySizeAndKeepsIt) {
 TEST(Networks, WeightsSurviveTheFile) {
   const testing::TemporaryFolder folder;
   for (const auto& name : network_names()) {
-    const auto description = small(name);
+    const auto description = testing::small_network(name);
     const auto one = make_network(description), other = make_network(description);
     save_tensor_file(weights_of(*one, description), folder / "w.safetensors");
     const auto file = load_tensor_file(folder / "w.safetensors");
@@ -97,7 +67,7 @@ TEST(Networks, WeightsSurviveTheFile) {
 TEST(Networks, GradientsAgreeWithFiniteDifferences) {
   for (const auto& name : network_names()) {
     torch::manual_seed(3);
-    const auto network = make_network(small(name));
+    const auto network = make_network(testing::small_network(name));
     network->to(torch::kDouble);
     const auto x = torch::rand({1, 4, 16, 16}, torch::kDouble);
     const auto weight = torch::randn({1, 4, 16, 16}, torch::kDouble);
@@ -166,7 +136,8 @@ TEST(Networks, SettingsOutOfRangeAreRefused) {
 
 TEST(Networks, LeastValuesAreBelowTheTrueOnesAndNearThem) {
   for (const auto& name : network_names())
-    for (const nlohmann::json& settings : {nlohmann::json::object(), small(name).settings}) {
+    for (const nlohmann::json& settings :
+         {nlohmann::json::object(), testing::small_network(name).settings}) {
       const NetworkDescription description{name, settings};
       const auto network = make_network(description);
       double values = 0;
@@ -180,7 +151,7 @@ TEST(Networks, LeastValuesAreBelowTheTrueOnesAndNearThem) {
 }
 
 TEST(Weights, TooFewForTheSettingsAreRefusedBeforeBuilding) {
-  const NetworkDescription described = small("unet");
+  const NetworkDescription described = testing::small_network("unet");
   const TensorFile file = weights_of(*make_network(described), described);
   EXPECT_NO_THROW(make_network(described, file, "f"));
   for (const nlohmann::json& change : {nlohmann::json{{"levels", 8}}, {{"levels", 40}}}) {
@@ -196,8 +167,8 @@ TEST(Weights, TooFewForTheSettingsAreRefusedBeforeBuilding) {
 }
 
 TEST(Weights, OfAnotherNetworkAreRefused) {
-  const auto network = make_network(small("unet"));
-  auto file = weights_of(*network, small("unet"));
+  const auto network = make_network(testing::small_network("unet"));
+  auto file = weights_of(*network, testing::small_network("unet"));
   auto missing = file;
   missing.tensors.erase("conv1_1.weight");
   EXPECT_THROW(load_weights(*network, missing, "", "f"), InputError);

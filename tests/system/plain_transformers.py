@@ -18,8 +18,8 @@ def from_windows(x, h, w):
     return x.permute(0, 1, 3, 2, 4, 5).reshape(-1, h, w, x.shape[-1])
 
 
-def shift_mask(h, w, shift):
-    region = torch.zeros(1, h, w, 1)
+def shift_mask(h, w, shift, device):
+    region = torch.zeros(1, h, w, 1, device=device)
     parts = (slice(0, -WINDOW), slice(-WINDOW, -shift), slice(-shift, None))
     for i, rows in enumerate(parts):
         for j, cols in enumerate(parts):
@@ -77,7 +77,7 @@ class LeWinBlock(nn.Module):
         b, _, c = x.shape
         y, mask = self.norm1(x).view(b, h, w, c), None
         if self.shift:
-            y, mask = torch.roll(y, (-self.shift, -self.shift), (1, 2)), shift_mask(h, w, self.shift)
+            y, mask = torch.roll(y, (-self.shift, -self.shift), (1, 2)), shift_mask(h, w, self.shift, y.device)
         windows = to_windows(y)
         if self.modulator is not None:
             windows = windows + self.modulator.weight

@@ -2,9 +2,11 @@ set(neural_SOURCES
   checkpoint.cpp
   clean_scenes.cpp
   convolution.cpp
+  device_speed.cpp
   example_pool.cpp
   failures.cpp
   frame_domain.cpp
+  gpu.cpp
   hybrid.cpp
   inference.cpp
   initial_network.cpp

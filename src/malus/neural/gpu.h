@@ -1,0 +1,24 @@
+// What makes libtorch fast on a GPU: settings and the order of memory.
+#pragma once
+
+#include "malus/neural/network.h"
+
+#include <torch/torch.h>
+
+namespace malus {
+
+/// cuDNN tries its algorithms on the first pass of every shape and keeps the fastest: for work that
+/// meets few shapes often. TF32 stays as libtorch sets it.
+void choose_fast_gpu_kernels();
+
+/// Whether a network is fastest with a pixel's channels together (NHWC) on a GPU. Measured against
+/// the other order by `malus bench --only networks --device cuda`.
+bool prefers_channels_last(const std::string& architecture);
+
+/// Moves a network, and brings the weights of its convolutions into that order. Optimisers and
+/// averages made from its parameters afterwards have the same order.
+void place_network(Network& network, const torch::Device& device, bool channels_last);
+/// The same for a batch of planes.
+torch::Tensor placed(const torch::Tensor& planes, const torch::Device& device, bool channels_last);
+
+}  // namespace malus
