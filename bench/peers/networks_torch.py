@@ -19,7 +19,7 @@ NAMES = ("unet", "nafnet-32", "uformer-t", "uformer-s", "restormer")
 HALF = ("unet", "nafnet-32")  # those that malus offers bfloat16 for on a GPU
 # As src/malus/neural/device_speed: batch and side of the planes; the device is waited for once per block of steps.
 WORK = {"inference": (8, 256), "training": (16, 128)}
-WARM_UP_STEPS, BLOCKS, BLOCK_SECONDS = 5, 7, 0.25
+WARM_UP_STEPS, BLOCKS, BLOCK_SECONDS = 5, 5, 0.15
 
 
 def networks():

@@ -8,6 +8,18 @@
 
 namespace malus {
 
+#if TORCH_VERSION_MAJOR > 2 || (TORCH_VERSION_MAJOR == 2 && TORCH_VERSION_MINOR >= 4)
+#define MALUS_AUTOCAST_BY_DEVICE
+#endif
+
+inline bool cpu_layers_are_rounded() {
+#if defined(MALUS_AUTOCAST_BY_DEVICE)
+  return at::autocast::is_autocast_enabled(at::kCPU);
+#else
+  return at::autocast::is_cpu_enabled();
+#endif
+}
+
 /// Layers in bfloat16 while it lives.
 class Autocast {
  public:
@@ -22,7 +34,7 @@ class Autocast {
  private:
   void set(bool on) const {
     if (!wanted_) return;
-#if TORCH_VERSION_MAJOR > 2 || (TORCH_VERSION_MAJOR == 2 && TORCH_VERSION_MINOR >= 4)
+#if defined(MALUS_AUTOCAST_BY_DEVICE)
     const auto device = cuda_ ? at::kCUDA : at::kCPU;
     at::autocast::set_autocast_dtype(device, torch::kBFloat16);
     at::autocast::set_autocast_enabled(device, on);

@@ -18,8 +18,8 @@ namespace {
 
 // A device works while the program goes on: it is waited for once per block of steps, which is long
 // enough for the wait to count nothing. The same in bench/peers/networks_torch.py.
-constexpr int kWarmUpSteps = 5, kBlocks = 7;
-constexpr double kBlockSeconds = 0.25;
+constexpr int kWarmUpSteps = 5, kBlocks = 5;
+constexpr double kBlockSeconds = 0.15;
 
 struct Setup {
   torch::Device device;

@@ -4,6 +4,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
+#include "malus/neural/gpu.h"
 #include "malus/neural/internal/packed.h"
 #include "malus/neural/package.h"
 #include "malus/neural/tiles.h"
@@ -58,7 +59,9 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
       throw InputError("--device cuda", "this libtorch finds no CUDA device",
                        "leave it out, or build with a libtorch that has CUDA");
     state_->device = torch::kCUDA;
-    state_->loaded.network->to(state_->device);
+    // Without choose_fast_gpu_kernels: tiles come in many shapes, and trying kernels for each takes
+    // longer than a frame.
+    place_network(*state_->loaded.network, state_->device, prefers_channels_last(architecture));
   }
 }
 

@@ -1,8 +1,7 @@
 #include "malus/neural/internal/packed.h"
 
 #include "malus/base/error.h"
-
-#include <ATen/autocast_mode.h>
+#include "malus/neural/autocast.h"
 
 namespace malus::internal {
 namespace {
@@ -19,7 +18,7 @@ bool RoundedProducts::wanted() { return rounded_products; }
 
 bool kernels_apply(const torch::Tensor& x) {
   return !torch::GradMode::is_enabled() && x.device().is_cpu() &&
-         x.scalar_type() == torch::kFloat && !at::autocast::is_cpu_enabled();
+         x.scalar_type() == torch::kFloat && !cpu_layers_are_rounded();
 }
 
 Scratch::Scratch(std::ptrdiff_t values) : memory_(torch::empty({values}, torch::kFloat)) {}

@@ -9,6 +9,7 @@
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/example_pool.h"
+#include "malus/neural/gpu.h"
 #include "malus/neural/initial_network.h"
 #include "malus/neural/loss.h"
 #include "malus/neural/training_log.h"
@@ -131,14 +132,9 @@ class Trainer {
 
   std::shared_ptr<Network> network_on_device() const {
     auto network = initial_network(config_, options_.seed);
-    network->to(device_);
     if (device_.is_cuda()) {
-      // The order that a GPU's convolutions work in.
-      const torch::NoGradGuard no_gradients;
-      for (torch::Tensor& parameter : network->parameters())
-        if (parameter.dim() == 4)
-          parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
-      at::globalContext().setBenchmarkCuDNN(true);
+      choose_fast_gpu_kernels();
+      place_network(*network, device_, prefers_channels_last(config_.package.network.architecture));
     }
     return network;
   }
