@@ -99,6 +99,27 @@ TEST_P(Ptx, KeepsWhatIsNoNumber) {
     }
 }
 
+// Large enough that a thread draws two rows, the last of them not in every thread, and each of its
+// rows with other signals and another row deviate.
+TEST_P(Ptx, DrawsSeveralRowsPerThreadOfChangingSignals) {
+  const CompiledNoise noise = GetParam().noise();
+  const DrawAddress place{.seed = 11, .frame = 2, .row0 = 5, .col0 = 45};
+  constexpr int kRows = 1027, kCols = 1100;
+  Image clean(kRows, kCols);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c)
+      clean(r, c) =
+          static_cast<float>((r * 7919 + c * 104729) % 4001) * (r % 3 == 0 ? 0.01f : 1) - 1;
+  const cuda::DrawPlan plan =
+      cuda::plan_draw(noise.parts(), nullptr, kCols, nullptr, kCols, kRows, kCols, place);
+  ASSERT_GE(plan.frame.rows_per_thread, 2);
+  ASSERT_NE(kRows % (plan.frame.rows_per_thread * plan.frame.rows_apart), 0);
+  Image cpu(kRows, kCols), gpu(kRows, kCols, -1.0f);
+  noise.apply(clean, cpu, place);
+  draw_by_ptx(noise, clean, gpu, place);
+  expect_same_bits(cpu, gpu);
+}
+
 // About 30 of these pixels are redrawn in double precision, whose exp is another one on the device.
 TEST_P(Ptx, DrawsTheFarTailOfFewElectrons) {
   const CompiledNoise noise = GetParam().noise();

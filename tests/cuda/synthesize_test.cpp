@@ -3,6 +3,7 @@
 
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
+#include "malus/cuda/rounding.h"
 
 #include <cstdio>
 
@@ -29,6 +30,14 @@ TEST(DeviceNoise, EqualsTheCpuBitForBit) {
     device.apply(clean, gpu, place);
     expect_same_bits(cpu, gpu);
   }
+}
+
+// What DeviceNoise rests on beyond IEEE 754: another generation of GPUs may differ.
+TEST(DeviceNoise, RoundsEveryRootAndReciprocal) {
+  if (!cuda::device_available()) GTEST_SKIP() << "no CUDA device answers";
+  const cuda::RoundingDifferences differences = cuda::rounding_differences();
+  EXPECT_EQ(differences.roots, 0u);
+  EXPECT_EQ(differences.reciprocals, 0u);
 }
 
 // 4 Gpx/s of floats fill a PCIe 4 link: drawing must not be what a frame waits for.

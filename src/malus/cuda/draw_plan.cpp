@@ -19,10 +19,9 @@ DrawKernel kernel_for(const CompiledParts& parts) {
 
 // So many that a thread's preparations are shared by many pixels, and so few that small frames
 // still fill a device: some hundred thousand threads.
-int row_sets_for(int rows, unsigned across) {
+int rows_per_thread_for(int rows, unsigned across) {
   constexpr double kThreads = 1 << 18;
-  const double sets = static_cast<double>(across) * rows / (kRowsInStep * kThreads);
-  return std::clamp(static_cast<int>(sets), 1, 16 / kRowsInStep);
+  return std::clamp(static_cast<int>(static_cast<double>(across) * rows / kThreads), 1, 16);
 }
 
 unsigned ceiling(unsigned a, unsigned b) { return (a + b - 1) / b; }
@@ -39,17 +38,16 @@ DrawPlan plan_draw(const CompiledParts& parts, const float* in, std::ptrdiff_t i
   const unsigned threads_x = rows_apart <= 4 ? kThreadsMost / 4 : kThreadsMost / 8;
   const int groups = (address.col0 + cols - 1) / kGroupColumns - address.col0 / kGroupColumns + 1;
   const unsigned across = static_cast<unsigned>(groups) * kGroupColumns / 2;
-  const int row_sets = row_sets_for(rows, across);
-  const unsigned rows_per_block = threads_y * static_cast<unsigned>(row_sets * kRowsInStep);
+  const int rows_per_thread = rows_per_thread_for(rows, across);
+  const unsigned rows_per_block = threads_y * static_cast<unsigned>(rows_per_thread);
 
-  DrawPlan plan{
-      .frame = {in, out, in_stride, out_stride, rows, cols, address.row0, address.col0, cell_rows,
-                cell_cols, row_sets, rows_apart, kRowsInStep * rows_apart * in_stride,
-                kRowsInStep * rows_apart * out_stride, address.frame, philox_keys(address.seed)},
-      .grid = {threads_x, threads_y, ceiling(across, threads_x),
-               ceiling(static_cast<unsigned>(rows), rows_per_block)},
-      .kernel = kernel_for(parts),
-      .row_deviate = std::vector<float>(static_cast<std::size_t>(rows), 0.0f)};
+  DrawPlan plan{.frame = {in, out, in_stride, out_stride, rows, cols, address.row0, address.col0,
+                          cell_rows, cell_cols, rows_per_thread, rows_apart, rows_apart * in_stride,
+                          rows_apart * out_stride, address.frame, philox_keys(address.seed)},
+                .grid = {threads_x, threads_y, ceiling(across, threads_x),
+                         ceiling(static_cast<unsigned>(rows), rows_per_block)},
+                .kernel = kernel_for(parts),
+                .row_deviate = std::vector<float>(static_cast<std::size_t>(rows), 0.0f)};
   if (parts.row_noise) {
     const std::vector<double> z = row_deviates(address, rows, parts.row_group, parts.row_drift);
     for (std::size_t r = 0; r < z.size(); ++r) plan.row_deviate[r] = static_cast<float>(z[r]);

@@ -14,12 +14,6 @@ namespace malus::cuda {
 /// for all others: any switches, any cell.
 enum class DrawKernel { kAny, kPoissonSteps, kPoisson, kGaussianSteps, kGaussian };
 
-/// The rows that a thread draws in step.
-#ifndef MALUS_ROWS_IN_STEP
-#define MALUS_ROWS_IN_STEP 1
-#endif
-inline constexpr int kRowsInStep = MALUS_ROWS_IN_STEP;
-
 /// Threads of a block at most.
 inline constexpr unsigned kThreadsMost = 256;
 
@@ -30,9 +24,9 @@ struct DrawFrame {
   std::ptrdiff_t in_stride, out_stride;
   int rows, cols, row0, col0;
   int cell_rows, cell_cols;
-  int row_sets;                      ///< a thread draws so many times kRowsInStep rows,
-  int rows_apart;                    ///< which lie so far apart
-  std::ptrdiff_t in_step, out_step;  ///< from a set to the next, in elements
+  int rows_per_thread;               ///< at most
+  int rows_apart;                    ///< so far does a thread's next row lie from its last,
+  std::ptrdiff_t in_step, out_step;  ///< and so far in elements
   std::uint32_t frame;
   PhiloxKeys keys;
 };

@@ -1,1 +1,1 @@
-set(cuda_KERNELS synthesize.cu)
+set(cuda_KERNELS synthesize.cu rounding.cu)

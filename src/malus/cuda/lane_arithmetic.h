@@ -1,4 +1,4 @@
-// The operations of formation-inl.h for a GPU thread that draws several pixels in step: their
+// The operations of formation-inl.h for a GPU thread that draws two pixels in step: their
 // chains of multiply-adds and table reads do not wait for each other, and the rare branches are
 // asked for once. Device code only.
 #pragma once
@@ -9,24 +9,21 @@
 
 namespace malus::cuda {
 
-/// N values of one thread; all operations are element by element.
-template <class T, int N>
+/// Values of a thread's two pixels; all operations are element by element.
+template <class T>
 struct Lanes {
-  T v[N];
+  T v[2];
 };
 
-template <int N, class F>
+template <class F>
 __device__ __forceinline__ auto each_lane(const F& value_of) {
-  Lanes<decltype(value_of(0)), N> result;
-#pragma unroll
-  for (int i = 0; i < N; ++i) result.v[i] = value_of(i);
-  return result;
+  return Lanes<decltype(value_of(0))>{{value_of(0), value_of(1)}};
 }
 
-#define MALUS_LANE_OPERATOR(symbol)                                                             \
-  template <class T, int N>                                                                     \
-  __device__ __forceinline__ auto operator symbol(const Lanes<T, N>& a, const Lanes<T, N>& b) { \
-    return each_lane<N>([&](int i) { return a.v[i] symbol b.v[i]; });                           \
+#define MALUS_LANE_OPERATOR(symbol)                                                       \
+  template <class T>                                                                      \
+  __device__ __forceinline__ auto operator symbol(const Lanes<T>& a, const Lanes<T>& b) { \
+    return each_lane([&](int i) { return a.v[i] symbol b.v[i]; });                        \
   }
 MALUS_LANE_OPERATOR(+)
 MALUS_LANE_OPERATOR(-)
@@ -39,7 +36,8 @@ MALUS_LANE_OPERATOR(>)
 /// sqrt(a) and 1 / a as IEEE 754 rounds them: what nvcc makes of sqrtf and of 1.0f / a for most
 /// arguments, without its test and branch for the others. Rounding is right by the device's own
 /// approximations, which nvcc relies on in the same way: with the worst error that PTX allows
-/// them, a few mantissas would be off by one unit in the last place.
+/// them, a few mantissas would be off by one unit in the last place. On an H100 no finite float
+/// from 5 on is (rounding.h counts them, and a test asks the device that it runs on).
 /// a >= 2^-100 here.
 __device__ __forceinline__ float rounded_sqrt(float a) {
   float inverse;
@@ -55,86 +53,75 @@ __device__ __forceinline__ float rounded_reciprocal(float a) {
   return fmaf(guess, fmaf(-a, guess, 1.0f), guess);
 }
 
-template <int N>
 struct LaneArithmetic {
-  using Real = Lanes<float, N>;
-  using Word = Lanes<std::uint32_t, N>;
-  using Truth = Lanes<bool, N>;
+  using Real = Lanes<float>;
+  using Word = Lanes<std::uint32_t>;
+  using Truth = Lanes<bool>;
 
 #define MALUS_LANES __device__ __forceinline__ static
   MALUS_LANES Real real(float x) {
-    return each_lane<N>([&](int) { return x; });
+    return each_lane([&](int) { return x; });
   }
   MALUS_LANES Word word(std::uint32_t x) {
-    return each_lane<N>([&](int) { return x; });
+    return each_lane([&](int) { return x; });
   }
   MALUS_LANES Real real_of(const Word& w) {
-    return each_lane<N>([&](int i) { return static_cast<float>(w.v[i]); });
+    return each_lane([&](int i) { return static_cast<float>(w.v[i]); });
   }
   MALUS_LANES Real tail_position(const Word& w) {
-    return each_lane<N>([&](int i) { return static_cast<float>(w.v[i] & 0x7FFFFFFFu) + 0.5f; });
+    return each_lane([&](int i) { return static_cast<float>(w.v[i] & 0x7FFFFFFFu) + 0.5f; });
   }
   MALUS_LANES Word cell_of(const Real& x) {
-    return each_lane<N>([&](int i) { return __float_as_uint(x.v[i]) >> kTailShift; });
+    return each_lane([&](int i) { return __float_as_uint(x.v[i]) >> kTailShift; });
   }
   MALUS_LANES Real multiply_add(const Real& a, const Real& b, const Real& c) {
-    return each_lane<N>([&](int i) { return fmaf(a.v[i], b.v[i], c.v[i]); });
+    return each_lane([&](int i) { return fmaf(a.v[i], b.v[i], c.v[i]); });
   }
   MALUS_LANES Real sqrt(const Real& a) {
-    return each_lane<N>([&](int i) { return sqrtf(a.v[i]); });
+    return each_lane([&](int i) { return sqrtf(a.v[i]); });
   }
   MALUS_LANES void root_and_reciprocal(const Real& m, Real& root, Real& reciprocal) {
-    root = each_lane<N>([&](int i) { return rounded_sqrt(m.v[i]); });
-    reciprocal = each_lane<N>([&](int i) { return rounded_reciprocal(m.v[i]); });
+    root = each_lane([&](int i) { return rounded_sqrt(m.v[i]); });
+    reciprocal = each_lane([&](int i) { return rounded_reciprocal(m.v[i]); });
   }
   MALUS_LANES Real floor(const Real& a) {
-    return each_lane<N>([&](int i) { return floorf(a.v[i]); });
+    return each_lane([&](int i) { return floorf(a.v[i]); });
   }
   MALUS_LANES Real max(const Real& a, const Real& b) {
-    return each_lane<N>([&](int i) { return fmaxf(a.v[i], b.v[i]); });
+    return each_lane([&](int i) { return fmaxf(a.v[i], b.v[i]); });
   }
   MALUS_LANES Real select(const Truth& t, const Real& a, const Real& b) {
-    return each_lane<N>([&](int i) { return t.v[i] ? a.v[i] : b.v[i]; });
+    return each_lane([&](int i) { return t.v[i] ? a.v[i] : b.v[i]; });
   }
   MALUS_LANES Truth finite(const Real& a) {
-    return each_lane<N>([&](int i) { return fabsf(a.v[i]) <= 3.4028234e38f; });
+    return each_lane([&](int i) { return fabsf(a.v[i]) <= 3.4028234e38f; });
   }
-  MALUS_LANES bool none(const Truth& t) {
-    bool any = false;
-#pragma unroll
-    for (int i = 0; i < N; ++i) any = any || t.v[i];
-    return !any;
-  }
-  MALUS_LANES bool all(const Truth& t) {
-    bool every = true;
-#pragma unroll
-    for (int i = 0; i < N; ++i) every = every && t.v[i];
-    return every;
-  }
+  MALUS_LANES bool none(const Truth& t) { return !t.v[0] && !t.v[1]; }
+  MALUS_LANES bool all(const Truth& t) { return t.v[0] && t.v[1]; }
   MALUS_LANES Truth both(const Truth& a, const Truth& b) {
-    return each_lane<N>([&](int i) { return a.v[i] && b.v[i]; });
+    return each_lane([&](int i) { return a.v[i] && b.v[i]; });
   }
   MALUS_LANES Real add_where(const Truth& t, const Real& a, const Real& b) {
-    return each_lane<N>([&](int i) { return t.v[i] ? a.v[i] + b.v[i] : a.v[i]; });
+    return each_lane([&](int i) { return t.v[i] ? a.v[i] + b.v[i] : a.v[i]; });
   }
   MALUS_LANES Real flip_sign_unless_top_bit(const Real& a, const Word& w) {
-    return each_lane<N>(
+    return each_lane(
         [&](int i) { return __uint_as_float(__float_as_uint(a.v[i]) ^ (~w.v[i] & 0x80000000u)); });
   }
   MALUS_LANES Real select_top_bit(const Word& w, const Real& a, const Real& b) {
-    return each_lane<N>([&](int i) { return w.v[i] & 0x80000000u ? a.v[i] : b.v[i]; });
+    return each_lane([&](int i) { return w.v[i] & 0x80000000u ? a.v[i] : b.v[i]; });
   }
   MALUS_LANES Real scale_down(const Real& a, const Real& n) {
-    return each_lane<N>([&](int i) {
+    return each_lane([&](int i) {
       return __uint_as_float(__float_as_uint(a.v[i]) - (static_cast<std::uint32_t>(n.v[i]) << 23));
     });
   }
   MALUS_LANES Truth deep_upper_tail(const Word& w) {
-    return each_lane<N>([&](int i) { return w.v[i] - 0x80000000u < kShotTailWords; });
+    return each_lane([&](int i) { return w.v[i] - 0x80000000u < kShotTailWords; });
   }
   MALUS_LANES void look_up(const TailLine* lines, const Word& index, Real& a, Real& b) {
 #pragma unroll
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; i < 2; ++i) {
       // One load of eight bytes through the read-only cache; device memory is aligned well enough.
       const float2 line = __ldg(reinterpret_cast<const float2*>(lines) + index.v[i]);
       a.v[i] = line.x;
@@ -144,19 +131,13 @@ struct LaneArithmetic {
   MALUS_LANES Real shot_upper_tail_where(const Truth& t, const Real& mean, const Word& w,
                                          const Real& count) {
     Real result = count;
-    // Once in the code for all lanes: it is long, and hardly ever runs.
+    // Once in the code for both lanes: it is long, and hardly ever runs.
 #pragma unroll 1
-    for (int lane = 0; lane < N; ++lane) {
-      bool deep = false;
-      float m = 0.0f;
-      std::uint32_t word = 0;
-#pragma unroll
-      for (int i = 0; i < N; ++i)
-        if (i == lane) deep = t.v[i], m = mean.v[i], word = w.v[i];
-      if (!deep) continue;
-      const float tail = shot_upper_tail(m, word);
-#pragma unroll
-      for (int i = 0; i < N; ++i) result.v[i] = i == lane ? tail : result.v[i];
+    for (int lane = 0; lane < 2; ++lane) {
+      if (!(lane == 0 ? t.v[0] : t.v[1])) continue;
+      const float m = lane == 0 ? mean.v[0] : mean.v[1];
+      const float tail = shot_upper_tail(m, lane == 0 ? w.v[0] : w.v[1]);
+      result = each_lane([&](int i) { return i == lane ? tail : result.v[i]; });
     }
     return result;
   }

@@ -1,1 +1,1 @@
-set(cuda_SOURCES device.cpp draw_plan.cpp)
+set(cuda_SOURCES device.cpp draw_plan.cpp measure_rates.cpp)

@@ -1,12 +1,11 @@
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
 #include "malus/cuda/draw_plan.h"
+#include "malus/cuda/internal/device_memory.h"
 #include "malus/cuda/lane_arithmetic.h"
 #include "malus/cuda/synthesize.h"
 
-#include <algorithm>
-#include <string>
-#include <utility>
+#include <array>
 #include <vector>
 
 #include <cuda_runtime.h>
@@ -14,34 +13,11 @@
 namespace malus::cuda {
 namespace {
 
-template <class T>
-class DeviceArray {
- public:
-  DeviceArray() = default;
-  explicit DeviceArray(std::size_t count) {
-    if (count > 0) check_status(cudaMalloc(&data_, count * sizeof(T)), "allocating memory");
-  }
-  explicit DeviceArray(const std::vector<T>& values) : DeviceArray(values.size()) {
-    if (!values.empty())
-      check_status(
-          cudaMemcpy(data_, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice),
-          "copying to the device");
-  }
-  ~DeviceArray() { cudaFree(data_); }
-  DeviceArray(DeviceArray&& other) noexcept : data_(std::exchange(other.data_, nullptr)) {}
-  DeviceArray& operator=(DeviceArray&& other) noexcept {
-    std::swap(data_, other.data_);
-    return *this;
-  }
-  T* get() const { return data_; }
+// Blocks of a multiprocessor at least: leaves a thread 64 registers, which every usual model's
+// kernel gets by with; two rows in step, which need more, were slower on an H100 (153 Gpx/s of
+// physics against 170).
+constexpr int kBlocksLeast = 4;
 
- private:
-  T* data_ = nullptr;
-};
-
-#ifndef MALUS_MIN_BLOCKS
-#define MALUS_MIN_BLOCKS 4
-#endif
 // FormationTables whose switches the compiler knows.
 template <ShotKind kShot, bool kRead, bool kSteps>
 struct KnownTables {
@@ -75,25 +51,81 @@ struct TablesOf<DrawKernel::kGaussian> {
   using Type = KnownTables<ShotKind::kGaussian, false, false>;
 };
 
-// Lane i of a thread is half i % 2 of its Philox block in row i / 2 of its set.
-constexpr int kLanes = 2 * kRowsInStep;
-using Arithmetic = LaneArithmetic<kLanes>;
+// What a thread draws: lane i is half i of its Philox block, mosaic columns 16 apart, row by row.
+struct ThreadPixels {
+  std::uint32_t block;
+  int col;        // lane 0's, in the mosaic
+  int row, past;  // the first, and the one past the last
+  int end[2];     // past, for each lane; 0 where its column is outside
+};
 
-// The channels of a thread's lanes: one for all rows, and unless kAny one for both halves too.
+__device__ __forceinline__ int column_in_frame(const DrawFrame& f, const ThreadPixels& t) {
+  return t.col - f.col0;
+}
+
+__device__ __forceinline__ ThreadPixels pixels_of_thread(const DrawFrame& f) {
+  ThreadPixels t;
+  t.block = static_cast<std::uint32_t>(f.col0) / kGroupColumns * 16u + blockIdx.x * blockDim.x +
+            threadIdx.x;
+  t.col = static_cast<int>(t.block / 16u * kGroupColumns + t.block % 16u);
+  t.row =
+      static_cast<int>(blockIdx.y * blockDim.y) * f.rows_per_thread + static_cast<int>(threadIdx.y);
+  t.past = min(f.rows, t.row + f.rows_apart * f.rows_per_thread);
+  for (int i = 0; i < 2; ++i) {
+    const int col = column_in_frame(f, t) + 16 * i;
+    t.end[i] = col >= 0 && col < f.cols ? t.past : 0;
+  }
+  return t;
+}
+
+// The channels of a thread's lanes: one for all rows, and unless kAny one for both lanes too.
 template <DrawKernel kKernel>
-__device__ __forceinline__ Lanes<CompiledChannel, kLanes> channels_of_lanes(
-    const DrawFrame& f, const CompiledChannel* channels, int row, int col) {
-  const CompiledChannel* cells = channels + row % f.cell_rows * f.cell_cols;
-  CompiledChannel half[2];
-  half[0] = half[1] = cells[col % f.cell_cols];
-  if constexpr (kKernel == DrawKernel::kAny)
-    half[1] = cells[(col + kGroupColumns / 2) % f.cell_cols];
-  return each_lane<kLanes>([&](int i) { return half[i % 2]; });
+__device__ __forceinline__ Lanes<CompiledChannel> channels_of_lanes(const DrawFrame& f,
+                                                                    const CompiledChannel* channels,
+                                                                    const ThreadPixels& t) {
+  const CompiledChannel* cells = channels + (f.row0 + t.row) % f.cell_rows * f.cell_cols;
+  Lanes<CompiledChannel> p;
+  p.v[0] = p.v[1] = cells[t.col % f.cell_cols];
+  if constexpr (kKernel == DrawKernel::kAny) p.v[1] = cells[(t.col + 16) % f.cell_cols];
+  return p;
 }
 
 template <class Member>
-__device__ __forceinline__ auto member_of(const Lanes<CompiledChannel, kLanes>& p, Member member) {
-  return each_lane<kLanes>([&](int i) { return p.v[i].*member; });
+__device__ __forceinline__ auto member_of(const Lanes<CompiledChannel>& p, Member member) {
+  return each_lane([&](int i) { return p.v[i].*member; });
+}
+
+// All but the offset, which every row changes.
+__device__ __forceinline__ ChannelLanes<LaneArithmetic> formation_of(
+    const Lanes<CompiledChannel>& p) {
+  return {member_of(p, &CompiledChannel::gain_dn),
+          member_of(p, &CompiledChannel::electrons_per_dn),
+          member_of(p, &CompiledChannel::variance_dn2),
+          member_of(p, &CompiledChannel::scale_dn),
+          {},
+          member_of(p, &CompiledChannel::first_line) + LaneArithmetic::word(0u - kTailFirst)};
+}
+
+__device__ __forceinline__ Lanes<float> load_pixels(const float* in, const ThreadPixels& t,
+                                                    int row) {
+  return each_lane([&](int i) { return row < t.end[i] ? in[16 * i] : 0.0f; });
+}
+
+__device__ __forceinline__ void store_pixels(const Lanes<float>& noisy_dn, float* out,
+                                             const ThreadPixels& t, int row) {
+#pragma unroll
+  for (int i = 0; i < 2; ++i)
+    if (row < t.end[i]) out[16 * i] = noisy_dn.v[i];
+}
+
+// The words of a row's two pixels (pixel_words in formation.h).
+__device__ __forceinline__ void draw_words(const DrawFrame& f, const ThreadPixels& t, int row,
+                                           Lanes<std::uint32_t>& shot, Lanes<std::uint32_t>& read) {
+  const std::uint64_t index =
+      std::uint64_t{static_cast<std::uint32_t>(f.row0 + row)} << 32 | t.block;
+  const PhiloxBlock words = random_block(f.keys, f.frame, index, Draw::kPixel);
+  shot = {{words.word[0], words.word[2]}};
+  read = {{words.word[1], words.word[3]}};
 }
 
 // The compiler may not compute the value again in every row to save a register.
@@ -104,72 +136,38 @@ __device__ __forceinline__ void keep(T& value) {
 
 // A thread of plan_draw's grid; in and out may be the same memory.
 template <DrawKernel kKernel>
-__global__ void __launch_bounds__(kThreadsMost, MALUS_MIN_BLOCKS)
+__global__ void __launch_bounds__(kThreadsMost, kBlocksLeast)
     draw_noise(DrawFrame f, FormationTables all_tables, const CompiledChannel* channels,
                const float* row_deviate) {
-  auto block = static_cast<std::uint32_t>(f.col0) / kGroupColumns * 16u + blockIdx.x * blockDim.x +
-               threadIdx.x;
-  const int col = static_cast<int>(block / 16u * kGroupColumns + block % 16u);
-  const int first = col - f.col0;
-  int r = static_cast<int>(blockIdx.y * blockDim.y) * f.row_sets * kRowsInStep +
-          static_cast<int>(threadIdx.y);
-  if (first >= f.cols || r >= f.rows) return;
+  ThreadPixels t = pixels_of_thread(f);
+  const int first = column_in_frame(f, t);
+  if (first >= f.cols || t.row >= f.rows) return;
   const typename TablesOf<kKernel>::Type tables(all_tables);
-  const auto p = channels_of_lanes<kKernel>(f, channels, f.row0 + r, col);
-  const auto sigma_row_dn = member_of(p, &CompiledChannel::sigma_row_dn);
+  const auto p = channels_of_lanes<kKernel>(f, channels, t);
   const auto mu_dn = member_of(p, &CompiledChannel::mu_dn);
-  ChannelLanes<Arithmetic> lanes{
-      member_of(p, &CompiledChannel::gain_dn),
-      member_of(p, &CompiledChannel::electrons_per_dn),
-      member_of(p, &CompiledChannel::variance_dn2),
-      member_of(p, &CompiledChannel::scale_dn),
-      mu_dn,
-      member_of(p, &CompiledChannel::first_line) + Arithmetic::word(0u - kTailFirst)};
-  const float* in = f.in + r * f.in_stride + first;
-  float* out = f.out + r * f.out_stride + first;
-  const float* deviates = row_deviate + r;
-  // Row past the last of each half; none where the column is outside.
-  const int past = min(f.rows, r + f.rows_apart * f.row_sets * kRowsInStep);
-  int end[2] = {first >= 0 ? past : 0, first + 16 >= 0 && first + 16 < f.cols ? past : 0};
-  keep(block);
-  keep(end[0]);
-  keep(end[1]);
-  const auto load = [&](int row) {
-    return each_lane<kLanes>([&](int i) {
-      return row + i / 2 * f.rows_apart < end[i % 2]
-                 ? in[i / 2 * f.rows_apart * f.in_stride + i % 2 * 16]
-                 : 0.0f;
-    });
-  };
-  Lanes<float, kLanes> next = load(r);
+  const auto sigma_row_dn = member_of(p, &CompiledChannel::sigma_row_dn);
+  auto formation = formation_of(p);
+  const float* in = f.in + t.row * f.in_stride + first;
+  float* out = f.out + t.row * f.out_stride + first;
+  const float* deviate = row_deviate + t.row;
+  keep(t.block);
+  keep(t.end[0]);
+  keep(t.end[1]);
+  Lanes<float> next = load_pixels(in, t, t.row);
 #pragma unroll 1
-  for (; r < past; r += f.rows_apart * kRowsInStep) {
-    const Lanes<float, kLanes> signal_dn = next;
-    // The next rows' pixels arrive while these are drawn.
+  for (int row = t.row; row < t.past; row += f.rows_apart) {
+    const Lanes<float> signal_dn = next;
+    // The next row's pixels arrive while these are drawn.
     in += f.in_step;
-    next = load(r + f.rows_apart * kRowsInStep);
-    Lanes<std::uint32_t, kLanes> shot, read;
-    Lanes<float, kLanes> deviate;
-#pragma unroll
-    for (int k = 0; k < kRowsInStep; ++k) {
-      const int row = r + k * f.rows_apart;
-      const std::uint64_t index =
-          std::uint64_t{static_cast<std::uint32_t>(f.row0 + row)} << 32 | block;
-      const PhiloxBlock words = random_block(f.keys, f.frame, index, Draw::kPixel);
-      shot.v[2 * k] = words.word[0];
-      read.v[2 * k] = words.word[1];
-      shot.v[2 * k + 1] = words.word[2];
-      read.v[2 * k + 1] = words.word[3];
-      deviate.v[2 * k] = deviate.v[2 * k + 1] =
-          kRowsInStep == 1 || row < past ? deviates[k * f.rows_apart] : 0.0f;
-    }
-    deviates += f.rows_apart * kRowsInStep;
-    lanes.offset_dn = mu_dn + sigma_row_dn * deviate;
-    const auto noisy_dn = noisy_pixel<Arithmetic>(signal_dn, lanes, tables, shot, read);
-#pragma unroll
-    for (int i = 0; i < kLanes; ++i)
-      if (r + i / 2 * f.rows_apart < end[i % 2])
-        out[i / 2 * f.rows_apart * f.out_stride + i % 2 * 16] = noisy_dn.v[i];
+    next = load_pixels(in, t, row + f.rows_apart);
+    Lanes<std::uint32_t> shot, read;
+    draw_words(f, t, row, shot, read);
+    // In this order: with the step after its use nvcc 13 makes six instructions more.
+    const auto z = LaneArithmetic::real(*deviate);
+    deviate += f.rows_apart;
+    formation.offset_dn = mu_dn + sigma_row_dn * z;
+    store_pixels(noisy_pixel<LaneArithmetic>(signal_dn, formation, tables, shot, read), out, t,
+                 row);
     out += f.out_step;
   }
 }
@@ -194,20 +192,28 @@ auto kernel_of(DrawKernel kernel) {
 }  // namespace
 
 struct DeviceNoise::Tables {
+  explicit Tables(const CompiledParts& compiled)
+      : parts(compiled),
+        channels(parts.channels),
+        normal(normal_tail_lines()),
+        read(parts.read_lines ? DeviceArray<TailLine>(*parts.read_lines)
+                              : DeviceArray<TailLine>()) {}
+
   CompiledParts parts;
   DeviceArray<CompiledChannel> channels;
   DeviceArray<TailLine> normal, read;
-  DeviceArray<float> row_deviate;  // kept from call to call: allocating would stop the device
-  int rows_held = 0;
+  // Kept from call to call, because allocating would stop the device. Two host buffers take turns,
+  // so that one is written while the device may still read the other; the device's one buffer needs
+  // no turns, because a stream's copies and kernels run in order.
+  DeviceArray<float> row_deviate;
+  std::size_t rows_held = 0;
+  std::array<SendBuffer, 2> outgoing;
+  unsigned turn = 0;
 };
 
 DeviceNoise::DeviceNoise(const CompiledNoise& noise) {
   check_status(device_available() ? cudaSuccess : cudaErrorNoDevice, "looking for a device");
-  const CompiledParts& parts = noise.parts();
-  tables_ = std::make_unique<Tables>(Tables{
-      parts, DeviceArray<CompiledChannel>(parts.channels),
-      DeviceArray<TailLine>(normal_tail_lines()),
-      parts.read_lines ? DeviceArray<TailLine>(*parts.read_lines) : DeviceArray<TailLine>()});
+  tables_ = std::make_unique<Tables>(noise.parts());
 }
 
 DeviceNoise::~DeviceNoise() = default;
@@ -221,13 +227,11 @@ void DeviceNoise::apply_on_device(const float* clean_dn, std::ptrdiff_t clean_st
   const CompiledParts& parts = tables_->parts;
   const DrawPlan plan =
       plan_draw(parts, clean_dn, clean_stride, noisy_dn, noisy_stride, rows, cols, address);
-  if (rows > tables_->rows_held) {
+  if (plan.row_deviate.size() > tables_->rows_held) {
     tables_->row_deviate = DeviceArray<float>(plan.row_deviate.size());
-    tables_->rows_held = rows;
+    tables_->rows_held = plan.row_deviate.size();
   }
-  check_status(cudaMemcpy(tables_->row_deviate.get(), plan.row_deviate.data(),
-                          plan.row_deviate.size() * sizeof(float), cudaMemcpyHostToDevice),
-               "copying to the device");
+  tables_->outgoing[tables_->turn++ % 2].send(plan.row_deviate, tables_->row_deviate.get());
   const FormationTables tables{tables_->normal.get(), tables_->read.get(), parts.shot,
                                parts.quantization_dn};
   const DrawGrid& grid = plan.grid;
@@ -256,51 +260,6 @@ void DeviceNoise::apply(View<const float> clean_dn, View<float> noisy_dn,
   check_status(cudaMemcpy2D(noisy_dn.data(), pitch(noisy_dn.stride()), pixels.get(), width, width,
                             rows, cudaMemcpyDeviceToHost),
                "copying from the device");
-}
-
-namespace {
-
-// Seconds of work(), by the device's clock; the median of several.
-template <class Work>
-double device_seconds(const Work& work) {
-  constexpr int kRepetitions = 21;
-  cudaEvent_t start{}, stop{};
-  check_status(cudaEventCreate(&start), "timing");
-  check_status(cudaEventCreate(&stop), "timing");
-  std::vector<float> times;
-  for (int i = 0; i < kRepetitions; ++i) {
-    check_status(cudaEventRecord(start), "timing");
-    work();
-    check_status(cudaEventRecord(stop), "timing");
-    check_status(cudaEventSynchronize(stop), "timing");
-    times.push_back(0);
-    check_status(cudaEventElapsedTime(&times.back(), start, stop), "timing");
-  }
-  cudaEventDestroy(start);
-  cudaEventDestroy(stop);
-  std::nth_element(times.begin(), times.begin() + kRepetitions / 2, times.end());
-  return 1e-3 * static_cast<double>(times[kRepetitions / 2]);
-}
-
-}  // namespace
-
-DeviceRates measure_rates(const CompiledNoise& noise, int rows, int cols, double top_dn) {
-  const DeviceNoise device(noise);
-  const auto pixels = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
-  std::vector<float> signals_dn(pixels);
-  for (std::size_t i = 0; i < pixels; ++i)
-    signals_dn[i] =
-        static_cast<float>(top_dn * uniform_open(static_cast<std::uint32_t>(i) * 2654435761u));
-  const DeviceArray<float> clean(signals_dn), noisy(pixels);
-  const double drawn_s = device_seconds([&] {
-    device.apply_on_device(clean.get(), cols, noisy.get(), cols, rows, cols, {.seed = 1});
-  });
-  const double copied_s = device_seconds([&] {
-    check_status(
-        cudaMemcpyAsync(noisy.get(), clean.get(), pixels * sizeof(float), cudaMemcpyDeviceToDevice),
-        "copying on the device");
-  });
-  return {static_cast<double>(pixels) / drawn_s, static_cast<double>(pixels) / copied_s};
 }
 
 }  // namespace malus::cuda

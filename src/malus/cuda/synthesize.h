@@ -18,7 +18,7 @@ class DeviceNoise {
   DeviceNoise& operator=(DeviceNoise&&) noexcept;
 
   /// Device pointers, DN above black; strides in elements; in place if wanted. Asynchronous on the
-  /// default stream.
+  /// default stream: of two calls the second prepares its frame while the device draws the first's.
   void apply_on_device(const float* clean_dn, std::ptrdiff_t clean_stride, float* noisy_dn,
                        std::ptrdiff_t noisy_stride, int rows, int cols,
                        const DrawAddress& address) const;
@@ -30,9 +30,10 @@ class DeviceNoise {
   std::unique_ptr<Tables> tables_;
 };
 
-/// Pixels per second of a frame in the device's memory, row draws of the host included: noise
-/// drawn, and the same frame copied. Its signals are spread from 0 to top_dn in no order. Throws
-/// InputError as DeviceNoise does.
+/// Pixels per second of a frame in the device's memory: noise drawn, and the same frame copied.
+/// Eight in a row are timed, so that the host draws the rows of the next frame while the device
+/// draws: as when frames follow one another. Its signals are spread from 0 to top_dn in no order.
+/// Throws InputError as DeviceNoise does.
 struct DeviceRates {
   double drawn = 0, copied = 0;
 };
