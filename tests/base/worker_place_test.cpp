@@ -16,8 +16,10 @@ using ::testing::ThrowsMessage;
 class WorkerPlaces : public ::testing::Test {
  protected:
   void SetUp() override {
-    for (const char* name : {"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID",
-                             "WORLD_SIZE", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"})
+    for (const char* name :
+         {"RANK", "OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID", "WORLD_SIZE",
+          "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS", "LOCAL_RANK",
+          "OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID", "SLURM_LOCALID"})
       unsetenv(name);
   }
   void TearDown() override { SetUp(); }
@@ -28,6 +30,16 @@ TEST_F(WorkerPlaces, AloneWhereNothingIsSaid) {
   const WorkerPlace place = worker_place_of_environment();
   EXPECT_EQ(place.rank, 0);
   EXPECT_EQ(place.size, 1);
+}
+
+TEST_F(WorkerPlaces, LocalRankIsThatOfTheMachine) {
+  EXPECT_EQ(local_rank_of_environment(), 0);
+  set("SLURM_LOCALID", "3");
+  EXPECT_EQ(local_rank_of_environment(), 3);
+  set("LOCAL_RANK", "1");
+  EXPECT_EQ(local_rank_of_environment(), 1);
+  set("LOCAL_RANK", "first");
+  EXPECT_THROW(local_rank_of_environment(), InputError);
 }
 
 TEST_F(WorkerPlaces, TorchrunGoesBeforeTheClusterItRunsIn) {

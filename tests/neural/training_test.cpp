@@ -78,6 +78,8 @@ TEST(Pool, IsTheSameHoweverTheBatchIsSharedAndWhereverItBegins) {
                   .patch_rows = 2,
                   .patch_cols = 3};
   ExamplePool whole(maker, shape, 9, 0);
+  shape.makers = 3;
+  ExamplePool many(maker, shape, 9, 0);
   shape.places = 2;
   ExamplePool first(maker, shape, 9, 0);
   shape.first_place = 2;
@@ -85,6 +87,7 @@ TEST(Pool, IsTheSameHoweverTheBatchIsSharedAndWhereverItBegins) {
   for (int step = 0; step < 30; ++step) {
     const auto all = whole.batch(step);
     ASSERT_EQ(all.input.sizes(), (std::vector<std::int64_t>{4, 2, 2, 3}));
+    EXPECT_TRUE(torch::equal(many.batch(step).input, all.input));
     EXPECT_TRUE(torch::equal(first.batch(step).input, all.input.slice(0, 0, 2)));
     if (step >= 11) {
       EXPECT_TRUE(torch::equal(late.batch(step).input, all.input.slice(0, 2, 4)));
