@@ -11,8 +11,8 @@ namespace malus {
 /// meets few shapes often. TF32 stays as libtorch sets it.
 void choose_fast_gpu_kernels();
 
-/// Whether a network is taken to be faster with a pixel's channels together (NHWC) on a GPU: all are,
-/// not measured yet. `malus bench --only networks --device cuda` times the other order too.
+/// Whether a network is taken to be faster with a pixel's channels together (NHWC) on a GPU: all
+/// are, not measured yet. `malus bench --only networks --device cuda` times the other order too.
 bool prefers_channels_last(const std::string& architecture);
 
 /// Moves a network, and brings the weights of its convolutions into that order. Optimisers and
