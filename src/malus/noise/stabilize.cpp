@@ -95,7 +95,7 @@ void Stabilizer::build_inverse_table(double highest_dn, const NoiseLaw& law) {
 
 // The law's expectation of the curve at each knot. Of a variance that is one line, expectation and
 // curve differ by about a quarter of a deviation over the curve where it is bright: there every
-// kSparse-th knot is worked out and the difference interpolated, to 1e-6 deviations.
+// kSparse-th knot is worked out and the difference interpolated, to 4e-6 deviations.
 std::vector<double> Stabilizer::expectations_at(const std::vector<double>& knots,
                                                 const NoiseLaw& law) const {
   constexpr double kBright = 20.0;
