@@ -1,6 +1,7 @@
-// bfloat16 layers for a while. Only for networks of convolutions (unet, nafnet): the attention of
-// the others is wrong or fails under it (docs/networks.md).
+// bfloat16 layers for a while, where that is right.
 #pragma once
+
+#include <string_view>
 
 #include <ATen/autocast_mode.h>
 #include <torch/torch.h>
@@ -20,7 +21,13 @@ inline bool cpu_layers_are_rounded() {
 #endif
 }
 
-/// Layers in bfloat16 while it lives.
+/// Whether an architecture's layers may be rounded by Autocast: those made of convolutions. The
+/// attention of the others is wrong or fails under it (docs/networks.md).
+inline bool autocast_suits(std::string_view architecture) {
+  return architecture == "unet" || architecture == "nafnet";
+}
+
+/// Layers in bfloat16 while it lives. Only for architectures that it suits.
 class Autocast {
  public:
   Autocast(bool wanted, bool cuda) : wanted_(wanted), cuda_(cuda) { set(wanted); }

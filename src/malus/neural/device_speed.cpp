@@ -107,13 +107,11 @@ double images_per_s(const NamedNetwork& named, const DeviceWork& work, const Set
 std::vector<DeviceSpeed> measure_device_speed(const NamedNetwork& network, const DeviceWork& work) {
   const torch::Device device = device_of(work.device);
   choose_fast_gpu_kernels();
-  // The others' attention is wrong or fails under autocast (docs/networks.md).
-  const bool half = network.architecture == "unet" || network.architecture == "nafnet";
   const bool last = prefers_channels_last(network.architecture);
   std::vector<DeviceSpeed> speeds;
   for (const bool training : {false, true})
     for (const bool bfloat16 : {false, true}) {
-      if (bfloat16 && !half) continue;
+      if (bfloat16 && !autocast_suits(network.architecture)) continue;
       speeds.push_back({.work = training ? "training" : "inference",
                         .precision = bfloat16 ? "bfloat16" : "float32",
                         .images_per_s = images_per_s(network, work,

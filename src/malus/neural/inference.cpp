@@ -27,8 +27,7 @@ constexpr double kMosaicFrames = 4, kPictureFrames = 8;
 // libtorch's autocast.
 bool takes_bfloat16(const std::string& architecture, const std::string& device) {
   if (device == "cpu") return internal::can_round_products();
-  // The others' attention is wrong or fails under autocast (docs/networks.md).
-  if (architecture != "unet" && architecture != "nafnet")
+  if (!autocast_suits(architecture))
     throw InputError("--precision bfloat16",
                      fmt::format("is not offered for {} on {}", architecture, device),
                      "leave it out: float32");
