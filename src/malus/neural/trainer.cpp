@@ -54,14 +54,13 @@ OrderedJson json_of(const ValidationScore& score) {
           {"aolp_circular_deg", score.aolp_circular_deg}};
 }
 
-bool wants_bfloat16(const TrainingConfig& config, const torch::Device& device) {
+bool wants_bfloat16(const TrainingConfig& config) {
+  if (config.train.precision != "bfloat16") return false;
   const std::string& architecture = config.package.network.architecture;
-  const bool possible = architecture == "unet" || architecture == "nafnet";
-  if (config.train.precision == "bfloat16" && !possible)
+  if (!autocast_suits(architecture))
     throw InputError(config.source.string(), "precision = \"bfloat16\" is not for " + architecture,
                      "use \"auto\" or \"float32\"");
-  return config.train.precision == "bfloat16" ||
-         (config.train.precision == "auto" && possible && device.is_cuda());
+  return true;
 }
 
 // What one step tells.
@@ -82,7 +81,7 @@ class Trainer {
         layout_(config.package.layout()),
         device_(training_device(config.train)),
         device_in_force_(device_),
-        bfloat16_(wants_bfloat16(config, device_)),
+        bfloat16_(wants_bfloat16(config)),
         description_(config_json(config)),
         network_(network_on_device()),
         adam_(network_->parameters(), config.train.beta1, config.train.beta2),

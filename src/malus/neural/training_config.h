@@ -114,7 +114,8 @@ void TrainSettings::describe(Self& self, Visitor&& field) {
   choice(self.loss, "loss", "000, Eq. 8 and 9, in the network's domain", {"l1", "stokes", "both"});
   number(self.stokes_weight, "stokes_weight", "1", "both: weight of the Stokes part", 0, 1e6);
   choice(self.precision, "precision",
-         "bfloat16: convolutions and products in half the bits; auto: on a GPU",
+         "bfloat16: convolutions and products in half the bits; auto: float32, which trained unet "
+         "and nafnet faster on an H100 (docs/networks.md)",
          {"auto", "float32", "bfloat16"});
   choice(self.device, "device", "auto: a GPU where libtorch has one", {"auto", "cpu", "cuda"});
   number(self.checkpoint_every, "checkpoint_every", "steps", "steps between checkpoints", 1, 1e9);

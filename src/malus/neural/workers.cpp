@@ -76,7 +76,7 @@ class WorkerGroup final : public Workers {
 c10::intrusive_ptr<Backend> make_group(const WorkerPlace& place,
                                        const c10::intrusive_ptr<c10d::Store>& store,
                                        std::chrono::milliseconds timeout,
-                                       const torch::Device& device) {
+                                       [[maybe_unused]] const torch::Device& device) {
 #if defined(MALUS_WITH_NCCL)
   if (device.is_cuda()) {
     auto options = c10d::ProcessGroupNCCL::Options::create();
