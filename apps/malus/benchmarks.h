@@ -17,8 +17,10 @@ struct BenchmarkLine {
 };
 
 struct BenchmarkContext {
-  bool quick = false;          ///< a dry run: small data, one repetition
-  std::string device = "cpu";  ///< or "cuda", of benchmarks that run there
+  bool quick = false;                 ///< a dry run: small data, one repetition
+  std::string device = "cpu";         ///< or "cuda", of benchmarks that run there
+  std::vector<std::string> networks;  ///< of those that time networks: these only; empty: all
+  bool wants_network(const std::string& name) const;
   /// Median time of repeated calls [s], after one that warms up.
   double time_s(const std::function<void()>& work, int repetitions = 9) const;
 };
@@ -26,7 +28,8 @@ struct BenchmarkContext {
 struct Benchmark {
   std::string name;  ///< for --only
   std::function<std::vector<BenchmarkLine>(const BenchmarkContext&)> run;
-  bool on_devices = false;  ///< it runs on a GPU too, and its peers know --device
+  /// It times networks: on a GPU too, and chosen ones. Its peers know --device and --network.
+  bool of_networks = false;
 };
 
 // benchmark_<name>() is defined in cmd_bench_<name>.cpp and returns a Benchmark.

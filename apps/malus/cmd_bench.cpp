@@ -29,13 +29,17 @@ double BenchmarkContext::time_s(const std::function<void()>& work, int repetitio
   return times[times.size() / 2];
 }
 
+bool BenchmarkContext::wants_network(const std::string& name) const {
+  return networks.empty() || std::find(networks.begin(), networks.end(), name) != networks.end();
+}
+
 namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 struct BenchArguments {
-  std::vector<std::string> only;
+  std::vector<std::string> only, networks;
   bool quick = false;
   fs::path peers;
   std::string python = "python3", device = "cpu";
@@ -75,10 +79,11 @@ void add_ratios(const BenchmarkLine& peer, const std::string& compared,
 // it compares with is not installed. A line may say which of ours it is "compared" with.
 std::vector<BenchmarkLine> run_peer(const BenchArguments& arguments, const fs::path& script,
                                     const std::vector<BenchmarkLine>& ours) {
-  const std::string command =
+  std::string command =
       fmt::format("{} {}{}{}", quoted(arguments.python), quoted(script.string()),
                   arguments.quick ? " --quick" : "",
                   arguments.device == "cpu" ? "" : " --device " + arguments.device);
+  for (const std::string& network : arguments.networks) command += " --network " + quoted(network);
   const Json json = Json::parse(output_of(command), nullptr, false);
   if (!json.is_array())
     throw InputError(script.string(), "prints no JSON list", "run it by hand to see why");
@@ -118,7 +123,7 @@ void report(const std::string& name, const std::vector<BenchmarkLine>& lines, Js
 
 void run_bench(const BenchArguments& arguments, const Common& common,
                const std::vector<Benchmark>& all) {
-  const BenchmarkContext context{arguments.quick, arguments.device};
+  const BenchmarkContext context{arguments.quick, arguments.device, arguments.networks};
   Json json{{"threads", thread_count()}, {"quick", arguments.quick}};
   std::string text;
   const auto scripts =
@@ -129,9 +134,9 @@ void run_bench(const BenchArguments& arguments, const Common& common,
                                                  benchmark.name) != arguments.only.end();
     };
     if (!wanted()) continue;
-    if (arguments.device != "cpu" && !benchmark.on_devices)
-      throw InputError("--device " + arguments.device, benchmark.name + " does not run there",
-                       "add --only networks");
+    if (!benchmark.of_networks && (arguments.device != "cpu" || !arguments.networks.empty()))
+      throw InputError(arguments.device != "cpu" ? "--device " + arguments.device : "--network",
+                       benchmark.name + " times no networks", "add --only networks");
     note(common, fmt::format("running {} ...", benchmark.name));
     const auto ours = benchmark.run(context);
     auto lines = ours;
@@ -168,6 +173,7 @@ void add_bench(CLI::App& app, Common& common) {
                    "where the networks run; cuda: images per second of inference and training")
       ->check(CLI::IsMember({"cpu", "cuda"}))
       ->capture_default_str();
+  command->add_option("--network", arguments->networks, "of the networks these, by name");
 }
 
 }  // namespace malus::app

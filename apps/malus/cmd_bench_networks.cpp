@@ -1,5 +1,9 @@
 // malus bench networks: parameters, multiplications and time of every network; the figures of
 // docs/networks.md; on a GPU images per second.
+#include "malus/base/error.h"
+
+#include <algorithm>
+
 #include "benchmarks.h"
 #include "networks_door.h"
 #include <fmt/format.h>
@@ -23,6 +27,15 @@ std::string rounding_of(const DeviceSpeed& speed) {
   return speed.tf32_convolutions ? ", TF32 in convolutions" : "";
 }
 
+void check_names(const std::vector<std::string>& wanted) {
+  std::vector<std::string> known;
+  for (const NamedNetwork& network : networks().named_networks()) known.push_back(network.name);
+  for (const std::string& name : wanted)
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw InputError("--network " + name, "is no network of this benchmark",
+                       fmt::format("use {}", fmt::join(known, ", ")));
+}
+
 std::vector<BenchmarkLine> device_lines(const BenchmarkContext& context) {
   DeviceWork work{.device = context.device, .channels = kNetworkChannels, .once = context.quick};
   if (context.quick) {
@@ -30,7 +43,8 @@ std::vector<BenchmarkLine> device_lines(const BenchmarkContext& context) {
     work.inference_side = work.training_side = kQuickSide;
   }
   std::vector<BenchmarkLine> lines;
-  for (const NamedNetwork& network : networks().named_networks())
+  for (const NamedNetwork& network : networks().named_networks()) {
+    if (!context.wants_network(network.name)) continue;
     for (const DeviceSpeed& speed : networks().measure_device_speed(network, work)) {
       const bool training = speed.work == "training";
       const int side = training ? work.training_side : work.inference_side;
@@ -43,17 +57,20 @@ std::vector<BenchmarkLine> device_lines(const BenchmarkContext& context) {
       lines.push_back({fmt::format("{}, {}, {}", network.name, speed.work, speed.precision),
                        speed.images_per_s, "images/s", note});
     }
+  }
   return lines;
 }
 
 std::vector<BenchmarkLine> network_lines(const BenchmarkContext& context) {
   std::vector<BenchmarkLine> lines;
+  if (context.device == "cpu" && !have_networks()) return lines;
+  check_names(context.networks);
   if (context.device != "cpu") return device_lines(context);
-  if (!have_networks()) return lines;
   const NetworkFunctions& functions = networks();
   const int counted_side = context.quick ? kQuickSide : kCountedSide,
             side = context.quick ? kQuickSide : kTimedSide;
   for (const NamedNetwork& network : functions.named_networks()) {
+    if (!context.wants_network(network.name)) continue;
     const NetworkCost size =
         functions.measure(network, kNetworkChannels, counted_side, counted_side, 0);
     lines.push_back(
@@ -83,6 +100,6 @@ std::vector<BenchmarkLine> network_lines(const BenchmarkContext& context) {
 
 }  // namespace
 
-Benchmark benchmark_networks() { return {"networks", network_lines, /*on_devices=*/true}; }
+Benchmark benchmark_networks() { return {"networks", network_lines, /*of_networks=*/true}; }
 
 }  // namespace malus::app

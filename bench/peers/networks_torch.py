@@ -144,13 +144,13 @@ def measure_device(name, device, quick):
     print(json.dumps(found))
 
 
-def device_lines(device, quick):
+def device_lines(names, device, quick):
     import torch
 
     lines = []
     if device == "cuda" and not torch.cuda.is_available():
         return lines
-    for name in NAMES[:2] if quick else NAMES:
+    for name in names:
         command = [sys.executable, __file__, "--measure", name, "--device", device] + ["--quick"] * quick
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
         best = {}
@@ -164,9 +164,9 @@ def device_lines(device, quick):
     return lines
 
 
-def cpu_lines(quick):
+def cpu_lines(names, quick):
     plain, lines = {k: v for k, v in os.environ.items() if k not in LEVERS}, []
-    for name in NAMES[:2] if quick else NAMES:
+    for name in names:
         stock = run(name, quick, False, plain, False)
         tuned = [run(name, quick, layout, dict(os.environ), True) for layout in (False, True)]
         if stock is None or None in tuned:
@@ -187,6 +187,7 @@ def main():
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--device", choices=("cpu", "cuda"), help="images per second there; cpu: to try that out")
     parser.add_argument("--measure", choices=NAMES)
+    parser.add_argument("--network", action="append", help="these only; names that are not known here are left out")
     parser.add_argument("--channels-last", action="store_true")
     parser.add_argument("--tuned", action="store_true")
     arguments = parser.parse_args()
@@ -194,8 +195,11 @@ def main():
         return measure_device(arguments.measure, arguments.device, arguments.quick)
     if arguments.measure:
         return measure(arguments.measure, arguments.quick, arguments.channels_last, arguments.tuned)
+    names = [name for name in NAMES if name in (arguments.network or NAMES)]
+    if arguments.quick:
+        names = names[:2]
     try:
-        lines = device_lines(arguments.device, arguments.quick) if arguments.device else cpu_lines(arguments.quick)
+        lines = device_lines(names, arguments.device, arguments.quick) if arguments.device else cpu_lines(names, arguments.quick)
     except ImportError:  # no PyTorch: nothing to compare with
         lines = []
     print(json.dumps(lines))

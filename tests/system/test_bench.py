@@ -1,0 +1,46 @@
+"""`malus bench`: what it reports and compares; no timing is judged."""
+
+import pytest
+
+from conftest import BUILD
+
+PEER = """import json, sys
+print(json.dumps([{"name": "theirs", "value": 0.5, "unit": "Mpx/s", "note": " ".join(sys.argv[1:]), "compared": "physics"}]))
+"""
+
+needs_networks = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+
+
+def lines_of(result, benchmark):
+    return {line["name"]: line for line in result.json[benchmark]}
+
+
+def test_peers_run_beside_it_and_are_compared(malus, tmp_path):
+    (tmp_path / "synthesize_theirs.py").write_text(PEER)
+    (tmp_path / "bm3d_other.py").write_text("raise SystemExit(1)")  # of a benchmark that does not run
+    lines = lines_of(malus("bench", "--only", "synthesize", "--quick", "--peers", tmp_path, "--json"), "synthesize")
+    assert lines["theirs"]["note"] == "--quick"
+    ours = [name for name in lines if name.startswith("physics") and lines[name]["unit"] == "Mpx/s"]
+    assert ours
+    for name in ours:
+        assert lines[name]["value"] > 0
+        assert lines[name + ", ratio"]["value"] == pytest.approx(lines[name]["value"] / 0.5)
+
+
+def test_a_peer_that_fails_is_named(refused, tmp_path):
+    (tmp_path / "bm3d_other.py").write_text("raise SystemExit(1)")
+    assert "bm3d_other.py" in refused("bench", "--only", "bm3d", "--quick", "--peers", tmp_path, "-q")
+
+
+@needs_networks
+def test_chosen_networks_alone_are_timed(malus, refused, tmp_path):
+    (tmp_path / "networks_theirs.py").write_text(PEER)
+    lines = lines_of(malus("bench", "--only", "networks", "--network", "unet", "--quick", "--peers", tmp_path, "--json"), "networks")
+    assert lines.pop("theirs")["note"] == "--quick --network unet"
+    assert lines and all(name.startswith("unet, ") for name in lines)
+    assert "nafnet-32" in refused("bench", "--only", "networks", "--network", "unett", "--quick", "-q")
+
+
+def test_networks_and_devices_are_for_the_networks(refused):
+    assert "--network" in refused("bench", "--only", "bm3d", "--network", "unet", "--quick", "-q")
+    assert "--device cuda" in refused("bench", "--only", "bm3d", "--device", "cuda", "--quick", "-q")
