@@ -113,9 +113,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
-    const auto range =
-        arguments.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
-    ProfileChoice choice{model->profile_at(gain, range),
+    ProfileChoice choice{model->profile_at(gain, gain_range(arguments.extrapolate_gain)),
                          fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     warn_of_extrapolation(*model, gain, arguments.model);
     return choice;

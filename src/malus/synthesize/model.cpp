@@ -110,9 +110,7 @@ NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
   const auto setting = setting_in_unit_of(synthesizer_->model(), *gain);
   // Refused here, not at the first draw.
   if (settings.kind == "physics")
-    synthesizer_->model().parameters_at(setting, settings.extrapolate_gain
-                                                     ? GainRange::kAllowExtrapolation
-                                                     : GainRange::kCalibratedOnly);
+    synthesizer_->model().parameters_at(setting, gain_range(settings.extrapolate_gain));
   return {synthesizer_, setting};
 }
 
