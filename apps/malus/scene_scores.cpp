@@ -32,7 +32,7 @@ std::vector<Planes> scene_light(const fs::path& path) {
     for (const Picture& picture : load_angle_pictures(path))
       angles.push_back(light(picture, false));
   } else {
-    const Picture picture = load_picture(path);
+    const Picture picture = load_clean_picture(path);
     angles.push_back(light(picture, picture.bits > 0));
   }
   return angles;
