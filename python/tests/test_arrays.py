@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from PIL import Image
 
 malus = pytest.importorskip("malus", reason="the Python module is not built (pybind11 is missing)")
 
@@ -262,6 +263,22 @@ def test_a_session_knows_its_frames(tmp_path):
     np.save(tmp_path / "other/a.npy", np.full((8, 8), 70, np.uint16))
     with pytest.raises(malus.InputError, match="^group: is none of this session's"):
         malus.Session(tmp_path / "other/session.toml").load(group, 0)
+
+
+def test_a_session_is_not_believed_against_its_files(tmp_path):
+    """As calibrate and pairs take it: files may tell what the session does not, and never something else."""
+    for name, exposure in (("a", 0.01), ("b", 0.04)):
+        pixels = Image.fromarray(np.full((8, 8), 70, np.uint16))
+        pixels.save(tmp_path / f"{name}.tif", description=f"[malus exposure_s={exposure}]")
+    text = '[sensor]\nlayout = "mono"\n[[frames]]\nkind = "bias"\n{}paths = ["{}.tif"]\n'
+    (tmp_path / "s.toml").write_text(text.format("exposure_s = 0.02\n", "a"))
+    with pytest.raises(malus.InputError, match="a.tif: was taken at 0.01 s, the session says 0.02 s"):
+        malus.Session(tmp_path / "s.toml").load(0, 0)
+    (tmp_path / "s.toml").write_text(text.format("", "*"))
+    session = malus.Session(tmp_path / "s.toml")
+    assert session.load(0, 0).exposure_s == 0.01
+    with pytest.raises(malus.InputError, match="b.tif: was taken at 0.04 s, but .*a.tif of the same set at 0.01 s"):
+        session.load(0, 1)
 
 
 def test_frames_are_denoised_with_what_they_know(model, tmp_path):
