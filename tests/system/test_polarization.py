@@ -97,6 +97,24 @@ def test_evaluate_agrees_with_numpy(malus, tmp_path):
     assert result["aolp"]["circular_deg"] == pytest.approx(np.sqrt(np.sum(dolp * turn**2) / np.sum(dolp)), rel=1e-3)
 
 
+def test_evaluate_counts_both_greens(malus, tmp_path):
+    """000 Table 1: a packed colour mosaic has four DoLP channels. Here one green alone is wrong, so the mean is a quarter of its error."""
+    rng = np.random.default_rng(9)
+    reference = rng.uniform(500, 2000, (64, 96))
+    test = reference.copy()
+    rows, cols = np.mgrid[0:64, 0:96]
+    green = ((rows // 2 % 2) == 0) & ((cols // 2 % 2) == 1)  # G1 of polar-bayer-rggb
+    test[green] += rng.normal(0, 60, green.sum())
+    for name, mosaic in (("reference", reference), ("test", test)):
+        np.save(tmp_path / f"{name}.npy", mosaic.astype(np.float32))
+    result = malus("evaluate", "--reference", tmp_path / "reference.npy", "--test", tmp_path / "test.npy", "--layout", "polar-bayer-rggb",
+                   "--white", 4080, "--json").json
+    dolp = lambda s: np.clip(np.hypot(s[1], s[2]) / s[0], 0, 1)
+    whole = (dolp(stokes(reference)) - dolp(stokes(test))) ** 2  # one value per 2x2 block: every colour's
+    assert np.count_nonzero(whole) == whole.size // 4
+    assert result["dolp"]["psnr"] == pytest.approx(-10 * np.log10(whole.mean()), abs=1e-3)
+
+
 def test_full_resolution_stokes_of_a_uniform_scene(malus, tmp_path):
     dolp, aolp = 0.3, 20.0
     mosaic = 1000 * (1 + dolp * np.cos(2 * np.radians(np.tile(ANGLES, (24, 20)) - aolp)))
