@@ -152,6 +152,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
       load_above_black(input, model ? options_for_model(options, *model, input) : options,
                        arguments.raw.float_black());
   require_polarized(frame.layout, input.string());
+  require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
   const StokesPicture picture = stokes_picture(arguments, frame);
   std::array<Planes, 3> confidence;

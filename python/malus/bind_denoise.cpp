@@ -93,6 +93,7 @@ py::dict stokes(const py::object& dn_above_black, const std::string& layout_name
   require_polarized(layout, "array");
   const Array mosaic = input_from(dn_above_black, "dn_above_black");
   const auto view = view_of(mosaic);
+  require_whole_cell(view, layout, "dn_above_black");
   std::optional<StokesPicture> picture;
   {
     const py::gil_scoped_release release;

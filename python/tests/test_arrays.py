@@ -303,3 +303,11 @@ def test_comparison_of_noise(model):
     other = malus.compare_noise(draw(12, 0), draw(24, 4), model.layout)
     assert len(same["sd_test"]) == 16
     assert other["sqrt_jsd"] > 10 * same["sqrt_jsd"] and other["jsd"] == pytest.approx(other["sqrt_jsd"] ** 2)
+
+
+def test_less_than_a_cell_is_refused(model):
+    small = np.full((3, 64), 300, np.float32)
+    with pytest.raises(malus.InputError, match="smaller than one cell of polar-bayer-rggb"):
+        malus.stokes(small, model.layout)
+    with pytest.raises(malus.InputError, match="smaller than one cell of polar-bayer-rggb"):
+        malus.evaluate(small, small, model.layout, 4095)

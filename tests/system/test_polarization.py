@@ -115,6 +115,24 @@ def test_evaluate_counts_both_greens(malus, tmp_path):
     assert result["dolp"]["psnr"] == pytest.approx(-10 * np.log10(whole.mean()), abs=1e-3)
 
 
+@pytest.mark.parametrize("rows, cols", [(1, 1), (2, 2), (3, 3), (3, 40), (40, 2)])
+def test_less_than_a_cell_has_no_polarization(malus, refused, tmp_path, rows, cols):
+    """Channels without a pixel of their own would be compared with themselves. To denoise it, a piece needs no cell."""
+    frame = tmp_path / "f.npy"
+    np.save(frame, np.random.default_rng(1).normal(300, 5, (rows, cols)).astype(np.float32))
+    facts = ["--layout", "polar-bayer-rggb", "--black", 0, "--white", 4095]
+    model = ["--model", "imx250myr-simulated", "--gain", 12]
+    for command in (["stokes", frame, "-o", tmp_path / "out"], ["stokes", frame, *model, "-o", tmp_path / "out"],
+                    ["stokes", frame, "--full", "-o", tmp_path / "out"], ["normals", "-q", frame, "-o", tmp_path / "out"],
+                    ["evaluate", "--reference", frame, "--test", frame],
+                    ["denoise", frame, *model, "--reference", frame, "-o", tmp_path / "out"]):
+        line = refused(*command, *facts)
+        assert f"f.npy: of {cols} x {rows} pixels is smaller than one cell of polar-bayer-rggb (4 x 4)" in line
+    malus("denoise", frame, *facts, *model, "--format", "npy", "-o", tmp_path / "out")
+    denoised = np.load(tmp_path / "out/f_denoised.npy")
+    assert denoised.shape == (rows, cols) and np.abs(denoised - 300).max() < 100
+
+
 def test_full_resolution_stokes_of_a_uniform_scene(malus, tmp_path):
     dolp, aolp = 0.3, 20.0
     mosaic = 1000 * (1 + dolp * np.cos(2 * np.radians(np.tile(ANGLES, (24, 20)) - aolp)))
