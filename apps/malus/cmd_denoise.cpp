@@ -205,6 +205,7 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<No
   OpenedFrame opened;
   opened.frame =
       load_frame(job.input, model ? options_for_model(options, *model, job.input) : options);
+  require_finite_pixel(opened.frame);
   opened.choice = choose_profile(opened.frame, model, arguments);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);
