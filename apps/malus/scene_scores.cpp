@@ -89,6 +89,12 @@ void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
       ->capture_default_str();
 }
 
+std::vector<fs::path> SceneRuns::files_named() const {
+  std::vector<fs::path> files = scenes;
+  files.emplace_back(model);
+  return files;
+}
+
 void SceneRuns::for_each(
     const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
     const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const {
