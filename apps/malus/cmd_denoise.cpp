@@ -113,9 +113,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
-    const auto range =
-        arguments.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
-    ProfileChoice choice{model->profile_at(gain, range),
+    ProfileChoice choice{model->profile_at(gain, gain_range(arguments.extrapolate_gain)),
                          fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     warn_of_extrapolation(*model, gain, arguments.model);
     return choice;
@@ -207,6 +205,7 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<No
   OpenedFrame opened;
   opened.frame =
       load_frame(job.input, model ? options_for_model(options, *model, job.input) : options);
+  require_finite_pixel(opened.frame);
   opened.choice = choose_profile(opened.frame, model, arguments);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);

@@ -2,6 +2,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 
 #include <algorithm>
@@ -115,6 +116,7 @@ Evaluation evaluate(const EvaluateArguments& arguments, const fs::path& test_pat
     return evaluate_planes(reference.picture->planes, test.picture->planes, peak);
   const SensorLayout& layout =
       reference.frame.layout_known ? reference.frame.layout : test.frame.layout;
+  require_whole_cell(reference.frame.dn, layout, reference_path.string());
   return evaluate_mosaics(reference.frame.dn, test.frame.dn, layout, peak);
 }
 

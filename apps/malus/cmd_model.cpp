@@ -26,10 +26,7 @@ struct ShowArguments {
 void show_model(const Common& common, const ShowArguments& arguments) {
   NoiseModel model = load_model(arguments.model);
   const GainSetting gain{arguments.gain_db, arguments.iso};
-  if (gain.decibel())
-    model = model_at_gain(
-        model, gain,
-        arguments.extrapolate ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly);
+  if (gain.decibel()) model = model_at_gain(model, gain, gain_range(arguments.extrapolate));
   print_result(common, model_json(model), model_text(model));
 }
 

@@ -68,6 +68,7 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
                      bool force) {
   const RawFrame frame = load_above_black(input, options, arguments.raw.float_black());
   require_polarized(frame.layout, input.string());
+  require_whole_cell(frame.dn, frame.layout, input.string());
   // Stokes vectors of all colours together: the mean of R, G and B.
   const StokesPicture colors =
       arguments.full ? demosaick(frame.dn, frame.layout)

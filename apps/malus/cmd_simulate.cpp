@@ -33,7 +33,7 @@ struct SimulateArguments {
 
 // Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
 Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
-  const Picture picture = load_picture(path);
+  const Picture picture = load_clean_picture(path);
   const int rows = picture.planes.rows() / layout.rows() * layout.rows();
   const int cols = picture.planes.cols() / layout.cols() * layout.cols();
   if (rows == 0 || cols == 0)
@@ -146,7 +146,8 @@ void add_simulate(CLI::App& app, Common& common) {
   CLI::App* command =
       add_command(app, common, "simulate", "Clean raw mosaics from pictures, polarized if wanted",
                   [arguments, &common] { run_simulate(*arguments, common); });
-  command->add_option("PICTURE", arguments->inputs, "EXR (linear) or PNG, TIFF (sRGB)")->required();
+  command->add_option("PICTURE", arguments->inputs, "EXR (linear) or PNG, TIFF, JPEG (sRGB)")
+      ->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--layout", arguments->layout, "sensor layout")
       ->check(CLI::IsMember(SensorLayout::known_names()))

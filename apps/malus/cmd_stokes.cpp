@@ -132,9 +132,7 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 // What the noise of one input is: the model's, or what denoise wrote beside it.
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, const RawFrame& frame) {
-  const auto range =
-      arguments.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
-  return model ? variance_by_model(frame, *model, range)
+  return model ? variance_by_model(frame, *model, gain_range(arguments.extrapolate_gain))
                : load_variance(arguments.variance[index], frame);
 }
 
@@ -154,6 +152,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
       load_above_black(input, model ? options_for_model(options, *model, input) : options,
                        arguments.raw.float_black());
   require_polarized(frame.layout, input.string());
+  require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
   const StokesPicture picture = stokes_picture(arguments, frame);
   std::array<Planes, 3> confidence;

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "networks_door.h"
+#include "output_check.h"
 #include "program.h"
 #include "report_pages.h"
 #include <fmt/format.h>
@@ -104,10 +105,15 @@ std::string loss_text(const Json& log) {
 }
 
 void run_train(const TrainArguments& arguments, const Common& common) {
-  const NetworkFunctions& functions = networks();
-  const auto progress = make_progress(common);
   const fs::path folder =
       arguments.folder.empty() ? fs::path(arguments.config).replace_extension() : arguments.folder;
+  std::vector<fs::path> written;
+  for (const char* name :
+       {"weights.safetensors", "best.safetensors", "checkpoint.safetensors", "log.jsonl"})
+    written.push_back(folder / name);
+  check_report_apart(arguments.report, {arguments.config}, written, common.force);
+  const NetworkFunctions& functions = networks();
+  const auto progress = make_progress(common);
   Json run = functions.train({.config = arguments.config,
                               .folder = folder,
                               .resume = arguments.resume,

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
 
@@ -93,6 +94,7 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
                      fmt::format("has {} x {} pixels, the frame {} x {}", reference.dn.cols(),
                                  reference.dn.rows(), before.dn.cols(), before.dn.rows()),
                      "give the same scene's clean mosaic");
+  require_whole_cell(reference.dn, reference.layout, path.string());
   for (float& value : reference.dn.values()) value = static_cast<float>(value / ratio);
   frame.reference_dn = std::move(reference.dn);
   frame.reference_peak_dn = white_above_black(before.white_dn, before.black_dn) / ratio;

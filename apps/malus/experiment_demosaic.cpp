@@ -15,6 +15,7 @@
 #include "experiments.h"
 #include "flags.h"
 #include "networks_door.h"
+#include "output_check.h"
 #include "report_pages.h"
 #include "scene_scores.h"
 #include <fmt/format.h>
@@ -148,7 +149,9 @@ void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const
   if (arguments.pictures.empty() == arguments.pairs.empty())
     throw InputError("experiment denoise-demosaic", "needs something to score on",
                      "give --pictures or --pairs");
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  std::vector<fs::path> read = arguments.pictures;
+  read.insert(read.end(), {arguments.rows, arguments.pairs});
+  check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const DemosaicSetup setup = read_demosaic_setup(arguments.rows);
   const Model door = Model::load(setup.model);

@@ -1,6 +1,5 @@
 // malus experiment denoise: clean scenes, a camera's noise, every denoising method,
 // and how near each comes: the shape of 000 Table 1.
-#include "malus/base/atomic_file.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/noise/model.h"
@@ -11,6 +10,7 @@
 
 #include "experiments.h"
 #include "flags.h"
+#include "output_check.h"
 #include "report_pages.h"
 #include "scene_scores.h"
 #include <fmt/format.h>
@@ -42,7 +42,9 @@ std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
 }
 
 void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const Common& common) {
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  std::vector<fs::path> read = arguments.runs.files_named();
+  read.insert(read.end(), arguments.methods.begin(), arguments.methods.end());
+  check_report_apart(arguments.report, read, {}, common.force);
   std::vector<std::string> methods = arguments.methods;
   if (methods.empty())
     for (const DenoiseMethod& method : denoise_methods()) methods.push_back(method.name);

@@ -20,6 +20,7 @@
 #include "flags.h"
 #include "frame_input.h"
 #include "networks_door.h"
+#include "output_check.h"
 #include "report_pages.h"
 #include <fmt/format.h>
 
@@ -337,7 +338,10 @@ void run_table_s1(const TableS1Arguments& arguments, const Common& common) {
       captured == !arguments.test_pictures.empty())
     throw InputError("experiment table-s1", "needs scenes to train on and others to score on",
                      "give --pictures and --test-pictures, or --pairs and --test-pairs");
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  std::vector<fs::path> read = arguments.pictures;
+  read.insert(read.end(), arguments.test_pictures.begin(), arguments.test_pictures.end());
+  read.insert(read.end(), {arguments.rows, arguments.pairs, arguments.test_pairs});
+  check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const TableS1Setup setup = read_table_s1_setup(arguments.rows);
   const OutputFolder output(arguments.folder);

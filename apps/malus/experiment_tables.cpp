@@ -9,6 +9,7 @@
 
 #include "experiments.h"
 #include "networks_door.h"
+#include "output_check.h"
 #include "report_pages.h"
 #include "scene_scores.h"
 #include <fmt/format.h>
@@ -31,7 +32,9 @@ std::vector<TableRow> read_table(const fs::path& path) {
 }
 
 void run_table(const TableArguments& arguments, const Common& common, const std::string& title) {
-  if (!arguments.report.empty()) check_output(arguments.report, common.force);
+  std::vector<fs::path> read = arguments.runs.files_named();
+  read.push_back(arguments.rows);
+  check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const std::vector<TableRow> rows = read_table(arguments.rows);
   const NoiseModel model = load_model(arguments.runs.model);

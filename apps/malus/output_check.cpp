@@ -2,8 +2,13 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/io/angle_pictures.h"
+#include "malus/io/config_section.h"
+#include "malus/io/pair_list.h"
+#include "malus/io/shard.h"
 
 #include <algorithm>
+#include <set>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -21,7 +26,52 @@ bool names_one_of(const fs::path& path, const std::vector<fs::path>& others) {
   });
 }
 
+std::vector<fs::path> named_in_config(const fs::path& config) {
+  std::vector<fs::path> files;
+  for (const std::string& text : ConfigSection::load(config, "the configuration").every_text()) {
+    files.emplace_back(text);  // weights and models of an experiment count from here
+    const auto found = files_matching(config.parent_path(), text);
+    files.insert(files.end(), found.begin(), found.end());
+  }
+  return files;
+}
+
+std::vector<fs::path> frames_in_list(const fs::path& list) {
+  std::vector<fs::path> files;
+  for (const RecordedPair& pair : load_pair_list(list))
+    files.insert(files.end(), {pair.noisy, pair.reference, pair.picture});
+  return files;
+}
+
+std::vector<fs::path> named_by(const fs::path& path) {
+  std::error_code unknown;
+  try {
+    if (fs::is_directory(path, unknown)) {
+      const auto angles = angle_picture_files(path);
+      return {angles.begin(), angles.end()};
+    }
+    if (path.extension() == ".toml") return named_in_config(path);
+    if (path.extension() == ".json") return frames_in_list(path);
+  } catch (const InputError&) {  // the run says what is wrong with it
+  }
+  return {};
+}
+
+void add_with_named(const fs::path& path, std::set<fs::path>& files) {
+  if (!files.insert(path).second) return;
+  for (const fs::path& next : named_by(path)) add_with_named(next, files);
+}
+
 }  // namespace
+
+void check_report_apart(const fs::path& report, const std::vector<fs::path>& named,
+                        const std::vector<fs::path>& written, bool force) {
+  std::error_code unknown;
+  std::set<fs::path> read;
+  if (fs::exists(report, unknown))  // else it is none of them
+    for (const fs::path& path : named) add_with_named(path, read);
+  check_output_apart("--report", report, {read.begin(), read.end()}, written, force);
+}
 
 void check_output_apart(const std::string& flag, const fs::path& path,
                         const std::vector<fs::path>& read, const std::vector<fs::path>& written,

@@ -20,4 +20,11 @@ void check_output_apart(const std::string& flag, const std::filesystem::path& pa
 /// What a command reads that works on a session: the session file and all its frames.
 std::vector<std::filesystem::path> files_read(const Session& session);
 
+/// --report of a run that is given scenes, configurations and lists: as check_output_apart, where
+/// the run reads what is named and all files behind it: of a folder its I0, I45, I90 and I135, of a
+/// configuration (.toml) and a list of pairs (.json) what they name in turn.
+void check_report_apart(const std::filesystem::path& report,
+                        const std::vector<std::filesystem::path>& named,
+                        const std::vector<std::filesystem::path>& written, bool force);
+
 }  // namespace malus::app

@@ -32,7 +32,7 @@ std::vector<Planes> scene_light(const fs::path& path) {
     for (const Picture& picture : load_angle_pictures(path))
       angles.push_back(light(picture, false));
   } else {
-    const Picture picture = load_picture(path);
+    const Picture picture = load_clean_picture(path);
     angles.push_back(light(picture, picture.bits > 0));
   }
   return angles;
@@ -87,6 +87,12 @@ void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
   command.add_option("--crop", crop, "middle part of the scenes [pixels]")
       ->check(in_range(16, 100000))
       ->capture_default_str();
+}
+
+std::vector<fs::path> SceneRuns::files_named() const {
+  std::vector<fs::path> files = scenes;
+  files.emplace_back(model);
+  return files;
 }
 
 void SceneRuns::for_each(

@@ -57,6 +57,8 @@ struct SceneRuns {
   std::vector<std::string> cases{"12:10", "12:60", "24:10"};  ///< of light_case_of
   int crop = 512;
 
+  /// Scenes and model, as they were named.
+  std::vector<std::filesystem::path> files_named() const;
   /// The scenes under the name that is given, --model, --cases, --crop.
   void add_options(CLI::App& command, const std::string& scenes_name = "SCENE",
                    const std::string& scenes_note = "");

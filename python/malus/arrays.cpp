@@ -195,9 +195,12 @@ bool PythonProgress::stop_requested() const {
 }
 
 void PythonProgress::give_warnings() {
-  for (const auto& message : warnings_)
-    if (PyErr_WarnFormat(PyExc_UserWarning, 1, "%U", text_of(message).ptr()) != 0)
-      throw py::error_already_set();
+  for (const auto& message : warnings_) give_warning(message);
+}
+
+void give_warning(const std::string& message) {
+  if (PyErr_WarnFormat(PyExc_UserWarning, 1, "%U", text_of(message).ptr()) != 0)
+    throw py::error_already_set();
 }
 
 }  // namespace malus::python

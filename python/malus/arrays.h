@@ -80,6 +80,9 @@ class PythonProgress final : public Progress {
   std::vector<std::string> warnings_;
 };
 
+/// A UserWarning at the caller's line; with the interpreter's lock. Throws when they are errors.
+void give_warning(const std::string& message);
+
 /// Black levels [DN]: one number, or one per channel.
 using Black = std::optional<std::variant<double, std::vector<double>>>;
 /// As the library takes them; empty where none is given.

@@ -59,6 +59,8 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   const auto settings = settings_from<DenoiseSettings>(kwargs);
   denoise_method(settings.method);  // a wrong one is refused before any work
   RawFrame frame = frame_from(raw, layout, black, white);
+  require_finite_pixel(frame);
+  const std::string source = frame.source;
   PythonProgress progress;
   if (model)
     if (const auto warning = take_levels_of_model(model->description(), frame); !warning.empty())
@@ -75,6 +77,9 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
     }
     result = denoise_frame(std::move(frame), profile, settings, progress, variance);
   }
+  if (result.nonfinite_pixels > 0)
+    progress.warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", source,
+                              result.nonfinite_pixels));
   progress.give_warnings();
   py::dict out;
   out["dn"] = array_of(std::move(result.dn_above_black));
@@ -93,6 +98,7 @@ py::dict stokes(const py::object& dn_above_black, const std::string& layout_name
   require_polarized(layout, "array");
   const Array mosaic = input_from(dn_above_black, "dn_above_black");
   const auto view = view_of(mosaic);
+  require_whole_cell(view, layout, "dn_above_black");
   std::optional<StokesPicture> picture;
   {
     const py::gil_scoped_release release;

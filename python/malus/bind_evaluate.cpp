@@ -3,6 +3,7 @@
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/evaluate/noise_comparison.h"
+#include "malus/image/pack.h"
 
 #include <cmath>
 #include <cstdint>
@@ -32,6 +33,7 @@ py::dict evaluate(const py::object& reference, const py::object& test, const std
   if (!(peak > 0 && std::isfinite(peak)))
     throw InputError("peak", fmt::format("is {:g} DN", peak), "give a finite number above 0");
   const auto sensor = SensorLayout::named(layout);
+  require_whole_cell(a, sensor, "reference");
   std::optional<Evaluation> result;
   {
     const py::gil_scoped_release release;

@@ -43,9 +43,11 @@ RawFrame load_of_session(const Session& session, const WhichGroup& which, std::s
   const std::size_t group = number_of(session, which);
   if (group >= session.groups.size() || index >= session.groups[group].paths.size())
     throw py::index_error(fmt::format("the session has no frame {} in group {}", index, group));
-  const auto& frames = session.groups[group];
+  const Session alone{session.sensor, {session.groups[group]}, session.source};
   const py::gil_scoped_release release;
-  return load_frame(frames.paths[index], frame_options(session, frames));
+  const Session settled = with_settings_of_files(alone);
+  const FrameGroup& frames = settled.groups.front();
+  return load_session_frame(settled, frames, frames.paths[index]);
 }
 
 }  // namespace
@@ -102,7 +104,8 @@ void bind_frames(py::module_& m) {
       .def_readonly("groups", &Session::groups, "list of FrameGroup")
       .def("load", &load_of_session, py::arg("group"), py::arg("index"),
            "Frame `index` of group `group` (its number, or one of `groups`), read with the "
-           "session's black, white and layout.");
+           "session's black, white, layout, gain and exposure. InputError where the file tells "
+           "another gain or exposure than the session or the group's first file.");
 
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(),

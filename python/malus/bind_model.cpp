@@ -62,11 +62,30 @@ Planes3D planes_of(const py::array& clean, const py::array& noisy) {
   return planes;
 }
 
-void draw_packed(const NoiseAtGain& noise, const py::array& clean, const py::array& noisy,
-                 const Place& place) {
+LevelCoverage draw_packed(const NoiseAtGain& noise, const py::array& clean, const py::array& noisy,
+                          const Place& place) {
   const auto planes = planes_of(clean, noisy);
   const py::gil_scoped_release release;
-  noise.synthesize_packed(planes.clean, planes.noisy, place.seed, place.frame);
+  return noise.synthesize_packed(planes.clean, planes.noisy, place.seed, place.frame);
+}
+
+LevelCoverage draw_mosaic(const NoiseAtGain& noise, const Array& clean, py::array& noisy,
+                          const Place& place) {
+  const auto from = view_of(clean);
+  const auto to = writable_view_of(noisy);
+  const int row0 = checked_start("row0", place.row0, from.rows());
+  const int col0 = checked_start("col0", place.col0, from.cols());
+  const py::gil_scoped_release release;
+  return noise.synthesize(from, to, place.seed, place.frame, row0, col0);
+}
+
+LevelCoverage draw_batch(const NoiseAtGain& noise, const py::array& clean, const py::array& noisy,
+                         Place place) {
+  require_numbers_left("frame", place.frame, clean.shape(0));
+  LevelCoverage coverage;
+  for (py::ssize_t i = 0; i < clean.shape(0); ++i, ++place.frame)
+    coverage.add(draw_packed(noise, part_of(clean, i), part_of(noisy, i), place));
+  return coverage;
 }
 
 py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, const Place& place,
@@ -84,21 +103,11 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   if (noisy.ndim() != dimensions || !std::equal(shape.begin(), shape.end(), noisy.shape()))
     throw py::value_error("out has another shape than the clean array");
   if (!out.is_none()) require_apart_or_same(clean, noisy);
-  if (dimensions == 2) {
-    const auto from = view_of(clean);
-    const auto to = writable_view_of(noisy);
-    const int row0 = checked_start("row0", place.row0, from.rows());
-    const int col0 = checked_start("col0", place.col0, from.cols());
-    const py::gil_scoped_release release;
-    noise.synthesize(from, to, place.seed, place.frame, row0, col0);
-  } else if (dimensions == 3) {
-    draw_packed(noise, clean, noisy, place);
-  } else {
-    require_numbers_left("frame", place.frame, shape[0]);
-    Place at = place;
-    for (py::ssize_t i = 0; i < shape[0]; ++i, ++at.frame)
-      draw_packed(noise, part_of(clean, i), part_of(noisy, i), at);
-  }
+  const LevelCoverage coverage = dimensions == 2   ? draw_mosaic(noise, clean, noisy, place)
+                                 : dimensions == 3 ? draw_packed(noise, clean, noisy, place)
+                                                   : draw_batch(noise, clean, noisy, place);
+  if (const std::string complaint = coverage.complaint(); !complaint.empty())
+    give_warning(complaint);
   return out.is_none() ? py::object(noisy) : out;
 }
 

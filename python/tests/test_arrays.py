@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from PIL import Image
 
 malus = pytest.importorskip("malus", reason="the Python module is not built (pybind11 is missing)")
 
@@ -264,6 +265,22 @@ def test_a_session_knows_its_frames(tmp_path):
         malus.Session(tmp_path / "other/session.toml").load(group, 0)
 
 
+def test_a_session_is_not_believed_against_its_files(tmp_path):
+    """As calibrate and pairs take it: files may tell what the session does not, and never something else."""
+    for name, exposure in (("a", 0.01), ("b", 0.04)):
+        pixels = Image.fromarray(np.full((8, 8), 70, np.uint16))
+        pixels.save(tmp_path / f"{name}.tif", description=f"[malus exposure_s={exposure}]")
+    text = '[sensor]\nlayout = "mono"\n[[frames]]\nkind = "bias"\n{}paths = ["{}.tif"]\n'
+    (tmp_path / "s.toml").write_text(text.format("exposure_s = 0.02\n", "a"))
+    with pytest.raises(malus.InputError, match="a.tif: was taken at 0.01 s, the session says 0.02 s"):
+        malus.Session(tmp_path / "s.toml").load(0, 0)
+    (tmp_path / "s.toml").write_text(text.format("", "*"))
+    session = malus.Session(tmp_path / "s.toml")
+    assert session.load(0, 0).exposure_s == 0.01
+    with pytest.raises(malus.InputError, match="b.tif: was taken at 0.04 s, but .*a.tif of the same set at 0.01 s"):
+        session.load(0, 1)
+
+
 def test_frames_are_denoised_with_what_they_know(model, tmp_path):
     clean = np.full((128, 128), 300, np.float32)
     raw = np.clip(np.round(model.synthesize(clean, gain=24, seed=1) + 82), 0, 4095).astype(np.uint16)
@@ -286,3 +303,21 @@ def test_comparison_of_noise(model):
     other = malus.compare_noise(draw(12, 0), draw(24, 4), model.layout)
     assert len(same["sd_test"]) == 16
     assert other["sqrt_jsd"] > 10 * same["sqrt_jsd"] and other["jsd"] == pytest.approx(other["sqrt_jsd"] ** 2)
+
+
+def test_less_than_a_cell_is_refused(model):
+    small = np.full((3, 64), 300, np.float32)
+    with pytest.raises(malus.InputError, match="smaller than one cell of polar-bayer-rggb"):
+        malus.stokes(small, model.layout)
+    with pytest.raises(malus.InputError, match="smaller than one cell of polar-bayer-rggb"):
+        malus.evaluate(small, small, model.layout, 4095)
+
+
+def test_pixels_that_are_no_numbers_are_said(model):
+    given = dict(layout=model.layout, black=0, white=4095, model=model, gain=12)
+    with pytest.raises(malus.InputError, match="has no pixel that is a finite number"):
+        malus.denoise(np.full((64, 64), np.nan, np.float32), **given)
+    holed = np.full((64, 64), 300, np.float32)
+    holed[3, 4] = np.nan
+    with pytest.warns(UserWarning, match="1 pixels are NaN or infinite; they stay as they are"):
+        assert np.isnan(malus.denoise(holed, **given)["dn"][3, 4])

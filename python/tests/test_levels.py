@@ -3,6 +3,7 @@
 import os
 import pathlib
 import subprocess
+import warnings
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from PIL import Image
 
 malus = pytest.importorskip("malus", reason="the Python module is not built (pybind11 is missing)")
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 MODEL = "imx250mzr-simulated"
 LAYOUT = "polar-mono"
 CELL = [(0, 0), (0, 1), (1, 0), (1, 1)]
@@ -67,7 +69,6 @@ def test_integers_are_codes_and_floats_are_light(model, raw, black):
     light = codes.astype(np.float32) - np.float32(black[0])
     with pytest.warns(UserWarning, match=f"float pixels are taken as DN above black, give --black {black[0]:g}"):
         assert malus.denoise(light, **given)["dn"].mean() == pytest.approx(300, abs=1)
-    import warnings
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert malus.denoise(light, black=0, **given)["dn"].mean() == pytest.approx(300, abs=1)
@@ -107,3 +108,29 @@ def test_networks_are_named_as_the_program_s(raw):
         malus.denoise(frame, method="bm3")
     assert "safetensors" not in str(raised.value)
     assert "network" not in malus.denoise.__doc__
+
+
+def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
+    """In the program's words, and by the pixels of all planes and frames."""
+    model = malus.calibrate(ROOT / "examples/emva/session.toml", kinds=["nonparametric"], level_samples=2000)
+    model.save(tmp_path / "m.h5")
+    bright = np.full((2, 1, 96, 64), 100.0, np.float32)
+    bright[1] = 10000
+    with pytest.warns(UserWarning, match="^50 % of the pixels lie above the brightest level") as batch:
+        model.synthesize(bright, kind="nonparametric")
+    assert len(batch) == 1
+    with pytest.warns(UserWarning, match="^100 % of the pixels lie above the brightest level") as packed:
+        model.synthesize(bright[1], kind="nonparametric")
+    with pytest.warns(UserWarning) as mosaic:
+        model.at_gain(None, kind="nonparametric").synthesize(bright[1, 0])
+    assert str(packed[0].message) == str(mosaic[0].message)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.synthesize(bright[0], kind="nonparametric")
+    program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
+    if not program.exists():
+        pytest.skip("needs the program beside the module")
+    np.save(tmp_path / "bright.npy", bright[1, 0])
+    done = subprocess.run([program, "synthesize", tmp_path / "bright.npy", "-m", tmp_path / "m.h5", "--kind", "nonparametric",
+                           "-o", tmp_path / "out"], check=True, capture_output=True, text=True)
+    assert f"warning: {mosaic[0].message}" in done.stderr.splitlines()

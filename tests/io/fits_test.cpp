@@ -68,6 +68,13 @@ TEST(Fits, ScaleBlankAndFacts) {
   EXPECT_EQ(decoded.camera, "Camera 7");
 }
 
+TEST(Fits, ExposuresBelowZeroTellNothing) {
+  auto cards = with(header(8, 1, 1), "EXPTIME = -1.0");
+  EXPECT_FALSE(parse_fits(fits(cards, "a"), "x").exposure_s);
+  cards.push_back("EXPOSURE= 0.5");
+  EXPECT_EQ(parse_fits(fits(cards, "a"), "x").exposure_s, 0.5);
+}
+
 TEST(Fits, BlankMayLieOutsideWhatAFloatHoldsExactly) {
   const auto cards = with(header(32, 2, 1), "BLANK   = -2147483648");
   const Decoded decoded = parse_fits(fits(cards, {0, 0, 0, 7, '\x80', 0, 0, 0}), "x");

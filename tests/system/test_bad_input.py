@@ -114,6 +114,15 @@ def test_denoise_keeps_and_reports_pixels_that_are_no_numbers(malus, tmp_path):
     assert np.isfinite(out).sum() == out.size - 2
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_denoise_refuses_a_frame_without_a_number(refused, tmp_path, value):
+    np.save(tmp_path / "f.npy", np.full((64, 64), value, np.float32))
+    for model in ([], ["--model", "imx250mzr-simulated", "--gain", 12]):
+        line = refused("denoise", tmp_path / "f.npy", *LAYOUT, *model, "-o", tmp_path / "out")
+        assert "f.npy: has no pixel that is a finite number" in line
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
     arguments = ["denoise", frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
     assert "36" in refused(*arguments)
@@ -272,3 +281,37 @@ def test_calibrate_replaces_nothing_that_it_reads(malus, refused, tmp_path):
         assert before == {path: path.read_bytes() for path in tmp_path.iterdir()}
     malus(*arguments, "-o", model, "--report", tmp_path / "m.html")
     malus(*arguments, "-o", model, "--report", "/dev/null")
+
+
+def test_reports_of_experiments_and_trainings_replace_nothing_that_is_read(refused, tmp_path):
+    (tmp_path / "scene").mkdir()
+    for angle in (0, 45, 90, 135):
+        Image.fromarray(np.full((64, 64, 3), 90 + angle // 9, np.uint8)).save(tmp_path / f"scene/I{angle}.png")
+    for name in ("photo.png", "short.png", "long.png", "weights.safetensors"):
+        Image.fromarray(np.full((64, 64, 3), 90, np.uint8)).save(tmp_path / name, format="png")
+    write(tmp_path / "pairs.json", '{"pairs": [{"name": "a_00", "short": "short.png", "reference": "long.png", "ratio": 10, "iso": 100, '
+                                   '"gain_db": null}]}')
+    config = write(tmp_path / "config.toml", '[network]\narchitecture = "unet"\n[package]\nlayout = "bayer-rggb"\n[data]\n'
+                                             'pictures = ["pho*.png"]\npairs = ["pairs.json"]\n[noise]\nmodels = ["sony-a7s2"]\n')
+    rows = write(tmp_path / "rows.toml", '[[rows]]\nname = "a"\nconfig = "config.toml"\n')
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    behind = ["config.toml", "photo.png", "pairs.json", "short.png", "long.png"]
+    out = ["-o", tmp_path / "out"]
+    runs = [(["denoise", tmp_path / "scene", "--methods", "bm3d/fast", tmp_path / "weights.safetensors"],
+             ["scene/I45.png", "weights.safetensors"]),
+            (["denoise", tmp_path / "photo.png", "--model", "sony-a7s2"], ["photo.png", "scene/../photo.png"]),
+            (["table1", rows, "--scenes", tmp_path / "scene", *out], ["rows.toml", "scene/I0.png", *behind]),
+            (["denoise-demosaic", rows, "--pictures", tmp_path / "scene/I90.png", *out], ["rows.toml", "scene/I90.png", *behind]),
+            (["table-s1", rows, "--pairs", tmp_path / "pairs.json", "--test-pairs", tmp_path / "pairs.json", *out],
+             ["rows.toml", *behind])]
+    for arguments, reports in runs:
+        for report in reports:
+            line = refused("experiment", *arguments, "--report", tmp_path / report, "--force")
+            assert "--report" in line and "is an input and would be replaced" in line
+    for report in behind:
+        assert "is an input" in refused("train", config, *out, "--report", tmp_path / report, "--force")
+    assert "another result" in refused("train", config, *out, "--report", tmp_path / "out/best.safetensors", "--force")
+    (tmp_path / "old.html").write_text("old")
+    assert "--force" in refused("train", config, *out, "--report", tmp_path / "old.html")
+    (tmp_path / "old.html").unlink()
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}

@@ -24,15 +24,16 @@ def test_methods_are_scored_against_the_clean_scene(malus, scene):
     assert scored[1]["image_psnr_db"] > scored[0]["image_psnr_db"] + 3
 
 
-def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_path):
+@pytest.mark.parametrize("ending", ["png", "jpg"])
+def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_path, ending):
     rows, cols = np.mgrid[0:64, 0:96]
     light = np.stack([120 + 60 * np.sin(cols / 9 + k) + 30 * np.cos(rows / 7) for k in range(3)], 2)
-    Image.fromarray(light.astype(np.uint8)).save(tmp_path / "picture.png")
-    run = ["experiment", "denoise", scene, tmp_path / "picture.png", "--methods", "bm3d/fast", "--cases", "1600:10"]
+    Image.fromarray(light.astype(np.uint8)).save(tmp_path / f"picture.{ending}")
+    run = ["experiment", "denoise", scene, tmp_path / f"picture.{ending}", "--methods", "bm3d/fast", "--cases", "1600:10"]
     done = malus(*run, "--model", "sony-a7s2", "--json", "--report", tmp_path / "page.html").json["methods"]
     assert done[1]["image_psnr_db"] > done[0]["image_psnr_db"] + 2
     assert done[1]["dolp_psnr_db"] is None and done[1]["aolp_circular_deg"] is None
-    assert "one picture" in refused("experiment", "denoise", tmp_path / "picture.png", "--methods", "bm3d/fast")
+    assert "one picture" in refused("experiment", "denoise", tmp_path / f"picture.{ending}", "--methods", "bm3d/fast")
 
 
 def test_row_noise_can_be_set(malus, scene):

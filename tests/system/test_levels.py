@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 LAYOUT = ("--layout", "polar-mono")
 CELL_DEG = np.array([[90, 45], [135, 0]])
@@ -152,3 +153,20 @@ def test_calibrate_says_when_black_lies_above_the_dark_level(malus, tmp_path):
         errors[black] = [line for line in run.err.splitlines() if "below the black level of" in line]
     assert errors[200] and "140 DN below the black level of 200 DN" in errors[200][0]
     assert not errors[58] and not errors[60] and not errors[63]
+
+
+def test_a_reference_has_its_own_black_level(malus, tmp_path):
+    """Where its file tells one, as float or integer, one or one per channel; else the frame's, which is said."""
+    light = np.round(mosaic())
+    tag = "[malus layout=polar-mono black={} white=4095]"
+    blacks = np.tile([[60, 70], [50, 40]], (16, 16))
+    Image.fromarray((light + 80).astype(np.uint16)).save(tmp_path / "raw.tif", description=tag.format(80))
+    Image.fromarray((light + 40).astype(np.uint16)).save(tmp_path / "own.tif", description=tag.format(40))
+    Image.fromarray((light + blacks).astype(np.uint16)).save(tmp_path / "uneven.tif", description=tag.format("60,70,50,40"))
+    Image.fromarray((light + 40).astype(np.float32)).save(tmp_path / "float.tif", description=tag.format(40))
+    Image.fromarray((light + 80).astype(np.uint16)).save(tmp_path / "silent.tif")
+    for name in ("own", "uneven", "float", "silent"):
+        done = malus("denoise", tmp_path / "raw.tif", "--model", "imx250mzr-simulated", "--gain", 12, "--reference",
+                     tmp_path / f"{name}.tif", "-o", tmp_path / name, "--json")
+        assert done.json["against_reference"]["before"]["image_psnr"] is None, name  # equal
+        assert ("taken as the frame's" in done.err) == (name == "silent")

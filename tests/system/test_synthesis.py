@@ -188,6 +188,28 @@ def test_simulate_refuses_what_it_cannot_use(refused, tmp_path):
     assert "nine" in refused("simulate", tmp_path / "dark.png", "-o", tmp_path / "out", "--color-matrix", 1, 2, 3)
 
 
+def test_jpeg_is_clean_material_and_no_measurement(malus, refused, tmp_path):
+    rows, cols = np.mgrid[0:48, 0:64]
+    colors = np.stack([60 + 3 * rows, 200 - 2 * cols, 90 + rows], 2).astype(np.uint8)
+    picture = tmp_path / "a.jpg"
+    Image.fromarray(colors).save(picture, quality=95)
+    Image.fromarray(np.asarray(Image.open(picture))).save(tmp_path / "b.png")  # as decoded
+    malus("simulate", picture, tmp_path / "b.png", "-o", tmp_path, "--format", "npy", "--layout", "bayer-rggb")
+    jpeg, png = np.load(tmp_path / "a_clean.npy"), np.load(tmp_path / "b_clean.npy")
+    assert np.allclose(jpeg, png, rtol=0.05) and jpeg.std() > 0.1 * jpeg.mean()
+    facts = ["--layout", "polar-mono", "--black", 0, "--white", 255]
+    for command in (["info"], ["stokes", *facts, "-o", tmp_path / "out"],
+                    ["denoise", *facts, "--model", "imx250mzr-simulated", "--gain", 12, "-o", tmp_path / "out"],
+                    ["synthesize", "--model", "imx250mzr-simulated", "--gain", 12, "-o", tmp_path / "out"],
+                    ["evaluate", "--reference", tmp_path / "b.png", "--test"]):
+        assert "a.jpg: is a JPEG picture, which holds no raw values" in refused(*command, picture)
+    cut = tmp_path / "cut.jpg"
+    cut.write_bytes(picture.read_bytes()[:picture.stat().st_size // 2])
+    assert "cut.jpg: the JPEG file ends before its end marker" in refused("simulate", cut, "-o", tmp_path / "out")
+    cut.write_bytes(cut.read_bytes() + b"\xff\xd9")
+    assert "cut.jpg: cannot be decoded" in refused("simulate", cut, "-o", tmp_path / "out")
+
+
 # numbers of frames and scenes
 
 def test_frame_numbers_do_not_come_round(malus, refused, tmp_path):

@@ -348,6 +348,13 @@ def test_names_of_files_may_be_any_bytes(malus, config, tmp_path):
     malus("train", config(2, 1, text), "-o", tmp_path / "run", "--resume")
 
 
+def test_pictures_may_be_jpeg(malus, config, tmp_path):
+    rows, cols = np.mgrid[0:80, 0:96]
+    Image.fromarray((120 + 60 * np.sin(rows / 9) * np.cos(cols / 7)).astype(np.uint8)).save(tmp_path / "photo.jpg")
+    text = CONFIG.replace('scenes = ["scene"]', 'pictures = ["*.jpg"]')
+    malus("train", config(2, 1, text), "-o", tmp_path / "run")
+
+
 def test_a_folder_that_cannot_be_written_is_said_before_the_work(malus, refused, config, tmp_path):
     malus("train", config(2), "-o", tmp_path / "run")
     (tmp_path / "file").write_text("in the way")

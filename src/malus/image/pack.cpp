@@ -1,8 +1,11 @@
 #include "malus/image/pack.h"
 
+#include "malus/base/error.h"
 #include "malus/base/parallel.h"
 
 #include <algorithm>
+
+#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -54,6 +57,16 @@ void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic
       }
     }
   });
+}
+
+void require_whole_cell(View<const float> mosaic, const SensorLayout& layout,
+                        const std::string& source) {
+  if (mosaic.rows() >= layout.rows() && mosaic.cols() >= layout.cols()) return;
+  throw InputError(
+      source,
+      fmt::format("of {} x {} pixels is smaller than one cell of {} ({} x {})", mosaic.cols(),
+                  mosaic.rows(), layout.name(), layout.cols(), layout.rows()),
+      "give a larger frame, or declare its layout");
 }
 
 }  // namespace malus

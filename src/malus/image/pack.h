@@ -4,6 +4,8 @@
 #include "malus/image/layout.h"
 #include "malus/image/view.h"
 
+#include <string>
+
 namespace malus {
 
 /// Rows (or columns) of the packed planes of a mosaic: ceil(size / cell).
@@ -17,5 +19,10 @@ Planes pack(View<const float> mosaic, const SensorLayout& layout);
 /// The inverse: writes every mosaic pixel from its channel's plane. Contract: the planes have the
 /// packed size.
 void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic);
+
+/// Throws InputError, naming the source, where a mosaic is smaller than one cell: some channels
+/// have no sample of their own, so what compares channels, as polarization does, has no meaning.
+void require_whole_cell(View<const float> mosaic, const SensorLayout& layout,
+                        const std::string& source);
 
 }  // namespace malus

@@ -20,10 +20,17 @@ fs::path angle_file(const fs::path& folder, std::size_t angle_deg) {
 
 }  // namespace
 
+std::array<fs::path, 4> angle_picture_files(const fs::path& folder) {
+  std::array<fs::path, 4> files;
+  for (std::size_t k = 0; k < files.size(); ++k) files[k] = angle_file(folder, 45 * k);
+  return files;
+}
+
 std::array<Picture, 4> load_angle_pictures(const fs::path& folder) {
+  const std::array<fs::path, 4> files = angle_picture_files(folder);
   std::array<Picture, 4> pictures;
   for (std::size_t k = 0; k < pictures.size(); ++k) {
-    const fs::path path = angle_file(folder, 45 * k);
+    const fs::path& path = files[k];
     pictures[k] = load_picture(path);
     const Planes &planes = pictures[k].planes, &first = pictures[0].planes;
     if (planes.rows() != first.rows() || planes.cols() != first.cols() ||

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/jpeg_check.h"
 
 #include <bit>
 #include <cmath>
@@ -51,6 +52,9 @@ void check_open(int code, const fs::path& path) {
                                  "decode (JPEG XL and other new compressions, for one)",
                                  LibRaw::version()),
                      "convert it to an uncompressed DNG, or give a plain TIFF the ending .tif");
+  if (begins_as_jpeg(read_bytes(path, 3)))
+    throw InputError(path.string(), "is a JPEG picture, which holds no raw values",
+                     "give the camera's raw frame; pictures go through malus simulate");
   throw InputError(path.string(), "is not a picture of a known type", kReadable);
 }
 

@@ -163,6 +163,19 @@ std::vector<std::vector<std::string>> ConfigSection::text_rows(std::string_view 
   return values;
 }
 
+std::vector<std::string> ConfigSection::every_text() const {
+  std::vector<std::string> texts;
+  const auto visit = [&texts](const toml::node& node, const auto& self) -> void {
+    if (const toml::table* table = node.as_table())
+      for (const auto& [key, below] : *table) self(below, self);
+    if (const toml::array* list = node.as_array())
+      for (const toml::node& below : *list) self(below, self);
+    if (node.is_string()) texts.push_back(node.ref<std::string>());
+  };
+  visit(*table_->at, visit);
+  return texts;
+}
+
 std::optional<ConfigSection> ConfigSection::section(std::string_view key) const {
   const toml::node* node = table_->at->get(key);
   if (!node) return std::nullopt;

@@ -38,6 +38,8 @@ class ConfigSection {
   std::optional<int> whole_number(std::string_view key, int minimum, int maximum) const;
   std::vector<double> numbers(std::string_view key) const;     ///< one number or a list
   std::vector<std::string> texts(std::string_view key) const;  ///< one text or a list
+  /// All texts here and below, keys not among them: names of files among other things.
+  std::vector<std::string> every_text() const;
   std::vector<std::vector<std::string>> text_rows(std::string_view key) const;
   std::optional<ConfigSection> section(std::string_view key) const;  ///< [key]
   std::vector<ConfigSection> sections(std::string_view key) const;   ///< [[key]]

@@ -179,8 +179,8 @@ Decoded parse_fits(Bytes bytes, const fs::path& path, bool pixels) {
   } else {
     decoded.sample = layout.bitpix == -64 ? "double" : "float";
   }
-  decoded.exposure_s = number(header, "EXPTIME");
-  if (!decoded.exposure_s) decoded.exposure_s = number(header, "EXPOSURE");
+  for (const char* key : {"EXPOSURE", "EXPTIME"})
+    if (const auto told = number(header, key); told && *told >= 0) decoded.exposure_s = told;
   if (const auto camera = header.values.find("INSTRUME"); camera != header.values.end())
     decoded.camera = camera->second;
   decoded.description = header.comment;

@@ -4,6 +4,7 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/png_check.h"
 
 #include <algorithm>
@@ -52,7 +53,8 @@ std::string sample_name(TypeDesc type) {
   }
 }
 
-// Deflate cannot shrink by more than 1032, the strongest of the codecs: a file that declares more
+// Deflate cannot shrink by more than 1032, the strongest of the codecs (JPEG spends a bit on each
+// block of a scan, of 256 pixels at most where colours are halved: 1024): a file that declares more
 // is damaged, and would only waste memory.
 void check_plausible(const fs::path& path, const OIIO::ImageSpec& spec, std::uintmax_t file_bytes) {
   check_picture_size(path, spec.height, spec.width, spec.nchannels);
@@ -62,6 +64,16 @@ void check_plausible(const fs::path& path, const OIIO::ImageSpec& spec, std::uin
                      fmt::format("{} bytes cannot hold the {}x{} pixels of {} channels it declares",
                                  file_bytes, spec.width, spec.height, spec.nchannels),
                      "check that the file is whole");
+}
+
+// libpng prints where it meets damage, and libjpeg reserves memory when the file is opened.
+void check_before_opening(const fs::path& path, const std::string& codec,
+                          std::uintmax_t file_bytes) {
+  if (codec == "png") check_png(read_bytes(path), path);
+  if (codec != "jpeg") return;
+  const JpegSize size = check_jpeg(read_bytes(path), path);
+  check_plausible(path, OIIO::ImageSpec(size.cols, size.rows, size.channels, TypeDesc::UINT8),
+                  file_bytes);
 }
 
 void check_single(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec) {
@@ -140,7 +152,7 @@ std::string picture_codec(const fs::path& path) {
 
 Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels) {
   const std::uintmax_t file_bytes = require_file(path);
-  if (codec == "png") check_png(read_bytes(path), path);
+  check_before_opening(path, codec, file_bytes);
   const auto input = OIIO::ImageInput::create(codec);
   if (!input) unreadable(path, OIIO::geterror());
   input->threads(1);
@@ -148,6 +160,8 @@ Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels
   config.attribute("oiio:UnassociatedAlpha", 1);  // colours as stored, not times alpha
   config.attribute("oiio:RawColor", 1);
   if (!input->open(path.string(), spec, config)) unreadable(path, input->geterror());
+  // A progressive JPEG is decoded here, and its damage is a mere message.
+  if (codec == "jpeg" && input->has_error()) unreadable(path, input->geterror());
   check_single(path, *input, spec);
   check_plausible(path, spec, file_bytes);
 

@@ -3,8 +3,10 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
 #include "malus/io/internal/frame_tags.h"
+#include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/npy.h"
 #include "malus/io/internal/picture_codec.h"
 #include "malus/io/internal/read_any.h"
@@ -119,14 +121,7 @@ void save_described(const fs::path& path, const Planes& planes,
   }
 }
 
-}  // namespace
-
-bool has_picture_ending(const fs::path& path) {
-  return known_ending(lower_case(path.extension().string())) != nullptr;
-}
-
-Picture load_picture(const fs::path& path) {
-  internal::Decoded decoded = internal::read_any(path, true);
+Picture picture_of(internal::Decoded decoded) {
   Picture picture;
   picture.names = channel_names(decoded.channels, decoded.names);
   picture.planes = std::move(decoded.planes);
@@ -134,6 +129,20 @@ Picture load_picture(const fs::path& path) {
   picture.holds = decoded.holds;
   picture.white = decoded.bits > 0 ? std::ldexp(1.0, decoded.bits) - 1.0 : 1.0;
   return picture;
+}
+
+}  // namespace
+
+bool has_picture_ending(const fs::path& path) {
+  return known_ending(lower_case(path.extension().string())) != nullptr;
+}
+
+Picture load_picture(const fs::path& path) { return picture_of(internal::read_any(path, true)); }
+
+Picture load_clean_picture(const fs::path& path) {
+  internal::require_file(path);
+  if (!internal::begins_as_jpeg(internal::read_bytes(path, 3))) return load_picture(path);
+  return picture_of(internal::read_picture(path, "jpeg", true));
 }
 
 void save_picture(const fs::path& path, const Planes& planes, const std::vector<std::string>& names,

@@ -26,6 +26,11 @@ struct Picture {
 /// [channel, row, column].
 Picture load_picture(const std::filesystem::path& path);
 
+/// load_picture for scenes that noise is added to, from JPEG too (8 bit sRGB, grey or colour, rows
+/// and columns as stored). What a sensor measured is never read from JPEG: its loss would pass for
+/// noise or signal.
+Picture load_clean_picture(const std::filesystem::path& path);
+
 enum class SampleType { kUint8, kUint16, kHalf, kFloat };
 
 struct SaveOptions {

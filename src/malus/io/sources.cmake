@@ -9,6 +9,7 @@ set(io_SOURCES
   frame_file.cpp
   frame_tags.cpp
   glob.cpp
+  jpeg_check.cpp
   npy.cpp
   pair_list.cpp
   picture_codec.cpp

@@ -108,7 +108,7 @@ std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
 }
 
 std::vector<StokesPlanes> load_picture_scene(const fs::path& path, const std::string& tone) {
-  const Picture picture = load_picture(path);
+  const Picture picture = load_clean_picture(path);
   const Planes linear = linear_light(picture.planes, picture.names, picture.white,
                                      tone == "srgb" || (tone == "auto" && picture.bits > 0));
   std::vector<StokesPlanes> light;

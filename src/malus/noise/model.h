@@ -22,6 +22,11 @@ namespace malus {
 /// interpolated across a break between conversion gains.
 enum class GainRange { kCalibratedOnly, kAllowExtrapolation };
 
+/// Of the switch that flags, settings and Python call extrapolate_gain.
+constexpr GainRange gain_range(bool extrapolate) {
+  return extrapolate ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
+}
+
 struct NoiseModel {
   std::string sensor;
   SensorLayout layout;

@@ -65,15 +65,17 @@ void split_strip(View<const float> mosaic, const SensorLayout& layout, int first
 
 }  // namespace
 
-void NoiseAtGain::synthesize(View<const float> clean_dn, View<float> noisy_dn, std::uint64_t seed,
-                             std::uint32_t frame, int row0, int col0) const {
+LevelCoverage NoiseAtGain::synthesize(View<const float> clean_dn, View<float> noisy_dn,
+                                      std::uint64_t seed, std::uint32_t frame, int row0,
+                                      int col0) const {
   require_equal_sizes(clean_dn, noisy_dn);
-  synthesizer_->draw_into(clean_dn, noisy_dn, gain_, DrawAddress{seed, frame, row0, col0});
+  return synthesizer_->draw_into(clean_dn, noisy_dn, gain_, DrawAddress{seed, frame, row0, col0})
+      .coverage;
 }
 
-void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_dn,
-                                    const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
-                                    std::uint32_t frame) const {
+LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_dn,
+                                             const std::vector<View<float>>& noisy_dn,
+                                             std::uint64_t seed, std::uint32_t frame) const {
   const auto& layout = synthesizer_->model().layout;
   if (static_cast<int>(clean_dn.size()) != layout.channels() || noisy_dn.size() != clean_dn.size())
     throw InputError("packed array",
@@ -89,7 +91,8 @@ void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_
   const std::ptrdiff_t strip = std::max(1, kMosaicRowsPerStrip / layout.rows());
   const std::ptrdiff_t strips = (packed_rows + strip - 1) / strip;
   const std::ptrdiff_t strips_per_piece = std::max<std::ptrdiff_t>(1, strips / kPieces);
-  parallel_for(0, strips, strips_per_piece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+  const auto draw_strips = [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    LevelCoverage coverage;
     Image mosaic;  // one per piece, reused by its strips
     for (std::ptrdiff_t i = begin; i < end; ++i) {
       const auto first = static_cast<int>(i * strip);
@@ -97,11 +100,17 @@ void NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_
       if (mosaic.rows() != rows * layout.rows())
         mosaic = Image(rows * layout.rows(), clean_dn[0].cols() * layout.cols());
       join_strip(clean_dn, layout, first, mosaic);
-      synthesizer_->draw_into(mosaic, mosaic, gain_,
-                              DrawAddress{seed, frame, first * layout.rows(), 0});
+      const DrawAddress address{seed, frame, first * layout.rows(), 0};
+      coverage.add(synthesizer_->draw_into(mosaic, mosaic, gain_, address).coverage);
       split_strip(mosaic, layout, first, noisy_dn);
     }
-  });
+    return coverage;
+  };
+  return parallel_reduce(0, strips, strips_per_piece, LevelCoverage{}, draw_strips,
+                         [](LevelCoverage total, const LevelCoverage& part) {
+                           total.add(part);
+                           return total;
+                         });
 }
 
 NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
@@ -110,9 +119,7 @@ NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
   const auto setting = setting_in_unit_of(synthesizer_->model(), *gain);
   // Refused here, not at the first draw.
   if (settings.kind == "physics")
-    synthesizer_->model().parameters_at(setting, settings.extrapolate_gain
-                                                     ? GainRange::kAllowExtrapolation
-                                                     : GainRange::kCalibratedOnly);
+    synthesizer_->model().parameters_at(setting, gain_range(settings.extrapolate_gain));
   return {synthesizer_, setting};
 }
 

@@ -18,14 +18,15 @@ class NoiseAtGain {
  public:
   /// clean_dn: mosaic in DN above black; noisy_dn: the same, nothing rounded or clamped; may be
   /// clean_dn. The same seed, frame and pixel give the same noise for any thread count, machine and
-  /// crop (row0, col0: the view's place in the frame). Throws InputError on unequal sizes.
-  void synthesize(View<const float> clean_dn, View<float> noisy_dn, std::uint64_t seed,
-                  std::uint32_t frame = 0, int row0 = 0, int col0 = 0) const;
+  /// crop (row0, col0: the view's place in the frame). Throws InputError on unequal sizes. Returned
+  /// is what a non-parametric model was not calibrated for; empty of other kinds.
+  LevelCoverage synthesize(View<const float> clean_dn, View<float> noisy_dn, std::uint64_t seed,
+                           std::uint32_t frame = 0, int row0 = 0, int col0 = 0) const;
   /// Packed planes in the layout's channel order, [channel, row, column]; equal to packing what
   /// synthesize gives.
-  void synthesize_packed(const std::vector<View<const float>>& clean_dn,
-                         const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
-                         std::uint32_t frame = 0) const;
+  LevelCoverage synthesize_packed(const std::vector<View<const float>>& clean_dn,
+                                  const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
+                                  std::uint32_t frame = 0) const;
 
   /// The same settings at another gain, as Model::at_gain (empty: random, as at_random_gain),
   /// without a new copy of the model.

@@ -116,9 +116,8 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
                                     model_.quantization_dn);
     return tables;
   }
-  const GainRange range =
-      settings_.extrapolate_gain ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
-  tables.parameters.emplace(model_, model_.parameters_at(gain, range));
+  tables.parameters.emplace(model_,
+                            model_.parameters_at(gain, gain_range(settings_.extrapolate_gain)));
   PhysicsNoise mean = tables.parameters->mean();
   // The mean frame's bias, not one frame's: what is left varies as it does on real frames.
   if (settings_.bias) tables.global_bias_dn = mean_bias(mean);

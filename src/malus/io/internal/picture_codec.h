@@ -1,4 +1,4 @@
-// TIFF, PNG and EXR through OpenImageIO, values as stored.
+// TIFF, PNG, EXR and JPEG through OpenImageIO, values as stored.
 #pragma once
 
 #include "malus/image/view.h"
@@ -13,10 +13,12 @@
 namespace malus::internal {
 
 /// OpenImageIO's name for the file's type by its first bytes ("tiff", "png", "openexr"), or empty.
-/// TIFF is recognised only with the ending .tif or .tiff: camera raws begin like one.
+/// TIFF is recognised only with the ending .tif or .tiff: camera raws begin like one. JPEG is not:
+/// nothing that is measured is read from it.
 std::string picture_codec(const std::filesystem::path& path);
 
-/// Throws InputError when damaged, of several parts or pages, or too large.
+/// codec: of picture_codec, or "jpeg". Throws InputError when damaged, of several parts or pages,
+/// or too large.
 Decoded read_picture(const std::filesystem::path& path, const std::string& codec, bool pixels);
 
 /// Writes the whole file or throws InputError; nothing half-written remains.
