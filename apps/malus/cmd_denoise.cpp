@@ -128,6 +128,8 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
 void warn_of_moved_means(const RawFrame& frame, const Denoised& result,
                          const ProfileChoice& choice) {
   constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
+  if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
+    return;  // nothing had a mean
   std::optional<std::size_t> worst;
   for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
     const double shift = std::abs(result.mean_shift_dn[k]);
@@ -205,7 +207,6 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<No
   OpenedFrame opened;
   opened.frame =
       load_frame(job.input, model ? options_for_model(options, *model, job.input) : options);
-  require_finite_pixel(opened.frame);
   opened.choice = choose_profile(opened.frame, model, arguments);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);

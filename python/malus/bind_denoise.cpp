@@ -59,7 +59,6 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   const auto settings = settings_from<DenoiseSettings>(kwargs);
   denoise_method(settings.method);  // a wrong one is refused before any work
   RawFrame frame = frame_from(raw, layout, black, white);
-  require_finite_pixel(frame);
   const std::string source = frame.source;
   PythonProgress progress;
   if (model)

@@ -1,9 +1,5 @@
 #include "malus/image/raw_frame.h"
 
-#include "malus/base/error.h"
-
-#include <limits>
-
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -34,16 +30,6 @@ TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {
   EXPECT_EQ(frame.white_dn, 3930);
   EXPECT_EQ(frame.dn(0, 1), 30);
   EXPECT_EQ(frame.black_dn, std::vector<double>(4, 0.0));
-}
-
-TEST(RawFrame, NeedsOneFinitePixelToWorkOn) {
-  RawFrame frame;
-  frame.source = "a.npy";
-  frame.dn = Image(3, 3, std::numeric_limits<float>::quiet_NaN());
-  frame.dn(0, 1) = std::numeric_limits<float>::infinity();
-  EXPECT_THROW(require_finite_pixel(frame), InputError);
-  frame.dn(2, 2) = 0.0f;
-  EXPECT_NO_THROW(require_finite_pixel(frame));
 }
 
 }  // namespace

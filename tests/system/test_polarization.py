@@ -172,18 +172,15 @@ def test_a_frame_that_says_it_is_above_black_is_believed(malus, tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 97), (97, 1), (3, 5), (66, 70)])
-@pytest.mark.parametrize("kind", ["constant", "saturated", "one pixel"])
+@pytest.mark.parametrize("kind", ["constant", "saturated", "nan"])
 def test_denoise_takes_any_picture(malus, tmp_path, shape, kind):
-    value = {"constant": 500, "saturated": 4080, "one pixel": np.nan}[kind]
-    pixels = np.full(shape, value, np.float32)
-    if kind == "one pixel":
-        pixels[0, 0] = 500
-    np.save(tmp_path / "f.npy", pixels)
+    value = {"constant": 500, "saturated": 4080, "nan": np.nan}[kind]
+    np.save(tmp_path / "f.npy", np.full(shape, value, np.float32))
     malus("denoise", tmp_path / "f.npy", *LAYOUT, "--model", "imx250mzr-simulated", "--gain", "12", "-o", tmp_path / "out",
           "--format", "npy", "--uncertainty")
     out = np.load(tmp_path / "out/f_denoised.npy").reshape(shape)
-    if kind == "one pixel":
-        assert np.isfinite(out[0, 0]) and np.isnan(out).sum() == out.size - 1
+    if kind == "nan":
+        assert np.isnan(out).all()
     else:  # the model's bias is below 20 DN, its dark noise below 5
         assert np.abs(out - value).max() < 25
         assert np.ptp(out) < 1

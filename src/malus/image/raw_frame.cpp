@@ -1,7 +1,5 @@
 #include "malus/image/raw_frame.h"
 
-#include "malus/base/error.h"
-
 #include <algorithm>
 #include <cmath>
 
@@ -30,13 +28,6 @@ bool GainSetting::contradicts(const GainSetting& other) const {
 
 double white_above_black(double white_dn, const std::vector<double>& black_dn) {
   return white_dn - (black_dn.empty() ? 0.0 : *std::max_element(black_dn.begin(), black_dn.end()));
-}
-
-void require_finite_pixel(const RawFrame& frame) {
-  const auto& pixels = frame.dn.values();
-  if (std::any_of(pixels.begin(), pixels.end(), [](float v) { return std::isfinite(v); })) return;
-  throw InputError(frame.source, "has no pixel that is a finite number",
-                   "the frame is empty or damaged: record or export it again");
 }
 
 void subtract_black(RawFrame& frame) {

@@ -51,9 +51,6 @@ struct RawFrame {
 /// White above black: the largest signal that every channel can hold, white less the highest black.
 double white_above_black(double white_dn, const std::vector<double>& black_dn);
 
-/// Throws InputError where no pixel is a finite number: there is nothing to work on.
-void require_finite_pixel(const RawFrame& frame);
-
 /// Subtracts the black level in place: afterwards pixels and white are DN above black. Nothing is
 /// clamped.
 void subtract_black(RawFrame& frame);
