@@ -20,12 +20,14 @@ namespace malus {
 
 struct MosaicFilterPlan {
   std::vector<internal::StackStage> hard;    ///< their mean is the first pilot
-  std::vector<internal::StackStage> wiener;  ///< each takes the one before it for its pilot
-  std::string coarse_profile;  ///< how the frame of half the size is filtered, which corrects the
-                               ///< low frequencies (coarse_scale.h); empty: not at all
+  std::vector<internal::StackStage> guided;  ///< each takes the one before it for its pilot
+  /// How the frame of half the size is filtered, which corrects the low frequencies
+  /// (coarse_scale.h): one plan, or none for no such correction.
+  std::vector<MosaicFilterPlan> coarse;
 };
-/// "fast", "normal" or "high"; throws InputError on another name.
-MosaicFilterPlan mosaic_filter_plan(const std::string& profile);
+/// method: "bm3d" or "nl-ridge"; profile: "fast", "normal" or "high". Throws InputError on another
+/// profile.
+MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile);
 
 /// An output pixel depends on no input further away than this, in rows or columns. Even.
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout);

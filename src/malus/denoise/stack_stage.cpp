@@ -16,8 +16,9 @@ constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
 // The filter's gains and matches come from the same samples, so that estimate is too small. How
-// well this one factor serves all: `malus experiment uncertainty`, docs/denoising.md "Uncertainty".
-constexpr float kOptimism = 3.5f;
+// well one factor serves all frames: `malus experiment uncertainty`, docs/denoising.md
+// "Uncertainty". Combinations err by less than the Wiener filter that their errors are taken from.
+constexpr float kWienerOptimism = 3.5f, kRidgeOptimism = 3.0f;
 
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
@@ -70,6 +71,7 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   job.cols = pixels.cols();
   job.row0 = input.noisy->row0;
   job.col0 = input.noisy->col0;
+  job.filter = stage.filter;
   job.block_cells = stage.block_cells;
   job.step = stage.step;
   job.search = stage.search;
@@ -145,7 +147,8 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   MALUS_REQUIRE(input.guide->rows() == noisy.rows() && input.guide->cols() == noisy.cols());
   MALUS_REQUIRE(stage.stack >= 1 && stage.stack <= kMaxStack &&
                 (stage.stack & (stage.stack - 1)) == 0);
-  MALUS_REQUIRE(stage.block_cells == 2 || stage.block_cells == 4);
+  MALUS_REQUIRE(stage.block_cells == 2 ||
+                (stage.block_cells == 4 && stage.filter != StackFilter::ridge));
   MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
   Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
   if (variance_out) *variance_out = Image(noisy.rows(), noisy.cols());
@@ -154,12 +157,13 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   job.weight = weight.values().data();
   job.error = variance_out ? variance_out->values().data() : nullptr;
   filter_all(job, input, stage, progress);
+  const float optimism = stage.filter == StackFilter::ridge ? kRidgeOptimism : kWienerOptimism;
   for (std::size_t i = 0; i < sum.size(); ++i) {
     const float w = weight.values()[i];
     sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
     if (variance_out)
       variance_out->values()[i] =
-          w > 0 ? std::max(kOptimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
+          w > 0 ? std::max(optimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
   }
   return sum;
 }
