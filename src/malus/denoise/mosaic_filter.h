@@ -1,11 +1,11 @@
-// The default denoiser's filter: collaborative filtering of the stabilised mosaic itself, for any
-// layout. Similar blocks are searched at whole periods of the layout, so that colours and polarizer
-// angles of a stack agree; inside a block every 4x4 pixels form a vector that is rotated into
-// components learnt from the picture: in the first pass the principal components of the whole
-// frame, in the others those of the stack itself, which follow the local colour and polarization
-// (as PBM3D, Tibbs et al. 2018, and PFCD, 2025, do for a whole picture). References lie on a grid
-// that is not a multiple of the cell, so that every alignment of cells and mosaic takes part and
-// their estimates are averaged. What each of these earns is measured in
+// The filter of the methods bm3d and nl-ridge: collaborative filtering of the stabilised mosaic
+// itself, for any layout. Similar blocks are searched at whole periods of the layout, so that
+// colours and polarizer angles of a stack agree; inside a block every 4x4 pixels form a vector that
+// is rotated into components learnt from the picture: in the first pass the principal components of
+// the whole frame, in the others those of the stack itself, which follow the local colour and
+// polarization (as PBM3D, Tibbs et al. 2018, and PFCD, 2025, do for a whole picture). References
+// lie on a grid that is not a multiple of the cell, so that every alignment of cells and mosaic
+// takes part and their estimates are averaged. What each of these earns is measured in
 // docs/denoising-experiments.md.
 #pragma once
 
