@@ -179,7 +179,7 @@ TEST(RidgeStack, TakesTheStacksOwnAxes) {
               combine_plainly(one.noisy.pixels, one.pilot, at, one.stage.stack, axes), 1e-3);
 }
 
-// docs/denoising.md, "Uncertainty": the last Wiener filter's estimate with a factor of 3.0 for 3.5.
+// docs/denoising.md, "Uncertainty".
 TEST(RidgeStack, StatesTheErrorOfAWienerFilter) {
   OneStack one(3.0);
   Image combined, filtered;
@@ -191,7 +191,7 @@ TEST(RidgeStack, StatesTheErrorOfAWienerFilter) {
     if (filtered.values()[i] >= 1.0f || filtered.values()[i] < 0.02f)
       continue;  // no stack, or held
     ++compared;
-    EXPECT_NEAR(combined.values()[i], filtered.values()[i] * 3.0 / 3.5, 1e-5);
+    EXPECT_NEAR(combined.values()[i], filtered.values()[i], 1e-5);
   }
   EXPECT_GT(compared, kSide * kSide / 2);
 }

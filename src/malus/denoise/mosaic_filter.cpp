@@ -172,26 +172,27 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
                       .threshold = threshold,
                       .axes_prior = axes_prior};
   };
-  const auto guided = [&](int step, int search, int stack) {
-    return StackStage{.filter = ridge ? StackFilter::ridge : StackFilter::wiener,
-                      .block_cells = 2,
-                      .step = step,
-                      .search = search,
-                      .stack = stack};
+  const auto guided = [](StackFilter filter, int step, int search, int stack) {
+    return StackStage{
+        .filter = filter, .block_cells = 2, .step = step, .search = search, .stack = stack};
   };
+  // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
+  // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").
+  const StackFilter last = ridge ? StackFilter::ridge : StackFilter::wiener;
   const MosaicFilterPlan fast{.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
-                              .guided = {guided(7, 8, 32)},
+                              .guided = {guided(last, 7, 8, 32)},
                               .coarse = {}};
   if (profile == "fast") return fast;
   MosaicFilterPlan coarse = fast;
-  if (ridge) coarse.guided.push_back(guided(7, 10, 64));
-  const MosaicFilterPlan normal{.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
-                                .guided = {guided(7, 10, 32), guided(ridge ? 7 : 5, 10, 64)},
-                                .coarse = {coarse}};
+  if (ridge) coarse.guided.push_back(guided(last, 7, 10, 64));
+  const MosaicFilterPlan normal{
+      .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
+      .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, ridge ? 7 : 5, 10, 64)},
+      .coarse = {coarse}};
   if (profile == "normal") return normal;
   if (profile == "high")
     return {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f, kGuideAxesPrior)},
-            .guided = {guided(7, 10, 32), guided(3, 10, 64)},
+            .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, 3, 10, 64)},
             .coarse = {normal}};
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
 }

@@ -16,9 +16,8 @@ constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
 // The filter's gains and matches come from the same samples, so that estimate is too small. How
-// well one factor serves all frames: `malus experiment uncertainty`, docs/denoising.md
-// "Uncertainty". Combinations err by less than the Wiener filter that their errors are taken from.
-constexpr float kWienerOptimism = 3.5f, kRidgeOptimism = 3.0f;
+// well this one factor serves all: `malus experiment uncertainty`, docs/denoising.md "Uncertainty".
+constexpr float kOptimism = 3.5f;
 
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
@@ -157,13 +156,12 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   job.weight = weight.values().data();
   job.error = variance_out ? variance_out->values().data() : nullptr;
   filter_all(job, input, stage, progress);
-  const float optimism = stage.filter == StackFilter::ridge ? kRidgeOptimism : kWienerOptimism;
   for (std::size_t i = 0; i < sum.size(); ++i) {
     const float w = weight.values()[i];
     sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
     if (variance_out)
       variance_out->values()[i] =
-          w > 0 ? std::max(optimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
+          w > 0 ? std::max(kOptimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
   }
   return sum;
 }
