@@ -58,7 +58,8 @@ const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
       {"bm3d", "calibrated, joint over all channels, adaptive to local colour and polarization",
        true},
-      {"nl-ridge", "as bm3d, but similar blocks are combined linearly in place of Wiener filters",
+      {"nl-ridge",
+       "as bm3d, but its last pass combines similar blocks linearly in place of a Wiener filter",
        true},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
       {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
