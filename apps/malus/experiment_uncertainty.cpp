@@ -16,11 +16,12 @@ using Json = nlohmann::ordered_json;
 
 struct UncertaintyExperimentArguments {
   SceneRuns runs{.scenes = {}, .crop = 384};
+  std::vector<std::string> methods{DenoiseSettings{}.method};
   std::string profile = "normal";
 };
 
 struct CheckedScene {
-  std::string scene, light;
+  std::string scene, light, method;
   UncertaintyCheck check;
 };
 
@@ -48,7 +49,7 @@ UncertaintyCheck check_scene(const NoisyScene& noisy, const FrameDenoiser& denoi
 Json rows_json(const std::vector<CheckedScene>& rows) {
   Json list = Json::array();
   for (const CheckedScene& row : rows) {
-    Json json{{"scene", row.scene}, {"case", row.light}};
+    Json json{{"scene", row.scene}, {"case", row.light}, {"method", row.method}};
     for (const Column& column : kColumns) {
       const Coverage& coverage = row.check.*column.coverage;
       json["coverage"][column.name] = coverage.all > 0 ? Json(coverage.share()) : Json();
@@ -67,14 +68,14 @@ Json rows_json(const std::vector<CheckedScene>& rows) {
 }
 
 std::string rows_text(const std::vector<CheckedScene>& rows) {
-  std::string text = "| scene | gain : ratio |", line = "|---|---|";
+  std::string text = "| scene | gain : ratio | method |", line = "|---|---|---|";
   for (const Column& column : kColumns) {
     text += fmt::format(" {} |", column.title);
     line += "---|";
   }
   text += " DoLP [dB] (bias) | corrected |\n" + line + "---|---|\n";
   for (const CheckedScene& row : rows) {
-    text += fmt::format("| {} | {} |", row.scene, row.light);
+    text += fmt::format("| {} | {} | {} |", row.scene, row.light, row.method);
     for (const Column& column : kColumns) {
       const Coverage& coverage = row.check.*column.coverage;
       if (coverage.all > 0 && column.bounded)
@@ -93,14 +94,20 @@ std::string rows_text(const std::vector<CheckedScene>& rows) {
 void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
                                 const Common& common) {
   const NoiseModel model = load_model(arguments.runs.model);
-  DenoiseSettings settings;
-  settings.profile = arguments.profile;
-  const FrameDenoiser denoiser(settings, {}, true);
+  std::vector<std::unique_ptr<FrameDenoiser>> denoisers;
+  for (const std::string& method : arguments.methods) {
+    DenoiseSettings settings;
+    settings.method = method;
+    settings.profile = arguments.profile;
+    denoisers.push_back(std::make_unique<FrameDenoiser>(settings, InferenceSettings{}, true));
+  }
   const auto progress = make_progress(common);
   std::vector<CheckedScene> rows;
   arguments.runs.for_each(
       model, common.seed, *progress, [&](const NoisyScene& noisy, const std::string& light) {
-        rows.push_back({noisy.clean->name, light, check_scene(noisy, denoiser)});
+        for (std::size_t m = 0; m < denoisers.size(); ++m)
+          rows.push_back(
+              {noisy.clean->name, light, arguments.methods[m], check_scene(noisy, *denoisers[m])});
       });
   print_result(common,
                Json{{"model", arguments.runs.model},
@@ -120,7 +127,9 @@ void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
                   "stated, and how often two deviations hold the truth",
                   [arguments, &common] { run_uncertainty_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
-  command->add_option("--profile", arguments->profile, "profile of the denoiser")
+  command->add_option("--methods", arguments->methods, "methods that state their errors")
+      ->capture_default_str();
+  command->add_option("--profile", arguments->profile, "profile of the denoisers")
       ->capture_default_str();
 }
 

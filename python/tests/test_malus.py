@@ -93,13 +93,14 @@ def test_other_threads_run_meanwhile(model):
     assert sum(start < t < end for t in ticks) >= 3
 
 
-def test_denoise_stokes_and_metrics(model):
+@pytest.mark.parametrize("method", ["bm3d", "nl-ridge"])
+def test_denoise_stokes_and_metrics(model, method):
     """A polarized ramp: denoising brings it closer to the truth in the picture, in DoLP and in AoLP."""
     rows, cols = np.mgrid[0:256, 0:256]
     angle = np.deg2rad(np.array([[90, 45], [135, 0]]))[rows % 2, cols % 2]
     clean = ((200 + rows) * (1 + 0.5 * np.cos(2 * angle - np.deg2rad(60)))).astype(np.float32)
     noisy = model.synthesize(clean, gain=24, seed=2, debias=True)
-    result = malus.denoise(noisy, layout=model.layout, white=4000, model=model, gain=24, variance=True)
+    result = malus.denoise(noisy, layout=model.layout, white=4000, model=model, gain=24, variance=True, method=method)
     assert result["dn"].shape == clean.shape and result["variance"].min() > 0
     before = malus.evaluate(clean, noisy, model.layout, 4000)
     after = malus.evaluate(clean, result["dn"], model.layout, 4000)

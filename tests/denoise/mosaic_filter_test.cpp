@@ -60,9 +60,12 @@ TEST(MosaicFilter, AxesPriorHasTheStatedEnergies) {
     }
 }
 
+class MosaicPlan : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Methods, MosaicPlan, testing::Values("bm3d", "nl-ridge"));
+
 // What the pilot cannot tell from noise, weak polarization above all, is found along the frame's
 // axes rather than along those of the pilot's own noise.
-TEST(MosaicFilter, TheFramesAxesHelpWeakPolarization) {
+TEST_P(MosaicPlan, TheFramesAxesHelpWeakPolarization) {
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   const Image clean = textured(96, 96, layout);
   Image noisy = clean;
@@ -70,7 +73,7 @@ TEST(MosaicFilter, TheFramesAxesHelpWeakPolarization) {
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
   const CellStatistics statistics = measure_cells(pixel, 96, 96, layout);
-  MosaicFilterPlan plan = mosaic_filter_plan("high");
+  MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "high");
   const int reach = mosaic_filter_reach(plan, layout);
   const internal::StackTile tile =
       cut_tile(pixel, 96, 96, -reach, -reach, 96 + 2 * reach, 96 + 2 * reach, layout);
@@ -83,7 +86,7 @@ TEST(MosaicFilter, TheFramesAxesHelpWeakPolarization) {
   };
   const double with_prior = error();
   for (internal::StackStage& stage : plan.hard) stage.axes_prior = internal::kFrameAxes;
-  for (internal::StackStage& stage : plan.wiener) stage.axes_prior = 0;
+  for (internal::StackStage& stage : plan.guided) stage.axes_prior = 0;
   const double without = error();
   EXPECT_LT(with_prior, 0.99 * without);  // the same noise in both: 2.2 % here
   EXPECT_LT(with_prior, 0.35);            // of the noise

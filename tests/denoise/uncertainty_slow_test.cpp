@@ -30,7 +30,8 @@ Image polarized_scene(const SensorLayout& layout, int size, double light) {
   return dn;
 }
 
-UncertaintyCheck measure(const SensorLayout& layout, double light, std::uint64_t seed) {
+UncertaintyCheck measure(const std::string& method, const SensorLayout& layout, double light,
+                         std::uint64_t seed) {
   PhysicsNoise noise;
   noise.layout = layout;
   noise.row_group = 2;
@@ -45,17 +46,21 @@ UncertaintyCheck measure(const SensorLayout& layout, double light, std::uint64_t
   frame.source = "simulated";
   frame.dn = clean;
   add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = seed});
-  const Denoised result = denoise_frame(frame, profile_of(noise), {}, silent_progress(), true);
+  const Denoised result =
+      denoise_frame(frame, profile_of(noise), {.method = method}, silent_progress(), true);
 
   UncertaintyCheck check;
   add_uncertainty(check, clean, result.dn_above_black, *result.variance_dn2, layout);
   return check;
 }
 
-TEST(DenoisedUncertainty, TwoDeviationsHoldTheTruthAsOftenAsStated) {
+class DenoisedUncertainty : public ::testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Methods, DenoisedUncertainty, ::testing::Values("bm3d", "nl-ridge"));
+
+TEST_P(DenoisedUncertainty, TwoDeviationsHoldTheTruthAsOftenAsStated) {
   for (const char* name : {"polar-mono", "polar-bayer-rggb"})
     for (const double light : {1.0, 0.3, 0.1}) {
-      const UncertaintyCheck c = measure(SensorLayout::named(name), light, 11);
+      const UncertaintyCheck c = measure(GetParam(), SensorLayout::named(name), light, 11);
       const std::string what = std::string(name) + ", light " + std::to_string(light);
       for (const Coverage* coverage : {&c.s1, &c.s2, &c.dolp, &c.aolp}) {
         EXPECT_GT(coverage->share(), 0.80) << what;

@@ -53,7 +53,13 @@ def test_stated_errors_are_compared_with_the_true_ones(malus, refused, scene):
         assert 0.2 < row["error_over_stated"]["pixel"] < 10
         assert set(row["coverage"]) == {"pixel", "s0", "s1", "s2", "dolp", "aolp"}
         assert all(0.3 < share <= 1 for share in row["coverage"].values())
-    assert "| scene | gain : ratio |" in malus(*run).out
+    assert "| scene | gain : ratio | method |" in malus(*run).out
+    both = malus(*run, "--methods", "bm3d", "nl-ridge", "--json").json["rows"]
+    assert [(row["case"], row["method"]) for row in both] == [
+        (case, method) for case in ("12:10", "24:10") for method in ("bm3d", "nl-ridge")]
+    assert both[::2] == rows
+    assert 0.2 < both[1]["error_over_stated"]["pixel"] < 10
+    assert "gives no uncertainty" in refused(*run, "--methods", "vst-bm3d")
     assert "no profile" in refused(*run, "--profile", "fine")
 
 

@@ -48,15 +48,18 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   };
   const int resident_frames = result.variance_dn2 ? 3 : 2;
   result.tiles = internal::filter_frame(
-      pixel, frame.layout, settings.profile, settings.memory_mib,
-      resident_frames * static_cast<double>(frame.dn.size()), result.dn_above_black,
-      result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
+      pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile),
+      settings.memory_mib, resident_frames * static_cast<double>(frame.dn.size()),
+      result.dn_above_black, result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
   invert(stabilizers, frame, result);
 }
 
 const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
       {"bm3d", "calibrated, joint over all channels, adaptive to local colour and polarization",
+       true},
+      {"nl-ridge",
+       "as bm3d, but its last pass combines similar blocks linearly in place of a Wiener filter",
        true},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
       {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
@@ -85,17 +88,16 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
                        Progress& progress, bool want_variance) {
   const DenoiseMethod& method = denoise_method(settings.method);
   check_frame(frame, profile);
-  if (want_variance && !method.gives_variance)
-    throw InputError("--method " + method.name, "gives no uncertainty", "use bm3d");
+  if (want_variance && !method.on_mosaic)
+    throw InputError("--method " + method.name, "gives no uncertainty", "use bm3d or nl-ridge");
   Denoised result;
   const Stopwatch preparation;
-  const bool default_method = method.name == denoise_methods().front().name;
   const PreparedFrame prepared =
-      prepare_frame(std::move(frame), profile, settings.row_noise && default_method, result);
+      prepare_frame(std::move(frame), profile, settings.row_noise && method.on_mosaic, result);
   const double preparation_s = preparation.seconds();
   const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
-  if (default_method)
+  if (method.on_mosaic)
     filter_prepared(prepared, profile, settings, progress, result);
   else
     result.dn_above_black =

@@ -24,7 +24,7 @@ struct DenoiseSettings {
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
-    field(self.method, ParameterInfo{"method", "", "bm3d (the default) or a baseline"});
+    field(self.method, ParameterInfo{"method", "", "bm3d (the default), nl-ridge or a baseline"});
     field(self.profile, ParameterInfo{.name = "profile",
                                       .unit = "",
                                       .help = "speed against quality",
@@ -62,7 +62,7 @@ struct Denoised {
 struct DenoiseMethod {
   std::string name;
   std::string description;  ///< one line
-  bool gives_variance;
+  bool on_mosaic;           ///< takes out row noise and gives variances; baselines do neither
 };
 /// The built-in methods, the default first.
 const std::vector<DenoiseMethod>& denoise_methods();

@@ -36,11 +36,10 @@ void copy_core(const Image& tile, int margin, Image& frame, int row0, int col0, 
 
 }  // namespace
 
-int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const std::string& profile,
+int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const MosaicFilterPlan& plan,
                  double memory_mib, double resident_values, Image& estimate, Image* error,
                  Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols();
-  const MosaicFilterPlan plan = mosaic_filter_plan(profile);
   const int reach = mosaic_filter_reach(plan, layout);
   const TileSize size = plan_tiles(rows, cols, reach, memory_mib, resident_values);
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
@@ -60,10 +59,10 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const std
     if (error) copy_core(tile_error, reach, *error, row0, col0, core_rows, core_cols);
     progress.advance(1);
   }
-  if (!plan.coarse_profile.empty() && has_coarse_scale(rows, cols, layout)) {
+  if (!plan.coarse.empty() && has_coarse_scale(rows, cols, layout)) {
     Image coarse = coarse_frame(pixel, rows, cols, layout);
     Image coarse_estimate(coarse.rows(), coarse.cols());
-    filter_frame([&](int r, int c) { return coarse(r, c); }, layout, plan.coarse_profile,
+    filter_frame([&](int r, int c) { return coarse(r, c); }, layout, plan.coarse.front(),
                  memory_mib, resident_values + 2.0 * static_cast<double>(coarse.size()),
                  coarse_estimate, nullptr, progress);
     coarse = Image();  // the correction needs as much again, twice

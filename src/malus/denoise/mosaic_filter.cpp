@@ -158,8 +158,11 @@ void blend(Image& to, const Image& other, float share) {
 
 }  // namespace
 
-MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
+MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile) {
+  using internal::StackFilter;
   using internal::StackStage;
+  const bool ridge = method == "nl-ridge";
+  MALUS_REQUIRE(ridge || method == "bm3d");
   const auto hard = [](int side, int step, int search, int stack, float threshold,
                        float axes_prior = internal::kFrameAxes) {
     return StackStage{.block_cells = side,
@@ -169,22 +172,28 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& profile) {
                       .threshold = threshold,
                       .axes_prior = axes_prior};
   };
-  const auto wiener = [](int step, int search, int stack) {
+  const auto guided = [](StackFilter filter, int step, int search, int stack) {
     return StackStage{
-        .block_cells = 2, .step = step, .search = search, .stack = stack, .threshold = 0};
+        .filter = filter, .block_cells = 2, .step = step, .search = search, .stack = stack};
   };
-  if (profile == "fast")
-    return {.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
-            .wiener = {wiener(7, 8, 32)},
-            .coarse_profile = ""};
-  if (profile == "normal")
-    return {.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
-            .wiener = {wiener(7, 10, 32), wiener(5, 10, 64)},
-            .coarse_profile = "fast"};
+  // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
+  // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").
+  const StackFilter last = ridge ? StackFilter::ridge : StackFilter::wiener;
+  const MosaicFilterPlan fast{.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
+                              .guided = {guided(last, 7, 8, 32)},
+                              .coarse = {}};
+  if (profile == "fast") return fast;
+  MosaicFilterPlan coarse = fast;
+  if (ridge) coarse.guided.push_back(guided(last, 7, 10, 64));
+  const MosaicFilterPlan normal{
+      .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
+      .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, ridge ? 7 : 5, 10, 64)},
+      .coarse = {coarse}};
+  if (profile == "normal") return normal;
   if (profile == "high")
     return {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f, kGuideAxesPrior)},
-            .wiener = {wiener(7, 10, 32), wiener(3, 10, 64)},
-            .coarse_profile = "normal"};
+            .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, 3, 10, 64)},
+            .coarse = {normal}};
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
 }
 
@@ -193,7 +202,7 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
   int reach = 0;
   for (const internal::StackStage& stage : plan.hard)
     reach = std::max(reach, reach_of(stage, period) + kCell);
-  for (const internal::StackStage& stage : plan.wiener) reach += reach_of(stage, period);
+  for (const internal::StackStage& stage : plan.guided) reach += reach_of(stage, period);
   return reach;
 }
 
@@ -273,9 +282,9 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
             1.0f / static_cast<float>(i + 1));
   }
   input.guide = &pilot;
-  for (std::size_t pass = 0; pass < plan.wiener.size(); ++pass)
-    pilot = internal::run_stage(input, plan.wiener[pass], progress,
-                                pass + 1 == plan.wiener.size() ? variance_out : nullptr);
+  for (std::size_t pass = 0; pass < plan.guided.size(); ++pass)
+    pilot = internal::run_stage(input, plan.guided[pass], progress,
+                                pass + 1 == plan.guided.size() ? variance_out : nullptr);
   return pilot;
 }
 

@@ -1,11 +1,11 @@
-// The default denoiser's filter: collaborative filtering of the stabilised mosaic itself, for any
-// layout. Similar blocks are searched at whole periods of the layout, so that colours and polarizer
-// angles of a stack agree; inside a block every 4x4 pixels form a vector that is rotated into
-// components learnt from the picture: in the first pass the principal components of the whole
-// frame, in the others those of the stack itself, which follow the local colour and polarization
-// (as PBM3D, Tibbs et al. 2018, and PFCD, 2025, do for a whole picture). References lie on a grid
-// that is not a multiple of the cell, so that every alignment of cells and mosaic takes part and
-// their estimates are averaged. What each of these earns is measured in
+// The filter of the methods bm3d and nl-ridge: collaborative filtering of the stabilised mosaic
+// itself, for any layout. Similar blocks are searched at whole periods of the layout, so that
+// colours and polarizer angles of a stack agree; inside a block every 4x4 pixels form a vector that
+// is rotated into components learnt from the picture: in the first pass the principal components of
+// the whole frame, in the others those of the stack itself, which follow the local colour and
+// polarization (as PBM3D, Tibbs et al. 2018, and PFCD, 2025, do for a whole picture). References
+// lie on a grid that is not a multiple of the cell, so that every alignment of cells and mosaic
+// takes part and their estimates are averaged. What each of these earns is measured in
 // docs/denoising-experiments.md.
 #pragma once
 
@@ -20,12 +20,14 @@ namespace malus {
 
 struct MosaicFilterPlan {
   std::vector<internal::StackStage> hard;    ///< their mean is the first pilot
-  std::vector<internal::StackStage> wiener;  ///< each takes the one before it for its pilot
-  std::string coarse_profile;  ///< how the frame of half the size is filtered, which corrects the
-                               ///< low frequencies (coarse_scale.h); empty: not at all
+  std::vector<internal::StackStage> guided;  ///< each takes the one before it for its pilot
+  /// How the frame of half the size is filtered, which corrects the low frequencies
+  /// (coarse_scale.h): one plan, or none for no such correction.
+  std::vector<MosaicFilterPlan> coarse;
 };
-/// "fast", "normal" or "high"; throws InputError on another name.
-MosaicFilterPlan mosaic_filter_plan(const std::string& profile);
+/// method: "bm3d" or "nl-ridge"; profile: "fast", "normal" or "high". Throws InputError on another
+/// profile.
+MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile);
 
 /// An output pixel depends on no input further away than this, in rows or columns. Even.
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout);

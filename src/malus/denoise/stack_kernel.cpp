@@ -117,11 +117,17 @@ HWY_INLINE void inverse_haar(Floats* cells, int count, int stride) {
 }
 
 template <int kSide>
+HWY_INLINE void transform_blocks(Floats* cells, int count, const StackJob& job, bool inverse) {
+  for (int n = 0; n < count; ++n)
+    transform_block<kSide>(cells + n * kSide * kSide, job.dct, inverse);
+}
+
+template <int kSide>
 HWY_INLINE void transform_stack(Floats* cells, int count, const StackJob& job, bool inverse) {
   constexpr int kCells = kSide * kSide;
   if (inverse)
     for (int i = 0; i < kCells; ++i) inverse_haar(cells + i, count, kCells);
-  for (int n = 0; n < count; ++n) transform_block<kSide>(cells + n * kCells, job.dct, inverse);
+  transform_blocks<kSide>(cells, count, job, inverse);
   if (!inverse)
     for (int i = 0; i < kCells; ++i) haar(cells + i, count, kCells);
 }
@@ -199,15 +205,27 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
   return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
 }
 
-HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
-  Floats sum[kLanes] = {};
-  for (int i = 0; i < total; ++i)
-    for (int k = 0; k < kLanes; ++k) sum[k] += lane(cells[i], k) * cells[i];
-  CellMatrix moments;
-  for (int k = 0; k < kLanes; ++k) {
-    sum[k] *= 1.0f / static_cast<float>(total);
-    store(sum[k], moments[static_cast<std::size_t>(k)].data());
+/// sum over n of a[n][i] * b[n][k].
+HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count) {
+  constexpr int kRows = 4;  // sums that stay in registers
+  CellMatrix matrix;
+  for (int row = 0; row < kLanes; row += kRows) {
+    Floats sum[kRows] = {};
+    for (int n = 0; n < count; ++n) {
+      const float* factor = reinterpret_cast<const float*>(a + n) + row;
+      for (int i = 0; i < kRows; ++i) sum[i] += factor[i] * b[n];
+    }
+    for (int i = 0; i < kRows; ++i) store(sum[i], matrix[static_cast<std::size_t>(row + i)].data());
   }
+  return matrix;
+}
+
+#include "malus/denoise/internal/stack_ridge-inl.h"
+
+HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
+  CellMatrix moments = products(cells, cells, total);
+  for (CellVector& row : moments)
+    for (float& value : row) value *= 1.0f / static_cast<float>(total);
   return moments;
 }
 
@@ -233,7 +251,7 @@ HWY_INLINE CellMatrix stack_axes(const StackJob& job, std::size_t alignment,
   constexpr float kBeyondShare = 0.3f;
   CellMatrix moments{};
   const int beyond = static_cast<int>(matches.size()) - count;
-  if (job.threshold == 0 && beyond > 0) {
+  if (job.filter != StackFilter::hard && beyond > 0) {
     gather<kSide>(job, job.guide, matches.data() + count, beyond, guide);
     add(moments, kBeyondShare, second_moments(guide, beyond * kCells));
   }
@@ -260,15 +278,35 @@ HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int
     }
 }
 
+/// The estimate of a stack in its components. `spare` has room for both stacks.
+template <int kSide>
+HWY_INLINE Shrinkage shrink_stack(const StackJob& job, int count, Floats* cells, Floats* pilot,
+                                  Floats* spare) {
+  constexpr int kCells = kSide * kSide;
+  if (kSide == 2 && job.filter == StackFilter::ridge)
+    return combine_blocks(job, count, cells, pilot, spare);
+  Shrinkage result;
+  transform_stack<kSide>(cells, count, job, false);
+  if (job.filter == StackFilter::hard) {
+    result = shrink_hard(cells, count * kCells, job.threshold);
+  } else {
+    transform_stack<kSide>(pilot, count, job, false);
+    result = shrink_wiener<kCells>(cells, pilot, count);
+  }
+  transform_stack<kSide>(cells, count, job, true);
+  return result;
+}
+
 template <int kSide>
 void filter_block(const StackJob& job, const ReferenceBlock& block) {
   constexpr int kCells = kSide * kSide;
   Search search(job);
-  std::vector<CellVector> memory(2 * static_cast<std::size_t>(job.stack * kCells) + 1);
+  std::vector<CellVector> memory(4 * static_cast<std::size_t>(job.stack * kCells) + 1);
   // Aligned by hand: std::vector gives 16 bytes.
   auto address = reinterpret_cast<std::uintptr_t>(memory.data());
   auto* cells = reinterpret_cast<Floats*>((address + 63) & ~std::uintptr_t{63});
   Floats* pilot = cells + job.stack * kCells;
+  const bool guided = job.filter != StackFilter::hard;
   for (int row = block.row_begin; row < block.row_end; row += job.step)
     for (int col = block.col_begin; col < block.col_end; col += job.step) {
       const int count = match<kSide * kCell>(job, row, col, search);
@@ -276,20 +314,17 @@ void filter_block(const StackJob& job, const ReferenceBlock& block) {
       const int total = count * kCells;
       gather<kSide>(job, job.noisy, matches.data(), count, cells);
       const std::size_t alignment = job.alignment(row, col);
-      const CellMatrix axes = job.axes_prior == kFrameAxes
-                                  ? (*job.rotations)[alignment]
-                                  : stack_axes<kSide>(job, alignment, matches, count, pilot);
-      rotate(cells, total, axes);
-      transform_stack<kSide>(cells, count, job, false);
-      Shrinkage result;
-      if (job.threshold > 0) {
-        result = shrink_hard(cells, total, job.threshold);
+      CellMatrix axes;
+      if (job.axes_prior == kFrameAxes) {
+        axes = (*job.rotations)[alignment];
+        if (guided) gather<kSide>(job, job.guide, matches.data(), count, pilot);
       } else {
-        rotate(pilot, total, axes);
-        transform_stack<kSide>(pilot, count, job, false);
-        result = shrink_wiener<kCells>(cells, pilot, count);
+        axes = stack_axes<kSide>(job, alignment, matches, count, pilot);
       }
-      transform_stack<kSide>(cells, count, job, true);
+      rotate(cells, total, axes);
+      if (guided) rotate(pilot, total, axes);
+      const Shrinkage result =
+          shrink_stack<kSide>(job, count, cells, pilot, pilot + job.stack * kCells);
       const CellMatrix back = transposed(axes);
       rotate(cells, total, back);
       Floats error{};

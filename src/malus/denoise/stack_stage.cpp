@@ -70,6 +70,7 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   job.cols = pixels.cols();
   job.row0 = input.noisy->row0;
   job.col0 = input.noisy->col0;
+  job.filter = stage.filter;
   job.block_cells = stage.block_cells;
   job.step = stage.step;
   job.search = stage.search;
@@ -145,7 +146,8 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   MALUS_REQUIRE(input.guide->rows() == noisy.rows() && input.guide->cols() == noisy.cols());
   MALUS_REQUIRE(stage.stack >= 1 && stage.stack <= kMaxStack &&
                 (stage.stack & (stage.stack - 1)) == 0);
-  MALUS_REQUIRE(stage.block_cells == 2 || stage.block_cells == 4);
+  MALUS_REQUIRE(stage.block_cells == 2 ||
+                (stage.block_cells == 4 && stage.filter != StackFilter::ridge));
   MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
   Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
   if (variance_out) *variance_out = Image(noisy.rows(), noisy.cols());

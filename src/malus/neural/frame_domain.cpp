@@ -166,6 +166,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
   Image guide_dn;
   if (settings.guide == "bm3d") {
     DenoiseSettings guide = classical;
+    guide.method = settings.guide;
     guide.profile = settings.guide_profile;
     filter_prepared(prepared, profile, guide, progress, report);
     guide_dn = std::move(report.dn_above_black);

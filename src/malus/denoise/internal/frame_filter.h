@@ -10,7 +10,7 @@ namespace malus::internal {
 /// and four bytes per `resident_values` take no more than memory_mib; they do not change a byte of
 /// the result. Returns the number of tiles at full size. Throws InputError when the memory is too
 /// little, Cancelled.
-int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const std::string& profile,
+int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const MosaicFilterPlan& plan,
                  double memory_mib, double resident_values, Image& estimate, Image* error,
                  Progress& progress);
 

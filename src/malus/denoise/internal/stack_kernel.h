@@ -23,6 +23,7 @@ struct StackJob {
   std::ptrdiff_t stride;
   int rows, cols;
   int row0, col0;  ///< frame position of the tile, for the alignment
+  StackFilter filter;
   int block_cells, step, search, stack;
   float threshold;
   float axes_prior;

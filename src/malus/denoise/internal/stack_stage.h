@@ -25,13 +25,21 @@ using CellVector = std::array<float, kLanes>;
 /// rotation[i][k]: weight of value i in component k; columns are orthonormal.
 using CellMatrix = std::array<CellVector, kLanes>;
 
+/// What a stack's blocks are estimated by.
+enum class StackFilter {
+  hard,    ///< a threshold for the coefficients of the transformed stack
+  wiener,  ///< gains of these coefficients, from the pilot's
+  ridge,   ///< linear combinations of the blocks, by the pilot's products; blocks of 2 cells alone
+};
+
 struct StackStage {
+  StackFilter filter = StackFilter::hard;
   int block_cells = 4;  ///< cells per side of a block: 2 or 4
   int step = 4;         ///< mosaic pixels between reference blocks; not a multiple of the cell, so
                         ///< that all alignments of cells and mosaic are averaged
   int search = 13;      ///< blocks are compared up to this many layout cells away
   int stack = 32;       ///< blocks per stack, a power of two
-  float threshold = 2.7f;  ///< hard thresholding, in deviations of the noise; 0: Wiener filter
+  float threshold = 2.7f;  ///< of the hard filter, in deviations of the noise
   /// Components are the principal axes of the guide in the stack itself plus the frame's axes with
   /// this weight (StageInput::axes_prior); kFrameAxes: those of the frame alone.
   float axes_prior = 1.0f;
@@ -48,7 +56,7 @@ struct StackTile {
 
 struct StageInput {
   const StackTile* noisy;  ///< unit noise
-  const Image* guide;  ///< same size: where blocks are compared; for the Wiener filter the pilot
+  const Image* guide;  ///< same size: where blocks are compared; after the hard filter the pilot
   int period_rows, period_cols;  ///< of the layout: blocks are moved by whole periods
   int frame_rows, frame_cols;    ///< references must touch the frame itself
   /// Principal axes of the frame per alignment, [row % period_rows * period_cols + col %

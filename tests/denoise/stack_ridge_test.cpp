@@ -1,0 +1,208 @@
+// The combination of a stack's blocks against the plain formula in double precision: weights over
+// the blocks, where the kernel works with the blocks' values and a residual.
+#include "malus/base/random.h"
+#include "malus/denoise/internal/stack_kernel.h"
+
+#include <cmath>
+
+#include <Eigen/Dense>
+#include <gtest/gtest.h>
+
+namespace malus::internal {
+namespace {
+
+constexpr int kSide = 24, kBlock = 2 * kCell, kPerBlock = kBlock * kBlock;
+using Matrix = Eigen::MatrixXd;
+
+// Cell c and lane k of a block's pixel.
+int cell_of(int row, int col) { return row / kCell * 2 + col / kCell; }
+int lane_of(int row, int col) { return row % kCell * kCell + col % kCell; }
+
+// Blocks as columns, cell after cell.
+Matrix blocks_of(const Image& image, const std::vector<std::ptrdiff_t>& at, int first, int count) {
+  Matrix blocks(kPerBlock, count);
+  for (int n = 0; n < count; ++n)
+    for (int r = 0; r < kBlock; ++r)
+      for (int c = 0; c < kBlock; ++c) {
+        const auto offset = at[static_cast<std::size_t>(first + n)];
+        blocks(cell_of(r, c) * kLanes + lane_of(r, c), n) =
+            image(static_cast<int>(offset / kSide) + r, static_cast<int>(offset % kSide) + c);
+      }
+  return blocks;
+}
+
+Matrix cell_moments(const Matrix& blocks) {
+  const Matrix cells = Eigen::Map<const Matrix>(blocks.data(), kLanes, blocks.size() / kLanes);
+  return cells * cells.transpose() / static_cast<double>(cells.cols());
+}
+
+double kaiser(int i) {
+  const double x = 2.0 * (i + 0.5) / kBlock - 1.0;
+  return std::cyl_bessel_i(0.0, 2.0 * std::sqrt(1.0 - x * x));
+}
+
+// Principal axes of a stack as columns, the strongest first; the blocks beyond it count by 0.3.
+Matrix axes_of(const Image& pilot, const std::vector<std::ptrdiff_t>& at, int count) {
+  const int beyond = static_cast<int>(at.size()) - count;
+  Matrix moments = cell_moments(blocks_of(pilot, at, 0, count));
+  if (beyond > 0) moments += 0.3 * cell_moments(blocks_of(pilot, at, count, beyond));
+  const Eigen::SelfAdjointEigenSolver<Matrix> solver(moments);
+  return solver.eigenvectors().rowwise().reverse();
+}
+
+// kSide x kSide; not a number where no block lies.
+Matrix combine_plainly(const Image& noisy, const Image& pilot,
+                       const std::vector<std::ptrdiff_t>& at, int count, const Matrix& axes) {
+  Matrix p = blocks_of(pilot, at, 0, count), y = blocks_of(noisy, at, 0, count);
+  const auto rotated = [&](const Matrix& blocks, const Matrix& by) {
+    Matrix result(blocks.rows(), blocks.cols());
+    for (int cell = 0; cell < 4; ++cell)
+      result.middleRows(cell * kLanes, kLanes) = by * blocks.middleRows(cell * kLanes, kLanes);
+    return result;
+  };
+  p = rotated(p, axes.transpose());
+  y = rotated(y, axes.transpose());
+  Matrix x(y.rows(), y.cols());
+  for (int quarter = 0; quarter < 4; ++quarter) {
+    std::vector<int> rows;
+    for (int cell = 0; cell < 4; ++cell)
+      for (int k = 0; k < 4; ++k) rows.push_back(cell * kLanes + 4 * quarter + k);
+    const Matrix part = p(rows, Eigen::all);
+    const Matrix moments_of_blocks = 0.7 * part.transpose() * part;
+    const Matrix weights =
+        (moments_of_blocks + 16.0 * Matrix::Identity(count, count)).ldlt().solve(moments_of_blocks);
+    const Matrix combined = y(rows, Eigen::all) * weights;
+    for (std::size_t i = 0; i < rows.size(); ++i)
+      x.row(rows[i]) = combined.row(static_cast<int>(i));
+  }
+  x = rotated(x, axes);
+  Matrix sum = Matrix::Zero(kSide, kSide), total = Matrix::Zero(kSide, kSide);
+  for (int n = 0; n < count; ++n)
+    for (int r = 0; r < kBlock; ++r)
+      for (int c = 0; c < kBlock; ++c) {
+        const auto offset = static_cast<int>(at[static_cast<std::size_t>(n)]);
+        const int row = offset / kSide + r, col = offset % kSide + c;
+        const double window = kaiser(r) * kaiser(c);
+        sum(row, col) += window * x(cell_of(r, c) * kLanes + lane_of(r, c), n);
+        total(row, col) += window;
+      }
+  return sum.cwiseQuotient(total);
+}
+
+// One stack: the only reference is the frame's first pixel.
+struct OneStack {
+  StackTile noisy{Image(kSide, kSide), 0, 0};
+  Image pilot{kSide, kSide};
+  std::vector<CellMatrix> rotations = std::vector<CellMatrix>(1), no_prior = rotations;
+  StackStage stage{.filter = StackFilter::ridge,
+                   .block_cells = 2,
+                   .step = 1000,
+                   .search = 12,
+                   .stack = 64,
+                   .axes_prior = 1};
+
+  explicit OneStack(double light) {
+    RandomSequence random(5, 0, Draw::kUser);
+    for (int r = 0; r < kSide; ++r)
+      for (int c = 0; c < kSide; ++c) {
+        const double clean =
+            light * (2 + std::sin(0.9 * r) * std::cos(0.4 * c) + 0.01 * r * (c % 4));
+        pilot(r, c) = static_cast<float>(clean + 0.3 * random.normal());
+        noisy.pixels(r, c) = static_cast<float>(clean + random.normal());
+      }
+  }
+  Image estimate(Image* error = nullptr) const {
+    const StageInput input{.noisy = &noisy,
+                           .guide = &pilot,
+                           .period_rows = 1,
+                           .period_cols = 1,
+                           .frame_rows = kSide,
+                           .frame_cols = kSide,
+                           .rotations = &rotations,
+                           .axes_prior = &no_prior};
+    return run_stage(input, stage, silent_progress(), error);
+  }
+  std::vector<std::ptrdiff_t> matches() const {
+    StackJob job{};
+    job.noisy = noisy.pixels.values().data();
+    job.guide = pilot.values().data();
+    job.stride = job.rows = job.cols = kSide;
+    job.block_cells = 2;
+    job.search = stage.search;
+    job.stack = stage.stack;
+    job.period_rows = job.period_cols = 1;
+    std::vector<std::ptrdiff_t> at;
+    EXPECT_EQ(match_reference(job, 0, 0, at), stage.stack);
+    return at;
+  }
+};
+
+void expect_near(const Image& estimate, const Matrix& plain, double tolerance) {
+  int compared = 0;
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c) {
+      if (std::isnan(plain(r, c))) continue;
+      ++compared;
+      EXPECT_NEAR(estimate(r, c), plain(r, c), tolerance) << r << ' ' << c;
+    }
+  EXPECT_GT(compared, kSide * kSide / 2);
+}
+
+class Ridge : public testing::TestWithParam<double> {};
+
+// Axes are given: those that hold nothing but the pilot's noise are not decided in floats where the
+// brightness is a thousand times as strong. 3000 deviations of the noise are the brightest here; a
+// sensor of 100,000 electrons has about 600.
+// Energies are squares, and floats hold them to seven digits: so does the tolerance.
+TEST_P(Ridge, IsThePlainCombination) {
+  OneStack one(GetParam());
+  const auto at = one.matches();
+  Matrix axes = axes_of(one.pilot, at, one.stage.stack);
+  for (int i = 0; i < kLanes; ++i)
+    for (int k = 0; k < kLanes; ++k) {
+      const auto axis = static_cast<float>(axes(i, k));
+      one.rotations[0][static_cast<std::size_t>(i)][static_cast<std::size_t>(k)] = axis;
+      axes(i, k) = axis;
+    }
+  one.stage.axes_prior = kFrameAxes;
+  expect_near(one.estimate(),
+              combine_plainly(one.noisy.pixels, one.pilot, at, one.stage.stack, axes),
+              1e-4 + 1e-7 * GetParam() * GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Light, Ridge, testing::Values(1.0, 30.0, 1000.0));
+
+TEST(RidgeStack, TakesTheStacksOwnAxes) {
+  const OneStack one(1.0);
+  const auto at = one.matches();
+  const Matrix axes = axes_of(one.pilot, at, one.stage.stack);
+  expect_near(one.estimate(),
+              combine_plainly(one.noisy.pixels, one.pilot, at, one.stage.stack, axes), 1e-3);
+}
+
+// docs/denoising.md, "Uncertainty".
+TEST(RidgeStack, StatesTheErrorOfAWienerFilter) {
+  OneStack one(3.0);
+  Image combined, filtered;
+  (void)one.estimate(&combined);
+  one.stage.filter = StackFilter::wiener;
+  (void)one.estimate(&filtered);
+  int compared = 0;
+  for (std::size_t i = 0; i < combined.size(); ++i) {
+    if (filtered.values()[i] >= 1.0f || filtered.values()[i] < 0.02f)
+      continue;  // no stack, or held
+    ++compared;
+    EXPECT_NEAR(combined.values()[i], filtered.values()[i], 1e-5);
+  }
+  EXPECT_GT(compared, kSide * kSide / 2);
+}
+
+// Beyond the precision of floats the result still stays beside the samples.
+TEST(RidgeLimits, AStackFarBrighterThanItsNoiseStaysWhatItIs) {
+  const OneStack one(1e6);
+  const Image estimate = one.estimate();
+  for (std::size_t i = 0; i < estimate.size(); ++i)
+    EXPECT_NEAR(estimate.values()[i], one.noisy.pixels.values()[i], 8.0);
+}
+
+}  // namespace
+}  // namespace malus::internal
