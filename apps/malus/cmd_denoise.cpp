@@ -363,7 +363,7 @@ void add_denoise(CLI::App& app, Common& common) {
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->settings);
   command->get_option("--method")
-      ->description("bm3d (the default), nl-ridge, a baseline, or a network's file");
+      ->description("nl-ridge (the default), bm3d, a baseline, or a network's file");
   add_flags(*command, arguments->inference);
 }
 

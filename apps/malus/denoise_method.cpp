@@ -16,7 +16,7 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
   }
   if (uncertainty)
     throw CLI::ValidationError("--uncertainty",
-                               "a network gives none: leave it out, or use --method bm3d");
+                               "a network gives none: leave it out, or use --method nl-ridge");
   network_ = networks().open_denoiser({settings.method, inference});
 }
 

@@ -178,7 +178,7 @@ def denoise(
     model: Model | None = None,
     gain: float | None = None,
     variance: bool = False,
-    method: str = "bm3d",
+    method: str = "nl-ridge",
     profile: str = "normal",
     memory: float = 1024.0,
     strength: float = 1.0,

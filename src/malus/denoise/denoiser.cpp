@@ -56,10 +56,10 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
 
 const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
-      {"bm3d", "calibrated, joint over all channels, adaptive to local colour and polarization",
+      {"nl-ridge", "calibrated, joint over all channels, adaptive to local colour and polarization",
        true},
-      {"nl-ridge",
-       "as bm3d, but its last pass combines similar blocks linearly in place of a Wiener filter",
+      {"bm3d",
+       "the same with a Wiener filter as its last pass, not linear combinations of similar blocks",
        true},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
       {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
@@ -89,7 +89,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
   const DenoiseMethod& method = denoise_method(settings.method);
   check_frame(frame, profile);
   if (want_variance && !method.on_mosaic)
-    throw InputError("--method " + method.name, "gives no uncertainty", "use bm3d or nl-ridge");
+    throw InputError("--method " + method.name, "gives no uncertainty", "use nl-ridge or bm3d");
   Denoised result;
   const Stopwatch preparation;
   const PreparedFrame prepared =

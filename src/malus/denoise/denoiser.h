@@ -16,7 +16,7 @@
 namespace malus {
 
 struct DenoiseSettings {
-  std::string method = "bm3d";
+  std::string method = "nl-ridge";
   std::string profile = "normal";
   double memory_mib = 1024;
   double strength = 1.0;
@@ -24,7 +24,7 @@ struct DenoiseSettings {
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
-    field(self.method, ParameterInfo{"method", "", "bm3d (the default), nl-ridge or a baseline"});
+    field(self.method, ParameterInfo{"method", "", "nl-ridge (the default), bm3d or a baseline"});
     field(self.profile, ParameterInfo{.name = "profile",
                                       .unit = "",
                                       .help = "speed against quality",

@@ -18,6 +18,8 @@ constexpr int kCellsPerAlignment = 65536;
 // Of profile `high`, whose first pass takes a stack's axes too: it sees the linear guide only,
 // which knows less of a stack than a pilot does.
 constexpr float kGuideAxesPrior = 10.0f;
+// Its one guided pass has the noisier pilot (docs/denoising.md, "Uncertainty").
+constexpr float kFastOptimism = 8.0f;
 
 int reach_of(const internal::StackStage& stage, int period) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
@@ -179,11 +181,17 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
   // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").
   const StackFilter last = ridge ? StackFilter::ridge : StackFilter::wiener;
-  const MosaicFilterPlan fast{.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
-                              .guided = {guided(last, 7, 8, 32)},
-                              .coarse = {}};
-  if (profile == "fast") return fast;
-  MosaicFilterPlan coarse = fast;
+  const auto quick = [&](StackFilter filter) {
+    return MosaicFilterPlan{.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
+                            .guided = {guided(filter, 7, 8, 32)},
+                            .coarse = {}};
+  };
+  if (profile == "fast") {  // a pilot of the hard threshold alone is none to combine by
+    MosaicFilterPlan fast = quick(StackFilter::wiener);
+    fast.guided.back().optimism = kFastOptimism;
+    return fast;
+  }
+  MosaicFilterPlan coarse = quick(last);
   if (ridge) coarse.guided.push_back(guided(last, 7, 10, 64));
   const MosaicFilterPlan normal{
       .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},

@@ -15,9 +15,6 @@ namespace {
 constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
-// The filter's gains and matches come from the same samples, so that estimate is too small. How
-// well this one factor serves all: `malus experiment uncertainty`, docs/denoising.md "Uncertainty".
-constexpr float kOptimism = 3.5f;
 
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
@@ -161,7 +158,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
     sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
     if (variance_out)
       variance_out->values()[i] =
-          w > 0 ? std::max(kOptimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
+          w > 0 ? std::max(stage.optimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
   }
   return sum;
 }

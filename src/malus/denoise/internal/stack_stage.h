@@ -43,6 +43,9 @@ struct StackStage {
   /// Components are the principal axes of the guide in the stack itself plus the frame's axes with
   /// this weight (StageInput::axes_prior); kFrameAxes: those of the frame alone.
   float axes_prior = 1.0f;
+  /// The filter's gains and matches come from the same samples, so Stein's estimate of its error is
+  /// too small, by this. How well it serves: docs/denoising.md, "Uncertainty".
+  float optimism = 3.5f;
   int block() const { return block_cells * kCell; }
 };
 inline constexpr float kFrameAxes = std::numeric_limits<float>::infinity();
