@@ -60,12 +60,26 @@ TEST(MosaicFilter, AxesPriorHasTheStatedEnergies) {
     }
 }
 
-class MosaicPlan : public testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(Methods, MosaicPlan, testing::Values("bm3d", "nl-ridge"));
+TEST(MosaicPlan, CombinesWhereACellIsThePeriodAndThePilotHasBeenFiltered) {
+  const auto combines = [](const char* method, const char* profile, const char* layout) {
+    const auto plan = mosaic_filter_plan(method, profile, SensorLayout::named(layout));
+    return plan.guided.back().filter == internal::StackFilter::ridge;
+  };
+  for (const char* profile : {"normal", "high"}) {
+    EXPECT_TRUE(combines("nl-ridge", profile, "polar-bayer-grbg"));
+    EXPECT_FALSE(combines("bm3d", profile, "polar-bayer-grbg"));
+    for (const char* layout : {"mono", "bayer-rggb", "polar-mono"})
+      EXPECT_FALSE(combines("nl-ridge", profile, layout)) << layout;
+  }
+  EXPECT_FALSE(combines("nl-ridge", "fast", "polar-bayer-grbg"));
+}
+
+class MosaicMethods : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Both, MosaicMethods, testing::Values("bm3d", "nl-ridge"));
 
 // What the pilot cannot tell from noise, weak polarization above all, is found along the frame's
 // axes rather than along those of the pilot's own noise.
-TEST_P(MosaicPlan, TheFramesAxesHelpWeakPolarization) {
+TEST_P(MosaicMethods, TheFramesAxesHelpWeakPolarization) {
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   const Image clean = textured(96, 96, layout);
   Image noisy = clean;
@@ -73,7 +87,7 @@ TEST_P(MosaicPlan, TheFramesAxesHelpWeakPolarization) {
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
   const CellStatistics statistics = measure_cells(pixel, 96, 96, layout);
-  MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "high");
+  MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "high", layout);
   const int reach = mosaic_filter_reach(plan, layout);
   const internal::StackTile tile =
       cut_tile(pixel, 96, 96, -reach, -reach, 96 + 2 * reach, 96 + 2 * reach, layout);

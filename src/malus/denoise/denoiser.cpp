@@ -48,7 +48,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   };
   const int resident_frames = result.variance_dn2 ? 3 : 2;
   result.tiles = internal::filter_frame(
-      pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile),
+      pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident_frames * static_cast<double>(frame.dn.size()),
       result.dn_above_black, result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
   invert(stabilizers, frame, result);
@@ -58,9 +58,7 @@ const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
       {"nl-ridge", "calibrated, joint over all channels, adaptive to local colour and polarization",
        true},
-      {"bm3d",
-       "the same with a Wiener filter as its last pass, not linear combinations of similar blocks",
-       true},
+      {"bm3d", "the same; for colour-polarization too the last pass is a Wiener filter", true},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
       {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
       {"vst-bm3d", "baseline: stabilised, each plane filtered alone", false},

@@ -160,11 +160,14 @@ void blend(Image& to, const Image& other, float share) {
 
 }  // namespace
 
-MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile) {
+MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
+                                    const SensorLayout& layout) {
   using internal::StackFilter;
   using internal::StackStage;
-  const bool ridge = method == "nl-ridge";
-  MALUS_REQUIRE(ridge || method == "bm3d");
+  MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
+  // Where a cell holds the layout's period several times, four components do not tell signal from
+  // noise as well, and combinations lose in the dark (docs/denoising.md).
+  const bool ridge = method == "nl-ridge" && layout.rows() == kCell && layout.cols() == kCell;
   const auto hard = [](int side, int step, int search, int stack, float threshold,
                        float axes_prior = internal::kFrameAxes) {
     return StackStage{.block_cells = side,

@@ -25,9 +25,10 @@ struct MosaicFilterPlan {
   /// (coarse_scale.h): one plan, or none for no such correction.
   std::vector<MosaicFilterPlan> coarse;
 };
-/// method: "bm3d" or "nl-ridge"; profile: "fast", "normal" or "high". Throws InputError on another
-/// profile.
-MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile);
+/// method: "bm3d" or "nl-ridge", which differs for colour and polarization together alone; profile:
+/// "fast", "normal" or "high". Throws InputError on another profile.
+MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
+                                    const SensorLayout& layout);
 
 /// An output pixel depends on no input further away than this, in rows or columns. Even.
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout);
