@@ -204,7 +204,8 @@ def test_jpeg_is_clean_material_and_no_measurement(malus, refused, tmp_path):
                     ["evaluate", "--reference", tmp_path / "b.png", "--test"]):
         assert "a.jpg: is a JPEG picture, which holds no raw values" in refused(*command, picture)
     cut = tmp_path / "cut.jpg"
-    cut.write_bytes(picture.read_bytes()[:picture.stat().st_size // 2])
+    whole = picture.read_bytes()
+    cut.write_bytes(whole[:(whole.index(b"\xff\xda") + len(whole)) // 2])  # among the coded pixels
     assert "cut.jpg: the JPEG file ends before its end marker" in refused("simulate", cut, "-o", tmp_path / "out")
     cut.write_bytes(cut.read_bytes() + b"\xff\xd9")
     assert "cut.jpg: cannot be decoded" in refused("simulate", cut, "-o", tmp_path / "out")
