@@ -10,6 +10,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = os.environ.get("MALUS_PROGRAM", str(ROOT / "build/release/malus"))
 BUILD = pathlib.Path(os.environ.get("MALUS_BUILD", str(pathlib.Path(PROGRAM).parent)))
+needs_networks = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks (libtorch is missing)")
 
 
 def pytest_configure(config):

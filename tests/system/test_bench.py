@@ -2,13 +2,11 @@
 
 import pytest
 
-from conftest import BUILD
+from conftest import needs_networks
 
 PEER = """import json, sys
 print(json.dumps([{"name": "theirs", "value": 0.5, "unit": "Mpx/s", "note": " ".join(sys.argv[1:]), "compared": "physics"}]))
 """
-
-needs_networks = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
 
 
 def lines_of(result, benchmark):

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from conftest import BUILD, ROOT
+from conftest import ROOT, needs_networks
 
 
 def toml_blocks(name):
@@ -21,7 +21,7 @@ def test_data_set_of_synthesis_is_drawn(malus, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks (libtorch is missing)")
+@needs_networks
 def test_first_training_runs(malus, tmp_path):
     pairs, network = toml_blocks("training.md")[:2]
     (tmp_path / "examples").symlink_to(ROOT / "examples")

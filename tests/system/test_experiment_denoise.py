@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import BUILD, ROOT
+from conftest import ROOT, needs_networks
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_pictures_that_are_no_scene_are_refused(refused, scene, damage, said):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")
+@needs_networks
 @pytest.mark.parametrize("weights, camera, case", [("polar-bayer", "imx250myr-simulated", "12:10"), ("bayer", "sony-a7s2", "6400:10")])
 def test_shipped_weights_do_no_harm(malus, scene, weights, camera, case):
     """On a scene unlike their training: as good as the classical default that they correct, within a tenth of a dB."""

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import BUILD, ROOT
+from conftest import ROOT, needs_networks
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
+pytestmark = [pytest.mark.slow, needs_networks]
 
 SMALLER = (("width = 12", "width = 2"), ("levels = 3", "levels = 2"), ("example = 256", "example = 64"), ("patch = 64", "patch = 32"),
            ("pool = 8", "pool = 1"), ("steps = 1200", "steps = 3"))

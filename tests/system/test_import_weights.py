@@ -10,13 +10,13 @@ import zipfile
 import numpy as np
 import pytest
 
-from conftest import BUILD
+from conftest import needs_networks
 
 torch = pytest.importorskip("torch", reason="needs Python's torch")
 from plain_networks import NAFNet, UNet  # noqa: E402
 from plain_transformers import Restormer, Uformer  # noqa: E402
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
+pytestmark = [pytest.mark.slow, needs_networks]
 
 SIDE, BLACK, WHITE = 256, 100.0, 4095.0
 NETWORKS = {

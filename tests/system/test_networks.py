@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import BUILD, PROGRAM
+from conftest import PROGRAM, needs_networks
 from weight_files import unet_package
 
 MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
+pytestmark = [pytest.mark.slow, needs_networks]
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from conftest import BUILD
+from conftest import needs_networks
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
+pytestmark = [pytest.mark.slow, needs_networks]
 
 BLACK, WHITE, SLOPE, OFFSET = 64, 1087, 2.5, 30
 RAW = ["--layout", "bayer-rggb", "--gain", "12"]

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import BUILD, PROGRAM
+from conftest import PROGRAM, needs_networks
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), reason="built without networks")]
+pytestmark = [pytest.mark.slow, needs_networks]
 
 CONFIG = """
 [network]
