@@ -21,7 +21,7 @@ DrawKernel kernel_for(const CompiledParts& parts) {
 // still fill a device: some hundred thousand threads.
 int rows_per_thread_for(int rows, unsigned across) {
   constexpr double kThreads = 1 << 18;
-  return std::clamp(static_cast<int>(static_cast<double>(across) * rows / kThreads), 1, 16);
+  return std::clamp(static_cast<int>(static_cast<double>(across) * rows / kThreads), 1, 64);
 }
 
 unsigned ceiling(unsigned a, unsigned b) { return (a + b - 1) / b; }
