@@ -26,6 +26,7 @@ std::string trained_weights(const std::string& name, TrainCall call, const Commo
   call.resume = true;
   call.force = common.force;
   call.seed = common.seed;
+  call.settings = common.settings;
   return networks().train(call, progress).at("weights").get<std::string>();
 }
 

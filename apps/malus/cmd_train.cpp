@@ -118,7 +118,8 @@ void run_train(const TrainArguments& arguments, const Common& common) {
                               .folder = folder,
                               .resume = arguments.resume,
                               .force = common.force,
-                              .seed = common.seed},
+                              .seed = common.seed,
+                              .settings = common.settings},
                              *progress);
   if (run.contains("rank")) return;  // worker 0 speaks for all
   if (!arguments.report.empty())
@@ -147,6 +148,7 @@ void add_train(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->folder,
                       "folder of checkpoint, log and weights; the configuration's name without its "
                       "ending when left out");
+  add_training_settings(*command, common);
   command->add_flag("--resume", arguments->resume, "go on from the folder's last checkpoint");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }

@@ -208,6 +208,7 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
   command->add_option("--pairs", arguments->pairs,
                       "in their place: captured pairs (pairs.json of malus pairs)");
   command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
+  add_training_settings(*command, common);
   command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
       ->check(in_range(16, 100000))
       ->capture_default_str();

@@ -388,8 +388,8 @@ void add_table_s1_experiment(CLI::App& experiment, Common& common) {
                       "in their place: captured pairs at both gains (pairs.json of malus pairs)");
   command->add_option("--test-pairs", arguments->test_pairs,
                       "captured pairs of other scenes at the noisier gain");
-  command->add_option("-o,--output", arguments->folder, "folder of frames and trainings")
-      ->required();
+  command->add_option("-o,--output", arguments->folder, "frames and trainings")->required();
+  add_training_settings(*command, common);
   command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
       ->check(in_range(16, 100000))
       ->capture_default_str();

@@ -79,6 +79,7 @@ void add_table(CLI::App& experiment, Common& common, const std::string& name,
       ->required();
   arguments->runs.add_options(*command, "--scenes", "; not those that are trained on");
   command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
+  add_training_settings(*command, common);
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }
 

@@ -153,6 +153,14 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
   return command;
 }
 
+void add_training_settings(CLI::App& command, Common& common) {
+  command
+      .add_option("--set", common.settings,
+                  "SECTION.KEY=VALUE in place of what a training's configuration says, e.g. "
+                  "train.steps=5000; once per setting")
+      ->allow_extra_args(false);
+}
+
 void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text) {
   // Names from files may hold invalid UTF-8: replaced, never a reason to fail.
   const std::string out =

@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -15,11 +16,12 @@
 namespace malus::app {
 
 struct Common {
-  bool json = false;       ///< one JSON object on stdout, nothing else there
-  bool quiet = false;      ///< no progress, no notes; warnings and errors stay
-  bool force = false;      ///< existing outputs may be replaced
-  int threads = 0;         ///< 0 = all cores
-  std::uint64_t seed = 0;  ///< 0 is a seed like any other
+  bool json = false;                  ///< one JSON object on stdout, nothing else there
+  bool quiet = false;                 ///< no progress, no notes; warnings and errors stay
+  bool force = false;                 ///< existing outputs may be replaced
+  int threads = 0;                    ///< 0 = all cores
+  std::uint64_t seed = 0;             ///< 0 is a seed like any other
+  std::vector<std::string> settings;  ///< --set of commands that train
 };
 
 /// The program without its commands: name, --version, the layout of --help.
@@ -28,6 +30,9 @@ std::unique_ptr<CLI::App> make_program();
 /// Adds a command with the common flags; run is called after parsing, with threads set.
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
                       const std::string& description, std::function<void()> run);
+
+/// --set, for a command that trains networks.
+void add_training_settings(CLI::App& command, Common& common);
 
 /// Results: the JSON object under --json, else the text. Both go to stdout.
 void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text);

@@ -23,7 +23,7 @@
 namespace malus::app {
 
 /// Both sides must have been built from the same header: counted up with every change of it.
-inline constexpr int kNetworksInterface = 5;
+inline constexpr int kNetworksInterface = 6;
 
 /// A network with its weights, ready for many frames.
 class NetworkDenoiser {
@@ -54,6 +54,8 @@ struct TrainCall {
   std::uint64_t seed = 0;
   /// In place of the configuration's data and noise models, where not empty.
   std::vector<std::filesystem::path> pairs = {}, models = {};
+  /// In place of other settings of the configuration: "SECTION.KEY=VALUE".
+  std::vector<std::string> settings = {};
 };
 
 /// A trained Noise Flow (malus/neural/noise_flow_file.h).

@@ -15,7 +15,7 @@ nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
   std::filesystem::path there = std::filesystem::absolute(call.folder);
   while (!std::filesystem::exists(there)) there = there.parent_path();
   check_output(there / weights.filename(), call.force);
-  NoiseFlowFit fit = train_noise_flow_config(call.config, call.seed, progress);
+  NoiseFlowFit fit = train_noise_flow_config(call.config, call.settings, call.seed, progress);
   make_output_folder(call.folder);
   fit.model.save(weights, fit.record);
   fit.record["weights"] = weights.string();
@@ -25,9 +25,9 @@ nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
 }  // namespace
 
 nlohmann::ordered_json train_network(const TrainCall& call, Progress& progress) {
-  if (is_noise_flow_config(call.config)) return train_flow(call, progress);
-  const TrainingConfig config =
-      load_training_config(call.config, {.pairs = call.pairs, .models = call.models});
+  if (is_noise_flow_config(call.config, call.settings)) return train_flow(call, progress);
+  const TrainingConfig config = load_training_config(
+      call.config, {.pairs = call.pairs, .models = call.models, .settings = call.settings});
   const auto workers =
       workers_of_environment(config.train.timeout_s, training_device(config.train));
   return train(

@@ -51,3 +51,16 @@ def test_bad_rows_are_refused(refused, experiment):
                        ('[[rows]]\nname = "a"\nmethod = "bm3e"\n', "bm3d")):
         (experiment / "rows.toml").write_text(text)
         assert word in refused(*run, "-q")
+
+
+def test_settings_reach_every_training(malus, refused, experiment):
+    run = ["experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out",
+           "--cases", "12:10", "-q"]
+    malus(*run, "--set", "train.steps=2", "--set", "train.loss=l1")
+    malus("train", experiment / "full.toml", "--set", "train.steps=2", "--set", "train.loss=l1", "-o", experiment / "alone")
+    log = (experiment / "out/full/log.jsonl").read_text()
+    assert '"step":2,' in log and '"step":3,' not in log
+    assert (experiment / "alone/weights.safetensors").read_bytes() == (experiment / "out/full/weights.safetensors").read_bytes()
+    # Another setting is another training, and the finished one is not taken for it.
+    assert "belongs to a run with another train." in refused(*run, "--set", "train.steps=3")
+    assert "--set train.stepz=3: unknown key" in refused(*run, "--set", "train.stepz=3")

@@ -21,33 +21,72 @@ struct ConfigSection::Table {
   std::string source, title;
 
   std::string place(const toml::source_region& region) const {
+    if (region.path && *region.path != source) return *region.path;  // a setting
     return region.begin.line > 0 ? fmt::format("{}:{}", source, region.begin.line) : source;
   }
 };
 
-ConfigSection ConfigSection::parse(std::string_view text, const std::string& source,
-                                   std::string title) {
-  auto table = std::make_shared<Table>();
+namespace {
+
+toml::table parsed(std::string_view text, const std::string& source) {
   try {
-    table->root = std::make_shared<const toml::table>(toml::parse(text, source));
+    return toml::parse(text, source);
   } catch (const toml::parse_error& error) {
     throw InputError(fmt::format("{}:{}", source, error.source().begin.line), error.description(),
                      "correct the TOML");
   }
-  table->at = table->root.get();
+}
+
+// "SECTION.KEY=VALUE"; what is no TOML value is a text.
+toml::table parsed_setting(const std::string& setting) {
+  const std::string source = "--set " + setting;
+  const std::size_t equals = setting.find('=');
+  const std::string key = setting.substr(0, equals);
+  if (equals != std::string::npos) {
+    const std::string value = setting.substr(equals + 1);
+    for (const std::string& text : {value, "\"\"\"" + value + "\"\"\""}) try {
+        return toml::parse(key + " = " + text, source);
+      } catch (const toml::parse_error&) {  // the other one, or the line below
+      }
+  }
+  throw InputError(source, "is no setting", "write SECTION.KEY=VALUE, e.g. --set train.steps=500");
+}
+
+// Nodes are moved: copies would forget which file or setting they come from.
+void merge(toml::table& into, toml::table&& from) {
+  for (auto&& [key, node] : from) {
+    toml::table* section = node.as_table();
+    toml::table* present = into[key.str()].as_table();
+    if (section && present)
+      merge(*present, std::move(*section));
+    else
+      node.visit([&, &name = key](auto& value) { into.insert_or_assign(name, std::move(value)); });
+  }
+}
+
+}  // namespace
+
+ConfigSection ConfigSection::parse(std::string_view text, const std::string& source,
+                                   std::string title, const std::vector<std::string>& settings) {
+  auto root = std::make_shared<toml::table>(parsed(text, source));
+  for (const std::string& setting : settings) merge(*root, parsed_setting(setting));
+  auto table = std::make_shared<Table>();
+  table->at = root.get();
+  table->root = std::move(root);
   table->source = source;
   table->title = std::move(title);
   return ConfigSection(std::move(table));
 }
 
-ConfigSection ConfigSection::load(const fs::path& path, std::string title) {
+ConfigSection ConfigSection::load(const fs::path& path, std::string title,
+                                  const std::vector<std::string>& settings) {
   constexpr std::uintmax_t kMaxBytes = 64 << 20;
   if (internal::require_file(path) > kMaxBytes)
     throw InputError(path.string(), fmt::format("is too large for {}", title),
                      "name the right file");
   const auto bytes = internal::read_bytes(path);
   return parse({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string(),
-               std::move(title));
+               std::move(title), settings);
 }
 
 void ConfigSection::fail(std::string_view key, std::string_view problem,

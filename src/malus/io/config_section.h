@@ -19,10 +19,13 @@ namespace malus {
 
 class ConfigSection {
  public:
-  /// The root table; title is how messages call the file ("the session file"). Throws InputError on
-  /// a TOML error.
-  static ConfigSection parse(std::string_view toml, const std::string& source, std::string title);
-  static ConfigSection load(const std::filesystem::path& path, std::string title);
+  /// The root table; title is how messages call the file ("the session file"). `settings` replace
+  /// or add to what the file says: each "SECTION.KEY=VALUE", VALUE as in TOML, where a text needs
+  /// no quotes. Throws InputError on a TOML error.
+  static ConfigSection parse(std::string_view toml, const std::string& source, std::string title,
+                             const std::vector<std::string>& settings = {});
+  static ConfigSection load(const std::filesystem::path& path, std::string title,
+                            const std::vector<std::string>& settings = {});
 
   /// Throws InputError on a key that is not among the known ones; names the nearest.
   void require_known(const std::vector<std::string>& known) const;

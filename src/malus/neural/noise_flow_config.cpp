@@ -9,8 +9,9 @@
 namespace malus {
 namespace {
 
-ConfigSection root_of(const std::filesystem::path& config) {
-  return ConfigSection::load(config, "the training configuration");
+ConfigSection root_of(const std::filesystem::path& config,
+                      const std::vector<std::string>& settings) {
+  return ConfigSection::load(config, "the training configuration", settings);
 }
 
 NoiseFlowSensor read_sensor(const ConfigSection& section) {
@@ -60,25 +61,27 @@ std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseF
 
 }  // namespace
 
-bool is_noise_flow_config(const std::filesystem::path& config) {
-  const auto network = root_of(config).section("network");
+bool is_noise_flow_config(const std::filesystem::path& config,
+                          const std::vector<std::string>& settings) {
+  const auto network = root_of(config, settings).section("network");
   return network && network->text("architecture") == kNoiseFlowArchitecture;
 }
 
-NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config, std::uint64_t seed,
+NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config,
+                                     const std::vector<std::string>& settings, std::uint64_t seed,
                                      Progress& progress) {
-  const ConfigSection root = root_of(config);
+  const ConfigSection root = root_of(config, settings);
   root.require_known({"network", "sensor", "pairs", "train"});
   root.section("network")->require_known({"architecture"});
   const auto sensor_section = root.section("sensor");
   if (!sensor_section) root.fail("sensor", "is missing", "add a [sensor] table");
   const NoiseFlowSensor sensor = read_sensor(*sensor_section);
-  NoiseFlowSettings settings;
-  if (const auto train = root.section("train")) train->read(settings);
+  NoiseFlowSettings training;
+  if (const auto train = root.section("train")) train->read(training);
   std::vector<NoiseFlowPair> pairs;
   for (const ConfigSection& section : root.sections("pairs"))
     for (NoiseFlowPair& pair : read_pairs(section, sensor)) pairs.push_back(std::move(pair));
-  return train_noise_flow(sensor, pairs, settings, seed, progress);
+  return train_noise_flow(sensor, pairs, training, seed, progress);
 }
 
 }  // namespace malus

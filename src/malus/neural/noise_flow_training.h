@@ -48,8 +48,11 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
 /// Whether a training configuration asks for a Noise Flow; and the training that it describes:
 /// [network] architecture = "noise-flow"; [sensor] layout, black, white; [[pairs]] noisy, clean
 /// (files or patterns; several noisy ones may share a clean one), gain_db or iso; [train] settings.
-bool is_noise_flow_config(const std::filesystem::path& config);
-NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config, std::uint64_t seed,
+/// `settings` as in ConfigSection::load.
+bool is_noise_flow_config(const std::filesystem::path& config,
+                          const std::vector<std::string>& settings);
+NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config,
+                                     const std::vector<std::string>& settings, std::uint64_t seed,
                                      Progress& progress);
 
 }  // namespace malus

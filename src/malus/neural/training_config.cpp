@@ -155,7 +155,8 @@ Json json_of(const std::vector<fs::path>& paths) {
 }  // namespace
 
 TrainingConfig load_training_config(const fs::path& path, const TrainingOverrides& overrides) {
-  const ConfigSection root = ConfigSection::load(path, "the training configuration");
+  const ConfigSection root =
+      ConfigSection::load(path, "the training configuration", overrides.settings);
   root.require_known({"network", "package", "data", "noise", "train", "validation"});
   const fs::path folder = path.parent_path();
   TrainingConfig config;

@@ -155,9 +155,10 @@ struct TrainingConfig {
 };
 
 /// What a caller puts in place of the file's: pairs (then the file's pictures, scenes and shards
-/// are left out too) and noise models. Empty: the file's own.
+/// are left out too), noise models, and any setting (ConfigSection::load). Empty: the file's own.
 struct TrainingOverrides {
   std::vector<std::filesystem::path> pairs, models;
+  std::vector<std::string> settings;
 };
 
 /// Reads and checks the file; patterns of files are relative to it. Throws InputError on anything
