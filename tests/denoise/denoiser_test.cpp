@@ -283,6 +283,23 @@ TEST_P(MosaicMethod, VariancesAreFiniteAndComeOnTop) {
   }
 }
 
+// Where the picture's own detail hides hardly any noise, a filter can do nothing: the error is the
+// noise, and no more than that is stated.
+TEST_P(MosaicMethod, NoMoreThanTheNoiseIsStatedWhereNothingCanBeDone) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
+  Image clean(128, 128);
+  for (int r = 0; r < 128; ++r)
+    for (int c = 0; c < 128; ++c)
+      clean(r, c) = 1500.0F + 1000.0F * static_cast<float>(std::sin(0.9 * r * c) *
+                                                           std::cos(1.7 * r - 0.01 * c * c));
+  const Denoised result = denoise_frame(noisy_frame(clean, noise, 3), profile_of(noise),
+                                        {.method = GetParam()}, silent_progress(), true);
+  double stated = 0;
+  for (const float v : result.variance_dn2->values())
+    stated += v / static_cast<double>(clean.size());
+  EXPECT_NEAR(rms(result.dn_above_black, clean) / std::sqrt(stated), 1.0, 0.25);
+}
+
 TEST(DenoiseFrame, BadInputGetsOneLine) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(40, 40), noise, 1);
