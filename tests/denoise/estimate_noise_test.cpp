@@ -71,6 +71,23 @@ TEST(EstimateProfile, ASmallFrameTellsHowTheNoiseRises) {
   }
 }
 
+TEST(EstimateProfile, StarsInASmallFrameAreNotItsNoise) {
+  Image dn(256, 256, 7.0F);
+  for (int i = 0; i < 150; ++i) {
+    const int row = i * 89 % 253, col = i * 151 % 251;
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) dn(row + r, col + c) = static_cast<float>(i * 37 % 149) * 10;
+  }
+  RawFrame frame = frame_of(dn, shot_and_read_noise(0.12, 1));
+  frame.black_known = true;
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  ASSERT_TRUE(noise);
+  for (const ChannelProfile& channel : noise->profile.channels) {
+    EXPECT_NEAR(std::sqrt(channel.variance(7) / (0.12 * 7 + 1)), 1.0, 0.3);
+    EXPECT_LT(std::sqrt(channel.variance(1000) / (0.12 * 1000 + 1)), 2.5);
+  }
+}
+
 // A bright spot on an even ground gets no noise that the ground knows nothing of.
 TEST(EstimateProfile, AnEvenFrameMakesNoSteepLine) {
   const Estimate<PictureNoise> noise =

@@ -125,6 +125,18 @@ double weight_of(const Level& level, double fitted) {
   return weight_above((level.variance - fitted) / error) / (error * error);
 }
 
+// Read noise is not below zero: the slope is no steeper than any level's variance over its signal.
+// Of few levels the brightest may hold nothing but the picture's detail, stars on a dark ground,
+// and no other would tell.
+void limit_slope(const std::vector<Level>& levels, Line& line) {
+  constexpr std::size_t kFew = 8;
+  constexpr double kErrors = 3.0;
+  if (levels.size() >= kFew) return;
+  for (const Level& l : levels)
+    if (l.signal > 0)
+      line.slope = std::min(line.slope, l.variance * (1.0 + kErrors * l.relative_error) / l.signal);
+}
+
 Line fit_levels(const std::vector<Level>& levels) {
   std::vector<double> x, y, weights(levels.size(), 1.0);
   for (const Level& l : levels) {
@@ -241,6 +253,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
     levels.push_back(measure_levels(blocks));
     lines.push_back(fit_levels(levels.back()));
+    if (frame.black_known) limit_slope(levels.back(), lines.back());
     means.push_back(mean_signal(blocks));
     noise.levels += static_cast<int>(levels.back().size());
   }
