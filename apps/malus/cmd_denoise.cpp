@@ -164,6 +164,7 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"mean_shift_dn", result.mean_shift_dn},
             {"nonfinite_pixels", result.nonfinite_pixels},
             {"saturated_pixels", result.saturated_pixels},
+            {"defect_pixels", result.defect_pixels},
             {"tiles", result.tiles},
             {"seconds", seconds}};
   for (const StageTime& time : result.times) json["stage_seconds"][time.stage] = time.seconds;
@@ -318,10 +319,12 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
                              arguments.report.empty() ? nullptr : &report)
             : process_picture(arguments, denoiser, model, job, options, *progress, common.force));
     const Json& last = results.back();
-    text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed, {:.1f} s -> {}\n",
+    const auto defects = last.value("defect_pixels", std::int64_t{0});
+    text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed{}, {:.1f} s -> {}\n",
                         last["input"].get<std::string>(), last["cols"].get<int>(),
                         last["rows"].get<int>(), last["layout"].get<std::string>(),
                         arguments.settings.method, last["row_noise_removed_dn"].get<double>(),
+                        defects > 0 ? fmt::format(", {} defect pixels filled", defects) : "",
                         last["seconds"].get<double>(), last["files"][0].get<std::string>());
     text += metrics_text(last);
   }

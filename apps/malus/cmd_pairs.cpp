@@ -137,6 +137,25 @@ RawFrame reference_of(const PairJob& job, const FrameGroup& group) {
   return last;
 }
 
+// Mean over the channels [DN/e-]; 0 where the model does not hold it.
+double system_gain(const NoiseProfile& profile) {
+  double sum = 0;
+  for (const ChannelProfile& channel : profile.channels) sum += channel.gain_dn_per_e;
+  return sum / static_cast<double>(profile.channels.size());
+}
+
+// How much more DN the reference's gain makes of the same light: as measured where a model holds
+// it, which knows of conversion gains and of ISO; else by the decibels.
+double gain_ratio(const PairJob& job, const GainSetting& reference, const GainSetting& other) {
+  if (job.model) {
+    const double above = system_gain(job.model->profile_at(reference)),
+                 below = system_gain(job.model->profile_at(other));
+    if (above > 0 && below > 0) return above / below;
+  }
+  const auto long_db = reference.decibel(), short_db = other.decibel();
+  return long_db && short_db ? std::pow(10.0, (*long_db - *short_db) / 20.0) : 1.0;
+}
+
 double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGroup& group) {
   if (job.arguments.ratio) return *job.arguments.ratio;
   if (!reference.exposure_s || !group.exposure_s)
@@ -144,10 +163,7 @@ double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGrou
                      "reference or short frames without exposure_s, nor do the files tell it: the "
                      "ratio is not known",
                      "give exposure_s to both, or --ratio");
-  double ratio = *reference.exposure_s / *group.exposure_s;
-  const auto long_db = reference.gain.decibel(), short_db = group.gain.decibel();
-  if (long_db && short_db) ratio *= std::pow(10.0, (*long_db - *short_db) / 20.0);
-  return ratio;
+  return *reference.exposure_s / *group.exposure_s * gain_ratio(job, reference.gain, group.gain);
 }
 
 Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
@@ -246,7 +262,8 @@ void add_pairs(CLI::App& app, Common& common) {
       ->required();
   command->add_option("-o,--output", arguments->folder, "folder of the pairs")->required();
   command->add_option("--model", arguments->model,
-                      "noise model whose mean bias is subtracted before frames are compared");
+                      "noise model whose mean bias is subtracted before frames are compared, and "
+                      "whose K tells how gains compare");
   command
       ->add_option("--ratio", arguments->ratio,
                    "light of the reference over that of the short frames; otherwise from "

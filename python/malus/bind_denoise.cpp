@@ -86,6 +86,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
       result.variance_dn2 ? py::object(array_of(std::move(*result.variance_dn2))) : py::none();
   out["sigma_used_dn"] = result.sigma_used_dn;
   out["row_noise_removed_dn"] = result.row_noise_removed_dn;
+  out["defect_pixels"] = result.defect_pixels;
   out["mean_dn"] = result.mean_dn;
   out["mean_shift_dn"] = result.mean_shift_dn;
   out["noise_estimated_from_picture"] = profile.estimated_from_picture;
@@ -135,7 +136,8 @@ void bind_denoise(py::module_& m) {
        "the Frame if not given.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], with variance=True, else None), sigma_used_dn (per channel), "
-       "row_noise_removed_dn, mean_dn, mean_shift_dn, noise_estimated_from_picture." +
+       "row_noise_removed_dn, defect_pixels, mean_dn, mean_shift_dn, "
+       "noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())
           .c_str());
   m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"),

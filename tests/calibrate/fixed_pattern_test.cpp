@@ -36,5 +36,23 @@ TEST(FixedPattern, DefectsAreNoPartOfDsnuAndPrnu) {
   EXPECT_GT(p.dark_shading_dn(8, 37), 55.0F);
 }
 
+// One pixel of a channel's 256 is more than the thousandth that may be saturated.
+TEST(FixedPattern, APixelStuckAtWhiteDoesNotCostTheGain) {
+  const testing::SimulatedCamera camera = testing::small_camera();
+  CalibrationInput input = testing::simulated_session(camera);
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      frame.dn(8, 9) = 4095;
+      return frame;
+    };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  const ChannelStatistics& K = model.physics.at(0).K;
+  ASSERT_EQ(K.mean.size(), 16u);
+  for (std::size_t c = 0; c < 16; ++c)
+    EXPECT_NEAR(K.mean[c], camera.gains[0].noise.channels[c].gain_dn_per_e,
+                4 * K.standard_error[c]);
+}
+
 }  // namespace
 }  // namespace malus

@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "simulated_session.h"
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -41,6 +43,21 @@ TEST(PhotonTransfer, ExactPointsGiveTheExactLine) {
   EXPECT_NEAR(fit->slope_dn_per_e, kGain, 1e-9);
   EXPECT_NEAR(fit->intercept_dn2, 0.0, 1e-6);
   EXPECT_EQ(fit->excess_deviation_dn2, 0.0);
+}
+
+// Half of the dark noise cut off: the rest has a third of its variance, about a mean that is too
+// high.
+TEST(PhotonTransfer, ADarkPointThatIsCutOffDoesNotBendTheLine) {
+  auto levels = exact_levels(8);
+  for (TransferLevel& level : levels) {
+    level.mean_dn -= 1.0;
+    level.dark_variance_dn2 = kDarkVariance / 3;
+  }
+  DarkPoint dark = dark_point();
+  dark.variance_dn2 = kDarkVariance / 3;
+  EXPECT_GT(fit_photon_transfer(levels, dark)->slope_dn_per_e, 1.001 * kGain);
+  dark.cut_off = true;
+  EXPECT_NEAR(fit_photon_transfer(levels, dark)->slope_dn_per_e, kGain, 1e-9);
 }
 
 TEST(PhotonTransfer, ScatterFollowsTheStandardErrorAndTwoSeHoldTheTruth) {
@@ -158,6 +175,23 @@ TEST(PhotonTransfer, OneLevelCannotDecide) {
   const auto fit = fit_photon_transfer(exact_levels(1), dark_point());
   ASSERT_FALSE(fit.decided());
   EXPECT_NE(fit.reason().find("1 usable light level"), std::string::npos);
+}
+
+// Black level 0: half of the dark noise is gone, but the light's is not.
+TEST(PhotonTransfer, HoldsForACameraThatCutsItsDarkNoiseOff) {
+  testing::SimulatedCamera camera = testing::small_camera();
+  camera.black_dn = 0;
+  for (PhysicsChannel& channel : camera.gains[0].noise.channels) {
+    channel.sigma_tl_dn *= 3;
+    channel.sigma_row_dn *= 8;
+  }
+  const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+  double deviations = 0;
+  for (std::size_t c = 0; c < 16; ++c)
+    deviations += (p.K.mean.at(c) - camera.gains[0].noise.channels[c].gain_dn_per_e) /
+                  p.K.standard_error[c] / 4;  // of the sum of sixteen
+  EXPECT_LT(std::abs(deviations), 3);
+  EXPECT_THAT(p.warnings, ::testing::Contains(::testing::HasSubstr("K rests on the flat frames")));
 }
 
 }  // namespace

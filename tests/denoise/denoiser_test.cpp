@@ -283,6 +283,45 @@ TEST_P(MosaicMethod, VariancesAreFiniteAndComeOnTop) {
   }
 }
 
+// Where the picture's own detail hides hardly any noise, a filter can do nothing: the error is the
+// noise, and no more than that is stated.
+TEST_P(MosaicMethod, NoMoreThanTheNoiseIsStatedWhereNothingCanBeDone) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
+  Image clean(128, 128);
+  for (int r = 0; r < 128; ++r)
+    for (int c = 0; c < 128; ++c)
+      clean(r, c) = 1500.0F + 1000.0F * static_cast<float>(std::sin(0.9 * r * c) *
+                                                           std::cos(1.7 * r - 0.01 * c * c));
+  const Denoised result = denoise_frame(noisy_frame(clean, noise, 3), profile_of(noise),
+                                        {.method = GetParam()}, silent_progress(), true);
+  double stated = 0;
+  for (const float v : result.variance_dn2->values())
+    stated += v / static_cast<double>(clean.size());
+  EXPECT_NEAR(rms(result.dn_above_black, clean) / std::sqrt(stated), 1.0, 0.25);
+}
+
+// A hot pixel is filled from its neighbours; one that is not a number stays so.
+TEST(DenoiseFrame, DefectsOfTheModelAreFilled) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
+  const Image clean = scene(72, 90);
+  RawFrame frame = noisy_frame(clean, noise, 5);
+  frame.dn(30, 41) = 4095;
+  frame.dn(34, 41) = 3000;
+  frame.dn(50, 60) = std::numeric_limits<float>::quiet_NaN();
+  NoiseProfile profile = profile_of(noise);
+  profile.defects = {72, 90, {{30, 41}, {34, 41}, {50, 60}}};
+  const Denoised filled = denoise_frame(frame, profile, quick("bm3d"));
+  EXPECT_EQ(filled.defect_pixels, 2);
+  EXPECT_EQ(filled.saturated_pixels, 0);
+  for (const int row : {30, 34}) EXPECT_NEAR(filled.dn_above_black(row, 41), clean(row, 41), 25);
+  EXPECT_TRUE(std::isnan(filled.dn_above_black(50, 60)));
+  DenoiseSettings left = quick("bm3d");
+  left.defects = false;
+  EXPECT_GT(denoise_frame(frame, profile, left).dn_above_black(30, 41), 4000);
+  profile.defects.rows = 76;  // of another part of the sensor, or another sensor
+  EXPECT_EQ(denoise_frame(frame, profile, quick("bm3d")).defect_pixels, 0);
+}
+
 TEST(DenoiseFrame, BadInputGetsOneLine) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(40, 40), noise, 1);

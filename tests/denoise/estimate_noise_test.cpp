@@ -59,6 +59,46 @@ TEST(EstimateProfile, FindsTheDeviationOfShadedPictures) {
   }
 }
 
+TEST(EstimateProfile, ASmallFrameTellsHowTheNoiseRises) {
+  const Estimate<PictureNoise> noise =
+      estimate_profile(frame_of(shaded(256, 256, 30, 600), shot_and_read_noise(1.5, 3.7)));
+  ASSERT_TRUE(noise);
+  for (const double signal : {60.0, 300.0, 550.0}) {
+    double mean = 0;
+    for (const ChannelProfile& channel : noise->profile.channels)
+      mean += std::sqrt(channel.variance(signal)) / 16;
+    EXPECT_NEAR(mean / std::sqrt(1.5 * signal + 13.7), 1.0, 0.12) << signal;
+  }
+}
+
+TEST(EstimateProfile, StarsInASmallFrameAreNotItsNoise) {
+  Image dn(256, 256, 7.0F);
+  for (int i = 0; i < 150; ++i) {
+    const int row = i * 89 % 253, col = i * 151 % 251;
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) dn(row + r, col + c) = static_cast<float>(i * 37 % 149) * 10;
+  }
+  RawFrame frame = frame_of(dn, shot_and_read_noise(0.12, 1));
+  frame.black_known = true;
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  ASSERT_TRUE(noise);
+  for (const ChannelProfile& channel : noise->profile.channels) {
+    EXPECT_NEAR(std::sqrt(channel.variance(7) / (0.12 * 7 + 1)), 1.0, 0.3);
+    EXPECT_LT(std::sqrt(channel.variance(1000) / (0.12 * 1000 + 1)), 2.5);
+  }
+}
+
+// A bright spot on an even ground gets no noise that the ground knows nothing of.
+TEST(EstimateProfile, AnEvenFrameMakesNoSteepLine) {
+  const Estimate<PictureNoise> noise =
+      estimate_profile(frame_of(Image(512, 512, 300.0F), shot_and_read_noise(0.4, 10.0)));
+  ASSERT_TRUE(noise);
+  for (const ChannelProfile& channel : noise->profile.channels) {
+    EXPECT_NEAR(std::sqrt(channel.variance(300) / (0.4 * 300 + 100)), 1.0, 0.1);
+    EXPECT_LT(std::sqrt(channel.variance(3000) / (0.4 * 3000 + 100)), 1.8);
+  }
+}
+
 TEST(EstimateProfile, TextureRaisesItByLittle) {
   Image dn = shaded(512, 512, 100, 500);
   for (int r = 0; r < 512; ++r)

@@ -114,3 +114,23 @@ def test_data_sets_say_it_too(malus, model, tmp_path):
     done = malus("dataset", tmp_path / "plan.toml", "-o", tmp_path / "set")
     warned = [line for line in done.err.splitlines() if "brightest level" in line]
     assert len(warned) == 1 and "50 % of the pixels lie above" in warned[0]
+
+
+def test_pairs_compare_gains_by_the_models_K(malus, camera, tmp_path):
+    """A camera whose second conversion gain makes four times the signal of 6 dB."""
+    text = (camera / "s.toml").read_text().replace("gain_db = 12", "gain_db = 6").replace('paths = ["', f'paths = ["{camera}/')
+    (tmp_path / "s.toml").write_text(text)
+    malus("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5")
+    rng = np.random.default_rng(5)
+    scene = np.repeat(np.linspace(100, 3000, 128)[None], 128, 0)  # DN at 0 dB
+    for n in range(4):
+        Image.fromarray(taken(rng, scene, 0)).save(tmp_path / f"long_{n}.png")
+        light = (0.8, 1.0, 0.9, 1.1)[n]
+        Image.fromarray(taken(rng, scene * 4 / 20 * light, 12)).save(tmp_path / f"short_{n}.png")
+    groups = "".join(f'[[frames]]\nkind = "{kind}"\ngain_db = {gain}\nexposure_s = {exposure}\npaths = ["{stem}_*.png"]\n'
+                     for kind, gain, exposure, stem in (("reference", 0, 0.1, "long"), ("short", 6, 0.005, "short")))
+    (tmp_path / "p.toml").write_text(text[:text.index("[[frames]]")] + groups)
+    (pair,) = malus("pairs", tmp_path / "p.toml", "--model", tmp_path / "m.h5", "-o", tmp_path / "out", "--json").json["pairs"]
+    assert pair["ratio"] == pytest.approx(5, rel=0.02) and pair["source"].endswith("short_1.png")
+    (pair,) = malus("pairs", tmp_path / "p.toml", "-o", tmp_path / "plain", "--json").json["pairs"]
+    assert pair["ratio"] == pytest.approx(20 / 10 ** (6 / 20))

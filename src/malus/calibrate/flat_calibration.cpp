@@ -19,6 +19,9 @@ namespace {
 constexpr double kLampShare = 0.05;
 constexpr double kMostSaturated = 1e-3;
 constexpr std::size_t kFewLevels = 5;
+// Of a channel's dark pixels at zero: with more the cut-off noise moves the dark point by as much
+// as its error.
+constexpr double kMostDarkZeros = 1e-2;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
 
@@ -59,8 +62,15 @@ struct FlatLevel {
   std::vector<double> saturated;
 };
 
+// A pixel that lies beyond half of the range without light is a defect. It is left out of the count
+// of saturated ones, of which a small frame bears no single one.
+bool is_defect(View<const float> shading_dn, const RawFrame& first, int row, int col) {
+  const auto c = as_index(first.layout.channel_at(row, col));
+  return !shading_dn.empty() && shading_dn(row, col) > 0.5 * (first.white_dn - first.black_dn[c]);
+}
+
 FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
-                        Progress& progress) {
+                        View<const float> shading_dn, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
                   std::vector<double>(dark.level_dn.size(), 0.0)};
@@ -77,7 +87,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     level.temporal.add(frame.dn);
     for (int r = 0; r < geometry.rows(); ++r)
       for (int c = 0; c < geometry.cols(); ++c)
-        if (frame.dn(r, c) >= first.white_dn)
+        if (frame.dn(r, c) >= first.white_dn && !is_defect(shading_dn, first, r, c))
           level.saturated[as_index(geometry.channel(r, c))] += 1.0;
   });
   for (int c = 0; c < geometry.channels(); ++c)
@@ -237,19 +247,26 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                     ResponseAccumulator(geometry)};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
-    add_level(*flat, measure_level(*flat, first, own, progress), own, first, frame_deviation,
-              out.bias_frames, settings.saturation_limit, out.dark_shading_dn, series);
+    add_level(*flat, measure_level(*flat, first, own, out.dark_shading_dn, progress), own, first,
+              frame_deviation, out.bias_frames, settings.saturation_limit, out.dark_shading_dn,
+              series);
   }
   out.flat_levels = static_cast<int>(flats.size());
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();
   std::vector<Estimate<TransferFit>> fits;
+  bool cut_off = false;
   for (int c = 0; c < geometry.channels(); ++c) {
     const auto& levels = series.levels[as_index(c)];
-    fits.push_back(
-        fit_photon_transfer(levels, dark_point(c, geometry, dark_variance[as_index(c)], out)));
+    DarkPoint point = dark_point(c, geometry, dark_variance[as_index(c)], out);
+    point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
+    cut_off |= point.cut_off;
+    fits.push_back(fit_photon_transfer(levels, point));
     append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
   append_fits(fits, first.layout, out);
+  if (cut_off && !out.K.mean.empty())
+    out.warnings.push_back(
+        "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
   if (!series.response.empty()) {
     Response relative = series.response.response();
     out.prnu_map = std::move(relative.map);

@@ -95,13 +95,19 @@ LineFit line_of(const Sums& sums) {
   return line;
 }
 
-// Line through the points plus the dark point at (0, dark_y).
-LineFit line_with_dark(const Points& points, double excess_dn4, double dark_y, double dark_stderr) {
+// Line through the points plus the dark point, where that holds.
+LineFit line_with_dark(const Points& points, double excess_dn4, const DarkPoint& dark) {
   // A dark variance known perfectly would make the weights infinite.
-  const double floor = 1e-6 * std::max(std::abs(dark_y), 1e-12);
+  const double floor = 1e-6 * std::max(std::abs(dark.variance_dn2), 1e-12);
   Sums sums = merged(sums_of(points, excess_dn4), points.shared);
-  sums.add(1.0 / std::pow(std::max(dark_stderr, floor), 2), 0.0, dark_y);
+  if (!dark.cut_off)
+    sums.add(1.0 / std::pow(std::max(dark.variance_stderr_dn2, floor), 2), 0.0, dark.variance_dn2);
   return line_of(sums);
+}
+
+// Of the points' distances from that line.
+double freedom_of(const Points& points, const DarkPoint& dark) {
+  return static_cast<double>(points.size()) - (dark.cut_off ? 2.0 : 1.0);
 }
 
 double chi_square(const Points& points, const LineFit& line, double excess_dn4) {
@@ -117,11 +123,10 @@ double chi_square_limit(double freedom) {
 }
 
 // The constant variance that brings χ² down to its expectation.
-double mandel_paule(const Points& points, double dark_y, double dark_stderr) {
-  const auto freedom = static_cast<double>(points.size()) - 1.0;
+double mandel_paule(const Points& points, const DarkPoint& dark) {
+  const double freedom = freedom_of(points, dark);
   const auto excess_chi = [&](double excess) {
-    return chi_square(points, line_with_dark(points, excess, dark_y, dark_stderr), excess) -
-           freedom;
+    return chi_square(points, line_with_dark(points, excess, dark), excess) - freedom;
   };
   if (freedom < 1.0 || excess_chi(0.0) + freedom <= chi_square_limit(freedom)) return 0.0;
   double low = 0.0, high = *std::max_element(points.variance.begin(), points.variance.end());
@@ -209,8 +214,8 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
   for (int pass = 0; pass < 12; ++pass) {
     reweight(points, used, dark, line, excess);
     if (pass == 0) std::fill(points.huber.begin(), points.huber.end(), 1.0);
-    excess = mandel_paule(points, dark.variance_dn2, dark.variance_stderr_dn2);
-    line = line_with_dark(points, excess, dark.variance_dn2, dark.variance_stderr_dn2);
+    excess = mandel_paule(points, dark);
+    line = line_with_dark(points, excess, dark);
   }
   if (!(line.slope > 0))
     return Undecided{fmt::format("the variance does not rise with the light: slope {:.3g} ± {:.2g}",
@@ -219,10 +224,8 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
   fit.slope_dn_per_e = line.slope;
   fit.slope_stderr = line.slope_standard_error;
   fit.excess_deviation_dn2 = std::sqrt(excess);
-  fit.chi_square_per_level =
-      chi_square(points, line_with_dark(points, 0.0, dark.variance_dn2, dark.variance_stderr_dn2),
-                 0.0) /
-      std::max(static_cast<double>(points.size()) - 1.0, 1.0);
+  fit.chi_square_per_level = chi_square(points, line_with_dark(points, 0.0, dark), 0.0) /
+                             std::max(freedom_of(points, dark), 1.0);
   const LineFit free_line = free_line_of(points, used, dark, excess);
   fit.intercept_dn2 = free_line.intercept - dark.variance_dn2;
   fit.intercept_stderr_dn2 = free_line.intercept_standard_error;

@@ -30,6 +30,9 @@ struct DarkPoint {
   double fourth_cumulant_dn4 = 0;  ///< of a pixel's dark noise: above 0 for heavy tails
   std::int64_t pixels = 0;         ///< of the channel
   int row_groups = 0;
+  /// The camera's black level cuts the dark noise off, so that its variance and its mean are not
+  /// those of no light: the line does not go through the dark point.
+  bool cut_off = false;
 };
 
 struct TransferFit {
@@ -42,15 +45,15 @@ struct TransferFit {
   std::vector<double> variance_stderr_dn2;  ///< of each level's variance
 };
 
-/// Line through the dark point and the levels, weighted by 1/variance. Sampling variances follow
-/// from the fitted line: 2σ⁴/((M-1)P) with the kurtosis of Poisson and dark noise and the row
-/// noise, which does not average over a row. Levels beyond three deviations are weighted down
-/// (Huber). Levels with the same dark frames have those frames' error in common, which no number of
-/// levels averages out: generalised least squares. When the scatter is more than sampling explains
-/// (χ² at the level of 1e-4), a constant variance is added to every level until it is explained
-/// (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error stays honest on a nonlinear
-/// sensor. Undecided: fewer than two usable levels, or a variance that does not rise with the
-/// light.
+/// Line through the dark point (unless it is cut off) and the levels, weighted by 1/variance.
+/// Sampling variances follow from the fitted line: 2σ⁴/((M-1)P) with the kurtosis of Poisson and
+/// dark noise and the row noise, which does not average over a row. Levels beyond three deviations
+/// are weighted down (Huber). Levels with the same dark frames have those frames' error in common,
+/// which no number of levels averages out: generalised least squares. When the scatter is more than
+/// sampling explains (χ² at the level of 1e-4), a constant variance is added to every level until
+/// it is explained (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error stays
+/// honest on a nonlinear sensor. Undecided: fewer than two usable levels, or a variance that does
+/// not rise with the light.
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
                                           const DarkPoint& dark);
 

@@ -84,6 +84,11 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
 
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress, bool want_variance) {
+  if (!settings.defects && !profile.defects.places.empty()) {
+    NoiseProfile without = profile;
+    without.defects = {};
+    return denoise_frame(std::move(frame), without, settings, progress, want_variance);
+  }
   const DenoiseMethod& method = denoise_method(settings.method);
   check_frame(frame, profile);
   if (want_variance && !method.on_mosaic)

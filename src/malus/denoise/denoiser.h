@@ -21,6 +21,7 @@ struct DenoiseSettings {
   double memory_mib = 1024;
   double strength = 1.0;
   bool row_noise = true;
+  bool defects = true;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
@@ -36,6 +37,10 @@ struct DenoiseSettings {
                                        "multiplies the noise deviation that is taken out", 0.1, 4});
     field(self.row_noise,
           ParameterInfo{"row_noise", "", "estimate and remove the row noise first"});
+    field(self.defects,
+          ParameterInfo{"defects", "",
+                        "fill the model's defect pixels from their neighbours, in frames of the "
+                        "sensor's whole size"});
   }
 };
 
@@ -55,6 +60,7 @@ struct Denoised {
   std::vector<double> mean_shift_dn;
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
+  std::int64_t defect_pixels = 0;  ///< of the model's list, filled from their neighbours
   int tiles = 1;
   std::vector<StageTime> times;
 };
@@ -71,9 +77,10 @@ const std::vector<DenoiseMethod>& denoise_methods();
 const DenoiseMethod& denoise_method(const std::string& name, const std::string& also = "");
 
 /// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
-/// its bias is subtracted. Pixels that are not finite are filled from their neighbours for the
-/// filter's sake and come back unchanged. Throws InputError on an unknown method or profile name,
-/// an empty frame, a layout that differs from the profile's, or too little memory; Cancelled.
+/// its bias is subtracted, its defects are filled. Pixels that are not finite are filled from their
+/// neighbours for the filter's sake and come back unchanged. Throws InputError on an unknown method
+/// or profile name, an empty frame, a layout that differs from the profile's, or too little memory;
+/// Cancelled.
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress = silent_progress(), bool want_variance = false);
 

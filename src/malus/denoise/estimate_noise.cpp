@@ -17,10 +17,13 @@ constexpr int kBlock = 8;         // pixels of one channel per side
 constexpr int kLeastBlocks = 64;  // per channel
 constexpr std::size_t kMostLevels = 16;
 constexpr std::size_t kLeastPerLevel = 24;
+// Two levels of a small frame cannot tell how the noise rises with the signal.
+constexpr std::size_t kLeastLevels = 4;
 constexpr int kPasses = 10;                // of reweighted fits
 constexpr double kSmoothShare = 0.4;       // of a level's blocks
 constexpr double kSharedIsTexture = 0.2;   // of the details, see shared_detail.h
 constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
+constexpr double kChance = 2.0;            // standard errors
 
 struct Block {
   double mean = 0;
@@ -99,7 +102,7 @@ std::vector<Level> measure_levels(std::vector<Block> blocks) {
   std::sort(blocks.begin(), blocks.end(),
             [](const Block& a, const Block& b) { return a.mean < b.mean; });
   const std::size_t levels =
-      std::clamp<std::size_t>(blocks.size() / kLeastPerLevel, 1, kMostLevels);
+      std::clamp<std::size_t>(blocks.size() / kLeastPerLevel, kLeastLevels, kMostLevels);
   std::vector<Level> result;
   for (std::size_t i = 0; i < levels; ++i)
     result.push_back(measure_level(
@@ -122,6 +125,18 @@ double weight_of(const Level& level, double fitted) {
   return weight_above((level.variance - fitted) / error) / (error * error);
 }
 
+// Read noise is not below zero: the slope is no steeper than any level's variance over its signal.
+// Of few levels the brightest may hold nothing but the picture's detail, stars on a dark ground,
+// and no other would tell.
+void limit_slope(const std::vector<Level>& levels, Line& line) {
+  constexpr std::size_t kFew = 8;
+  constexpr double kErrors = 3.0;
+  if (levels.size() >= kFew) return;
+  for (const Level& l : levels)
+    if (l.signal > 0)
+      line.slope = std::min(line.slope, l.variance * (1.0 + kErrors * l.relative_error) / l.signal);
+}
+
 Line fit_levels(const std::vector<Level>& levels) {
   std::vector<double> x, y, weights(levels.size(), 1.0);
   for (const Level& l : levels) {
@@ -132,10 +147,9 @@ Line fit_levels(const std::vector<Level>& levels) {
   line.offset = mean_of(y);
   line.offset_error = levels.front().relative_error * line.offset;
   const auto [low, high] = std::minmax_element(x.begin(), x.end());
-  if (x.size() < 3 || !(*high - *low > 1e-6 * (1.0 + std::abs(*high)))) return line;
+  if (!(*high - *low > 1e-6 * (1.0 + std::abs(*high)))) return line;
   for (int pass = 0; pass < kPasses; ++pass) {
     const LineFit fit = fit_line(x, y, weights, pass > 0);
-    if (fit.slope <= 0) return line;
     line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
     for (std::size_t i = 0; i < x.size(); ++i)
       weights[i] = weight_of(levels[i], line.offset + line.slope * x[i]);
@@ -161,21 +175,24 @@ VarianceCurve curve_of(const Line& line, const std::vector<Level>& levels, doubl
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
+// Slopes below zero by chance count as well: of a scene of nearly one brightness half of them are,
+// and the mean of the others would be far too steep. Those that fall by more than chance have
+// texture in the dark and tell nothing.
 void pool(std::vector<Line>& lines) {
   double slope = 0, weight = 0;
   for (const Line& l : lines)
-    if (l.slope > 0) {
+    if (l.slope_error > 0 && l.slope > -kChance * l.slope_error) {
       const double w = 1.0 / (l.slope_error * l.slope_error +
                               kPooledDeviation * kPooledDeviation * l.slope * l.slope);
       slope += w * l.slope;
       weight += w;
     }
-  if (!(weight > 0)) return;
-  slope /= weight;
+  slope = weight > 0 ? std::max(slope / weight, 0.0) : 0.0;
   const double prior = kPooledDeviation * slope;
   for (Line& l : lines) {
-    if (!(l.slope > 0)) continue;
-    const double trust = prior * prior / (prior * prior + l.slope_error * l.slope_error);
+    const double variance = l.slope_error * l.slope_error;
+    const double trust =
+        l.slope > 0 && slope > 0 ? prior * prior / (prior * prior + variance) : 0.0;
     l.slope = slope + trust * (l.slope - slope);
   }
 }
@@ -236,6 +253,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
     levels.push_back(measure_levels(blocks));
     lines.push_back(fit_levels(levels.back()));
+    if (frame.black_known) limit_slope(levels.back(), lines.back());
     means.push_back(mean_signal(blocks));
     noise.levels += static_cast<int>(levels.back().size());
   }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace malus {
 namespace {
@@ -29,14 +30,31 @@ float filled(View<const float> dn, const SensorLayout& layout, int row, int col)
   return 0.0f;
 }
 
-// All replacements are computed from the input's own pixels before any is written.
+// Replacements are computed from the input's own pixels before any is written.
+template <class Places>
+void fill(Image& dn, const SensorLayout& layout, const Places& places) {
+  std::vector<float> replacement;
+  for (const auto& p : places) replacement.push_back(filled(dn, layout, p.row, p.col));
+  for (std::size_t i = 0; i < places.size(); ++i) dn(places[i].row, places[i].col) = replacement[i];
+}
+
 void fill_nonfinite(Image& dn, const SensorLayout& layout, std::vector<NonfinitePixel>& list) {
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c)
       if (!std::isfinite(dn(r, c))) list.push_back({r, c, dn(r, c)});
-  std::vector<float> replacement;
-  for (const NonfinitePixel& p : list) replacement.push_back(filled(dn, layout, p.row, p.col));
-  for (std::size_t i = 0; i < list.size(); ++i) dn(list[i].row, list[i].col) = replacement[i];
+  fill(dn, layout, list);
+}
+
+// Those that hold a number: others come back as they are, whatever the list says of them.
+std::int64_t fill_defects(Image& dn, const SensorLayout& layout, const DefectList& defects) {
+  if (defects.rows != dn.rows() || defects.cols != dn.cols()) return 0;
+  std::vector<DefectList::Place> places;
+  for (const DefectList::Place& p : defects.places)
+    if (std::isfinite(dn(p.row, p.col))) places.push_back(p);
+  for (const DefectList::Place& p : places)
+    dn(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();  // no defect fills another
+  fill(dn, layout, places);
+  return static_cast<std::int64_t>(places.size());
 }
 
 std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout) {
@@ -64,6 +82,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool re
   PreparedFrame prepared;
   prepared.layout = frame.layout;
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
+  report.defect_pixels = fill_defects(frame.dn, frame.layout, profile.defects);
   std::vector<float> zero_dn;
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));

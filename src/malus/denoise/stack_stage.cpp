@@ -16,6 +16,14 @@ constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
 
+// From Stein's estimate, both in units of the noise's variance. It is too small where little noise
+// is left, and too large where detail leaves little to take out: there the parts of overlapping
+// stacks that are wrongly taken away differ and average out, and the error ends at the sample's
+// own, the noise. Beyond, much signal is taken away. Measured: docs/denoising.md, "Uncertainty".
+float stated_error(float stein, float optimism) {
+  return std::max(std::min(optimism * stein, std::max(stein / optimism, 1.0f)), kLeastError);
+}
+
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
   for (int k = 0; k < n; ++k)
@@ -158,7 +166,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
     sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
     if (variance_out)
       variance_out->values()[i] =
-          w > 0 ? std::max(stage.optimism * variance_out->values()[i] / w, kLeastError) : 1.0f;
+          w > 0 ? stated_error(variance_out->values()[i] / w, stage.optimism) : 1.0f;
   }
   return sum;
 }

@@ -294,12 +294,37 @@ const DarkFrameBank& NoiseModel::dark_frames_at(const GainSetting& gain) const {
                    "use one of these gains");
 }
 
-NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range) const {
-  if (!physics.empty()) return profile_of(physics_at(gain, range));
-  if (!gaussian.empty()) return gaussian_profile(*this, gaussian_at(gain));
-  if (!nonparametric.empty()) return nonparametric_profile(*this, nonparametric_at(gain));
-  throw InputError(name_of(*this), "holds no model of the pixel noise",
+namespace {
+
+// The maps tell the sensor's size; a model without them cannot say which frame its defects lie in.
+DefectList defects_of(const NoiseModel& model) {
+  DefectList list;
+  for (const PhysicsCalibration& p : model.physics)
+    for (const Image* map : {&p.dark_shading_dn, &p.prnu_map})
+      if (!map->empty()) {
+        list.rows = map->rows();
+        list.cols = map->cols();
+      }
+  if (list.rows > 0)
+    for (const DefectPixel& d : model.defects) list.places.push_back({d.row, d.col});
+  return list;
+}
+
+NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, GainRange range) {
+  if (!model.physics.empty()) return profile_of(model.physics_at(gain, range));
+  if (!model.gaussian.empty()) return gaussian_profile(model, model.gaussian_at(gain));
+  if (!model.nonparametric.empty())
+    return nonparametric_profile(model, model.nonparametric_at(gain));
+  throw InputError(name_of(model), "holds no model of the pixel noise",
                    "calibrate with --kind physics");
+}
+
+}  // namespace
+
+NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range) const {
+  NoiseProfile profile = pixel_noise_at(*this, gain, range);
+  profile.defects = defects_of(*this);
+  return profile;
 }
 
 }  // namespace malus

@@ -81,7 +81,8 @@ struct NoiseModel {
   const DarkFrameBank& dark_frames_at(const GainSetting& gain) const;
 
   /// What a denoiser needs at a gain, from the physics part, else the Gaussian, else the
-  /// non-parametric one (range concerns the first).
+  /// non-parametric one (range concerns the first); and the defects, where the maps tell the
+  /// sensor's size.
   NoiseProfile profile_at(const GainSetting& gain,
                           GainRange range = GainRange::kCalibratedOnly) const;
 

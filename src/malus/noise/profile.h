@@ -19,11 +19,21 @@ struct ChannelProfile {
   std::optional<NoiseLaw> law = std::nullopt;
 };
 
+/// Pixels that do not tell the light, by their place in a frame of the whole sensor.
+struct DefectList {
+  int rows = 0, cols = 0;  ///< of such a frame; 0: not known, and then there are no places
+  struct Place {
+    int row = 0, col = 0;
+  };
+  std::vector<Place> places;
+};
+
 struct NoiseProfile {
   SensorLayout layout;
   std::vector<ChannelProfile> channels;  ///< one per channel of the layout
   int row_group = 1;
   bool estimated_from_picture = false;  ///< no model was given
+  DefectList defects;
 };
 
 }  // namespace malus
