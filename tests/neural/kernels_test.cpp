@@ -297,6 +297,41 @@ TEST(Kernels, GeluIsAsExactAsDocumented) {
   EXPECT_LT(((x.to(torch::kDouble) - wanted).abs() / relative).max().item<double>(), 4e-7);
 }
 
+// Columns in and beside whole blocks of vectors, pixels in and beside whole groups.
+TEST(Kernels, ColumnsAndDepthwiseRowsAgreeWithPlainSums) {
+  torch::manual_seed(6);
+  for (const auto& [rows, channels] : {std::pair{1, 16}, {3, 80}, {11, 144}, {29, 256}}) {
+    const auto x = torch::randn({rows, channels + 5}), factors = torch::randn({channels});
+    const auto used = x.slice(1, 0, channels);
+    auto sums = factors.clone(), squares = factors.clone(), y = torch::zeros({rows, channels + 2});
+    const float* from = x.data_ptr<float>();
+    internal::add_columns(from, channels + 5, rows, channels, false, sums.data_ptr<float>());
+    internal::add_columns(from, channels + 5, rows, channels, true, squares.data_ptr<float>());
+    internal::scale_columns(from, channels + 5, rows, channels, factors.data_ptr<float>(),
+                            y.data_ptr<float>(), channels + 2);
+    EXPECT_LT(difference(sums, factors + used.sum(0)), 1e-5) << channels;
+    EXPECT_LT(difference(squares, factors + used.square().sum(0)), 1e-4) << channels;
+    EXPECT_EQ(difference(y.slice(1, 0, channels), used * factors), 0) << channels;
+    EXPECT_EQ(y.slice(1, channels).abs().max().item<float>(), 0) << channels;
+
+    const auto three = torch::randn({3, rows + 2, channels}), weight = torch::randn({9, channels});
+    auto row = torch::zeros({rows + 1, channels});
+    const float* const at[3] = {three[0].data_ptr<float>(), three[1].data_ptr<float>(),
+                                three[2].data_ptr<float>()};
+    for (const bool biased : {false, true}) {
+      auto expected =
+          biased ? factors.expand({rows, channels}).clone() : torch::zeros({rows, channels});
+      for (int i = 0; i < 9; ++i)
+        expected += three[i / 3].slice(0, i % 3, i % 3 + rows) * weight[i];
+      internal::depthwise_row(at, weight.data_ptr<float>(),
+                              biased ? factors.data_ptr<float>() : nullptr, rows, channels,
+                              row.data_ptr<float>());
+      EXPECT_LT(difference(row.slice(0, 0, rows), expected), 2e-5) << rows << " x " << channels;
+      EXPECT_EQ(row[rows].abs().max().item<float>(), 0) << rows << " x " << channels;
+    }
+  }
+}
+
 TEST(Kernels, ConvolutionsAgreeWithTheLayers) {
   using namespace torch::nn;
   torch::manual_seed(9);

@@ -58,27 +58,38 @@ void gate_halves(const float* halves, std::ptrdiff_t rows, std::ptrdiff_t width,
     }
 }
 
+// kVectors vectors of columns: so many streams through the rows, not one after another, which would
+// fetch the rows' lines again and again where rows lie a power of two apart.
+template <int kVectors>
+HWY_INLINE void add_some_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
+                                 bool squared, float* sums) {
+  const Tag d;
+  Vec sum[kVectors];
+  for (int j = 0; j < kVectors; ++j) sum[j] = hn::LoadU(d, sums + j * kWidth);
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (int j = 0; j < kVectors; ++j) {
+      const Vec value = hn::LoadU(d, x + r * x_row + j * kWidth);
+      sum[j] = squared ? hn::MulAdd(value, value, sum[j]) : hn::Add(sum[j], value);
+    }
+  for (int j = 0; j < kVectors; ++j) hn::StoreU(sum[j], d, sums + j * kWidth);
+}
+
 void add_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows, std::ptrdiff_t columns,
                  bool squared, float* sums) {
-  const Tag d;
-  for (std::ptrdiff_t c = 0; c < columns; c += kWidth) {
-    Vec sum = hn::LoadU(d, sums + c);
-    for (std::ptrdiff_t r = 0; r < rows; ++r) {
-      const Vec value = hn::LoadU(d, x + r * x_row + c);
-      sum = squared ? hn::MulAdd(value, value, sum) : hn::Add(sum, value);
-    }
-    hn::StoreU(sum, d, sums + c);
-  }
+  constexpr int kVectors = 8;
+  std::ptrdiff_t c = 0;
+  for (; c + kVectors * kWidth <= columns; c += kVectors * kWidth)
+    add_some_columns<kVectors>(x + c, x_row, rows, squared, sums + c);
+  for (; c < columns; c += kWidth) add_some_columns<1>(x + c, x_row, rows, squared, sums + c);
 }
 
 void scale_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
                    std::ptrdiff_t columns, const float* factors, float* y, std::ptrdiff_t y_row) {
   const Tag d;
-  for (std::ptrdiff_t c = 0; c < columns; c += kWidth) {
-    const Vec factor = hn::LoadU(d, factors + c);
-    for (std::ptrdiff_t r = 0; r < rows; ++r)
-      hn::StoreU(hn::Mul(hn::LoadU(d, x + r * x_row + c), factor), d, y + r * y_row + c);
-  }
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < columns; c += kWidth)
+      hn::StoreU(hn::Mul(hn::LoadU(d, x + r * x_row + c), hn::LoadU(d, factors + c)), d,
+                 y + r * y_row + c);
 }
 
 void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count) {
@@ -129,36 +140,38 @@ void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, s
   for (; r < rows; ++r) normalize_some<1>(norm, x + r * x_row, x_row, channels, y + r * channels);
 }
 
-// kPixels pixels of one vector of channels: what three rows give to them.
+// kPixels pixels: what three rows give to them. Channels are taken in the order of memory: one
+// vector of them for all pixels first would read half lines, and of few sets of the cache.
 template <int kPixels>
-HWY_INLINE void depthwise_pixels(const float* const rows[3], const Vec (&weight)[9], Vec bias,
+HWY_INLINE void depthwise_pixels(const float* const rows[3], const float* weight, const float* bias,
                                  std::ptrdiff_t at, std::ptrdiff_t channels, float* y) {
   const Tag d;
-  Vec sum[kPixels];
-  for (int i = 0; i < kPixels; ++i) sum[i] = bias;
-  for (int r = 0; r < 3; ++r) {
-    Vec value[kPixels + 2];
-    for (int i = 0; i < kPixels + 2; ++i) value[i] = hn::LoadU(d, rows[r] + at + i * channels);
-    for (int i = 0; i < kPixels; ++i)
-      for (int c = 0; c < 3; ++c) sum[i] = hn::MulAdd(value[i + c], weight[3 * r + c], sum[i]);
+  for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
+    const Vec start = bias == nullptr ? hn::Zero(d) : hn::LoadU(d, bias + c);
+    Vec sum[kPixels];
+    for (int i = 0; i < kPixels; ++i) sum[i] = start;
+    for (int r = 0; r < 3; ++r) {
+      const float* from = rows[r] + at + c;
+      Vec tap[3];
+      for (int t = 0; t < 3; ++t) tap[t] = hn::LoadU(d, weight + (3 * r + t) * channels + c);
+      for (int i = 0; i < kPixels + 2; ++i) {
+        const Vec value = hn::LoadU(d, from + i * channels);
+        for (int t = 0; t < 3; ++t)
+          if (i >= t && i - t < kPixels) sum[i - t] = hn::MulAdd(value, tap[t], sum[i - t]);
+      }
+    }
+    for (int i = 0; i < kPixels; ++i) hn::StoreU(sum[i], d, y + at + c + i * channels);
   }
-  for (int i = 0; i < kPixels; ++i) hn::StoreU(sum[i], d, y + at + i * channels);
 }
 
 void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
                    std::ptrdiff_t cols, std::ptrdiff_t channels, float* y) {
-  const Tag d;
-  constexpr int kPixels = kWidth == kLane ? 8 : 2;
-  for (std::ptrdiff_t c = 0; c < channels; c += kWidth) {
-    Vec taps[9];
-    for (int i = 0; i < 9; ++i) taps[i] = hn::LoadU(d, weight + i * channels + c);
-    const Vec start = bias == nullptr ? hn::Zero(d) : hn::LoadU(d, bias + c);
-    std::ptrdiff_t pixel = 0;
-    for (; pixel + kPixels <= cols; pixel += kPixels)
-      depthwise_pixels<kPixels>(rows, taps, start, pixel * channels + c, channels, y);
-    for (; pixel < cols; ++pixel)
-      depthwise_pixels<1>(rows, taps, start, pixel * channels + c, channels, y);
-  }
+  constexpr int kPixels = kWidth == kLane ? 8 : 4;
+  std::ptrdiff_t pixel = 0;
+  for (; pixel + kPixels <= cols; pixel += kPixels)
+    depthwise_pixels<kPixels>(rows, weight, bias, pixel * channels, channels, y);
+  for (; pixel < cols; ++pixel)
+    depthwise_pixels<1>(rows, weight, bias, pixel * channels, channels, y);
 }
 
 void softmax_rows(float* x, std::ptrdiff_t rows, std::ptrdiff_t cols, float scale,

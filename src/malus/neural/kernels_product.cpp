@@ -36,6 +36,7 @@ struct Arithmetic {
 #include "malus/neural/internal/product-inl.h"
 
 void multiply_floats(const MatrixProduct& p) { multiply_parts(p, p.a, p.b); }
+std::ptrdiff_t panel_of_floats(std::ptrdiff_t cols) { return panel_cols_of(cols); }
 
 }  // namespace malus::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -44,6 +45,7 @@ HWY_AFTER_NAMESPACE();
 namespace malus::internal {
 
 HWY_EXPORT(multiply_floats);
+HWY_EXPORT(panel_of_floats);
 void multiply(const MatrixProduct& product) {
   if (product.pairs != nullptr)
     multiply_rounded(product);
@@ -53,7 +55,7 @@ void multiply(const MatrixProduct& product) {
 
 void pack_columns(const float* b, std::ptrdiff_t inner, std::ptrdiff_t cols,
                   std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to) {
-  const std::ptrdiff_t panel_cols = panel_of(cols);
+  const std::ptrdiff_t panel_cols = HWY_DYNAMIC_DISPATCH(panel_of_floats)(cols);
   for (std::ptrdiff_t panel = 0; panel < cols; panel += panel_cols) {
     const std::ptrdiff_t count = std::min(panel_cols, cols - panel), width = whole_lanes(count);
     for (std::ptrdiff_t k = 0; k < inner; ++k, to += width)

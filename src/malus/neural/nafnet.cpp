@@ -72,8 +72,8 @@ class NAFBlockImpl : public Module {
       internal::add_columns(to, c, piece.pixels, c, false, sums.data_ptr<float>() + piece.task * c);
     });
     const auto mean = sums.view({b, -1, c}).sum(1, false, torch::kDouble) / pixels;
-    const auto factors =
-        sca_->forward(mean.to(torch::kFloat).view({b, c, 1, 1})).reshape({b, c}).contiguous();
+    const auto means = mean.to(torch::kFloat).contiguous(), factors = torch::empty({b, c});
+    layers.sca.run(means.data_ptr<float>(), b, factors.data_ptr<float>(), c);
     second_half(layers, x, gated, factors);
   }
 
@@ -81,16 +81,21 @@ class NAFBlockImpl : public Module {
   struct Packed {
     internal::StripLayer wide;
     internal::RowNorm norm;
-    internal::PackedLinear conv3, conv4, conv5;  ///< the third and fifth with beta and gamma
+    internal::PackedLinear sca, conv3, conv4, conv5;  ///< the third and fifth with beta and gamma
   };
   Packed packed() const {
     const auto scaled = [](const Conv2d& layer, const torch::Tensor& scale) {
       return internal::PackedLinear(layer->weight * scale.view({-1, 1, 1, 1}),
                                     layer->bias * scale.view(-1));
     };
+    const auto exact = [](const Conv2dImpl& layer) {  // few values that scale all others
+      const internal::RoundedProducts float32(false);
+      return internal::PackedLinear(layer.weight, layer.bias);
+    };
     return {
         {norm1_->packed(), {conv1_->weight, conv1_->bias}, false, {conv2_->weight, conv2_->bias}},
         norm2_->packed(),
+        exact(*sca_->ptr(1)->as<Conv2d>()),
         scaled(conv3_, beta_),
         {conv4_->weight, conv4_->bias},
         scaled(conv5_, gamma_)};
@@ -98,7 +103,8 @@ class NAFBlockImpl : public Module {
   // Everything after the pooled attention, a few pixels at a time.
   static void second_half(const Packed& layers, const torch::Tensor& x, const torch::Tensor& gated,
                           const torch::Tensor& factors) {
-    constexpr std::ptrdiff_t kPixels = 128;
+    // In whole tiles of products: 6 rows, or 12.
+    constexpr std::ptrdiff_t kPixels = 132;
     const std::ptrdiff_t c = x.size(3), image_pixels = x.size(1) * x.size(2),
                          pieces = (image_pixels + kPixels - 1) / kPixels;
     internal::for_each_task(x.size(0) * pieces, [&](std::ptrdiff_t task) {

@@ -76,16 +76,18 @@ class StripTask {
     for (std::ptrdiff_t row = from; row < to; ++row)
       normalize_rows(layer_.norm, x + place(row, left) * channels, channels, right - left, channels,
                      normal_ + ((row - from) * slot_pixels_ + inner) * channels);
-    // The pixels between the rows are computed along and then cleared: one product for all rows.
-    const std::ptrdiff_t pixels = (to - from - 1) * slot_pixels_ + (right - left);
-    for (std::ptrdiff_t row = from; row + 1 < to; ++row) {
-      float* gap = normal_ + ((row - from) * slot_pixels_ + inner + right - left) * channels;
-      std::fill_n(gap, (slot_pixels_ - (right - left)) * channels, 0.0F);
-    }
-    float* wide = slot(from) + inner * wide_;
-    layer_.expand.run(normal_ + inner * channels, pixels, wide, wide_);
-    if (layer_.gelu) gelu(wide, pixels * wide_);
+    MatrixProduct p = layer_.expand.product();
+    p.rows = right - left;
+    p.a = normal_ + inner * channels;
+    p.a_row = channels;
+    p.c = slot(from) + inner * wide_;
+    p.c_row = wide_;
+    p.groups = to - from;
+    p.a_group = slot_pixels_ * channels;
+    p.c_group = slot_pixels_ * wide_;
+    multiply(p);
     for (std::ptrdiff_t row = from; row < to; ++row) {
+      if (layer_.gelu) gelu(slot(row) + inner * wide_, (right - left) * wide_);
       if (left == col0_) std::fill_n(slot(row), wide_, 0.0F);
       if (right == col1_) std::fill_n(slot(row) + (slot_pixels_ - 1) * wide_, wide_, 0.0F);
     }

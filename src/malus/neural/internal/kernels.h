@@ -14,7 +14,8 @@ inline constexpr std::ptrdiff_t kLane = 16;
 constexpr std::ptrdiff_t whole_lanes(std::ptrdiff_t n) { return (n + kLane - 1) / kLane * kLane; }
 
 /// Packed weights lie in panels of so many columns, each panel whole: 3 or 4 vectors, whichever
-/// leaves no narrow panel for multiples of 48 and of 64.
+/// leaves no narrow panel for multiples of 48 and of 64. Float32 with shorter vectors has panels of
+/// a tile's width (product-inl.h).
 constexpr std::ptrdiff_t panel_of(std::ptrdiff_t cols) {
   return cols % (3 * kLane) == 0 ? 3 * kLane : 4 * kLane;
 }

@@ -14,12 +14,19 @@ constexpr std::ptrdiff_t kWidth = Arithmetic::kWidth;
 constexpr std::ptrdiff_t kDepth = Arithmetic::kDepth;
 
 // Registers decide the tile: where there are 32 of 512 bits, 24 sums (16 of single columns), which
-// hide the multiply-add's latency; else 4 rows by 16 columns.
+// hide the multiply-add's latency; of AVX2's 16, 12 sums of 6 rows by 16 columns, 2 factors and one
+// value; else 4 rows by 16 columns.
 constexpr std::ptrdiff_t kTileCols = kWidth == kLane ? 4 * kLane : kLane;
 template <int kVectors>
-constexpr int kTileRows = kWidth < kLane  ? 4
-                          : kVectors == 1 ? 16
-                                          : 24 / kVectors;
+constexpr int kTileRows = 2 * kWidth == kLane ? 6
+                          : kWidth < kLane    ? 4
+                          : kVectors == 1     ? 16
+                                              : 24 / kVectors;
+// Columns of a panel of packed weights: a tile's, so that what a tile reads of them lies together.
+// For whole tiles of three or of four vectors whichever leaves no narrow panel.
+constexpr std::ptrdiff_t panel_cols_of(std::ptrdiff_t cols) {
+  return kWidth == kLane ? panel_of(cols) : kTileCols;
+}
 // Rows that columns which end inside a vector pass at a time.
 constexpr std::ptrdiff_t kRaggedRows = 24;
 // Rows of b that stay in the second-level cache while all rows of a pass by.
@@ -134,48 +141,54 @@ inline void ragged_columns(std::ptrdiff_t cols, const MatrixProduct& p, const In
   }
 }
 
+// Up to kTileCols columns from col on of the panel of panel_cols columns that begins at panel.
 inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b,
-                          const InnerPart& part) {
+                          const InnerPart& part, std::ptrdiff_t panel, std::ptrdiff_t panel_cols,
+                          std::ptrdiff_t col) {
   const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
-  const std::ptrdiff_t most = panel_of(p.cols);
-  for (std::ptrdiff_t panel = 0; panel < p.cols; panel += most) {
-    const std::ptrdiff_t panel_cols = std::min(most, p.cols - panel);
-    for (std::ptrdiff_t col = 0; col < panel_cols; col += kTileCols) {
-      const std::ptrdiff_t cols = std::min(kTileCols, panel_cols - col), n = panel + col;
-      const bool plain = p.b_inner != 0;
-      TilePlace at{a,
-                   b + (plain ? n : panel * taps * whole_depth(p.inner) + col * kDepth),
-                   plain ? p.b_inner : whole_lanes(panel_cols),
-                   p.bias == nullptr ? nullptr : p.bias + n,
-                   p.c + n,
-                   p.c_row};
-      for (std::ptrdiff_t group = 0; group < p.groups; ++group) {
-        if (cols % kLane == 0)
-          rows_of(cols, p, part, at);
-        else
-          ragged_columns(cols, p, part, at);
-        at.a += p.a_group;
-        at.c += p.c_group;
-      }
-    }
+  const std::ptrdiff_t cols = std::min(kTileCols, panel_cols - col), n = panel + col;
+  const bool plain = p.b_inner != 0;
+  TilePlace at{a,
+               b + (plain ? n : panel * taps * whole_depth(p.inner) + col * kDepth),
+               plain ? p.b_inner : whole_lanes(panel_cols),
+               p.bias == nullptr ? nullptr : p.bias + n,
+               p.c + n,
+               p.c_row};
+  for (std::ptrdiff_t group = 0; group < p.groups; ++group) {
+    if (cols % kLane == 0)
+      rows_of(cols, p, part, at);
+    else
+      ragged_columns(cols, p, part, at);
+    at.a += p.a_group;
+    at.c += p.c_group;
   }
 }
 
-// The whole product p with a and b in place of its own.
-inline void multiply_parts(const MatrixProduct& p, const Value* a, const Value* b) {
+// Calls use(part) for parts of the inner dimension, in order.
+template <class Use>
+HWY_INLINE void for_inner_parts(const MatrixProduct& p, const Use& use) {
   const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
   if (p.inner > kInnerBlock / 2) {
     const std::ptrdiff_t parts = (p.inner + kInnerBlock - 1) / kInnerBlock,
                          size = whole_depth((p.inner + parts - 1) / parts);
     for (std::ptrdiff_t tap = 0; tap < taps; ++tap)
       for (std::ptrdiff_t k = 0; k < p.inner; k += size)
-        multiply_part(p, a, b,
-                      {tap, tap + 1, k, std::min(k + size, p.inner), tap == 0 && k == 0,
-                       tap + 1 == taps && k + size >= p.inner});
+        use(InnerPart{tap, tap + 1, k, std::min(k + size, p.inner), tap == 0 && k == 0,
+                      tap + 1 == taps && k + size >= p.inner});
     return;
   }
   const std::ptrdiff_t group = std::max<std::ptrdiff_t>(kInnerBlock / p.inner, 1);
   for (std::ptrdiff_t tap = 0; tap < taps; tap += group)
-    multiply_part(p, a, b,
-                  {tap, std::min(tap + group, taps), 0, p.inner, tap == 0, tap + group >= taps});
+    use(InnerPart{tap, std::min(tap + group, taps), 0, p.inner, tap == 0, tap + group >= taps});
+}
+
+// The whole product p with a and b in place of its own.
+inline void multiply_parts(const MatrixProduct& p, const Value* a, const Value* b) {
+  const std::ptrdiff_t most = panel_cols_of(p.cols);
+  for (std::ptrdiff_t panel = 0; panel < p.cols; panel += most) {
+    const std::ptrdiff_t panel_cols = std::min(most, p.cols - panel);
+    for (std::ptrdiff_t col = 0; col < panel_cols; col += kTileCols)
+      for_inner_parts(
+          p, [&](const InnerPart& part) { multiply_part(p, a, b, part, panel, panel_cols, col); });
+  }
 }
