@@ -50,6 +50,27 @@ Matrix axes_of(const Image& pilot, const std::vector<std::ptrdiff_t>& at, int co
   return solver.eigenvectors().rowwise().reverse();
 }
 
+// Sums and differences of the four cells of every component: rows as in a quarter, orthonormal.
+Matrix cell_differences() {
+  Matrix signs(4, 4);
+  signs << 1, 1, 1, 1, 1, -1, 1, -1, 1, 1, -1, -1, 1, -1, -1, 1;
+  Matrix all = Matrix::Zero(16, 16);
+  for (int i = 0; i < 4; ++i)
+    for (int k = 0; k < 4; ++k)
+      all.block(4 * i, 4 * k, 4, 4) = 0.5 * signs(i, k) * Matrix::Identity(4, 4);
+  return all;
+}
+
+// Gains of a quarter's values by their energy in the pilot, against a share of the noise that the
+// weights let through.
+Matrix gains_of(const Matrix& pilot, const Matrix& weights) {
+  const Matrix differences = cell_differences();
+  const Eigen::ArrayXd energy = (differences * pilot).rowwise().squaredNorm().array();
+  const Eigen::ArrayXd squares = (energy / (0.8 * weights.squaredNorm())).square();
+  const Eigen::VectorXd gains = squares / (squares + 1);
+  return differences.transpose() * gains.asDiagonal() * differences;
+}
+
 // kSide x kSide; not a number where no block lies.
 Matrix combine_plainly(const Image& noisy, const Image& pilot,
                        const std::vector<std::ptrdiff_t>& at, int count, const Matrix& axes) {
@@ -71,7 +92,7 @@ Matrix combine_plainly(const Image& noisy, const Image& pilot,
     const Matrix moments_of_blocks = 0.7 * part.transpose() * part;
     const Matrix weights =
         (moments_of_blocks + 16.0 * Matrix::Identity(count, count)).ldlt().solve(moments_of_blocks);
-    const Matrix combined = y(rows, Eigen::all) * weights;
+    const Matrix combined = gains_of(part, weights) * y(rows, Eigen::all) * weights;
     for (std::size_t i = 0; i < rows.size(); ++i)
       x.row(rows[i]) = combined.row(static_cast<int>(i));
   }
