@@ -71,7 +71,7 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
   require_whole_cell(frame.dn, frame.layout, input.string());
   // Stokes vectors of all colours together: the mean of R, G and B.
   const StokesPicture colors =
-      arguments.full ? demosaick(frame.dn, frame.layout)
+      arguments.full ? demosaick(frame.dn, frame.layout, Demosaicking::kResidual, frame.source)
                      : merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout),
                                     frame.layout);
   const StokesPlanes stokes = mean_stokes(colors.planes);

@@ -126,7 +126,7 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
   const auto method =
       std::find(kDemosaickingNames.begin(), kDemosaickingNames.end(), arguments.method) -
       kDemosaickingNames.begin();
-  return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method));
+  return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method), frame.source);
 }
 
 // What the noise of one input is: the model's, or what denoise wrote beside it.

@@ -171,6 +171,13 @@ def test_a_frame_that_says_it_is_above_black_is_believed(malus, tmp_path):
     assert np.load(tmp_path / "out/c_000_denoised.npy").mean() == pytest.approx(300, abs=10)
 
 
+@pytest.mark.parametrize("command", ["stokes", "normals"])
+def test_full_resolution_of_too_small_a_frame_names_it(refused, tmp_path, command):
+    np.save(tmp_path / "tiny.npy", np.full((3, 12), 300, np.float32))
+    line = refused(command, "-q", tmp_path / "tiny.npy", *LAYOUT, "--full", "-o", tmp_path / "out")
+    assert "tiny.npy: 12 x 3 pixels are fewer than two 2 x 2 cells each way" in line
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 97), (97, 1), (3, 5), (66, 70)])
 @pytest.mark.parametrize("kind", ["constant", "saturated", "nan"])
 def test_denoise_takes_any_picture(malus, tmp_path, shape, kind):

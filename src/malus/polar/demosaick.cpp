@@ -185,9 +185,9 @@ bool is_bayer_pattern(const std::array<Color, 4>& cell) {
   return main || other;
 }
 
-void check_size(View<const float> mosaic, const SensorLayout& layout) {
+void check_size(View<const float> mosaic, const SensorLayout& layout, const std::string& source) {
   if (mosaic.rows() < 2 * layout.rows() || mosaic.cols() < 2 * layout.cols())
-    throw InputError("demosaicking",
+    throw InputError(source,
                      fmt::format("{} x {} pixels are fewer than two {} x {} cells each way",
                                  mosaic.cols(), mosaic.rows(), layout.cols(), layout.rows()),
                      "use a larger frame, or one value per cell");
@@ -215,9 +215,10 @@ bool supports_residual(const SensorLayout& layout) {
   return is_bayer_pattern(blocks);
 }
 
-StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, Demosaicking method) {
-  require_polarized(layout, "demosaicking");
-  check_size(mosaic, layout);
+StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, Demosaicking method,
+                        const std::string& source) {
+  require_polarized(layout, source);
+  check_size(mosaic, layout, source);
   const Image finite = internal::filled(mosaic, layout);
   if (method == Demosaicking::kBilinear) return bilinear(finite, layout);
   if (!supports_residual(layout))
@@ -240,7 +241,7 @@ Planes demosaick_bayer(View<const float> mosaic, const SensorLayout& layout) {
   if (!is_bayer(layout))
     throw InputError(fmt::format("layout {}", layout.name()), "is no Bayer pattern",
                      "give a mosaic of a Bayer sensor");
-  check_size(mosaic, layout);
+  check_size(mosaic, layout, "demosaicking");
   const Image finite = internal::filled(mosaic, layout);
   auto colors = internal::bayer_colors(
       finite,

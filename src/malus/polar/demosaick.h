@@ -30,10 +30,11 @@ bool supports_residual(const SensorLayout& layout);
 
 /// mosaic: DN above black. Result: planes of the mosaic's size, "R", "G", "B" (G from both greens)
 /// or "" for mono. Pixels that are not finite are filled from their neighbours first; outputs are
-/// finite. Throws InputError when the layout is not polarized, the method does not support it, or
-/// the mosaic is smaller than two cells.
+/// finite. Throws InputError, which names `source`, when the layout is not polarized or the mosaic
+/// is smaller than two cells; and when the method does not support the layout.
 StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout,
-                        Demosaicking method = Demosaicking::kResidual);
+                        Demosaicking method = Demosaicking::kResidual,
+                        const std::string& source = "demosaicking");
 
 /// Two greens on one diagonal of 2x2 sites, red and blue on the other, no polarizers.
 bool is_bayer(const SensorLayout& layout);
