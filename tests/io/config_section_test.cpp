@@ -47,6 +47,7 @@ TEST(ConfigSettings, TheLastOneCounts) {
 TEST(ConfigSettings, QuotedTextsAreTexts) {
   EXPECT_EQ(with({"train.loss=\"7\""}).section("train")->text("loss"), "7");
   EXPECT_EQ(with({"train.loss=l1"}).section("train")->text("loss"), "l1");
+  EXPECT_EQ(with({"train.loss=a\\b\"c"}).section("train")->text("loss"), "a\\b\"c");
 }
 
 TEST(ConfigSettings, MistakesNameTheSetting) {

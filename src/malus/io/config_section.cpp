@@ -44,7 +44,7 @@ toml::table parsed_setting(const std::string& setting) {
   const std::string key = setting.substr(0, equals);
   if (equals != std::string::npos) {
     const std::string value = setting.substr(equals + 1);
-    for (const std::string& text : {value, "\"\"\"" + value + "\"\"\""}) try {
+    for (const std::string& text : {value, "'''" + value + "'''"}) try {
         return toml::parse(key + " = " + text, source);
       } catch (const toml::parse_error&) {  // the other one, or the line below
       }
