@@ -54,5 +54,24 @@ TEST(FixedPattern, APixelStuckAtWhiteDoesNotCostTheGain) {
                 4 * K.standard_error[c]);
 }
 
+// All of them in one corner of the frame.
+TEST(FixedPattern, HotPixelsAreNoLightLeak) {
+  testing::SimulatedCamera camera;
+  camera.rows = camera.cols = 64;
+  camera.bias_frames = 30;
+  camera.flat_levels = 0;
+  camera.gains.push_back(testing::polar_gain(12, "mono", 1));
+  CalibrationInput input = testing::simulated_session(camera);
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      for (int k = 0; k < 5; ++k) frame.dn(k, 3 * k) = 4000.0F;
+      return frame;
+    };
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  for (const std::string& warning : model.physics[0].warnings)
+    EXPECT_EQ(warning.find("light leak"), std::string::npos) << warning;
+}
+
 }  // namespace
 }  // namespace malus

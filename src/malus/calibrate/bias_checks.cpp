@@ -35,6 +35,14 @@ std::vector<double> levels_of(const FrameSeries& frame_means_dn) {
   return level;
 }
 
+// The mean, to which no pixel adds more than `most` beyond the middle one: hot ones are no light.
+double level_of(const std::vector<double>& values, double most) {
+  const double middle = median_of(values);
+  double sum = 0;
+  for (const double v : values) sum += std::clamp(v - middle, -most, most);
+  return middle + sum / static_cast<double>(values.size());
+}
+
 }  // namespace
 
 void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
@@ -91,16 +99,18 @@ void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
 void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                    double temporal_sd_dn, PhysicsCalibration& out) {
   constexpr int kBlocks = 4;
+  constexpr double kOutlying = 3;
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (int i = 0; i < kBlocks; ++i)
     for (int j = 0; j < kBlocks; ++j) {
-      Moments block;
+      std::vector<double> block;
       for (int r = i * geometry.rows() / kBlocks; r < (i + 1) * geometry.rows() / kBlocks; ++r)
         for (int c = j * geometry.cols() / kBlocks; c < (j + 1) * geometry.cols() / kBlocks; ++c)
-          block.add(shading_dn(r, c));
-      if (block.count() == 0) continue;
-      low = std::min(low, block.mean());
-      high = std::max(high, block.mean());
+          block.push_back(shading_dn(r, c));
+      if (block.empty()) continue;
+      const double level = level_of(block, kOutlying * temporal_sd_dn);
+      low = std::min(low, level);
+      high = std::max(high, level);
     }
   // Four standard errors of a difference of block means, so that few frames do not cry wolf.
   const double pixels = static_cast<double>(geometry.rows()) * geometry.cols() /
