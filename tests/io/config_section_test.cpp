@@ -2,10 +2,13 @@
 // what reads them.
 #include "malus/io/config_section.h"
 
+#include "../problem_of.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
+
+using testing::problem_of;
 
 constexpr const char* kFile = R"(title = "a"
 [train]
@@ -17,15 +20,6 @@ pictures = ["x.png", "y.png"]
 
 ConfigSection with(const std::vector<std::string>& settings) {
   return ConfigSection::parse(kFile, "file.toml", "the configuration", settings);
-}
-
-std::string message_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "nothing was refused";
 }
 
 TEST(ConfigSettings, ReplaceAndAddAndLeaveTheRest) {
@@ -52,19 +46,19 @@ TEST(ConfigSettings, QuotedTextsAreTexts) {
 
 TEST(ConfigSettings, MistakesNameTheSetting) {
   for (const char* wrong : {"train.steps", "=7", "train..steps=7", ""})
-    EXPECT_NE(message_of([&] { with({wrong}); }).find(std::string("--set ") + wrong + ": is no"),
+    EXPECT_NE(problem_of([&] { with({wrong}); }).find(std::string("--set ") + wrong + ": is no"),
               std::string::npos)
         << wrong;
-  EXPECT_EQ(message_of([] {
+  EXPECT_EQ(problem_of([] {
               (void)with({"train.steps=many"}).section("train")->whole_number("steps", 0, 9);
             }).find("--set train.steps=many: steps"),
             0u);
-  EXPECT_EQ(message_of([] {
+  EXPECT_EQ(problem_of([] {
               with({"train.stepz=3"}).section("train")->require_known({"steps", "loss"});
             }).find("--set train.stepz=3: unknown key"),
             0u);
   // What the file itself says is still found in the file.
-  EXPECT_EQ(message_of([] {
+  EXPECT_EQ(problem_of([] {
               (void)with({"train.steps=3"}).section("train")->whole_number("loss", 0, 9);
             }).find("file.toml:4: loss"),
             0u);

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "../problem_of.h"
 #include "sample_model.h"
 #include "support.h"
 
@@ -17,16 +18,8 @@ namespace {
 
 using testing::db;
 using testing::iso;
+using testing::problem_of;
 using Values = std::vector<double>;
-
-std::string problem_of(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "";
-}
 
 TEST(ModelAtGain, MeasuredGainsGiveTheMeasuredValues) {
   const NoiseModel model = testing::full_model();
