@@ -84,19 +84,16 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
 
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress, bool want_variance) {
-  if (!settings.defects && !profile.defects.places.empty()) {
-    NoiseProfile without = profile;
-    without.defects = {};
-    return denoise_frame(std::move(frame), without, settings, progress, want_variance);
-  }
   const DenoiseMethod& method = denoise_method(settings.method);
   check_frame(frame, profile);
   if (want_variance && !method.on_mosaic)
     throw InputError("--method " + method.name, "gives no uncertainty", "use nl-ridge or bm3d");
   Denoised result;
   const Stopwatch preparation;
-  const PreparedFrame prepared =
-      prepare_frame(std::move(frame), profile, settings.row_noise && method.on_mosaic, result);
+  const PreparedFrame prepared = prepare_frame(
+      std::move(frame), profile,
+      {.remove_rows = settings.row_noise && method.on_mosaic, .fill_defects = settings.defects},
+      result);
   const double preparation_s = preparation.seconds();
   const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());

@@ -77,12 +77,13 @@ void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
   require_layout_of_model(frame, profile.layout);
 }
 
-PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool remove_rows,
+PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, PreparationSteps steps,
                             Denoised& report) {
   PreparedFrame prepared;
   prepared.layout = frame.layout;
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
-  report.defect_pixels = fill_defects(frame.dn, frame.layout, profile.defects);
+  if (steps.fill_defects)
+    report.defect_pixels = fill_defects(frame.dn, frame.layout, profile.defects);
   std::vector<float> zero_dn;
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
@@ -99,7 +100,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool re
   prepared.dn = std::move(frame.dn);
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
-  if (remove_rows) {
+  if (steps.remove_rows) {
     const RowNoise rows = estimate_row_noise(prepared.dn, profile, prepared.saturated_dn);
     remove_row_noise(prepared.dn, profile, rows, prepared.saturated_dn);
     double sum = 0, sigma = 0;

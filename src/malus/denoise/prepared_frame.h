@@ -34,8 +34,13 @@ struct PreparedFrame {
 /// Throws InputError on a frame without pixels or with another layout than the profile's.
 void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 
+/// What is done to a frame besides the profile's bias and stabilisation.
+struct PreparationSteps {
+  bool remove_rows = true, fill_defects = true;
+};
+
 /// Fills the report's fields about the input. Contract: check_frame has passed.
-PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, bool remove_rows,
+PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, PreparationSteps steps,
                             Denoised& report);
 
 /// One per channel; strength multiplies the deviation.

@@ -161,9 +161,10 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
   NoiseProfile profile = measured;
   if (!settings.remove_bias)
     for (ChannelProfile& channel : profile.channels) channel.bias_dn = 0;
-  if (!classical.defects) profile.defects = {};
   Denoised report;
-  PreparedFrame prepared = prepare_frame(std::move(frame), profile, settings.row_noise, report);
+  PreparedFrame prepared =
+      prepare_frame(std::move(frame), profile,
+                    {.remove_rows = settings.row_noise, .fill_defects = classical.defects}, report);
   Image guide_dn;
   if (settings.guide == "bm3d") {
     DenoiseSettings guide = classical;
