@@ -161,13 +161,16 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   job.weight = weight.values().data();
   job.error = variance_out ? variance_out->values().data() : nullptr;
   filter_all(job, input, stage, progress);
-  for (std::size_t i = 0; i < sum.size(); ++i) {
-    const float w = weight.values()[i];
-    sum.values()[i] = w > 0 ? sum.values()[i] / w : noisy.values()[i];
-    if (variance_out)
-      variance_out->values()[i] =
-          w > 0 ? stated_error(variance_out->values()[i] / w, stage.optimism) : 1.0f;
-  }
+  parallel_for(0, noisy.rows(), 64, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < end; ++r)
+      for (int c = 0; c < noisy.cols(); ++c) {
+        const float w = weight(r, c);
+        sum(r, c) = w > 0 ? sum(r, c) / w : noisy(r, c);
+        if (variance_out)
+          (*variance_out)(r, c) =
+              w > 0 ? stated_error((*variance_out)(r, c) / w, stage.optimism) : 1.0f;
+      }
+  });
   return sum;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/base/error.h"
+#include "malus/base/large_pages.h"
 
 #include <cstddef>
 #include <span>
@@ -75,7 +76,10 @@ class Plane {
   Plane() = default;
   Plane(int rows, int cols, T value = T{}) : rows_(rows), cols_(cols) {
     MALUS_REQUIRE(rows >= 0 && cols >= 0);
-    values_.assign(static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols), value);
+    const auto size = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
+    values_.reserve(size);
+    prefer_large_pages(values_.data(), size * sizeof(T));
+    values_.assign(size, value);
   }
   int rows() const { return rows_; }
   int cols() const { return cols_; }
