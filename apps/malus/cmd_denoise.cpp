@@ -115,6 +115,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
     ProfileChoice choice{model->profile_at(gain, gain_range(arguments.extrapolate_gain)),
                          fmt::format("model {} at {}", arguments.model.string(), gain.text())};
+    if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
     warn_of_extrapolation(*model, gain, arguments.model);
     return choice;
   }
@@ -165,6 +166,8 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"nonfinite_pixels", result.nonfinite_pixels},
             {"saturated_pixels", result.saturated_pixels},
             {"defect_pixels", result.defect_pixels},
+            {"dark_pattern_share", result.dark_pattern_share},
+            {"response_pattern_share", result.response_pattern_share},
             {"tiles", result.tiles},
             {"seconds", seconds}};
   for (const StageTime& time : result.times) json["stage_seconds"][time.stage] = time.seconds;
@@ -244,6 +247,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   const bool compared = !job.reference.empty();
   DenoisedFrame kept;
   kept.profile = choice.profile;
+  kept.profile.pattern = nullptr;  // as large as a frame, and no part of what is reported
   kept.before = std::move(opened.described);
   // A copy of the pixels is kept only where somebody looks at it.
   if (report || compared) kept.before.dn = opened.frame.dn;
@@ -271,6 +275,18 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   const Json run = kept.run;
   if (report) report->push_back(std::move(kept));
   return run;
+}
+
+// What else was taken out, where it was.
+std::string corrections_text(const Json& run) {
+  std::string text;
+  if (const auto defects = run["defect_pixels"].get<std::int64_t>(); defects > 0)
+    text += fmt::format(", {} defect pixels filled", defects);
+  for (const auto& [share, name] :
+       {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
+    if (const auto value = run[share].get<double>(); value > 0)
+      text += fmt::format(", {:.2f} of the model's {} taken out", value, name);
+  return text;
 }
 
 // A row per metric that was measured against a reference.
@@ -319,13 +335,12 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
                              arguments.report.empty() ? nullptr : &report)
             : process_picture(arguments, denoiser, model, job, options, *progress, common.force));
     const Json& last = results.back();
-    const auto defects = last.value("defect_pixels", std::int64_t{0});
     text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed{}, {:.1f} s -> {}\n",
                         last["input"].get<std::string>(), last["cols"].get<int>(),
                         last["rows"].get<int>(), last["layout"].get<std::string>(),
                         arguments.settings.method, last["row_noise_removed_dn"].get<double>(),
-                        defects > 0 ? fmt::format(", {} defect pixels filled", defects) : "",
-                        last["seconds"].get<double>(), last["files"][0].get<std::string>());
+                        corrections_text(last), last["seconds"].get<double>(),
+                        last["files"][0].get<std::string>());
     text += metrics_text(last);
   }
   if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);

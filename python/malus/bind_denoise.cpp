@@ -71,6 +71,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
     if (model) {
       const GainSetting setting = gain ? model->model().gain_setting(*gain) : frame.gain;
       profile = model->description().profile_at(setting);
+      if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model->description(), setting);
     } else {
       profile = require_estimate(frame, "give a model").profile;
     }
@@ -87,6 +88,8 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   out["sigma_used_dn"] = result.sigma_used_dn;
   out["row_noise_removed_dn"] = result.row_noise_removed_dn;
   out["defect_pixels"] = result.defect_pixels;
+  out["dark_pattern_share"] = result.dark_pattern_share;
+  out["response_pattern_share"] = result.response_pattern_share;
   out["mean_dn"] = result.mean_dn;
   out["mean_shift_dn"] = result.mean_shift_dn;
   out["noise_estimated_from_picture"] = profile.estimated_from_picture;

@@ -26,7 +26,7 @@ class Result:
         return json.loads(self.out)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def malus():
     """malus(*arguments, code=0) runs the program, checks the exit code and returns Result."""
 

@@ -46,7 +46,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
     const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
     return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));
   };
-  const int resident_frames = result.variance_dn2 ? 3 : 2;
+  const int resident_frames = (result.variance_dn2 ? 3 : 2) + (profile.pattern ? 2 : 0);
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident_frames * static_cast<double>(frame.dn.size()),
@@ -90,10 +90,12 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
     throw InputError("--method " + method.name, "gives no uncertainty", "use nl-ridge or bm3d");
   Denoised result;
   const Stopwatch preparation;
-  const PreparedFrame prepared = prepare_frame(
-      std::move(frame), profile,
-      {.remove_rows = settings.row_noise && method.on_mosaic, .fill_defects = settings.defects},
-      result);
+  const PreparedFrame prepared =
+      prepare_frame(std::move(frame), profile,
+                    {.remove_rows = settings.row_noise && method.on_mosaic,
+                     .fill_defects = settings.defects,
+                     .remove_pattern = settings.fixed_pattern},
+                    result);
   const double preparation_s = preparation.seconds();
   const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());

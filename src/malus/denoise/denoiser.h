@@ -1,7 +1,7 @@
 // Raw frame in, denoised raw frame out: the methods by name, and what every one of them tells about
 // its work.
-//   subtract black and bias -> take out row noise -> stabilise the variance -> filter -> exact
-//   unbiased inverse -> mosaic
+//   subtract black and bias -> take out fixed pattern and row noise -> stabilise the variance ->
+//   filter -> exact unbiased inverse -> mosaic
 #pragma once
 
 #include "malus/base/parameter.h"
@@ -22,6 +22,7 @@ struct DenoiseSettings {
   double strength = 1.0;
   bool row_noise = true;
   bool defects = true;
+  bool fixed_pattern = true;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
@@ -41,6 +42,10 @@ struct DenoiseSettings {
           ParameterInfo{"defects", "",
                         "fill the model's defect pixels from their neighbours, in frames of the "
                         "sensor's whole size"});
+    field(self.fixed_pattern,
+          ParameterInfo{"fixed_pattern", "",
+                        "take out what the frame shows of the model's dark shading and PRNU maps, "
+                        "in frames of the sensor's whole size"});
   }
 };
 
@@ -61,6 +66,8 @@ struct Denoised {
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
   std::int64_t defect_pixels = 0;  ///< of the model's list, filled from their neighbours
+  /// Taken out of the frame, in units of the profile's maps; 0 where the frame does not show them.
+  double dark_pattern_share = 0, response_pattern_share = 0;
   int tiles = 1;
   std::vector<StageTime> times;
 };
@@ -77,10 +84,10 @@ const std::vector<DenoiseMethod>& denoise_methods();
 const DenoiseMethod& denoise_method(const std::string& name, const std::string& also = "");
 
 /// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
-/// its bias is subtracted, its defects are filled. Pixels that are not finite are filled from their
-/// neighbours for the filter's sake and come back unchanged. Throws InputError on an unknown method
-/// or profile name, an empty frame, a layout that differs from the profile's, or too little memory;
-/// Cancelled.
+/// its bias is subtracted, its defects are filled, its fixed pattern is taken out. Pixels that are
+/// not finite are filled from their neighbours for the filter's sake and come back unchanged.
+/// Throws InputError on an unknown method or profile name, an empty frame, a layout that differs
+/// from the profile's, or too little memory; Cancelled.
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress = silent_progress(), bool want_variance = false);
 

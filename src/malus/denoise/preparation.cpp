@@ -1,4 +1,5 @@
 #include "malus/base/error.h"
+#include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/noise/same_sensor.h"
@@ -57,6 +58,16 @@ std::int64_t fill_defects(Image& dn, const SensorLayout& layout, const DefectLis
   return static_cast<std::int64_t>(places.size());
 }
 
+void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile, Denoised& report) {
+  if (!profile.pattern) return;
+  for (const Image* map : {&profile.pattern->dark_dn, &profile.pattern->response})
+    if (!map->empty() && (map->rows() != frame.dn.rows() || map->cols() != frame.dn.cols())) return;
+  const PatternShares shares = measure_pattern(frame.dn, frame.layout, profile, frame.saturated_dn);
+  remove_pattern(frame.dn, frame.layout, *profile.pattern, shares, frame.saturated_dn);
+  if (shares.dark.present()) report.dark_pattern_share = shares.dark.value;
+  if (shares.response.present()) report.response_pattern_share = shares.response.value;
+}
+
 std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout) {
   std::vector<double> sum(static_cast<std::size_t>(layout.channels())), count(sum);
   for (int r = 0; r < dn.rows(); ++r)
@@ -100,6 +111,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.dn = std::move(frame.dn);
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
+  if (steps.remove_pattern) take_out_pattern(prepared, profile, report);
   if (steps.remove_rows) {
     const RowNoise rows = estimate_row_noise(prepared.dn, profile, prepared.saturated_dn);
     remove_row_noise(prepared.dn, profile, rows, prepared.saturated_dn);

@@ -36,7 +36,7 @@ void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 
 /// What is done to a frame besides the profile's bias and stabilisation.
 struct PreparationSteps {
-  bool remove_rows = true, fill_defects = true;
+  bool remove_rows = true, fill_defects = true, remove_pattern = true;
 };
 
 /// Fills the report's fields about the input. Contract: check_frame has passed.

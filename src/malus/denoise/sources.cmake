@@ -12,6 +12,7 @@ set(denoise_SOURCES
     frame_filter.cpp
     memory_budget.cpp
     mosaic_filter.cpp
+    pattern_removal.cpp
     preparation.cpp
     row_noise.cpp
     shared_detail.cpp

@@ -162,9 +162,11 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
   if (!settings.remove_bias)
     for (ChannelProfile& channel : profile.channels) channel.bias_dn = 0;
   Denoised report;
-  PreparedFrame prepared =
-      prepare_frame(std::move(frame), profile,
-                    {.remove_rows = settings.row_noise, .fill_defects = classical.defects}, report);
+  PreparedFrame prepared = prepare_frame(std::move(frame), profile,
+                                         {.remove_rows = settings.row_noise,
+                                          .fill_defects = classical.defects,
+                                          .remove_pattern = classical.fixed_pattern},
+                                         report);
   Image guide_dn;
   if (settings.guide == "bm3d") {
     DenoiseSettings guide = classical;

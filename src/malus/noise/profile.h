@@ -2,9 +2,11 @@
 #pragma once
 
 #include "malus/image/layout.h"
+#include "malus/noise/fixed_pattern.h"
 #include "malus/noise/noise_law.h"
 #include "malus/noise/variance_curve.h"
 
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -34,6 +36,9 @@ struct NoiseProfile {
   int row_group = 1;
   bool estimated_from_picture = false;  ///< no model was given
   DefectList defects;
+  /// Taken out of frames of its size as far as they show it; null: none is known. Models give it
+  /// where it is asked for (fixed_pattern_at), since it is as large as a frame.
+  std::shared_ptr<const FixedPattern> pattern = nullptr;
 };
 
 }  // namespace malus

@@ -1,0 +1,169 @@
+#include "malus/denoise/pattern_removal.h"
+
+#include "malus/base/parallel.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+constexpr int kStrips = 8;                       // across and down
+constexpr std::int64_t kEnoughPixels = 1 << 20;  // rows of larger frames are passed over
+constexpr int kRounds = 5;                       // of weights and least squares
+constexpr double kCauchy = 2.385;                // 95 % efficient where all noise is Gaussian
+
+// Normal equations of the two shares: sums of weight times products of (dark, response, pixel).
+struct Sums {
+  double dd = 0, dr = 0, rr = 0, dx = 0, rx = 0;
+  void add(double weight, double d, double r, double x) {
+    dd += weight * d * d;
+    dr += weight * d * r;
+    rr += weight * r * r;
+    dx += weight * d * x;
+    rx += weight * r * x;
+  }
+  void add(const Sums& o, double sign = 1) {
+    dd += sign * o.dd;
+    dr += sign * o.dr;
+    rr += sign * o.rr;
+    dx += sign * o.dx;
+    rx += sign * o.rx;
+  }
+  // Shares of dark and response; 0 of a map that is empty or flat.
+  std::array<double, 2> solution() const {
+    const double determinant = dd * rr - dr * dr;
+    if (determinant > 1e-9 * dd * rr)
+      return {(rr * dx - dr * rx) / determinant, (dd * rx - dr * dx) / determinant};
+    return {dd > 0 ? dx / dd : 0, dd > 0 || rr <= 0 ? 0 : rx / rr};
+  }
+};
+
+using StripSums = std::array<std::array<Sums, kStrips>, kStrips>;  // [down][across]
+
+struct Comparison {
+  View<const float> dn;
+  const SensorLayout& layout;
+  const NoiseProfile& profile;
+  const std::vector<float>& saturated_dn;
+  int row_step;  ///< a multiple of nothing: all rows of a cell take part
+
+  // Adds one row, its pixels weighted about the shares found so far.
+  void add_row(int row, const std::array<double, 2>& shares,
+               std::array<Sums, kStrips>& sums) const {
+    const int period = layout.cols(), cols = dn.cols();
+    const float* pixel = dn.row(row);
+    const FixedPattern& maps = *profile.pattern;
+    const float* dark = maps.dark_dn.empty() ? nullptr : maps.dark_dn.row(row);
+    const float* response = maps.response.empty() ? nullptr : maps.response.row(row);
+    const auto stands_out = [period](const float* map, int c) {
+      return map[c] - 0.5 * (double{map[c - period]} + map[c + period]);
+    };
+    for (int c = period; c + period < cols; ++c) {
+      const auto channel = static_cast<std::size_t>(layout.channel_at(row, c));
+      if (std::max({pixel[c - period], pixel[c], pixel[c + period]}) >= saturated_dn[channel])
+        continue;
+      const double signal = 0.5 * (double{pixel[c - period]} + pixel[c + period]);
+      const double d = dark ? stands_out(dark, c) : 0;
+      const double r = response ? std::max(signal, 0.0) * stands_out(response, c) : 0;
+      const double x = stands_out(pixel, c);
+      // Of the difference: the pixel's variance and half of a neighbour's.
+      const double variance = 1.5 * profile.channels[channel].variance(signal);
+      if (!(variance > 0)) continue;
+      const double off = x - shares[0] * d - shares[1] * r;
+      const double weight = 1 / (variance + off * off / (kCauchy * kCauchy));
+      sums[static_cast<std::size_t>(std::int64_t{c} * kStrips / cols)].add(weight, d, r, x);
+    }
+  }
+
+  StripSums add_all(const std::array<double, 2>& shares) const {
+    StripSums sums{};
+    const int rows = dn.rows();
+    parallel_for(0, kStrips, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (std::ptrdiff_t strip = begin; strip < end; ++strip) {
+        const auto from = static_cast<int>(std::int64_t{rows} * strip / kStrips),
+                   to = static_cast<int>(std::int64_t{rows} * (strip + 1) / kStrips);
+        for (int row = from; row < to; row += row_step)
+          add_row(row, shares, sums[static_cast<std::size_t>(strip)]);
+      }
+    });
+    return sums;
+  }
+};
+
+Sums total_of(const StripSums& strips) {
+  Sums total;
+  for (const auto& row : strips)
+    for (const Sums& s : row) total.add(s);
+  return total;
+}
+
+// Standard errors by leaving out one strip after the other (jackknife).
+std::array<double, 2> errors_without(const Sums& total, const std::array<Sums, kStrips>& strips) {
+  std::array<std::array<double, 2>, kStrips> shares{};
+  std::array<double, 2> mean{}, squares{};
+  for (std::size_t i = 0; i < kStrips; ++i) {
+    Sums rest = total;
+    rest.add(strips[i], -1);
+    shares[i] = rest.solution();
+    for (std::size_t k = 0; k < 2; ++k) mean[k] += shares[i][k] / kStrips;
+  }
+  for (const auto& share : shares)
+    for (std::size_t k = 0; k < 2; ++k) squares[k] += (share[k] - mean[k]) * (share[k] - mean[k]);
+  constexpr double kOfSquares = (kStrips - 1.0) / kStrips;
+  return {std::sqrt(kOfSquares * squares[0]), std::sqrt(kOfSquares * squares[1])};
+}
+
+PatternShares with_errors(const StripSums& strips) {
+  const Sums total = total_of(strips);
+  std::array<Sums, kStrips> down{}, across{};
+  for (std::size_t i = 0; i < kStrips; ++i)
+    for (std::size_t k = 0; k < kStrips; ++k) {
+      down[i].add(strips[i][k]);
+      across[k].add(strips[i][k]);
+    }
+  const auto share = total.solution(), rows = errors_without(total, down),
+             cols = errors_without(total, across);
+  return {{share[0], std::max(rows[0], cols[0])}, {share[1], std::max(rows[1], cols[1])}};
+}
+
+}  // namespace
+
+PatternShares measure_pattern(View<const float> dn, const SensorLayout& layout,
+                              const NoiseProfile& profile, const std::vector<float>& saturated_dn) {
+  MALUS_REQUIRE(profile.pattern);
+  for (const Image* map : {&profile.pattern->dark_dn, &profile.pattern->response})
+    MALUS_REQUIRE(map->empty() || (map->rows() == dn.rows() && map->cols() == dn.cols()));
+  // A step that shares no divisor with the cell's rows meets all channels.
+  auto step = static_cast<int>(std::int64_t{dn.rows()} * dn.cols() / kEnoughPixels) + 1;
+  if (step > 1) step |= 1;
+  const Comparison comparison{dn, layout, profile, saturated_dn, step};
+  StripSums strips{};
+  std::array<double, 2> shares{};
+  for (int round = 0; round < kRounds; ++round) {
+    strips = comparison.add_all(shares);
+    shares = total_of(strips).solution();
+  }
+  return with_errors(strips);
+}
+
+void remove_pattern(Image& dn, const SensorLayout& layout, const FixedPattern& pattern,
+                    const PatternShares& shares, const std::vector<float>& saturated_dn) {
+  const bool dark = shares.dark.present(), response = shares.response.present();
+  if (!dark && !response) return;
+  const auto d = static_cast<float>(shares.dark.value),
+             r = static_cast<float>(shares.response.value);
+  parallel_for(0, dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int row = static_cast<int>(begin); row < end; ++row)
+      for (int c = 0; c < dn.cols(); ++c) {
+        float& pixel = dn(row, c);
+        if (pixel >= saturated_dn[static_cast<std::size_t>(layout.channel_at(row, c))]) continue;
+        if (dark) pixel -= d * pattern.dark_dn(row, c);
+        // A pixel that hardly responds is a defect; what it tells is not worth a large factor.
+        if (response) pixel /= std::max(1 + r * (pattern.response(row, c) - 1), 0.5f);
+      }
+  });
+}
+
+}  // namespace malus

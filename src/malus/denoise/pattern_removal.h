@@ -1,0 +1,41 @@
+// The model's fixed pattern in a frame: how much of it there is, and taking it out.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+#include "malus/noise/profile.h"
+
+#include <limits>
+#include <vector>
+
+namespace malus {
+
+/// A factor of a map, with its standard error.
+struct PatternShare {
+  double value = 0;
+  double stderr_value = std::numeric_limits<double>::infinity();
+  /// Told from chance, so that taking it out can only help.
+  bool present() const { return value > 0.1 && value > 4 * stderr_value; }
+};
+
+struct PatternShares {
+  PatternShare dark, response;
+};
+
+/// d and r of  dn = (1 + r (response - 1)) s + d dark + noise  for an unknown scene s. A pixel's
+/// difference from the mean of its two neighbours in the row is compared with the same difference
+/// of the maps, by least squares with Cauchy weights (Holland and Welsch, Commun. Stat. A6, 1977):
+/// the scene's edges have little weight. So a frame of the calibrated camera has shares near one,
+/// a synthetic frame without a pattern or one of another camera near zero, and a longer exposure
+/// than that of the dark frames more than one. The standard errors are those of leaving out
+/// eighths of the rows or of the columns, whichever are larger: both scenes and maps have
+/// stripes. dn_above_black: every pixel finite; pixels at least as bright as saturated_dn (per
+/// channel) take no part. Contract: maps are empty or of the frame's size.
+PatternShares measure_pattern(View<const float> dn_above_black, const SensorLayout& layout,
+                              const NoiseProfile& profile, const std::vector<float>& saturated_dn);
+
+/// Takes out what is present() of both; saturated pixels stay.
+void remove_pattern(Image& dn_above_black, const SensorLayout& layout, const FixedPattern& pattern,
+                    const PatternShares& shares, const std::vector<float>& saturated_dn);
+
+}  // namespace malus

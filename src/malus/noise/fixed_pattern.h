@@ -1,0 +1,24 @@
+// What of a sensor's frames stays the same from one to the next.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/image/view.h"
+
+#include <memory>
+
+namespace malus {
+
+struct NoiseModel;
+
+/// Maps of the whole sensor at one gain; either may be empty.
+struct FixedPattern {
+  Image dark_dn;   ///< mosaic: dark signal above the channel's mean; 0 at defects
+  Image response;  ///< mosaic: response to light relative to the neighbours'; 1 at defects
+};
+
+/// The maps of the measured gain nearest to `gain` (of the first one where no gain is named), each
+/// of the nearest that has it; null where the model holds none.
+std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
+                                                     const GainSetting& gain);
+
+}  // namespace malus

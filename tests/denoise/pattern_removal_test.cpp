@@ -1,0 +1,162 @@
+// Truth: frames drawn from known scenes, maps and shares.
+#include "malus/denoise/pattern_removal.h"
+
+#include "malus/base/random.h"
+#include "malus/denoise/denoiser.h"
+
+#include <cmath>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr int kRows = 320, kCols = 400;
+constexpr double kSlope = 0.4, kFloor = 4;  // variance of the noise: DN, DN²
+
+using Scene = std::function<double(int, int)>;
+
+double smooth_scene(int r, int c) {
+  return (300 + 200 * std::sin(r * 0.05) * std::cos(c * 0.04)) * (1 + 0.2 * ((r + c) % 2 ? 1 : -1));
+}
+
+// Vertical stripes, as steep as they come, of no period that the maps share.
+double striped_scene(int, int c) { return 500 + 300 * std::sin(2.4 * c + 0.002 * c * c); }
+
+Image normal_map(double centre, double sd, std::uint32_t stream, bool columns = false) {
+  RandomSequence random(11, stream, Draw::kUser);
+  Image map(kRows, kCols);
+  for (float& v : map.values()) v = static_cast<float>(centre + sd * random.normal());
+  if (columns)
+    for (int r = 1; r < kRows; ++r)
+      for (int c = 0; c < kCols; ++c) map(r, c) = map(0, c);
+  return map;
+}
+
+NoiseProfile profile_with(Image dark_dn, Image response) {
+  NoiseProfile profile;
+  profile.layout = SensorLayout::named("polar-bayer-rggb");
+  profile.channels.assign(16, ChannelProfile{.variance = VarianceCurve::affine(kSlope, kFloor)});
+  profile.pattern =
+      std::make_shared<const FixedPattern>(FixedPattern{std::move(dark_dn), std::move(response)});
+  return profile;
+}
+
+Image drawn(const Scene& scene, const FixedPattern& maps, double dark, double response,
+            std::uint32_t stream) {
+  RandomSequence random(5, stream, Draw::kUser);
+  Image dn(kRows, kCols);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c) {
+      double s = scene(r, c);
+      if (!maps.response.empty()) s *= 1 + response * (maps.response(r, c) - 1);
+      const double noise = std::sqrt(kSlope * std::max(s, 0.0) + kFloor) * random.normal();
+      dn(r, c) =
+          static_cast<float>(s + noise + (maps.dark_dn.empty() ? 0 : dark * maps.dark_dn(r, c)));
+    }
+  return dn;
+}
+
+const std::vector<float> kNeverSaturated(16, 1e6f);
+
+PatternShares shares_of(const Image& dn, const NoiseProfile& profile) {
+  return measure_pattern(dn, profile.layout, profile, kNeverSaturated);
+}
+
+// Shares within 4.5 of their standard errors, and these about as large as a regression with known
+// weights has them (level of each comparison: 1e-5).
+TEST(PatternRemoval, SharesAreThoseThatWereDrawn) {
+  const NoiseProfile profile = profile_with(normal_map(0, 3, 1), normal_map(1, 0.02, 2));
+  for (const auto& [dark, response] : {std::pair{1.0, 1.0}, {0.0, 1.0}, {1.7, 0.0}, {0.5, 0.6}}) {
+    const auto shares =
+        shares_of(drawn(smooth_scene, *profile.pattern, dark, response, 3), profile);
+    EXPECT_NEAR(shares.dark.value, dark, 4.5 * shares.dark.stderr_value);
+    EXPECT_NEAR(shares.response.value, response, 4.5 * shares.response.stderr_value);
+    // sd of a share = sd of the noise / (sd of the map times the root of the pixels), by order of
+    // size: overlapping differences and the scene's slopes add some, eight strips tell it roughly.
+    const double noise = std::sqrt((kSlope * 300 + kFloor) / (kRows * kCols));
+    for (const double ratio :
+         {shares.dark.stderr_value / (noise / 3), shares.response.stderr_value / (noise / 6)}) {
+      EXPECT_GT(ratio, 0.6);
+      EXPECT_LT(ratio, 3.0);
+    }
+    EXPECT_EQ(shares.dark.present(), dark > 0);
+    EXPECT_EQ(shares.response.present(), response > 0);
+  }
+}
+
+TEST(PatternRemoval, OneMapAloneServes) {
+  for (const bool has_dark : {true, false}) {
+    const NoiseProfile profile = profile_with(has_dark ? normal_map(0, 3, 1) : Image(),
+                                              has_dark ? Image() : normal_map(1, 0.02, 2));
+    const auto shares = shares_of(drawn(smooth_scene, *profile.pattern, 1, 1, 4), profile);
+    EXPECT_EQ(shares.dark.present(), has_dark);
+    EXPECT_EQ(shares.response.present(), !has_dark);
+    const PatternShare& share = has_dark ? shares.dark : shares.response;
+    EXPECT_NEAR(share.value, 1, 4.5 * share.stderr_value);
+  }
+}
+
+// Column noise against a scene of vertical stripes: by chance the two agree more than so many
+// independent pixels would. None of twenty maps is taken for part of the scene.
+TEST(PatternRemoval, StripesAreNoColumnPattern) {
+  for (std::uint32_t k = 0; k < 20; ++k) {
+    const NoiseProfile profile =
+        profile_with(normal_map(0, 2, 100 + k, true), normal_map(1, 0.01, 200 + k, true));
+    const auto shares = shares_of(drawn(striped_scene, *profile.pattern, 0, 0, k), profile);
+    EXPECT_FALSE(shares.dark.present()) << shares.dark.value;
+    EXPECT_FALSE(shares.response.present()) << shares.response.value;
+  }
+}
+
+TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
+  const NoiseProfile profile = profile_with(normal_map(0, 30, 1), normal_map(1, 0.1, 2));
+  Image dn = drawn(smooth_scene, *profile.pattern, 1, 1, 6);
+  dn(100, 100) = 4000;
+  const std::vector<float> saturated(16, 3900.0f);
+  const auto shares = measure_pattern(dn, profile.layout, profile, saturated);
+  remove_pattern(dn, profile.layout, *profile.pattern, shares, saturated);
+  EXPECT_EQ(dn(100, 100), 4000);
+  double squares = 0, noise = 0;
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c)
+      if (r != 100 || c != 100) {
+        squares += std::pow(dn(r, c) - smooth_scene(r, c), 2);
+        noise += kSlope * smooth_scene(r, c) + kFloor;
+      }
+  EXPECT_NEAR(squares / noise, 1, 0.03);  // 1.02: the shares' and a tenth of response's own factor
+  Image left = dn;
+  remove_pattern(left, profile.layout, *profile.pattern, {}, saturated);
+  EXPECT_EQ(left, dn);
+}
+
+TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
+  const NoiseProfile profile = profile_with(normal_map(0, 5, 1), normal_map(1, 0.02, 2));
+  RawFrame frame;
+  frame.layout = profile.layout;
+  frame.black_dn.assign(16, 0.0);
+  frame.white_dn = 4095;
+  frame.source = "test";
+  frame.dn = drawn(smooth_scene, *profile.pattern, 1, 1, 7);
+  const auto squared_error = [&](const NoiseProfile& known, bool wanted) {
+    DenoiseSettings settings{.profile = "fast", .fixed_pattern = wanted};
+    const Denoised result = denoise_frame(frame, known, settings);
+    EXPECT_EQ(result.dark_pattern_share > 0, known.pattern && wanted &&
+                                                 !known.pattern->dark_dn.empty() &&
+                                                 known.pattern->dark_dn.rows() == kRows);
+    double sum = 0;
+    for (int r = 0; r < kRows; ++r)
+      for (int c = 0; c < kCols; ++c)
+        sum += std::pow(result.dn_above_black(r, c) - smooth_scene(r, c), 2);
+    return sum;
+  };
+  const double with = squared_error(profile, true);
+  EXPECT_LT(with, 0.8 * squared_error(profile, false));
+  NoiseProfile other = profile;  // maps of another size are of another sensor, or of a whole one
+  other.pattern = std::make_shared<const FixedPattern>(FixedPattern{Image(8, 8), Image(8, 8, 1)});
+  EXPECT_GT(squared_error(other, true), with);
+}
+
+}  // namespace
+}  // namespace malus

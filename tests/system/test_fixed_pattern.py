@@ -1,0 +1,66 @@
+"""A camera whose pixels differ in dark signal and response, from its frames to a denoised one."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+ROWS, COLS, BLACK, WHITE, K = 192, 240, 80, 4095, 0.25
+DSNU_DN, PRNU, READ_DN = 3.0, 0.02, 1.5
+
+_rng = np.random.default_rng(17)
+DARK = _rng.normal(0, DSNU_DN, (ROWS, COLS))
+RESPONSE = _rng.normal(1, PRNU, (ROWS, COLS))
+
+
+def taken(rng, electrons, dark=DARK, response=RESPONSE):
+    dn = BLACK + dark + K * rng.poisson(response * electrons) + rng.normal(0, READ_DN, (ROWS, COLS))
+    return np.clip(np.round(dn), 0, WHITE).astype(np.uint16)
+
+
+def scene():
+    r, c = np.mgrid[:ROWS, :COLS]
+    return 3000 + 1500 * np.sin(0.05 * r) * np.cos(0.03 * c)
+
+
+@pytest.fixture(scope="module")
+def camera(tmp_path_factory, malus):
+    folder = tmp_path_factory.mktemp("camera")
+    rng = np.random.default_rng(4)
+    text = f'[sensor]\nlayout = "polar-bayer-rggb"\nblack = {BLACK}\nwhite = {WHITE}\nrow_group = 2\n'
+    for level in range(8):
+        for n in range(8 if level else 30):
+            Image.fromarray(taken(rng, np.full((ROWS, COLS), 1500.0 * level))).save(folder / f"{level}_{n}.png")
+        kind = "flat" if level else "bias"
+        text += f'[[frames]]\nkind = "{kind}"\nexposure_s = {level / 100}\ngain_db = 0\npaths = ["{level}_*.png"]\n'
+    (folder / "s.toml").write_text(text)
+    Image.fromarray(taken(rng, scene())).save(folder / "raw.png")
+    Image.fromarray(taken(rng, scene(), 0, 1)).save(folder / "plain.png")
+    malus("calibrate", folder / "s.toml", "-o", folder / "m.h5")
+    return folder
+
+
+def denoised(malus, camera, name, folder, *flags):
+    done = malus("denoise", camera / name, "--model", camera / "m.h5", "--gain", 0, "--format", "npy", "--json", "-o", folder, *flags)
+    dn = np.load(folder / name.replace(".png", "_denoised.npy")).reshape(ROWS, COLS)
+    return done.json, float(np.sqrt(np.mean((dn - K * scene()) ** 2)))
+
+
+def test_the_models_maps_are_taken_out(malus, camera, tmp_path):
+    run, error = denoised(malus, camera, "raw.png", tmp_path / "with")
+    assert 0.8 < run["dark_pattern_share"] < 1.1 and 0.8 < run["response_pattern_share"] < 1.1
+    run, without = denoised(malus, camera, "raw.png", tmp_path / "without", "--no-fixed-pattern")
+    assert run["dark_pattern_share"] == run["response_pattern_share"] == 0
+    assert error < 0.6 * without
+
+
+def test_a_frame_without_the_pattern_is_left_alone(malus, camera, tmp_path):
+    run, error = denoised(malus, camera, "plain.png", tmp_path / "with")
+    assert run["dark_pattern_share"] == run["response_pattern_share"] == 0
+    _, without = denoised(malus, camera, "plain.png", tmp_path / "without", "--no-fixed-pattern")
+    assert error == without
+
+
+def test_the_program_says_what_it_took_out(malus, camera, tmp_path):
+    done = malus("denoise", camera / "raw.png", "--model", camera / "m.h5", "--gain", 0, "-o", tmp_path / "out")
+    assert "of the model's dark shading taken out" in done.out
+    assert "of the model's PRNU taken out" in done.out
