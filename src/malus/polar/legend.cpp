@@ -1,6 +1,7 @@
 #include "malus/polar/legend.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -11,96 +12,21 @@ constexpr Rgb kPanel = {24, 24, 24}, kInk = {235, 235, 235};
 constexpr int kGlyphRows = 5, kGlyphCols = 3;
 constexpr int kSmallestLabelledPanel = 64;
 
-// Five rows of three dots, top first.
-std::string_view glyph(char letter) {
-  switch (letter) {
-    case '0':
-      return "###"
-             "# #"
-             "# #"
-             "# #"
-             "###";
-    case '1':
-      return " # "
-             "## "
-             " # "
-             " # "
-             "###";
-    case '2':
-      return "###"
-             "  #"
-             "###"
-             "#  "
-             "###";
-    case '3':
-      return "###"
-             "  #"
-             " ##"
-             "  #"
-             "###";
-    case '4':
-      return "# #"
-             "# #"
-             "###"
-             "  #"
-             "  #";
-    case '5':
-      return "###"
-             "#  "
-             "###"
-             "  #"
-             "###";
-    case '6':
-      return "###"
-             "#  "
-             "###"
-             "# #"
-             "###";
-    case '7':
-      return "###"
-             "  #"
-             " # "
-             " # "
-             " # ";
-    case '8':
-      return "###"
-             "# #"
-             "###"
-             "# #"
-             "###";
-    case '9':
-      return "###"
-             "# #"
-             "###"
-             "  #"
-             "###";
-    case '-':
-      return "   "
-             "   "
-             "###"
-             "   "
-             "   ";
-    case '+':
-      return "   "
-             " # "
-             "###"
-             " # "
-             "   ";
-    case '.':
-      return "   "
-             "   "
-             "   "
-             "   "
-             " # ";
-    case 'e':
-      return "   "
-             "###"
-             "###"
-             "#  "
-             "###";
-    default:
-      return "               ";
-  }
+// Dots of the letters, side by side with a gap between them.
+constexpr std::string_view kLetters = "0123456789-+.e";
+constexpr std::array<std::string_view, kGlyphRows> kDots = {
+    "###  #  ### ### # # ### ### ### ### ###                ",  //
+    "# # ##    #   # # # #   #     # # # # #      #      ###",  //
+    "# #  #  ###  ## ### ### ###  #  ### ### ### ###     ###",  //
+    "# #  #  #     #   #   # # #  #  # #   #      #      #  ",  //
+    "### ### ### ###   # ### ###  #  ### ###          #  ###"};
+
+// Whether a letter has a dot there; one that has no glyph is a blank.
+bool has_dot(char letter, int row, int col) {
+  const std::size_t place = kLetters.find(letter);
+  return place != std::string_view::npos &&
+         kDots[static_cast<std::size_t>(row)]
+              [place * (kGlyphCols + 1) + static_cast<std::size_t>(col)] == '#';
 }
 
 void put(Planes& picture, int row, int col, const Rgb& color) {
@@ -122,10 +48,9 @@ int text_width(std::string_view text, int scale) {
 // Upper left corner at (row, col).
 void write(Planes& picture, int row, int col, std::string_view text, int scale) {
   for (char letter : text) {
-    const std::string_view dots = glyph(letter);
     for (int r = 0; r < kGlyphRows; ++r)
       for (int c = 0; c < kGlyphCols; ++c)
-        if (dots[static_cast<std::size_t>(r * kGlyphCols + c)] == '#')
+        if (has_dot(letter, r, c))
           fill(picture, row + r * scale, col + c * scale, scale, scale, kInk);
     col += (kGlyphCols + 1) * scale;
   }
