@@ -100,14 +100,47 @@ Planes mixed(const Planes& planes, const Eigen::MatrixXd& matrix) {
   return out;
 }
 
+// Principal components of the planes, each filtered alone; the planes' noise has deviation 1.
+Planes filter_components(Planes planes, const Bm3dSettings& settings, Progress& progress) {
+  const std::vector<float> sigma(static_cast<std::size_t>(planes.channels()), 1.0f);
+  const Eigen::MatrixXd axes = principal_components(planes);
+  planes = mixed(planes, axes.transpose());
+  filter_each(planes, sigma, settings, progress);
+  return mixed(planes, axes);
+}
+
+// The same with the planes of every alignment of cell and mosaic, averaged: pseudo-channel
+// denoising (Akiyama, Tanaka, Okutomi, ICIP 2015; of polarization mosaics Abdul Rahman, Monno,
+// Tanaka, Okutomi, arXiv 2509.10098). Planes of one deviation need none of its noise covariance,
+// which would not turn their axes.
+Planes filter_alignments(const Planes& planes, const SensorLayout& layout, int rows, int cols,
+                         const Bm3dSettings& settings, Progress& progress) {
+  Image mosaic(rows, cols), sum(rows, cols);
+  unpack(planes, layout, mosaic);
+  for (int i = 0; i < std::min(layout.rows(), rows); ++i)
+    for (int k = 0; k < std::min(layout.cols(), cols); ++k) {
+      const auto shifted = mosaic.view().window(i, k, rows - i, cols - k);
+      Image estimate(rows - i, cols - k);
+      unpack(filter_components(pack(shifted, layout), settings, progress), layout, estimate);
+      for (int r = i; r < rows; ++r)
+        for (int c = k; c < cols; ++c) sum(r, c) += estimate(r - i, c - k);
+    }
+  for (int r = 0; r < rows; ++r)  // alignments that reach the pixel
+    for (int c = 0; c < cols; ++c)
+      sum(r, c) /= static_cast<float>((std::min(r, layout.rows() - 1) + 1) *
+                                      (std::min(c, layout.cols() - 1) + 1));
+  return pack(sum, layout);
+}
+
 // Measured on frames of 5 and 60 megapixels: mosaic, result and planes, the planes' mixture, and
 // what BM3D holds beside the planes that it filters at once.
 double bytes_needed(const std::string& name, const PreparedFrame& frame) {
-  constexpr double kFrames = 12, kMixed = 4, kFilter = 20;
+  constexpr double kFrames = 12, kMixed = 4, kAligned = 12, kFilter = 20;
   const bool joint = name == "paper-mbm3d" || name == "vst-stokes-bm3d";
-  const bool mixes = name == "vst-pca-bm3d" || name == "vst-stokes-bm3d";
+  const bool mixes = name == "vst-pca-bm3d" || name == "vst-pfcd" || name == "vst-stokes-bm3d";
   const double at_once = joint ? 1.0 : 1.0 / frame.layout.channels();
-  return (kFrames + (mixes ? kMixed : 0.0) + kFilter * at_once) *
+  const double aligned = name == "vst-pfcd" ? kAligned : 0.0;
+  return (kFrames + (mixes ? kMixed : 0.0) + aligned + kFilter * at_once) *
          static_cast<double>(frame.dn.size());
 }
 
@@ -139,10 +172,10 @@ Image run_baseline(const std::string& name, const PreparedFrame& frame, const No
     const auto stabilizers = make_stabilizers(profile, frame.range_dn, settings.strength);
     stabilise(planes, stabilizers, false);
     if (name == "vst-pca-bm3d") {
-      const Eigen::MatrixXd axes = principal_components(planes);
-      planes = mixed(planes, axes.transpose());
-      filter_each(planes, sigma, bm3d_settings, progress);
-      planes = mixed(planes, axes);
+      planes = filter_components(std::move(planes), bm3d_settings, progress);
+    } else if (name == "vst-pfcd") {
+      planes = filter_alignments(planes, frame.layout, frame.dn.rows(), frame.dn.cols(),
+                                 bm3d_settings, progress);
     } else if (name == "vst-stokes-bm3d") {
       const Eigen::MatrixXd matrix = stokes_components(frame.layout);
       planes =

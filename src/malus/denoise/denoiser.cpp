@@ -59,6 +59,8 @@ const std::vector<DenoiseMethod>& denoise_methods() {
       {"nl-ridge", "calibrated, joint over all channels, adaptive to local colour and polarization",
        true},
       {"bm3d", "the same; for colour-polarization too the last pass is a Wiener filter", true},
+      {"vst-pfcd", "baseline: vst-pca-bm3d on every alignment of cell and mosaic, averaged (PFCD)",
+       false},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
       {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
       {"vst-bm3d", "baseline: stabilised, each plane filtered alone", false},
