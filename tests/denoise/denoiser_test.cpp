@@ -76,8 +76,8 @@ TEST(DenoiseFrame, CombinationsLeaveEvenLightNearlyAsCleanAsAWienerFilter) {
   const auto error = [&](const char* method) {
     return rms(denoise_frame(frame, profile_of(noise), {.method = method}).dn_above_black, clean);
   };
-  // Without the values' own gains it is 1.5 times.
-  EXPECT_LT(error("nl-ridge"), 1.3 * error("bm3d"));
+  // Without the values' own gains it is 1.5 times, with one coarse scale 1.17.
+  EXPECT_LT(error("nl-ridge"), 1.1 * error("bm3d"));
 }
 
 TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {
@@ -86,15 +86,16 @@ TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {
   const RawFrame frame = noisy_frame(clean, noise, 3);
   Image noisy = frame.dn;
   for (float& v : noisy.values()) v -= 82.0f;
-  double largest_on_mosaic = 0;
+  double of_default = 0, largest_on_mosaic = 0;
   for (const DenoiseMethod& method : denoise_methods()) {
     const Denoised result = denoise_frame(frame, profile_of(noise), quick(method.name));
     const double error = rms(result.dn_above_black, clean);
     EXPECT_LT(error, 0.6 * rms(noisy, clean)) << method.name;
+    if (of_default == 0) of_default = error;
     if (method.on_mosaic)
       largest_on_mosaic = std::max(largest_on_mosaic, error);
-    else
-      EXPECT_LT(largest_on_mosaic, error) << method.name;
+    else  // vst-pfcd filters all alignments in full, which profile fast of bm3d does not
+      EXPECT_LT(method.name == "vst-pfcd" ? of_default : largest_on_mosaic, error) << method.name;
   }
 }
 
