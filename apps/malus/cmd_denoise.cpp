@@ -309,7 +309,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   if (const Json network = denoiser.description();
       !network.is_null() && network["precision"] != arguments.inference.precision)
-    warn(fmt::format("--precision {}: this processor does not multiply it; {} is faster here",
+    warn(fmt::format("--precision {}: this processor is no faster with it; {} is taken",
                      arguments.inference.precision, network["precision"].get<std::string>()));
   check_references(arguments);
   check_result_flags(arguments, denoiser.target());

@@ -22,11 +22,10 @@ using OrderedJson = nlohmann::ordered_json;
 // Memory beside the tiles, in frames: the frame, its guide, the network's planes, the result.
 constexpr double kMosaicFrames = 4, kPictureFrames = 8;
 
-// On a CPU the kernels of the forward pass round what they multiply; a processor without the
-// instruction stays with float32, for there half the bits would cost time. On a GPU it is
-// libtorch's autocast.
+// On a CPU the kernels of the forward pass round what they multiply; where that would cost time
+// the run stays with float32. On a GPU it is libtorch's autocast.
 bool takes_bfloat16(const std::string& architecture, const std::string& device) {
-  if (device == "cpu") return internal::can_round_products();
+  if (device == "cpu") return internal::rounded_products_pay();
   if (!autocast_suits(architecture))
     throw InputError("--precision bfloat16",
                      fmt::format("is not offered for {} on {}", architecture, device),

@@ -28,8 +28,8 @@ struct InferenceSettings {
     field(self.precision,
           ParameterInfo{.name = "precision",
                         .unit = "",
-                        .help = "of a network's layers; bfloat16 stays float32 on a CPU "
-                                "without AVX512_BF16",
+                        .help = "of a network's layers; bfloat16 stays float32 on a CPU that is "
+                                "no faster with it (all but AMD's from Zen 4)",
                         .choices = {"float32", "bfloat16"}});
     field(self.tile_batch,
           ParameterInfo{"tile_batch", "1", "tiles that a network filters at once", 1, 64});
@@ -42,8 +42,8 @@ struct InferenceSettings {
 class NetworkInference {
  public:
   /// Reads and checks the weight file (package.h). Throws InputError, also where the device is not
-  /// there or, on a GPU, the precision not offered for this architecture. bfloat16 on a CPU that
-  /// does not multiply it stays float32, which is faster there: description() tells.
+  /// there or, on a GPU, the precision not offered for this architecture. bfloat16 stays
+  /// float32 on a CPU that is no faster with it: description() tells.
   NetworkInference(const std::filesystem::path& weights, const InferenceSettings& settings);
   ~NetworkInference();
 

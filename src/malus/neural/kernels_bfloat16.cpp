@@ -96,6 +96,7 @@ HWY_POP_ATTRIBUTES
 
 namespace malus::internal {
 bool can_round_products() { return __builtin_cpu_supports("avx512bf16") != 0; }
+bool rounded_products_pay() { return can_round_products() && __builtin_cpu_is("amd") != 0; }
 void multiply_rounded(const MatrixProduct& product) {
   MALUS_REQUIRE(can_round_products() && product.a_inner == 1 && product.b_inner == 0);
   bfloat16::multiply_rounded_values(product);
@@ -107,6 +108,7 @@ void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
 #else
 namespace malus::internal {
 bool can_round_products() { return false; }
+bool rounded_products_pay() { return false; }
 void multiply_rounded(const MatrixProduct&) { MALUS_REQUIRE(can_round_products()); }
 void round_values(const float*, std::ptrdiff_t, Bfloat16*) { MALUS_REQUIRE(can_round_products()); }
 }  // namespace malus::internal

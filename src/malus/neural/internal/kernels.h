@@ -50,6 +50,9 @@ void multiply(const MatrixProduct& product);
 
 /// Whether this processor multiplies bfloat16 (x86's AVX512_BF16).
 bool can_round_products();
+/// Whether a network's pass is faster with them: on AMD's cores (from Zen 4), which start as many a
+/// cycle as float32's. On Intel's it takes 1.2 to 1.6 times as long (docs/networks.md).
+bool rounded_products_pay();
 /// multiply() where pairs are given.
 void multiply_rounded(const MatrixProduct& product);
 /// As such products round what they multiply: to nearest even, the smallest numbers to zero.
