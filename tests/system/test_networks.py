@@ -7,7 +7,6 @@ import subprocess
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from conftest import PROGRAM, needs_networks
 from weight_files import unet_package
