@@ -307,10 +307,6 @@ void check_references(const DenoiseArguments& arguments) {
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
-  if (const Json network = denoiser.description();
-      !network.is_null() && network["precision"] != arguments.inference.precision)
-    warn(fmt::format("--precision {}: this processor is no faster with it; {} is taken",
-                     arguments.inference.precision, network["precision"].get<std::string>()));
   check_references(arguments);
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;

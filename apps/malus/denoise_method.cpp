@@ -3,7 +3,9 @@
 #include "malus/base/error.h"
 
 #include "networks_door.h"
+#include "program.h"
 #include <CLI/CLI.hpp>
+#include <fmt/format.h>
 
 namespace malus::app {
 
@@ -18,6 +20,10 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
     throw CLI::ValidationError("--uncertainty",
                                "a network gives none: leave it out, or use --method nl-ridge");
   network_ = networks().open_denoiser({settings.method, inference});
+  if (const auto taken = network_->description().at("precision").get<std::string>();
+      taken != inference.precision)
+    warn(fmt::format("{}: this processor is no faster with {}; {} is taken", settings.method,
+                     inference.precision, taken));
 }
 
 FrameDenoiser::~FrameDenoiser() = default;

@@ -15,8 +15,8 @@ class NetworkDenoiser;
 class FrameDenoiser {
  public:
   /// Opens the weight file where settings.method ends in .safetensors; inference holds its
-  /// settings. Throws InputError on an unknown method, and where uncertainty is asked of one that
-  /// gives none.
+  /// settings; warns where the precision that they ask for is not taken. Throws InputError on an
+  /// unknown method, and where uncertainty is asked of one that gives none.
   FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
                 bool uncertainty);
   ~FrameDenoiser();

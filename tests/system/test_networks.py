@@ -107,6 +107,15 @@ def test_bfloat16_stays_near_float32(malus, noisy, tmp_path):
     assert 0 < np.abs(rough - exact).max() < 0.05 * change.max()
 
 
+def test_a_precision_that_is_not_taken_is_said(malus, noisy, tmp_path):
+    weights = unet_package(tmp_path / "w.safetensors")
+    for precision in ("float32", "bfloat16"):
+        result = malus("denoise", noisy, *MODEL, "--black", "82", "--method", weights, "--precision", precision, "--json",
+                       "-o", tmp_path / precision)
+        taken = result.json["network"]["precision"]
+        assert ("float32 is taken" in result.err) == (taken != precision)
+
+
 def spoiled(tmp_path, change, **package):
     return unet_package(tmp_path / "bad.safetensors", change=change, **package)
 
