@@ -7,8 +7,7 @@ Writes FOLDER/NAME/I0.png, I45.png, I90.png, I135.png (16 bits, RGB) for every N
 """
 import argparse
 import pathlib
-import struct
-import zlib
+import subprocess
 
 import numpy as np
 
@@ -50,14 +49,12 @@ SCENES = ("flat", "ramp", "waves", "blobs", "discs")
 
 
 def write_png(path, picture):
-    """picture: (rows, cols, 3) in 0..1, written with 16 bits."""
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    rows, cols, _ = picture.shape
-    samples = np.round(np.clip(picture, 0, 1) * 65535).astype(">u2").reshape(rows, -1).view(np.uint8)
-    lines = np.concatenate([np.zeros((rows, 1), np.uint8), samples], axis=1)
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", cols, rows, 16, 2, 0, 0, 0))
-                     + chunk(b"IDAT", zlib.compress(lines.tobytes(), 6)) + chunk(b"IEND", b""))
+    """picture: (rows, cols, 3) in 0..1, written with 16 bits by OpenImageIO's oiiotool (openimageio-tools)."""
+    pixmap = path.with_suffix(".pfm")  # rows from the bottom up, little-endian
+    pixmap.write_bytes(b"PF\n%d %d\n-1\n" % (picture.shape[1], picture.shape[0])
+                       + np.clip(picture[::-1], 0, 1).astype("<f4").tobytes())
+    subprocess.run(["oiiotool", pixmap, "-d", "uint16", "-o", path], check=True)
+    pixmap.unlink()
 
 
 def main():
