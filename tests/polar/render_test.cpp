@@ -140,6 +140,37 @@ TEST(Legend, WheelIsOrientedCounterClockwise) {
   }
 }
 
+// Truth: which segments of a seven-segment display a digit lights; 1 and 7 have other shapes here.
+TEST(Legend, DigitsLightTheirSegments) {
+  constexpr std::pair<int, int> kSegments[] = {{0, 1}, {1, 2}, {3, 2}, {4, 1},
+                                               {3, 0}, {1, 0}, {2, 1}};  // a to g: row, column
+  for (const auto& [digit, lit] : {std::pair{'0', "abcdef"},
+                                   {'2', "abdeg"},
+                                   {'3', "abcdg"},
+                                   {'4', "bcfg"},
+                                   {'5', "acdfg"},
+                                   {'6', "acdefg"},
+                                   {'8', "abcdefg"},
+                                   {'9', "abcdfg"},
+                                   {'-', "g"}}) {
+    Planes picture(3, 512, 512);
+    draw_bar(picture, [](double) { return Rgb{0, 0, 0}; }, {"", std::string("8") + digit, ""});
+    const auto ink = [&](int r, int c) { return picture[0](r, c) > 200; };
+    int top = 512, bottom = 0, left = 512;  // of the 8, which fills its field
+    for (int r = 0; r < 512; ++r)
+      for (int c = 0; c < 512; ++c)
+        if (ink(r, c))
+          top = std::min(top, r), bottom = std::max(bottom, r), left = std::min(left, c);
+    const int dot = (bottom + 1 - top) / 5;
+    ASSERT_GT(dot, 0);
+    std::string found;
+    for (int k = 0; k < 7; ++k)
+      if (ink(top + kSegments[k].first * dot, left + (4 + kSegments[k].second) * dot))
+        found += static_cast<char>('a' + k);
+    EXPECT_EQ(found, lit) << digit;
+  }
+}
+
 TEST(Legend, FitsEverySizeAndSparesTinyPictures) {
   for (const auto& [rows, cols] : {std::pair{1, 1}, {63, 500}, {64, 64}, {100, 300}, {3000, 70}}) {
     Planes picture(3, rows, cols);
