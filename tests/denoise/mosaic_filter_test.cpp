@@ -77,33 +77,60 @@ TEST(MosaicPlan, CombinesWhereACellIsThePeriodAndThePilotHasBeenFiltered) {
 class MosaicMethods : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Both, MosaicMethods, testing::Values("bm3d", "nl-ridge"));
 
+// Clean light with noise of deviation 1 (one draw for every plan), filtered.
+Image filtered(const Image& clean, const MosaicFilterPlan& plan, const SensorLayout& layout) {
+  const int rows = clean.rows(), cols = clean.cols();
+  Image noisy = clean;
+  RandomSequence random(11, 0, Draw::kUser);
+  for (float& v : noisy.values()) v += static_cast<float>(random.normal());
+  const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
+  const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
+  const int reach = mosaic_filter_reach(plan, layout);
+  const internal::StackTile tile =
+      cut_tile(pixel, rows, cols, -reach, -reach, rows + 2 * reach, cols + 2 * reach, layout);
+  const Image whole = filter_mosaic(tile, rows, cols, statistics, plan, silent_progress());
+  Image result(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) result(r, c) = whole(reach + r, reach + c);
+  return result;
+}
+
 // What the pilot cannot tell from noise, weak polarization above all, is found along the frame's
 // axes rather than along those of the pilot's own noise.
 TEST_P(MosaicMethods, TheFramesAxesHelpWeakPolarization) {
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   const Image clean = textured(96, 96, layout);
-  Image noisy = clean;
-  RandomSequence random(11, 0, Draw::kUser);
-  for (float& v : noisy.values()) v += static_cast<float>(random.normal());
-  const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
-  const CellStatistics statistics = measure_cells(pixel, 96, 96, layout);
   MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "high", layout);
-  const int reach = mosaic_filter_reach(plan, layout);
-  const internal::StackTile tile =
-      cut_tile(pixel, 96, 96, -reach, -reach, 96 + 2 * reach, 96 + 2 * reach, layout);
-  const auto error = [&] {
-    const Image whole = filter_mosaic(tile, 96, 96, statistics, plan, silent_progress());
-    Image result(96, 96);
-    for (int r = 0; r < 96; ++r)
-      for (int c = 0; c < 96; ++c) result(r, c) = whole(reach + r, reach + c);
-    return polarization_error(result, clean);
-  };
+  const auto error = [&] { return polarization_error(filtered(clean, plan, layout), clean); };
   const double with_prior = error();
   for (internal::StackStage& stage : plan.hard) stage.axes_prior = internal::kFrameAxes;
   for (internal::StackStage& stage : plan.guided) stage.axes_prior = 0;
   const double without = error();
   EXPECT_LT(with_prior, 0.99 * without);  // the same noise in both: 2.2 % here
   EXPECT_LT(with_prior, 0.35);            // of the noise
+}
+
+TEST(MosaicFilter, LargeBlocksHelpSmoothLight) {
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  Image clean(160, 160);
+  for (int r = 0; r < 160; ++r)
+    for (int c = 0; c < 160; ++c) {
+      const double light = 20 + 8 * std::sin(0.08 * r + 0.04 * c) * std::cos(0.05 * c);
+      const double turn =
+          2 * (*layout.site(layout.channel_at(r, c)).angle_deg * 0.0174533 - 0.02 * c);
+      clean(r, c) = static_cast<float>(light * (1 + 0.3 * std::cos(turn)));
+    }
+  MosaicFilterPlan plan = mosaic_filter_plan("nl-ridge", "normal", layout);
+  const auto squared_error = [&] {
+    const Image result = filtered(clean, plan, layout);
+    double sum = 0;
+    for (std::size_t i = 0; i < clean.size(); ++i)
+      sum += std::pow(result.values()[i] - clean.values()[i], 2);
+    return sum;
+  };
+  const double with = squared_error();
+  plan.large.reset();
+  EXPECT_LT(with, 0.95 * squared_error());
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include "malus/image/layout.h"
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,8 @@ namespace malus {
 struct MosaicFilterPlan {
   std::vector<internal::StackStage> hard;    ///< their mean is the first pilot
   std::vector<internal::StackStage> guided;  ///< each takes the one before it for its pilot
+  /// Larger blocks with the first guided pass's pilot, mixed with that pass (block_mix.h).
+  std::optional<internal::StackStage> large = std::nullopt;
   /// How the frame of half the size is filtered, which corrects the low frequencies
   /// (coarse_scale.h): one plan, or none for no such correction.
   std::vector<MosaicFilterPlan> coarse;

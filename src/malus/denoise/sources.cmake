@@ -6,6 +6,7 @@ set(denoise_SOURCES
     bm3d_parameters.cpp
     bm3d_pass.cpp
     bm3d_steps.cpp
+    block_mix.cpp
     coarse_scale.cpp
     denoiser.cpp
     estimate_noise.cpp
