@@ -161,7 +161,8 @@ struct Factory {
                {"row", recipe.row0},
                {"col", recipe.col0},
                {"symmetry", std::string(facts_of(recipe.symmetry).name)},
-               {"ratio", recipe.ratio}};
+               {"ratio", recipe.ratio},
+               {"removed_bias_dn", pair.removed_bias_dn}};
     facts.update(gain_json(pair.gain));
     const std::string name = fmt::format("{:09}", number);
     return {{{name + ".clean.npy", npy_bytes(pack(pair.clean_dn, description.layout))},

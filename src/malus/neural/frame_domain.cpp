@@ -159,8 +159,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
         fmt::format("has the layout {}, the network {}", frame.layout.name(), settings.layout),
         "give a network for this layout");
   NoiseProfile profile = measured;
-  if (!settings.remove_bias)
-    for (ChannelProfile& channel : profile.channels) channel.bias_dn = 0;
+  if (!settings.remove_bias) profile.clear_bias();
   Denoised report;
   PreparedFrame prepared = prepare_frame(std::move(frame), profile,
                                          {.remove_rows = settings.row_noise,

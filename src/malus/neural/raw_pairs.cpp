@@ -77,6 +77,7 @@ class SyntheticPairs final : public PairSource {
                                sensor.white_dn);
     pair.noisy.source = fmt::format("example {}", number);
     pair.profile = sensor.profile_at(gain);
+    if (!synthesis.bias) pair.profile.clear_bias();
     pair.ratio = synthesis.ratio;
     const auto dimmed = [&](Image image) {
       for (float& v : image.values()) v = static_cast<float>(static_cast<double>(v) / pair.ratio);

@@ -56,10 +56,10 @@ class ShardPairs final : public PairSource {
     for (const fs::path& path : config.shards) {
       const Json dataset = load_json(path.parent_path() / "dataset.json");
       const bool amplified = dataset.at("noise").at("amplify").get<bool>();
-      const bool debiased = dataset.at("noise").at("debias").get<bool>();
+      const bool biased = dataset.at("noise").at("bias").get<bool>();
       const auto entries = shard_entries(path);
       for (std::size_t i = 0; i + 2 < entries.size(); i += 3)
-        samples_.push_back({path, entries[i], entries[i + 1], entries[i + 2], amplified, debiased});
+        samples_.push_back({path, entries[i], entries[i + 1], entries[i + 2], amplified, biased});
     }
     if (samples_.empty())
       throw InputError(config.source.string(), "its shards hold no samples",
@@ -71,9 +71,11 @@ class ShardPairs final : public PairSource {
     const Sample& sample = samples_[pick(random, samples_.size())];
     const std::string where = fmt::format("{} ({})", sample.path.string(), sample.facts.name);
     RawPair pair;
+    double removed_bias_dn = 0;
     try {
       const Json facts = Json::parse(shard_content(sample.path, sample.facts));
       pair.ratio = checked_ratio(facts, where);
+      removed_bias_dn = facts.at("removed_bias_dn").get<double>();
       pair.profile = model_.profile_at(gain_from(facts));
     } catch (const Json::exception& error) {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
@@ -87,10 +89,10 @@ class ShardPairs final : public PairSource {
     for (const Image* image : {&pair.clean_dn, &pair.noisy.dn}) require_finite(*image, where);
     pair.noisy.layout = model_.layout;
     pair.noisy.source = where;
-    pair.noisy.white_dn = white_above_black(model_.white_dn, model_.black_dn);
-    // What the bias' removal will subtract again.
-    for (const ChannelProfile& channel : pair.profile.channels)
-      pair.noisy.black_dn.push_back(sample.debiased ? -channel.bias_dn : 0.0);
+    // The sample's zero lies where debias put it; white stays as far above it as it was.
+    pair.noisy.black_dn.assign(pair.profile.channels.size(), -removed_bias_dn);
+    pair.noisy.white_dn = white_above_black(model_.white_dn, model_.black_dn) - removed_bias_dn;
+    if (!sample.biased) pair.profile.clear_bias();
     return pair;
   }
 
@@ -98,7 +100,7 @@ class ShardPairs final : public PairSource {
   struct Sample {
     fs::path path;
     ShardEntry clean, noisy, facts;
-    bool amplified, debiased;
+    bool amplified, biased;
   };
   Image mosaic(const Sample& sample, const ShardEntry& entry) const {
     const Planes planes = planes_of_npy(shard_content(sample.path, entry), entry.name);

@@ -39,6 +39,11 @@ struct NoiseProfile {
   /// Taken out of frames of its size as far as they show it; null: none is known. Models give it
   /// where it is asked for (fixed_pattern_at), since it is as large as a frame.
   std::shared_ptr<const FixedPattern> pattern = nullptr;
+
+  /// For pixels that hold no bias, or shall keep it.
+  void clear_bias() {
+    for (ChannelProfile& channel : channels) channel.bias_dn = 0;
+  }
 };
 
 }  // namespace malus

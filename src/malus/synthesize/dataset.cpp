@@ -81,6 +81,7 @@ TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& set
   TrainingPair pair;
   pair.noisy_dn = std::move(noisy.dn);
   pair.gain = noisy.gain;
+  pair.removed_bias_dn = noisy.global_bias_dn;
   pair.coverage = noisy.coverage;
   pair.clean_dn = Image(settings.patch, settings.patch);
   const float factor =

@@ -63,6 +63,8 @@ SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& 
 struct TrainingPair {
   Image clean_dn, noisy_dn;  ///< mosaics of settings.patch, DN above black
   GainSetting gain;
+  /// What debias took from every pixel before the amplification (FrameParameters::global_bias_dn).
+  double removed_bias_dn = 0;
   LevelCoverage coverage;  ///< of kind nonparametric; else empty
 };
 
