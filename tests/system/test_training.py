@@ -181,10 +181,11 @@ def free_port():
         return s.getsockname()[1]
 
 
-def start_two(path, out, rank="RANK", size="WORLD_SIZE", resume=False):
+def start_two(path, out, rank="RANK", size="WORLD_SIZE", resume=False, second=()):
+    """second: what worker 1 alone is told besides."""
     port = str(free_port())
     return [  # only worker 0 needs the folder
-        start(path, "-o", out if i == 0 else out / "elsewhere", *(["--resume"] if resume else []),
+        start(path, "-o", out if i == 0 else out / "elsewhere", *(["--resume"] if resume else []), *(second if i else ()),
               **{rank: str(i), size: "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "GLOO_SOCKET_IFNAME": "lo"})
         for i in range(2)
     ]
@@ -211,6 +212,20 @@ def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, confi
     for name in gradients:  # after one step the first moment is 0.1 of the gradient
         assert np.abs(10 * one[name] - 10 * two[name]).max() < 1e-6, name
     assert max(np.abs(one[name]).max() for name in gradients) > 1e-4
+
+
+@pytest.mark.parametrize("second,setting", [(("--set", "train.learning_rate=0.1"), "train.learning_rate"),
+                                            (("--set", "network.width=8"), "network.settings.width"), (("--seed", "7"), "seed")])
+def test_workers_of_unlike_configurations_do_not_start(malus, config, tmp_path, second, setting):
+    lines = []
+    for process in start_two(config(3), tmp_path / "run", second=second):
+        _, err = process.communicate(timeout=120)
+        assert process.returncode == 1, err
+        lines.append([line for line in err.splitlines() if line.startswith("malus: ")])
+    assert [len(found) for found in lines] == [1, 1], lines
+    assert "worker 0 of 2" in lines[0][0] and "another worker has another configuration" in lines[0][0]
+    assert "worker 1 of 2" in lines[1][0] and f"has another {setting} than worker 0" in lines[1][0]
+    assert not (tmp_path / "run" / "weights.safetensors").exists()
 
 
 def test_a_lost_worker_stops_the_run_and_the_checkpoint_is_good(malus, config, tmp_path):

@@ -1,6 +1,7 @@
 #include "malus/neural/checkpoint.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/same_run.h"
 
 #include <fmt/format.h>
 
@@ -24,18 +25,6 @@ void for_each_tensor(TrainingState& state, Visit&& visit) {
     ++i;
   }
   for (auto& item : state.network.named_buffers()) visit("buffers/" + item.key(), item.value());
-}
-
-// The path of the first value that differs, "" when none does.
-std::string first_difference(const Json& now, const Json& then, const std::string& at) {
-  if (now == then) return "";
-  if (!now.is_object() || !then.is_object()) return at;
-  for (const auto& [key, value] : now.items())
-    if (const std::string found =
-            first_difference(value, then.value(key, Json()), at.empty() ? key : at + "." + key);
-        !found.empty())
-      return found;
-  return at;
 }
 
 }  // namespace
@@ -68,7 +57,7 @@ void load_checkpoint(TrainingState& state, const Json& description,
     // Of the time when all networks gave mosaics.
     if (stored.contains("package") && !stored["package"].contains("target"))
       stored["package"]["target"] = "mosaic";
-    if (const std::string other = first_difference(description, stored, ""); description != stored)
+    if (const std::string other = first_difference(description, stored); description != stored)
       throw InputError(
           path.string(),
           fmt::format("belongs to a run with another {}", other.empty() ? "configuration" : other),

@@ -30,6 +30,7 @@ set(neural_SOURCES
   raw_pairs.cpp
   recorded_pairs.cpp
   restormer.cpp
+  same_run.cpp
   strips.cpp
   threads.cpp
   tiles.cpp

@@ -12,6 +12,7 @@
 #include "malus/neural/gpu.h"
 #include "malus/neural/initial_network.h"
 #include "malus/neural/loss.h"
+#include "malus/neural/same_run.h"
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
 
@@ -92,6 +93,7 @@ class Trainer {
   }
 
   OrderedJson run() {
+    require_same_run(workers_, description_, device_);
     open_folder();
     const auto source = make_pair_source(config_);
     const Validation validation(config_, options_.seed + 1, progress_);
