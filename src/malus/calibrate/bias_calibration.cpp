@@ -86,7 +86,7 @@ SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames&
     e.mean(a, a) += var / pixels + col_var / cols;
     e.row(a, a) += 2.0 * var * var / (in_group * in_group * freedom);
     e.column(a, a) = 2.0 * std::pow(col_var + var / rows, 2) / (cols - 1.0);
-    e.total(a, a) = 2.0 * var * var / pixels + e.row(a, a);
+    e.total(a, a) = 2.0 * var * var / pixels + e.row(a, a) + e.column(a, a);
   }
   return e;
 }

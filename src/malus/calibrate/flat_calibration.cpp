@@ -225,12 +225,7 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
   point.row_groups = geometry.channel_groups(channel);
   const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
   point.fourth_cumulant_dn4 = dark_excess_kurtosis(channel, bias) * pixel * pixel;
-  const auto pixels = static_cast<double>(point.pixels);
-  point.variance_stderr_dn2 =
-      std::sqrt(2.0 / (bias.bias_frames - 1.0) *
-                    (pixel * pixel / pixels +
-                     point.row_variance_dn2 * point.row_variance_dn2 / point.row_groups) +
-                point.fourth_cumulant_dn4 / (bias.bias_frames * pixels));
+  point.variance_stderr_dn2 = std::sqrt(variance_error_dn4(0.0, bias.bias_frames, point, 0.0));
   return point;
 }
 

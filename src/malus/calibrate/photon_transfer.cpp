@@ -21,18 +21,6 @@ struct Points {
   std::size_t size() const { return x.size(); }
 };
 
-// Squared standard error of the temporal variance at a signal, averaged over the channel's pixels.
-double variance_error_dn4(double signal, int frames, const DarkPoint& dark, double gain) {
-  const double row = std::max(dark.row_variance_dn2, 0.0);
-  const double pixel = std::max(dark.variance_dn2 + gain * signal - row, 0.0);
-  // Of a Poisson variable, in DN⁴, and of the dark noise: cumulants of independent parts add.
-  const double fourth_cumulant = gain * gain * gain * signal + dark.fourth_cumulant_dn4;
-  const auto pixels = static_cast<double>(dark.pixels);
-  const double gaussian = pixel * pixel / pixels + 2.0 * row * pixel / pixels +
-                          row * row / std::max(dark.row_groups, 1);
-  return 2.0 / (frames - 1.0) * gaussian + fourth_cumulant / (frames * pixels);
-}
-
 double dark_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain) {
   return level.dark_frames < 2 ? 0.0 : variance_error_dn4(0.0, level.dark_frames, dark, gain);
 }
@@ -191,6 +179,18 @@ LineFit free_line_of(Points points, const std::vector<const TransferLevel*>& use
 }
 
 }  // namespace
+
+double variance_error_dn4(double signal_dn, int frames, const DarkPoint& dark,
+                          double gain_dn_per_e) {
+  const double row = std::max(dark.row_variance_dn2, 0.0);
+  const double pixel = std::max(dark.variance_dn2 + gain_dn_per_e * signal_dn - row, 0.0);
+  // Of a Poisson variable, in DN⁴, and of the dark noise: cumulants of independent parts add.
+  const double fourth_cumulant = std::pow(gain_dn_per_e, 3) * signal_dn + dark.fourth_cumulant_dn4;
+  const auto pixels = static_cast<double>(dark.pixels);
+  const double gaussian = pixel * pixel / pixels + 2.0 * row * pixel / pixels +
+                          row * row / std::max(dark.row_groups, 1);
+  return 2.0 / (frames - 1.0) * gaussian + fourth_cumulant / (frames * pixels);
+}
 
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
                                           const DarkPoint& dark) {

@@ -35,6 +35,11 @@ struct DarkPoint {
   bool cut_off = false;
 };
 
+/// Squared standard error of the temporal variance of `frames` (two or more) at a signal, averaged
+/// over the channel's pixels: 2/(M-1) [(σ⁴ + 2 σ² σ_b²) / P + σ_b⁴ / G] + (K³ s + κ) / (M P).
+double variance_error_dn4(double signal_dn, int frames, const DarkPoint& dark,
+                          double gain_dn_per_e);
+
 struct TransferFit {
   double slope_dn_per_e = 0, slope_stderr = 0;
   /// Of the line that the dark point does not hold, minus the dark variance; 0 within its error
