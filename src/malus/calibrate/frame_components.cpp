@@ -3,7 +3,9 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace malus {
 struct FrameAnalyzer::Sums {
@@ -131,17 +133,64 @@ FrameAnalyzer::Shares FrameAnalyzer::shares(int channel, int group_pixels) const
   Shares out;
   if (spread_.empty()) return out;
   const OffsetSpread& known = spread_[as_index(channel)];
-  const double pattern_error =
-                   (known.pixel_variance_dn2 + known.row_variance_dn2) * (1.0 - kept_) / kept_,
-               row_error = known.pixel_variance_dn2 / ((group_pixels - 1.0) * kept_);
+  const double others = (1.0 - kept_) / kept_;  // 1 / (frames - 1)
   const auto share = [](double prior, double error) {
     return error > 0 ? prior / (prior + error) : 1.0;
   };
+  // Rows' noise in the mean of the other frames goes with the row's own, below.
+  const double pattern_error = known.pixel_variance_dn2 * others;
   out.pattern = share(known.pattern_variance_dn2, pattern_error);
-  out.row = share(known.row_variance_dn2, row_error);
-  out.left_dn2 = out.pattern * pattern_error + out.row * row_error;
-  out.reach_dn = kReach * std::sqrt(known.pattern_variance_dn2 + pattern_error);
+  const double left = out.pattern * pattern_error;
+  const double row = known.row_variance_dn2 * (1.0 + out.pattern * out.pattern * others);
+  const double row_error = (known.pixel_variance_dn2 + left) / (group_pixels - 1.0);
+  out.row = share(row, row_error);
+  out.left_dn2 = left + out.row * row_error;
+  out.reach_dn = kReach * std::sqrt(known.pattern_variance_dn2 +
+                                    (known.pixel_variance_dn2 + known.row_variance_dn2) * others);
   return out;
+}
+
+// Residuals of one group's pixels about their own offsets (the pattern's) before what they have in
+// common is taken off, row by row; NaN where no offset is known. Sums and counts by channel.
+struct FrameAnalyzer::GroupResiduals {
+  std::vector<float> value_dn;
+  std::vector<double> sum_dn;
+  std::vector<int> count;
+};
+
+void FrameAnalyzer::fill_group(View<const float> dn, const Sums& sums, int group,
+                               GroupResiduals& out) const {
+  const double others = (1.0 - kept_) / kept_;  // 1 / (frames - 1); 0 without a pattern
+  const int begin = group * geometry_.row_group();
+  const int end = std::min(begin + geometry_.row_group(), geometry_.rows());
+  out.value_dn.assign(as_index((end - begin) * geometry_.cols()), 0.0F);
+  out.sum_dn.assign(as_index(geometry_.channels()), 0.0);
+  out.count.assign(as_index(geometry_.channels()), 0);
+  for (int r = begin; r < end; ++r)
+    for (int j = 0; j < geometry_.cell_cols(); ++j) {
+      const int c = geometry_.channel(r, j);
+      const Shares share = shares(c, geometry_.group_pixels(group, c));
+      // own: DN about the pattern and the frame's level. The other frames, which the pixel's own
+      // noise is no part of, put the pattern at own * others below.
+      const auto own_factor = static_cast<float>(1.0 + share.pattern * others),
+                 left_factor = static_cast<float>(1.0 - share.pattern),
+                 mean = static_cast<float>(sums.mean[as_index(c)]),
+                 back = static_cast<float>(others), reach = static_cast<float>(share.reach_dn),
+                 centre = static_cast<float>(spread_.empty() ? 0 : spread_[as_index(c)].centre_dn);
+      float* value = &out.value_dn[as_index((r - begin) * geometry_.cols())];
+      for (int col = j; col < geometry_.cols(); col += geometry_.cell_cols()) {
+        const float known = pattern(r, col), own = dn(r, col) - known - mean, away = known - centre;
+        // Hot, or hit by a value far out in the tail in another frame: no prior holds for it. Its
+        // own value in this frame has no part in the choice.
+        if (!spread_.empty() && std::abs(away - own * back) > reach) {
+          value[col] = std::numeric_limits<float>::quiet_NaN();
+          continue;
+        }
+        value[col] = own_factor * own + left_factor * away;
+        out.sum_dn[as_index(c)] += value[col];
+        ++out.count[as_index(c)];
+      }
+    }
 }
 
 void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
@@ -151,37 +200,33 @@ void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
   std::vector<std::vector<std::uint32_t>> dense(channels,
                                                 std::vector<std::uint32_t>(kDenseCells, 0));
   std::vector<std::vector<std::int32_t>> beyond(channels);
-  const double others = (1.0 - kept_) / kept_;  // 1 / (frames - 1); 0 without a pattern
-  for (int r = 0; r < geometry_.rows(); ++r)
+  GroupResiduals group;
+  for (int r = 0; r < geometry_.rows(); ++r) {
+    const int g = r / geometry_.row_group(), first = g * geometry_.row_group();
+    if (r == first) fill_group(dn, sums, g, group);
+    const float* value = &group.value_dn[as_index((r - first) * geometry_.cols())];
     for (int j = 0; j < geometry_.cell_cols(); ++j) {
-      const int c = geometry_.channel(r, j);
-      const std::size_t index = geometry_.group_index(r / geometry_.row_group(), c);
-      const int n = geometry_.group_pixels(r / geometry_.row_group(), c);
-      const Shares share = shares(c, n);
-      if (n < 2) continue;
-      // About the means of the other frames and the other pixels: independent of the pixel's own
-      // noise. own: DN about the pattern and the frame's level; the other frames put the pattern at
-      // own * others below.
-      const double level = sums.mean[as_index(c)], cell = cell_dn_[as_index(c)],
-                   of_row = share.row / ((n - 1.0) * kept_);
-      const auto own_factor = static_cast<float>((1.0 + share.pattern * others + of_row) / cell),
-                 left_factor = static_cast<float>((1.0 - share.pattern) / cell),
-                 row_cells = static_cast<float>(of_row * (sums.group[index] - n * level) / cell),
-                 mean = static_cast<float>(level), back = static_cast<float>(others),
-                 reach = static_cast<float>(share.reach_dn),
-                 centre = static_cast<float>(spread_.empty() ? 0 : spread_[as_index(c)].centre_dn);
+      const auto c = as_index(geometry_.channel(r, j));
+      if (group.count[c] < 2) continue;
+      // The row's offset is that of the group's other pixels about the same estimates of theirs,
+      // so that what rows left in the mean of the frames goes with it.
+      const double cell = cell_dn_[c],
+                   of_row =
+                       shares(static_cast<int>(c), geometry_.group_pixels(g, static_cast<int>(c)))
+                           .row /
+                       (group.count[c] - 1.0);
+      const auto own_cells = static_cast<float>((1.0 + of_row) / cell),
+                 row_cells = static_cast<float>(of_row * group.sum_dn[c] / cell);
       for (int col = j; col < geometry_.cols(); col += geometry_.cell_cols()) {
-        const float known = pattern(r, col), own = dn(r, col) - known - mean, away = known - centre;
-        // Hot, or hit by a value far out in the tail in another frame: no prior holds for it. Its
-        // own value in this frame has no part in the choice.
-        if (!spread_.empty() && std::abs(away - own * back) > reach) continue;
-        const float cells = std::abs(own_factor * own + left_factor * away - row_cells);
+        if (std::isnan(value[col])) continue;
+        const float cells = std::abs(own_cells * value[col] - row_cells);
         if (cells < static_cast<float>(kDenseCells))
-          ++dense[as_index(c)][static_cast<std::size_t>(cells)];
+          ++dense[c][static_cast<std::size_t>(cells)];
         else
-          beyond[as_index(c)].push_back(static_cast<std::int32_t>(std::min(cells, 1e9F)));
+          beyond[c].push_back(static_cast<std::int32_t>(std::min(cells, 1e9F)));
       }
     }
+  }
   for (std::size_t c = 0; c < channels; ++c) {
     out.residuals.emplace_back(cell_dn_[c]);
     out.residuals.back().assign(dense[c], beyond[c]);

@@ -59,6 +59,8 @@ class FrameAnalyzer {
  private:
   struct Sums;
   Sums sum(View<const float> dn) const;
+  struct GroupResiduals;
+  void fill_group(View<const float> dn, const Sums& sums, int group, GroupResiduals& out) const;
   void fill_histograms(View<const float> dn, const Sums& sums, FrameComponents& out) const;
   void add_row_covariance(const Sums& sums, const FrameComponents& components);
   float pattern(int row, int col) const;
