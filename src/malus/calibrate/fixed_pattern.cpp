@@ -17,23 +17,32 @@ namespace {
 constexpr int kLargestRadius = 7;
 
 // Means over square windows of one channel by sums over rectangles. The window shrinks towards the
-// border so that it stays centred (a slope in the light then cancels), but not below 3x3.
+// border so that it stays centred (a slope in the light then cancels), but not below 3x3. Pixels
+// that are left out (by mosaic row and column) are in no window.
 class WindowMean {
  public:
-  WindowMean(View<const float> mosaic, const MosaicGeometry& geometry, int channel)
+  template <class LeftOut>
+  WindowMean(View<const float> mosaic, const MosaicGeometry& geometry, int channel,
+             const LeftOut& left_out)
       : rows_(geometry.channel_rows(channel)),
         cols_(geometry.channel_cols(channel)),
         // A small plane needs a small window, or the curve of the light shows in it.
         largest_radius_(std::clamp(std::min(rows_, cols_) / 8, 1, kLargestRadius)) {
-    sums_.assign(as_index(rows_ + 1) * as_index(cols_ + 1), 0.0);
+    sums_.assign(as_index(rows_ + 1) * as_index(cols_ + 1), {});
     for (int r = 0; r < rows_; ++r)
-      for (int c = 0; c < cols_; ++c)
-        sum(r + 1, c + 1) = mosaic(channel / geometry.cell_cols() + r * geometry.cell_rows(),
-                                   channel % geometry.cell_cols() + c * geometry.cell_cols()) +
-                            sum(r, c + 1) + sum(r + 1, c) - sum(r, c);
+      for (int c = 0; c < cols_; ++c) {
+        const int row = channel / geometry.cell_cols() + r * geometry.cell_rows(),
+                  col = channel % geometry.cell_cols() + c * geometry.cell_cols();
+        const bool used = !left_out(row, col);
+        Sum& own = sum(r + 1, c + 1);
+        own.value = (used ? double{mosaic(row, col)} : 0.0) + sum(r, c + 1).value +
+                    sum(r + 1, c).value - sum(r, c).value;
+        own.pixels =
+            (used ? 1 : 0) + sum(r, c + 1).pixels + sum(r + 1, c).pixels - sum(r, c).pixels;
+      }
   }
   struct Window {
-    double mean;
+    double mean;  ///< 0 without pixels
     int pixels;
   };
   Window around(int r, int c) {
@@ -41,14 +50,19 @@ class WindowMean {
     const int radius = std::clamp(room, 1, largest_radius_);
     const int r0 = std::max(r - radius, 0), r1 = std::min(r + radius + 1, rows_);
     const int c0 = std::max(c - radius, 0), c1 = std::min(c + radius + 1, cols_);
-    const int pixels = (r1 - r0) * (c1 - c0);
-    return {(sum(r1, c1) - sum(r0, c1) - sum(r1, c0) + sum(r0, c0)) / pixels, pixels};
+    const Sum &a = sum(r0, c0), &b = sum(r0, c1), &d = sum(r1, c0), &e = sum(r1, c1);
+    const int pixels = e.pixels - b.pixels - d.pixels + a.pixels;
+    return {pixels > 0 ? (e.value - b.value - d.value + a.value) / pixels : 0.0, pixels};
   }
 
  private:
-  double& sum(int r, int c) { return sums_[as_index(r) * as_index(cols_ + 1) + as_index(c)]; }
+  struct Sum {
+    double value = 0;
+    int pixels = 0;
+  };
+  Sum& sum(int r, int c) { return sums_[as_index(r) * as_index(cols_ + 1) + as_index(c)]; }
   int rows_, cols_, largest_radius_;
-  std::vector<double> sums_;
+  std::vector<Sum> sums_;
 };
 
 // Median and robust deviation of a function of the pixels of one channel; every k-th pixel of a
@@ -150,75 +164,75 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
   return spatial_variance_dn2;
 }
 
-ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
+ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry,
+                                         View<const float> shading_dn,
+                                         std::vector<double> shading_error_dn2)
+    : geometry_(geometry),
+      shading_dn_(shading_dn),
+      shading_error_dn2_(std::move(shading_error_dn2)) {}
 
-void ResponseAccumulator::add(TemporalAccumulator& flat, View<const float> shading_dn) {
+void ResponseAccumulator::add(TemporalAccumulator& flat) {
   if (weight_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
     weight_.assign(as_index(geometry_.channels()), 0.0);
-    weighted_error_ = weight_;
+    scale_ = weighted_error_ = weight_;
   }
   const std::vector<double> mean = flat.mean_dn(), variance = flat.variance_dn2();
-  std::vector<double> weight(mean.size()), scale(mean.size());
+  std::vector<double> scale(mean.size());
   for (std::size_t c = 0; c < mean.size(); ++c) {
     const double relative_error = variance[c] / (flat.frames() * mean[c] * mean[c]);
-    weight[c] = mean[c] > 0 && relative_error > 0 ? 1.0 / relative_error : 0.0;
-    scale[c] = weight[c] > 0 ? weight[c] / mean[c] : 0.0;
-    weight_[c] += weight[c];
-    weighted_error_[c] += weight[c] > 0 ? weight[c] * weight[c] * relative_error : 0.0;
+    const double weight = mean[c] > 0 && relative_error > 0 ? 1.0 / relative_error : 0.0;
+    scale[c] = weight > 0 ? weight / mean[c] : 0.0;
+    weight_[c] += weight;
+    scale_[c] += scale[c];
+    weighted_error_[c] += weight > 0 ? weight * weight * relative_error : 0.0;
   }
   const Image frame = flat.release_mean_frame_dn();
   for (int r = 0; r < sum_.rows(); ++r)
     for (int col = 0; col < sum_.cols(); ++col) {
-      const double dark = shading_dn.empty() ? 0.0 : shading_dn(r, col);
+      const double dark = shading_dn_.empty() ? 0.0 : shading_dn_(r, col);
       sum_(r, col) +=
           static_cast<float>((frame(r, col) - dark) * scale[as_index(geometry_.channel(r, col))]);
     }
 }
 
 // Writes one channel's relative response into the map and returns its mean square about one. A
-// defect would be a good part of its neighbours' window and most of a channel's variance: pixels
-// that stand out of a first map are replaced by their window's mean in the second one's windows,
-// and no part of the square.
+// defect would be a good part of its neighbours' window, at the border a ninth of it, and most of a
+// channel's variance: pixels that stand out of the map so far are no part of the next one's
+// windows, nor of the square. Two rounds: neighbours of a defect stand out of the first map
+// themselves.
 double ResponseAccumulator::relate(int channel, Image& map) const {
+  constexpr int kRounds = 2;
   const auto for_pixels = [&](auto&& use) {
     for (int r = 0; r < geometry_.channel_rows(channel); ++r)
       for (int c = 0; c < geometry_.channel_cols(channel); ++c)
         use(r, c, channel / geometry_.cell_cols() + r * geometry_.cell_rows(),
             channel % geometry_.cell_cols() + c * geometry_.cell_cols());
   };
-  WindowMean all(sum_, geometry_, channel);
-  for_pixels([&](int r, int c, int row, int col) {
-    const double mean = all.around(r, c).mean;
-    if (mean > 0) map(row, col) = static_cast<float>(sum_(row, col) / mean);
-  });
-  const Location usual = location_of(geometry_, channel, [&](int r, int c) { return map(r, c); });
+  Image before(map.rows(), map.cols(), 1.0F);  // of the round before
+  Location usual{1.0, 0.0};
   const auto stands_out = [&](int row, int col) {
     return usual.deviation > 0 &&
-           std::abs(map(row, col) - usual.centre) > kDefectDeviations * usual.deviation;
+           std::abs(before(row, col) - usual.centre) > kDefectDeviations * usual.deviation;
   };
-  Image filled = sum_;
-  std::vector<std::pair<int, int>> left_out;
-  for_pixels([&](int r, int c, int row, int col) {
-    if (!stands_out(row, col)) return;
-    filled(row, col) = static_cast<float>(all.around(r, c).mean);
-    left_out.emplace_back(row, col);
-  });
-  WindowMean ordinary(filled, geometry_, channel);
-  double square = 0.0;
-  auto next = left_out.begin();
-  for_pixels([&](int r, int c, int row, int col) {
-    const auto window = ordinary.around(r, c);
-    const bool defect = next != left_out.end() && *next == std::pair(row, col);
-    if (defect) ++next;
-    if (!(window.mean > 0)) return;
-    const double relative = sum_(row, col) / window.mean;
-    map(row, col) = static_cast<float>(relative);
-    // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
-    if (!defect) square += (relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels);
-  });
-  return square / static_cast<double>(geometry_.channel_pixels(channel) -
-                                      static_cast<std::int64_t>(left_out.size()));
+  Moments square;
+  for (int round = 0; round <= kRounds; ++round) {
+    WindowMean ordinary(sum_, geometry_, channel, stands_out);
+    square = Moments();
+    for_pixels([&](int r, int c, int row, int col) {
+      const auto window = ordinary.around(r, c);
+      if (!(window.mean > 0)) return;
+      const double relative = sum_(row, col) / window.mean;
+      map(row, col) = static_cast<float>(relative);
+      // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
+      if (!stands_out(row, col) && window.pixels > 1)
+        square.add((relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels));
+    });
+    if (round == kRounds) break;
+    for_pixels([&](int, int, int row, int col) { before(row, col) = map(row, col); });
+    usual = location_of(geometry_, channel, [&](int r, int c) { return map(r, c); });
+  }
+  return square.mean();
 }
 
 Response ResponseAccumulator::response() const {
@@ -227,7 +241,9 @@ Response ResponseAccumulator::response() const {
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
     const double square = relate(channel, out.map);
-    const double sampling = weight_[i] > 0 ? weighted_error_[i] / (weight_[i] * weight_[i]) : 0.0;
+    const double dark = shading_dn_.empty() ? 0.0 : shading_error_dn2_[i] * scale_[i] * scale_[i];
+    const double sampling =
+        weight_[i] > 0 ? (weighted_error_[i] + dark) / (weight_[i] * weight_[i]) : 0.0;
     out.prnu.push_back(std::sqrt(std::max(square - sampling, 0.0)));
   }
   return out;

@@ -47,10 +47,13 @@ struct Response {
 /// Relative response of every pixel, from any number of flat levels weighted by their precision.
 class ResponseAccumulator {
  public:
-  explicit ResponseAccumulator(const MosaicGeometry& geometry);
-  /// shading_dn: the dark fixed pattern of this gain, taken off first.
+  /// shading_dn: the dark fixed pattern of this gain, taken off every flat; empty: none is. It is
+  /// kept by reference. shading_error_dn2: per channel, sampling variance of one of its pixels,
+  /// which all levels have in common.
+  ResponseAccumulator(const MosaicGeometry& geometry, View<const float> shading_dn,
+                      std::vector<double> shading_error_dn2);
   /// Takes the flat's mean frame.
-  void add(TemporalAccumulator& flat, View<const float> shading_dn);
+  void add(TemporalAccumulator& flat);
   bool empty() const { return weight_.empty(); }
   /// Contract: not empty.
   Response response() const;
@@ -58,8 +61,11 @@ class ResponseAccumulator {
  private:
   double relate(int channel, Image& map) const;
   MosaicGeometry geometry_;
+  View<const float> shading_dn_;
+  std::vector<double> shading_error_dn2_;
   Image sum_;
   std::vector<double> weight_;          ///< per channel
+  std::vector<double> scale_;           ///< per channel: sum of weight over mean
   std::vector<double> weighted_error_;  ///< per channel: sum of weight² times relative variance
 };
 

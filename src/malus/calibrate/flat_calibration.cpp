@@ -175,8 +175,7 @@ struct FlatSeries {
 
 void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                const RawFrame& first, const std::vector<double>& frame_deviation_dn,
-               int bias_frames, double saturation_limit, View<const float> shading_dn,
-               FlatSeries& series) {
+               int bias_frames, double saturation_limit, FlatSeries& series) {
   const std::vector<double> mean = level.temporal.mean_dn();
   const std::vector<double> variance =
       flat.count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(mean.size(), 0.0);
@@ -198,7 +197,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     series.levels[c].push_back(std::move(point));
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
-  if (good_for_response) series.response.add(level.temporal, shading_dn);
+  if (good_for_response) series.response.add(level.temporal);
 }
 
 // Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of
@@ -237,17 +236,18 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                    Progress& progress, PhysicsCalibration& out) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
   const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
+  const std::vector<double> dark_variance = dark.temporal.variance_dn2();
+  std::vector<double> shading_error = dark_variance;
+  for (double& error : shading_error) error /= out.bias_frames;
   FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
                     {},
-                    ResponseAccumulator(geometry)};
+                    ResponseAccumulator(geometry, out.dark_shading_dn, shading_error)};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
     add_level(*flat, measure_level(*flat, first, own, out.dark_shading_dn, progress), own, first,
-              frame_deviation, out.bias_frames, settings.saturation_limit, out.dark_shading_dn,
-              series);
+              frame_deviation, out.bias_frames, settings.saturation_limit, series);
   }
   out.flat_levels = static_cast<int>(flats.size());
-  const std::vector<double> dark_variance = dark.temporal.variance_dn2();
   std::vector<Estimate<TransferFit>> fits;
   bool cut_off = false;
   for (int c = 0; c < geometry.channels(); ++c) {
