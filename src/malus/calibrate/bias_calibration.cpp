@@ -156,9 +156,21 @@ void append_unknown(double lambda, double scale, PhysicsCalibration& out) {
   }
 }
 
-// For the report's distribution plot: twelve deviations are enough to see every tail that matters.
+// The histogram's cells divide the converter's step, or are a whole number of steps wide. Where no
+// fixed pattern spreads the offsets, residuals lie on a lattice: beside cells of any other width it
+// makes a moiré that looks like another shape (λ by up to 0.04), and differs between sessions.
+double cell_of(double deviation_dn, double step_dn) {
+  const double width = deviation_dn / kCellsPerDeviation;
+  if (!(width > 0)) return 1.0;
+  if (!(step_dn > 0)) return width;
+  return width < step_dn ? step_dn / std::ceil(step_dn / width)
+                         : step_dn * std::floor(width / step_dn);
+}
+
+// For the report's distribution plot: twelve deviations are enough to see every tail that matters,
+// of cells that may be half as wide as they were meant.
 void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
-  constexpr std::size_t kCells = static_cast<std::size_t>(12 * kCellsPerDeviation);
+  constexpr std::size_t kCells = static_cast<std::size_t>(2 * 12 * kCellsPerDeviation);
   std::vector<double> counts(kCells, 0.0);
   for (const ResidualHistogram::Cell& cell : pooled.cells())
     counts[std::min(as_index(cell.index), kCells - 1)] += cell.count;
@@ -312,7 +324,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   add_black(first, pattern);
   std::vector<double> cell =
       remove_pattern ? dark.temporal.variance_dn2() : channel_variances(first.dn, geometry);
-  for (double& width : cell) width = width > 0 ? std::sqrt(width) / kCellsPerDeviation : 1.0;
+  for (double& width : cell) width = cell_of(std::sqrt(std::max(width, 0.0)), quantization_dn);
   FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
                          cell);
   const OrdinaryPixels ordinary =

@@ -13,6 +13,7 @@ set(calibrate_SOURCES
   level_histograms.cpp
   nonparametric_calibration.cpp
   photon_transfer.cpp
+  residual_histogram.cpp
   row_drift_fit.cpp
   row_group.cpp
   temporal.cpp

@@ -13,7 +13,8 @@ namespace malus {
 namespace {
 
 constexpr std::int64_t kFewestSamples = 200;
-constexpr double kSmallestDensity = 1e-300;
+// Relative to one over the residuals' deviation: a density below it counts for little.
+constexpr double kDensityFloor = 3e-5;
 
 // Lower half of the Tukey-lambda distribution function of scale 1, tabulated at rising quantiles.
 class LowerHalf {
@@ -51,8 +52,26 @@ class LowerHalf {
   std::vector<double> x_, f_, slope_;
 };
 
-// Probability of a residual r of an integer converter, given its offset: the distribution widened
+double mean_square_dn2(const ResidualHistogram& histogram) {
+  double sum = 0.0;
+  for (const auto& cell : histogram.cells())
+    sum += cell.count * histogram.centre_dn(cell) * histogram.centre_dn(cell);
+  return sum / static_cast<double>(histogram.count());
+}
+
+// Probability p of a residual r of an integer converter, given its offset: the distribution widened
 // by a normal offset error (five-point Gauss-Hermite) over one step q, at every cell's centre.
+//
+// Its plain logarithm trusts the law out to where no value can be: for λ > 0 all ends at scale/λ,
+// and a single value near that end, of noise that is not quite Tukey-lambda, would pin λ there and
+// be most of its information. So the fit maximises
+//
+//     mean log(p + a) + a/q ∫ log(1 + p/a) dr
+//
+// whose derivative is that of the likelihood weighted by p / (p + a), less its expectation: the
+// integral's derivative is -∫ log(p + a) taken over the law itself, so that of Tukey-lambda noise
+// (λ, scale) come out without bias whatever a is (conditionally unbiased bounded influence:
+// Künsch, Stefanski and Carroll, JASA 84, 1989).
 class CellDensity {
  public:
   CellDensity(const ResidualHistogram& histogram, const ResidualBlur& blur)
@@ -60,8 +79,38 @@ class CellDensity {
         // A cell is a box too: to second order its width adds to the step's in squares.
         half_step_dn_(0.5 * std::hypot(blur.quantization_dn, histogram.cell_dn())) {
     for (const auto& cell : histogram.cells()) centre_.push_back(histogram.centre_dn(cell));
+    const double rms = std::sqrt(mean_square_dn2(histogram));
+    floor_ = kDensityFloor * 2.0 * half_step_dn_ / rms;
+    lay_nodes(rms);
   }
+  /// log(p + a) plus the integral, by cell.
   std::vector<double> log_density(double lambda, double log_scale) const {
+    const std::vector<double> over = probability(node_, lambda, log_scale);
+    double integral = 0.0;
+    for (std::size_t i = 0; i < over.size(); ++i)
+      integral += node_width_[i] * std::log1p(over[i] / floor_);
+    const double common = floor_ / half_step_dn_ * integral;  // both sides: q is two half steps
+    std::vector<double> density = probability(centre_, lambda, log_scale);
+    for (double& d : density) d = std::log(d + floor_) + common;
+    return density;
+  }
+
+ private:
+  // Where the integral is summed (trapezoids): evenly out to eight deviations, then wider.
+  void lay_nodes(double rms_dn) {
+    constexpr double kPerDeviation = 24.0, kEven = 8.0, kFarthest = 1000.0, kGrowth = 1.05;
+    double width = rms_dn / kPerDeviation;
+    for (double x = 0.0; x < kFarthest * rms_dn; x += width) {
+      node_.push_back(x);
+      if (x > kEven * rms_dn) width *= kGrowth;
+    }
+    for (std::size_t i = 0; i < node_.size(); ++i)
+      node_width_.push_back(0.5 *
+                            (node_[std::min(i + 1, node_.size() - 1)] - node_[i > 0 ? i - 1 : 0]));
+  }
+  // At rising distances from the offset.
+  std::vector<double> probability(const std::vector<double>& distance_dn, double lambda,
+                                  double log_scale) const {
     // Nodes and weights for a standard normal variable.
     constexpr double kNode[] = {-2.8569700138728056, -1.3556261799742659, 0.0, 1.3556261799742659,
                                 2.8569700138728056};
@@ -69,23 +118,21 @@ class CellDensity {
                                   0.22207592200561266, 0.011257411327720691};
     const LowerHalf cdf(lambda);
     const double inverse_scale = std::exp(-log_scale);
-    std::vector<double> density(centre_.size(), 0.0);
+    std::vector<double> density(distance_dn.size(), 0.0);
     for (int node = 0; node < 5; ++node) {
       const double shift = deviation_dn_ * kNode[node];
       std::size_t upper_hint = 0, lower_hint = 0;
-      for (std::size_t i = centre_.size(); i-- > 0;) {
-        const double x = shift - centre_[i];  // the lower side, where small values are exact
+      for (std::size_t i = distance_dn.size(); i-- > 0;) {
+        const double x = shift - distance_dn[i];  // the lower side, where small values are exact
         density[i] += kWeight[node] * (cdf((x + half_step_dn_) * inverse_scale, upper_hint) -
                                        cdf((x - half_step_dn_) * inverse_scale, lower_hint));
       }
     }
-    for (double& d : density) d = std::log(std::max(d, kSmallestDensity));
     return density;
   }
 
- private:
-  double deviation_dn_, half_step_dn_;
-  std::vector<double> centre_;
+  double deviation_dn_, half_step_dn_, floor_ = 0;  ///< floor_: a, of a probability
+  std::vector<double> centre_, node_, node_width_;
 };
 
 double log_likelihood(const ResidualHistogram& histogram, const std::vector<double>& log_density) {
@@ -93,13 +140,6 @@ double log_likelihood(const ResidualHistogram& histogram, const std::vector<doub
   for (std::size_t i = 0; i < log_density.size(); ++i)
     sum += histogram.cells()[i].count * log_density[i];
   return sum;
-}
-
-double mean_square_dn2(const ResidualHistogram& histogram) {
-  double sum = 0.0;
-  for (const auto& cell : histogram.cells())
-    sum += cell.count * histogram.centre_dn(cell) * histogram.centre_dn(cell);
-  return sum / static_cast<double>(histogram.count());
 }
 
 double blur_variance_dn2(const ResidualHistogram& histogram, const ResidualBlur& blur) {
@@ -190,18 +230,62 @@ Scores scores_at(const CellDensity& density, double lambda, double log_scale) {
   return scores;
 }
 
-// Inverse of the mean outer product of the scores.
-std::array<double, 3> unit_covariance_of(const Scores& scores, const ResidualHistogram& histogram) {
-  double ll = 0, ls = 0, ss = 0;
+using Symmetric = std::array<double, 3>;  // aa, ab, bb
+
+Symmetric inverse_of(const Symmetric& m) {
+  const double det = m[0] * m[2] - m[1] * m[1];
+  return {m[2] / det, -m[1] / det, m[0] / det};
+}
+
+// a b a.
+Symmetric sandwich(const Symmetric& a, const Symmetric& b) {
+  const double p = a[0] * b[0] + a[1] * b[1], q = a[0] * b[1] + a[1] * b[2],
+               r = a[1] * b[0] + a[2] * b[1], s = a[1] * b[1] + a[2] * b[2];
+  return {p * a[0] + q * a[1], p * a[1] + q * a[2], r * a[1] + s * a[2]};
+}
+
+// Mean outer product of the scores.
+Symmetric scatter_of(const Scores& scores, const ResidualHistogram& histogram) {
+  Symmetric out{};
   const auto n = static_cast<double>(histogram.count());
   for (std::size_t i = 0; i < scores.lambda.size(); ++i) {
     const double weight = histogram.cells()[i].count / n;
-    ll += weight * scores.lambda[i] * scores.lambda[i];
-    ls += weight * scores.lambda[i] * scores.scale[i];
-    ss += weight * scores.scale[i] * scores.scale[i];
+    out[0] += weight * scores.lambda[i] * scores.lambda[i];
+    out[1] += weight * scores.lambda[i] * scores.scale[i];
+    out[2] += weight * scores.scale[i] * scores.scale[i];
   }
-  const double det = ll * ss - ls * ls;
-  return {ss / det, -ls / det, ll / det};
+  return out;
+}
+
+// Minus the mean derivative of the scores.
+Symmetric curvature_of(const CellDensity& density, const Point& at,
+                       const ResidualHistogram& histogram) {
+  constexpr double kDelta = 3e-3;
+  const Scores lp = scores_at(density, at.lambda + kDelta, at.log_scale),
+               lm = scores_at(density, at.lambda - kDelta, at.log_scale),
+               sp = scores_at(density, at.lambda, at.log_scale + kDelta),
+               sm = scores_at(density, at.lambda, at.log_scale - kDelta);
+  Symmetric out{};
+  const auto n = static_cast<double>(histogram.count());
+  for (std::size_t i = 0; i < lp.lambda.size(); ++i) {
+    const double weight = histogram.cells()[i].count / n / (2 * kDelta);
+    out[0] -= weight * (lp.lambda[i] - lm.lambda[i]);
+    out[1] -= weight * 0.5 * (lp.scale[i] - lm.scale[i] + sp.lambda[i] - sm.lambda[i]);
+    out[2] -= weight * (sp.scale[i] - sm.scale[i]);
+  }
+  return out;
+}
+
+// What the errors follow from: the curvature where noise is not quite Tukey-lambda, too. At λ near
+// one half it may not be seen (the support's end decides); then the scores' scatter stands for it.
+void fill_errors(const CellDensity& density, const Point& best, const ResidualHistogram& histogram,
+                 TukeyFit& fit) {
+  const Symmetric scatter = scatter_of(scores_at(density, best.lambda, best.log_scale), histogram);
+  const Symmetric curvature = curvature_of(density, best, histogram);
+  const bool concave =
+      curvature[0] > 0 && curvature[0] * curvature[2] > curvature[1] * curvature[1];
+  fit.unit_step = inverse_of(concave ? curvature : scatter);
+  fit.unit_covariance = sandwich(fit.unit_step, scatter);
 }
 
 // Mean of the scale-1 quantile function over u in (a, b), both above one half:
@@ -253,46 +337,6 @@ Estimate<TukeyFit> fit_tukey_lambda_ppcc(const ResidualHistogram& histogram,
   return fit;
 }
 
-std::int64_t ResidualHistogram::count() const {
-  std::int64_t total = 0;
-  for (const Cell& cell : cells_) total += cell.count;
-  return total;
-}
-
-void ResidualHistogram::add(const ResidualHistogram& other) {
-  MALUS_REQUIRE(other.cell_dn_ == cell_dn_);
-  std::vector<Cell> merged;
-  merged.reserve(std::max(cells_.size(), other.cells_.size()) + 16);
-  auto a = cells_.begin();
-  auto b = other.cells_.begin();
-  while (a != cells_.end() || b != other.cells_.end()) {
-    if (b == other.cells_.end() || (a != cells_.end() && a->index < b->index)) {
-      merged.push_back(*a++);
-    } else if (a == cells_.end() || b->index < a->index) {
-      merged.push_back(*b++);
-    } else {
-      merged.push_back({a->index, a->count + b->count});
-      ++a;
-      ++b;
-    }
-  }
-  cells_ = std::move(merged);
-}
-
-void ResidualHistogram::assign(const std::vector<std::uint32_t>& dense,
-                               std::vector<std::int32_t>& beyond) {
-  cells_.clear();
-  for (std::size_t i = 0; i < dense.size(); ++i)
-    if (dense[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), dense[i]});
-  std::sort(beyond.begin(), beyond.end());
-  for (const std::int32_t index : beyond) {
-    if (!cells_.empty() && cells_.back().index == index)
-      ++cells_.back().count;
-    else
-      cells_.push_back({index, 1});
-  }
-}
-
 Estimate<TukeyFit> fit_tukey_lambda(const ResidualHistogram& histogram, const ResidualBlur& blur) {
   if (const std::string reason = refusal(histogram); !reason.empty()) return Undecided{reason};
   const CellDensity density(histogram, blur);
@@ -312,8 +356,7 @@ Estimate<TukeyFit> fit_tukey_lambda(const ResidualHistogram& histogram, const Re
   TukeyFit fit;
   fit.lambda = best.lambda;
   fit.scale_dn = std::exp(best.log_scale);
-  fit.unit_covariance =
-      unit_covariance_of(scores_at(density, best.lambda, best.log_scale), histogram);
+  fill_errors(density, best, histogram, fit);
   return fit;
 }
 
@@ -336,7 +379,7 @@ FrameShapes::Shape FrameShapes::of(const ResidualHistogram& frame) const {
     scale += cell.count * scale_score_[i];
   }
   const auto n = static_cast<double>(frame.count());
-  const auto& c = fit_.unit_covariance;
+  const auto& c = fit_.unit_step;
   return {fit_.lambda + (c[0] * lambda + c[1] * scale) / n,
           std::log(fit_.scale_dn) + (c[1] * lambda + c[2] * scale) / n};
 }

@@ -1,0 +1,49 @@
+#include "malus/calibrate/residual_histogram.h"
+
+#include "malus/base/error.h"
+
+#include <algorithm>
+
+namespace malus {
+
+std::int64_t ResidualHistogram::count() const {
+  std::int64_t total = 0;
+  for (const Cell& cell : cells_) total += cell.count;
+  return total;
+}
+
+void ResidualHistogram::add(const ResidualHistogram& other) {
+  MALUS_REQUIRE(other.cell_dn_ == cell_dn_);
+  std::vector<Cell> merged;
+  merged.reserve(std::max(cells_.size(), other.cells_.size()) + 16);
+  auto a = cells_.begin();
+  auto b = other.cells_.begin();
+  while (a != cells_.end() || b != other.cells_.end()) {
+    if (b == other.cells_.end() || (a != cells_.end() && a->index < b->index)) {
+      merged.push_back(*a++);
+    } else if (a == cells_.end() || b->index < a->index) {
+      merged.push_back(*b++);
+    } else {
+      merged.push_back({a->index, a->count + b->count});
+      ++a;
+      ++b;
+    }
+  }
+  cells_ = std::move(merged);
+}
+
+void ResidualHistogram::assign(const std::vector<std::uint32_t>& dense,
+                               std::vector<std::int32_t>& beyond) {
+  cells_.clear();
+  for (std::size_t i = 0; i < dense.size(); ++i)
+    if (dense[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), dense[i]});
+  std::sort(beyond.begin(), beyond.end());
+  for (const std::int32_t index : beyond) {
+    if (!cells_.empty() && cells_.back().index == index)
+      ++cells_.back().count;
+    else
+      cells_.push_back({index, 1});
+  }
+}
+
+}  // namespace malus
