@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "simulated_session.h"
@@ -386,8 +387,10 @@ TEST(QuantizationStep, IsTheGreatestCommonDivisorOfTheDifferences) {
   EXPECT_EQ(quantization_step(dn), 16.0);
   dn(1, 1) = 16;
   EXPECT_EQ(quantization_step(dn), 1.0);
-  dn(1, 0) = 15.5F;
-  EXPECT_EQ(quantization_step(dn), 0.0);
+  for (const float value : {15.5F, 1e30F, std::numeric_limits<float>::infinity()}) {
+    dn(1, 0) = value;
+    EXPECT_EQ(quantization_step(dn), 0.0);
+  }
 }
 
 }  // namespace
