@@ -3,7 +3,9 @@
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/dark_codes.h"
 #include "malus/calibrate/geometry.h"
+#include "malus/calibrate/row_offset.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,12 +18,51 @@
 namespace malus {
 namespace {
 
+// Variance to expect of a channel's pixels before their levels are measured.
+struct ExpectedVariance {
+  double dark_dn2 = 0, slope_dn = 0;  ///< rows and all
+  double rows_dn2 = 0;                ///< where they are known
+  double at(double light_dn) const { return dark_dn2 + slope_dn * std::max(light_dn, 0.0); }
+  double of_pixel(double light_dn) const {
+    constexpr double kLeastOfDark = 0.05;
+    return std::max(at(light_dn) - rows_dn2, kLeastOfDark * dark_dn2);
+  }
+};
+
+std::vector<ExpectedVariance> expected_variance(const CleanFrame& clean,
+                                                const PhysicsCalibration* physics) {
+  std::vector<ExpectedVariance> out;
+  for (std::size_t c = 0; c < clean.dark_variance_dn2.size(); ++c) {
+    double dark = clean.dark_variance_dn2[c], slope = clean.slope_dn[c];
+    if (physics) dark = std::pow(physics->temporal_sd_dark_dn[c], 2);
+    if (physics && !physics->K.mean.empty()) slope = physics->K.mean[c];
+    const double rows = physics ? std::pow(physics->sigma_row.mean[c], 2) : 0.0;
+    out.push_back({std::max(dark, 1e-6), slope, rows});
+  }
+  return out;
+}
+
+// Of a row's offset in one frame: row noise, and the dark level's own drift from frame to frame.
+// Infinite where bias frames have not told it.
+std::vector<double> row_prior_dn2(const PhysicsCalibration* physics, std::size_t channels) {
+  std::vector<double> out(channels, std::numeric_limits<double>::infinity());
+  if (!physics || physics->bias_frames < 2) return out;
+  for (std::size_t c = 0; c < channels; ++c)
+    out[c] = std::pow(physics->sigma_row.mean[c], 2) + std::pow(physics->mu.spread[c], 2);
+  return out;
+}
+
 // Noise of one frame, row by row of groups, into the channels' histograms.
 class LevelPass {
  public:
   LevelPass(const MosaicGeometry& geometry, const std::vector<double>& dark_level_dn,
-            const std::vector<double>& bias_dn, std::vector<LevelHistograms>& histograms)
-      : geometry_(geometry), dark_(dark_level_dn), bias_(bias_dn), histograms_(histograms) {}
+            const std::vector<double>& bias_dn, const std::vector<double>& row_prior_dn2,
+            std::vector<LevelHistograms>& histograms)
+      : geometry_(geometry),
+        dark_(dark_level_dn),
+        bias_(bias_dn),
+        row_prior_(row_prior_dn2),
+        histograms_(histograms) {}
 
   void add(View<const float> dn, const CleanFrame& clean) {
     std::vector<double> lamp(dark_.size(), 1.0);
@@ -40,7 +81,8 @@ class LevelPass {
     // Offsets about their own mean over the frames tell as much as `kept` of their number.
     return rows_[as_index(channel)].variance_standard_error() / std::sqrt(kept_);
   }
-  void begin(const CleanFrame& clean) {
+  void begin(const CleanFrame& clean, std::vector<ExpectedVariance> expected) {
+    expected_ = std::move(expected);
     kept_ = clean.rows_kept;
     rows_.assign(dark_.size(), Moments());
     explained_ = rows_;
@@ -59,6 +101,7 @@ class LevelPass {
       signal_.clear();
       noise_.clear();
       pixel_kept_.clear();
+      variance_.clear();
       double sum = 0, square = 0, kept = 0;
       for (int r = begin; r < end; ++r) {
         if (r % geometry_.cell_rows() != channel / geometry_.cell_cols()) continue;
@@ -69,6 +112,7 @@ class LevelPass {
           signal_.push_back(bias_frame ? 0.0 : light);
           noise_.push_back(noise);
           pixel_kept_.push_back(clean.kept(r, col));
+          variance_.push_back(pixel_kept_.back() * expected_[c].of_pixel(light));
           kept += pixel_kept_.back() / n;
           sum += noise;
           square += noise * noise;
@@ -77,82 +121,54 @@ class LevelPass {
       const double mean = sum / n, pixel = (square - n * mean * mean) / (n - 1);
       rows_[c].add(mean / std::sqrt(clean.rows_kept));
       explained_[c].add(pixel / n / kept);
+      RowOffset offset(row_prior_[c] * clean.rows_kept);
+      offset.fit(noise_, variance_);
       for (std::size_t i = 0; i < noise_.size(); ++i) {
-        const double residual = noise_[i] - mean, own_kept = pixel_kept_[i];
-        histograms_[c].add(signal_[i], residual / std::sqrt((1.0 - 1.0 / n) * own_kept) + bias_[c]);
-        histograms_[c].add_square(signal_[i], residual, own_square(residual, pixel, n) / own_kept,
-                                  own_kept);
+        const double own_kept = pixel_kept_[i];
+        histograms_[c].add(signal_[i], offset.residual_dn(i) / std::sqrt(own_kept) + bias_[c]);
+        histograms_[c].add_square(signal_[i], offset.raw_dn(i), offset.square_dn2(i) / own_kept,
+                                  offset.freedom(i) * own_kept);
       }
     }
   }
 
   const MosaicGeometry& geometry_;
-  const std::vector<double>&dark_, &bias_;
+  const std::vector<double>&dark_, &bias_, &row_prior_;
   std::vector<LevelHistograms>& histograms_;
+  std::vector<ExpectedVariance> expected_;
   double kept_ = 1.0;
   std::vector<Moments> rows_, explained_;
-  std::vector<double> signal_, noise_, pixel_kept_;
+  std::vector<double> signal_, noise_, pixel_kept_, variance_;
 };
 
-// Histogram of the codes of dark frames, per channel. The lattice is kept as it is: a converter's
-// unequal steps show in it, and would be washed out by subtracting anything that is not an integer.
-class DarkCodes {
- public:
-  DarkCodes(const MosaicGeometry& geometry, const RawFrame& first, double step_dn)
-      : geometry_(geometry), step_dn_(step_dn) {
-    origin_dn_ = std::fmod(first.dn(0, 0), step_dn);
-    zero_ = static_cast<std::int64_t>(first.white_dn / step_dn) + 2;
-    counts_.assign(as_index(geometry.channels()), std::vector<double>(as_index(2 * zero_), 0.0));
-  }
-  void add(View<const float> dn) {
-    for (int r = 0; r < dn.rows(); ++r)
-      for (int c = 0; c < dn.cols(); ++c) {
-        auto& counts = counts_[as_index(geometry_.channel(r, c))];
-        const double code = std::round((dn(r, c) - origin_dn_) / step_dn_);
-        const auto place = static_cast<double>(zero_) + code;
-        counts[static_cast<std::size_t>(
-            std::clamp(place, 0.0, static_cast<double>(counts.size() - 1)))] += 1.0;
-      }
-    ++frames_;
-  }
-  int frames() const { return frames_; }
-  CodeGrid grid(double black_dn) const { return {step_dn_, origin_dn_ - black_dn}; }
-  /// Counts from the first code that occurred to the last.
-  std::vector<double> occurred(int channel, std::int64_t& first_code) const {
-    const auto& counts = counts_[as_index(channel)];
-    const auto used = [](double n) { return n > 0; };
-    const auto begin = std::find_if(counts.begin(), counts.end(), used);
-    const auto end = std::find_if(counts.rbegin(), counts.rend(), used).base();
-    first_code = begin - counts.begin() - zero_;
-    return {begin, end};
-  }
-
- private:
-  const MosaicGeometry& geometry_;
-  double step_dn_, origin_dn_ = 0;
-  int frames_ = 0;
-  std::int64_t zero_ = 0;  ///< place of code 0: where black is subtracted codes are negative, too
-  std::vector<std::vector<double>> counts_;
-};
+// Levels times bins of all channels, four bytes each.
+void require_room(double levels, std::size_t channels, const CalibrationSettings& settings) {
+  constexpr double kMostCounts = 1 << 28;
+  const double counts = levels * settings.bins * static_cast<double>(channels);
+  if (counts > kMostCounts)
+    throw InputError("--level-step",
+                     fmt::format("{:g} DN makes {:.0f} levels of {} bins: {:.1f} GB of counts",
+                                 settings.level_step, levels, settings.bins, 4e-9 * counts),
+                     fmt::format("raise it to {:.3g} DN or more",
+                                 1.01 * settings.level_step * counts / kMostCounts));
+}
 
 // Histograms whose bins suit the darkest and the brightest noise that can be expected.
-std::vector<LevelHistograms> make_histograms(const RawFrame& first, const CleanFrame& clean,
-                                             const PhysicsCalibration* physics,
+std::vector<LevelHistograms> make_histograms(const RawFrame& first,
+                                             const std::vector<ExpectedVariance>& expected,
                                              const std::vector<double>& bias_dn, double step_dn,
                                              const CalibrationSettings& settings) {
   std::vector<LevelHistograms> histograms;
-  for (std::size_t c = 0; c < clean.dark_variance_dn2.size(); ++c) {
+  for (std::size_t c = 0; c < expected.size(); ++c) {
     const double range = first.white_dn - first.black_dn[c];
-    double dark = clean.dark_variance_dn2[c], slope = clean.slope_dn[c];
-    if (physics) dark = std::pow(physics->temporal_sd_dark_dn[c], 2);
-    if (physics && !physics->K.mean.empty()) slope = physics->K.mean[c];
-    dark = std::max(dark, 1e-6);
     const CodeGrid codes{step_dn,
                          step_dn > 0 ? std::fmod(first.dn(0, 0), step_dn) - first.black_dn[c] : 0};
     const double step = settings.level_step > 0 ? settings.level_step : range / 256.0;
-    histograms.emplace_back(noise_bin_edges(std::sqrt(dark), std::sqrt(dark + slope * range),
-                                            settings.bins, bias_dn[c], codes),
-                            step, range);
+    require_room(range / step, expected.size(), settings);
+    histograms.emplace_back(
+        noise_bin_edges(std::sqrt(expected[c].dark_dn2), std::sqrt(expected[c].at(range)),
+                        settings.bins, bias_dn[c], codes),
+        step, range);
   }
   return histograms;
 }
@@ -290,7 +306,8 @@ MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const Raw
   out.gain = sources.front().frames->gain;
   if (physics) out.K = physics->K.mean;
   std::vector<LevelHistograms> histograms;
-  LevelPass pass(geometry, dark.dn, bias, histograms);
+  const std::vector<double> row_prior = row_prior_dn2(physics, bias.size());
+  LevelPass pass(geometry, dark.dn, bias, row_prior, histograms);
   const double step_dn = quantization_step(first.dn);
   // Integer dark frames have their own way, where row noise is known.
   const bool by_code = physics && step_dn > 0;
@@ -307,9 +324,9 @@ MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const Raw
       continue;
     }
     const CleanFrame clean = measure_clean(source, first, geometry, dark, progress);
-    if (histograms.empty())
-      histograms = make_histograms(first, clean, physics, bias, step_dn, settings);
-    pass.begin(clean);
+    const std::vector<ExpectedVariance> expected = expected_variance(clean, physics);
+    if (histograms.empty()) histograms = make_histograms(first, expected, bias, step_dn, settings);
+    pass.begin(clean, expected);
     for_each_frame(*source.frames, &first, progress,
                    [&](const RawFrame& frame, int) { pass.add(frame.dn, clean); });
     const double light = clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn);

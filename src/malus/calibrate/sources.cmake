@@ -4,6 +4,7 @@ set(calibrate_SOURCES
   bias_checks.cpp
   calibrate.cpp
   clean_frame.cpp
+  dark_codes.cpp
   fixed_pattern.cpp
   flat_calibration.cpp
   frame_components.cpp
@@ -16,6 +17,7 @@ set(calibrate_SOURCES
   residual_histogram.cpp
   row_drift_fit.cpp
   row_group.cpp
+  row_offset.cpp
   temporal.cpp
   tukey_fit.cpp
 )
