@@ -158,7 +158,7 @@ void append_unknown(double lambda, double scale, PhysicsCalibration& out) {
 
 // The histogram's cells divide the converter's step, or are a whole number of steps wide. Where no
 // fixed pattern spreads the offsets, residuals lie on a lattice: beside cells of any other width it
-// makes a moiré that looks like another shape (λ by up to 0.04), and differs between sessions.
+// makes a moiré that looks like another shape (λ by up to 0.005), and differs between sessions.
 double cell_of(double deviation_dn, double step_dn) {
   const double width = deviation_dn / kCellsPerDeviation;
   if (!(width > 0)) return 1.0;
