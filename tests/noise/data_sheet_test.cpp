@@ -27,10 +27,12 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   p.dsnu_dn = {0.5};
   p.prnu = {0.012};
   const auto sheet = data_sheet(model, p);
-  EXPECT_DOUBLE_EQ(named(sheet, "temporal_dark_noise").value[0], 4);
-  // Relative errors add in squares: 1.5 % and 1 %.
-  EXPECT_NEAR(named(sheet, "temporal_dark_noise").standard_error[0], 4 * std::hypot(0.015, 0.01),
-              1e-12);
+  // σ_q² = 1/12 DN² is no noise of the sensor.
+  const double dark = std::sqrt(4 - 1.0 / 12) / 0.5;
+  EXPECT_DOUBLE_EQ(named(sheet, "temporal_dark_noise").value[0], dark);
+  // Relative errors add in squares: those of the variance without σ_q² and 1 %.
+  EXPECT_NEAR(named(sheet, "temporal_dark_noise").standard_error[0],
+              dark * std::hypot(2 * 0.03 / (4 - 1.0 / 12), 0.01), 1e-12);
   EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[0], 8000);
   EXPECT_DOUBLE_EQ(named(sheet, "dsnu").value[0], 1);
   EXPECT_DOUBLE_EQ(named(sheet, "prnu").value[0], 1.2);
@@ -39,6 +41,30 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   EXPECT_NEAR(named(sheet, "dynamic_range").value[0], 20 * std::log10(8000 / threshold), 1e-12);
   EXPECT_NEAR(named(sheet, "snr_max").value[0], 20 * std::log10(std::sqrt(8000.0)), 1e-12);
   EXPECT_TRUE(std::isnan(named(sheet, "linearity_error").value[0]));
+}
+
+// Rounded normal noise of 0.8 DN has a variance of 0.64 + 1/12 DN².
+TEST(DataSheet, DarkNoiseIsThatOfTheSensorAndNotOfTheStep) {
+  NoiseModel model;
+  model.black_dn = {95};
+  model.white_dn = 4095;
+  PhysicsCalibration p;
+  p.K.mean = {0.5};
+  p.K.standard_error = {0};
+  p.temporal_sd_dark_stderr_dn = {0.01};
+  const auto dark = [&](double variance_dn2, double step_dn) {
+    model.quantization_dn = step_dn;
+    p.temporal_sd_dark_dn = {std::sqrt(variance_dn2)};
+    return named(data_sheet(model, p), "temporal_dark_noise");
+  };
+  EXPECT_NEAR(dark(0.64 + 1.0 / 12, 1).value[0], 1.6, 1e-12);
+  EXPECT_NEAR(dark(256 * (0.64 + 1.0 / 12), 16).value[0], 16 * 1.6, 1e-12);
+  EXPECT_NEAR(dark(0.64, 0).value[0], 1.6, 1e-12);
+  // Below 0.24 DN² the standard gives the limit.
+  for (const double variance : {0.0, 0.05, 0.2399}) {
+    EXPECT_NEAR(dark(variance, 1).value[0], std::sqrt(0.24 - 1.0 / 12) / 0.5, 1e-12);
+    EXPECT_TRUE(std::isnan(dark(variance, 1).standard_error[0]));
+  }
 }
 
 std::vector<PhotonTransferPoint> ladder(const std::function<double(double)>& signal) {

@@ -29,6 +29,19 @@ Ratio in_electrons(double value, double error, double K, double K_error) {
   return {ratio, std::hypot(error / K, ratio * K_error / K)};
 }
 
+// EMVA 1288, "temporal dark noise": σ_d² = (σ_y.dark² - σ_q²) / K², σ_q² = q²/12. Below 0.24 q² the
+// converter's step hides the noise and the standard gives the limit, without an error.
+constexpr double kLeastDarkVariance = 0.24;  // of q²
+Ratio dark_noise_e(double sd_dn, double sd_error_dn, double quantization_dn, double K,
+                   double K_error) {
+  const double step2 = quantization_dn * quantization_dn;
+  const double variance = sd_dn * sd_dn;
+  if (variance < kLeastDarkVariance * step2)
+    return {std::sqrt(kLeastDarkVariance * step2 - step2 / 12) / K, kNone};
+  const double own_dn = std::sqrt(variance - step2 / 12);
+  return in_electrons(own_dn, own_dn > 0 ? sd_error_dn * sd_dn / own_dn : sd_error_dn, K, K_error);
+}
+
 // EMVA 1288 eq. for the absolute sensitivity threshold, where the SNR is one.
 double threshold_e(double dark_noise_e) {
   return std::sqrt(dark_noise_e * dark_noise_e + 0.25) + 0.5;
@@ -91,7 +104,8 @@ double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer,
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& p) {
   const std::vector<double> read_e = read_noise_e(p);
   Quantity K{"overall_gain", "K", "DN/e-", "overall system gain", {}, {}};
-  Quantity dark{"temporal_dark_noise", "σ_d", "e-", "temporal dark noise", {}, {}};
+  Quantity dark{
+      "temporal_dark_noise", "σ_d", "e-", "temporal dark noise, quantization taken off", {}, {}};
   Quantity read{"read_noise", "σ_read", "e-", "read noise without row noise", {}, {}};
   Quantity bias{"dark_signal", "μ", "DN", "dark signal above black", {}, {}};
   Quantity dsnu{"dsnu", "DSNU", "e-", "dark signal non-uniformity, defects left out", {}, {}};
@@ -105,10 +119,11 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     const auto c = static_cast<std::size_t>(channel);
     const double gain = at(p.K.mean, c), gain_error = at(p.K.standard_error, c);
     const double reach_dn = model.white_dn - at(model.black_dn, c);
-    const auto [dark_e, dark_error] = in_electrons(
-        at(p.temporal_sd_dark_dn, c), at(p.temporal_sd_dark_stderr_dn, c), gain, gain_error);
+    const double dark_dn = at(p.temporal_sd_dark_dn, c);
+    const auto [dark_e, dark_error] = dark_noise_e(dark_dn, at(p.temporal_sd_dark_stderr_dn, c),
+                                                   model.quantization_dn, gain, gain_error);
     const auto [full_e, full_error] = in_electrons(reach_dn, 0, gain, gain_error);
-    const double limit_e = threshold_e(dark_e);
+    const double limit_e = threshold_e(dark_dn / gain);  // rounding is part of what light must top
     K.value.push_back(gain);
     K.standard_error.push_back(gain_error);
     dark.value.push_back(dark_e);

@@ -13,6 +13,10 @@ namespace malus {
 /// One value per channel: gain, temporal dark noise, read noise, dark signal, DSNU, PRNU,
 /// saturation capacity, absolute sensitivity threshold (in electrons: quantum efficiency is not
 /// measured here), dynamic range, largest SNR, linearity error. What the calibration lacks is NaN.
+/// Temporal dark noise is without the converter's quantization, q²/12, as in the standard; below
+/// 0.24 q² it is the standard's limit, 0.40 q, whose error is NaN. Threshold and dynamic range are
+/// of the whole noise. Read noise, DSNU, PRNU, threshold, dynamic range, largest SNR and linearity
+/// error have no standard errors.
 /// DSNU and PRNU are of pixels within eight robust deviations of the channel's median; the standard
 /// takes all, and a few defects then are most of both.
 /// Saturation is the white level's, not the point where the photon-transfer curve bends.
