@@ -125,6 +125,30 @@ TEST(Session, WrongValuesAreRefusedWithTheirPlace) {
   expect_refused("\xff\xfe", "s.toml");
 }
 
+TEST(Session, AFileIsPartOfOneMeasurement) {
+  const testing::TemporaryFolder folder;
+  const auto session = [&](const std::string& a, const std::string& b) {
+    std::string text;
+    for (const std::string& kind : {a, b})
+      text += "[[frames]]\nkind = \"" + kind + "\"\nlevel = " + (text.empty() ? "1" : "2") +
+              "\npaths = [\"a.tif\"]\n";
+    return text;
+  };
+  for (const auto& [a, b] :
+       {std::pair("bias", "bias"), {"flat", "flat"}, {"bias", "flat"}, {"burst", "reference"}})
+    expect_refused(session(a, b), "s.toml:8", std::string("a.tif, of ") + a + " frames already");
+  for (const auto& [a, b] :
+       {std::pair("reference", "reference"), {"burst", "short"}, {"reference", "short"}})
+    EXPECT_EQ(parse(session(a, b)).groups.size(), 2u) << a << b;
+  write_file(folder / "a.tif", std::string("x"), false);
+  std::filesystem::create_symlink("a.tif", folder / "b.tif");
+  EXPECT_THAT(
+      [&] {
+        parse_session("[[frames]]\nkind = \"bias\"\npaths = \"*.tif\"\n", "s.toml", folder.path());
+      },
+      ThrowsMessage<InputError>(AllOf(HasSubstr("b.tif, the same file as"), HasSubstr("a.tif"))));
+}
+
 TEST(Session, AnExposureOfZeroIsFineForBias) {
   EXPECT_EQ(parse(replaced(kGood, "exposure_s = 0.01", "exposure_s = 0")).groups[0].exposure_s,
             0.0);

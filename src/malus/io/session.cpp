@@ -10,7 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <set>
+#include <map>
 #include <system_error>
 #include <tuple>
 
@@ -80,13 +80,66 @@ std::vector<fs::path> find_files(const ConfigSection& section, const fs::path& f
     files.insert(files.end(), found.begin(), found.end());
   }
   if (files.empty()) section.fail("paths", "is missing", "write paths = [\"bias/*.tif\"]");
-  // A frame counted twice has no noise against itself.
-  std::set<fs::path> seen;
-  for (const fs::path& file : files)
-    if (!seen.insert(file.lexically_normal()).second)
-      section.fail("paths", fmt::format("names {} twice", file.string()), "name every file once");
   return files;
 }
+
+// Sets that a file cannot be part of together: calibration would take one measurement for two, and
+// a frame for clean of its own noise. One reference may serve several scenes, and what pairs are
+// made of may have been measured too.
+bool exclude_each_other(FrameKind a, FrameKind b) {
+  const auto measures = [](FrameKind kind) {
+    return kind != FrameKind::kShort && kind != FrameKind::kLong;
+  };
+  if (a == FrameKind::kReference && b == FrameKind::kReference) return false;
+  return a == b || (measures(a) && measures(b));
+}
+
+// The files of a session so far, links followed.
+class NamedFiles {
+ public:
+  explicit NamedFiles(bool on_disk) : on_disk_(on_disk) {}
+
+  // A frame counted twice has no noise against itself.
+  void refuse_again(const ConfigSection& section, const FrameGroup& group) {
+    std::map<fs::path, fs::path> own;
+    for (const fs::path& file : group.paths) {
+      const fs::path real = real_path(file);
+      const auto [first, is_new] = own.emplace(real, file);
+      if (!is_new) fail(section, file, first->second, "");
+      const auto [begin, end] = others_.equal_range(real);
+      for (auto other = begin; other != end; ++other)
+        if (exclude_each_other(group.kind, other->second.kind))
+          fail(section, file, other->second.written,
+               fmt::format(", of {} frames already", frame_kind_name(other->second.kind)));
+    }
+    for (const auto& [real, file] : own) others_.emplace(real, Named{group.kind, file});
+  }
+
+ private:
+  struct Named {
+    FrameKind kind;
+    fs::path written;
+  };
+
+  fs::path real_path(const fs::path& file) const {
+    std::error_code error;
+    const fs::path real = on_disk_ ? fs::canonical(file, error) : fs::path();
+    return real.empty() || error ? file.lexically_normal() : real;
+  }
+
+  [[noreturn]] static void fail(const ConfigSection& section, const fs::path& file,
+                                const fs::path& before, const std::string& where) {
+    const bool same = file.lexically_normal() == before.lexically_normal();
+    section.fail("paths",
+                 same ? fmt::format("names {}{}", file.string(), where.empty() ? " twice" : where)
+                      : fmt::format("names {}, the same file as {}{}", file.string(),
+                                    before.string(), where),
+                 "name every file once");
+  }
+
+  bool on_disk_;
+  std::multimap<fs::path, Named> others_;
+};
 
 FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, bool check_files) {
   section.require_known({"kind", "gain_db", "iso", "exposure_s", "level", "paths"});
@@ -116,8 +169,11 @@ Session session_of(const ConfigSection& file, const fs::path& source, const fs::
   Session session;
   session.source = source;
   if (const auto sensor = file.section("sensor")) session.sensor = parse_sensor(*sensor);
-  for (const auto& section : file.sections("frames"))
+  NamedFiles named(check_files);
+  for (const auto& section : file.sections("frames")) {
     session.groups.push_back(parse_group(section, folder, check_files));
+    named.refuse_again(section, session.groups.back());
+  }
   return session;
 }
 
