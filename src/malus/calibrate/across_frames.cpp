@@ -30,7 +30,7 @@ void take_sampling_out(ChannelStatistics& statistics, const SquareMatrix& sampli
     statistics.covariance.values[i] -= sampling.values[i];
   statistics.covariance = nearest_semidefinite(statistics.covariance);
   for (int c = 0; c < statistics.covariance.n; ++c)
-    statistics.spread.push_back(std::sqrt(std::max(statistics.covariance(c, c), 0.0)));
+    statistics.spread.push_back(std::sqrt(std::max(0.0, statistics.covariance(c, c))));  // no -0
 }
 
 }  // namespace

@@ -345,6 +345,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
+  warn_of_outlying_noise(frames.residuals, out);
   warn_of_high_level(first, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
   warn_of_coarse_steps(quantization_dn, out);

@@ -35,6 +35,26 @@ std::vector<double> levels_of(const FrameSeries& frame_means_dn) {
   return level;
 }
 
+// Mean size of a frame's residuals, which heavy tails disturb less than the mean square, and its
+// standard error.
+struct FrameNoise {
+  double size_dn = 0, error_dn = 0;
+};
+
+FrameNoise noise_of(const std::vector<ResidualHistogram>& channels) {
+  double count = 0, sum = 0, squares = 0;
+  for (const ResidualHistogram& residuals : channels)
+    for (const ResidualHistogram::Cell& cell : residuals.cells()) {
+      const double size = std::abs(residuals.centre_dn(cell));
+      count += cell.count;
+      sum += cell.count * size;
+      squares += cell.count * size * size;
+    }
+  if (!(count > 0)) return {};
+  const double mean = sum / count;
+  return {mean, std::sqrt(std::max(squares / count - mean * mean, 0.0) / count)};
+}
+
 // The mean, to which no pixel adds more than `most` beyond the middle one: hot ones are no light.
 double level_of(const std::vector<double>& values, double most) {
   const double middle = median_of(values);
@@ -81,6 +101,34 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
                     joined(outlying), level.size(), farthest));
 }
 
+void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
+                            PhysicsCalibration& out) {
+  constexpr double kOfNoise = 0.15, kStandardErrors = 8.0;
+  if (residuals.size() < 3) return;  // two are mirror images, about their mean
+  std::vector<FrameNoise> noise;
+  for (const auto& frame : residuals) noise.push_back(noise_of(frame));
+  // A frame of the set, not between two: half of them may be of another setting.
+  const auto lower = [](const FrameNoise& a, const FrameNoise& b) { return a.size_dn < b.size_dn; };
+  std::vector<FrameNoise> sorted = noise;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>((sorted.size() - 1) / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end(), lower);
+  if (!(middle->size_dn > 0)) return;
+  std::vector<std::string> outlying;
+  double farthest = 1.0;
+  for (std::size_t i = 0; i < noise.size(); ++i) {
+    const double ratio = noise[i].size_dn / middle->size_dn;
+    const double error = std::max(noise[i].error_dn, middle->error_dn) / middle->size_dn;
+    if (!(std::abs(ratio - 1.0) > std::max(kOfNoise, kStandardErrors * error))) continue;
+    outlying.push_back(fmt::format("{}", i + 1));
+    if (std::abs(ratio - 1.0) > std::abs(farthest - 1.0)) farthest = ratio;
+  }
+  if (!outlying.empty())
+    out.warnings.push_back(fmt::format(
+        "bias frame {} of {}: the pixels' noise is up to {:.2g} times that of the middle frame: "
+        "another gain, exposure or temperature? leave them out",
+        joined(outlying), noise.size(), farthest));
+}
+
 void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
   constexpr double kOfRange = 0.1, kOfBlack = 0.1, kLeastBelow = 1;
   const double black = mean_of(first.black_dn), range = first.white_dn - black;
@@ -116,11 +164,14 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
   const double pixels = static_cast<double>(geometry.rows()) * geometry.cols() /
                         (kBlocks * kBlocks) * std::max(out.bias_frames, 1);
   const double chance = 4.0 * temporal_sd_dn * std::sqrt(2.0 / pixels);
-  if (high - low > std::max(0.5 * temporal_sd_dn, chance))
-    out.warnings.push_back(
-        fmt::format("the dark level differs by {:.3g} DN over the frame, {:.2g} times the temporal "
-                    "noise: light leak or amplifier glow",
-                    high - low, (high - low) / temporal_sd_dn));
+  if (!(high - low > std::max(0.5 * temporal_sd_dn, chance))) return;
+  const std::string of_noise = temporal_sd_dn > 0 ? fmt::format(", {:.2g} times the temporal noise",
+                                                                (high - low) / temporal_sd_dn)
+                                                  : "";
+  out.warnings.push_back(
+      fmt::format("the dark level differs by {:.3g} DN over the frame{}: light leak or amplifier "
+                  "glow",
+                  high - low, of_noise));
 }
 
 void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,

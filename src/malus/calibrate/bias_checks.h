@@ -3,9 +3,12 @@
 
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/geometry.h"
+#include "malus/calibrate/tukey_fit.h"
 #include "malus/image/layout.h"
 #include "malus/image/raw_frame.h"
 #include "malus/noise/calibration.h"
+
+#include <vector>
 
 namespace malus {
 
@@ -18,6 +21,12 @@ void warn_of_drift(const FrameSeries& frame_means_dn, double temporal_sd_dn,
 /// the median of all.
 void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_sd_dn,
                              PhysicsCalibration& out);
+
+/// Frames whose mean absolute residual differs from the middle frame's by more than 15 % and by
+/// more than eight of its standard errors, as those of another gain do; of three frames or more.
+/// residuals: [frame][channel].
+void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
+                            PhysicsCalibration& out);
 
 /// A dark level more than a tenth of the range above black, or a tenth of black (1 DN at least)
 /// below it. Reads mu.
