@@ -3,11 +3,13 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/photon_transfer.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -60,6 +62,7 @@ MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSe
 struct FlatLevel {
   TemporalAccumulator temporal;
   std::vector<double> saturated;
+  FlatObservation seen;
 };
 
 // A pixel that lies beyond half of the range without light is a defect. It is left out of the count
@@ -73,7 +76,8 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
                         View<const float> shading_dn, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
-                  std::vector<double>(dark.level_dn.size(), 0.0)};
+                  std::vector<double>(dark.level_dn.size(), 0.0), FlatObservation()};
+  level.seen.name = flat.name;
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
       double signal = 0.0;
@@ -85,11 +89,20 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
             TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
     }
     level.temporal.add(frame.dn);
+    level.seen.sources.push_back(frame.source);
+    level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
     for (int r = 0; r < geometry.rows(); ++r)
-      for (int c = 0; c < geometry.cols(); ++c)
-        if (frame.dn(r, c) >= first.white_dn && !is_defect(shading_dn, first, r, c))
-          level.saturated[as_index(geometry.channel(r, c))] += 1.0;
+      for (int c = 0; c < geometry.cols(); ++c) {
+        const float dn = frame.dn(r, c);
+        if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
+        if (is_defect(shading_dn, first, r, c)) continue;
+        level.seen.codes.add(dn);
+        if (dn >= first.white_dn) level.saturated[as_index(geometry.channel(r, c))] += 1.0;
+        if (dn > first.white_dn) ++level.seen.above_white;
+      }
   });
+  for (const std::vector<double>& means : level.temporal.frame_means_dn())
+    level.seen.signal_dn.push_back(mean_of(means));
   for (int c = 0; c < geometry.channels(); ++c)
     level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
   return level;
@@ -127,6 +140,28 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
   }
 }
 
+// The reason against the most levels, of a channel with too few; levels differ in its numbers
+// alone.
+std::string most_frequent_reason(int channel, const PhysicsCalibration& out) {
+  std::map<std::string, std::vector<const std::string*>> reasons;
+  int levels = 0, used = 0;
+  for (const PhotonTransferPoint& point : out.transfer) {
+    if (point.channel != channel) continue;
+    ++levels;
+    used += point.used;
+    if (point.used) continue;
+    std::string words;
+    for (const char c : point.why_not)
+      if (c < '0' || c > '9') words += c;
+    reasons[words].push_back(&point.why_not);
+  }
+  const auto most = std::max_element(
+      reasons.begin(), reasons.end(),
+      [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
+  if (used >= 2 || most == reasons.end()) return {};
+  return fmt::format("; {} of {}: {}", most->second.size(), levels, *most->second.front());
+}
+
 // Fits of all channels into K; one warning for all channels that have the same trouble.
 void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLayout& layout,
                  PhysicsCalibration& out) {
@@ -136,8 +171,9 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
     const auto& fit = fits[as_index(c)];
     if (!fit) {
       out.warnings.push_back(
-          fmt::format("{}: the gain K is not known, so K of no channel is kept: {}",
-                      layout.channel_name(c), fit.reason()));
+          fmt::format("{}: the gain K is not known{}: {}{}", layout.channel_name(c),
+                      layout.channels() > 1 ? ", so K of no channel is kept" : "", fit.reason(),
+                      most_frequent_reason(c, out)));
       out.K = {};
       out.K_intercept_dn2.clear();
       out.K_intercept_stderr_dn2.clear();
@@ -171,6 +207,7 @@ struct FlatSeries {
   std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
   std::vector<double> exposures_s;
   ResponseAccumulator response;
+  std::vector<FlatObservation> seen;
 };
 
 void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
@@ -197,6 +234,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     series.levels[c].push_back(std::move(point));
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
+  series.seen.push_back(std::move(level.seen));
   if (good_for_response) series.response.add(level.temporal);
 }
 
@@ -241,7 +279,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   for (double& error : shading_error) error /= out.bias_frames;
   FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
                     {},
-                    ResponseAccumulator(geometry, out.dark_shading_dn, shading_error)};
+                    ResponseAccumulator(geometry, out.dark_shading_dn, shading_error),
+                    {}};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
     add_level(*flat, measure_level(*flat, first, own, out.dark_shading_dn, progress), own, first,
@@ -259,6 +298,13 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
   append_fits(fits, first.layout, out);
+  warn_of_flats(series.seen,
+                {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
+                 .frame_sd_dn = mean_of(frame_deviation),
+                 .bias_frames = out.bias_frames,
+                 .black_dn = mean_of(first.black_dn),
+                 .white_dn = first.white_dn},
+                out);
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");

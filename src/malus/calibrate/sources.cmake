@@ -7,6 +7,7 @@ set(calibrate_SOURCES
   dark_codes.cpp
   fixed_pattern.cpp
   flat_calibration.cpp
+  flat_checks.cpp
   frame_components.cpp
   frame_set.cpp
   gaussian_calibration.cpp

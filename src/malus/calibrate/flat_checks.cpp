@@ -1,0 +1,122 @@
+#include "malus/calibrate/flat_checks.h"
+
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+// Of several levels with one trouble the worst is named.
+std::string and_more(int levels) {
+  return levels > 1 ? fmt::format(" (as do {} more)", levels - 1) : "";
+}
+
+void warn_of_flats_below_dark(const std::vector<FlatObservation>& flats,
+                              const FlatReference& reference, PhysicsCalibration& out) {
+  constexpr double kOfNoise = 0.5, kStandardErrors = 8.0;
+  const FlatObservation* lowest = nullptr;
+  int levels = 0;
+  for (const FlatObservation& flat : flats) {
+    const double frames = static_cast<double>(flat.signal_dn.size());
+    const double error =
+        reference.frame_sd_dn * std::sqrt(1.0 / frames + 1.0 / std::max(reference.bias_frames, 1));
+    const double least = std::max(kOfNoise * reference.dark_sd_dn, kStandardErrors * error);
+    const double signal = mean_of(flat.signal_dn);
+    if (!(signal < -least)) continue;
+    ++levels;
+    if (!lowest || signal < mean_of(lowest->signal_dn)) lowest = &flat;
+  }
+  if (lowest)
+    out.warnings.push_back(fmt::format(
+        "{} ({}) lies {:.4g} DN below the dark frames{}: are dark and flat frames exchanged?",
+        lowest->name, lowest->sources.front(), -mean_of(lowest->signal_dn), and_more(levels)));
+}
+
+void warn_of_mixed_light(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                         PhysicsCalibration& out) {
+  constexpr double kOfLight = 0.1, kStandardErrors = 8.0;
+  const double dark = reference.dark_sd_dn + kStandardErrors * reference.frame_sd_dn;
+  const FlatObservation* worst = nullptr;
+  double most = 0;
+  int levels = 0;
+  for (const FlatObservation& flat : flats) {
+    const auto [low, high] = std::minmax_element(flat.signal_dn.begin(), flat.signal_dn.end());
+    const double difference = *high - *low, light = mean_of(flat.signal_dn);
+    if (!(difference > std::max(kOfLight * light, dark))) continue;
+    ++levels;
+    if (worst && !(difference / std::max(light, dark) > most)) continue;
+    most = difference / std::max(light, dark);
+    worst = &flat;
+  }
+  if (!worst) return;
+  const auto [low, high] = std::minmax_element(worst->signal_dn.begin(), worst->signal_dn.end());
+  const auto source = [&](auto frame) {
+    return worst->sources[static_cast<std::size_t>(frame - worst->signal_dn.begin())];
+  };
+  out.warnings.push_back(fmt::format(
+      "{}: its frames run from {:.4g} DN of light ({}) to {:.4g} DN ({}){}: give frames of each "
+      "exposure and light level their own [[frames]], with `level`",
+      worst->name, *low, source(low), *high, source(high), and_more(levels)));
+}
+
+void warn_of_low_white(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                       PhysicsCalibration& out) {
+  constexpr double kOfPixels = 1e-3;
+  const FlatObservation* most = nullptr;
+  const auto share = [](const FlatObservation& flat) {
+    return static_cast<double>(flat.above_white) / static_cast<double>(flat.pixels);
+  };
+  for (const FlatObservation& flat : flats)
+    if (share(flat) > kOfPixels && (!most || share(flat) > share(*most))) most = &flat;
+  float largest = 0;
+  for (const FlatObservation& flat : flats) largest = std::max(largest, flat.codes.largest());
+  if (most)
+    out.warnings.push_back(
+        fmt::format("{:.3g} % of the pixels of {} lie above white = {:g} DN, the largest code of "
+                    "all flats is {:g} DN: white is too low, correct it in [sensor]",
+                    100 * share(*most), most->name, reference.white_dn, largest));
+}
+
+// Photons spread over many codes: that most pixels of a bright level have the largest one, and next
+// to none the code below it, is the converter's end.
+void warn_of_high_white(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                        PhysicsCalibration& out) {
+  constexpr double kOfPixels = 0.01, kOfNext = 10, kAboveNoise = 20;
+  float largest = -1e30F;
+  for (const FlatObservation& flat : flats)
+    if (!flat.codes.empty()) largest = std::max(largest, flat.codes.largest());
+  if (!(largest < reference.white_dn) ||
+      !(largest - reference.black_dn > kAboveNoise * reference.dark_sd_dn))
+    return;
+  const FlatObservation* most = nullptr;
+  double most_share = 0;
+  for (const FlatObservation& flat : flats) {
+    if (flat.codes.largest() != largest) continue;
+    const auto count = static_cast<double>(flat.codes.at_largest());
+    const double share = count / static_cast<double>(flat.pixels);
+    if (share < kOfPixels || count < kOfNext * static_cast<double>(flat.codes.at_next())) continue;
+    if (share > most_share) most = &flat;
+    most_share = std::max(most_share, share);
+  }
+  if (most)
+    out.warnings.push_back(fmt::format(
+        "the brightest flats pile up at {0:g} DN ({1:.3g} % of the pixels of {2}), below "
+        "white = {3:g} DN: they are saturated there, give white = {0:g} in [sensor]",
+        largest, 100 * most_share, most->name, reference.white_dn));
+}
+
+}  // namespace
+
+void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                   PhysicsCalibration& out) {
+  warn_of_flats_below_dark(flats, reference, out);
+  warn_of_mixed_light(flats, reference, out);
+  warn_of_low_white(flats, reference, out);
+  warn_of_high_white(flats, reference, out);
+}
+
+}  // namespace malus

@@ -1,0 +1,65 @@
+// What flat frames say against themselves and against the session, as warnings with numbers.
+#pragma once
+
+#include "malus/calibrate/frame_set.h"
+#include "malus/noise/calibration.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// The two largest codes of any number of pixels, with their counts.
+class TopCodes {
+ public:
+  void add(float dn) {
+    if (dn < next_) return;
+    if (dn == largest_)
+      ++at_largest_;
+    else if (dn > largest_)
+      next_ = largest_, at_next_ = at_largest_, largest_ = dn, at_largest_ = 1;
+    else if (dn == next_)
+      ++at_next_;
+    else
+      next_ = dn, at_next_ = 1;
+  }
+  /// Whether add() would count it.
+  bool reaches(float dn) const { return dn >= next_; }
+  bool empty() const { return at_largest_ == 0; }
+  float largest() const { return largest_; }
+  std::int64_t at_largest() const { return at_largest_; }
+  std::int64_t at_next() const { return at_next_; }
+
+ private:
+  float largest_ = -1e30F, next_ = -1e30F;
+  std::int64_t at_largest_ = 0, at_next_ = 0;
+};
+
+/// What one set of flats showed.
+struct FlatObservation {
+  std::string name;                  ///< of the set
+  std::vector<std::string> sources;  ///< file of each frame
+  std::vector<double> signal_dn;     ///< above dark, mean over the channels: one per frame
+  TopCodes codes;                    ///< of the pixels that are no defects
+  std::int64_t pixels = 0;           ///< of all frames
+  std::int64_t above_white = 0;      ///< of these, beyond the white level
+};
+
+/// What they are judged by.
+struct FlatReference {
+  double dark_sd_dn = 0;   ///< temporal noise without light
+  double frame_sd_dn = 0;  ///< of a frame's mean from frame to frame, without light
+  int bias_frames = 0;
+  double black_dn = 0, white_dn = 0;
+};
+
+/// Appends warnings to `out`: levels below the bias frames by more than half of the dark noise and
+/// eight standard errors; levels whose frames' light differs by more than 10 % (and by more than
+/// the dark level does); levels of which more than a thousandth lies above white; flats whose
+/// largest code is below white and holds more than 1 % of a level's pixels and ten times as many as
+/// the next lower code.
+void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                   PhysicsCalibration& out);
+
+}  // namespace malus
