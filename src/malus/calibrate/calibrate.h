@@ -42,14 +42,16 @@ struct CalibrationSettings {
     field(self.maps, ParameterInfo{"maps", "", "store dark-shading and PRNU maps in the model"});
     field(self.level_step,
           ParameterInfo{"level_step", "DN",
-                        "non-parametric: distance of signal levels; 0 = 1/256 of the range", 0.0,
-                        65536.0});
+                        "non-parametric, and Gaussian from bursts: distance of signal levels; 0 = "
+                        "1/256 of the range",
+                        0.0, 65536.0});
     field(self.bins,
           ParameterInfo{"bins", "1", "non-parametric: bins of each distribution", 8, 4096});
     field(self.level_samples,
           ParameterInfo{"level_samples", "1",
                         "non-parametric: samples wanted per level; levels with fewer borrow from "
-                        "their neighbours, below a tenth they are left out",
+                        "their neighbours, below a tenth they are left out (Gaussian from bursts: "
+                        "2000 where more are asked for)",
                         10, 1e9});
     field(self.dark_frames,
           ParameterInfo{"dark_frames", "1", "dark-frames: bias frames stored per gain", 1, 1000});

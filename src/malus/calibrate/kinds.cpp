@@ -106,7 +106,11 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
     if (std::none_of(model.gaussian.begin(), model.gaussian.end(),
                      [&](const GaussianCalibration& g) { return g.gain == gain; }))
       missing.push_back(gain);
-  const auto measured = measure_gains(input, missing, settings, progress, model);
+  // Variances need fewer samples than distributions, and the line weighs levels by theirs.
+  constexpr int kSamples = 2000;
+  CalibrationSettings of_variances = settings;
+  of_variances.level_samples = std::min(settings.level_samples, kSamples);
+  const auto measured = measure_gains(input, missing, of_variances, progress, model);
   for (const MeasuredLevels& levels : measured) {
     const double range = white_above_black(model.white_dn, model.black_dn);
     const auto line = gaussian_of(levels, settings.saturation_limit * range);

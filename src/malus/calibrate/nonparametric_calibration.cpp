@@ -275,8 +275,8 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
       throw InputError(
           fmt::format("{}, channel {}", out.gain.text(),
                       first.layout.channel_name(static_cast<int>(c))),
-          fmt::format("{} of its signal levels have a tenth of {} samples, 2 are needed",
-                      result.channel.level_dn.size(), settings.level_samples),
+          fmt::format("signal levels with a tenth of {} samples or more: {}, 2 are needed",
+                      settings.level_samples, result.channel.level_dn.size()),
           kMoreSamples);
     out.channels.push_back(std::move(result.channel));
     all_refused += result.refused.size();
