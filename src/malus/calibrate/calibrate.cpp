@@ -1,6 +1,7 @@
 #include "malus/calibrate/calibrate.h"
 
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/calibrate/bias_calibration.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"
@@ -161,6 +162,18 @@ void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, Progress
                   first.white_dn));
 }
 
+// Files that state another black level than those of the highest gain: said, because frames that
+// state none get the model's.
+void warn_of_own_black(const RawFrame& own, const RawFrame& first, PhysicsCalibration& out) {
+  if (!own.black_known || !first.black_known || own.black_dn == first.black_dn) return;
+  const double black = mean_of(own.black_dn);
+  out.warnings.push_back(fmt::format(
+      "its files tell a black level of {0:.6g} DN, those of the highest gain {1:.6g} DN: "
+      "mu is above each file's own; frames at this gain that tell none need "
+      "--black {0:.6g}",
+      black, mean_of(first.black_dn)));
+}
+
 // The sensor's step is the smallest of its gains'. steps_dn: one per gain of the model, 0 where
 // frames are not made of whole numbers or all alike.
 void settle_step(const std::vector<double>& steps_dn, NoiseModel& model) {
@@ -224,6 +237,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
     std::vector<DefectPixel> defects;
     model.physics.push_back(
         calibrate_gain(plan, first, row_group, steps_dn.back(), settings, progress, defects));
+    warn_of_own_black(own_first, first, model.physics.back());
     // The response belongs to the sensor, not to a gain: the map of the lowest gain is kept.
     if (!model.physics.back().prnu_map.empty())
       for (std::size_t i = 0; i + 1 < model.physics.size(); ++i)

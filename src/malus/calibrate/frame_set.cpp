@@ -6,8 +6,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <deque>
 #include <future>
+#include <unordered_map>
 
 #include <fmt/format.h>
 
@@ -36,6 +39,64 @@ void check_frame(const RawFrame& frame, const RawFrame* like) {
     if (!std::isfinite(value))
       throw InputError(frame.source, "has NaN or infinite pixels", "remove this frame");
 }
+
+// The pixels as a camera with the black level of `like` would have written them: DN above black are
+// the file's own. Codes at either end of the range stay, for they were cut off there.
+void take_black_of(const RawFrame& like, RawFrame& frame) {
+  if (!frame.black_known || !like.black_known || frame.black_dn == like.black_dn) return;
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      float& pixel = frame.dn(r, c);
+      if (pixel >= like.white_dn || (pixel <= 0.0F && frame.bits > 0)) continue;
+      pixel += static_cast<float>(like.black_at(r, c) - frame.black_at(r, c));
+    }
+  frame.black_dn = like.black_dn;
+}
+
+// Equal for equal pixels; unequal ones share it once in 10^19.
+std::uint64_t fingerprint(const Image& dn) {
+  const std::vector<float>& values = dn.values();
+  std::uint64_t hash = values.size();
+  for (std::size_t i = 0; i + 1 < values.size(); i += 2) {
+    std::uint64_t two = 0;
+    std::memcpy(&two, &values[i], sizeof two);
+    hash = (hash ^ two) * 0x9e3779b97f4a7c15u;
+    hash ^= hash >> 29;
+  }
+  std::uint32_t last = 0;
+  if (!values.empty()) std::memcpy(&last, &values.back(), sizeof last);
+  return (hash ^ last) * 0x9e3779b97f4a7c15u;
+}
+
+// Frames that are saturated, or dark without noise, are equal without being copies.
+bool has_one_value(const Image& dn) {
+  constexpr double kOfPixels = 0.9;
+  std::vector<float> sorted = dn.values();
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  const auto equal = std::count(sorted.begin(), sorted.end(), *middle);
+  return static_cast<double>(equal) >= kOfPixels * static_cast<double>(sorted.size());
+}
+
+// The frames of one set that were there already, by their pixels.
+class SeenFrames {
+ public:
+  // A frame has no noise against a copy of itself. (References may have none at all.)
+  void refuse_copy(const RawFrame& frame, std::uint64_t print) {
+    const auto [seen, is_new] = sources_.emplace(print, frame.source);
+    if (is_new || has_one_value(frame.dn)) return;
+    throw InputError(frame.source, fmt::format("has the same pixels as {}", seen->second),
+                     "frames of one set are taken one by one: remove the copy");
+  }
+
+ private:
+  std::unordered_map<std::uint64_t, std::string> sources_;
+};
+
+struct DecodedFrame {
+  RawFrame frame;
+  std::uint64_t print = 0;  // of the pixels as they were loaded
+};
 
 }  // namespace
 
@@ -100,21 +161,25 @@ RawFrame load_first(const FrameSet& set) {
 void for_each_frame(const FrameSet& set, const RawFrame* like, Progress& progress,
                     const std::function<void(const RawFrame&, int)>& use) {
   const auto decode = [&set, like](int i) {
-    RawFrame frame = set.load(i);
-    check_frame(frame, like);
-    return frame;
+    DecodedFrame decoded{set.load(i), 0};
+    check_frame(decoded.frame, like);
+    decoded.print = fingerprint(decoded.frame.dn);
+    if (like) take_black_of(*like, decoded.frame);
+    return decoded;
   };
   // More than a few frames in flight only cost memory: decoding is what takes the time.
   const int ahead = std::clamp(thread_count(), 1, 4);
-  std::deque<std::future<RawFrame>> pending;
+  std::deque<std::future<DecodedFrame>> pending;
+  SeenFrames seen;
   int next = 0;
   for (int i = 0; i < set.count; ++i) {
     while (next < set.count && static_cast<int>(pending.size()) < ahead)
       pending.push_back(std::async(std::launch::async, decode, next++));
-    const RawFrame frame = pending.front().get();
+    const DecodedFrame decoded = pending.front().get();
     pending.pop_front();
     check_stop(progress);
-    use(frame, i);
+    if (set.kind != FrameKind::kReference) seen.refuse_copy(decoded.frame, decoded.print);
+    use(decoded.frame, i);
     progress.advance(1);
   }
 }

@@ -46,8 +46,11 @@ RawFrame load_first(const FrameSet& set);
 
 /// Calls use(frame, i) for every frame of the set in order, decoding the next ones in other threads
 /// meanwhile: memory holds a few frames, however many there are. Every frame must have the size and
-/// layout of `like` (when it has pixels) and only finite pixels, else InputError names it. Throws
-/// Cancelled when a stop is requested; advances progress by one per frame.
+/// layout of `like` (when it is given), only finite pixels, and not the pixels of an earlier one
+/// (unless nearly all have one value, or the set is a reference), else InputError names it. Where
+/// frame and `like` both know their black level, pixels are moved by its difference: DN above the
+/// black of `like` are then those above the file's own. Throws Cancelled when a stop is requested;
+/// advances progress by one per frame.
 void for_each_frame(const FrameSet& set, const RawFrame* like, Progress& progress,
                     const std::function<void(const RawFrame&, int)>& use);
 
