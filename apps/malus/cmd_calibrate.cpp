@@ -70,7 +70,9 @@ void add_calibrate(CLI::App& app, Common& common) {
   CLI::App* command =
       add_command(app, common, "calibrate", "Measure a camera's noise from bias and flat frames",
                   [&common, arguments] { calibrate_session(common, *arguments); });
-  command->add_option("SESSION", arguments->session, "session file that names the frames")
+  command
+      ->add_option("SESSION", arguments->session,
+                   "session file that names the frames (docs/session.md)")
       ->required();
   command->add_option("-o,--output", arguments->output, "noise model to write (HDF5)")->required();
   command->add_option("--kind", arguments->kinds, "kinds of model, separated by commas")

@@ -4,12 +4,37 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from conftest import ROOT, needs_networks
+from test_camera_files import write_dng
 
 
 def toml_blocks(name):
     return re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / name).read_text(), re.DOTALL)
+
+
+def test_sessions_are_calibrated(malus, tmp_path):
+    """Frames are named by their folder's light; the first session tells what files do not, the second nothing."""
+    industrial, stills = toml_blocks("session.md")
+    rng = np.random.default_rng(1)
+    light = {"bias": 0, "1ms": 400, "2ms": 800, "4ms": 1600, "flat_60th": 2000, "flat_30th": 4000, "flat_15th": 8000}
+    seconds = {"bias": 0.001, "flat_60th": 1 / 60, "flat_30th": 1 / 30, "flat_15th": 1 / 15}
+    for name, text in (("industrial", industrial), ("stills", stills)):
+        for folder in re.findall(r'paths = \["(.*)/\*', text):
+            (tmp_path / folder).mkdir(parents=True)
+            last = folder.split("/")[-1]
+            for n in range(4):
+                black = 82 if name == "industrial" else 512
+                dn = np.round(black + rng.poisson(light[last], (64, 64)) + rng.normal(0, 4, (64, 64)))
+                if name == "industrial":
+                    Image.fromarray(dn.astype(np.uint16)).save(tmp_path / folder / f"f{n}.tif")
+                else:
+                    write_dng(tmp_path / folder / f"f{n}.dng", dn, exposure=seconds[last])
+        (tmp_path / f"{name}.toml").write_text(text)
+        shown = malus("calibrate", tmp_path / f"{name}.toml", "-o", tmp_path / f"{name}.h5", "--json").json
+        assert np.mean(shown["gains"][0]["K"]["value"]) == pytest.approx(1, rel=0.05)
+        assert shown["gains"][0].get("iso") == (400 if name == "stills" else None)
 
 
 def test_data_set_of_synthesis_is_drawn(malus, tmp_path):
