@@ -236,7 +236,9 @@ TEST(SessionChecks, NoNoiseMakesNoInfinity) {
 }
 
 TEST(SessionChecks, NoSpreadIsZeroWithoutASign) {
-  const ChannelStatistics s = deviation_statistics({{1.0}, {1.0}, {1.0}}, SquareMatrix(1));
+  SquareMatrix sampling(1);
+  sampling(0, 0) = 1;
+  const ChannelStatistics s = deviation_statistics({{0.0}, {0.0}, {0.0}}, sampling);
   EXPECT_FALSE(std::signbit(s.spread[0]));
 }
 
