@@ -102,7 +102,7 @@ double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer,
 }
 
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& p) {
-  const std::vector<double> read_e = read_noise_e(p);
+  const std::vector<double> read_e = read_noise_e(p), read_error = read_noise_stderr_e(p);
   Quantity K{"overall_gain", "K", "DN/e-", "overall system gain", {}, {}};
   Quantity dark{
       "temporal_dark_noise", "σ_d", "e-", "temporal dark noise, quantization taken off", {}, {}};
@@ -129,6 +129,7 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     dark.value.push_back(dark_e);
     dark.standard_error.push_back(dark_error);
     read.value.push_back(at(read_e, c));
+    read.standard_error.push_back(at(read_error, c));
     bias.value.push_back(at(p.mu.mean, c));
     bias.standard_error.push_back(at(p.mu.standard_error, c));
     dsnu.value.push_back(at(p.dsnu_dn, c) / gain);

@@ -15,8 +15,8 @@ namespace malus {
 /// measured here), dynamic range, largest SNR, linearity error. What the calibration lacks is NaN.
 /// Temporal dark noise is without the converter's quantization, q²/12, as in the standard; below
 /// 0.24 q² it is the standard's limit, 0.40 q, whose error is NaN. Threshold and dynamic range are
-/// of the whole noise. Read noise, DSNU, PRNU, threshold, dynamic range, largest SNR and linearity
-/// error have no standard errors.
+/// of the whole noise. DSNU, PRNU, threshold, dynamic range, largest SNR and linearity error have
+/// no standard errors, read noise has none below 20 bias frames.
 /// DSNU and PRNU are of pixels within eight robust deviations of the channel's median; the standard
 /// takes all, and a few defects then are most of both.
 /// Saturation is the white level's, not the point where the photon-transfer curve bends.
