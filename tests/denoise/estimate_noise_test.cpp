@@ -59,6 +59,28 @@ TEST(EstimateProfile, FindsTheDeviationOfShadedPictures) {
   }
 }
 
+// A power of two changes no digit: the same frame in another unit, rows lifted by draws of
+// deviation 6 among pixels of 10 to 30 DN.
+TEST(EstimateProfile, KnowsNoUnit) {
+  PhysicsNoise camera = shot_and_read_noise(1.5, 3.7);
+  for (PhysicsChannel& channel : camera.channels) channel.sigma_row_dn = 6;
+  RawFrame frame = frame_of(shaded(512, 640, 30, 600), camera);
+  const Estimate<PictureNoise> in_dn = estimate_profile(frame);
+  constexpr double kUnit = 1.0 / 4096;
+  for (float& v : frame.dn.values()) v *= static_cast<float>(kUnit);
+  frame.white_dn *= kUnit;
+  const Estimate<PictureNoise> in_shares = estimate_profile(frame);
+  ASSERT_TRUE(in_dn && in_shares);
+  EXPECT_EQ(in_shares->profile.row_group, in_dn->profile.row_group);
+  for (std::size_t k = 0; k < 16; ++k) {
+    const ChannelProfile &dn = in_dn->profile.channels[k], &share = in_shares->profile.channels[k];
+    EXPECT_NEAR(dn.sigma_row_dn, 6, 1);
+    EXPECT_DOUBLE_EQ(share.sigma_row_dn, kUnit * dn.sigma_row_dn);
+    for (const double signal : {60.0, 550.0})
+      EXPECT_DOUBLE_EQ(share.variance(kUnit * signal), kUnit * kUnit * dn.variance(signal));
+  }
+}
+
 TEST(EstimateProfile, ASmallFrameTellsHowTheNoiseRises) {
   const Estimate<PictureNoise> noise =
       estimate_profile(frame_of(shaded(256, 256, 30, 600), shot_and_read_noise(1.5, 3.7)));

@@ -32,6 +32,14 @@ TEST(SharedDetail, TextureThatAllChannelsSeeIsShared) {
   EXPECT_GT(shared_detail(planes_with(10), 4000), 0.95);
 }
 
+TEST(SharedDetail, KnowsNoUnit) {
+  Planes planes = planes_with(1.5);
+  const double shared = shared_detail(planes, 4000);
+  for (Image& plane : planes)
+    for (float& v : plane.values()) v /= 4096;
+  EXPECT_DOUBLE_EQ(shared_detail(planes, 4000.0 / 4096), shared);
+}
+
 TEST(SharedDetail, NothingIsSaidWhereNothingCanBeKnown) {
   EXPECT_EQ(shared_detail(Planes(1, 128, 128), 4000), 0.0);
   EXPECT_EQ(shared_detail(planes_with(10, 32), 4000), 0.0);  // 16 blocks

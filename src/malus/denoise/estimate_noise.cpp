@@ -115,13 +115,21 @@ struct Line {
   double slope = 0, offset = 0, slope_error = 0, offset_error = 0;
 };
 
+// A billionth of the levels' variance.
+double least_error_of(const std::vector<Level>& levels) {
+  double highest = 0;
+  for (const Level& l : levels) highest = std::max(highest, l.variance);
+  return highest > 0 ? 1e-9 * highest : 1.0;
+}
+
 // Weight of a level for its distance above a line, in standard errors.
 double weight_above(double above) { return above > 0 ? 1.0 / (1.0 + above * above / 9.0) : 1.0; }
 
 // Texture only ever adds variance: levels above the line count less than levels below it.
 // A level's error is taken from the fitted variance: its own would favour levels that came out low.
-double weight_of(const Level& level, double fitted) {
-  const double error = level.relative_error * std::max(fitted, 0.1 * level.variance) + 1e-9;
+// least_error: what keeps the weight of a level without noise finite.
+double weight_of(const Level& level, double fitted, double least_error) {
+  const double error = level.relative_error * std::max(fitted, 0.1 * level.variance) + least_error;
   return weight_above((level.variance - fitted) / error) / (error * error);
 }
 
@@ -147,12 +155,13 @@ Line fit_levels(const std::vector<Level>& levels) {
   line.offset = mean_of(y);
   line.offset_error = levels.front().relative_error * line.offset;
   const auto [low, high] = std::minmax_element(x.begin(), x.end());
-  if (!(*high - *low > 1e-6 * (1.0 + std::abs(*high)))) return line;
+  if (!(*high - *low > 1e-6 * std::max(std::abs(*low), std::abs(*high)))) return line;
+  const double least_error = least_error_of(levels);
   for (int pass = 0; pass < kPasses; ++pass) {
     const LineFit fit = fit_line(x, y, weights, pass > 0);
     line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
     for (std::size_t i = 0; i < x.size(); ++i)
-      weights[i] = weight_of(levels[i], line.offset + line.slope * x[i]);
+      weights[i] = weight_of(levels[i], line.offset + line.slope * x[i], least_error);
   }
   return line;
 }
@@ -201,11 +210,12 @@ void pool(std::vector<Line>& lines) {
 // weights.
 double fit_offset(const std::vector<Level>& levels, Line& line) {
   double weight = 0;
+  const double least_error = least_error_of(levels);
   for (int pass = 0; pass < kPasses; ++pass) {
     double weighted = 0;
     weight = 0;
     for (const Level& l : levels) {
-      const double w = weight_of(l, line.offset + line.slope * l.signal);
+      const double w = weight_of(l, line.offset + line.slope * l.signal, least_error);
       weighted += w * (l.variance - line.slope * l.signal);
       weight += w;
     }

@@ -30,6 +30,8 @@ constexpr double kTooWide = 2.0;
 constexpr std::size_t kLeastGroups = 32;
 // A camera's rows differ by no more than this many deviations of its pixels: blinds and stripes do.
 constexpr double kMostRowDeviation = 2.0;
+// The unit, in deviations of the pixels, that a picture's own row noise is measured in.
+constexpr double kEvidenceUnit = 0.25;
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
 
@@ -139,6 +141,7 @@ void leave_stripes(RowNoise& rows) {
   const double wide = median_of(size) / kMedianOfNormal;
   if (wide <= kTooWide) return;
   for (double& offset : rows.offset) offset /= wide * wide;
+  rows.deviation.assign(rows.deviation.size(), 1.0);
 }
 
 }  // namespace
@@ -197,9 +200,9 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
 }
 
 void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProfile& profile) {
-  for (ChannelProfile& channel : profile.channels) {
-    channel.sigma_row_dn = 1.0;  // evidence comes in DN
-  }
+  // Evidence comes in units of it; small beside the pixels' own, of whose unit all else follows.
+  const double pixel = pixel_deviation(dn, profile), unit_dn = kEvidenceUnit * pixel;
+  for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = unit_dn;
   profile.row_group = 1;
   std::vector<std::optional<RowEvidence>> rows;
   const std::vector<float> limits(profile.channels.size(), static_cast<float>(saturated_dn));
@@ -218,8 +221,8 @@ void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProf
     const double excess = spread - median_of(explained);
     // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
     const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(values.size()));
-    if (excess > 3 * error) sigma = std::sqrt(excess / 1.5);
-    if (sigma > kMostRowDeviation * pixel_deviation(dn, profile)) sigma = 0;
+    if (excess > 3 * error) sigma = unit_dn * std::sqrt(excess / 1.5);
+    if (sigma > kMostRowDeviation * pixel) sigma = 0;
     if (robust_deviation_of(within) < kPairedRows * robust_deviation_of(across))
       profile.row_group = 2;
   }

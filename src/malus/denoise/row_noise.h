@@ -14,8 +14,10 @@
 namespace malus {
 
 struct RowNoise {
-  std::vector<double> offset;     ///< per row group, in units of the channels' sigma_row
-  std::vector<double> deviation;  ///< posterior deviation, same unit; 1 where nothing is known
+  std::vector<double> offset;  ///< per row group, in units of the channels' sigma_row
+  /// Posterior deviation given the neighbours' offsets, same unit; 1 where nothing is known or
+  /// offsets are held back.
+  std::vector<double> deviation;
 };
 
 /// dn: mosaic in DN above black and bias; pixels that are not finite or at least their channel's

@@ -19,6 +19,7 @@ constexpr double kEdgeClip = 4.0;  // robust deviations: an edge must not decide
 
 struct DetailBlock {
   double texture = 0;           // variance of the means of 2x2 pixels over their squared mean
+  std::vector<Moments> coarse;  // [channel], those means
   std::vector<double> details;  // [channel][kDetails]
 };
 
@@ -33,8 +34,24 @@ bool measure(const Image& plane, int row, int col, double saturated_dn, DetailBl
       coarse.add(0.25 * (values[0] + values[1] + values[2] + values[3]));
       block.details.push_back(0.5 * (values[0] - values[1] - values[2] + values[3]));
     }
-  block.texture += coarse.variance() / (coarse.mean() * coarse.mean() + 1.0);
+  block.coarse.push_back(coarse);
   return true;
+}
+
+// Of blocks as dark as their details are large the mean tells nothing: their power is added to it.
+void measure_texture(std::vector<DetailBlock>& blocks, int channels) {
+  for (int k = 0; k < channels; ++k) {
+    const auto channel = static_cast<std::size_t>(k);
+    Moments details;
+    for (const DetailBlock& block : blocks)
+      for (int i = 0; i < kDetails; ++i)
+        details.add(block.details[static_cast<std::size_t>(k * kDetails + i)]);
+    for (DetailBlock& block : blocks) {
+      const double mean = block.coarse[channel].mean();
+      const double power = mean * mean + details.variance();
+      if (power > 0) block.texture += block.coarse[channel].variance() / power;
+    }
+  }
 }
 
 std::vector<DetailBlock> smoothest_blocks(const Planes& planes, double saturated_dn) {
@@ -48,6 +65,7 @@ std::vector<DetailBlock> smoothest_blocks(const Planes& planes, double saturated
                     [&](const Image& plane) { return measure(plane, r, c, saturated_dn, block); }))
       blocks.push_back(std::move(block));
   }
+  measure_texture(blocks, planes.channels());
   std::stable_sort(blocks.begin(), blocks.end(), [](const DetailBlock& a, const DetailBlock& b) {
     return a.texture < b.texture;
   });
