@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -36,6 +37,30 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
   });
 }
 
+// What the filter does not see as an error. Of the noise that it is told is not there it lets
+// nearly all through, as it does with detail (docs/denoising.md has the measurement). Row offsets
+// are the same in everything that it averages.
+void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, double strength,
+                       Denoised& result) {
+  Image& variance_dn2 = *result.variance_dn2;
+  const double left = std::max(1 - strength * strength, 0.0);
+  parallel_for(0, frame.dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
+      const double rows = frame.row_variance[static_cast<std::size_t>(row / profile.row_group)];
+      for (int col = 0; col < frame.dn.cols(); ++col) {
+        const ChannelProfile& channel =
+            profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
+        double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn;
+        if (left > 0) unseen += left * channel.variance(result.dn_above_black(row, col));
+        // How much brighter than white a saturated pixel is, nobody knows.
+        if (frame.saturated(row, col)) unseen = std::numeric_limits<double>::quiet_NaN();
+        variance_dn2(row, col) += static_cast<float>(unseen);
+      }
+    }
+  });
+  for (const FilledPixel& p : frame.filled) variance_dn2(p.row, p.col) += p.variance_dn2;
+}
+
 }  // namespace
 
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
@@ -52,6 +77,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
       settings.memory_mib, resident_frames * static_cast<double>(frame.dn.size()),
       result.dn_above_black, result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
   invert(stabilizers, frame, result);
+  if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);
 }
 
 const std::vector<DenoiseMethod>& denoise_methods() {

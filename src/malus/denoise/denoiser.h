@@ -37,7 +37,8 @@ struct DenoiseSettings {
     field(self.strength, ParameterInfo{"strength", "1",
                                        "multiplies the noise deviation that is taken out", 0.1, 4});
     field(self.row_noise,
-          ParameterInfo{"row_noise", "", "estimate and remove the row noise first"});
+          ParameterInfo{"row_noise", "",
+                        "estimate and remove the row noise first (baselines never do)"});
     field(self.defects,
           ParameterInfo{"defects", "",
                         "fill the model's defect pixels from their neighbours, in frames of the "
@@ -55,8 +56,10 @@ struct StageTime {
 };
 
 struct Denoised {
-  Image dn_above_black;               ///< mosaic, size of the input, bias removed, nothing clamped
-  std::optional<Image> variance_dn2;  ///< expected squared error of every pixel, if asked for
+  Image dn_above_black;  ///< mosaic, size of the input, bias removed, nothing clamped
+  /// Expected squared error of every pixel, if asked for. NaN where nothing is known of it: of
+  /// saturated pixels and of those that are not numbers.
+  std::optional<Image> variance_dn2;
   std::vector<double> sigma_used_dn;  ///< per channel: noise deviation at the channel's mean signal
   double row_noise_removed_dn = 0;    ///< root mean square over the row groups
   std::vector<double> mean_dn;        ///< per channel, of the frame above black and bias

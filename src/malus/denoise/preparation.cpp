@@ -1,4 +1,5 @@
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
@@ -11,32 +12,53 @@
 namespace malus {
 namespace {
 
-// Mean of the finite pixels of the same channel in growing rings; 0 when there is none nearby.
-float filled(View<const float> dn, const SensorLayout& layout, int row, int col) {
+struct Filling {
+  float dn = 0.0f;
+  float variance_dn2 = std::numeric_limits<float>::quiet_NaN();
+};
+
+// Mean of the finite pixels of the same channel in growing rings; 0 when there is none nearby. Its
+// variance is that of the means of opposite pixels, each an estimate of its own in which slopes
+// cancel; where there are no two such pairs, that of the pixels.
+Filling filled(View<const float> dn, const SensorLayout& layout, int row, int col) {
   constexpr int kRings = 8;
+  const auto finite = [&](int i, int k) {
+    const int r = row + i * layout.rows(), c = col + k * layout.cols();
+    return r >= 0 && c >= 0 && r < dn.rows() && c < dn.cols() && std::isfinite(dn(r, c));
+  };
+  const auto at = [&](int i, int k) {
+    return double{dn(row + i * layout.rows(), col + k * layout.cols())};
+  };
   for (int ring = 1; ring <= kRings; ++ring) {
+    Moments pixels, pairs;
     double sum = 0;
     int count = 0;
     for (int i = -ring; i <= ring; ++i)
       for (int k = -ring; k <= ring; ++k) {
-        const int r = row + i * layout.rows(), c = col + k * layout.cols();
-        if (std::max(std::abs(i), std::abs(k)) != ring) continue;
-        if (r < 0 || c < 0 || r >= dn.rows() || c >= dn.cols() || !std::isfinite(dn(r, c)))
-          continue;
-        sum += dn(r, c);
+        if (std::max(std::abs(i), std::abs(k)) != ring || !finite(i, k)) continue;
+        sum += at(i, k);
         ++count;
+        pixels.add(at(i, k));
+        if ((i < 0 || (i == 0 && k < 0)) && finite(-i, -k)) pairs.add((at(i, k) + at(-i, -k)) / 2);
       }
-    if (count > 0) return static_cast<float>(sum / count);
+    if (count == 0) continue;
+    const Moments& spread = pairs.count() > 1 ? pairs : pixels;
+    return {static_cast<float>(sum / count), static_cast<float>(spread.variance())};
   }
-  return 0.0f;
+  return {};
 }
 
 // Replacements are computed from the input's own pixels before any is written.
 template <class Places>
-void fill(Image& dn, const SensorLayout& layout, const Places& places) {
-  std::vector<float> replacement;
+std::vector<FilledPixel> fill(Image& dn, const SensorLayout& layout, const Places& places) {
+  std::vector<Filling> replacement;
   for (const auto& p : places) replacement.push_back(filled(dn, layout, p.row, p.col));
-  for (std::size_t i = 0; i < places.size(); ++i) dn(places[i].row, places[i].col) = replacement[i];
+  std::vector<FilledPixel> pixels;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    dn(places[i].row, places[i].col) = replacement[i].dn;
+    pixels.push_back({places[i].row, places[i].col, replacement[i].variance_dn2});
+  }
+  return pixels;
 }
 
 void fill_nonfinite(Image& dn, const SensorLayout& layout, std::vector<NonfinitePixel>& list) {
@@ -47,15 +69,15 @@ void fill_nonfinite(Image& dn, const SensorLayout& layout, std::vector<Nonfinite
 }
 
 // Those that hold a number: others come back as they are, whatever the list says of them.
-std::int64_t fill_defects(Image& dn, const SensorLayout& layout, const DefectList& defects) {
-  if (defects.rows != dn.rows() || defects.cols != dn.cols()) return 0;
+std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
+                                      const DefectList& defects) {
+  if (defects.rows != dn.rows() || defects.cols != dn.cols()) return {};
   std::vector<DefectList::Place> places;
   for (const DefectList::Place& p : defects.places)
     if (std::isfinite(dn(p.row, p.col))) places.push_back(p);
   for (const DefectList::Place& p : places)
     dn(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();  // no defect fills another
-  fill(dn, layout, places);
-  return static_cast<std::int64_t>(places.size());
+  return fill(dn, layout, places);
 }
 
 void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile, Denoised& report) {
@@ -93,8 +115,8 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   PreparedFrame prepared;
   prepared.layout = frame.layout;
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
-  if (steps.fill_defects)
-    report.defect_pixels = fill_defects(frame.dn, frame.layout, profile.defects);
+  if (steps.fill_defects) prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects);
+  report.defect_pixels = std::ssize(prepared.filled);
   std::vector<float> zero_dn;
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
@@ -112,9 +134,14 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
   if (steps.remove_pattern) take_out_pattern(prepared, profile, report);
+  const auto group = static_cast<std::size_t>(profile.row_group);
+  prepared.row_variance.assign((static_cast<std::size_t>(prepared.dn.rows()) + group - 1) / group,
+                               1.0);
   if (steps.remove_rows) {
     const RowNoise rows = estimate_row_noise(prepared.dn, profile, prepared.saturated_dn);
     remove_row_noise(prepared.dn, profile, rows, prepared.saturated_dn);
+    for (std::size_t g = 0; g < rows.deviation.size(); ++g)
+      prepared.row_variance[g] = rows.deviation[g] * rows.deviation[g];
     double sum = 0, sigma = 0;
     for (const double offset : rows.offset) sum += offset * offset;
     for (const ChannelProfile& channel : profile.channels) sigma += channel.sigma_row_dn;
@@ -134,7 +161,8 @@ void complete_result(const PreparedFrame& frame, Denoised& result) {
     result.mean_shift_dn[k] -= frame.mean_dn[k];
   for (const NonfinitePixel& p : frame.nonfinite) {
     result.dn_above_black(p.row, p.col) = p.value;
-    if (result.variance_dn2) (*result.variance_dn2)(p.row, p.col) = p.value;
+    if (result.variance_dn2)
+      (*result.variance_dn2)(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();
   }
 }
 

@@ -17,6 +17,13 @@ struct NonfinitePixel {
   float value;
 };
 
+/// A defect pixel that was filled from its neighbours.
+struct FilledPixel {
+  int row, col;
+  /// How far they contradict each other beyond their noise [DN²]; NaN where they cannot tell.
+  float variance_dn2;
+};
+
 struct PreparedFrame {
   Image dn;  ///< above black and bias, row noise removed, every pixel finite
   SensorLayout layout;
@@ -24,6 +31,9 @@ struct PreparedFrame {
   /// Per channel, as dn; pixels at least this bright are as bright as white or brighter.
   std::vector<float> saturated_dn;
   std::vector<NonfinitePixel> nonfinite;
+  std::vector<FilledPixel> filled;
+  /// Per row group: variance of what is left of its offset, in units of the channels' sigma_row².
+  std::vector<double> row_variance;
   std::vector<double> mean_dn;  ///< per channel
 
   bool saturated(int row, int col) const {

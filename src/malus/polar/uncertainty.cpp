@@ -105,6 +105,12 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
         out.s0_variance(r, c) = static_cast<float>(v.s0s0);
         out.s1_variance(r, c) = static_cast<float>(v.s1s1);
         out.s2_variance(r, c) = static_cast<float>(v.s2s2);
+        // AoLP's bound would call an angle known to half a circle where nothing at all is.
+        if (!std::isfinite(v.s0s0)) {
+          for (Image* plane : {&out.dolp_sd, &out.aolp_sd_deg, &out.dolp_corrected})
+            (*plane)(r, c) = static_cast<float>(kUnknown);
+          continue;
+        }
         out.dolp_sd(r, c) = static_cast<float>(std::sqrt(dolp_variance(s, v)));
         out.aolp_sd_deg(r, c) = static_cast<float>(std::sqrt(aolp_variance_deg2(s, v)));
         out.dolp_corrected(r, c) = static_cast<float>(

@@ -58,6 +58,8 @@ struct StokesUncertainty {
 
 /// variance: planes of the four intensities' variances in DN². Measured intensities are
 /// independent; the errors of denoised ones are correlated, which S0's variance takes into account.
+/// Where one of the four is not finite, as of a saturated pixel, deviations and corrected DoLP are
+/// NaN.
 StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
                             Intensities intensities);
 

@@ -1,0 +1,159 @@
+// What is stated of pixels that the filter alone cannot judge. Truth: pictures known without noise,
+// noise from the generative law (synthesize/exact.h); fixed seeds.
+#include "malus/denoise/denoiser.h"
+#include "malus/noise/model.h"
+#include "malus/synthesize/exact.h"
+
+#include <cmath>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr int kSize = 192;
+
+PhysicsNoise camera_noise(double sigma_row_dn) {
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named("polar-mono");
+  noise.row_group = 2;
+  noise.quantization_dn = 0;
+  noise.channels.assign(4, PhysicsChannel{0.5, 0.1, 0.0, 1.2, sigma_row_dn});
+  return noise;
+}
+
+Image even_light(float dn) { return Image(kSize, kSize, dn); }
+
+// Waves of 7 to 9 pixels, 600 DN on average.
+Image waves() {
+  Image dn(kSize, kSize);
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c)
+      dn(r, c) = static_cast<float>(600 + 250 * std::sin(0.8 * r + 0.3 * c) * std::cos(0.7 * c));
+  return dn;
+}
+
+RawFrame noisy_frame(const Image& clean, const PhysicsNoise& noise) {
+  RawFrame frame;
+  frame.layout = noise.layout;
+  frame.black_dn.assign(noise.channels.size(), 0.0);
+  frame.white_dn = 4000;
+  frame.source = "test";
+  frame.dn = clean;
+  add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = 11});
+  return frame;
+}
+
+Denoised with_errors(const RawFrame& frame, const NoiseProfile& profile,
+                     const DenoiseSettings& settings) {
+  return denoise_frame(frame, profile, settings, silent_progress(), true);
+}
+
+struct Comparison {
+  double true_rms = 0, stated_rms = 0, covered = 0;  ///< covered: share within two deviations
+  double ratio() const { return true_rms / stated_rms; }
+};
+
+using Where = std::function<bool(int, int)>;
+
+Comparison compare(
+    const Denoised& result, const Image& clean,
+    const Where& where = [](int, int) { return true; }) {
+  Comparison comparison;
+  double count = 0;
+  for (int r = 0; r < clean.rows(); ++r)
+    for (int c = 0; c < clean.cols(); ++c) {
+      if (!where(r, c)) continue;
+      const double error = double{result.dn_above_black(r, c)} - clean(r, c),
+                   variance = (*result.variance_dn2)(r, c);
+      comparison.true_rms += error * error;
+      comparison.stated_rms += variance;
+      comparison.covered += error * error <= 4 * variance;
+      ++count;
+    }
+  comparison.true_rms = std::sqrt(comparison.true_rms / count);
+  comparison.stated_rms = std::sqrt(comparison.stated_rms / count);
+  comparison.covered /= count;
+  return comparison;
+}
+
+class StatedError : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Methods, StatedError, testing::Values("nl-ridge", "bm3d"));
+
+TEST_P(StatedError, NothingIsKnownOfSaturatedPixels) {
+  const PhysicsNoise noise = camera_noise(0);
+  RawFrame frame = noisy_frame(even_light(600), noise);
+  const auto saturated = [](int r, int c) { return r >= 50 && r < 90 && c >= 60 && c < 100; };
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c)
+      if (saturated(r, c)) frame.dn(r, c) = 4000;
+  const Denoised result = with_errors(frame, profile_of(noise), {.method = GetParam()});
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c) {
+      EXPECT_EQ(std::isnan((*result.variance_dn2)(r, c)), saturated(r, c)) << r << ' ' << c;
+      if (saturated(r, c)) {
+        EXPECT_EQ(result.dn_above_black(r, c), 4000);
+      }
+    }
+}
+
+// A third of a period between neighbours of one channel: the mean of eight misses by far more than
+// the noise.
+TEST_P(StatedError, FilledPixelsCarryWhatTheirNeighboursLeaveOpen) {
+  const PhysicsNoise noise = camera_noise(0);
+  NoiseProfile profile = profile_of(noise);
+  profile.defects = {kSize, kSize, {}};
+  const Image clean = waves();
+  RawFrame frame = noisy_frame(clean, noise);
+  const auto defect = [](int r, int c) { return r % 11 == 5 && c % 13 == 6; };
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c)
+      if (defect(r, c)) {
+        profile.defects.places.push_back({r, c});
+        frame.dn(r, c) = 3900;
+      }
+  const Denoised result = with_errors(frame, profile, {.method = GetParam()});
+  const Comparison filled = compare(result, clean, defect);
+  EXPECT_GT(filled.true_rms, 50);  // a sample's noise has 17 DN
+  EXPECT_GT(filled.covered, 0.7);  // four pairs' spread is known to three degrees of freedom
+  EXPECT_NEAR(filled.ratio(), 1.0, 0.35);
+}
+
+// The noise that the filter is told is not there stays in the picture.
+TEST_P(StatedError, StrengthBelowOneStatesTheNoiseThatIsLeft) {
+  const PhysicsNoise noise = camera_noise(0);
+  for (const Image& clean : {even_light(600), waves()})
+    for (const double strength : {0.2, 0.5}) {
+      const Denoised result = with_errors(noisy_frame(clean, noise), profile_of(noise),
+                                          {.method = GetParam(), .strength = strength});
+      const Comparison all = compare(result, clean);
+      EXPECT_GT(all.ratio(), 0.7) << strength;
+      EXPECT_LT(all.ratio(), 1.1) << strength;
+      EXPECT_GT(all.covered, 0.93) << strength;
+    }
+}
+
+TEST_P(StatedError, RowNoiseThatStaysIsStated) {
+  const PhysicsNoise noise = camera_noise(12);
+  const Image clean = even_light(600);
+  const RawFrame frame = noisy_frame(clean, noise);
+  const Comparison left = compare(
+      with_errors(frame, profile_of(noise), {.method = GetParam(), .row_noise = false}), clean);
+  EXPECT_GT(left.true_rms, 9);
+  EXPECT_NEAR(left.ratio(), 1.0, 0.25);
+  // Stripes of the picture hold all offsets back.
+  Image stripes = clean;
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c) stripes(r, c) += r / 12 % 2 ? 300.0f : 0.0f;
+  const Comparison held = compare(
+      with_errors(noisy_frame(stripes, noise), profile_of(noise), {.method = GetParam()}), stripes);
+  EXPECT_LT(held.ratio(), 1.25);
+  const Comparison removed =
+      compare(with_errors(frame, profile_of(noise), {.method = GetParam()}), clean);
+  EXPECT_LT(removed.true_rms, 4);
+  EXPECT_LT(removed.ratio(), 1.25);
+}
+
+}  // namespace
+}  // namespace malus
