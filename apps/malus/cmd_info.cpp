@@ -43,6 +43,13 @@ double largest_value(const Findings& findings) {
   return largest;
 }
 
+// Of the sensors that there are: the least that hold so many bits.
+int converter_bits(int needed) {
+  for (const int bits : {8, 10, 12, 14})
+    if (needed <= bits) return bits;
+  return 16;
+}
+
 void collect_warnings(Findings& findings) {
   const RawFrame& frame = findings.info.frame;
   if (const auto count = nonfinite_pixels(findings); count > 0)
@@ -57,7 +64,7 @@ void collect_warnings(Findings& findings) {
                     (1 << frame.bits) / findings.grid->step, 1 << frame.bits));
   const double largest = largest_value(findings);
   if (!frame.white_known && frame.bits > 8 && findings.grid && largest >= 0) {
-    const int fits = std::bit_width(static_cast<unsigned>(largest));
+    const int fits = converter_bits(std::bit_width(static_cast<unsigned>(largest)));
     // The last code of data that are scaled up is a whole step below the end.
     const int step = std::max(findings.grid->spread == 0 ? findings.grid->step : 1, 1);
     if (fits < frame.bits || step > 1)
