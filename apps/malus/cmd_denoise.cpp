@@ -251,7 +251,9 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   kept.before = std::move(opened.described);
   // A copy of the pixels is kept only where somebody looks at it.
   if (report || compared) kept.before.dn = opened.frame.dn;
-  if (compared) add_reference(kept, job.reference, arguments.reference_ratio);
+  if (compared)
+    add_reference(kept, job.reference, arguments.reference_ratio,
+                  arguments.raw.float_black() == FloatBlack::kHolds);
   const Stopwatch stopwatch;
   Denoised result = denoiser(std::move(opened.frame), choice.profile, progress);
   const double seconds = stopwatch.seconds();
@@ -262,7 +264,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   kept.run = run_json(kept.before, result, choice, arguments, seconds);
   if (const Json network = denoiser.description(); !network.is_null())
     kept.run["network"] = network;
-  kept.run["files"] = write_outputs(kept.before, result, job.names, force);
+  kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force);
   kept.after_dn = std::move(result.dn_above_black);
   if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
   if (compared) {
@@ -316,6 +318,10 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const std::vector<OutputNames> names =
       plan_denoised_files(arguments, denoiser.target(), common.force);
   check_report(arguments, names, common.force);
+  const fs::path untold = check_inputs(arguments.inputs, arguments.references, options);
+  if (model && !untold.empty())
+    note(common, fmt::format("{}: layout not told, taken as the model's, {} (--layout)",
+                             untold.string(), model->layout.name()));
   std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
   Json results = Json::array();

@@ -129,10 +129,11 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
   return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method), frame.source);
 }
 
-// What the noise of one input is: the model's, or what denoise wrote beside it.
+// What the noise of one input is: the model's, whose bias is taken out of the frame besides, or
+// what denoise wrote beside it.
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
-                   std::size_t index, const RawFrame& frame) {
-  return model ? variance_by_model(frame, *model, gain_range(arguments.extrapolate_gain))
+                   std::size_t index, RawFrame& frame) {
+  return model ? take_out_bias(frame, *model, gain_range(arguments.extrapolate_gain))
                : load_variance(arguments.variance[index], frame);
 }
 
@@ -148,16 +149,20 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
                     std::size_t index, const FrameOptions& options, const ProductNames& names,
                     bool force) {
   const fs::path& input = arguments.inputs[index];
-  const RawFrame frame =
+  if (arguments.confidence()) check_noise_source(input, options, model.has_value());
+  RawFrame frame =
       load_above_black(input, model ? options_for_model(options, *model, input) : options,
                        arguments.raw.float_black());
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
+  const std::int64_t saturated_cells = warn_of_saturation(frame);
+  Planes variance;
+  if (arguments.confidence()) variance = variance_of(arguments, model, index, frame);
   const StokesPicture picture = stokes_picture(arguments, frame);
   std::array<Planes, 3> confidence;
   if (arguments.confidence())
-    confidence = confidence_of(picture, variance_of(arguments, model, index, frame), frame.layout,
+    confidence = confidence_of(picture, variance, frame.layout,
                                model ? Intensities::kMeasured : Intensities::kDenoised);
   std::vector<Product> data = product_data(picture);
   const std::vector<std::string> channels =
@@ -166,7 +171,8 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
             {"layout", frame.layout.name()},
             {"rows", picture.planes[0].s0.rows()},
             {"cols", picture.planes[0].s0.cols()},
-            {"channels", channels}};
+            {"channels", channels},
+            {"saturated_cells", saturated_cells}};
   json.update(summary_of(data[3]()));
   if (arguments.confidence())
     for (const Planes& planes : confidence) data.push_back([&planes] { return planes; });
@@ -233,8 +239,10 @@ void add_stokes(CLI::App& app, Common& common) {
       ->capture_default_str();
   command->add_flag("!--no-pictures", arguments->pictures, "data files only");
   const std::string confidence = "Confidence: <stem>_dolp_sd, _aolp_sd [deg], _dolp_corrected";
-  auto* model = command->add_option("--model", arguments->model,
-                                    "noise model of these raw frames; needs their gain");
+  auto* model =
+      command->add_option("--model", arguments->model,
+                          "noise model of these raw frames; needs their gain. Its bias is "
+                          "taken out of them");
   model->group(confidence);
   command
       ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
@@ -246,9 +254,10 @@ void add_stokes(CLI::App& app, Common& common) {
                    "of denoised frames: what denoise --uncertainty wrote, one per RAW")
       ->excludes(model)
       ->group(confidence);
-  command->add_flag("--full", arguments->full,
-                    "one value per pixel by demosaicking, instead of one per cell");
+  auto* full = command->add_flag("--full", arguments->full,
+                                 "one value per pixel by demosaicking, instead of one per cell");
   command->add_option("--demosaick", arguments->method, "how --full fills the gaps")
+      ->needs(full)
       ->check(CLI::IsMember(
           std::vector<std::string>(kDemosaickingNames.begin(), kDemosaickingNames.end())))
       ->capture_default_str();

@@ -4,17 +4,27 @@
 #include "malus/io/picture_file.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace malus::app {
 namespace {
 
 namespace fs = std::filesystem;
 
+// How far white lies lower in the result: as far as the highest of the biases that are taken off.
+// Else what is saturated could not be told from what is nearly so.
+double lowered_white_dn(const NoiseProfile& profile) {
+  double bias_dn = 0;
+  for (const ChannelProfile& channel : profile.channels)
+    bias_dn = std::max(bias_dn, channel.bias_dn);
+  return bias_dn;
+}
+
 // A large frame's pixels exist once: they move into the file's frame and back.
-void save_mosaic(const fs::path& path, const RawFrame& header, Image& dn_above_black,
-                 const SaveOptions& save) {
+void save_mosaic(const fs::path& path, const RawFrame& header, double lowered_dn,
+                 Image& dn_above_black, const SaveOptions& save) {
   RawFrame out = header;
-  out.white_dn = white_above_black(header.white_dn, header.black_dn);
+  out.white_dn = white_above_black(header.white_dn, header.black_dn) - lowered_dn;
   std::fill(out.black_dn.begin(), out.black_dn.end(), 0.0);
   out.bits = 0;
   out.dn = std::move(dn_above_black);
@@ -22,9 +32,10 @@ void save_mosaic(const fs::path& path, const RawFrame& header, Image& dn_above_b
   dn_above_black = std::move(out.dn);
 }
 
-void save_integers(const fs::path& path, const RawFrame& header, const Image& dn_above_black,
-                   SaveOptions save) {
+void save_integers(const fs::path& path, const RawFrame& header, double lowered_dn,
+                   const Image& dn_above_black, SaveOptions save) {
   RawFrame out = header;
+  out.white_dn = std::nearbyint(header.white_dn - lowered_dn);  // as its pixels
   out.dn = dn_above_black;
   for (int r = 0; r < out.dn.rows(); ++r)
     for (int c = 0; c < out.dn.cols(); ++c)
@@ -35,13 +46,16 @@ void save_integers(const fs::path& path, const RawFrame& header, const Image& dn
 
 }  // namespace
 
-std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
-                                       const OutputNames& names, bool force) {
+std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,
+                                       Denoised& result, const OutputNames& names, bool force) {
   std::vector<std::string> files;
+  const double lowered_dn = lowered_white_dn(profile);
   SaveOptions save;
   save.force = force;
   save.type = SampleType::kFloat;
-  save_mosaic(names.mosaic, header, result.dn_above_black, save);
+  SaveOptions denoised = save;
+  denoised.holds = kHoldsDenoised;
+  save_mosaic(names.mosaic, header, lowered_dn, result.dn_above_black, denoised);
   files.push_back(names.mosaic.string());
   const std::vector<std::string> channels = header.layout.channel_names();
   if (!names.planes.empty()) {
@@ -55,7 +69,7 @@ std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
     files.push_back(names.variance.string());
   }
   if (!names.integers.empty()) {
-    save_integers(names.integers, header, result.dn_above_black, save);
+    save_integers(names.integers, header, lowered_dn, result.dn_above_black, denoised);
     files.push_back(names.integers.string());
   }
   return files;

@@ -17,9 +17,10 @@ struct OutputNames {
 };
 
 /// The denoised mosaic and what else names asks for; returns the files. result's pixels exist once:
-/// they move into the file's frame and back. Throws InputError.
-std::vector<std::string> write_outputs(const RawFrame& header, Denoised& result,
-                                       const OutputNames& names, bool force);
+/// they move into the file's frame and back. profile: its bias is missing from saturated pixels,
+/// and so from white. Throws InputError.
+std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,
+                                       Denoised& result, const OutputNames& names, bool force);
 
 /// A network's picture (target "rgb" or "srgb"): displayed values as 16 bit where the file holds
 /// integers, else float. Throws InputError.

@@ -69,7 +69,7 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
   return record;
 }
 
-void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
+void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio, bool black_stated) {
   const RawFrame& before = frame.before;
   FrameOptions options;
   const RawFrame known = probe_frame(path, options).frame;
@@ -82,7 +82,7 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
   if (!known.black_known) {
     options.black_dn = before.black_dn;
     const double black = mean_of(before.black_dn);
-    if (known.bits > 0 && black != 0)
+    if (known.bits > 0 && black != 0 && !black_stated)
       warn(
           fmt::format("{}: black level not known, taken as the frame's, {:g} DN; if black is "
                       "subtracted already, compare by malus evaluate --black 0",
@@ -98,6 +98,21 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio) {
   for (float& value : reference.dn.values()) value = static_cast<float>(value / ratio);
   frame.reference_dn = std::move(reference.dn);
   frame.reference_peak_dn = white_above_black(before.white_dn, before.black_dn) / ratio;
+}
+
+fs::path check_inputs(const std::vector<fs::path>& frames, const std::vector<fs::path>& references,
+                      const FrameOptions& options) {
+  FrameOptions size_only;
+  size_only.raw_format = options.raw_format;
+  size_only.rows = options.rows;
+  size_only.cols = options.cols;
+  fs::path untold;
+  for (const fs::path& path : frames)
+    if (const FrameInfo info = probe_frame(path, size_only);
+        !info.frame.layout_known && !options.layout && untold.empty())
+      untold = path;
+  for (const fs::path& path : references) probe_frame(path);
+  return untold;
 }
 
 void measure_against_reference(DenoisedFrame& frame) {
@@ -136,7 +151,7 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.run = record.at("run");
     if (record.contains("reference_file")) {
       add_reference(frame, folder / record.at("reference_file").get<std::string>(),
-                    record.at("reference_ratio").get<double>());
+                    record.at("reference_ratio").get<double>(), true);
       measure_against_reference(frame);
     }
     return frame;

@@ -16,9 +16,17 @@ nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& pr
                                   const std::filesystem::path& result, nlohmann::ordered_json run);
 
 /// Puts the clean scene `path` into `frame`, divided by `ratio` (how much more light it had).
-/// A file without a black level of its own has the frame's. Throws InputError, also where it is
-/// not of the frame's size.
-void add_reference(DenoisedFrame& frame, const std::filesystem::path& path, double ratio);
+/// A file without a black level of its own has the frame's, which is warned of unless that is
+/// stated to be everybody's. Throws InputError, also where it is not of the frame's size.
+void add_reference(DenoisedFrame& frame, const std::filesystem::path& path, double ratio,
+                   bool black_stated);
+
+/// Opens every file before anything is done: throws InputError for one that is missing or no
+/// mosaic. Returns the first whose layout neither it nor the options tell; empty where there is
+/// none.
+std::filesystem::path check_inputs(const std::vector<std::filesystem::path>& frames,
+                                   const std::vector<std::filesystem::path>& references,
+                                   const FrameOptions& options);
 
 /// The metrics of the frame and of its result; the frame must have a reference.
 void measure_against_reference(DenoisedFrame& frame);

@@ -1,9 +1,13 @@
 #include "frame_input.h"
 
 #include "malus/image/frame_statistics.h"
+#include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
+
+#include <algorithm>
+#include <limits>
 
 #include "program.h"
 #include <fmt/format.h>
@@ -76,6 +80,28 @@ Image above_black(const RawFrame& frame) {
   RawFrame copy = frame;
   subtract_black(copy);
   return std::move(copy.dn);
+}
+
+float saturation_dn(const RawFrame& above_black) {
+  if (!above_black.white_known) return std::numeric_limits<float>::infinity();
+  constexpr double kRounding = 1e-6;  // of black and white to float32
+  return static_cast<float>(above_black.white_dn * (1 - kRounding));
+}
+
+std::int64_t warn_of_saturation(const RawFrame& above_black) {
+  const Planes packed = pack(above_black.dn, above_black.layout);
+  const float limit_dn = saturation_dn(above_black);
+  std::int64_t cells = 0;
+  for (std::size_t i = 0; i < packed[0].size(); ++i)
+    cells += std::any_of(packed.begin(), packed.end(),
+                         [&](const Image& plane) { return plane.values()[i] >= limit_dn; });
+  if (cells > 0)
+    warn(
+        fmt::format("{}: {} cells ({:.2g} %) hold saturated pixels; what is said of their light "
+                    "and its polarization is not true",
+                    above_black.source, cells,
+                    100 * static_cast<double>(cells) / static_cast<double>(packed[0].size())));
+  return cells;
 }
 
 void warn_of_guesses(const RawFrame& frame) {

@@ -4,6 +4,7 @@
 #include "malus/io/frame_file.h"
 #include "malus/noise/model.h"
 
+#include <cstdint>
 #include <filesystem>
 
 #include "raw_options.h"
@@ -28,6 +29,12 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
+
+/// The least value of a saturated pixel of a frame above black; infinity where white is not known.
+float saturation_dn(const RawFrame& above_black);
+
+/// Cells of a frame above black that hold saturated pixels. Says on stderr how many, if any.
+std::int64_t warn_of_saturation(const RawFrame& above_black);
 
 /// Says on stderr what a frame was taken for without anybody having stated it, layout and black
 /// level, and where its pixels or its file contradict the layout.

@@ -8,25 +8,51 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "frame_input.h"
+#include "program.h"
 #include <fmt/format.h>
 
 namespace malus::app {
 
-Planes variance_by_model(const RawFrame& frame, const NoiseModel& model, GainRange range) {
-  require_layout_of_model(frame, model.layout);
-  const NoiseProfile profile = model.profile_at(frame.gain, range);
-  Planes variance = pack(frame.dn, frame.layout);
+namespace {
+
+void forget_saturated(Planes& variance, const RawFrame& above_black) {
+  const float limit_dn = saturation_dn(above_black);
+  const Planes packed = pack(above_black.dn, above_black.layout);
+  for (int k = 0; k < variance.channels(); ++k)
+    for (std::size_t i = 0; i < packed[k].size(); ++i)
+      if (packed[k].values()[i] >= limit_dn)
+        variance[k].values()[i] = std::numeric_limits<float>::quiet_NaN();
+}
+
+}  // namespace
+
+Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range) {
+  const SensorLayout& layout = above_black.layout;
+  require_layout_of_model(above_black, model.layout);
+  const NoiseProfile profile = model.profile_at(above_black.gain, range);
+  const float limit_dn = saturation_dn(above_black);
+  for (int r = 0; r < above_black.dn.rows(); ++r)
+    for (int c = 0; c < above_black.dn.cols(); ++c) {
+      const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
+      float& pixel = above_black.dn(r, c);
+      if (!(pixel >= limit_dn)) pixel -= static_cast<float>(profile.channels[k].bias_dn);
+    }
+  Planes variance = pack(above_black.dn, layout);
   for (int k = 0; k < variance.channels(); ++k) {
     const ChannelProfile& channel = profile.channels[static_cast<std::size_t>(k)];
     const double row = channel.sigma_row_dn * channel.sigma_row_dn;
     for (float& v : variance[k].values())
       v = static_cast<float>(channel.variance(std::max(double{v}, 0.0)) + row);
   }
+  forget_saturated(variance, above_black);
   return variance;
 }
 
-Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
+Planes load_variance(const std::filesystem::path& path, const RawFrame& above_black) {
+  const RawFrame& frame = above_black;
   Picture picture = load_picture(path);
   if (picture.holds != kHoldsVariance)
     throw InputError(path.string(), "is no file of variances",
@@ -47,7 +73,25 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
           "give the _variance.exr that malus denoise --uncertainty wrote for the frame");
     ordered[k] = picture.planes[static_cast<int>(found - picture.names.begin())];
   }
+  forget_saturated(ordered, frame);
   return ordered;
+}
+
+void check_noise_source(const std::filesystem::path& input, const FrameOptions& options,
+                        bool by_model) {
+  FrameOptions size_only;
+  size_only.raw_format = options.raw_format;
+  size_only.rows = options.rows;
+  size_only.cols = options.cols;
+  const FrameInfo info = probe_frame(input, size_only);
+  const bool denoised = info.holds == kHoldsDenoised;
+  if (by_model && denoised)
+    throw InputError(input.string(), "is denoised: --model states the noise of raw frames",
+                     "give --variance with what denoise --uncertainty wrote, or the raw frame");
+  if (!by_model && !denoised && info.frame.bits > 0)
+    warn(fmt::format(
+        "{}: is not marked as denoised; --variance is for denoised frames, --model for raw ones",
+        input.string()));
 }
 
 std::array<Planes, 3> confidence_of(const StokesPicture& picture, const Planes& packed_variance,

@@ -24,21 +24,27 @@ int bits_of(const py::array& array) {
   return array.dtype().kind() == 'f' ? 0 : static_cast<int>(8 * array.dtype().itemsize());
 }
 
-// A Frame, or an array with what an array does not know.
+// A Frame, or an array with what an array does not know. What a model tells of its sensor, it fills
+// in later (take_levels_of_model).
 RawFrame frame_from(const py::object& raw, const std::optional<std::string>& layout,
-                    const Black& black, const std::optional<double>& white) {
+                    const Black& black, const std::optional<double>& white,
+                    const NoiseModel* model) {
   RawFrame frame;
   if (py::isinstance<RawFrame>(raw)) {
     frame = raw.cast<const RawFrame&>();
   } else {
-    if (!layout || !white)
+    if (!(layout || model) || !(white || (model && model->white_dn > 0)))
       throw InputError("array", "does not know its layout and white level",
-                       "give layout and white (and black), or a Frame");
+                       "give layout and white (and black), a model that tells them, or a Frame");
     const py::array numbers = numbers_from(raw, "raw");
     frame.dn = image_of(input_from(numbers, "raw"));
     frame.bits = bits_of(numbers);
     frame.source = "array";
     frame.black_dn = {0.0};
+    if (model && !layout) {
+      frame.layout = model->layout;
+      frame.black_dn.assign(model->black_dn.size(), 0.0);
+    }
   }
   const SensorLayout wanted = layout ? SensorLayout::named(*layout) : frame.layout;
   frame.black_dn = black ? black_per_channel(levels_of(black), wanted, "black")
@@ -48,7 +54,7 @@ RawFrame frame_from(const py::object& raw, const std::optional<std::string>& lay
   frame.black_known = frame.black_known || black.has_value();
   frame.white_known = frame.white_known || white.has_value();
   if (white) frame.white_dn = *white;
-  if (black || white) require_levels(frame);
+  if ((black || white) && !model) require_levels(frame);
   return frame;
 }
 
@@ -58,7 +64,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
                  const py::kwargs& kwargs) {
   const auto settings = settings_from<DenoiseSettings>(kwargs);
   denoise_method(settings.method);  // a wrong one is refused before any work
-  RawFrame frame = frame_from(raw, layout, black, white);
+  RawFrame frame = frame_from(raw, layout, black, white, model ? &model->description() : nullptr);
   const std::string source = frame.source;
   PythonProgress progress;
   if (model)
@@ -129,8 +135,8 @@ void bind_denoise(py::module_& m) {
       py::arg("black") = py::none(), py::arg("white") = py::none(), py::arg("model") = py::none(),
       py::arg("gain") = py::none(), py::arg("variance") = false,
       ("Denoises one raw mosaic.\n\n"
-       "raw: a Frame, or an array [row, column] in DN, black included, with its layout, black "
-       "and white [DN].\n"
+       "raw: a Frame, or an array [row, column] in DN, black included. layout: the Frame's, else "
+       "the model's.\n"
        "black: one number, or one per channel in mosaic order. Not known to the Frame, not given: "
        "the model's for integers, 0\n"
        "    for float pixels, which are taken as DN above black, and without a model. white: the "
@@ -138,7 +144,8 @@ void bind_denoise(py::module_& m) {
        "model: a Model; None estimates the noise from the picture. gain [dB or ISO]: that of "
        "the Frame if not given.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
-       "squared error [DN^2], with variance=True, else None), sigma_used_dn (per channel), "
+       "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
+       "sigma_used_dn (per channel), "
        "row_noise_removed_dn, defect_pixels, mean_dn, mean_shift_dn, "
        "noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())

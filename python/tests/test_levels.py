@@ -74,6 +74,23 @@ def test_integers_are_codes_and_floats_are_light(model, raw, black):
         assert malus.denoise(light, black=0, **given)["dn"].mean() == pytest.approx(300, abs=1)
 
 
+def test_the_model_tells_layout_and_white_of_an_array(model, raw, black):
+    codes = np.array(Image.open(raw))
+    codes[40:44, 40:44] = 4095
+    told = malus.denoise(codes, layout=LAYOUT, white=4095, black=black, model=model, gain=12, variance=True)
+    for given in ({}, {"layout": LAYOUT}, {"white": 4095}, {"black": black}, {"black": black[0]}):
+        found = malus.denoise(codes, model=model, gain=12, variance=True, **given)
+        assert np.array_equal(found["dn"], told["dn"])
+        assert np.isnan(found["variance"]).sum() == 16  # white is known: so are saturated pixels
+    light = codes.astype(np.float32) - np.float32(black[0])
+    with pytest.warns(UserWarning, match="float pixels are taken as DN above black"):
+        assert np.isnan(malus.denoise(light, model=model, gain=12, variance=True)["variance"]).sum() == 16
+    with pytest.raises(malus.InputError, match="has the layout mono"):
+        malus.denoise(codes, layout="mono", model=model, gain=12)
+    with pytest.raises(malus.InputError, match="does not know its layout and white level"):
+        malus.denoise(codes)
+
+
 def test_each_channel_has_its_black(model, raw):
     blacks = [70, 74, 68, 72]
     codes = offsets(np.full((96, 128), 300, np.uint16), blacks)

@@ -121,6 +121,7 @@ FrameInfo read_frame(const fs::path& path, const FrameOptions& options, bool pix
   info.format = decoded.format;
   info.camera = decoded.camera;
   info.sample = decoded.sample;
+  info.holds = decoded.holds;
   info.frame = assemble(decoded, options, path);
   return info;
 }

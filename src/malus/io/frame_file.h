@@ -40,6 +40,7 @@ struct FrameInfo {
   std::string format;  ///< "png", "tiff", "openexr", "fits", "npy", "camera raw", "mono12p", ...
   std::string camera;  ///< maker and model, where the file tells
   std::string sample;  ///< "uint8", "uint16", "half", "float", ...
+  std::string holds;   ///< SaveOptions::holds of the writer; empty where none is kept
 };
 
 /// Throws InputError: missing, empty, a folder, truncated, not a mosaic, of an unknown type, too

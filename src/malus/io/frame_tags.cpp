@@ -57,7 +57,7 @@ std::optional<SensorLayout> parse_layout(std::string_view key, std::string_view 
 
 }  // namespace
 
-std::string frame_tags(const RawFrame& frame) {
+std::string frame_tags(const RawFrame& frame, const std::string& holds) {
   std::string text(kOpening);
   const auto add = [&](std::string_view key, const std::string& value) {
     if (text.size() > kOpening.size()) text += ' ';
@@ -81,6 +81,7 @@ std::string frame_tags(const RawFrame& frame) {
   if (frame.gain.gain_db) add("gain_db", fmt::format("{}", *frame.gain.gain_db));
   if (frame.gain.iso) add("iso", fmt::format("{}", *frame.gain.iso));
   if (frame.exposure_s) add("exposure_s", fmt::format("{}", *frame.exposure_s));
+  if (!holds.empty()) add("holds", holds);
   return text.size() > kOpening.size() ? text + "]" : std::string();
 }
 

@@ -38,13 +38,15 @@ struct SaveOptions {
   /// Integers: values are rounded to nearest (ties to even) and held to the type's range, NaN
   /// becomes 0. Unset: float, but 16 bit for .png. Half exists in .exr only; PNG holds no float.
   std::optional<SampleType> type;
-  /// What a picture's values are where its channels do not tell: one word, kept in the file's
+  /// What the values are where channels and layout do not tell: one word, kept in the file's
   /// description (all endings but .npy).
   std::string holds{};
 };
 
 /// The word for variances [DN^2].
 inline constexpr const char* kHoldsVariance = "variance";
+/// The word for a mosaic that the noise was taken out of.
+inline constexpr const char* kHoldsDenoised = "denoised";
 
 /// Whether save_picture knows the ending, in any case of letters.
 bool has_picture_ending(const std::filesystem::path& path);

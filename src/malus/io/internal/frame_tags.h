@@ -10,8 +10,8 @@
 
 namespace malus::internal {
 
-/// Only what is known (RawFrame's *_known flags).
-std::string frame_tags(const RawFrame& frame);
+/// Only what is known (RawFrame's *_known flags); holds: what the pixels are, one word or nothing.
+std::string frame_tags(const RawFrame& frame, const std::string& holds = "");
 
 /// [malus holds=variance], or nothing for an empty word.
 std::string content_tag(const std::string& holds);

@@ -1,0 +1,143 @@
+"""What is stated of results and said of frames: saturation, bias, files mistaken for one another."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from test_levels import LAYOUT, mosaic
+
+MODEL = ("--model", "imx250mzr-simulated")
+GAIN_DB, SIDE, WHITE = 24, 128, 4095
+
+
+@pytest.fixture
+def camera(malus):
+    """Black level, gain and bias of the model at GAIN_DB."""
+    found = malus("model", "show", MODEL[1], "--gain", GAIN_DB, "--json").json
+    gain = found["gains"][0]
+    return {"black": np.mean(found["black"]["value"]), "bias": np.array(gain["mu"]["mean"]).reshape(2, 2),
+            "gain": np.mean(gain["K"]["value"])}
+
+
+def raw_frame(camera, path, s0_dn=400.0, saturated=False):
+    """Even light with shot noise of the model's camera as the camera writes it."""
+    light = mosaic(s0_dn, side=SIDE)
+    random = np.random.default_rng(3)
+    dn = camera["gain"] * random.poisson(light / camera["gain"]) + random.normal(0, 2, light.shape)
+    dn += camera["black"] + np.tile(camera["bias"], (SIDE // 2, SIDE // 2))
+    if saturated:
+        dn[40:60, 40:50] = WHITE
+    Image.fromarray(np.clip(np.round(dn), 0, WHITE).astype(np.uint16)).save(path)
+    return path
+
+
+def planes(folder, stem, *names):
+    return [np.load(folder / f"{stem}_{name}.npy") for name in names]
+
+
+def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp_path):
+    raw = raw_frame(camera, tmp_path / "raw.png", saturated=True)
+    cells = np.zeros((SIDE // 2, SIDE // 2), bool)
+    cells[20:30, 20:25] = True
+    model = (*MODEL, "--gain", GAIN_DB)
+    common = ("--format", "npy", "--no-pictures", "--json", "-o", tmp_path)
+
+    def check(found, stem):
+        assert found.err.count("50 cells (1.2 %) hold saturated pixels") == 1
+        assert found.json["saturated_cells"] == 50 and found.json["undefined"] == 0
+        dolp, *stated = planes(tmp_path, stem, "dolp", "dolp_sd", "aolp_sd", "dolp_corrected")
+        assert np.isfinite(dolp).all()  # marked, not taken away
+        for plane in stated:
+            assert (np.isnan(plane) == cells).all()
+
+    check(malus("stokes", raw, *model, *common), "raw")
+    malus("denoise", raw, *model, "--uncertainty", "-o", tmp_path)
+    denoised = tmp_path / "raw_denoised.tif"
+    check(malus("stokes", denoised, "--variance", tmp_path / "raw_variance.exr", *common), "raw_denoised")
+    for command in ("stokes", "normals"):
+        plain = malus(command, denoised, "-o", tmp_path / "plain", "--json")
+        assert "50 cells" in plain.err and plain.json["saturated_cells"] == 50
+
+
+@pytest.mark.parametrize("bias_dn", [6.0, -6.0])
+def test_saturation_is_told_in_results_whatever_the_bias(malus, camera, tmp_path, bias_dn):
+    """Bias and flats of a camera whose dark level lies off the nominal black."""
+    random = np.random.default_rng(4)
+    session = '[sensor]\nlayout="polar-mono"\nblack=100\nwhite=4095\nrow_group=1\n'
+    for light in (0, 400, 900, 1500):
+        kind = f'kind="flat"\nlevel={light}' if light else 'kind="bias"'
+        session += f'[[frames]]\n{kind}\ngain_db=0\nexposure_s=0.01\npaths=["{light}_*.png"]\n'
+        for i in range(8):
+            dn = 0.5 * random.poisson(2 * light, (64, 64)) + random.normal(100 + bias_dn, 2, (64, 64))
+            Image.fromarray(np.round(dn).astype(np.uint16)).save(tmp_path / f"{light}_{i}.png")
+    (tmp_path / "session.toml").write_text(session)
+    malus("calibrate", tmp_path / "session.toml", "-o", tmp_path / "model.h5")
+    raw = raw_frame(camera, tmp_path / "raw.png", saturated=True)
+    malus("denoise", raw, "--model", tmp_path / "model.h5", "--black", 100, "--u16", "-o", tmp_path)
+    for name in ("raw_denoised.tif", "raw_denoised_u16.tif"):
+        assert malus("stokes", tmp_path / name, "-o", tmp_path / "out", "--force", "--json").json["saturated_cells"] == 50
+
+
+def test_the_models_bias_is_taken_out(malus, camera, tmp_path):
+    assert np.abs(camera["bias"]).min() > 2  # 2 % of the light and more
+    raw = raw_frame(camera, tmp_path / "raw.png", s0_dn=100)
+    malus("stokes", raw, *MODEL, "--gain", GAIN_DB, "--format", "npy", "--no-pictures", "-o", tmp_path)
+    s0, s1, s2 = (plane.mean() for plane in planes(tmp_path, "raw", "s0", "s1", "s2"))
+    assert s0 == pytest.approx(100, abs=0.8)
+    assert np.hypot(s1, s2) / s0 == pytest.approx(0.5, abs=0.01)
+
+
+def test_errors_of_raw_and_denoised_frames_are_not_mixed_up(malus, refused, camera, tmp_path):
+    raw = raw_frame(camera, tmp_path / "raw.png")
+    malus("denoise", raw, *MODEL, "--gain", GAIN_DB, "--uncertainty", "--u16", "-o", tmp_path)
+    out, variance = ("-o", tmp_path / "out", "--no-pictures", "--force"), ("--variance", tmp_path / "raw_variance.exr")
+    for name in ("raw_denoised.tif", "raw_denoised_u16.tif"):
+        assert "is denoised" in refused("stokes", tmp_path / name, *MODEL, "--gain", GAIN_DB, *out)
+        assert "not marked" not in malus("stokes", tmp_path / name, *variance, *out).err
+    mixed = malus("stokes", raw, *LAYOUT, "--black", 80, *variance, *out)
+    assert mixed.err.count("not marked as denoised") == 1
+
+
+def test_normals_say_what_they_guess(malus, camera, tmp_path):
+    raw = raw_frame(camera, tmp_path / "raw.png")
+    assert "black level not known" in malus("normals", raw, *LAYOUT, "-o", tmp_path).err
+    assert "black level not known" not in malus("normals", raw, *LAYOUT, "--black", 80, "-o", tmp_path, "--force").err
+
+
+def test_a_reference_has_the_black_that_is_given(malus, camera, tmp_path):
+    raw, clean = raw_frame(camera, tmp_path / "raw.png"), raw_frame(camera, tmp_path / "clean.png")
+    given = (*MODEL, "--gain", GAIN_DB, "--reference", clean, "-o", tmp_path, "--force")
+    assert "black level not known" in malus("denoise", raw, *given).err
+    assert "black level not known" not in malus("denoise", raw, *given, "--black", 82).err
+
+
+def test_inputs_are_looked_for_before_any_work(malus, refused, camera, tmp_path):
+    raw, later = raw_frame(camera, tmp_path / "raw.png"), tmp_path / "later.png"
+    job = ("denoise", raw, later, *MODEL, "--gain", GAIN_DB, "-o", tmp_path / "out")
+    assert "later.png" in refused(*job)
+    assert not list((tmp_path / "out").glob("*"))
+    raw_frame(camera, later)
+    malus(*job)
+
+
+def test_a_layout_taken_from_the_model_is_said(malus, camera, tmp_path):
+    raw = raw_frame(camera, tmp_path / "raw.png")
+    job = ("denoise", raw, *MODEL, "--gain", GAIN_DB, "-o", tmp_path, "--force")
+    assert "layout not told, taken as the model's, polar-mono" in malus(*job).err
+    assert "layout not told" not in malus(*job, *LAYOUT).err
+    assert malus(*job, "-q").err == ""
+
+
+def test_demosaicking_is_for_full_resolution(malus, camera, tmp_path):
+    raw = raw_frame(camera, tmp_path / "raw.png")
+    job = ("stokes", raw, *LAYOUT, "--black", 80, "--demosaick", "bilinear", "--no-pictures", "-o", tmp_path)
+    assert "--full" in malus(*job, code=2).err
+    malus(*job, "--full")
+
+
+@pytest.mark.parametrize("largest, white", [(200, 255), (1759, 4095), (5000, 16383), (20000, None)])
+def test_info_names_white_levels_that_sensors_have(malus, tmp_path, largest, white):
+    ramp = np.linspace(0, largest, 64 * 64).reshape(64, 64)
+    Image.fromarray(np.round(ramp).astype(np.uint16)).save(tmp_path / "ramp.png")
+    warnings = [w for w in malus("info", tmp_path / "ramp.png", "--json").json["warnings"] if "--white" in w]
+    assert [w.split()[-1] for w in warnings] == ([str(white)] if white else [])
