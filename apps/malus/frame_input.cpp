@@ -83,7 +83,7 @@ Image above_black(const RawFrame& frame) {
 }
 
 float saturation_dn(const RawFrame& above_black) {
-  if (!above_black.white_known) return std::numeric_limits<float>::infinity();
+  if (!above_black.white_known) return std::numeric_limits<float>::quiet_NaN();
   constexpr double kRounding = 1e-6;  // of black and white to float32
   return static_cast<float>(above_black.white_dn * (1 - kRounding));
 }

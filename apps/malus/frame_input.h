@@ -30,7 +30,7 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
 
-/// The least value of a saturated pixel of a frame above black; infinity where white is not known.
+/// The least value of a saturated pixel of a frame above black; NaN where white is not known.
 float saturation_dn(const RawFrame& above_black);
 
 /// Cells of a frame above black that hold saturated pixels. Says on stderr how many, if any.

@@ -189,6 +189,27 @@ TEST(Uncertainty, DenoisedIntensitiesGetTheExpectedDolpAndTheErrorThatTheyShare)
   EXPECT_FLOAT_EQ(u[0].s2_variance(0, 0), 8);
 }
 
+TEST(Uncertainty, OfOneUnknownIntensityNothingFollows) {
+  const auto layout = SensorLayout::named("polar-mono");
+  for (const float unknown :
+       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()})
+    for (const auto intensities : {Intensities::kMeasured, Intensities::kDenoised}) {
+      Planes intensity(4, 1, 2), variance(4, 1, 2);
+      for (int k = 0; k < 4; ++k)
+        for (std::size_t i = 0; i < 2; ++i) {
+          intensity[k].values()[i] = static_cast<float>(10 + k);
+          variance[k].values()[i] = 1;
+        }
+      variance[2](0, 1) = unknown;
+      const auto u =
+          uncertainty_per_color(stokes_per_color(intensity, layout), variance, layout, intensities);
+      for (const Image* plane : {&u[0].dolp_sd, &u[0].aolp_sd_deg, &u[0].dolp_corrected}) {
+        EXPECT_TRUE(std::isfinite((*plane)(0, 0)));
+        EXPECT_TRUE(std::isnan((*plane)(0, 1)));
+      }
+    }
+}
+
 // Sixteen planes of one variance: green averages two sites of every angle.
 TEST(Uncertainty, MergedGreenHasHalfTheVariance) {
   const auto layout = SensorLayout::named("polar-bayer-rggb");
