@@ -292,7 +292,7 @@ def test_frames_are_denoised_with_what_they_know(model, tmp_path):
     with pytest.raises(malus.InputError, match="gain"):
         malus.denoise(frame, model=model)
     with pytest.raises(malus.InputError, match="layout"):
-        malus.denoise(raw, model=model, gain=24)
+        malus.denoise(raw, black=82)
 
 
 def test_comparison_of_noise(model):
