@@ -1,8 +1,11 @@
 // links: malus_noise
-// The model file: whatever the bytes, load_model returns a consistent model or throws InputError.
+// The model file: whatever the bytes, load_model returns a consistent model or throws InputError,
+// and what a denoiser takes from a consistent one lies inside the sensor.
 // Under libFuzzer Debian 12's HDF5 (1.10.8) itself reads out of bounds on damaged files of the old
 // format, which has no checksums (good_h5py.h5 is one); files that malus writes have them. Findings
 // whose top frames lie in libhdf5 are not ours.
+#include "malus/base/error.h"
+#include "malus/noise/fixed_pattern.h"
 #include "malus/noise/model.h"
 
 #include <cstdlib>
@@ -37,6 +40,18 @@ struct ScratchFile {
   ~ScratchFile() { std::filesystem::remove(path); }
 };
 
+// What a denoiser takes from the model; a defect outside its list's frame would be written to.
+void use_at(const malus::NoiseModel& model, const malus::GainSetting& gain) {
+  (void)malus::fixed_pattern_at(model, gain);
+  try {
+    const malus::DefectList defects = model.profile_at(gain).defects;
+    for (const auto& place : defects.places)
+      if (place.row < 0 || place.col < 0 || place.row >= defects.rows || place.col >= defects.cols)
+        std::abort();
+  } catch (const malus::InputError&) {  // no K, or not a gain of the kind that goes first
+  }
+}
+
 }  // namespace
 
 void parse_bytes(std::span<const std::uint8_t> bytes) {
@@ -46,4 +61,7 @@ void parse_bytes(std::span<const std::uint8_t> bytes) {
              static_cast<std::streamsize>(bytes.size()));
   const malus::NoiseModel model = malus::load_model(file.path);
   if (!malus::contradiction_in(model).empty()) std::abort();
+  for (const auto& physics : model.physics) use_at(model, physics.gain);
+  for (const auto& gaussian : model.gaussian) use_at(model, gaussian.gain);
+  for (const auto& levels : model.nonparametric) use_at(model, levels.gain);
 }

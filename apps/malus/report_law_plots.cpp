@@ -96,7 +96,8 @@ Distribution distribution_of(const PhysicsCalibration& p, int channel) {
   const double sd = residual_deviation(counts, cell);
   // The converter's step shows in cells finer than it: bins are a DN or a quarter deviation wide.
   const auto merged =
-      static_cast<std::size_t>(std::max(1.0, std::ceil(std::max(0.25 * sd, 1.0) / cell)));
+      static_cast<std::size_t>(std::clamp(std::ceil(std::max(0.25 * sd, 1.0) / cell), 1.0,
+                                          std::max(1.0, static_cast<double>(counts.size()))));
   Distribution d;
   std::vector<std::pair<double, double>> half;
   for (std::size_t i = 0; i + merged < counts.size(); i += merged) {

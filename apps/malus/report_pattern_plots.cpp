@@ -92,7 +92,8 @@ Chart level_chart(const NonparametricCalibration& n, const NonparametricChannel&
     PointSeries series{.name = fmt::format("{:.4g} DN", channel.level_dn[level]),
                        .mark = Mark::kLine};
     // Less than a tenth of one sample is what is left of taking the row noise out: not shown.
-    const double samples = static_cast<double>(channel.samples[level]);
+    const double samples =
+        level < channel.samples.size() ? static_cast<double>(channel.samples[level]) : 0.0;
     const double least = samples > 0 ? 0.1 / samples : 0;
     const std::vector<double>& pmf = channel.pmf[level];
     const auto shown = [&](double p) { return p > least; };

@@ -1,10 +1,12 @@
 #include "malus/base/error.h"
+#include "malus/noise/fixed_pattern.h"
 #include "malus/noise/model.h"
 
 #include <chrono>
 #include <csignal>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <thread>
 
 #include "sample_model.h"
@@ -163,6 +165,51 @@ TEST(ModelFile, RefusesContradictions) {
             "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels.pop_back(); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.dark_frames[0].frames_dn[0] = Image(4, 5); }), "");
+}
+
+// What plots and sums of a model rest on: a number in every pixel and point, cells of some width.
+TEST(ModelFile, RefusesMapsPointsAndCountsThatAreNoNumbers) {
+  const auto problem_after = [](auto change) {
+    NoiseModel model = testing::full_model();
+    change(model.physics[1]);
+    return contradiction_in(model);
+  };
+  const float infinity = std::numeric_limits<float>::infinity();
+  EXPECT_NE(problem_after([](auto& p) { p.dark_shading_dn(129, 61) = NAN; }), "");
+  EXPECT_NE(problem_after([&](auto& p) { p.prnu_map(0, 0) = infinity; }), "");
+  EXPECT_NE(problem_after([](auto& p) { p.transfer[1].mean_dn = NAN; }), "");
+  EXPECT_NE(problem_after([](auto& p) { p.transfer[1].variance_dn2 = NAN; }), "");
+  EXPECT_NE(problem_after([&](auto& p) { p.transfer[1].exposure_s = infinity; }), "");
+  EXPECT_EQ(problem_after([](auto& p) {  // not known
+              p.transfer[1].exposure_s = p.transfer[1].variance_stderr_dn2 = NAN;
+            }),
+            "");
+  for (const double width : {0.0, -0.1, static_cast<double>(NAN)})
+    EXPECT_NE(problem_after([&](auto& p) { p.residual_cell_dn[1] = width; }), "");
+  EXPECT_NE(problem_after([](auto& p) { p.residual_counts[1][2] = -1; }), "");
+}
+
+// Defects of a model with maps are written over in copies of these.
+TEST(ModelFile, DefectsLieInsideEveryMap) {
+  const auto with_defect = [](int row, int col) {
+    NoiseModel model = testing::full_model();
+    model.defects.push_back({row, col, "hot", 9.0});
+    return model;
+  };
+  const NoiseModel corner = with_defect(129, 61);
+  ASSERT_EQ(contradiction_in(corner), "");
+  EXPECT_EQ(fixed_pattern_at(corner, testing::db(6))->dark_dn(129, 61), 0.0F);
+  EXPECT_EQ(corner.profile_at(testing::db(6)).defects.places.size(), 3u);
+  for (const auto& [row, col] : {std::pair{130, 5}, {140, 5}, {1048000, 5}, {5, 62}, {-1, 5}})
+    EXPECT_NE(contradiction_in(with_defect(row, col)), "") << row << ", " << col;
+  NoiseModel model = testing::full_model();
+  model.physics[2].prnu_map = Image(130, 64, 1.0F);
+  EXPECT_NE(contradiction_in(model), "");
+  model = with_defect(140, 5);
+  for (PhysicsCalibration& p : model.physics) p.dark_shading_dn = p.prnu_map = Image();
+  EXPECT_EQ(contradiction_in(model), "");  // of a sensor whose size is not known
+  EXPECT_EQ(fixed_pattern_at(model, testing::db(6)), nullptr);
+  EXPECT_EQ(model.profile_at(testing::db(6)).defects.places.size(), 0u);
 }
 
 // A child may write 20 kB: the disk is "full". It must say so and leave nothing.

@@ -1,5 +1,6 @@
 #include "malus/noise/fixed_pattern.h"
 
+#include "malus/base/error.h"
 #include "malus/noise/model.h"
 
 #include <cmath>
@@ -23,7 +24,10 @@ Image nearest_map(const NoiseModel& model, const GainSetting& gain, Image Physic
       nearest = &p;
   if (!nearest) return {};
   Image copy = nearest->*map;
-  for (const DefectPixel& defect : model.defects) copy(defect.row, defect.col) = ordinary;
+  for (const DefectPixel& defect : model.defects) {
+    MALUS_REQUIRE(defect.row < copy.rows() && defect.col < copy.cols());  // see contradiction_in
+    copy(defect.row, defect.col) = ordinary;
+  }
   return copy;
 }
 

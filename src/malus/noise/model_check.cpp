@@ -73,11 +73,23 @@ void check_drift(Findings& findings, const MeasuredRowDrift& measured, const std
                    "has a standard error that is none");
 }
 
-void check_image(Findings& findings, const Image& image, const SensorLayout& layout,
-                 const std::string& where) {
-  findings.require(
-      image.empty() || (image.rows() >= layout.rows() && image.cols() >= layout.cols()), where,
-      "is smaller than the layout's cell");
+void check_map(Findings& findings, const Image& map, const SensorLayout& layout,
+               const std::string& where) {
+  findings.require(map.empty() || (map.rows() >= layout.rows() && map.cols() >= layout.cols()),
+                   where, "is smaller than the layout's cell");
+  findings.require(std::all_of(map.values().begin(), map.values().end(),
+                               [](float value) { return std::isfinite(value); }),
+                   where, "holds a value that is not finite");
+}
+
+void check_transfer(Findings& findings, const PhotonTransferPoint& point, int channels,
+                    const std::string& where) {
+  findings.require(point.channel >= 0 && point.channel < channels, where,
+                   "names a channel that the layout lacks");
+  // An exposure may be unknown (NaN), and so may a standard error.
+  findings.require(std::isfinite(point.mean_dn) && std::isfinite(point.variance_dn2) &&
+                       !std::isinf(point.exposure_s),
+                   where, "holds a value that is not finite");
 }
 
 void check_physics(Findings& findings, const PhysicsCalibration& p, const SensorLayout& layout) {
@@ -102,17 +114,20 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   check_sized(findings, p.dsnu_dn, n, at + "dsnu");
   check_sized(findings, p.prnu, n, at + "prnu");
   check_values(findings, p.residual_cell_dn, n, at + "residual cells");
+  for (const double cell : p.residual_cell_dn)
+    findings.require(cell > 0, at + "residual cells", fmt::format("are {} DN wide", cell));
   findings.require(p.residual_counts.size() == p.residual_cell_dn.size(), at + "residual counts",
                    "do not fit their cells");
   for (const auto& counts : p.residual_counts)
-    findings.require(all_finite(counts), at + "residual counts", "hold a value that is not finite");
+    findings.require(std::all_of(counts.begin(), counts.end(),
+                                 [](double count) { return count >= 0 && std::isfinite(count); }),
+                     at + "residual counts", "hold a value that counts nothing");
   check_matrix(findings, p.row_correlation, channels, at + "row_correlation");
   check_drift(findings, p.row_drift, at);
   for (const auto& point : p.transfer)
-    findings.require(point.channel >= 0 && point.channel < channels, at + "photon transfer",
-                     "names a channel that the layout lacks");
-  check_image(findings, p.dark_shading_dn, layout, at + "dark_shading");
-  check_image(findings, p.prnu_map, layout, at + "prnu_map");
+    check_transfer(findings, point, channels, at + "photon transfer");
+  check_map(findings, p.dark_shading_dn, layout, at + "dark_shading");
+  check_map(findings, p.prnu_map, layout, at + "prnu_map");
 }
 
 void check_laws(Findings& findings, const std::vector<LogLinear>& laws, std::size_t count,
@@ -214,6 +229,26 @@ void check_bank(Findings& findings, const DarkFrameBank& bank, const SensorLayou
   }
 }
 
+// Maps are of the whole sensor, and a defect is one of its pixels. A model without maps does not
+// say how large the sensor is: what uses defects takes its size from a map (DefectList,
+// fixed_pattern_at).
+void check_places(Findings& findings, const NoiseModel& m) {
+  const Image* first = nullptr;
+  for (const PhysicsCalibration& p : m.physics)
+    for (const Image* map : {&p.dark_shading_dn, &p.prnu_map}) {
+      if (map->empty()) continue;
+      if (!first) first = map;
+      findings.require(map->rows() == first->rows() && map->cols() == first->cols(),
+                       p.gain.text() + ": maps",
+                       fmt::format("of {} x {} pixels lie beside others of {} x {}", map->cols(),
+                                   map->rows(), first->cols(), first->rows()));
+    }
+  for (const DefectPixel& d : m.defects)
+    findings.require(
+        d.row >= 0 && d.col >= 0 && (!first || (d.row < first->rows() && d.col < first->cols())),
+        "a defect pixel", fmt::format("lies outside, in row {}, column {}", d.row, d.col));
+}
+
 // Gains of one part: known unless there is only one, all in dB or all in ISO, rising.
 template <class Calibration>
 void check_gains(Findings& findings, const std::vector<Calibration>& calibrations,
@@ -268,8 +303,7 @@ std::string contradiction_in(const NoiseModel& m) {
     for (const auto& segment : m.joint->segments)
       check_segment(findings, segment, m.layout.channels());
   }
-  for (const DefectPixel& defect : m.defects)
-    findings.require(defect.row >= 0 && defect.col >= 0, "a defect pixel", "lies outside");
+  check_places(findings, m);
   return findings.text();
 }
 
