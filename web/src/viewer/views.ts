@@ -61,7 +61,8 @@ export function aolp({ s0, s1, s2 }: Stokes): Plane {
   return combine([s0], (i) => {
     if (!(s0.values[i] > 0) || (s1.values[i] === 0 && s2.values[i] === 0)) return NaN;
     const degrees = (Math.atan2(s2.values[i], s1.values[i]) * 90) / Math.PI;
-    return degrees < 0 ? degrees + 180 : degrees;
+    const wrapped = degrees < 0 ? degrees + 180 : degrees;
+    return Math.fround(wrapped) >= 180 ? 0 : wrapped;  // 179.999999 rounds to 180 in a Float32Array
   });
 }
 

@@ -1,0 +1,27 @@
+// The viewer's numbers by themselves, without a page.
+import assert from "node:assert/strict";
+import { createRequire } from "node:module";
+import path from "node:path";
+import { test } from "node:test";
+import { pathToFileURL } from "node:url";
+import { root, temporaryFolder } from "./support.mjs";
+
+/** A module of the page's sources, as JavaScript. */
+async function source(t, name) {
+  const { buildSync } = createRequire(path.join(root, "web/package.json"))("esbuild");
+  const outfile = path.join(temporaryFolder(t), "source.mjs");
+  buildSync({ entryPoints: [path.join(root, "web/src", name)], outfile, bundle: true, format: "esm" });
+  return import(pathToFileURL(outfile));
+}
+
+const plane = (values) => ({ rows: 1, cols: values.length, values: Float32Array.from(values) });
+
+// The contract of aolp_deg_of in polar/stokes.h: [0, 180). Just below 0 a float holds 180, which the colour wheel does not.
+test("the angle of polarization stays below 180 degrees after rounding to float", async (t) => {
+  const { aolp } = await source(t, "viewer/views.ts");
+  const s2 = [0, 1, -1, -1e-3, -1e-6, -1e-7, -1e-9];
+  const angles = aolp({ s0: plane(s2.map(() => 2)), s1: plane(s2.map(() => 1)), s2: plane(s2) }).values;
+  const expected = [0, 22.5, 157.5, 180 - 9e-2 / Math.PI, 180 - 9e-5 / Math.PI, 0, 0];
+  expected.forEach((angle, i) => assert.ok(Math.abs(angles[i] - angle) < 2e-5, `${s2[i]}: ${angles[i]}`));
+  assert.ok(angles.every((angle) => angle >= 0 && angle < 180));
+});
