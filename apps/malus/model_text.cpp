@@ -118,10 +118,7 @@ double mean_member(const std::vector<LogLinear>& laws, double LogLinear::*member
   return mean_of(values);
 }
 
-std::string gain_text(double db, bool in_iso) {
-  return in_iso ? fmt::format("ISO {:.6g}", 100.0 * std::pow(10.0, db / 20.0))
-                : fmt::format("{:g} dB", db);
-}
+std::string gain_text(double db, bool in_iso) { return GainSetting::at_decibel(db, in_iso).text(); }
 
 void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
   lines.add("\nJoint model over gain: log x = slope log K + intercept, means over the channels");

@@ -18,6 +18,12 @@ TEST(GainSetting, ContradictsAnotherSettingInTheSameUnit) {
   EXPECT_FALSE(GainSetting().contradicts(iso(400)));
 }
 
+TEST(GainSetting, AtDecibelUndoesDecibel) {
+  EXPECT_EQ(GainSetting::at_decibel(12.5, false), decibel(12.5));
+  EXPECT_NEAR(*GainSetting::at_decibel(20, true).iso, 1000, 1e-9);
+  EXPECT_NEAR(*GainSetting::at_decibel(*iso(640).decibel(), true).iso, 640, 1e-9);
+}
+
 TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {
   EXPECT_EQ(white_above_black(4000, {60, 70, 50, 60}), 3930);
   EXPECT_EQ(white_above_black(4000, {}), 4000);

@@ -31,6 +31,12 @@ TEST(NearestCorrelation, KeepsEntriesWithinOne) {
   EXPECT_EQ(nearest(1, 1), 1.0);
 }
 
+// Eigenvalues 3 and -1: the second one's part, -1/2 [1 -1; -1 1], goes.
+TEST(NearestSemidefinite, DropsTheNegativeEigenvalue) {
+  const SquareMatrix nearest = nearest_semidefinite(matrix3({1, 2, 0, 2, 1, 0, 0, 0, 5}));
+  EXPECT_LT(largest_difference(nearest, matrix3({1.5, 1.5, 0, 1.5, 1.5, 0, 0, 0, 5})), 1e-12);
+}
+
 TEST(Correlation, IgnoresChannelsWithoutVariance) {
   const SquareMatrix r = correlation_of(matrix3({4, 3, 1, 3, 9, 1, 1, 1, -0.1}));
   EXPECT_DOUBLE_EQ(r(0, 1), 0.5);

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
-
 namespace malus {
 namespace {
 
@@ -47,17 +45,6 @@ SquareMatrix frame_covariance(const FrameSeries& values) {
         covariance.values[a * channels + b] +=
             (frame[a] - mean[a]) * (frame[b] - mean[b]) / static_cast<double>(frames - 1);
   return covariance;
-}
-
-SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric) {
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const Eigen::Map<const Matrix> given(symmetric.values.data(), symmetric.n, symmetric.n);
-  const Eigen::SelfAdjointEigenSolver<Matrix> solver(given);
-  SquareMatrix out(symmetric.n);
-  const Eigen::VectorXd eigenvalues = solver.eigenvalues().cwiseMax(0.0);
-  Eigen::Map<Matrix>(out.values.data(), out.n, out.n) =
-      solver.eigenvectors() * eigenvalues.asDiagonal() * solver.eigenvectors().transpose();
-  return out;
 }
 
 ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix& sampling,

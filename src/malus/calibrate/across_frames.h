@@ -34,8 +34,4 @@ ChannelStatistics deviation_statistics(const FrameSeries& variances, const Squar
 /// Covariance over frames between channels; zero for fewer than two frames.
 SquareMatrix frame_covariance(const FrameSeries& values);
 
-/// Negative eigenvalues set to zero: the nearest positive semi-definite matrix in the Frobenius
-/// norm (Higham, Linear Algebra Appl. 103, 1988, Theorem 2.1).
-SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric);
-
 }  // namespace malus

@@ -19,6 +19,12 @@ std::optional<double> GainSetting::decibel() const {
   return std::nullopt;
 }
 
+GainSetting GainSetting::at_decibel(double db, bool in_iso) {
+  GainSetting gain;
+  (in_iso ? gain.iso : gain.gain_db) = in_iso ? 100.0 * std::pow(10.0, db / 20.0) : db;
+  return gain;
+}
+
 bool GainSetting::contradicts(const GainSetting& other) const {
   constexpr double kRoundingDb = 0.172;  // 2 %
   const bool comparable = (gain_db && other.gain_db) || (!gain_db && !other.gain_db);

@@ -21,6 +21,8 @@ struct GainSetting {
   /// The number to sort and interpolate by: dB as they are, ISO as 20 log10(iso/100); empty when
   /// unknown.
   std::optional<double> decibel() const;
+  /// The setting whose decibel() is db, in ISO or in dB.
+  static GainSetting at_decibel(double db, bool in_iso);
   /// Both are known, in one unit, and differ by more than files round them (2 %): another setting.
   bool contradicts(const GainSetting& other) const;
 };

@@ -58,6 +58,10 @@ SquareMatrix covariance_of(const SquareMatrix& correlation, std::span<const doub
   return covariance;
 }
 
+SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric) {
+  return from_eigen(positive_part(to_eigen(symmetric)));
+}
+
 SquareMatrix nearest_correlation(const SquareMatrix& symmetric) {
   constexpr int kMaxSweeps = 2000;
   constexpr double kTolerance = 1e-13;

@@ -32,6 +32,10 @@ SquareMatrix correlation_of(const SquareMatrix& covariance);
 /// diag(sd) R diag(sd).
 SquareMatrix covariance_of(const SquareMatrix& correlation, std::span<const double> deviation);
 
+/// Negative eigenvalues set to zero: the nearest positive semi-definite matrix in the Frobenius
+/// norm (Higham, Linear Algebra Appl. 103, 1988, Theorem 2.1).
+SquareMatrix nearest_semidefinite(const SquareMatrix& symmetric);
+
 /// The correlation matrix (unit diagonal, positive semi-definite) nearest to a symmetric matrix in
 /// the Frobenius norm: alternating projections with Dykstra's correction (Higham, IMA J. Numer.
 /// Anal. 22, 2002, algorithm 3.3). A matrix that is one already returns unchanged to 1e-12.

@@ -6,7 +6,6 @@
 #include "malus/noise/parameter_sampler.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace malus {
 namespace {
@@ -34,12 +33,7 @@ double draw_deviation(double mean, double spread, RandomSequence& random) {
 }
 
 GainSetting gain_like(const GainSetting& example, double db) {
-  GainSetting gain;
-  if (example.gain_db)
-    gain.gain_db = db;
-  else
-    gain.iso = 100.0 * std::pow(10.0, db / 20.0);
-  return gain;
+  return GainSetting::at_decibel(db, !example.gain_db);
 }
 
 // Uniform choice over intervals: u in (0,1) runs through their joined length.
