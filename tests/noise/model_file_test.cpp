@@ -161,6 +161,7 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].lambda.pop_back(); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.joint->segments[0].knots_db[1] = -1; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.gaussian[0].slope_dn = {1.0}; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.gaussian[0].slope_dn[1] = -0.001; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels[0].pmf[0][0] = 0.9; }),
             "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels.pop_back(); }), "");

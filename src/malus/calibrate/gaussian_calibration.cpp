@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -21,7 +22,14 @@ Line weighted_line(const std::vector<LevelNoise>& levels, const std::vector<doub
     signal.push_back(level.signal_dn);
     variance.push_back(level.variance_dn2);
   }
-  const LineFit fit = fit_line(signal, variance, weights, true);
+  LineFit fit = fit_line(signal, variance, weights, true);
+  if (fit.slope < 0) {  // by chance: no noise falls with the light, and the best line left is level
+    const double total = std::accumulate(weights.begin(), weights.end(), 0.0);
+    fit.slope = 0;
+    fit.intercept =
+        std::inner_product(weights.begin(), weights.end(), variance.begin(), 0.0) / total;
+    fit.intercept_standard_error = 1.0 / std::sqrt(total);
+  }
   double chi2 = 0;
   for (std::size_t i = 0; i < levels.size(); ++i) {
     const double residual = variance[i] - fit.intercept - fit.slope * signal[i];

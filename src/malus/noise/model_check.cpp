@@ -174,6 +174,9 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
 void check_gaussian(Findings& findings, const GaussianCalibration& g, std::size_t channels) {
   const std::string at = g.gain.text() + ": Gaussian ";
   check_values(findings, g.slope_dn, channels, at + "slope", Need::kRequired);
+  for (const double slope : g.slope_dn)
+    findings.require(slope >= 0, at + "slope",
+                     fmt::format("is {}: noise would fall with the light", slope));
   check_values(findings, g.offset_dn2, channels, at + "offset", Need::kRequired);
   check_sized(findings, g.slope_stderr_dn, channels, at + "slope standard error");
   check_sized(findings, g.offset_stderr_dn2, channels, at + "offset standard error");

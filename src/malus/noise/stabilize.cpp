@@ -22,7 +22,7 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const N
     : variance_(variance), floor_dn2_(std::pow(kNoiseFloor * highest_dn, 2)) {
   MALUS_REQUIRE(highest_dn > 0 && std::isfinite(highest_dn));
   if (variance_.is_affine()) {
-    const double slope = std::max(variance_.slope_dn(), 0.0);
+    const double slope = variance_.slope_dn();
     const double offset = std::max(variance_.offset_dn2(), floor_dn2_);
     dark_deviation_dn_ = std::sqrt(offset + 0.375 * slope * slope);
     negative_deviation_dn_ = std::sqrt(std::max(offset, 0.0625 * slope * slope));
@@ -51,7 +51,7 @@ void Stabilizer::build_forward_table(double highest_dn) {
 double Stabilizer::forward(double dn) const {
   if (dn <= 0) return dn / negative_deviation_dn_;
   if (variance_.is_affine()) {
-    const double slope = std::max(variance_.slope_dn(), 0.0);
+    const double slope = variance_.slope_dn();
     if (slope == 0) return dn / dark_deviation_dn_;
     // 2/K (sqrt(K s + b) - sqrt b), written without the difference of near equals.
     return 2.0 * dn /

@@ -7,6 +7,7 @@
 namespace malus {
 
 VarianceCurve VarianceCurve::affine(double slope_dn, double offset_dn2) {
+  MALUS_REQUIRE(slope_dn >= 0);
   VarianceCurve curve;
   curve.slope_dn_ = slope_dn;
   curve.offset_dn2_ = offset_dn2;

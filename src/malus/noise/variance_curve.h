@@ -9,8 +9,9 @@ namespace malus {
 /// black.
 class VarianceCurve {
  public:
-  /// variance = max(slope_dn * signal, 0) + offset_dn2: Poisson-Gaussian, physics, heteroscedastic
-  /// Gaussian.
+  /// variance = max(slope_dn * max(signal, 0) + offset_dn2, 0): Poisson-Gaussian, physics,
+  /// heteroscedastic Gaussian. An offset may lie below 0, where a line was fitted well above the
+  /// dark. Contract: slope_dn >= 0, as in all models (contradiction_in).
   static VarianceCurve affine(double slope_dn, double offset_dn2);
   /// Piecewise linear through measured knots (rising signals): non-parametric models. Constant
   /// below; above the last knot it rises by slope_above_dn.
