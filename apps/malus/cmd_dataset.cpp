@@ -231,6 +231,10 @@ std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
   const NoiseModel& description = factory->model.description();
   sample_recipe(plan.dataset, description.layout, description.row_group, factory->sources.sizes(),
                 common.seed, 0);
+  if (const std::string repeated =
+          factory->synthesizers.begin()->second.repetition(plan.dataset.patch, plan.dataset.patch);
+      !repeated.empty())
+    warn(repeated);
   const Json json = dataset_json(plan, *factory);
   factory->set = set_name(json);
   const OutputFolder output(folder);

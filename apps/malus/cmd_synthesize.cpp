@@ -7,6 +7,7 @@
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -105,6 +106,7 @@ struct FrameSource {
   SensorLayout layout;
   std::function<RawFrame(const Image& clean, const DrawAddress& address)> draw;
   std::shared_ptr<LevelCoverage> coverage = std::make_shared<LevelCoverage>();  ///< of all drawn
+  std::function<std::string(const Image& clean)> caution = [](const Image&) { return ""; };
 };
 
 FrameSource calibrated_source(const SynthesizeArguments& arguments,
@@ -116,7 +118,8 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             return draw(*synthesizer, arguments, clean, gain, address, *coverage);
           },
-          coverage};
+          coverage,
+          [=](const Image& clean) { return synthesizer->repetition(clean.rows(), clean.cols()); }};
 }
 
 FrameSource flow_source(const SynthesizeArguments& arguments,
@@ -161,6 +164,13 @@ std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& a
   return plans;
 }
 
+// "820", or every channel's where they differ.
+std::string black_text(const std::vector<double>& black_dn) {
+  const bool equal = std::equal(black_dn.begin() + 1, black_dn.end(), black_dn.begin());
+  return fmt::format(
+      "{:g}", fmt::join(black_dn.begin(), equal ? black_dn.begin() + 1 : black_dn.end(), ", "));
+}
+
 void run_synthesize(const SynthesizeArguments& arguments, const Common& common) {
   require_numbers_left("--first-frame", arguments.first_frame,
                        std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
@@ -178,9 +188,12 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
   save.force = common.force;
   save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
   Json frames = Json::array();
+  std::string said;
   std::uint32_t number = arguments.first_frame;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
     const Image clean = load_clean(arguments.inputs[i], options, source.layout);
+    if (const std::string caution = source.caution(clean); !caution.empty() && caution != said)
+      warn(said = caution);
     for (int n = 0; n < arguments.frames; ++n, ++number) {
       check_stop(*progress);
       const RawFrame noisy = source.draw(clean, {.seed = common.seed,
@@ -191,7 +204,9 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
       save_frame(output, noisy, save);
       frames.push_back({{"input", arguments.inputs[i].string()},
                         {"output", output.string()},
-                        {"frame", number}});
+                        {"frame", number},
+                        {"black_dn", noisy.black_dn},
+                        {"white_dn", noisy.white_dn}});
       frames.back().update(gain_json(noisy.gain));
       progress->advance(1);
     }
@@ -200,8 +215,11 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
     warn(complaint);
   std::string text;
   for (const Json& f : frames)
-    text += fmt::format("{} <- {} (frame {})\n", f["output"].get<std::string>(),
-                        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>());
+    text += fmt::format("{} <- {} (frame {}{})\n", f["output"].get<std::string>(),
+                        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>(),
+                        arguments.settings.amplify && !arguments.as_float
+                            ? ", black " + black_text(f["black_dn"].get<std::vector<double>>())
+                            : "");
   print_result(common,
                {{"model", arguments.model.string()},
                 {"sensor", source.sensor},

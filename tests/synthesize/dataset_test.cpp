@@ -109,5 +109,30 @@ TEST(TrainingPairs, DependOnSeedAndNumberAlone) {
   EXPECT_FLOAT_EQ(one.clean_dn(0, 0), 80.0f);  // not amplified: the dim clean signal
 }
 
+// A network must not see the same few pixels' fixed patterns in every pair.
+TEST(TrainingPairs, OfDarkFramesComeFromAllOverTheSensor) {
+  NoiseModel model = load_model("builtin:imx250myr-simulated");
+  Image dark(64, 64);
+  for (int r = 0; r < 64; ++r)
+    for (int c = 0; c < 64; ++c) dark(r, c) = static_cast<float>(64 * r + c);
+  model.dark_frames = {{.gain = {.gain_db = 12.0, .iso = {}}, .frames_dn = {dark}}};
+  SynthesisSettings synthesis;
+  synthesis.kind = "dark-frames";
+  synthesis.shot = false;
+  const Synthesizer synthesizer(model, synthesis);
+  const DatasetSettings settings = small_settings();
+  const Image clean(32, 32);
+  std::set<float> corners;
+  for (std::uint32_t n = 0; n < 100; ++n) {
+    const SampleRecipe recipe = sample_recipe(settings, kLayout, 2, {{32, 32}}, 5, n);
+    const TrainingPair pair = make_pair_of(recipe, settings, clean, synthesizer,
+                                           GainSetting{.gain_db = 12.0, .iso = {}}, 5);
+    corners.insert(pair.noisy_dn(0, 0));
+    for (int c = 0; c < 16; ++c)  // one place, not two sides of a seam
+      ASSERT_EQ(pair.noisy_dn(15, c), pair.noisy_dn(0, 0) + static_cast<float>(15 * 64 + c));
+  }
+  EXPECT_GT(corners.size(), 50u);  // of 13 x 13 places
+}
+
 }  // namespace
 }  // namespace malus

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <set>
 
 #include "sample_moments.h"
 #include <gtest/gtest.h>
@@ -133,8 +134,49 @@ TEST(Synthesizer, AmplifiedRawKeepsBlackAndScalesWhite) {
   const Image clean(4, 4, 400.0f);
   const RawFrame raw =
       Synthesizer(bayer_model(), settings).draw_raw(clean, kGain, {}, {64, 64, 64, 64}, 1000);
-  for (const float v : raw.dn.values()) ASSERT_EQ(v, 464.0f);
-  EXPECT_DOUBLE_EQ(raw.white_dn, 64 + 4 * 936.0);
+  for (const float v : raw.dn.values()) ASSERT_EQ(v, 4 * 64 + 400.0f);
+  EXPECT_EQ(raw.black_dn, std::vector<double>(4, 4 * 64.0));
+  EXPECT_DOUBLE_EQ(raw.white_dn, 4 * 1000.0);
+  settings.amplify = false;  // nothing is multiplied
+  const RawFrame dim =
+      Synthesizer(bayer_model(), settings).draw_raw(clean, kGain, {}, {64, 64, 64, 64}, 1000);
+  EXPECT_EQ(dim.black_dn, std::vector<double>(4, 64));
+  settings.amplify = true;
+  settings.ratio = 1000;  // black takes a quarter of 16 bits at most
+  const RawFrame far =
+      Synthesizer(bayer_model(), settings).draw_raw(clean, kGain, {}, {64, 64, 64, 64}, 1000);
+  EXPECT_EQ(far.black_dn, std::vector<double>(4, 16384));
+  EXPECT_DOUBLE_EQ(far.white_dn, 65535);
+}
+
+// Noise of 17 DN times ten about a signal of 20: over the camera's own black of 82 a fifth of the
+// pixels would be cut off at 0, and the mean would be twice the signal.
+TEST(Synthesizer, AmplifiedRawKeepsTheNoiseBelowBlack) {
+  const NoiseModel model = load_model("builtin:imx250myr-simulated");
+  SynthesisSettings settings;
+  settings.ratio = 10;
+  settings.amplify = settings.debias = true;
+  settings.parameters = "mean";
+  const GainSetting gain{.gain_db = 24.0, .iso = {}};
+  const Image clean(512, 512, 20.0f);
+  const Synthesizer synthesizer(model, settings);
+  const RawFrame raw =
+      synthesizer.draw_raw(clean, gain, {.seed = 2}, model.black_dn, model.white_dn);
+  const Image dn = synthesizer.draw(clean, gain, {.seed = 2}).dn;
+  Moments rounded, plain;
+  std::int64_t cut = 0;
+  for (std::size_t i = 0; i < clean.size(); ++i) {
+    rounded.add(raw.dn.values()[i] - raw.black_dn[0]);
+    plain.add(static_cast<double>(dn.values()[i]));
+    cut += raw.dn.values()[i] == 0;
+  }
+  EXPECT_LT(cut, 10);
+  // Row noise leaves the mean of 256 row groups; both frames share the rows' draws.
+  const double row = 10 * model.physics_at(gain).channels[0].sigma_row_dn / 16;
+  EXPECT_NEAR(rounded.mean(), 20, kSigmas * (row + std::sqrt(rounded.variance() / 262144)));
+  EXPECT_NEAR(rounded.mean(), plain.mean(), kSigmas * std::sqrt(2 * plain.variance() / 262144));
+  EXPECT_NEAR(rounded.variance(), plain.variance(),
+              kSigmas * (rounded.variance_standard_error() + plain.variance_standard_error()));
 }
 
 // More gains than tables are held, in turn and from several threads at once: every frame is what a
@@ -183,6 +225,118 @@ TEST(Synthesizer, MissingKindsAndUndefinedCombinationsAreRefused) {
   const Synthesizer synthesizer(bayer_model(), settings);
   const Image clean(2, 2);
   EXPECT_THROW(synthesizer.draw(clean, GainSetting{.gain_db = 30.0, .iso = {}}, {}), InputError);
+}
+
+// A camera of all kinds, to draw each.
+NoiseModel camera_of_all_kinds() {
+  NoiseModel model = bayer_model();
+  model.gaussian = {{.gain = kGain,
+                     .levels = 3,
+                     .slope_dn = {0.9, 1.0, 1.1, 1.2},
+                     .slope_stderr_dn = {},
+                     .offset_dn2 = {9, 9, 9, 9},
+                     .offset_stderr_dn2 = {},
+                     .bias_dn = {-4, -5, -6, -7},
+                     .warnings = {}}};
+  NonparametricChannel channel;
+  channel.level_dn = {0, 100};
+  channel.samples = {1000, 1000};
+  channel.bin_edges_dn = {-9, -6, -3, 0};
+  channel.pmf.assign(2, {0.25, 0.5, 0.25});
+  NonparametricCalibration levels;
+  levels.gain = kGain;
+  levels.channels.assign(4, channel);
+  levels.sigma_row_dn = {0.5, 0.5, 0.5, 0.5};
+  model.nonparametric = {levels};
+  RandomSequence random(1, 0, Draw::kUser);
+  model.dark_frames = {{.gain = kGain, .frames_dn = {}}};
+  for (int n = 0; n < 2; ++n) {
+    Image dark(64, 96);
+    for (float& v : dark.values()) v = static_cast<float>(random.normal());
+    model.dark_frames[0].frames_dn.push_back(std::move(dark));
+  }
+  return model;
+}
+
+// Every switch changes the frame or is refused.
+TEST(Synthesizer, NoSettingIsIgnored) {
+  const NoiseModel model = camera_of_all_kinds();
+  const Image clean(32, 32, 50.0f);
+  int refused = 0;
+  for (const char* kind :
+       {"physics", "poisson-gaussian", "gaussian", "nonparametric", "dark-frames"}) {
+    SynthesisSettings usual;
+    usual.kind = kind;
+    const auto drawn = [&](const SynthesisSettings& settings) {
+      return Synthesizer(model, settings).draw(clean, kGain, {.seed = 6}).dn;
+    };
+    const Image frame = drawn(usual);
+    for (bool SynthesisSettings::*part :
+         {&SynthesisSettings::shot, &SynthesisSettings::read, &SynthesisSettings::row,
+          &SynthesisSettings::bias, &SynthesisSettings::quantization, &SynthesisSettings::debias,
+          &SynthesisSettings::exact}) {
+      SynthesisSettings changed = usual;
+      changed.*part = !(usual.*part);
+      try {
+        EXPECT_NE(drawn(changed), frame) << kind;
+      } catch (const InputError& error) {
+        EXPECT_EQ(error.problem(), std::string("is not defined for --kind ") + kind);
+        ++refused;
+      }
+    }
+    SynthesisSettings mean = usual;
+    mean.parameters = "mean";  // this model's do not vary: refused or the same
+    if (std::string(kind) == "physics" || std::string(kind) == "poisson-gaussian")
+      EXPECT_NO_THROW(Synthesizer(model, mean));
+    else
+      EXPECT_THROW(Synthesizer(model, mean), InputError) << kind;
+  }
+  EXPECT_EQ(refused, 1 + 2 + 5 + 5);
+}
+
+// The distributions' mean when it is dark, which their denoiser takes for the bias.
+TEST(Synthesizer, DebiasTakesTheBiasOfDistributions) {
+  SynthesisSettings settings;
+  settings.kind = "nonparametric";
+  settings.debias = true;
+  const auto frame = Synthesizer(camera_of_all_kinds(), settings).draw(Image(64, 64), kGain, {});
+  EXPECT_DOUBLE_EQ(frame.global_bias_dn, -4.5);
+}
+
+TEST(Synthesizer, PatchesOfDarkFramesComeFromAnywhere) {
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  const Synthesizer dark(camera_of_all_kinds(), settings);
+  std::set<std::pair<int, int>> places;
+  for (std::uint32_t frame = 0; frame < 400; ++frame) {
+    const DrawAddress address = dark.somewhere(32, 40, 7, frame);
+    EXPECT_EQ(address.row0 % 2, 0);  // the cell's rows, and the row group's
+    EXPECT_EQ(address.col0 % 2, 0);
+    EXPECT_LE(address.row0, 64 - 32);
+    EXPECT_LE(address.col0, 96 - 40);
+    EXPECT_EQ(address.seed, 7u);
+    EXPECT_EQ(address.frame, frame);
+    EXPECT_EQ(dark.somewhere(32, 40, 7, frame).row0, address.row0);
+    places.emplace(address.row0, address.col0);
+  }
+  // 400 draws from 17 x 29 places hit 493 (1 - exp(-400 / 493)) = 274 of them.
+  EXPECT_GT(places.size(), 240u);
+  EXPECT_EQ(dark.somewhere(64, 96, 7, 1).col0, 0);
+  EXPECT_EQ(dark.somewhere(128, 200, 7, 1).row0, 0);
+  settings.kind = "physics";  // noise without places
+  EXPECT_EQ(Synthesizer(camera_of_all_kinds(), settings).somewhere(8, 8, 7, 3).row0, 0);
+}
+
+TEST(Synthesizer, DarkFramesThatRepeatAreSaid) {
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  const Synthesizer dark(camera_of_all_kinds(), settings);
+  EXPECT_EQ(dark.repetition(64, 96), "");
+  EXPECT_EQ(dark.repetition(65, 97), "");  // what is no whole cell
+  EXPECT_NE(dark.repetition(66, 96), "");
+  EXPECT_NE(dark.repetition(64, 192), "");
+  settings.kind = "gaussian";
+  EXPECT_EQ(Synthesizer(camera_of_all_kinds(), settings).repetition(640, 960), "");
 }
 
 // The calibrated offset is a recorded frame's, its rounding included: a synthesized frame, rounded

@@ -53,7 +53,8 @@ def test_every_kind_is_calibrated_shown_and_drawn(malus, tmp_path, kind):
     assert set(needed) <= set(malus("model", "show", model, "--json").json["kinds"])
     assert DRAWN[kind] in malus("model", "show", model).out
     np.save(tmp_path / "flat.npy", np.full((256, 256), 600, np.float32))
-    malus("synthesize", tmp_path / "flat.npy", "-m", model, "--kind", kind, "--gain", 0, "-o", tmp_path / "out")
+    done = malus("synthesize", tmp_path / "flat.npy", "-m", model, "--kind", kind, "--gain", 0, "-o", tmp_path / "out")
+    assert ("128 x 128 pixels are laid side by side to fill 256 x 256" in done.err) == (kind == "dark-frames")
     dn = np.array(Image.open(tmp_path / "out/flat_000.tif")).astype(float)
     assert dn.mean() == pytest.approx(700, abs=0.6)
     # K s + read² + rounding: 300 + 4 + 1/12; calibrated from 2 x 16384 pixels a level.

@@ -27,6 +27,18 @@ def test_float_frames_are_above_black_whatever_black_says(malus, tmp_path):
     assert np.array_equal(np.load(tmp_path / "plain/flat_000.npy"), np.load(tmp_path / "said/flat_000.npy"))
 
 
+def test_amplified_integers_keep_the_noise_below_black(malus, tmp_path):
+    np.save(tmp_path / "dim.npy", np.full((256, 256), 20, np.float32))
+    run = malus("synthesize", tmp_path / "dim.npy", "-m", MODEL, "--gain", 24, "--ratio", 10, "--amplify", "--debias", "--parameters", "mean",
+                "-o", tmp_path / "out", "--json").json["frames"][0]
+    assert run["black_dn"] == [820] * 16 and run["white_dn"] == 40950
+    info = malus("info", tmp_path / "out/dim_000.tif", "--json").json
+    assert info["black"] == [820] * 16 and info["white"] == 40950
+    dn = np.array(Image.open(tmp_path / "out/dim_000.tif")).astype(float)
+    # 65,536 pixels of about 220 DN: five standard errors are 4.3 DN; 128 row groups add theirs.
+    assert (dn == 0).mean() < 1e-4 and abs(dn.mean() - 840) < 15
+
+
 # renoise
 
 def test_renoised_flats_have_the_noise_of_the_target_gain(malus, tmp_path):

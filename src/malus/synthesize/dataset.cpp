@@ -77,7 +77,8 @@ TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& set
   MALUS_REQUIRE(shift.has_value());
   const View<const float> clean =
       turned.view().window(shift->rows, shift->cols, settings.patch, settings.patch);
-  SyntheticFrame noisy = synthesizer.draw(clean, gain, {.seed = seed, .frame = recipe.number});
+  SyntheticFrame noisy = synthesizer.draw(
+      clean, gain, synthesizer.somewhere(settings.patch, settings.patch, seed, recipe.number));
   TrainingPair pair;
   pair.noisy_dn = std::move(noisy.dn);
   pair.gain = noisy.gain;

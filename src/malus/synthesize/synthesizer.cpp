@@ -3,9 +3,11 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/pick.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -13,10 +15,11 @@
 namespace malus {
 namespace {
 
-// Index of RandomSequence(kParameters) that chooses a dark frame; the noise module uses 0 to 3.
-constexpr std::uint64_t kStreamDarkFrame = 16;
+// Indices of RandomSequence(kParameters) that choose a dark frame and a place in it; the noise
+// module uses 0 to 3.
+constexpr std::uint64_t kStreamDarkFrame = 16, kStreamDarkPlace = 17;
 constexpr std::ptrdiff_t kRowsPerPiece = 16;
-constexpr double kWhiteUnknown = 65535.0;  // no integers lie higher
+constexpr double kHighestInteger = 65535.0;  // of what is written; and white where none is known
 
 template <class Change>
 void change_pixels(View<const float> from, View<float> to, const Change& change) {
@@ -41,6 +44,24 @@ void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, View<
     const float* row = dark.row((address.row0 + r) % dark.rows());
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += row[(address.col0 + c) % dark.cols()];
   }
+}
+
+// Rows and columns that every bias frame of the model has.
+std::pair<int, int> dark_frame_size(const NoiseModel& model) {
+  int rows = std::numeric_limits<int>::max(), cols = rows;
+  for (const DarkFrameBank& bank : model.dark_frames) {
+    rows = std::min(rows, bank.frames_dn.front().rows());
+    cols = std::min(cols, bank.frames_dn.front().cols());
+  }
+  return {rows, cols};
+}
+
+// Black of integers that are multiplied: what lies below it is multiplied too, and would be cut off
+// at 0. It takes a quarter of the integers at most; the light needs the others.
+double amplified_black(double black_dn, double factor) {
+  constexpr double kHighestBlack = 16384;
+  if (factor <= 1) return black_dn;
+  return std::max(black_dn, std::round(std::min(factor * black_dn, kHighestBlack)));
 }
 
 // The calibrated offset is a recorded frame's, rounding and all: its q²/12 is taken out here and
@@ -70,6 +91,27 @@ PhysicsParts parts_of(const SynthesisSettings& settings) {
           .bias = settings.bias};
 }
 
+// What would change nothing is refused: whoever sets it expects something else of the kind.
+void refuse_settings_without_meaning(const SynthesisSettings& s) {
+  const bool gaussian = s.kind == "gaussian", levels = s.kind == "nonparametric",
+             dark = s.kind == "dark-frames";
+  struct Setting {
+    const char* flag;
+    bool changed, means_nothing;
+  };
+  for (const Setting& setting :
+       {Setting{"--exact", s.exact, s.kind != "physics"},
+        {"--parameters mean", s.parameters == "mean", gaussian || levels || dark},
+        {"--no-shot", !s.shot, levels},
+        {"--no-read", !s.read, levels || dark},
+        {"--no-row", !s.row, gaussian || dark},
+        {"--no-bias", !s.bias, levels || dark},
+        {"--no-quantization", !s.quantization, levels || dark}})
+    if (setting.changed && setting.means_nothing)
+      throw InputError(setting.flag, fmt::format("is not defined for --kind {}", s.kind),
+                       "use it with --kind physics");
+}
+
 }  // namespace
 
 Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
@@ -83,9 +125,33 @@ Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
     throw InputError(model_.sensor.empty() ? "noise model" : model_.sensor,
                      fmt::format("holds no {} model", needed),
                      fmt::format("calibrate with --kind {}, or give another --kind", needed));
-  if (settings_.exact && settings_.kind != "physics")
-    throw InputError("--exact", fmt::format("is not defined for --kind {}", settings_.kind),
-                     "use it with --kind physics");
+  refuse_settings_without_meaning(settings_);
+}
+
+DrawAddress Synthesizer::somewhere(int rows, int cols, std::uint64_t seed,
+                                   std::uint32_t frame) const {
+  DrawAddress address{.seed = seed, .frame = frame};
+  if (settings_.kind != "dark-frames") return address;
+  RandomSequence random(seed, frame, Draw::kParameters, kStreamDarkPlace);
+  const auto place = [&](int room, int step) {
+    return step *
+           static_cast<int>(pick(random, static_cast<std::size_t>(std::max(room, 0) / step + 1)));
+  };
+  const auto [dark_rows, dark_cols] = dark_frame_size(model_);
+  address.row0 = place(dark_rows - rows, std::lcm(model_.layout.rows(), model_.row_group));
+  address.col0 = place(dark_cols - cols, model_.layout.cols());
+  return address;
+}
+
+std::string Synthesizer::repetition(int rows, int cols) const {
+  if (settings_.kind != "dark-frames") return {};
+  const auto [dark_rows, dark_cols] = dark_frame_size(model_);
+  // Dark frames lack what is no whole cell at the sensor's lower and right edge.
+  if (rows < dark_rows + model_.layout.rows() && cols < dark_cols + model_.layout.cols()) return {};
+  return fmt::format(
+      "the model's dark frames of {} x {} pixels are laid side by side to fill {} x {}: their "
+      "noise repeats",
+      dark_cols, dark_rows, cols, rows);
 }
 
 GainTables Synthesizer::make_tables(const GainSetting& gain) const {
@@ -107,8 +173,11 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
         model_.black_dn.empty() ? 0.0
                                 : *std::min_element(model_.black_dn.begin(), model_.black_dn.end());
     const double highest_dn =
-        (model_.white_dn > 0 ? model_.white_dn : kWhiteUnknown) - lowest_black;
+        (model_.white_dn > 0 ? model_.white_dn : kHighestInteger) - lowest_black;
     const int row_group = settings_.row ? model_.row_group : 0;
+    for (const NonparametricChannel& channel : calibration.channels)
+      tables.global_bias_dn +=
+          level_moments(channel, 0).mean_dn / static_cast<double>(calibration.channels.size());
     tables.levels.emplace(model_.layout, calibration, row_group, highest_dn);
     tables.level_ranges = level_ranges(calibration);
     if (model_.quantization_dn > 0)
@@ -220,11 +289,10 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
   if (settings_.debias || settings_.amplify) {
     const auto factor = settings_.amplify ? settings_.ratio : 1.0;
     const double bias = settings_.debias ? noise.global_bias_dn : 0.0;
-    const double black_mean = std::accumulate(black_dn.begin(), black_dn.end(), 0.0) /
-                              static_cast<double>(black_dn.size());
-    raw.white_dn = std::min(65535.0, std::ceil(black_mean + factor * (white_dn - black_mean)));
-    camera.white_dn = 65535.0;
-    camera.step_dn = 1.0;
+    for (double& black : raw.black_dn) black = amplified_black(black, factor);
+    raw.white_dn = std::min(kHighestInteger, std::ceil(mean_of(raw.black_dn) +
+                                                       factor * (white_dn - mean_of(black_dn))));
+    camera = {raw.black_dn, kHighestInteger, 1.0};
     for (int r = 0; r < noise.dn.rows(); ++r)
       for (int c = 0; c < noise.dn.cols(); ++c) {
         const double black = black_dn[static_cast<std::size_t>(

@@ -50,7 +50,9 @@ struct SynthesisSettings {
     field(self.ratio,
           ParameterInfo{"ratio", "1", "low-light ratio: the clean signal is divided by it", 1e-6,
                         1e9});
-    field(self.amplify, ParameterInfo{"amplify", "", "multiply the result by the ratio again"});
+    field(self.amplify, ParameterInfo{"amplify", "",
+                                      "multiply the result by the ratio again; the black level of "
+                                      "integers with it, so that noise is not cut off at 0"});
     field(self.debias,
           ParameterInfo{"debias", "",
                         "take the global bias away, as 000 does before training: mu is "
@@ -84,7 +86,8 @@ struct SyntheticFrame : FrameParameters {
 /// several threads; copies share their tables.
 class Synthesizer {
  public:
-  /// Throws InputError when the model lacks the kind. The model is copied.
+  /// Throws InputError when the model lacks the kind, and where a setting means nothing to it. The
+  /// model is copied.
   Synthesizer(NoiseModel model, SynthesisSettings settings);
 
   /// clean_dn: mosaic in DN above black at the frame's gain, whose first pixel lies at
@@ -101,11 +104,22 @@ class Synthesizer {
                             const DrawAddress& address) const;
 
   /// The same as the camera would write it: rounded and clipped DN, black included, no uniform
-  /// quantisation noise. With debias or amplify these act on the rounded values; white moves along.
-  /// drawn, if given, gets what draw_into returns.
+  /// quantisation noise. With debias or amplify these act on the rounded values, and the result is
+  /// rounded again; white moves along. Where amplify multiplies, black is multiplied too (to 16384
+  /// at most), so that noise below it is not cut off at 0. drawn, if given, gets what draw_into
+  /// returns.
   RawFrame draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                     const DrawAddress& address, const std::vector<double>& black_dn,
                     double white_dn, FrameParameters* drawn = nullptr) const;
+
+  /// The address of a patch of rows x cols pixels that belongs to no place of its own. Only kind
+  /// dark-frames has places: it gets one anywhere in the dark frames that begins a cell and a row
+  /// group, a function of seed and frame. Row and column 0 of other kinds.
+  DrawAddress somewhere(int rows, int cols, std::uint64_t seed, std::uint32_t frame) const;
+
+  /// One line where frames of rows x cols pixels are larger than the dark frames that fill them;
+  /// empty elsewhere and of other kinds.
+  std::string repetition(int rows, int cols) const;
 
   const NoiseModel& model() const { return model_; }
   const SynthesisSettings& settings() const { return settings_; }
