@@ -1,9 +1,15 @@
 """malus report of records: tables, curves and pictures land in the page; bad records are one line."""
 import json
+import pathlib
 import re
+import shutil
+import subprocess
 
+import h5py
 import numpy as np
 import pytest
+
+from conftest import PROGRAM
 
 
 def page_data(html):
@@ -66,3 +72,51 @@ def test_evaluations_without_polarization_say_nothing_of_it(malus, tmp_path, lay
     polarized = columns == 5
     assert ("AoLP" in json.dumps(blocks, ensure_ascii=False)) == polarized
     assert len(blocks) == 1 + (columns if tests > 1 else 0)
+
+
+FULL_MODEL = pathlib.Path(__file__).resolve().parents[2] / "fuzz/corpus/model/good_full.h5"
+
+
+def changed_model(folder, name, values):
+    """A model of all kinds with one data set changed; None takes it out."""
+    path = folder / "model.h5"
+    shutil.copy(FULL_MODEL, path)
+    with h5py.File(path, "r+", libver="latest") as file:
+        kept = np.asarray(file[name][()])
+        attributes = dict(file[name].attrs)
+        del file[name]
+        if values is not None:
+            file.create_dataset(name, data=np.broadcast_to(np.asarray(values, kept.dtype), kept.shape)).attrs.update(attributes)
+    return path
+
+
+@pytest.mark.parametrize("name, value, words", [
+    ("physics/000/dark_shading_dn", np.nan, "dark_shading holds a value that is not finite"),
+    ("physics/000/prnu_map", np.nan, "prnu_map holds a value that is not finite"),
+    ("physics/000/photon_transfer/mean_dn", np.nan, "photon transfer holds a value that is not finite"),
+    ("physics/000/residual_cell_dn", 0, "residual cells are 0 DN wide"),
+    ("defects/row", 1048000, "a defect pixel lies outside, in row 1048000"),
+])
+def test_models_that_no_page_can_be_made_of_are_refused(refused, tmp_path, name, value, words):
+    assert words in refused("report", changed_model(tmp_path, name, value), "-o", tmp_path / "page.html", timeout=60)
+
+
+def test_levels_without_counts_are_drawn_whole(malus, tmp_path):
+    model = changed_model(tmp_path, "nonparametric/000/channels/000/samples", None)
+    malus("report", model, "-o", tmp_path / "page.html")
+    assert "Noise per level" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("value", [None, 0, -1, 1e-300, 1e30, np.nan])
+def test_any_one_damage_is_one_line_or_a_page(tmp_path, value):
+    names = []
+    with h5py.File(FULL_MODEL) as file:
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        names = [name for name in names if "/001" not in name and (value is None or file[name].dtype.kind == "f")]
+    for name in names:
+        done = subprocess.run([PROGRAM, "report", changed_model(tmp_path, name, value), "-o", tmp_path / "page.html", "--force", "-q"],
+                              capture_output=True, text=True, timeout=60)
+        assert done.returncode in (0, 1), (name, done.stderr)
+        if done.returncode == 1:
+            assert done.stderr.startswith("malus: ") and done.stderr.count("\n") == 1, (name, done.stderr)
