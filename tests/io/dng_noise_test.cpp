@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "support.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -45,10 +46,13 @@ class TinyTiff {
 class DngNoise : public ::testing::Test {
  protected:
   DngNoiseProfile read(const std::string& bytes) {
-    const auto path = std::filesystem::path(::testing::TempDir()) / "malus_noise.dng";
+    const std::filesystem::path path = folder_ / "noise.dng";
     std::ofstream(path, std::ios::binary) << bytes;
     return read_dng_noise_profile(path);
   }
+
+ private:
+  testing::TemporaryFolder folder_;
 };
 
 TEST_F(DngNoise, BothByteOrders) {

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "support.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -49,7 +50,8 @@ TEST(Package, KeepsItsDescriptionAndWeightsThroughAFile) {
   const NetworkPackage package = small_package(settings);
   EXPECT_EQ(package.input_planes(), 33);
   const auto network = make_network(package.network);
-  const auto path = std::filesystem::path(::testing::TempDir()) / "package.safetensors";
+  const testing::TemporaryFolder folder;
+  const auto path = folder / "package.safetensors";
   save_tensor_file(package_file(package, *network), path);
   const LoadedPackage loaded = load_package(path);
   EXPECT_EQ(loaded.package.settings.guide, "bm3d");
@@ -92,7 +94,8 @@ TEST(Package, RefusesWeightsThatAreNotNumbers) {
     const torch::NoGradGuard no_gradients;
     network->parameters().front().view(-1)[0] = std::nan("");
   }
-  const auto path = std::filesystem::path(::testing::TempDir()) / "nan.safetensors";
+  const testing::TemporaryFolder folder;
+  const auto path = folder / "nan.safetensors";
   save_tensor_file(package_file(package, *network), path);
   EXPECT_THROW(load_package(path), InputError);
 }

@@ -159,7 +159,8 @@ void save_picture(const fs::path& path, const Image& image, const SaveOptions& o
 void save_frame(const fs::path& path, const RawFrame& frame, const SaveOptions& options) {
   Planes planes(1, 0, 0);
   planes[0] = frame.dn;
-  save_described(path, planes, {}, options, internal::frame_tags(frame, options.holds), frame.exposure_s);
+  save_described(path, planes, {}, options, internal::frame_tags(frame, options.holds),
+                 frame.exposure_s);
 }
 
 }  // namespace malus

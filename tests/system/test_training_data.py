@@ -1,0 +1,126 @@
+"""`malus train`: shards and recorded pairs come with their own noise, pictures and files of every kind."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import needs_networks
+from training_files import CONFIG, clean, config  # noqa: F401 (fixtures)
+
+pytestmark = [pytest.mark.slow, needs_networks]
+
+
+def base_loss(malus, folder, data, *more):
+    """L1 distance of noisy and clean planes, in units of the stated noise, mean over some steps of no learning."""
+    text = CONFIG.replace('scenes = ["scene"]', data).replace("jitter = 0.2", "").replace("batch = 4", 'batch = 4\nloss = "l1"')
+    path = folder / "config.toml"
+    path.write_text(text.format(steps=8, checkpoint_every=100).replace("1e-3", "0"))
+    malus("train", path, "-o", folder / "run", *more)
+    lines = (folder / "run" / "log.jsonl").read_text().splitlines()
+    return np.mean([json.loads(line)["base_loss"] for line in lines])
+
+
+# Unit Gaussian noise has a mean absolute value of sqrt(2/pi) = 0.798; Tukey-lambda read noise and what the removal of
+# row noise and the bias of a frame leave make it a little different.
+def test_shards_are_taken_with_the_noise_they_were_made_with(malus, clean, tmp_path):
+    (tmp_path / "dataset.toml").write_text(
+        'model = "imx250mzr-simulated"\nclean = ["clean.npy"]\n[dataset]\nsamples = 12\npatch = 64\nratios = [5, 20]\n')
+    malus("dataset", tmp_path / "dataset.toml", "-o", tmp_path / "shards")
+    assert abs(base_loss(malus, tmp_path, 'shards = ["shards/*.tar"]') - 0.8) < 0.06
+
+
+def test_captured_pairs_are_taken_with_their_ratio_and_gain(malus, clean, tmp_path):
+    pairs = []
+    for gain, ratio in ((6, 5), (12, 20)):
+        folder = tmp_path / f"g{gain}"
+        malus("synthesize", clean, "--model", "imx250mzr-simulated", "--gain", gain, "--ratio", ratio, "-o", folder)
+        noisy = next(folder.glob("clean_000.*"))
+        pairs.append({"name": folder.name, "short": f"{folder.name}/{noisy.name}", "reference": "clean.npy",
+                      "ratio": ratio, "gain_db": gain, "iso": None})
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": pairs}))
+    assert abs(base_loss(malus, tmp_path, 'pairs = ["pairs.json"]') - 0.8) < 0.06
+
+
+@pytest.fixture
+def biased_camera(malus, tmp_path):
+    """A noise model whose channels have unlike biases: -12, -4, 4 and 12 DN."""
+    random = np.random.default_rng(1)
+    bias = np.tile([[-12.0, -4.0], [4.0, 12.0]], (64, 64))
+    levels = [0, 0] * 6 + [300, 300, 900, 900, 1800, 1800]
+    for number, level in enumerate(levels):
+        shot = 100 + bias + 2 * random.poisson(level / 2, bias.shape) + random.normal(0, 3, bias.shape)
+        np.save(tmp_path / f"{number:02}.npy", np.round(shot).astype(np.uint16))
+    frames = '[[frames]]\nkind = "bias"\ngain_db = 12\npaths = ["0*.npy", "10.npy", "11.npy"]\n'
+    for k in range(3):
+        frames += f'[[frames]]\nkind = "flat"\ngain_db = 12\nlevel = {k}\npaths = ["{12 + 2 * k}.npy", "{13 + 2 * k}.npy"]\n'
+    sensor = '[sensor]\nname = "biased"\nlayout = "polar-mono"\nblack = 100\nwhite = 4095\nrow_group = 1\n'
+    (tmp_path / "session.toml").write_text(sensor + frames)
+    malus("calibrate", tmp_path / "session.toml", "-o", tmp_path / "biased.h5")
+    return "biased.h5"
+
+
+NO_NOISE = {"shot": "false", "read": "false", "row": "false", "quantization": "false"}
+LINEAR = ["--set", 'package.domain="linear"', "--set", "noise.gains=[12]"]
+
+
+# Without noise what is left is bias that was not taken out, or taken out though it was not there: 8 DN are 0.8 of the stated noise.
+@pytest.mark.parametrize("debias", ["true", "false"])
+@pytest.mark.parametrize("bias", ["true", "false"])
+def test_shards_hold_the_bias_that_training_takes_out(malus, clean, biased_camera, tmp_path, bias, debias):
+    noise = {**NO_NOISE, "bias": bias, "debias": debias, "parameters": '"mean"'}
+    (tmp_path / "dataset.toml").write_text(
+        f'model = "{biased_camera}"\nclean = ["clean.npy"]\n[dataset]\nsamples = 6\npatch = 64\nratios = [5]\ngains = [12]\n[noise]\n'
+        + "".join(f"{key} = {value}\n" for key, value in noise.items()))
+    malus("dataset", tmp_path / "dataset.toml", "-o", tmp_path / "shards")
+    model = ["--set", f'noise.models=["{tmp_path / biased_camera}"]']
+    assert base_loss(malus, tmp_path, 'shards = ["shards/*.tar"]', *LINEAR, *model) < 2e-5
+
+
+@pytest.mark.parametrize("bias", ["true", "false"])
+def test_bias_that_was_not_drawn_is_not_taken_out(malus, config, biased_camera, tmp_path, bias):
+    off = [word for key, value in {**NO_NOISE, "bias": bias, "parameters": '"mean"'}.items() for word in ("--set", f"noise.{key}={value}")]
+    model = ["--set", f'noise.models=["{tmp_path / biased_camera}"]']
+    loss = base_loss(malus, tmp_path, 'scenes = ["scene"]', *LINEAR, *model, *off)
+    assert loss < 0.05  # raw frames are whole DN: 0.25 on average, in units of some 10 DN
+
+
+@pytest.mark.parametrize("holed", ["clean.npy", "noisy.npy"])
+def test_recorded_pairs_with_holes_are_named(refused, clean, tmp_path, holed):
+    np.save(tmp_path / "noisy.npy", np.load(clean) / 5)
+    frame = np.load(tmp_path / holed)
+    frame[100, 90] = np.nan
+    np.save(tmp_path / holed, frame)
+    pair = {"name": "one", "short": "noisy.npy", "reference": "clean.npy", "ratio": 5, "gain_db": 12, "iso": None}
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": [pair]}))
+    text = CONFIG.replace('scenes = ["scene"]', 'pairs = ["pairs.json"]').replace("= 64", "= 192").replace("jitter = 0.2", "")
+    (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=1))
+    line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
+    assert f"{holed}: 1 pixels are NaN" in line
+
+
+def test_recorded_pairs_of_another_layout_are_refused(malus, refused, clean, tmp_path):
+    malus("synthesize", clean, "-m", "imx250myr-simulated", "--gain", 12, "-o", tmp_path)
+    pair = {"name": "one", "short": "clean_000.tif", "reference": "clean.npy", "ratio": 1, "gain_db": 12, "iso": None}
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": [pair]}))
+    text = CONFIG.replace('scenes = ["scene"]', 'pairs = ["pairs.json"]').replace("= 64", "= 192").replace("jitter = 0.2", "")
+    (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=1))
+    line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
+    assert "clean_000.tif: has the layout polar-bayer-rggb, the noise model polar-mono" in line
+
+
+def test_names_of_files_may_be_any_bytes(malus, config, tmp_path):
+    with open(os.fsencode(tmp_path) + b"/caf\xe9.npy", "wb") as file:
+        np.save(file, np.full((80, 96), 0.4, np.float32))
+    text = CONFIG.replace('scenes = ["scene"]', 'pictures = ["caf*.npy"]')
+    malus("train", config(2, 1, text), "-o", tmp_path / "run")
+    malus("train", config(2, 1, text), "-o", tmp_path / "run", "--resume")
+
+
+def test_pictures_may_be_jpeg(malus, config, tmp_path):
+    rows, cols = np.mgrid[0:80, 0:96]
+    Image.fromarray((120 + 60 * np.sin(rows / 9) * np.cos(cols / 7)).astype(np.uint8)).save(tmp_path / "photo.jpg")
+    text = CONFIG.replace('scenes = ["scene"]', 'pictures = ["*.jpg"]')
+    malus("train", config(2, 1, text), "-o", tmp_path / "run")
