@@ -179,14 +179,11 @@ FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
 FrameMaker calibrated(const TestBench& bench, const std::string& noise) {
   const NoiseModel& model = bench.model;
   SynthesisSettings settings;
-  if (noise == "HG")
-    settings.kind = "gaussian";
-  else if (!model.nonparametric.empty())
-    settings.kind = "nonparametric";
-  else
-    settings.parameters = "mean";
-  // Rounded later; of distributions the rounding is a part that cannot be left out.
-  settings.quantization = settings.kind == "nonparametric";
+  settings.kind = noise == "HG"                  ? "gaussian"
+                  : !model.nonparametric.empty() ? "nonparametric"
+                                                 : "physics";
+  if (settings.kind == "physics") settings.parameters = "mean";
+  settings.quantization = settings.kind == "nonparametric";  // rounding is a part of those
   const auto synthesizer = std::make_shared<Synthesizer>(
       noise == "HG" ? with_equivalents(model, {bench.to}) : model, settings);
   return [synthesizer, to = bench.to](const Image&, const Image& guide_dn,

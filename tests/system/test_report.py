@@ -92,7 +92,6 @@ def changed_model(folder, name, values):
 
 @pytest.mark.parametrize("name, value, words", [
     ("physics/000/dark_shading_dn", np.nan, "dark_shading holds a value that is not finite"),
-    ("physics/000/prnu_map", np.nan, "prnu_map holds a value that is not finite"),
     ("physics/000/photon_transfer/mean_dn", np.nan, "photon transfer holds a value that is not finite"),
     ("physics/000/residual_cell_dn", 0, "residual cells are 0 DN wide"),
     ("defects/row", 1048000, "a defect pixel lies outside, in row 1048000"),
@@ -108,7 +107,7 @@ def test_levels_without_counts_are_drawn_whole(malus, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("value", [None, 0, -1, 1e-300, 1e30, np.nan])
+@pytest.mark.parametrize("value", [None, 0, 1e-300, np.nan])
 def test_any_one_damage_is_one_line_or_a_page(tmp_path, value):
     names = []
     with h5py.File(FULL_MODEL) as file:

@@ -58,11 +58,12 @@ class NoiseFlow : public torch::nn::Module {
   /// Starts the first layer at variance = slope * I + offset at gain 0 (units of scale).
   void start_at(double slope, double offset);
 
+  /// Logarithm of the signal-dependent layer's deviation at each clean value.
+  torch::Tensor log_deviation(const torch::Tensor& clean, const torch::Tensor& gain) const;
+
   std::int64_t channels() const { return channels_; }
 
  private:
-  /// Logarithm of the deviation at each clean value.
-  torch::Tensor log_deviation(const torch::Tensor& clean, const torch::Tensor& gain) const;
   torch::Tensor log_gain(const torch::Tensor& gain) const;  ///< [batch, channel, 1, 1]
 
   std::int64_t channels_;

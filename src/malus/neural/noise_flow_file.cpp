@@ -21,6 +21,7 @@ constexpr const char* kFlowKey = "malus_noise_flow";
 constexpr const char* kGiveAFlow = "give a weight file that malus train wrote for noise-flow";
 // This part of the random numbers' counter is the flow's own.
 constexpr Draw kFlowDraw = Draw::kUser;
+constexpr double kRoundingDn2 = 1.0 / 12;  // variance of U(-1/2, 1/2)
 
 torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
   const Planes packed = pack(mosaic, layout);
@@ -53,6 +54,42 @@ void fill(NoiseFlow& network, const TensorFile& file, const std::string& source)
     throw InputError(source, "holds weights that belong to no layer", kGiveAFlow);
 }
 
+// Standard normals by place in the whole frame, so that a crop draws the frame's own.
+Image normals_at(int rows, int cols, const DrawAddress& address) {
+  Image normals(rows, cols);
+  parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < cols; ++c) {
+        const std::uint64_t index = static_cast<std::uint64_t>(address.row0 + r) << 32 |
+                                    static_cast<std::uint32_t>(address.col0 + c);
+        const PhiloxBlock block = random_block(address.seed, address.frame, index, kFlowDraw);
+        normals(r, c) =
+            static_cast<float>(normal_quantile(uniform_open(block.word[0], block.word[1])));
+      }
+  });
+  return normals;
+}
+
+// Takes excess (of the network's unit) off the noise's variance by drawing the noise towards its
+// mean. Couplings know neither mean nor variance in closed form: both are those of a dark patch,
+// the variance followed over the signal as the signal-dependent layer has it. Where there is light,
+// the excess is small beside it.
+torch::Tensor without_excess(const torch::Tensor& noise, const torch::Tensor& clean,
+                             const torch::Tensor& gain, NoiseFlow& network, double excess) {
+  constexpr int kSide = 64;  // 4096 samples: 2 % of the variance
+  const auto side = std::vector<std::int64_t>{1, noise.size(1), kSide, kSide};
+  auto normals = torch::empty(side);
+  const Image drawn = normals_at(kSide, kSide * static_cast<int>(noise.size(1)), {});
+  std::copy(drawn.values().begin(), drawn.values().end(), normals.data_ptr<float>());
+  const auto dark = torch::zeros(side);
+  const auto patch = network.inverse(normals, dark, gain);
+  const auto mean = patch.mean({2, 3}, true);
+  const auto share = (patch - mean).square().mean({2, 3}, true) /
+                     torch::exp(2 * network.log_deviation(dark, gain)).mean({2, 3}, true);
+  const auto variance = share * torch::exp(2 * network.log_deviation(clean, gain));
+  return mean + (noise - mean) * torch::sqrt((1 - excess / variance).clamp_min(0));
+}
+
 }  // namespace
 
 struct NoiseFlowModel::State {
@@ -80,9 +117,10 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
     throw InputError(source, "holds no Noise Flow", kGiveAFlow);
   try {
     const Json json = Json::parse(text->second);
-    NoiseFlowSensor sensor{json.at("layout"), json.at("black_dn").get<std::vector<double>>(),
-                           json.at("white_dn"), json.at("lowest_gain_db"),
-                           json.at("highest_gain_db")};
+    NoiseFlowSensor sensor{
+        json.at("layout"),          json.at("black_dn").get<std::vector<double>>(),
+        json.at("white_dn"),        json.at("lowest_gain_db"),
+        json.at("highest_gain_db"), json.value("spread_integers", false)};
     const std::int64_t steps = json.at("steps"), width = json.at("width");
     if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
         steps > 64 || width < 1 || width > 1024 || !(sensor.white_dn > sensor.black_dn.front()))
@@ -104,7 +142,7 @@ double NoiseFlowModel::scale_dn() const {
 
 double NoiseFlowModel::log_gain(const GainSetting& gain) {
   MALUS_REQUIRE(gain.decibel());
-  return *gain.decibel() * std::log(10.0) / 20.0;
+  return *gain.decibel() * kLogPerDb;
 }
 
 void NoiseFlowModel::save(const std::filesystem::path& path, const Json& training) const {
@@ -117,6 +155,7 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
       {"white_dn", sensor.white_dn},
       {"lowest_gain_db", sensor.lowest_gain_db},
       {"highest_gain_db", sensor.highest_gain_db},
+      {"spread_integers", sensor.spread_integers},
       {"steps", state_->steps},
       {"width", state_->width},
       {"training", training}}.dump();
@@ -127,6 +166,11 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
 
 Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
                            const DrawAddress& address) {
+  return narrowed(clean_dn, gain, address, state_->sensor.spread_integers ? kRoundingDn2 : 0.0);
+}
+
+Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& gain,
+                               const DrawAddress& address, double excess_dn2) {
   const torch::NoGradGuard no_gradients;
   const NoiseFlowSensor& known = state_->sensor;
   if (!gain.decibel()) throw InputError("the gain", "is not known", "give --gain or --iso");
@@ -138,21 +182,13 @@ Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
                      "give a gain inside");
   const SensorLayout cell = layout();
   const int rows = clean_dn.rows(), cols = clean_dn.cols();
-  // Normals by place in the whole frame, so that a crop draws the frame's own.
-  Image normals(rows, cols);
-  parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
-      for (int c = 0; c < cols; ++c) {
-        const std::uint64_t index = static_cast<std::uint64_t>(address.row0 + r) << 32 |
-                                    static_cast<std::uint32_t>(address.col0 + c);
-        const PhiloxBlock block = random_block(address.seed, address.frame, index, kFlowDraw);
-        normals(r, c) =
-            static_cast<float>(normal_quantile(uniform_open(block.word[0], block.word[1])));
-      }
-  });
-  const auto noise = state_->network->inverse(planes_of(normals.view(), cell, 1.0),
-                                              planes_of(clean_dn, cell, scale_dn()),
-                                              torch::full({1}, log_gain(gain), torch::kFloat));
+  const auto clean = planes_of(clean_dn, cell, scale_dn()),
+             log_gain_factor = torch::full({1}, log_gain(gain), torch::kFloat);
+  auto noise = state_->network->inverse(
+      planes_of(normals_at(rows, cols, address).view(), cell, 1.0), clean, log_gain_factor);
+  if (excess_dn2 > 0)
+    noise = without_excess(noise, clean, log_gain_factor, *state_->network,
+                           excess_dn2 / (scale_dn() * scale_dn()));
   const auto values = noise.contiguous();
   Planes packed(cell.channels(), static_cast<int>(values.size(2)),
                 static_cast<int>(values.size(3)));
@@ -173,7 +209,8 @@ Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
 RawFrame NoiseFlowModel::draw_raw(View<const float> clean_dn, const GainSetting& gain,
                                   const DrawAddress& address) {
   RawFrame frame;
-  frame.dn = draw(clean_dn, gain, address);
+  frame.dn =
+      narrowed(clean_dn, gain, address, state_->sensor.spread_integers ? 2 * kRoundingDn2 : 0.0);
   frame.layout = layout();
   frame.black_dn = state_->sensor.black_dn;
   frame.white_dn = state_->sensor.white_dn;

@@ -25,6 +25,9 @@ struct NoiseFlowSensor {
   std::vector<double> black_dn;                    ///< nominal, per channel
   double white_dn = 0;                             ///< black included
   double lowest_gain_db = 0, highest_gain_db = 0;  ///< of the training pairs
+  /// The noisy frames of all training pairs were integers, which training spreads over ±1/2 DN: the
+  /// network's noise is theirs and 1/12 DN^2 more, and draws are narrowed by it.
+  bool spread_integers = false;
 };
 
 class NoiseFlowModel {
@@ -42,11 +45,13 @@ class NoiseFlowModel {
   /// Writes beside the final name and renames. Throws InputError.
   void save(const std::filesystem::path& path, const nlohmann::json& training) const;
 
-  /// Clean mosaic plus noise, in DN above black, nothing rounded or clipped. The same seed, frame
+  /// Clean mosaic plus noise, in DN above black, nothing rounded or clipped: the variance is that
+  /// of the training pairs' noise, their rounding included. The same seed, frame
   /// and place give the same noise; a crop differs within a few pixels of its edges, where the
   /// couplings' convolutions look beyond it. Throws InputError outside the trained gains.
   Image draw(View<const float> clean_dn, const GainSetting& gain, const DrawAddress& address);
-  /// As the camera would write it: black added, rounded, clipped at 0 and white.
+  /// As the camera would write it: black added, rounded, clipped at 0 and white. What the training
+  /// pairs' rounding put into the noise is taken out before; it comes back with this one.
   RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
                     const DrawAddress& address);
 
@@ -56,6 +61,9 @@ class NoiseFlowModel {
   double scale_dn() const;
 
  private:
+  /// draw() with the noise's variance narrowed by excess_dn2.
+  Image narrowed(View<const float> clean_dn, const GainSetting& gain, const DrawAddress& address,
+                 double excess_dn2);
   struct State;
   std::unique_ptr<State> state_;
 };

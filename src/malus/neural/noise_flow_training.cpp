@@ -35,15 +35,17 @@ torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout) {
   return tensor;
 }
 
-bool whole_numbers(const torch::Tensor& values) {
-  return torch::equal(values, torch::round(values));
+bool whole_numbers(const NoiseFlowPair& pair) {
+  const std::vector<float>& values = pair.noisy_dn.values();
+  return std::all_of(values.begin(), values.end(),
+                     [](float value) { return value == std::round(value); });
 }
 
 PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model,
                      const at::Generator& generator) {
   const SensorLayout layout = model.layout();
   auto noisy = planes_of(pair.noisy_dn.view(), layout);
-  if (whole_numbers(noisy))
+  if (whole_numbers(pair))
     noisy = noisy + torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5;
   const auto clean = planes_of(pair.clean_dn.view(), layout);
   return {(noisy - clean) / model.scale_dn(), clean / model.scale_dn(),
@@ -122,6 +124,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
     sensor.lowest_gain_db = std::min(sensor.lowest_gain_db, *pair.gain.decibel());
     sensor.highest_gain_db = std::max(sensor.highest_gain_db, *pair.gain.decibel());
   }
+  sensor.spread_integers = std::all_of(pairs.begin(), pairs.end(), whole_numbers);
   torch::manual_seed(seed);
   NoiseFlowFit fit{NoiseFlowModel(std::move(sensor), settings.couplings, settings.width), {}};
   const auto generator = at::detail::createCPUGenerator(seed);

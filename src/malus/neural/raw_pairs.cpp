@@ -72,9 +72,10 @@ class SyntheticPairs final : public PairSource {
     };
     const Image clean = exposed(mosaic_of(light, sensor.layout));
     RawPair pair;
-    pair.noisy = Synthesizer(sensor, synthesis)
-                     .draw_raw(clean, gain, {.seed = seed, .frame = number}, sensor.black_dn,
-                               sensor.white_dn);
+    const Synthesizer synthesizer(sensor, synthesis);
+    pair.noisy = synthesizer.draw_raw(
+        clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number),
+        sensor.black_dn, sensor.white_dn);
     pair.noisy.source = fmt::format("example {}", number);
     pair.profile = sensor.profile_at(gain);
     if (!synthesis.bias) pair.profile.clear_bias();

@@ -38,9 +38,10 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
       SynthesisSettings synthesis = config.synthesis;
       synthesis.ratio = shot.ratio;
       const GainSetting gain = model.gain_setting(shot.gain);
-      RawFrame noisy = Synthesizer(camera, synthesis)
-                           .draw_raw(clean, gain, {.seed = seed, .frame = number++},
-                                     camera.black_dn, camera.white_dn);
+      const Synthesizer synthesizer(camera, synthesis);
+      RawFrame noisy = synthesizer.draw_raw(
+          clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number++),
+          camera.black_dn, camera.white_dn);
       noisy.source = folder.string();
       frames_.push_back({prepare_network_frame(std::move(noisy), camera.profile_at(gain),
                                                config.package.settings, {}, shot.ratio, progress),

@@ -1,0 +1,147 @@
+// What every switch of synthesis means to each kind, and where dark frames are laid.
+#include "malus/base/error.h"
+#include "malus/base/random.h"
+#include "malus/synthesize/synthesizer.h"
+
+#include <set>
+
+#include "bayer_model.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::bayer_model;
+using testing::kGain;
+
+// A camera of all kinds, to draw each.
+NoiseModel camera_of_all_kinds() {
+  NoiseModel model = bayer_model();
+  model.gaussian = {{.gain = kGain,
+                     .levels = 3,
+                     .slope_dn = {0.9, 1.0, 1.1, 1.2},
+                     .slope_stderr_dn = {},
+                     .offset_dn2 = {9, 9, 9, 9},
+                     .offset_stderr_dn2 = {},
+                     .bias_dn = {-4, -5, -6, -7},
+                     .warnings = {}}};
+  NonparametricChannel channel;
+  channel.level_dn = {0, 100};
+  channel.samples = {1000, 1000};
+  channel.bin_edges_dn = {-9, -6, -3, 0};
+  channel.pmf.assign(2, {0.25, 0.5, 0.25});
+  NonparametricCalibration levels;
+  levels.gain = kGain;
+  levels.channels.assign(4, channel);
+  levels.sigma_row_dn = {0.5, 0.5, 0.5, 0.5};
+  model.nonparametric = {levels};
+  RandomSequence random(1, 0, Draw::kUser);
+  model.dark_frames = {{.gain = kGain, .frames_dn = {}}};
+  for (int n = 0; n < 2; ++n) {
+    Image dark(64, 96);
+    for (float& v : dark.values()) v = static_cast<float>(random.normal());
+    model.dark_frames[0].frames_dn.push_back(std::move(dark));
+  }
+  return model;
+}
+
+// Every switch changes the frame or is refused.
+TEST(Synthesizer, NoSettingIsIgnored) {
+  const NoiseModel model = camera_of_all_kinds();
+  const Image clean(32, 32, 50.0f);
+  int refused = 0;
+  for (const char* kind :
+       {"physics", "poisson-gaussian", "gaussian", "nonparametric", "dark-frames"}) {
+    SynthesisSettings usual;
+    usual.kind = kind;
+    const auto drawn = [&](const SynthesisSettings& settings) {
+      return Synthesizer(model, settings).draw(clean, kGain, {.seed = 6}).dn;
+    };
+    const Image frame = drawn(usual);
+    for (bool SynthesisSettings::*part :
+         {&SynthesisSettings::shot, &SynthesisSettings::read, &SynthesisSettings::row,
+          &SynthesisSettings::bias, &SynthesisSettings::quantization, &SynthesisSettings::debias,
+          &SynthesisSettings::exact}) {
+      SynthesisSettings changed = usual;
+      changed.*part = !(usual.*part);
+      try {
+        EXPECT_NE(drawn(changed), frame) << kind;
+      } catch (const InputError& error) {
+        EXPECT_EQ(error.problem(), std::string("is not defined for --kind ") + kind);
+        ++refused;
+      }
+    }
+    SynthesisSettings mean = usual;
+    mean.parameters = "mean";  // this model's do not vary: refused or the same
+    if (std::string(kind) == "physics" || std::string(kind) == "poisson-gaussian")
+      EXPECT_NO_THROW(Synthesizer(model, mean));
+    else
+      EXPECT_THROW(Synthesizer(model, mean), InputError) << kind;
+  }
+  EXPECT_EQ(refused, 1 + 2 + 5 + 5);
+}
+
+// The distributions' mean when it is dark, which their denoiser takes for the bias.
+TEST(Synthesizer, DebiasTakesTheBiasOfDistributions) {
+  SynthesisSettings settings;
+  settings.kind = "nonparametric";
+  settings.debias = true;
+  const auto frame = Synthesizer(camera_of_all_kinds(), settings).draw(Image(64, 64), kGain, {});
+  EXPECT_DOUBLE_EQ(frame.global_bias_dn, -4.5);
+}
+
+TEST(Synthesizer, PatchesOfDarkFramesComeFromAnywhere) {
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  const Synthesizer dark(camera_of_all_kinds(), settings);
+  std::set<std::pair<int, int>> places;
+  for (std::uint32_t frame = 0; frame < 400; ++frame) {
+    const DrawAddress address = dark.somewhere(32, 40, 7, frame);
+    EXPECT_EQ(address.row0 % 2, 0);  // the cell's rows, and the row group's
+    EXPECT_EQ(address.col0 % 2, 0);
+    EXPECT_LE(address.row0, 64 - 32);
+    EXPECT_LE(address.col0, 96 - 40);
+    EXPECT_EQ(address.seed, 7u);
+    EXPECT_EQ(address.frame, frame);
+    EXPECT_EQ(dark.somewhere(32, 40, 7, frame).row0, address.row0);
+    places.emplace(address.row0, address.col0);
+  }
+  // 400 draws from 17 x 29 places hit 493 (1 - exp(-400 / 493)) = 274 of them.
+  EXPECT_GT(places.size(), 240u);
+  EXPECT_EQ(dark.somewhere(64, 96, 7, 1).col0, 0);
+  EXPECT_EQ(dark.somewhere(128, 200, 7, 1).row0, 0);
+  settings.kind = "physics";  // noise without places
+  EXPECT_EQ(Synthesizer(camera_of_all_kinds(), settings).somewhere(8, 8, 7, 3).row0, 0);
+}
+
+TEST(Synthesizer, DarkFramesThatRepeatAreSaid) {
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  const Synthesizer dark(camera_of_all_kinds(), settings);
+  EXPECT_EQ(dark.repetition(64, 96), "");
+  EXPECT_EQ(dark.repetition(65, 97), "");  // what is no whole cell
+  EXPECT_NE(dark.repetition(66, 96), "");
+  EXPECT_NE(dark.repetition(64, 192), "");
+  settings.kind = "gaussian";
+  EXPECT_EQ(Synthesizer(camera_of_all_kinds(), settings).repetition(640, 960), "");
+}
+
+TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
+  NoiseModel model = bayer_model();
+  Image dark(4, 6);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 6; ++c) dark(r, c) = static_cast<float>(10 * r + c);
+  model.dark_frames = {{.gain = kGain, .frames_dn = {dark}}};
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  settings.shot = false;
+  const Image clean(3, 3, 100.0f);
+  const auto frame = Synthesizer(model, settings)
+                         .draw(clean, kGain, {.seed = 0, .frame = 0, .row0 = 3, .col0 = 4});
+  EXPECT_EQ(frame.dn(0, 0), 134.0f);  // row 3, column 4
+  EXPECT_EQ(frame.dn(0, 2), 130.0f);  // column 6 comes round to 0
+  EXPECT_EQ(frame.dn(1, 1), 105.0f);  // row 4 comes round to 0
+}
+
+}  // namespace
+}  // namespace malus
