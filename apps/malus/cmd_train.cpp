@@ -112,6 +112,7 @@ void run_train(const TrainArguments& arguments, const Common& common) {
        {"weights.safetensors", "best.safetensors", "checkpoint.safetensors", "log.jsonl"})
     written.push_back(folder / name);
   check_report_apart(arguments.report, {arguments.config}, written, common.force);
+  const bool begun = arguments.resume && !fs::exists(folder / "checkpoint.safetensors");
   const NetworkFunctions& functions = networks();
   const auto progress = make_progress(common);
   Json run = functions.train({.config = arguments.config,
@@ -122,6 +123,8 @@ void run_train(const TrainArguments& arguments, const Common& common) {
                               .settings = common.settings},
                              *progress);
   if (run.contains("rank")) return;  // worker 0 speaks for all
+  if (begun)
+    note(common, fmt::format("{}: held no checkpoint, training began at step 0", folder.string()));
   if (!arguments.report.empty())
     write_record_report(record_of(run), arguments.report, common.force, folder);
   std::string text = fmt::format("{}: {} steps in {:.0f} s\n", run["weights"].get<std::string>(),

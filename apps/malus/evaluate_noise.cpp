@@ -102,6 +102,10 @@ Image uniform_scene(const StandIn& stand_in, const RawFrame& reference, const Dr
   return scene;
 }
 
+// Numbers of drawn frames begin here: the reference may be what synthesize drew of the same seed,
+// and noise must not be compared with itself.
+constexpr std::uint32_t kFirstFrame = 1u << 31;
+
 // Rounded and clipped when the reference's are whole numbers.
 NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& arguments,
                          const Common& common, const RawFrame& reference,
@@ -112,10 +116,12 @@ NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& argument
   const Image scene =
       clean ? *clean
             : uniform_scene(stand_in, reference,
-                            {common.seed, static_cast<std::uint32_t>(count), 0, 0}, rounded);
+                            {common.seed, kFirstFrame + static_cast<std::uint32_t>(count), 0, 0},
+                            rounded);
   return {count,
           [draw = stand_in.draw, scene, seed = common.seed, gain = reference.gain, rounded](int k) {
-            return draw(scene, gain, {seed, static_cast<std::uint32_t>(k), 0, 0}, rounded);
+            return draw(scene, gain, {seed, kFirstFrame + static_cast<std::uint32_t>(k), 0, 0},
+                        rounded);
           }};
 }
 

@@ -1,6 +1,7 @@
 #include "train.h"
 
 #include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
 #include "malus/neural/noise_flow_training.h"
 #include "malus/neural/trainer.h"
 
@@ -10,6 +11,9 @@ namespace {
 
 // Noise Flows train in minutes: one process, from the start.
 nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
+  if (call.resume)
+    throw InputError("--resume", "has nothing to go on from: a noise-flow keeps no checkpoint",
+                     "train it again, with --force where its folder holds weights");
   const auto weights = call.folder / "weights.safetensors";
   // The folder is made for good results only, but that it can be is asked before hours of work.
   std::filesystem::path there = std::filesystem::absolute(call.folder);

@@ -59,6 +59,16 @@ def test_a_camera_of_one_unnamed_gain_needs_none(malus, examples, tmp_path):
     assert compared["pooled"]["sqrt_jsd"] < 0.1  # other frames of other noise: 1
 
 
+def test_noise_is_not_compared_with_itself(malus, tmp_path):
+    """What synthesize drew, and what is drawn to compare it with, are two samples of one law."""
+    np.save(tmp_path / "clean.npy", np.full((64, 64), 500, np.float32))
+    camera = ["--model", "imx250mzr-simulated", "--gain", "12"]
+    malus("synthesize", tmp_path / "clean.npy", *camera, "--frames", "4", "--float", "--format", "npy", "-o", tmp_path / "drawn")
+    compared = malus("evaluate", "--noise", "--reference", *sorted((tmp_path / "drawn").glob("*.npy")), *camera, "--layout", "polar-mono",
+                     "--clean", tmp_path / "clean.npy", "--black", "0", "--white", "4095", "--json").json
+    assert 0.3 < compared["pooled"]["sqrt_jsd"] / compared["pooled"]["sqrt_jsd_floor"] < 3
+
+
 def test_the_gain_is_asked_for_where_there_are_several(malus, examples, tmp_path):
     said = malus("denoise", crop(examples, tmp_path), *MONO, "--model", "imx250mzr-simulated", "-o", tmp_path, code=1).err
     assert "--gain" in said and "24 dB" in said

@@ -226,6 +226,8 @@ def test_two_hosts_train_together(malus, config, tmp_path):
         ("batch = 4", "batch = 0", "batch"),
         ("batch = 4", 'device = "cuda"\nprecision = "half"', "precision"),
         ("[train]", "[train", "config.toml"),
+        ("[noise]", "exposure_low = 3\n[noise]", "exposure_high"),
+        ("[train]", '[validation]\ncases = ["12:10"]\n[train]', "scenes"),
     ],
 )
 def test_a_bad_configuration_is_one_line(refused, config, tmp_path, old, new, word):
@@ -243,6 +245,9 @@ def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
     malus("train", config(2), "-o", out, "--force")
     (out / "checkpoint.safetensors").write_bytes((out / "checkpoint.safetensors").read_bytes()[:-100])
     refused("train", config(2), "-o", out, "--resume")
+    (out / "checkpoint.safetensors").unlink()
+    begun = malus("train", config(2), "-o", out, "--resume", "--force").err
+    assert "run: held no checkpoint, training began at step 0" in begun
 
 
 def test_a_folder_that_cannot_be_written_is_said_before_the_work(malus, refused, config, tmp_path):

@@ -38,7 +38,7 @@ class SyntheticPairs final : public PairSource {
         noise_(config.noise),
         synthesis_(config.synthesis),
         exposure_low_(config.data.exposure_low),
-        exposure_high_(std::max(config.data.exposure_high, config.data.exposure_low)) {
+        exposure_high_(config.data.exposure_high) {
     for (const auto& path : config.models) {
       models_.push_back(load_model(path));
       if (!(models_.back().layout == config.package.layout()))

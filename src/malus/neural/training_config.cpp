@@ -113,8 +113,9 @@ void read_validation(const ConfigSection& section, const fs::path& folder, Train
       section.fail("cases", fmt::format("\"{}\" is not GAIN:RATIO", text), "e.g. \"12:60\"");
     config.cases.push_back(*light);
   }
-  if (!config.validation_scenes.empty() && config.cases.empty())
-    section.fail("cases", "is missing", "e.g. [\"12:10\", \"12:60\"]");
+  if (config.validation_scenes.empty())
+    section.fail("scenes", "is missing", "name scenes, or leave [validation] out");
+  if (config.cases.empty()) section.fail("cases", "is missing", "e.g. [\"12:10\", \"12:60\"]");
 }
 
 void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
@@ -170,6 +171,8 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
   SensorLayout::named(config.package.settings.layout);
   config.package.network = fitted_network(read_network(*network), config.package.settings);
   data->read(config.data, {"pictures", "scenes", "shards", "pairs", "tone"});
+  if (config.data.exposure_low > config.data.exposure_high)
+    data->fail("exposure_low", "is above exposure_high", "exchange them");
   config.pairs = overrides.pairs;
   if (config.pairs.empty()) {
     config.pictures = matches(*data, "pictures", folder);
