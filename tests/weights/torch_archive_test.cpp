@@ -10,6 +10,7 @@
 #include <cstring>
 #include <map>
 
+#include "problem_of.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -67,6 +68,13 @@ TEST(TorchArchive, GivesTheWeightsThatPyTorchSaved) {
     EXPECT_THAT(values_of<float>(weights["one"]), ElementsAre(7));
     EXPECT_THAT(values_of<float>(weights["part"]), ElementsAre(3, 4, 5));
   }
+}
+
+TEST(TorchArchive, NamesTheFormatBeforeArchives) {
+  const std::string bytes = "\x80\x02\x8a\x0al\xfc\x9c\x46\xf9 j\xa8P\x19."s;
+  const std::string problem =
+      testing::problem_of([&] { parse_torch_archive(std::as_bytes(std::span(bytes)), "old.pth"); });
+  EXPECT_THAT(problem, ::testing::HasSubstr("old.pth: is in the format of PyTorch before 1.6"));
 }
 
 TEST(TorchArchive, RefusesValuesThatDifferFromTheirChecksum) {

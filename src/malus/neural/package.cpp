@@ -95,14 +95,14 @@ void check_picture_settings(const NetworkPackage& package) {
            "set noise_input = \"level\" or \"none\"");
 }
 
+}  // namespace
+
 void check_finite(const TensorFile& file, const std::string& source) {
   for (const auto& [name, stored] : file.tensors)
     if (stored.dtype != "I64" && !torch::isfinite(to_torch(stored)).all().item<bool>())
       throw InputError(source, fmt::format("weight \"{}\" holds values that are not numbers", name),
                        "train again, or take an earlier checkpoint");
 }
-
-}  // namespace
 
 int NetworkPackage::input_planes() const {
   const int p = planes();

@@ -101,6 +101,9 @@ struct LoadedPackage {
   NetworkPackage package;
   std::shared_ptr<Network> network;  ///< in eval mode
 };
+/// Throws InputError, naming source, where a weight is not finite.
+void check_finite(const TensorFile& file, const std::string& source);
+
 /// Reads, builds and fills; also refuses weights that are not finite. Throws InputError.
 LoadedPackage load_package(const std::filesystem::path& path);
 

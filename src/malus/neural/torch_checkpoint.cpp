@@ -84,6 +84,7 @@ nlohmann::ordered_json import_checkpoint(const ImportRequest& request) {
   const auto network =
       make_network(package.network, read_torch_checkpoint(request.checkpoint), source);
   const TensorFile file = package_file(package, *network);
+  check_finite(file, source);
   package_of(file, source);  // what would be refused when read is refused before it is written
   save_tensor_file(file, request.output);
   return {{"architecture", package.network.architecture},

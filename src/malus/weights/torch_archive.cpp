@@ -29,10 +29,21 @@ std::int64_t element_size(const std::string& dtype) {
   return dtype == "U8" ? 1 : 2;
 }
 
+// PyTorch before 1.6 wrote pickles (protocol 2) one after the other, without an archive.
+std::span<const std::byte> not_legacy(std::span<const std::byte> bytes, const std::string& name) {
+  if (bytes.size() > 1 && bytes[0] == std::byte{0x80} && bytes[1] == std::byte{2})
+    throw InputError(
+        name, "is in the format of PyTorch before 1.6",
+        "load it there, and save the state dict again with torch.save of 1.6 or newer");
+  return bytes;
+}
+
 class Archive {
  public:
   Archive(std::span<const std::byte> bytes, const std::string& name, bool check_sums)
-      : name_(name), check_sums_(check_sums), entries_(parse_stored_zip(bytes, name)) {
+      : name_(name),
+        check_sums_(check_sums),
+        entries_(parse_stored_zip(not_legacy(bytes, name), name)) {
     // All entries lie in one folder, whose name is the file's first one.
     constexpr std::string_view kPickle = "/data.pkl";
     for (const auto& [entry, unused] : entries_)
