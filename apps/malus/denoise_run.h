@@ -2,6 +2,8 @@
 // of it later.
 #pragma once
 
+#include "malus/io/frame_file.h"
+
 #include <filesystem>
 
 #include "report_pages.h"
