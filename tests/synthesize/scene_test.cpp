@@ -103,6 +103,62 @@ TEST(PolarScene, GlossTurnsTheAngleAndStaysPhysical) {
   EXPECT_NE(other.stokes[2].s1.values(), scene.stokes[2].s1.values());
 }
 
+TEST(FilmScene, AFilmWithoutRetardanceChangesNothing) {
+  const FilmSettings settings{.polarized = 0.6, .angle_deg = 35, .retardance_waves = 0};
+  const std::vector<StokesPlanes> scene = film_scene(picture(), settings, 3, 1);
+  ASSERT_EQ(scene.size(), 3u);
+  for (const StokesPlanes& s : scene)
+    for (int r = 0; r < 96; r += 5)
+      for (int c = 0; c < 128; c += 7) {
+        const Stokes pixel{static_cast<double>(s.s0(r, c)), static_cast<double>(s.s1(r, c)),
+                           static_cast<double>(s.s2(r, c))};
+        EXPECT_NEAR(dolp_of(pixel), 0.6, 1e-5);
+        EXPECT_NEAR(aolp_deg_of(pixel), 35, 1e-3);
+      }
+}
+
+// With the axis along the rows everywhere, light at 45 degrees becomes cos(phase) of itself, and
+// phases of the colours are as 1 / wavelength.
+TEST(FilmScene, LightAt45DegreesToTheAxisFollowsTheCosineOfThePhase) {
+  const FilmSettings settings{
+      .polarized = 1, .angle_deg = 45, .retardance_waves = 0.4, .turn_deg = 0};
+  const std::vector<StokesPlanes> scene = film_scene(picture(), settings, 3, 1);
+  double most = 0;
+  for (int r = 0; r < 96; ++r)
+    for (int c = 0; c < 128; ++c) {
+      std::array<double, 3> phase{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto s0 = static_cast<double>(scene[k].s0(r, c));
+        ASSERT_NEAR(static_cast<double>(scene[k].s1(r, c)), 0, 1e-5 * s0);
+        phase[k] = std::acos(std::clamp(static_cast<double>(scene[k].s2(r, c)) / s0, -1.0, 1.0));
+      }
+      most = std::max(most, phase[1]);
+      if (phase[1] < 0.1) continue;
+      EXPECT_NEAR(phase[0] / phase[1], 540.0 / 610, 1e-3);
+      EXPECT_NEAR(phase[2] / phase[1], 540.0 / 465, 1e-3);
+    }
+  EXPECT_NEAR(most, 2 * std::numbers::pi * 0.4, 0.05);
+}
+
+TEST(FilmScene, HalfAWaveTurnsTheAngleToTheOtherSideOfTheAxis) {
+  const FilmSettings settings{
+      .polarized = 0.8, .angle_deg = 20, .retardance_waves = 0.5, .turn_deg = 70, .bumps = 1};
+  const std::vector<StokesPlanes> scene = film_scene(picture(), settings, 5, 2);
+  const StokesPlanes& s = scene[1];
+  int kept = 0, turned = 0;
+  for (int r = 0; r < 96; ++r)
+    for (int c = 0; c < 128; ++c) {
+      const Stokes pixel{static_cast<double>(s.s0(r, c)), static_cast<double>(s.s1(r, c)),
+                         static_cast<double>(s.s2(r, c))};
+      ASSERT_LE(dolp_of(pixel), 0.8 + 1e-5);
+      if (dolp_of(pixel) < 0.799) continue;
+      ++kept;  // no phase, half a wave, or the axis along or across the light
+      turned += std::abs(std::remainder(aolp_deg_of(pixel) - 20, 180.0)) > 5;
+    }
+  EXPECT_GT(kept, 100);
+  EXPECT_GT(turned, 10);
+}
+
 TEST(Mosaic, SitesSeeMalussLaw) {
   std::vector<StokesPlanes> stokes(3);
   for (int k = 0; k < 3; ++k) {

@@ -25,6 +25,8 @@ constexpr double kBumpsLow = 2, kBumpsHigh = 60;
 // Real surfaces are rough: of every other one a part of the polarization is left. Most of a real
 // scene is polarized by a few per cent, some of it strongly.
 constexpr double kPolarizedLow = 0.03;
+// One surface in four is a film instead; films as they are before a screen and in daylight.
+constexpr double kFilms = 0.25, kFilmPolarizedLow = 0.2, kFilmWavesHigh = 3;
 // Where the brighter surface begins, in means of the picture.
 constexpr double kEdgeLow = 0.5, kEdgeHigh = 1.5;
 
@@ -62,6 +64,16 @@ SceneSettings random_surface(RandomSequence& random) {
   return settings;
 }
 
+FilmSettings random_film(RandomSequence& random) {
+  FilmSettings settings;
+  settings.polarized = between(random, kFilmPolarizedLow, 1);
+  settings.angle_deg = between(random, 0, 180);
+  settings.retardance_waves = kFilmWavesHigh * random.uniform();
+  settings.turn_deg = between(random, 0, 180);
+  settings.bumps = static_cast<int>(kBumpsLow * std::pow(kBumpsHigh / kBumpsLow, random.uniform()));
+  return settings;
+}
+
 void depolarize(std::vector<StokesPlanes>& light, RandomSequence& random) {
   const double drawn = random.uniform(), left = std::pow(kPolarizedLow, random.uniform());
   if (drawn < 0.5) return;
@@ -70,28 +82,35 @@ void depolarize(std::vector<StokesPlanes>& light, RandomSequence& random) {
       for (float& v : image->values()) v *= static_cast<float>(left);
 }
 
-// Two surfaces, the brighter and the darker half of the picture: polarization changes where the
+// A film before polarized light, or a surface with a relief.
+std::vector<StokesPlanes> random_polarization(const Planes& light, RandomSequence& random,
+                                              std::uint64_t seed, std::uint32_t number) {
+  if (random.uniform() < kFilms) return film_scene(light, random_film(random), seed, number);
+  std::vector<StokesPlanes> stokes =
+      std::move(polarized_scene(light, random_surface(random), seed, number).stokes);
+  depolarize(stokes, random);
+  return stokes;
+}
+
+// Two of them, in the brighter and the darker part of the picture: polarization changes where the
 // picture has its edges.
 std::vector<StokesPlanes> polarized(const Planes& light, RandomSequence& random, std::uint64_t seed,
                                     std::uint32_t number) {
-  const SceneSettings first = random_surface(random), second = random_surface(random);
-  PolarScene bright = polarized_scene(light, first, seed, number);
-  PolarScene dark = polarized_scene(light, second, seed + 1, number);
-  depolarize(bright.stokes, random);
-  depolarize(dark.stokes, random);
+  std::vector<StokesPlanes> bright = random_polarization(light, random, seed, number);
+  const std::vector<StokesPlanes> dark = random_polarization(light, random, seed + 1, number);
   const Image& guide = light[light.channels() / 2];
   double mean = 0;
   for (const float v : guide.values()) mean += static_cast<double>(v);
   const double edge =
       between(random, kEdgeLow, kEdgeHigh) * mean / static_cast<double>(guide.size());
-  for (std::size_t k = 0; k < bright.stokes.size(); ++k)
+  for (std::size_t k = 0; k < bright.size(); ++k)
     for (std::size_t i = 0; i < guide.size(); ++i) {
       if (static_cast<double>(guide.values()[i]) >= edge) continue;
-      bright.stokes[k].s0.values()[i] = dark.stokes[k].s0.values()[i];
-      bright.stokes[k].s1.values()[i] = dark.stokes[k].s1.values()[i];
-      bright.stokes[k].s2.values()[i] = dark.stokes[k].s2.values()[i];
+      bright[k].s0.values()[i] = dark[k].s0.values()[i];
+      bright[k].s1.values()[i] = dark[k].s1.values()[i];
+      bright[k].s2.values()[i] = dark[k].s2.values()[i];
     }
-  return std::move(bright.stokes);
+  return bright;
 }
 
 }  // namespace

@@ -243,6 +243,43 @@ PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settin
   return scene;
 }
 
+std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSettings& settings,
+                                     std::uint64_t seed, std::uint32_t number) {
+  constexpr std::array<double, 3> kWavelength_nm{610, 540, 465};
+  const int rows = camera_rgb.rows(), cols = camera_rgb.cols();
+  RandomSequence random(seed, number, Draw::kScene, 4);
+  const Field stress = random_field(random, rows, cols, settings.bumps, false);
+  const Field axis = random_field(random, rows, cols, settings.bumps, false);
+  const FieldRows stresses(stress, cols), axes(axis, cols);
+  const double waves = settings.retardance_waves / extremes_of(stresses, rows, cols).height;
+  const double turn =
+      2 * settings.turn_deg * std::numbers::pi / 180.0 / extremes_of(axes, rows, cols).height;
+  const double angle = 2 * settings.angle_deg * std::numbers::pi / 180.0;
+  const double q = settings.polarized * std::cos(angle), u = settings.polarized * std::sin(angle);
+  std::vector<StokesPlanes> scene = unpolarized(camera_rgb);
+  parallel_for(0, rows, 8, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < end; ++r) {
+      const FieldRow heights = stresses.row(r), turns = axes.row(r);
+      for (int c = 0; c < cols; ++c) {
+        const auto i = static_cast<std::size_t>(c);
+        // Along and across the slow axis: the first keeps its size, the second loses by the phase.
+        const double cosine = std::cos(turn * turns.height[i]),
+                     sine = std::sin(turn * turns.height[i]);
+        const double along = q * cosine + u * sine, across = u * cosine - q * sine;
+        for (std::size_t k = 0; k < scene.size(); ++k) {
+          const double phase = 2 * std::numbers::pi * waves * heights.height[i] *
+                               kWavelength_nm[1] / kWavelength_nm[scene.size() == 3 ? k : 1];
+          const double left = across * std::cos(phase);
+          const auto s0 = static_cast<double>(scene[k].s0(r, c));
+          scene[k].s1(r, c) = static_cast<float>(s0 * (along * cosine - left * sine));
+          scene[k].s2(r, c) = static_cast<float>(s0 * (along * sine + left * cosine));
+        }
+      }
+    }
+  });
+  return scene;
+}
+
 Image mosaic_of(const std::vector<StokesPlanes>& stokes, const SensorLayout& layout) {
   MALUS_REQUIRE(stokes.size() == 3 || stokes.size() == 1);
   const int rows = stokes[0].s0.rows(), cols = stokes[0].s0.cols();

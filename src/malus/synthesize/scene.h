@@ -51,6 +51,16 @@ struct SceneSettings {
   }
 };
 
+/// Polarized light behind a transparent film under stress, as phone cases and blisters look before
+/// a screen.
+struct FilmSettings {
+  double polarized = 0.9;       ///< DoLP of the light behind the film, 0..1
+  double angle_deg = 0;         ///< its AoLP [deg]
+  double retardance_waves = 1;  ///< the film's largest, in wavelengths of green light, >= 0
+  double turn_deg = 90;         ///< the slow axis' largest turn over the picture [deg]
+  int bumps = 12;               ///< hills of the random stress and of the random axis, >= 1
+};
+
 /// The sRGB tone curve undone (IEC 61966-2-1): value and result in [0,1].
 double srgb_to_linear(double value);
 void srgb_to_linear(Planes& rgb);
@@ -79,6 +89,14 @@ struct PolarScene {
 };
 PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settings,
                            std::uint64_t seed, std::uint32_t number);
+
+/// The picture seen through such a film, one StokesPlanes per plane of camera_rgb (three, or one of
+/// green light). A linear retarder per pixel (Goldstein, Polarized Light, 3rd ed., Eq. 6.52:
+/// Mueller matrix of a rotated retarder), its phase in inverse proportion to the wavelength, so
+/// that DoLP and AoLP differ from colour to colour; what becomes circular is lost to polarizers. A
+/// function of (seed, number).
+std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSettings& settings,
+                                     std::uint64_t seed, std::uint32_t number);
 
 /// What the sensor's sites see of three (R, G, B) or one plane of Stokes parameters: the mosaic in
 /// DN above black, of the planes' size. Sites without a polarizer see S0.
