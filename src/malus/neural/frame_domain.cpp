@@ -167,7 +167,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                           .remove_pattern = classical.fixed_pattern},
                                          report);
   Image guide_dn;
-  if (settings.guide == "bm3d") {
+  if (settings.guide != "none") {
     DenoiseSettings guide = classical;
     guide.method = settings.guide;
     guide.profile = settings.guide_profile;

@@ -40,9 +40,9 @@ struct PackageSettings {
            "of it",
            {"level", "units", "none"});
     choice(self.guide, "guide",
-           "bm3d: the classical denoiser's result as further input planes; a residual network then "
+           "a classical method whose result goes in as further planes; a residual network then "
            "corrects it",
-           {"none", "bm3d"});
+           {"none", "bm3d", "nl-ridge"});
     choice(self.guide_profile, "guide_profile", "profile of the guide", {"fast", "normal", "high"});
     choice(self.amplification, "amplification",
            "linear domain: by the low-light ratio, which the caller knows, or so that the mean "

@@ -62,7 +62,7 @@ TileDemand tile_demand(const NetworkDescription& description, bool on_cpu) {
   }
   if (description.architecture == "nafnet")
     return faded(std::int64_t{1} << s.at("enc_blk_nums").size(),
-                 bytes(number("width"), number("width"), 80, 20));
+                 bytes(number("width"), number("width"), 120, 20));
   if (description.architecture == "restormer")
     return faded(8, bytes(number("dim"), per_head("dim", "heads"), 200, 115));
   if (description.architecture == "uformer")
