@@ -91,10 +91,10 @@ PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settin
                            std::uint64_t seed, std::uint32_t number);
 
 /// The picture seen through such a film, one StokesPlanes per plane of camera_rgb (three, or one of
-/// green light). A linear retarder per pixel (Goldstein, Polarized Light, 3rd ed., Eq. 6.52:
-/// Mueller matrix of a rotated retarder), its phase in inverse proportion to the wavelength, so
-/// that DoLP and AoLP differ from colour to colour; what becomes circular is lost to polarizers. A
-/// function of (seed, number).
+/// green light). Every pixel is a linear retarder (Mueller matrix of a rotated retarder, Goldstein,
+/// Polarized Light): Stokes along its axis stays, across it is multiplied by cos(phase), the rest
+/// is circular and lost to polarizers. Phases are as 1 / wavelength, so that DoLP and AoLP differ
+/// from colour to colour. A function of (seed, number).
 std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSettings& settings,
                                      std::uint64_t seed, std::uint32_t number);
 
