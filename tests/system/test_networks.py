@@ -61,11 +61,12 @@ def test_tiles_equal_the_whole(malus, tmp_path, domain, noise, guide):
     assert np.abs(whole - parts).max() < 1e-4 * 4013
 
 
-def test_a_guided_network_without_correction_equals_the_classical_method(malus, noisy, tmp_path):
-    weights = unet_package(tmp_path / "zero.safetensors", domain="stabilised", noise_input="level", guide="bm3d",
+@pytest.mark.parametrize("guide", ["bm3d", "nl-ridge"])
+def test_a_guided_network_without_correction_equals_the_classical_method(malus, noisy, tmp_path, guide):
+    weights = unet_package(tmp_path / "zero.safetensors", domain="stabilised", noise_input="level", guide=guide,
                            guide_profile="normal", row_noise=True)
     out, _ = denoised(malus, noisy, tmp_path / "network", weights)
-    classical, _ = denoised(malus, noisy, tmp_path / "classical", "bm3d")
+    classical, _ = denoised(malus, noisy, tmp_path / "classical", guide)
     assert np.abs(out - classical).max() < 0.05
 
 

@@ -51,7 +51,7 @@ def unet_package(path, scale=0.0, width=4, change=lambda tensors, metadata: None
     settings = {"layout": "polar-bayer-rggb", "domain": "linear", "noise_input": "none", "guide": "none",
                 "guide_profile": "fast", "amplification": "auto", "residual": True, "row_noise": False, "remove_bias": True, **package}
     planes = len(channels)
-    inputs = planes * (1 + (settings["guide"] == "bm3d"))
+    inputs = planes * (1 + (settings["guide"] != "none"))
     if settings["noise_input"] == "level":
         inputs += 1 if settings["domain"] == "stabilised" else planes
     metadata = {"architecture": "unet",
