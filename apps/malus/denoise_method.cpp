@@ -22,7 +22,7 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
   network_ = networks().open_denoiser({settings.method, inference});
   if (const auto taken = network_->description().at("precision").get<std::string>();
       taken != inference.precision)
-    warn(fmt::format("{}: this processor is no faster with {}; {} is taken", settings.method,
+    warn(fmt::format("{}: on this processor it is no faster with {}; {} is taken", settings.method,
                      inference.precision, taken));
 }
 

@@ -85,6 +85,21 @@ TEST(RunTiled, EqualsTheWholeForTheUNet) {
   }
 }
 
+// Narrow or odd widths are left to libtorch's layers, which need more memory and round nothing.
+TEST(TileDemand, KernelsTakeWholeVectorsOnACpu) {
+  const auto demand = [](const char* architecture, const char* width, int value, bool on_cpu) {
+    return tile_demand({architecture, {{width, value}}}, on_cpu);
+  };
+  EXPECT_TRUE(demand("nafnet", "width", 48, true).own_kernels);
+  EXPECT_FALSE(demand("nafnet", "width", 48, false).own_kernels);
+  EXPECT_FALSE(demand("nafnet", "width", 40, true).own_kernels);
+  EXPECT_TRUE(demand("unet", "width", 40, true).own_kernels);
+  EXPECT_TRUE(demand("malus", "dim", 32, true).own_kernels);
+  EXPECT_FALSE(demand("uformer", "embed_dim", 24, true).own_kernels);
+  EXPECT_GT(demand("nafnet", "width", 40, true).bytes_per_pixel,
+            demand("nafnet", "width", 48, true).bytes_per_pixel);
+}
+
 // The others reach everywhere: their tiles fade into each other, so no step is larger at a seam
 // than inside.
 TEST(RunTiled, LeavesNoSeamWhereTilesCannotBeExact) {

@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from conftest import PROGRAM, needs_networks
+from conftest import PROGRAM, ROOT, needs_networks
 from weight_files import unet_package
 
 MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]
@@ -68,6 +68,13 @@ def test_a_guided_network_without_correction_equals_the_classical_method(malus, 
     out, _ = denoised(malus, noisy, tmp_path / "network", weights)
     classical, _ = denoised(malus, noisy, tmp_path / "classical", guide)
     assert np.abs(out - classical).max() < 0.05
+
+
+def test_layers_that_round_nothing_are_not_called_bfloat16(malus, noisy):
+    """models/polar-bayer is 40 values wide: no whole number of vectors, so no kernel of ours runs it."""
+    result = malus("denoise", noisy, *MODEL, "--black", "82", "--method", ROOT / "models/polar-bayer.safetensors",
+                   "--precision", "bfloat16", "--json", "-o", noisy.parent / "out")
+    assert result.json["network"]["precision"] == "float32" and "float32 is taken" in result.err
 
 
 def test_pixels_that_are_not_numbers_and_saturated_ones_come_back(malus, noisy, tmp_path):
@@ -174,6 +181,7 @@ def test_another_layout_too_little_memory_and_what_networks_do_not_do(malus, ref
     raw = ["--black", "82", "--white", "4095", "-o", tmp_path / "out"]
     np.save(tmp_path / "mono.npy", np.full((64, 64), 500, np.uint16))
     assert "layout" in refused("denoise", tmp_path / "mono.npy", "--layout", "polar-mono", "--method", weights, *raw)
+    raw += ["--layout", "polar-bayer-rggb"]
     usage = malus("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty", code=2)
     assert "--uncertainty" in usage.err
     assert "--strength" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--strength", "2")

@@ -22,10 +22,11 @@ using OrderedJson = nlohmann::ordered_json;
 // Memory beside the tiles, in frames: the frame, its guide, the network's planes, the result.
 constexpr double kMosaicFrames = 4, kPictureFrames = 8;
 
-// On a CPU the kernels of the forward pass round what they multiply; where that would cost time
-// the run stays with float32. On a GPU it is libtorch's autocast.
-bool takes_bfloat16(const std::string& architecture, const std::string& device) {
-  if (device == "cpu") return internal::rounded_products_pay();
+// On a CPU the kernels of the forward pass round what they multiply; where that would cost time, or
+// libtorch's layers run, the run stays with float32. On a GPU it is libtorch's autocast.
+bool takes_bfloat16(const std::string& architecture, const std::string& device,
+                    const TileDemand& demand) {
+  if (device == "cpu") return demand.own_kernels && internal::rounded_products_pay();
   if (!autocast_suits(architecture))
     throw InputError("--precision bfloat16",
                      fmt::format("is not offered for {} on {}", architecture, device),
@@ -50,8 +51,8 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
   state_->settings = settings;
   const std::string& architecture = state_->loaded.package.network.architecture;
   state_->demand = tile_demand(state_->loaded.package.network, settings.device == "cpu");
-  state_->bfloat16 =
-      settings.precision == "bfloat16" && takes_bfloat16(architecture, settings.device);
+  state_->bfloat16 = settings.precision == "bfloat16" &&
+                     takes_bfloat16(architecture, settings.device, state_->demand);
   if (settings.device == "cuda") {
     if (!torch::cuda::is_available())
       throw InputError("--device cuda", "this libtorch finds no CUDA device",

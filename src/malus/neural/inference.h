@@ -43,7 +43,8 @@ class NetworkInference {
  public:
   /// Reads and checks the weight file (package.h). Throws InputError, also where the device is not
   /// there or, on a GPU, the precision not offered for this architecture. bfloat16 stays
-  /// float32 on a CPU that is no faster with it: description() tells.
+  /// float32 on a CPU that is no faster with it, and for widths that are no whole vectors:
+  /// description() tells.
   NetworkInference(const std::filesystem::path& weights, const InferenceSettings& settings);
   ~NetworkInference();
 

@@ -18,8 +18,18 @@ std::int64_t rounded_up(std::int64_t value, std::int64_t multiple) {
 // Where nothing exact is possible: enough for the faded seams to vanish, in multiples.
 constexpr std::int64_t kFadedOverlap = 32;
 
-TileDemand faded(std::int64_t multiple, double bytes) {
-  return {multiple, rounded_up(kFadedOverlap, multiple), false, bytes};
+// Bytes per pixel of a network's planes and value of its width: of libtorch's layers, and of
+// kernels.
+struct Bytes {
+  double layers, kernels;
+};
+
+// Kernels take vectors whole.
+TileDemand with_memory(TileDemand demand, bool takes_kernels, std::int64_t width, Bytes bytes) {
+  demand.own_kernels = takes_kernels;
+  demand.bytes_per_pixel =
+      static_cast<double>(width) * (takes_kernels ? bytes.kernels : bytes.layers);
+  return demand;
 }
 
 // Position's share in a span whose core is [begin, end): 1 inside, falling over +-half around inner
@@ -41,14 +51,15 @@ float share(std::int64_t at, std::int64_t begin, std::int64_t end, std::int64_t 
 
 TileDemand tile_demand(const NetworkDescription& description, bool on_cpu) {
   const Json s = full_settings(description);
-  // Bytes per pixel: those per value of the network's width, a fifth more than a forward pass of
-  // 256 x 256 pixels takes at most (malus bench --only networks; the layers' from the peers'
-  // column). Kernels take vectors whole.
-  const auto bytes = [&](std::int64_t width, std::int64_t vectors, double layers, double kernels) {
-    const bool takes_kernels = on_cpu && vectors % internal::kLane == 0;
-    return static_cast<double>(width) * (takes_kernels ? kernels : layers);
-  };
   const auto number = [&](const char* key) { return s.at(key).get<std::int64_t>(); };
+  // The bytes are a fifth more than a forward pass takes at most: of 256 x 256 pixels (malus bench
+  // --only networks; the layers' from the peers' column), nafnet's layers of a 5-megapixel frame.
+  // vectors: what must be a whole number of them.
+  const auto faded = [&](std::int64_t multiple, const char* width, std::int64_t vectors,
+                         Bytes bytes) {
+    return with_memory({multiple, rounded_up(kFadedOverlap, multiple), false},
+                       on_cpu && vectors % internal::kLane == 0, number(width), bytes);
+  };
   const auto per_head = [&](const char* width, const char* heads) {
     return number(width) / s.at(heads).at(0).get<std::int64_t>();
   };
@@ -57,19 +68,20 @@ TileDemand tile_demand(const NetworkDescription& description, bool on_cpu) {
     // the lowest level, on the way up; the pooling grid of the lowest level. Its kernels take any
     // width.
     const std::int64_t lowest = std::int64_t{1} << (number("levels") - 1);
-    return {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true,
-            bytes(number("width"), 0, 60, 40)};
+    return with_memory(
+        {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true},
+        on_cpu, number("width"), {60, 40});
   }
   if (description.architecture == "nafnet")
-    return faded(std::int64_t{1} << s.at("enc_blk_nums").size(),
-                 bytes(number("width"), number("width"), 120, 20));
+    return faded(std::int64_t{1} << s.at("enc_blk_nums").size(), "width", number("width"),
+                 {120, 20});
   if (description.architecture == "restormer")
-    return faded(8, bytes(number("dim"), per_head("dim", "heads"), 200, 115));
+    return faded(8, "dim", per_head("dim", "heads"), {200, 115});
   if (description.architecture == "uformer")
-    return faded(number("win_size") << 4,
-                 bytes(number("embed_dim"), per_head("embed_dim", "num_heads"), 250, 90));
-  return faded(number("window") << (s.at("depths").size() - 1),
-               bytes(number("dim"), per_head("dim", "heads"), 200, 66));
+    return faded(number("win_size") << 4, "embed_dim", per_head("embed_dim", "num_heads"),
+                 {250, 90});
+  return faded(number("window") << (s.at("depths").size() - 1), "dim", per_head("dim", "heads"),
+               {200, 66});
 }
 
 std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const TileDemand& demand) {

@@ -19,9 +19,10 @@ struct TileDemand {
   /// are faded into each other over the overlap.
   bool exact = true;
   double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured
+  /// The pass takes the kernels of docs/networks.md, which need less memory than libtorch's layers
+  /// and round their products where asked to: on a CPU, if the widths are whole vectors.
+  bool own_kernels = false;
 };
-/// on_cpu: where the pass takes the kernels of docs/networks.md if its widths allow, which need
-/// less memory than libtorch's layers.
 TileDemand tile_demand(const NetworkDescription& description, bool on_cpu);
 
 /// Part of a picture: a tile with its margins, and the weight of its results along each axis.
