@@ -42,6 +42,7 @@ py::dict evaluate(const py::object& reference, const py::object& test, const std
   py::dict out;
   for (const auto& quantity : quantities_of(*result))
     out[quantity.name.c_str()] = quantity.value.at(0);
+  out["pixels_left_out"] = result->pixels_left_out;
   return out;
 }
 
@@ -131,7 +132,8 @@ void bind_evaluate(py::module_& m) {
         py::arg("peak"),
         "Metrics of a mosaic [row, column] against its reference, both in DN above black; peak "
         "[DN]: white above black. dict of image_psnr [dB], image_ssim, and for polarized layouts "
-        "dolp_psnr [dB], aolp_psnr [dB], aolp_circular [deg].");
+        "dolp_psnr [dB], aolp_psnr [dB], aolp_circular [deg]; what nothing is left to tell of is left "
+        "out. pixels_left_out: pixels that are not finite in one of them.");
   m.def("compare_noise", &compare, py::arg("reference"), py::arg("test"), py::arg("layout"),
         py::arg("clean") = py::none(),
         ("Is the noise of two stacks [frame, row, column] of mosaics, DN above black, the same? "
