@@ -185,6 +185,7 @@ def test_another_layout_too_little_memory_and_what_networks_do_not_do(malus, ref
     usage = malus("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty", code=2)
     assert "--uncertainty" in usage.err
     assert "--strength" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--strength", "2")
+    assert "--profile" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--profile", "fast")
     np.save(tmp_path / "large.npy", np.full((3000, 3000), 500, np.uint16))
     assert "MiB" in refused("denoise", tmp_path / "large.npy", "--method", weights, *MODEL, *raw, "--memory", "128")
 

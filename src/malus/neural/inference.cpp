@@ -79,7 +79,10 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
                                                     Progress& progress) {
   if (settings.strength != 1)
     throw InputError("--strength", "a network takes out what it was trained to",
-                     "leave it out, or use --method bm3d");
+                     "leave it out, or use --method nl-ridge");
+  if (settings.profile != DenoiseSettings().profile)
+    throw InputError("--profile", "a network has none; that of its guide is in its file",
+                     "leave it out, or use --method nl-ridge");
   const Stopwatch preparation;
   const NetworkPackage& package = state_->loaded.package;
   PackageSettings wanted = package.settings;
