@@ -113,15 +113,12 @@ NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& argument
   const int count =
       arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
   const bool rounded = reference.bits > 0;
-  const Image scene =
-      clean ? *clean
-            : uniform_scene(stand_in, reference,
-                            {common.seed, kFirstFrame + static_cast<std::uint32_t>(count), 0, 0},
-                            rounded);
-  return {count,
-          [draw = stand_in.draw, scene, seed = common.seed, gain = reference.gain, rounded](int k) {
-            return draw(scene, gain, {seed, kFirstFrame + static_cast<std::uint32_t>(k), 0, 0},
-                        rounded);
+  const auto address = [seed = common.seed](int frame) {
+    return DrawAddress{seed, kFirstFrame + static_cast<std::uint32_t>(frame), 0, 0};
+  };
+  const Image scene = clean ? *clean : uniform_scene(stand_in, reference, address(count), rounded);
+  return {count, [draw = stand_in.draw, scene, address, gain = reference.gain, rounded](int k) {
+            return draw(scene, gain, address(k), rounded);
           }};
 }
 

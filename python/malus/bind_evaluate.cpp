@@ -128,12 +128,13 @@ double divergence(const Histogram& a, const Histogram& b, bool symmetric) {
 }  // namespace
 
 void bind_evaluate(py::module_& m) {
-  m.def("evaluate", &evaluate, py::arg("reference"), py::arg("test"), py::arg("layout"),
-        py::arg("peak"),
-        "Metrics of a mosaic [row, column] against its reference, both in DN above black; peak "
-        "[DN]: white above black. dict of image_psnr [dB], image_ssim, and for polarized layouts "
-        "dolp_psnr [dB], aolp_psnr [dB], aolp_circular [deg]; what nothing is left to tell of is left "
-        "out. pixels_left_out: pixels that are not finite in one of them.");
+  m.def(
+      "evaluate", &evaluate, py::arg("reference"), py::arg("test"), py::arg("layout"),
+      py::arg("peak"),
+      "Metrics of a mosaic [row, column] against its reference, both in DN above black; peak "
+      "[DN]: white above black. dict of image_psnr [dB], image_ssim, and for polarized layouts "
+      "dolp_psnr [dB], aolp_psnr [dB], aolp_circular [deg], without those that too few pixels are "
+      "left for; and pixels_left_out, those that are not finite in one of the pictures.");
   m.def("compare_noise", &compare, py::arg("reference"), py::arg("test"), py::arg("layout"),
         py::arg("clean") = py::none(),
         ("Is the noise of two stacks [frame, row, column] of mosaics, DN above black, the same? "

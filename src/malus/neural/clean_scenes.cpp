@@ -55,12 +55,16 @@ Image cut(const Image& from, double row0, double col0, double zoom, int rows, in
   return out;
 }
 
+int random_bumps(RandomSequence& random) {
+  return static_cast<int>(kBumpsLow * std::pow(kBumpsHigh / kBumpsLow, random.uniform()));
+}
+
 SceneSettings random_surface(RandomSequence& random) {
   SceneSettings settings;
   settings.relief_deg = between(random, kReliefLow, kReliefHigh);
   settings.index = between(random, kIndexLow, kIndexHigh);
   settings.gloss = random.uniform();
-  settings.bumps = static_cast<int>(kBumpsLow * std::pow(kBumpsHigh / kBumpsLow, random.uniform()));
+  settings.bumps = random_bumps(random);
   return settings;
 }
 
@@ -70,7 +74,7 @@ FilmSettings random_film(RandomSequence& random) {
   settings.angle_deg = between(random, 0, 180);
   settings.retardance_waves = kFilmWavesHigh * random.uniform();
   settings.turn_deg = between(random, 0, 180);
-  settings.bumps = static_cast<int>(kBumpsLow * std::pow(kBumpsHigh / kBumpsLow, random.uniform()));
+  settings.bumps = random_bumps(random);
   return settings;
 }
 

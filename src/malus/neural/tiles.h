@@ -23,6 +23,7 @@ struct TileDemand {
   /// and round their products where asked to: on a CPU, if the widths are whole vectors.
   bool own_kernels = false;
 };
+/// on_cpu: where the pass runs.
 TileDemand tile_demand(const NetworkDescription& description, bool on_cpu);
 
 /// Part of a picture: a tile with its margins, and the weight of its results along each axis.

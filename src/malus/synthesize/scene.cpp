@@ -252,6 +252,10 @@ std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSetting
   const Field axis = random_field(random, rows, cols, settings.bumps, false);
   const FieldRows stresses(stress, cols), axes(axis, cols);
   const double waves = settings.retardance_waves / extremes_of(stresses, rows, cols).height;
+  std::array<double, 3> phase_per_stress{};  // of each colour; one plane is green
+  for (std::size_t k = 0; k < 3; ++k)
+    phase_per_stress[k] = 2 * std::numbers::pi * waves * kWavelength_nm[1] /
+                          kWavelength_nm[camera_rgb.channels() == 3 ? k : 1];
   const double turn =
       2 * settings.turn_deg * std::numbers::pi / 180.0 / extremes_of(axes, rows, cols).height;
   const double angle = 2 * settings.angle_deg * std::numbers::pi / 180.0;
@@ -267,9 +271,7 @@ std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSetting
                      sine = std::sin(turn * turns.height[i]);
         const double along = q * cosine + u * sine, across = u * cosine - q * sine;
         for (std::size_t k = 0; k < scene.size(); ++k) {
-          const double phase = 2 * std::numbers::pi * waves * heights.height[i] *
-                               kWavelength_nm[1] / kWavelength_nm[scene.size() == 3 ? k : 1];
-          const double left = across * std::cos(phase);
+          const double left = across * std::cos(phase_per_stress[k] * heights.height[i]);
           const auto s0 = static_cast<double>(scene[k].s0(r, c));
           scene[k].s1(r, c) = static_cast<float>(s0 * (along * cosine - left * sine));
           scene[k].s2(r, c) = static_cast<float>(s0 * (along * sine + left * cosine));
