@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import PROGRAM, ROOT
+from conftest import PROGRAM, ROOT, needs_networks
 
 COMMANDS = ["info", "calibrate", "model", "synthesize", "denoise", "stokes", "evaluate", "bench"]
 MONO = ["--layout", "polar-mono", "--black", "0", "--white", "4080"]
@@ -131,3 +131,22 @@ def test_main_job_of_quickstart(tmp_path):
     assert done.returncode == 0, done.stderr
     for name in ("emva.h5", "calibration.html", "denoised.html", "denoised/fruits_denoised.tif", "stokes/fruits_denoised_aolp.png"):
         assert (tmp_path / "results" / name).stat().st_size > 1000
+
+
+@pytest.mark.slow
+@needs_networks
+def test_networks_job_of_quickstart(tmp_path):
+    """The networks are better than the default, by a PSNR of our own, which is what the quickstart shows them for."""
+    done = subprocess.run([ROOT / "examples/networks_job.sh", PROGRAM, tmp_path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for layout, least in (("polar-bayer-rggb", 0.3), ("bayer-rggb", 0.5)):
+        folder = tmp_path / "networks" / layout
+        clean = np.array(Image.open(folder / "still_life_clean.tif"), np.float64) / 10
+        noisy = np.array(Image.open(folder / "noisy/still_life_clean_000.tif"), np.float64)
+        psnr = {"noisy": -10 * np.log10(np.mean((noisy - clean) ** 2))}
+        for method in ("default", "network"):
+            result = np.array(Image.open(folder / method / "still_life_clean_000_denoised.tif"), np.float64)
+            psnr[method] = -10 * np.log10(np.mean((result - clean) ** 2))
+        assert psnr["default"] > psnr["noisy"] + 3
+        assert psnr["network"] > psnr["default"] + least
+        assert (folder / "network.html").stat().st_size > 1000
