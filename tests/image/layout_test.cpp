@@ -39,6 +39,26 @@ TEST(SensorLayout, MirrorHandedCellIsCustom) {
   EXPECT_TRUE(layout.polarized());
 }
 
+// In rows of the cell, so that a pixel further on the one order's cell is the other's.
+TEST(SensorLayout, TheFourBayerOrdersAreOneSensor) {
+  const std::vector<std::pair<std::string, CellPhase>> orders = {
+      {"rggb", {0, 0}}, {"grbg", {0, 1}}, {"gbrg", {1, 0}}, {"bggr", {1, 1}}};
+  for (const auto& [kind, pixels] : {std::pair<std::string, int>{"bayer-", 1}, {"polar-bayer-", 2}})
+    for (const auto& [order, phase] : orders) {
+      const auto layout = SensorLayout::named(kind + order);
+      const auto wanted = SensorLayout::named(kind + "rggb");
+      const CellPhase moved{pixels * phase.row, pixels * phase.col};
+      EXPECT_EQ(layout.phase_in(wanted), moved) << layout.name();
+      const auto back = wanted.phase_in(layout).value();
+      EXPECT_EQ((back.row + moved.row) % wanted.rows(), 0);
+      EXPECT_EQ((back.col + moved.col) % wanted.cols(), 0);
+    }
+  const auto bayer = SensorLayout::named("bayer-rggb"), mono = SensorLayout::named("polar-mono");
+  EXPECT_FALSE(mono.phase_in(bayer));
+  EXPECT_FALSE(bayer.phase_in(SensorLayout::named("polar-bayer-rggb")));
+  EXPECT_FALSE(SensorLayout::from_sites({{"0", "45"}, {"135", "90"}}).phase_in(mono));
+}
+
 TEST(SensorLayout, UnknownNamesAndSitesAreRefusedWithAHint) {
   try {
     SensorLayout::named("polar-bayer-rgbg");
@@ -72,6 +92,37 @@ TEST(Pack, MissingSamplesRepeatTheirOwnChannel) {
   const Planes planes = pack(mosaic, layout);
   for (int k = 0; k < 4; ++k)
     for (float v : planes[k].values()) EXPECT_EQ(v, static_cast<float>(k));
+}
+
+// Against the definition: a mosaic that begins inside a cell is one with its first samples put
+// before it once more.
+TEST(Pack, AMosaicMayBeginInsideACell) {
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  for (const CellPhase phase : {CellPhase{2, 0}, {0, 2}, {2, 2}, {1, 3}})
+    for (const auto& [rows, cols] : {std::pair{4, 4}, {9, 14}, {64, 67}}) {
+      Image mosaic(rows, cols), padded(phase.row + rows, phase.col + cols), back(rows, cols);
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < cols; ++c) mosaic(r, c) = static_cast<float>(1000 * r + c);
+      for (int r = 0; r < padded.rows(); ++r)
+        for (int c = 0; c < padded.cols(); ++c)
+          padded(r, c) = mosaic(r < phase.row ? r + 4 - phase.row : r - phase.row,
+                                c < phase.col ? c + 4 - phase.col : c - phase.col);
+      const Planes planes = pack(mosaic, layout, phase), expected = pack(padded, layout);
+      for (int k = 0; k < 16; ++k) EXPECT_EQ(planes[k], expected[k]) << k << ' ' << rows;
+      unpack(planes, layout, back, phase);
+      EXPECT_EQ(back, mosaic);
+    }
+}
+
+TEST(Pack, MosaicsSmallerThanACellHaveAPhaseToo) {
+  const auto layout = SensorLayout::named("bayer-rggb");
+  Image mosaic(1, 1), back(1, 1);
+  mosaic(0, 0) = 7;
+  const Planes planes = pack(mosaic, layout, {1, 1});
+  ASSERT_EQ(planes.rows(), 1);
+  for (const Image& plane : planes) EXPECT_EQ(plane(0, 0), 7.0F);
+  unpack(planes, layout, back, {1, 1});
+  EXPECT_EQ(back, mosaic);
 }
 
 }  // namespace

@@ -186,4 +186,20 @@ int SensorLayout::find(Color color, std::optional<int> angle_deg) const {
   return -1;
 }
 
+std::optional<CellPhase> SensorLayout::phase_in(const SensorLayout& other) const {
+  if (rows_ != other.rows_ || cols_ != other.cols_) return std::nullopt;
+  const auto alike = [](const Site& a, const Site& b) {
+    const auto hue = [](Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; };
+    return hue(a.color) == hue(b.color) && a.angle_deg == b.angle_deg;
+  };
+  for (int row = 0; row < rows_; ++row)
+    for (int col = 0; col < cols_; ++col) {
+      bool same = true;
+      for (int i = 0; i < channels() && same; ++i)
+        same = alike(site(i), other.site(other.channel_at(i / cols_ + row, i % cols_ + col)));
+      if (same) return CellPhase{row, col};
+    }
+  return std::nullopt;
+}
+
 }  // namespace malus

@@ -19,6 +19,12 @@ struct Site {
   bool operator==(const Site&) const = default;
 };
 
+/// Where in a cell the first pixel of a mosaic lies.
+struct CellPhase {
+  int row = 0, col = 0;
+  bool operator==(const CellPhase&) const = default;
+};
+
 /// A repeating cell of rows() x cols() sites. Channels are numbered in mosaic order, row by row of
 /// the cell, one per site.
 class SensorLayout {
@@ -52,6 +58,10 @@ class SensorLayout {
   std::vector<Color> colors() const;
   /// Channel with this colour and angle, or -1.
   int find(Color color, std::optional<int> angle_deg) const;
+  /// The phase at which a mosaic of this layout is one of `other`: the four Bayer orders are one
+  /// sensor, read out from different pixels, and both greens count as one colour. None where the
+  /// sensors differ.
+  std::optional<CellPhase> phase_in(const SensorLayout& other) const;
   bool operator==(const SensorLayout& other) const {
     return rows_ == other.rows_ && cols_ == other.cols_ && sites_ == other.sites_;
   }

@@ -10,9 +10,10 @@
 namespace malus {
 namespace {
 
-// Mosaic coordinate of a packed sample, moved back by whole cells (else clamped) where it falls
+// Mosaic coordinate of a packed sample, moved by a whole cell (else clamped) where it falls
 // outside.
 int inside(int position, int size, int cell) {
+  if (position < 0) position += cell;
   if (position < size) return position;
   return position - cell >= 0 ? position - cell : size - 1;
 }
@@ -23,37 +24,43 @@ int packed_size(int mosaic_size, int cell_size) {
   return (mosaic_size + cell_size - 1) / cell_size;
 }
 
-Planes pack(View<const float> mosaic, const SensorLayout& layout) {
-  Planes planes(layout.channels(), packed_size(mosaic.rows(), layout.rows()),
-                packed_size(mosaic.cols(), layout.cols()));
+Planes pack(View<const float> mosaic, const SensorLayout& layout, CellPhase phase) {
+  const int cell_rows = layout.rows(), cell_cols = layout.cols();
+  Planes planes(layout.channels(), packed_size(phase.row + mosaic.rows(), cell_rows),
+                packed_size(phase.col + mosaic.cols(), cell_cols));
   if (mosaic.empty()) return planes;
   parallel_for(0, planes.rows(), kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (int r = static_cast<int>(first); r < static_cast<int>(last); ++r)
       for (int k = 0; k < planes.channels(); ++k) {
-        const int dr = k / layout.cols(), dc = k % layout.cols();
-        const float* from =
-            mosaic.row(inside(r * layout.rows() + dr, mosaic.rows(), layout.rows()));
+        const int row = r * cell_rows + k / cell_cols - phase.row;
+        const int col = k % cell_cols - phase.col;  // of the plane's first sample
+        const float* from = mosaic.row(inside(row, mosaic.rows(), cell_rows));
         float* to = planes[k].row(r);
-        const int whole =
-            std::clamp((mosaic.cols() - dc + layout.cols() - 1) / layout.cols(), 0, planes.cols());
-        for (int c = 0; c < whole; ++c) to[c] = from[c * layout.cols() + dc];
-        for (int c = whole; c < planes.cols(); ++c)
-          to[c] = from[inside(c * layout.cols() + dc, mosaic.cols(), layout.cols())];
+        const int begin = col < 0 ? 1 : 0;
+        const int end =
+            std::clamp((mosaic.cols() - col + cell_cols - 1) / cell_cols, begin, planes.cols());
+        for (int c = begin; c < end; ++c) to[c] = from[c * cell_cols + col];
+        if (begin > 0) to[0] = from[inside(col, mosaic.cols(), cell_cols)];
+        for (int c = end; c < planes.cols(); ++c)
+          to[c] = from[inside(c * cell_cols + col, mosaic.cols(), cell_cols)];
       }
   });
   return planes;
 }
 
-void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic) {
+void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic, CellPhase phase) {
+  const int cell_rows = layout.rows(), cell_cols = layout.cols();
   MALUS_REQUIRE(planes.channels() == layout.channels());
-  MALUS_REQUIRE(planes.rows() == packed_size(mosaic.rows(), layout.rows()) &&
-                planes.cols() == packed_size(mosaic.cols(), layout.cols()));
+  MALUS_REQUIRE(planes.rows() == packed_size(phase.row + mosaic.rows(), cell_rows) &&
+                planes.cols() == packed_size(phase.col + mosaic.cols(), cell_cols));
   parallel_for(0, mosaic.rows(), kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (int r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
       float* to = mosaic.row(r);
-      for (int dc = 0; dc < layout.cols(); ++dc) {
-        const float* from = planes[layout.channel_at(r, dc)].row(r / layout.rows());
-        for (int c = dc; c < mosaic.cols(); c += layout.cols()) to[c] = from[c / layout.cols()];
+      for (int dc = 0; dc < cell_cols; ++dc) {
+        const int row = r + phase.row, col = dc + phase.col;
+        const float* from =
+            planes[layout.channel_at(row, col)].row(row / cell_rows) + col / cell_cols;
+        for (int c = dc; c < mosaic.cols(); c += cell_cols) to[c] = from[c / cell_cols];
       }
     }
   });

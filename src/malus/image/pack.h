@@ -11,14 +11,16 @@ namespace malus {
 /// Rows (or columns) of the packed planes of a mosaic: ceil(size / cell).
 int packed_size(int mosaic_size, int cell_size);
 
-/// Packs any size: where the mosaic ends inside a cell the missing samples repeat the channel's
-/// last one. Result: layout.channels() planes of packed_size(rows) x packed_size(cols). A channel
-/// with no sample at all (a mosaic smaller than one cell) takes the nearest sample of the mosaic.
-Planes pack(View<const float> mosaic, const SensorLayout& layout);
+/// Packs any size, from any phase of the cell on: where the mosaic begins or ends inside a cell the
+/// missing samples repeat the channel's first or last one. Result: layout.channels() planes of
+/// packed_size(phase.row + rows) x packed_size(phase.col + cols). A channel with no sample at all
+/// (a mosaic smaller than one cell) takes the mosaic's last row or column.
+Planes pack(View<const float> mosaic, const SensorLayout& layout, CellPhase phase = {});
 
 /// The inverse: writes every mosaic pixel from its channel's plane. Contract: the planes have the
 /// packed size.
-void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic);
+void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic,
+            CellPhase phase = {});
 
 /// Throws InputError, naming the source, where a mosaic is smaller than one cell: some channels
 /// have no sample of their own, so what compares channels, as polarization does, has no meaning.
