@@ -161,6 +161,52 @@ TEST(FrameInDomain, AWindowIsAPartOfTheWholeAndTheGuideComesBack) {
             denoise_frame(camera.noisy(), camera.profile, classical).dn_above_black);
 }
 
+// A frame of another order is the same sensor from another pixel on: the same planes but for the
+// first ones, which repeat their neighbours. Every channel has a bias and a noise of its own.
+TEST(FrameInDomain, AnotherOrderIsTheSameSensorFromAnotherPixel) {
+  for (const char* domain : {"linear", "stabilised"}) {
+    PackageSettings settings;
+    settings.domain = domain;
+    settings.row_noise = false;
+    settings.layout = "polar-bayer-rggb";
+    Camera camera(64, 96);
+    for (std::size_t k = 0; k < 16; ++k) {
+      camera.profile.channels[k].bias_dn = static_cast<double>(k);
+      camera.profile.channels[k].variance =
+          VarianceCurve::affine(0.1 + 0.02 * static_cast<double>(k), 4);
+    }
+    const RawFrame whole = camera.noisy();
+    RawFrame part = whole;
+    part.layout = SensorLayout::named("polar-bayer-grbg");
+    part.dn = Image(64, 94);
+    for (int r = 0; r < 64; ++r)
+      for (int c = 0; c < 94; ++c) part.dn(r, c) = whole.dn(r, c + 2);
+    NoiseProfile profile = camera.profile;
+    profile.layout = part.layout;
+    for (int k = 0; k < 16; ++k) {
+      const auto from = static_cast<std::size_t>(k / 4 * 4 + (k + 2) % 4);
+      profile.channels[static_cast<std::size_t>(k)] = camera.profile.channels[from];
+      part.black_dn[static_cast<std::size_t>(k)] = whole.black_dn[from];
+    }
+    const NetworkFrame of_whole = prepare_network_frame(whole, camera.profile, settings);
+    const NetworkFrame of_part = prepare_network_frame(part, profile, settings);
+    const auto expected = prepare_input(of_whole, {0, 0, 64, 96}) * of_whole.domain.scale();
+    const auto planes = prepare_input(of_part, {0, 0, 64, 94}) * of_part.domain.scale();
+    ASSERT_EQ(planes.sizes(), expected.sizes());
+    EXPECT_TRUE(torch::allclose(planes.slice(3, 1), expected.slice(3, 1), 1e-4, 1e-3)) << domain;
+    // The first columns of the 0 and 90 degree pairs that the part lacks are those of the next
+    // cell.
+    EXPECT_TRUE(
+        torch::equal(planes.slice(1, 0, 1).slice(3, 0, 1), planes.slice(1, 0, 1).slice(3, 1, 2)));
+    const auto window = prepare_input(of_part, {8, 14, 16, 20}) * of_part.domain.scale();
+    EXPECT_TRUE(torch::equal(window, planes.slice(2, 2, 6).slice(3, 4, 9))) << domain;
+    const Image back =
+        restore_output(of_part, of_part.domain.clean_planes(of_part.frame.dn), {0, 0, 64, 94});
+    for (int r = 0; r < 64; ++r)
+      for (int c = 0; c < 94; ++c) ASSERT_NEAR(back(r, c), of_part.frame.dn(r, c), 0.05) << domain;
+  }
+}
+
 // Grey light is grey, whatever bends the estimate found in single channels.
 TEST(FrameInDomain, ChannelsOfAnEstimateShareOneLine) {
   const Camera camera(64, 64);

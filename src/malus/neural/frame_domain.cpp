@@ -33,8 +33,8 @@ double mean_over(View<const float> dn, const Map& map) {
 }
 
 // The packed planes of a mosaic as a tensor.
-torch::Tensor tensor_of(const Image& mosaic, const SensorLayout& layout) {
-  const Planes planes = pack(mosaic, layout);
+torch::Tensor tensor_of(const Image& mosaic, const SensorLayout& layout, CellPhase first) {
+  const Planes planes = pack(mosaic, layout, first);
   torch::Tensor tensor = torch::empty({1, planes.channels(), planes.rows(), planes.cols()});
   float* to = tensor.data_ptr<float>();
   for (const Image& plane : planes)
@@ -58,20 +58,34 @@ NoiseProfile with_shared_line(NoiseProfile profile, double range_dn) {
   return profile;
 }
 
+// The frame's channels in the package's order.
+std::vector<ChannelProfile> in_order_of(const SensorLayout& wanted, const SensorLayout& frame,
+                                        CellPhase phase, const NoiseProfile& profile) {
+  std::vector<ChannelProfile> channels = profile.channels;
+  for (int r = 0; r < frame.rows(); ++r)
+    for (int c = 0; c < frame.cols(); ++c)
+      channels[static_cast<std::size_t>(wanted.channel_at(r + phase.row, c + phase.col))] =
+          profile.channels[static_cast<std::size_t>(frame.channel_at(r, c))];
+  return channels;
+}
+
 }  // namespace
 
 FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
                          const NoiseProfile& given, std::optional<double> ratio)
-    : layout_(frame.layout),
+    : layout_(SensorLayout::named(settings.layout)),
+      phase_(frame.layout.phase_in(layout_).value()),
       stabilised_(settings.domain == "stabilised"),
       noise_level_(settings.noise_input != "none") {
-  const NoiseProfile profile =
+  NoiseProfile profile =
       given.estimated_from_picture ? with_shared_line(given, frame.range_dn) : given;
+  profile.channels = in_order_of(layout_, frame.layout, phase_, profile);
   for (const ChannelProfile& channel : profile.channels) variances_.push_back(channel.variance);
   if (stabilised_) {
     stabilizers_ = make_stabilizers(profile, frame.range_dn, 1.0);
     scale_ = kLeastScale + kScalePerMean * mean_over(frame.dn, [&](int r, int c, double dn) {
-                             const auto k = static_cast<std::size_t>(layout_.channel_at(r, c));
+                             const auto k = static_cast<std::size_t>(
+                                 layout_.channel_at(r + phase_.row, c + phase_.col));
                              return std::max(stabilizers_[k].forward(dn), 0.0);
                            });
     return;
@@ -90,42 +104,54 @@ FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& f
   scale_ = frame.range_dn / amplification;
 }
 
+CellPhase FrameDomain::phase_at(int row, int col) const {
+  return {(row + phase_.row) % layout_.rows(), (col + phase_.col) % layout_.cols()};
+}
+
 template <class Map>
-torch::Tensor FrameDomain::mapped(View<const float> dn, const Map& map) const {
+torch::Tensor FrameDomain::mapped(View<const float> dn, CellPhase first, const Map& map) const {
   Image values(dn.rows(), dn.cols());
   parallel_for(0, dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
-      for (int c = 0; c < dn.cols(); ++c)
+      for (int c = 0; c < dn.cols(); ++c) {
+        const int channel = layout_.channel_at(r + first.row, c + first.col);
         values(r, c) = static_cast<float>(
-            map(static_cast<std::size_t>(layout_.channel_at(r, c)), static_cast<double>(dn(r, c))) /
-            scale_);
+            map(static_cast<std::size_t>(channel), static_cast<double>(dn(r, c))) / scale_);
+      }
   });
-  return tensor_of(values, layout_);
+  return tensor_of(values, layout_, first);
 }
 
-torch::Tensor FrameDomain::noisy_planes(View<const float> dn) const {
-  return mapped(dn, [&](std::size_t channel, double value) {
+torch::Tensor FrameDomain::noisy_planes(View<const float> dn,
+                                        std::optional<CellPhase> first) const {
+  return mapped(dn, first.value_or(phase_), [&](std::size_t channel, double value) {
     return stabilised_ ? stabilizers_[channel].forward(value) : value;
   });
 }
 
-torch::Tensor FrameDomain::clean_planes(View<const float> dn) const {
-  return mapped(dn, [&](std::size_t channel, double value) {
+torch::Tensor FrameDomain::clean_planes(View<const float> dn,
+                                        std::optional<CellPhase> first) const {
+  return mapped(dn, first.value_or(phase_), [&](std::size_t channel, double value) {
     return stabilised_ ? stabilizers_[channel].mean_of(value) : value;
   });
 }
 
-torch::Tensor FrameDomain::noise_planes(View<const float> noisy_dn) const {
+torch::Tensor FrameDomain::noise_planes(View<const float> noisy_dn,
+                                        std::optional<CellPhase> first) const {
+  const CellPhase at = first.value_or(phase_);
   if (noise_level_ && !stabilised_)
-    return mapped(noisy_dn, [&](std::size_t channel, double value) {
+    return mapped(noisy_dn, at, [&](std::size_t channel, double value) {
       return std::sqrt(std::max(variances_[channel](std::max(value, 0.0)), 0.0));
     });
-  return torch::full({1, noise_level_ ? 1 : 0, packed_size(noisy_dn.rows(), layout_.rows()),
-                      packed_size(noisy_dn.cols(), layout_.cols())},
-                     1.0 / scale_);
+  return torch::full(
+      {1, noise_level_ ? 1 : 0, packed_size(at.row + noisy_dn.rows(), layout_.rows()),
+       packed_size(at.col + noisy_dn.cols(), layout_.cols())},
+      1.0 / scale_);
 }
 
-Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols) const {
+Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols,
+                             std::optional<CellPhase> first) const {
+  const CellPhase at = first.value_or(phase_);
   const torch::Tensor values = planes.to(torch::kCPU, torch::kFloat32).contiguous();
   MALUS_REQUIRE(values.dim() == 4 && values.size(0) == 1 && values.size(1) == layout_.channels());
   Planes packed(layout_.channels(), static_cast<int>(values.size(2)),
@@ -136,12 +162,12 @@ Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols) co
     from += plane.size();
   }
   Image mosaic(rows, cols);
-  unpack(packed, layout_, mosaic);
+  unpack(packed, layout_, mosaic, at);
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < cols; ++c) {
         const double value = scale_ * static_cast<double>(mosaic(r, c));
-        const auto k = static_cast<std::size_t>(layout_.channel_at(r, c));
+        const auto k = static_cast<std::size_t>(layout_.channel_at(r + at.row, c + at.col));
         mosaic(r, c) = static_cast<float>(stabilised_ ? stabilizers_[k].inverse(value) : value);
       }
   });
@@ -153,7 +179,8 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                    const DenoiseSettings& classical, std::optional<double> ratio,
                                    Progress& progress) {
   check_frame(frame, measured);
-  if (const SensorLayout wanted = SensorLayout::named(settings.layout); !(frame.layout == wanted))
+  if (const SensorLayout wanted = SensorLayout::named(settings.layout);
+      !frame.layout.phase_in(wanted))
     throw InputError(
         frame.source,
         fmt::format("has the layout {}, the network {}", frame.layout.name(), settings.layout),
@@ -179,17 +206,16 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
 }
 
 torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& window) {
-  const SensorLayout& layout = frame.frame.layout;
-  MALUS_REQUIRE(window.row0 % layout.rows() == 0 && window.col0 % layout.cols() == 0);
+  const CellPhase first = frame.domain.phase_at(window.row0, window.col0);
   const auto cut = [&](View<const float> mosaic) {
     return mosaic.window(window.row0, window.col0, window.rows, window.cols);
   };
   const View<const float> noisy = cut(frame.frame.dn.view());
   std::vector<torch::Tensor> planes;
   if (!frame.guide_dn.empty())
-    planes.push_back(frame.domain.clean_planes(cut(frame.guide_dn.view())));
-  planes.push_back(frame.domain.noisy_planes(noisy));
-  planes.push_back(frame.domain.noise_planes(noisy));
+    planes.push_back(frame.domain.clean_planes(cut(frame.guide_dn.view()), first));
+  planes.push_back(frame.domain.noisy_planes(noisy, first));
+  planes.push_back(frame.domain.noise_planes(noisy, first));
   return torch::cat(planes, 1);
 }
 
@@ -209,8 +235,11 @@ torch::Tensor picture_target(const PackageSettings& settings, const FrameDomain&
 
 Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
                   const torch::Tensor& planes, int rows, int cols) {
-  torch::Tensor values =
-      planes.to(torch::kCPU, torch::kFloat32).slice(2, 0, rows).slice(3, 0, cols).contiguous();
+  const CellPhase first = domain.phase_at(0, 0);
+  torch::Tensor values = planes.to(torch::kCPU, torch::kFloat32)
+                             .slice(2, first.row, first.row + rows)
+                             .slice(3, first.col, first.col + cols)
+                             .contiguous();
   MALUS_REQUIRE(values.dim() == 4 && values.size(0) == 1 && values.size(1) == 3 &&
                 values.size(2) == rows && values.size(3) == cols);
   if (settings.target == "rgb") values = values * domain.scale();
@@ -225,7 +254,8 @@ Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
 
 Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
                      const MosaicWindow& window) {
-  Image mosaic = frame.domain.mosaic_of(planes, window.rows, window.cols);
+  Image mosaic = frame.domain.mosaic_of(planes, window.rows, window.cols,
+                                        frame.domain.phase_at(window.row0, window.col0));
   for (int r = 0; r < window.rows; ++r)
     for (int c = 0; c < window.cols; ++c)
       if (frame.frame.saturated(window.row0 + r, window.col0 + c))

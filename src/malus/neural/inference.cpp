@@ -34,6 +34,13 @@ bool takes_bfloat16(const std::string& architecture, const std::string& device,
   return true;
 }
 
+// First and last + 1 row (or column) of the frame in a span of cells; the frame begins `phase`
+// pixels inside the first.
+std::pair<int, int> pixels_of(const TileSpan& cells, int cell, int phase, int frame) {
+  return {std::max(static_cast<int>(cells.begin) * cell - phase, 0),
+          std::min(static_cast<int>(cells.end) * cell - phase, frame)};
+}
+
 }  // namespace
 
 struct NetworkInference::State {
@@ -89,11 +96,11 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   wanted.row_noise = wanted.row_noise && settings.row_noise;
   NetworkFrame prepared = prepare_network_frame(std::move(frame), profile, wanted, settings,
                                                 state_->settings.ratio, progress);
-  const SensorLayout layout = package.layout();
-  const int cell_rows = layout.rows(), cell_cols = layout.cols();
+  const SensorLayout& layout = prepared.domain.layout();
+  const CellPhase phase = prepared.domain.phase_at(0, 0);
   const int frame_rows = prepared.frame.dn.rows(), frame_cols = prepared.frame.dn.cols();
-  const std::int64_t rows = packed_size(frame_rows, cell_rows),
-                     cols = packed_size(frame_cols, cell_cols);
+  const std::int64_t rows = packed_size(phase.row + frame_rows, layout.rows()),
+                     cols = packed_size(phase.col + frame_cols, layout.cols());
   const double frame_bytes = 4.0 * frame_rows * static_cast<double>(frame_cols);
   const double held = (package.gives_picture() ? kPictureFrames : kMosaicFrames) * frame_bytes;
   const double bytes = settings.memory_mib * 0x1p20 - held;
@@ -110,12 +117,10 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   torch::Tensor planes = run_tiled(
       rows, cols, core, batch, state_->demand,
       [&](const TileSpan& r, const TileSpan& c) {
-        const int row0 = static_cast<int>(r.begin) * cell_rows,
-                  col0 = static_cast<int>(c.begin) * cell_cols;
-        // A frame may end inside a cell.
-        return prepare_input(
-            prepared, {row0, col0, std::min(static_cast<int>(r.end) * cell_rows, frame_rows) - row0,
-                       std::min(static_cast<int>(c.end) * cell_cols, frame_cols) - col0});
+        // A frame may begin and end inside a cell.
+        const auto [row0, row1] = pixels_of(r, layout.rows(), phase.row, frame_rows);
+        const auto [col0, col1] = pixels_of(c, layout.cols(), phase.col, frame_cols);
+        return prepare_input(prepared, {row0, col0, row1 - row0, col1 - col0});
       },
       [&](const torch::Tensor& input) {
         const bool cuda = state_->device.is_cuda();

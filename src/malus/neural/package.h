@@ -111,27 +111,35 @@ LoadedPackage load_package(const std::filesystem::path& path);
 /// that tiles agree. Planes are [1, channel, row, column] of the layout's packed size.
 ///   stabilised: plane = stabilised sample / s, s = 4 + 3 * mean of the positive samples
 ///   linear:     plane = DN above black and bias / s, s = (white - black) / amplification
+/// Planes are in the package's order. A frame of another Bayer order is one of the package's layout
+/// that begins inside a cell (SensorLayout::phase_in).
 class FrameDomain {
  public:
-  /// ratio: for amplification "ratio". Contract: the frame's layout is the package's.
+  /// ratio: for amplification "ratio". Contract: the frame's layout has a phase in the package's.
   FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
               const NoiseProfile& profile, std::optional<double> ratio = {});
 
   double scale() const { return scale_; }
-  /// Noisy samples, in DN above black and bias.
-  torch::Tensor noisy_planes(View<const float> dn) const;
+  const SensorLayout& layout() const { return layout_; }  ///< the package's
+  /// Of the frame's pixel (row, col) in the cell of layout().
+  CellPhase phase_at(int row, int col) const;
+  /// Noisy samples, in DN above black and bias: the whole frame, or the part of it that begins at
+  /// `first`, a phase_at().
+  torch::Tensor noisy_planes(View<const float> dn, std::optional<CellPhase> first = {}) const;
   /// A noise-free signal: guide and target. Its planes are the means that noisy_planes has.
-  torch::Tensor clean_planes(View<const float> dn) const;
+  torch::Tensor clean_planes(View<const float> dn, std::optional<CellPhase> first = {}) const;
   /// [1, 1 or P, rows, cols], or none ([1, 0, rows, cols]).
-  torch::Tensor noise_planes(View<const float> noisy_dn) const;
+  torch::Tensor noise_planes(View<const float> noisy_dn, std::optional<CellPhase> first = {}) const;
   /// The network's planes back to DN, by the exact unbiased inverse: clean_planes' inverse.
-  Image mosaic_of(const torch::Tensor& planes, int rows, int cols) const;
+  Image mosaic_of(const torch::Tensor& planes, int rows, int cols,
+                  std::optional<CellPhase> first = {}) const;
 
  private:
   template <class Map>
-  torch::Tensor mapped(View<const float> dn, const Map& map) const;
+  torch::Tensor mapped(View<const float> dn, CellPhase first, const Map& map) const;
 
   SensorLayout layout_;
+  CellPhase phase_;  ///< of the frame's first pixel
   bool stabilised_, noise_level_;
   double scale_ = 1;
   std::vector<Stabilizer> stabilizers_;  ///< empty in the linear domain
@@ -148,14 +156,15 @@ struct NetworkFrame {
 
 /// Prepares a frame as the classical method does, and runs the guide where the package wants one
 /// (classical: profile and memory; its method and row_noise are not used). Throws InputError as
-/// denoise_frame, on a layout other than the package's, and where a needed ratio is not given.
+/// denoise_frame, on another sensor's layout than the package's, and where a needed ratio is not
+/// given.
 NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
                                    const PackageSettings& settings,
                                    const DenoiseSettings& classical = {},
                                    std::optional<double> ratio = {},
                                    Progress& progress = silent_progress());
 
-/// A window of the mosaic; first row and column at whole cells.
+/// A window of the mosaic.
 struct MosaicWindow {
   int row0 = 0, col0 = 0, rows = 0, cols = 0;
 };

@@ -40,12 +40,7 @@ class SyntheticPairs final : public PairSource {
         exposure_low_(config.data.exposure_low),
         exposure_high_(config.data.exposure_high) {
     for (const auto& path : config.models) {
-      models_.push_back(load_model(path));
-      if (!(models_.back().layout == config.package.layout()))
-        throw InputError(path.string(),
-                         fmt::format("is of a sensor with the layout {}, the package of {}",
-                                     models_.back().layout.name(), config.package.settings.layout),
-                         "name models of one layout");
+      models_.push_back(load_camera(path, config.package));
       if (noise_.jitter > 0 && (models_.back().physics.empty() || synthesis_.kind != "physics"))
         throw InputError(path.string(), "cannot be varied: jitter is for kind \"physics\"",
                          "use jitter = 0");
@@ -123,6 +118,16 @@ class MixedPairs final : public PairSource {
 };
 
 }  // namespace
+
+NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& package) {
+  NoiseModel model = load_model(path);
+  if (!(model.layout == package.layout()))
+    throw InputError(path.string(),
+                     fmt::format("is of a sensor with the layout {}, the package of {}",
+                                 model.layout.name(), package.settings.layout),
+                     "name a model of the package's layout");
+  return model;
+}
 
 NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
                            std::uint64_t seed, std::uint32_t number) {

@@ -35,6 +35,10 @@ class PairSource {
 /// of them, by their numbers of files. Throws InputError.
 std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config);
 
+/// A noise model for a package's training. Throws InputError as load_model, and where it is of
+/// another layout.
+NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& package);
+
 /// A sensor like `model` at a gain: K, Tukey-lambda scale, bias and row noise multiplied by factors
 /// exp(jitter * normal), drawn from (seed, number). Of the physics part alone. Throws InputError as
 /// NoiseModel::parameters_at.

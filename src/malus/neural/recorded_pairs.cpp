@@ -28,7 +28,7 @@ NoiseModel only_model(const TrainingConfig& config) {
     throw InputError(config.source.string(),
                      fmt::format("names {} noise models", config.models.size()),
                      "name the one that describes the recorded pairs");
-  return load_model(config.models.front());
+  return load_camera(config.models.front(), config.package);
 }
 
 Json load_json(const fs::path& path) {
