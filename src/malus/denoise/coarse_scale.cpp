@@ -8,7 +8,7 @@
 namespace malus::internal {
 namespace {
 
-int coarse_size(int size, int period) { return (size + 2 * period - 1) / (2 * period) * period; }
+int coarse_size(int size, int period) { return size / (2 * period) * period; }
 
 // Smooths along one axis by [1 2 1] / 4 over neighbours `period` apart, the border repeated.
 void smooth_axis(const Image& from, Image& to, int period, bool along_rows) {
@@ -57,12 +57,8 @@ Image coarse_frame(const PixelSource& pixel, int rows, int cols, const SensorLay
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < coarse.cols(); ++c) {
         const int row = r / down * 2 * down + r % down, col = c / across * 2 * across + c % across;
-        const int rows_of[2] = {folded(row, rows, down), folded(row + down, rows, down)};
-        const int cols_of[2] = {folded(col, cols, across), folded(col + across, cols, across)};
-        float sum = 0;
-        for (const int i : rows_of)
-          for (const int k : cols_of) sum += pixel(i, k);
-        coarse(r, c) = 0.5f * sum;
+        coarse(r, c) = 0.5f * (pixel(row, col) + pixel(row, col + across) + pixel(row + down, col) +
+                               pixel(row + down, col + across));
       }
   });
   return coarse;

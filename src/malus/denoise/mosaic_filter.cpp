@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/block_mix.h"
+#include "malus/denoise/internal/detail_shrinkage.h"
 #include "malus/denoise/internal/stack_kernel.h"
 
 #include <algorithm>
@@ -19,6 +20,9 @@ constexpr int kCellsPerAlignment = 65536;
 // Of profile `high`, whose first pass takes a stack's axes too: it sees the linear guide only,
 // which knows less of a stack than a pilot does.
 constexpr float kGuideAxesPrior = 10.0f;
+// Detail of so many times the noise that the last pass let through keeps half, where that pass
+// combines blocks and where it is a Wiener filter's: measured (docs/denoising-experiments.md).
+constexpr float kDetailOfRidge = 6.0f, kDetailOfWiener = 3.0f;
 // Its one guided pass has the noisier pilot (docs/denoising.md, "Uncertainty").
 constexpr float kFastOptimism = 8.0f;
 
@@ -181,6 +185,11 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   // Where a cell holds the layout's period several times, four components do not tell signal from
   // noise as well, and combinations lose in the dark (docs/denoising.md).
   const bool ridge = method == "nl-ridge" && layout.rows() == kCell && layout.cols() == kCell;
+  const bool periods = kCell % layout.rows() == 0 && kCell % layout.cols() == 0;
+  const auto detail = [&](StackFilter filter) {
+    if (method != "nl-ridge" || !periods) return 0.0f;
+    return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
+  };
   const auto hard = [](int side, int step, int search, int stack, float threshold,
                        float axes_prior = internal::kFrameAxes) {
     return StackStage{.block_cells = side,
@@ -200,6 +209,7 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   const auto quick = [&](StackFilter filter) {
     return MosaicFilterPlan{.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
                             .guided = {guided(filter, 7, 8, 32)},
+                            .detail_threshold = detail(filter),
                             .coarse = {}};
   };
   if (profile == "fast") {  // a pilot of the hard threshold alone is none to combine by
@@ -226,12 +236,14 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   const MosaicFilterPlan small_blocks{
       .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
       .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, ridge ? 7 : 5, 10, 64)},
+      .detail_threshold = detail(last),
       .coarse = {coarse}};
   if (profile == "normal") return with_large(small_blocks, 15, 32);
   if (profile == "high")
     return with_large(
         {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f, kGuideAxesPrior)},
          .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, 3, 10, 64)},
+         .detail_threshold = detail(last),
          .coarse = {small_blocks}},
         11, 64);
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
@@ -246,7 +258,7 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
   if (plan.large)
     reach += std::max(reach_of(*plan.large, period) - reach_of(plan.guided.front(), period), 0) +
              internal::kMixReach;
-  return reach;
+  return reach + (plan.detail_threshold > 0 ? internal::kDetailBlock : 0);
 }
 
 int folded(int position, int size, int period) {
@@ -314,7 +326,7 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   input.frame_cols = frame_cols;
   input.rotations = &statistics.rotations;
   input.axes_prior = &statistics.axes_prior;
-  MALUS_REQUIRE(!plan.hard.empty());
+  MALUS_REQUIRE(!plan.hard.empty() && plan.guided.size() >= (plan.large ? 2 : 1));
   Image pilot;
   {
     const Image guide = smoothed(noisy, statistics);
@@ -325,13 +337,16 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
             1.0f / static_cast<float>(i + 1));
   }
   input.guide = &pilot;
-  for (std::size_t pass = 0; pass < plan.guided.size(); ++pass)
-    if (pass == 0 && plan.large)
-      pilot = mixed_pass(input, plan.guided.front(), *plan.large, progress);
-    else
-      pilot = internal::run_stage(input, plan.guided[pass], progress,
-                                  pass + 1 == plan.guided.size() ? variance_out : nullptr);
-  return pilot;
+  for (std::size_t pass = 0; pass + 1 < plan.guided.size(); ++pass)
+    pilot = pass == 0 && plan.large ? mixed_pass(input, plan.guided.front(), *plan.large, progress)
+                                    : internal::run_stage(input, plan.guided[pass], progress);
+  internal::PassedNoise passed;
+  internal::StackTile estimate{
+      internal::run_stage(input, plan.guided.back(), progress, variance_out, &passed), noisy.row0,
+      noisy.col0};
+  if (plan.detail_threshold == 0) return std::move(estimate.pixels);
+  return internal::shrink_detail(estimate, frame_rows, frame_cols, statistics.rotations.front(),
+                                 passed, plan.detail_threshold);
 }
 
 }  // namespace malus

@@ -24,6 +24,7 @@ struct MosaicFilterPlan {
   std::vector<internal::StackStage> guided;  ///< each takes the one before it for its pilot
   /// Larger blocks with the first guided pass's pilot, mixed with that pass (block_mix.h).
   std::optional<internal::StackStage> large = std::nullopt;
+  float detail_threshold = 0;  ///< after the last pass (detail_shrinkage.h); 0: none is shrunk
   /// How the frame of half the size is filtered, which corrects the low frequencies
   /// (coarse_scale.h): one plan, or none for no such correction.
   std::vector<MosaicFilterPlan> coarse;

@@ -9,6 +9,8 @@ set(denoise_SOURCES
     block_mix.cpp
     coarse_scale.cpp
     denoiser.cpp
+    detail_kernel.cpp
+    detail_shrinkage.cpp
     estimate_noise.cpp
     frame_filter.cpp
     memory_budget.cpp

@@ -91,6 +91,16 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   return job;
 }
 
+// A place for every reference of the tile.
+PassedNoise reference_grid(const StackJob& job) {
+  const auto first = [&](int origin) { return -floor_div(-origin, job.step); };
+  const auto count = [&](int origin, int size) {
+    return floor_div(origin + size - 1, job.step) - first(origin) + 1;
+  };
+  return {job.step, first(job.row0), first(job.col0),
+          Image(count(job.row0, job.rows), count(job.col0, job.cols))};
+}
+
 // Squares of references, in four groups: squares of a group write to disjoint parts of the tile, so
 // the sums have one order whatever the number of threads.
 void filter_all(const StackJob& job, const StageInput& input, const StackStage& stage,
@@ -146,7 +156,7 @@ CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues) 
 }
 
 Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
-                Image* variance_out) {
+                Image* variance_out, PassedNoise* passed_out) {
   const Image& noisy = input.noisy->pixels;
   MALUS_REQUIRE(input.guide->rows() == noisy.rows() && input.guide->cols() == noisy.cols());
   MALUS_REQUIRE(stage.stack >= 1 && stage.stack <= kMaxStack &&
@@ -160,6 +170,13 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   job.sum = sum.values().data();
   job.weight = weight.values().data();
   job.error = variance_out ? variance_out->values().data() : nullptr;
+  if (passed_out) {
+    *passed_out = reference_grid(job);
+    job.passed = passed_out->share.values().data();
+    job.passed_stride = passed_out->share.cols();
+    job.first_row = passed_out->first_row;
+    job.first_col = passed_out->first_col;
+  }
   filter_all(job, input, stage, progress);
   parallel_for(0, noisy.rows(), 64, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < end; ++r)

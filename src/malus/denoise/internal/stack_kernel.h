@@ -19,7 +19,10 @@ struct StackJob {
   const float* guide;
   float* sum;
   float* weight;
-  float* error;  ///< may be null
+  float* error;   ///< may be null
+  float* passed;  ///< may be null; of the references from first_row and first_col on, in steps
+  std::ptrdiff_t passed_stride;
+  int first_row, first_col;
   std::ptrdiff_t stride;
   int rows, cols;
   int row0, col0;  ///< frame position of the tile, for the alignment
@@ -37,6 +40,10 @@ struct StackJob {
     const int r = ((row0 + row) % period_rows + period_rows) % period_rows;
     const int c = ((col0 + col) % period_cols + period_cols) % period_cols;
     return static_cast<std::size_t>(r * period_cols + c);
+  }
+  float& passed_of(int row, int col) const {
+    return passed[((row0 + row) / step - first_row) * passed_stride + (col0 + col) / step -
+                  first_col];
   }
 };
 

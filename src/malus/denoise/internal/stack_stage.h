@@ -68,10 +68,17 @@ struct StageInput {
   const std::vector<CellMatrix>* axes_prior = nullptr;
 };
 
+/// Of the samples' noise, the part that the stacks of a pass let through, by their references.
+struct PassedNoise {
+  int step = 1;                      ///< mosaic pixels between references
+  int first_row = 0, first_col = 0;  ///< the frame's position of share(0, 0), in steps
+  Image share;                       ///< 0 where there is no reference
+};
+
 /// Estimate of the tile's pixels; where variance_out is given, also the expected squared error.
 /// Pixels that no stack reached keep the noisy value and variance 1.
 Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
-                Image* variance_out = nullptr);
+                Image* variance_out = nullptr, PassedNoise* passed_out = nullptr);
 
 /// Eigenvectors of a symmetric matrix, largest eigenvalue first, as the columns of the result.
 CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues = nullptr);
