@@ -7,6 +7,8 @@
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
 
+#include <algorithm>
+
 #include "frame_input.h"
 #include "program.h"
 #include <fmt/format.h>
@@ -29,8 +31,8 @@ NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {
   profile.estimated_from_picture = record.value("noise_estimated_from_picture", false);
   for (const Json& line : record.at("noise_line"))
     profile.channels.push_back(
-        {.variance = VarianceCurve::affine(line.at("slope_dn").get<double>(),
-                                           line.at("offset_dn2").get<double>()),
+        {.variance = VarianceCurve::fitted_line(std::max(line.at("slope_dn").get<double>(), 0.0),
+                                                line.at("offset_dn2").get<double>(), 0.0),
          .gain_dn_per_e = line.at("gain_dn_per_e").get<double>()});
   if (static_cast<int>(profile.channels.size()) != layout.channels())
     throw InputError("noise_line", "does not fit the layout", "denoise again");

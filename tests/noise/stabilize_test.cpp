@@ -5,6 +5,7 @@
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/distribution.h"
+#include "malus/noise/model.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -158,6 +159,44 @@ TEST(Stabilizer, MeanOfIsTheInversesInverse) {
         VarianceCurve::affine(law.slope, law.read_deviation * law.read_deviation), 4013);
     for (double s = -100; s < 6000; s += 23)
       EXPECT_NEAR(stabilizer.inverse(stabilizer.mean_of(s)), s, 1e-8 * (100 + std::abs(s))) << s;
+  }
+}
+
+double stabilized_deviation(const Stabilizer& stabilizer, double signal_dn, double deviation_dn) {
+  RandomSequence random(9, 0, Draw::kUser);
+  Moments moments;
+  for (int i = 0; i < 20000; ++i)
+    moments.add(stabilizer.forward(signal_dn + deviation_dn * random.normal()));
+  return std::sqrt(moments.variance());
+}
+
+// White is that of the container where the camera's own is not known: far above all signals.
+TEST(Stabilizer, AWhiteThatIsFarAwayLeavesTheNoiseOfTheDark) {
+  for (const double slope : {0.0, 1e-4, 0.02}) {
+    const Stabilizer stabilizer(VarianceCurve::affine(slope, 0.49), 65535);
+    for (const double s : {-3.0, 0.0, 5.0})
+      EXPECT_NEAR(stabilized_deviation(stabilizer, s, std::sqrt(0.49 + slope * std::max(s, 0.0))),
+                  1.0, 0.03)
+          << slope << " at " << s;
+    EXPECT_NEAR(stabilizer.inverse(stabilizer.mean_of(20.0)), 20.0, 1e-6);
+  }
+}
+
+// A line fitted to bright levels alone, or to pixels that hold an unknown black level.
+TEST(Stabilizer, DeviationIsOneWhereTheLineBeginsAboveTheDark) {
+  NoiseModel model;
+  model.layout = SensorLayout::named("mono");
+  GaussianCalibration line;
+  line.gain.gain_db = 0;
+  line.slope_dn = {0.5};
+  line.offset_dn2 = {-40};
+  model.gaussian.push_back(line);
+  const NoiseProfile profile = model.profile_at(line.gain);
+  const Stabilizer stabilizer(profile.channels[0].variance, 4095);
+  for (const double s : {90.0, 100.0, 400.0}) {
+    const double deviation = std::sqrt(0.5 * s - 40);
+    EXPECT_NEAR(stabilized_deviation(stabilizer, s, deviation), 1.0, 0.04) << s;
+    EXPECT_NEAR(stabilizer.inverse(stabilizer.mean_of(s)), s, 1e-6);
   }
 }
 

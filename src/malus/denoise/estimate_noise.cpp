@@ -166,21 +166,11 @@ Line fit_levels(const std::vector<Level>& levels) {
   return line;
 }
 
-// The line as a curve; where it would fall below a tenth of the lowest level's variance (a black
-// level that is not known makes the offset negative) the curve goes flat.
-VarianceCurve curve_of(const Line& line, const std::vector<Level>& levels, double top_dn) {
-  if (line.slope <= 0) return VarianceCurve::affine(0, std::max(line.offset, 0.0));
-  if (line.offset >= 0) return VarianceCurve::affine(line.slope, line.offset);
+// The line as a curve, no lower than a tenth of the lowest level's variance.
+VarianceCurve curve_of(const Line& line, const std::vector<Level>& levels) {
   double least = levels.front().variance;
   for (const Level& l : levels) least = std::min(least, l.variance);
-  const double knee = (0.1 * least - line.offset) / line.slope;
-  std::vector<double> signal{knee}, variance{0.1 * least};
-  for (const double s : {0.25, 0.5, 1.0})
-    if (s * top_dn > signal.back()) {
-      signal.push_back(s * top_dn);
-      variance.push_back(line.offset + line.slope * s * top_dn);
-    }
-  return VarianceCurve::table(signal, variance);
+  return VarianceCurve::fitted_line(std::max(line.slope, 0.0), line.offset, 0.1 * least);
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
@@ -277,7 +267,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     Line line = lines[k];
     const double weight = fit_offset(levels[k], line);
     ChannelProfile channel;
-    channel.variance = curve_of(line, levels[k], saturated);
+    channel.variance = curve_of(line, levels[k]);
     const double variance = channel.variance(means[k]);
     deviation += std::sqrt(variance) / static_cast<double>(lines.size());
     error +=

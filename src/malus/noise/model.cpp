@@ -137,7 +137,8 @@ NoiseProfile gaussian_profile(const NoiseModel& model, const GaussianCalibration
   NoiseProfile profile = empty_profile(model);
   for (std::size_t c = 0; c < profile.channels.size(); ++c) {
     ChannelProfile& channel = profile.channels[c];
-    channel.variance = VarianceCurve::affine(calibration.slope_dn[c], calibration.offset_dn2[c]);
+    const double slope = calibration.slope_dn[c], electron = slope * slope;
+    channel.variance = VarianceCurve::fitted_line(slope, calibration.offset_dn2[c], electron);
     if (!calibration.bias_dn.empty()) channel.bias_dn = calibration.bias_dn[c];
     channel.gain_dn_per_e = calibration.slope_dn[c];
   }

@@ -10,7 +10,9 @@ namespace {
 
 constexpr double kInverseStep = 0.05;      // in deviations; quadratic error 1.6e-4 K
 constexpr double kMarginDeviations = 9.0;  // of the tables beyond the signals that occur
-constexpr double kNoiseFloor = 2e-5;       // of the highest signal
+// Least deviation, of the highest signal: stabilised values stay below 2^18, which float32 holds to
+// a 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
+constexpr double kNoiseFloor = 4e-6;
 constexpr int kForwardKnots = 8192;
 
 }  // namespace
@@ -26,6 +28,7 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const N
     const double offset = std::max(variance_.offset_dn2(), floor_dn2_);
     dark_deviation_dn_ = std::sqrt(offset + 0.375 * slope * slope);
     negative_deviation_dn_ = std::sqrt(std::max(offset, 0.0625 * slope * slope));
+    if (is_straight()) return;
   } else {
     dark_deviation_dn_ = std::sqrt(std::max(variance_(0.0), floor_dn2_));
     build_forward_table(highest_dn);
@@ -52,7 +55,7 @@ double Stabilizer::forward(double dn) const {
   if (dn <= 0) return dn / negative_deviation_dn_;
   if (variance_.is_affine()) {
     const double slope = variance_.slope_dn();
-    if (slope == 0) return dn / dark_deviation_dn_;
+    if (is_straight()) return dn / dark_deviation_dn_;
     // 2/K (sqrt(K s + b) - sqrt b), written without the difference of near equals.
     return 2.0 * dn /
            (std::sqrt(slope * dn + dark_deviation_dn_ * dark_deviation_dn_) + dark_deviation_dn_);
@@ -123,6 +126,7 @@ std::vector<double> Stabilizer::expectations_at(const std::vector<double>& knots
 }
 
 double Stabilizer::inverse(double stabilized) const {
+  if (is_straight()) return stabilized * dark_deviation_dn_;
   const double position = (stabilized - inverse_low_) / kInverseStep;
   const double last = static_cast<double>(signal_dn_.size() - 2);
   const double cell = std::clamp(std::floor(position), 0.0, last);
@@ -131,6 +135,7 @@ double Stabilizer::inverse(double stabilized) const {
 }
 
 double Stabilizer::mean_of(double signal_dn) const {
+  if (is_straight()) return forward(signal_dn);
   // The cell of the inverse's table that holds the signal; the outer cells go on as straight lines.
   const auto above = std::upper_bound(signal_dn_.begin() + 1, signal_dn_.end() - 1, signal_dn);
   const auto i = static_cast<std::size_t>(above - signal_dn_.begin()) - 1;

@@ -18,8 +18,8 @@ namespace malus {
 
 class Stabilizer {
  public:
-  /// highest_dn: largest signal above black that occurs, > 0. A channel without noise is given a
-  /// deviation of 2e-5 of it, so that the transformation exists.
+  /// highest_dn: largest signal above black that occurs, > 0. No deviation is taken as less than
+  /// 4e-6 of it: the transformation of a channel without noise would not exist.
   /// law: distribution of the samples, of which the curve may be a multiple (a stronger or weaker
   /// denoising); the inverse is unbiased for it whatever the curve.
   Stabilizer(const VarianceCurve& variance, double highest_dn, const NoiseLaw& law);
@@ -36,6 +36,8 @@ class Stabilizer {
   double inverse_slope(double stabilized) const;
 
  private:
+  /// One variance for all signals: forward and inverse are the same line for every law.
+  bool is_straight() const { return variance_.is_affine() && variance_.slope_dn() == 0; }
   void build_forward_table(double highest_dn);
   void build_inverse_table(double highest_dn, const NoiseLaw& law);
   std::vector<double> expectations_at(const std::vector<double>& knots, const NoiseLaw& law) const;
@@ -46,7 +48,7 @@ class Stabilizer {
   double negative_deviation_dn_;  ///< below zero: that of the read noise alone
   std::vector<double> integral_;  ///< forward at multiples of signal_step_dn_; empty if affine
   double signal_step_dn_ = 0;
-  std::vector<double> signal_dn_;  ///< inverse at inverse_low_ + i * kInverseStep
+  std::vector<double> signal_dn_;  ///< inverse at inverse_low_ + i * kInverseStep, if not straight
   double inverse_low_ = 0;
 };
 

@@ -7,11 +7,17 @@
 namespace malus {
 
 VarianceCurve VarianceCurve::affine(double slope_dn, double offset_dn2) {
-  MALUS_REQUIRE(slope_dn >= 0);
+  MALUS_REQUIRE(slope_dn >= 0 && offset_dn2 >= 0);
   VarianceCurve curve;
   curve.slope_dn_ = slope_dn;
   curve.offset_dn2_ = offset_dn2;
   return curve;
+}
+
+VarianceCurve VarianceCurve::fitted_line(double slope_dn, double offset_dn2, double least_dn2) {
+  if (slope_dn == 0 || offset_dn2 >= 0) return affine(slope_dn, std::max(offset_dn2, 0.0));
+  MALUS_REQUIRE(slope_dn > 0 && least_dn2 >= 0);
+  return table({(least_dn2 - offset_dn2) / slope_dn}, {least_dn2}, slope_dn);
 }
 
 VarianceCurve VarianceCurve::table(std::vector<double> signal_dn, std::vector<double> variance_dn2,
@@ -26,7 +32,7 @@ VarianceCurve VarianceCurve::table(std::vector<double> signal_dn, std::vector<do
 }
 
 double VarianceCurve::operator()(double signal_dn) const {
-  if (is_affine()) return std::max(slope_dn_ * std::max(signal_dn, 0.0) + offset_dn2_, 0.0);
+  if (is_affine()) return slope_dn_ * std::max(signal_dn, 0.0) + offset_dn2_;
   const auto above = std::upper_bound(signal_dn_.begin(), signal_dn_.end(), signal_dn);
   if (above == signal_dn_.begin()) return variance_dn2_.front();
   if (above == signal_dn_.end())

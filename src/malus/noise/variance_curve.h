@@ -9,10 +9,13 @@ namespace malus {
 /// black.
 class VarianceCurve {
  public:
-  /// variance = max(slope_dn * max(signal, 0) + offset_dn2, 0): Poisson-Gaussian, physics,
-  /// heteroscedastic Gaussian. An offset may lie below 0, where a line was fitted well above the
-  /// dark. Contract: slope_dn >= 0, as in all models (contradiction_in).
+  /// variance = slope_dn * max(signal, 0) + offset_dn2: Poisson-Gaussian, physics, heteroscedastic
+  /// Gaussian. Contract: both >= 0, as in all models of physics (contradiction_in).
   static VarianceCurve affine(double slope_dn, double offset_dn2);
+  /// A line whose offset may lie below 0: fitted well above the dark, or to pixels whose black
+  /// level is not known. Such a line does not tell the noise where it would fall below least_dn2:
+  /// there the curve is flat. Any other is affine. Contract: slope_dn, least_dn2 >= 0.
+  static VarianceCurve fitted_line(double slope_dn, double offset_dn2, double least_dn2);
   /// Piecewise linear through measured knots (rising signals): non-parametric models. Constant
   /// below; above the last knot it rises by slope_above_dn.
   static VarianceCurve table(std::vector<double> signal_dn, std::vector<double> variance_dn2,
