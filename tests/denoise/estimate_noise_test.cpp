@@ -3,6 +3,7 @@
 #include "malus/noise/model.h"
 #include "malus/synthesize/exact.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -153,6 +154,36 @@ TEST(EstimateProfile, ABlackLevelThatIsNotKnownDoesNotHarm) {
   const auto& curve = noise->profile.channels[0].variance;
   EXPECT_NEAR(std::sqrt(curve(82 + 300)) / std::sqrt(1.5 * 300 + 13.7), 1.0, 0.05);
   EXPECT_GT(curve(0), 0);
+}
+
+// A camera of 12 bits in a container of 16, of which nobody says so: a quarter of the frame is at
+// 4095, which has no noise.
+TEST(EstimateProfile, ClippedHighlightsOfUnknownWhiteAreNoPartOfIt) {
+  RawFrame frame = frame_of(shaded(512, 512, 1000, 5100), shot_and_read_noise(1.0, 3.0));
+  for (float& v : frame.dn.values()) v = std::min(std::nearbyint(v), 4095.0f);
+  const Estimate<PictureNoise> known = estimate_profile(frame);
+  frame.white_dn = 65535;
+  const Estimate<PictureNoise> unknown = estimate_profile(frame);
+  ASSERT_TRUE(known && unknown);
+  for (std::size_t k = 0; k < 16; ++k) {
+    const auto deviation_at = [k](const PictureNoise& noise, double signal) {
+      return std::sqrt(noise.profile.channels[k].variance(signal));
+    };
+    for (const double signal : {1500.0, 3500.0}) {
+      EXPECT_NEAR(deviation_at(*unknown, signal) / std::sqrt(signal + 9), 1.0, 0.1) << signal;
+      EXPECT_EQ(deviation_at(*unknown, signal), deviation_at(*known, signal));
+    }
+  }
+}
+
+// Noise of less than a count: the largest value has many pixels, and is not clipped.
+TEST(EstimateProfile, ManyPixelsAtTheMaximumOfAFaintFrameAreNotClipped) {
+  RawFrame frame = frame_of(Image(256, 256, 100.4f), shot_and_read_noise(0.001, 0.4));
+  for (float& v : frame.dn.values()) v = std::nearbyint(v);
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  ASSERT_TRUE(noise);
+  for (const ChannelProfile& channel : noise->profile.channels)
+    EXPECT_NEAR(std::sqrt(channel.variance(100)), 0.5, 0.1);
 }
 
 TEST(EstimateProfile, RefusesWhatHasNoNoiseOrIsTooSmall) {

@@ -102,7 +102,7 @@ TEST(RowNoise, StripesThatDwarfTheNoiseAreNoRowNoise) {
   for (int r = 0; r < 600; ++r)
     for (int c = 0; c < 600; ++c)
       frame.dn(r, c) += static_cast<float>(40 * std::sin(2 * 3.14159265358979 * r / 21.3));
-  estimate_row_deviation(frame.dn, 4000, profile);
+  estimate_row_deviation(frame.dn, kSaturatedDn, profile);
   EXPECT_EQ(profile.channels[0].sigma_row_dn, 0.0);
 }
 
@@ -134,7 +134,7 @@ TEST(RowNoise, DeviationAndGroupFromThePicture) {
   const Simulated truth = simulate(profile, 600, 600, false);
   NoiseProfile unknown = profile_with(0.0, 1.5);
   unknown.row_group = 1;
-  estimate_row_deviation(truth.dn, 4000, unknown);
+  estimate_row_deviation(truth.dn, kSaturatedDn, unknown);
   EXPECT_EQ(unknown.row_group, 2);
   EXPECT_NEAR(unknown.channels[0].sigma_row_dn, 1.5, 0.25);
 }

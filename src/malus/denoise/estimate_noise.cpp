@@ -7,6 +7,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -53,6 +56,30 @@ bool measure_block(View<const float> plane, int row, int col, double saturated_d
   block.texture = coarse_squares / kCount - (coarse_sum / kCount) * (coarse_sum / kCount);
   block.variance = squares / kCount;
   return true;
+}
+
+// The least value of a pixel that does not tell its light: white, or less where so many pixels
+// share the channel's largest value that they were clipped there, below a white that is not known.
+// Noise ends in a tail: of pixels that are not clipped the largest value has fewer than the one
+// below it.
+float saturation_of(const Image& plane, double white_dn) {
+  constexpr std::int64_t kPile = 4;                 // times the pixels of the value below
+  constexpr std::int64_t kLeast = kBlock * kBlock;  // fewer fill no block
+  float top = -std::numeric_limits<float>::infinity(), below = top;
+  std::int64_t at_top = 0, at_below = 0;
+  for (const float v : plane.values()) {
+    if (!std::isfinite(v) || v < below) continue;
+    if (v > top) {
+      below = std::exchange(top, v);
+      at_below = std::exchange(at_top, 0);
+    } else if (v > below && v < top) {
+      below = v;
+      at_below = 0;
+    }
+    ++(v == top ? at_top : at_below);
+  }
+  const bool clipped = at_below > 0 && at_top >= kLeast && at_top > kPile * at_below;
+  return clipped ? std::min(top, static_cast<float>(white_dn)) : static_cast<float>(white_dn);
 }
 
 std::vector<Block> measure_blocks(View<const float> plane, double saturated_dn) {
@@ -233,7 +260,7 @@ std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
 }  // namespace
 
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
-  const double saturated = white_above_black(frame.white_dn, frame.black_dn);
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
   Planes planes = pack(frame.dn, frame.layout);
   for (int k = 0; k < planes.channels(); ++k)
     for (float& v : planes[k].values())
@@ -241,10 +268,12 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   std::vector<std::vector<Level>> levels;
   std::vector<Line> lines;
   std::vector<double> means;
+  std::vector<float> saturated_dn;
   PictureNoise noise;
   double usable = 0, all = 0;
   for (const Image& plane : planes) {
-    const std::vector<Block> blocks = measure_blocks(plane, saturated);
+    saturated_dn.push_back(saturation_of(plane, range_dn));
+    const std::vector<Block> blocks = measure_blocks(plane, saturated_dn.back());
     if (blocks.size() < kLeastBlocks)
       return Undecided{
           fmt::format("{} unsaturated blocks of {} x {} pixels per channel; {} are needed",
@@ -274,14 +303,14 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
         variance > 0 ? 0.5 / (std::sqrt(weight) * variance) / static_cast<double>(lines.size()) : 0;
     noise.profile.channels.push_back(channel);
   }
-  if (!(deviation > 1e-6 * std::max(saturated, 1e-30)))
+  if (!(deviation > 1e-6 * std::max(range_dn, 1e-30)))
     return Undecided{"the picture has no noise that could be measured"};
   noise.relative_error = error;
   Image dn(frame.dn.rows(), frame.dn.cols());
   unpack(planes, frame.layout, dn);
-  estimate_row_deviation(dn, saturated, noise.profile);
+  estimate_row_deviation(dn, saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation);
-  const double shared = shared_detail(planes, saturated);
+  const double shared = shared_detail(planes, saturated_dn);
   if (shared > kSharedIsTexture)
     noise.trust += fmt::format(
         "; {:.0f} % of it is alike in neighbouring channels, which noise never is: it is texture, "

@@ -199,14 +199,15 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
   });
 }
 
-void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProfile& profile) {
+void estimate_row_deviation(View<const float> dn, const std::vector<float>& saturated_dn,
+                            NoiseProfile& profile) {
+  MALUS_REQUIRE(saturated_dn.size() == profile.channels.size());
   // Evidence comes in units of it; small beside the pixels' own, of whose unit all else follows.
   const double pixel = pixel_deviation(dn, profile), unit_dn = kEvidenceUnit * pixel;
   for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = unit_dn;
   profile.row_group = 1;
   std::vector<std::optional<RowEvidence>> rows;
-  const std::vector<float> limits(profile.channels.size(), static_cast<float>(saturated_dn));
-  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, limits, r, 1));
+  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r, 1));
   std::vector<double> values, explained, within, across;
   for (std::size_t r = 0; r < rows.size(); ++r) {
     if (!rows[r]) continue;

@@ -33,6 +33,7 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
 /// the pixel noise, from the picture's rows: the spread of their second differences beyond what
 /// pixel noise and the picture explain. 0 when that is less than three times its own error, or more
 /// than twice the pixels' deviation: then it is the picture's.
-void estimate_row_deviation(View<const float> dn, double saturated_dn, NoiseProfile& profile);
+void estimate_row_deviation(View<const float> dn, const std::vector<float>& saturated_dn,
+                            NoiseProfile& profile);
 
 }  // namespace malus

@@ -1,5 +1,6 @@
 #include "malus/denoise/shared_detail.h"
 
+#include "malus/base/error.h"
 #include "malus/base/statistics.h"
 
 #include <algorithm>
@@ -54,16 +55,18 @@ void measure_texture(std::vector<DetailBlock>& blocks, int channels) {
   }
 }
 
-std::vector<DetailBlock> smoothest_blocks(const Planes& planes, double saturated_dn) {
+std::vector<DetailBlock> smoothest_blocks(const Planes& planes,
+                                          const std::vector<float>& saturated_dn) {
   const int across = planes.cols() / kDetailBlock, all = planes.rows() / kDetailBlock * across,
             stride = (all + kMostBlocks - 1) / kMostBlocks;
   std::vector<DetailBlock> blocks;
   for (int i = 0; i < all; i += stride) {
     const int r = i / across * kDetailBlock, c = i % across * kDetailBlock;
     DetailBlock block;
-    if (std::all_of(planes.begin(), planes.end(),
-                    [&](const Image& plane) { return measure(plane, r, c, saturated_dn, block); }))
-      blocks.push_back(std::move(block));
+    bool counts = true;
+    for (int k = 0; counts && k < planes.channels(); ++k)
+      counts = measure(planes[k], r, c, saturated_dn[static_cast<std::size_t>(k)], block);
+    if (counts) blocks.push_back(std::move(block));
   }
   measure_texture(blocks, planes.channels());
   std::stable_sort(blocks.begin(), blocks.end(), [](const DetailBlock& a, const DetailBlock& b) {
@@ -78,7 +81,8 @@ std::vector<DetailBlock> smoothest_blocks(const Planes& planes, double saturated
 
 }  // namespace
 
-double shared_detail(const Planes& planes, double saturated_dn) {
+double shared_detail(const Planes& planes, const std::vector<float>& saturated_dn) {
+  MALUS_REQUIRE(std::ssize(saturated_dn) == planes.channels());
   const int channels = planes.channels();
   if (channels < 2) return 0.0;
   const std::vector<DetailBlock> blocks = smoothest_blocks(planes, saturated_dn);
