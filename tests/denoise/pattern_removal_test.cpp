@@ -4,6 +4,7 @@
 #include "malus/base/random.h"
 #include "malus/denoise/denoiser.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 
@@ -116,7 +117,8 @@ TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
   dn(100, 100) = 4000;
   const std::vector<float> saturated(16, 3900.0f);
   const auto shares = measure_pattern(dn, profile.layout, profile, saturated);
-  remove_pattern(dn, profile.layout, *profile.pattern, shares, saturated);
+  const SaturatedPixels at_white(dn, profile.layout, saturated);
+  remove_pattern(dn, *profile.pattern, shares, at_white);
   EXPECT_EQ(dn(100, 100), 4000);
   double squares = 0, noise = 0;
   for (int r = 0; r < kRows; ++r)
@@ -127,8 +129,56 @@ TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
       }
   EXPECT_NEAR(squares / noise, 1, 0.03);  // 1.02: the shares' and a tenth of response's own factor
   Image left = dn;
-  remove_pattern(left, profile.layout, *profile.pattern, {}, saturated);
+  remove_pattern(left, *profile.pattern, {}, at_white);
   EXPECT_EQ(left, dn);
+}
+
+// Of large frames some rows are passed over. A cell of three rows, of which one is saturated
+// everywhere: the others still tell the pattern.
+TEST(PatternRemoval, AllRowsOfACellTellThePattern) {
+  constexpr int kHigh = 1536, kWide = 1400;  // every third row is enough
+  NoiseProfile profile;
+  profile.layout = SensorLayout::from_sites({{"R"}, {"G1"}, {"B"}});
+  profile.channels.assign(3, ChannelProfile{.variance = VarianceCurve::affine(0.0, 4.0)});
+  Image dark(kHigh, kWide), dn(kHigh, kWide, 4000);
+  RandomSequence random(17, 0, Draw::kUser);
+  for (int r = 0; r < kHigh; ++r)
+    for (int c = 0; c < kWide; ++c) {
+      dark(r, c) = static_cast<float>(3 * random.normal());
+      if (r % 3 != 0) dn(r, c) = static_cast<float>(500 + dark(r, c) + 2 * random.normal());
+    }
+  profile.pattern = std::make_shared<const FixedPattern>(FixedPattern{std::move(dark), Image()});
+  const auto shares = measure_pattern(dn, profile.layout, profile, std::vector<float>(3, 4000.0f));
+  EXPECT_TRUE(shares.dark.present());
+  EXPECT_NEAR(shares.dark.value, 1, 0.02);
+}
+
+// Just below white: dividing by their response lifts the pixels over it, but nothing was clipped.
+TEST(PatternRemoval, APixelThatIsLiftedOverWhiteIsNotSaturated) {
+  const NoiseProfile profile = profile_with(Image(), normal_map(1, 0.02, 2));
+  RawFrame frame;
+  frame.layout = profile.layout;
+  frame.black_dn.assign(16, 0.0);
+  frame.white_dn = 700;
+  frame.source = "test";
+  frame.dn = drawn([](int, int) { return 650.0; }, *profile.pattern, 0, 1, 8);
+  frame.dn(100, 100) = 700;
+  int lifted = 0;
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c) {
+      float& pixel = frame.dn(r, c);
+      if (r != 100 || c != 100) pixel = std::min(pixel, 699.0f);
+      lifted += pixel < 700 && pixel / profile.pattern->response(r, c) > 701;
+    }
+  ASSERT_GT(lifted, 20);
+  const Denoised result =
+      denoise_frame(frame, profile, {.profile = "fast"}, silent_progress(), true);
+  ASSERT_GT(result.response_pattern_share, 0.9);
+  EXPECT_EQ(result.saturated_pixels, 1);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c)
+      EXPECT_EQ(std::isnan((*result.variance_dn2)(r, c)), r == 100 && c == 100);
+  EXPECT_EQ(result.dn_above_black(100, 100), 700);
 }
 
 TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {

@@ -121,7 +121,8 @@ TEST(RowNoise, RemovalSubtractsTheChannelsOwnShareAndLeavesSaturatedPixels) {
   dn(1, 0) = 3990;
   std::vector<float> saturated_dn = kSaturatedDn;
   saturated_dn[1] = 3985;
-  remove_row_noise(dn, profile, RowNoise{{1.0, -0.5}, {1, 1}}, saturated_dn);
+  remove_row_noise(dn, profile, RowNoise{{1.0, -0.5}, {1, 1}},
+                   SaturatedPixels(dn, profile.layout, saturated_dn));
   EXPECT_EQ(dn(0, 0), 4000.0f);
   EXPECT_EQ(dn(0, 1), 3990.0f);
   EXPECT_NEAR(dn(1, 0), 3988.0f, 1e-3);

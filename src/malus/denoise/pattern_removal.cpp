@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 namespace malus {
 namespace {
@@ -47,7 +48,7 @@ struct Comparison {
   const SensorLayout& layout;
   const NoiseProfile& profile;
   const std::vector<float>& saturated_dn;
-  int row_step;  ///< a multiple of nothing: all rows of a cell take part
+  int row_step;  ///< without a divisor of the cell's rows: all of them take part
 
   // Adds one row, its pixels weighted about the shares found so far.
   void add_row(int row, const std::array<double, 2>& shares,
@@ -137,7 +138,7 @@ PatternShares measure_pattern(View<const float> dn, const SensorLayout& layout,
     MALUS_REQUIRE(map->empty() || (map->rows() == dn.rows() && map->cols() == dn.cols()));
   // A step that shares no divisor with the cell's rows meets all channels.
   auto step = static_cast<int>(std::int64_t{dn.rows()} * dn.cols() / kEnoughPixels) + 1;
-  if (step > 1) step |= 1;
+  while (std::gcd(step, layout.rows()) != 1) ++step;
   const Comparison comparison{dn, layout, profile, saturated_dn, step};
   StripSums strips{};
   std::array<double, 2> shares{};
@@ -148,8 +149,8 @@ PatternShares measure_pattern(View<const float> dn, const SensorLayout& layout,
   return with_errors(strips);
 }
 
-void remove_pattern(Image& dn, const SensorLayout& layout, const FixedPattern& pattern,
-                    const PatternShares& shares, const std::vector<float>& saturated_dn) {
+void remove_pattern(Image& dn, const FixedPattern& pattern, const PatternShares& shares,
+                    const SaturatedPixels& saturated) {
   const bool dark = shares.dark.present(), response = shares.response.present();
   if (!dark && !response) return;
   const auto d = static_cast<float>(shares.dark.value),
@@ -157,8 +158,8 @@ void remove_pattern(Image& dn, const SensorLayout& layout, const FixedPattern& p
   parallel_for(0, dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int row = static_cast<int>(begin); row < end; ++row)
       for (int c = 0; c < dn.cols(); ++c) {
+        if (saturated(row, c)) continue;
         float& pixel = dn(row, c);
-        if (pixel >= saturated_dn[static_cast<std::size_t>(layout.channel_at(row, c))]) continue;
         if (dark) pixel -= d * pattern.dark_dn(row, c);
         // A pixel that hardly responds is a defect; what it tells is not worth a large factor.
         if (response) pixel /= std::max(1 + r * (pattern.response(row, c) - 1), 0.5f);

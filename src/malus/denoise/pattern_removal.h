@@ -1,6 +1,7 @@
 // The model's fixed pattern in a frame: how much of it there is, and taking it out.
 #pragma once
 
+#include "malus/denoise/saturated_pixels.h"
 #include "malus/image/layout.h"
 #include "malus/image/view.h"
 #include "malus/noise/profile.h"
@@ -35,7 +36,7 @@ PatternShares measure_pattern(View<const float> dn_above_black, const SensorLayo
                               const NoiseProfile& profile, const std::vector<float>& saturated_dn);
 
 /// Takes out what is present() of both; saturated pixels stay.
-void remove_pattern(Image& dn_above_black, const SensorLayout& layout, const FixedPattern& pattern,
-                    const PatternShares& shares, const std::vector<float>& saturated_dn);
+void remove_pattern(Image& dn_above_black, const FixedPattern& pattern, const PatternShares& shares,
+                    const SaturatedPixels& saturated);
 
 }  // namespace malus

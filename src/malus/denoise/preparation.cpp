@@ -80,12 +80,13 @@ std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
   return fill(dn, layout, places);
 }
 
-void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile, Denoised& report) {
+void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile,
+                      const std::vector<float>& saturated_dn, Denoised& report) {
   if (!profile.pattern) return;
   for (const Image* map : {&profile.pattern->dark_dn, &profile.pattern->response})
     if (!map->empty() && (map->rows() != frame.dn.rows() || map->cols() != frame.dn.cols())) return;
-  const PatternShares shares = measure_pattern(frame.dn, frame.layout, profile, frame.saturated_dn);
-  remove_pattern(frame.dn, frame.layout, *profile.pattern, shares, frame.saturated_dn);
+  const PatternShares shares = measure_pattern(frame.dn, frame.layout, profile, saturated_dn);
+  remove_pattern(frame.dn, *profile.pattern, shares, frame.saturated);
   if (shares.dark.present()) report.dark_pattern_share = shares.dark.value;
   if (shares.response.present()) report.response_pattern_share = shares.response.value;
 }
@@ -117,11 +118,11 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
   if (steps.fill_defects) prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects);
   report.defect_pixels = std::ssize(prepared.filled);
-  std::vector<float> zero_dn;
+  std::vector<float> zero_dn, saturated_dn;  // saturated_dn: as the pixels without zero_dn
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
     // In single precision, as the pixels: those at white are found again.
-    prepared.saturated_dn.push_back(static_cast<float>(frame.white_dn) - zero_dn[k]);
+    saturated_dn.push_back(static_cast<float>(frame.white_dn) - zero_dn[k]);
   }
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {
@@ -133,13 +134,14 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.dn = std::move(frame.dn);
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
-  if (steps.remove_pattern) take_out_pattern(prepared, profile, report);
+  prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
+  if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
   const auto group = static_cast<std::size_t>(profile.row_group);
   prepared.row_variance.assign((static_cast<std::size_t>(prepared.dn.rows()) + group - 1) / group,
                                1.0);
   if (steps.remove_rows) {
-    const RowNoise rows = estimate_row_noise(prepared.dn, profile, prepared.saturated_dn);
-    remove_row_noise(prepared.dn, profile, rows, prepared.saturated_dn);
+    const RowNoise rows = estimate_row_noise(prepared.dn, profile, saturated_dn);
+    remove_row_noise(prepared.dn, profile, rows, prepared.saturated);
     for (std::size_t g = 0; g < rows.deviation.size(); ++g)
       prepared.row_variance[g] = rows.deviation[g] * rows.deviation[g];
     double sum = 0, sigma = 0;

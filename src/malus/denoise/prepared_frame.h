@@ -4,6 +4,7 @@
 #pragma once
 
 #include "malus/denoise/denoiser.h"
+#include "malus/denoise/saturated_pixels.h"
 #include "malus/noise/stabilize.h"
 
 #include <cstdint>
@@ -27,18 +28,13 @@ struct FilledPixel {
 struct PreparedFrame {
   Image dn;  ///< above black and bias, row noise removed, every pixel finite
   SensorLayout layout;
-  double range_dn = 0;  ///< white above the highest black level
-  /// Per channel, as dn; pixels at least this bright are as bright as white or brighter.
-  std::vector<float> saturated_dn;
+  double range_dn = 0;        ///< white above the highest black level
+  SaturatedPixels saturated;  ///< as bright as white or brighter
   std::vector<NonfinitePixel> nonfinite;
   std::vector<FilledPixel> filled;
   /// Per row group: variance of what is left of its offset, in units of the channels' sigma_row².
   std::vector<double> row_variance;
   std::vector<double> mean_dn;  ///< per channel
-
-  bool saturated(int row, int col) const {
-    return dn(row, col) >= saturated_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
-  }
 };
 
 /// Throws InputError on a frame without pixels or with another layout than the profile's.

@@ -185,14 +185,14 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
 }
 
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
-                      const std::vector<float>& saturated_dn) {
+                      const SaturatedPixels& saturated) {
   parallel_for(0, dn.rows(), 32, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
       const double offset = rows.offset[static_cast<std::size_t>(r / profile.row_group)];
       float* to = dn.row(r);
       for (int c = 0; c < dn.cols(); ++c) {
         const auto k = static_cast<std::size_t>(profile.layout.channel_at(r, c));
-        if (to[c] < saturated_dn[k])
+        if (!saturated(r, c))
           to[c] -= static_cast<float>(offset * profile.channels[k].sigma_row_dn);
       }
     }

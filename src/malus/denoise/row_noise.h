@@ -6,6 +6,7 @@
 // where rows do so all over the frame (level stripes, blinds), all offsets are held back.
 #pragma once
 
+#include "malus/denoise/saturated_pixels.h"
 #include "malus/image/view.h"
 #include "malus/noise/profile.h"
 
@@ -25,9 +26,9 @@ struct RowNoise {
 RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
                             const std::vector<float>& saturated_dn);
 
-/// Subtracts sigma_row * offset from every pixel below its channel's saturated_dn.
+/// Subtracts sigma_row * offset from every pixel that is not saturated.
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
-                      const std::vector<float>& saturated_dn);
+                      const SaturatedPixels& saturated);
 
 /// Fills sigma_row_dn (equal for all channels) and row_group (1 or 2) of a profile that knows only
 /// the pixel noise, from the picture's rows: the spread of their second differences beyond what

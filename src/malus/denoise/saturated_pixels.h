@@ -1,0 +1,35 @@
+// Which pixels of a frame are at white. Judged before anything is corrected: a correction may lift
+// a pixel above white that is not saturated.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+
+#include <vector>
+
+namespace malus {
+
+class SaturatedPixels {
+ public:
+  SaturatedPixels() = default;
+  /// Those at least as bright as saturated_dn, one per channel.
+  SaturatedPixels(View<const float> dn, const SensorLayout& layout,
+                  const std::vector<float>& saturated_dn)
+      : cols_(dn.cols()), is_(index(dn.rows(), 0)) {
+    for (int r = 0; r < dn.rows(); ++r)
+      for (int c = 0; c < dn.cols(); ++c)
+        is_[index(r, c)] =
+            dn(r, c) >= saturated_dn[static_cast<std::size_t>(layout.channel_at(r, c))];
+  }
+  bool operator()(int row, int col) const { return is_[index(row, col)]; }
+
+ private:
+  std::size_t index(int row, int col) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(cols_) +
+           static_cast<std::size_t>(col);
+  }
+  int cols_ = 0;
+  std::vector<bool> is_;
+};
+
+}  // namespace malus
