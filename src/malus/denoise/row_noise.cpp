@@ -2,13 +2,11 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/denoise/row_posterior.h"
 
 #include <algorithm>
 #include <cmath>
 #include <optional>
-
-#include <Eigen/SparseCholesky>
-#include <Eigen/SparseCore>
 
 namespace malus {
 namespace {
@@ -34,13 +32,6 @@ constexpr double kMostRowDeviation = 2.0;
 constexpr double kEvidenceUnit = 0.25;
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
-
-// How a row's mean second difference stands to the groups' offsets: offset[group] minus half of
-// offset[above] and offset[below].
-struct RowEvidence {
-  int group, above, below;
-  double value, variance;
-};
 
 // Weighted sums over one part of a row.
 struct SegmentSum {
@@ -92,34 +83,6 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
                      std::max(1.0 / weight, between)};
 }
 
-// Mean and deviations of offset ~ N(0, 1) given the evidence with the given variances.
-RowNoise posterior(const std::vector<RowEvidence>& evidence, const std::vector<double>& variance,
-                   int groups) {
-  std::vector<Eigen::Triplet<double>> entries;
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(groups);
-  for (int g = 0; g < groups; ++g) entries.emplace_back(g, g, 1.0);
-  for (std::size_t i = 0; i < evidence.size(); ++i) {
-    const RowEvidence& e = evidence[i];
-    const int index[3] = {e.group, e.above, e.below};
-    const double factor[3] = {1.0, -0.5, -0.5};
-    for (int a = 0; a < 3; ++a) {
-      right[index[a]] += factor[a] * e.value / variance[i];
-      for (int b = 0; b < 3; ++b)
-        entries.emplace_back(index[a], index[b], factor[a] * factor[b] / variance[i]);
-    }
-  }
-  Eigen::SparseMatrix<double> precision(groups, groups);
-  precision.setFromTriplets(entries.begin(), entries.end());
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(precision);
-  const Eigen::VectorXd mean = solver.solve(right);
-  RowNoise rows;
-  for (int g = 0; g < groups; ++g) {
-    rows.offset.push_back(mean[g]);
-    rows.deviation.push_back(1.0 / std::sqrt(precision.coeff(g, g)));
-  }
-  return rows;
-}
-
 // Of the pixel noise at the frame's mean signal, mean over the channels.
 double pixel_deviation(View<const float> dn, const NoiseProfile& profile) {
   Moments signal;
@@ -169,7 +132,7 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
   std::vector<double> variance;
   for (const RowEvidence& e : evidence) variance.push_back(e.variance);
   for (int pass = 0; pass < kReweightings; ++pass) {
-    rows = posterior(evidence, variance, groups);
+    rows = row_posterior(evidence, variance, groups);
     for (std::size_t i = 0; i < evidence.size(); ++i) {
       const RowEvidence& e = evidence[i];
       const auto offset = [&](int g) { return rows.offset[static_cast<std::size_t>(g)]; };

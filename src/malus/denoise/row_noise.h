@@ -16,8 +16,7 @@ namespace malus {
 
 struct RowNoise {
   std::vector<double> offset;  ///< per row group, in units of the channels' sigma_row
-  /// Posterior deviation given the neighbours' offsets, same unit; 1 where nothing is known or
-  /// offsets are held back.
+  /// Posterior deviation, same unit; 1 where nothing is known or offsets are held back.
   std::vector<double> deviation;
 };
 

@@ -18,6 +18,7 @@ set(denoise_SOURCES
     pattern_removal.cpp
     preparation.cpp
     row_noise.cpp
+    row_posterior.cpp
     shared_detail.cpp
     stack_kernel.cpp
     stack_stage.cpp)
