@@ -209,8 +209,10 @@ struct OpenedFrame {
 OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
                        const FrameJob& job, const FrameOptions& options) {
   OpenedFrame opened;
-  opened.frame =
-      load_frame(job.input, model ? options_for_model(options, *model, job.input) : options);
+  opened.frame = load_frame(
+      job.input,
+      options_for_file(job.input, model ? options_for_model(options, *model, job.input) : options,
+                       arguments.raw.float_black()));
   opened.choice = choose_profile(opened.frame, model, arguments);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);

@@ -126,8 +126,10 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
   for (std::size_t i = 0; i < names.size(); ++i) {
     check_stop(*progress);
+    const fs::path& input = arguments.inputs[i];
     RawFrame frame =
-        load_frame(arguments.inputs[i], options_for_model(options, model, arguments.inputs[i]));
+        load_frame(input, options_for_file(input, options_for_model(options, model, input),
+                                           arguments.raw.float_black()));
     check_gain_of(frame, from);
     Image result = guide_of(arguments, i, frame, model, from, *progress);
     if (!ranges.empty()) coverage.add(level_coverage(model.layout, ranges, result));

@@ -1,5 +1,7 @@
 #include "frame_input.h"
 
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
@@ -37,24 +39,32 @@ FrameOptions in_layout(FrameOptions options, const SensorLayout& model_layout,
 
 }  // namespace
 
-RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
-                          FloatBlack float_black) {
+FrameOptions options_for_file(const std::filesystem::path& path, const FrameOptions& options,
+                              FloatBlack float_black) {
+  if (options.black_dn.empty()) return options;
   FrameOptions above = options;
   above.black_dn.clear();
-  const bool is_float = !options.raw_format && probe_frame(path, above).frame.bits == 0;
-  const bool tells = is_float && probe_frame(path, above).frame.black_known;
-  const bool holds = float_black == FloatBlack::kHolds && !options.black_dn.empty();
-  if (!is_float || (holds && !tells)) {
-    RawFrame frame = load_frame(path, options);
-    subtract_black(frame);
-    return frame;
-  }
-  if (holds)
+  const RawFrame told = probe_frame(path, above).frame;
+  const bool tells_above = told.black_known && mean_of(told.black_dn) == 0;
+  if (told.bits > 0 || (told.black_known && !tells_above) ||
+      (float_black == FloatBlack::kHolds && !tells_above))
+    return options;
+  if (float_black == FloatBlack::kHolds)
     warn(fmt::format("{}: says that it is above black; --black is not subtracted", path.string()));
-  if (above.white_dn && !options.black_dn.empty())
-    above.white_dn = white_above_black(*above.white_dn, options.black_dn);
-  RawFrame frame = load_frame(path, above);
-  frame.black_known = true;
+  if (float_black == FloatBlack::kNotSaid && !tells_above && mean_of(options.black_dn) != 0)
+    warn(
+        fmt::format("{}: float pixels are taken as DN above black, give --black {:g} if they hold "
+                    "the camera's",
+                    path.string(), mean_of(options.black_dn)));
+  if (above.white_dn) above.white_dn = white_above_black(*above.white_dn, options.black_dn);
+  if (!tells_above) above.black_dn = {0.0};
+  return above;
+}
+
+RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
+                          FloatBlack float_black) {
+  RawFrame frame = load_frame(path, options_for_file(path, options, float_black));
+  if (frame.bits == 0) frame.black_known = true;
   subtract_black(frame);
   return frame;
 }

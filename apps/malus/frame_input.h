@@ -11,8 +11,13 @@
 
 namespace malus::app {
 
-/// A raw frame minus its black level. Float files hold DN above black already (interface: malus
-/// writes them so) unless told otherwise. white_dn is above black.
+/// The options as they are true of a file: a float file that says that it is above black is, and so
+/// is one that does not tell its black level (interface: malus writes them so) unless --black says
+/// that it holds it. What is not taken as stated is said on stderr.
+FrameOptions options_for_file(const std::filesystem::path& path, const FrameOptions& options,
+                              FloatBlack float_black);
+
+/// A raw frame minus its black level, see options_for_file. white_dn is above black.
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
                           FloatBlack float_black = FloatBlack::kAboveAlready);
 

@@ -13,10 +13,11 @@
 
 namespace malus::app {
 
-/// What --black means for a float file that does not tell its black level.
+/// What a stated black level means for a float file that does not tell its own.
 enum class FloatBlack {
   kAboveAlready,  ///< nothing but that white lies as much higher: one flag serves raw and results
-  kHolds,         ///< the file holds it, as the mean of raw frames does
+  kNotSaid,       ///< the same, but a session states it: that is said on stderr
+  kHolds,         ///< --black: the file holds it, as the mean of raw frames does
 };
 
 /// --layout --black --white --gain --iso --exposure --raw-format --size --session. Keep the object
@@ -28,7 +29,7 @@ class RawOptions {
   FrameOptions resolve() const;
   /// Where a command has one kind of input: files hold what the flag (not the session) says.
   FloatBlack float_black() const {
-    return black_dn_.empty() ? FloatBlack::kAboveAlready : FloatBlack::kHolds;
+    return black_dn_.empty() ? FloatBlack::kNotSaid : FloatBlack::kHolds;
   }
   std::optional<double> white_dn() const { return white_dn_; }
 

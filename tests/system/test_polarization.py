@@ -171,6 +171,36 @@ def test_a_frame_that_says_it_is_above_black_is_believed(malus, tmp_path):
     assert np.load(tmp_path / "out/c_000_denoised.npy").mean() == pytest.approx(300, abs=10)
 
 
+def test_black_is_subtracted_once_from_frames_above_it(malus, tmp_path):
+    """Whoever states the camera's black level: denoise and stokes believe the file, and say so of the flag."""
+    np.save(tmp_path / "c.npy", np.full((64, 64), 300, np.float32))
+    session = tmp_path / "session.toml"
+    session.write_text('[sensor]\nlayout = "polar-mono"\nblack = 82\nwhite = 4095\n')
+    malus("synthesize", tmp_path / "c.npy", *LAYOUT, "--model", "imx250mzr-simulated", "--gain", "12", "--ratio", "1",
+          "--float", "-o", tmp_path / "raw")
+    frame = tmp_path / "raw/c_000.tif"
+    for stated, said in (["--session", session], ""), (["--black", 82], "says that it is above black"):
+        found = malus("denoise", frame, *stated, "--model", "imx250mzr-simulated", "--gain", "12", "--format", "npy",
+                      "-o", tmp_path / "out", "--force")
+        assert said in found.err and found.err.count("--black") == bool(said)
+        assert np.load(tmp_path / "out/c_000_denoised.npy").mean() == pytest.approx(300, abs=10)
+        found = malus("stokes", frame, *stated, "--format", "npy", "-o", tmp_path / "out", "--force")
+        assert said in found.err and found.err.count("--black") == bool(said)
+        assert np.load(tmp_path / "out/c_000_s0.npy").mean() == pytest.approx(600, abs=20)
+
+
+def test_a_sessions_black_level_is_not_that_of_float_pixels(malus, tmp_path):
+    """Which is said, since they may hold it; then --black states it."""
+    np.save(tmp_path / "c.npy", np.random.default_rng(1).normal(300, 5, (64, 64)).astype(np.float32))
+    session = tmp_path / "session.toml"
+    session.write_text('[sensor]\nlayout = "polar-mono"\nblack = 82\nwhite = 4095\n')
+    model = ["--model", "imx250mzr-simulated", "--gain", "12", "--format", "npy", "-o", tmp_path / "out", "--force"]
+    for stated, mean, said in (["--session", session], 300, True), (["--session", session, "--black", 82], 218, False):
+        found = malus("denoise", tmp_path / "c.npy", *stated, *model)
+        assert ("give --black 82 if they hold the camera's" in found.err) == said
+        assert np.load(tmp_path / "out/c_denoised.npy").mean() == pytest.approx(mean, abs=10)
+
+
 @pytest.mark.parametrize("command", ["stokes", "normals"])
 def test_full_resolution_of_too_small_a_frame_names_it(refused, tmp_path, command):
     np.save(tmp_path / "tiny.npy", np.full((3, 12), 300, np.float32))
