@@ -358,9 +358,10 @@ void add_denoise(CLI::App& app, Common& common) {
   CLI::App* command = add_command(app, common, "denoise", "Take the noise out of raw frames",
                                   [arguments, &common] { run_denoise(*arguments, common); });
   command->add_option("RAW", arguments->inputs, "mosaics")->required();
-  command->add_option("--model", arguments->model,
-                      "noise model: a file or a built-in name; without it the noise is estimated "
-                      "from each picture");
+  auto* model = command->add_option(
+      "--model", arguments->model,
+      "noise model: a file or a built-in name; without it the noise is estimated "
+      "from each picture");
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command
       ->add_option("--format", arguments->format,
@@ -373,15 +374,19 @@ void add_denoise(CLI::App& app, Common& common) {
                     "also the variance of every pixel [DN^2], packed, as EXR");
   command->add_flag("--u16", arguments->u16, "also an integer raw with the black level put back");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
-  command->add_option("--reference", arguments->references,
-                      "the clean mosaic of each frame's scene: metrics are reported");
+  auto* references =
+      command->add_option("--reference", arguments->references,
+                          "the clean mosaic of each frame's scene: metrics are reported");
   command
       ->add_option("--reference-ratio", arguments->reference_ratio,
                    "how much more light the references had")
       ->check(positive_number())
-      ->capture_default_str();
-  command->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
-                    "allow a gain outside the calibrated range");
+      ->capture_default_str()
+      ->needs(references);
+  command
+      ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
+                 "allow a gain outside the calibrated range")
+      ->needs(model);
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->settings);
   command->get_option("--method")

@@ -45,10 +45,15 @@ struct Subject {
   int channels() const { return picture ? picture->planes.channels() : 1; }
 };
 
-Subject load_subject(const fs::path& path, const FrameOptions& options) {
+Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOptions& options) {
   if (!options.raw_format && has_picture_ending(path)) {
     Picture picture = load_picture(path);
-    if (picture.planes.channels() > 1) return {{}, std::move(picture)};
+    if (picture.planes.channels() > 1) {
+      if (raw.float_black() == FloatBlack::kHolds)
+        throw CLI::ValidationError(
+            "--black", path.string() + " is a picture of several channels, which has none");
+      return {{}, std::move(picture)};
+    }
   }
   Subject subject{load_above_black(path, options), std::nullopt};
   warn_of_unknown_black(subject.frame);
@@ -154,14 +159,14 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
   read.push_back(arguments.noise.reference.front());
   check_output_apart("--report", arguments.report, read, {}, common.force);
   const FrameOptions options = arguments.raw.resolve();
-  const Subject reference = load_subject(arguments.noise.reference.front(), options);
+  const Subject reference = load_subject(arguments.noise.reference.front(), arguments.raw, options);
   Json results = Json::array();
   std::size_t width = 32;
   for (const fs::path& path : arguments.noise.test)
     width = std::max(width, path.string().size() + 1);
   std::string text = table_line("", width, {"image dB", "SSIM", "DoLP dB", "AoLP dB", "AoLP deg"});
   for (const fs::path& path : arguments.noise.test) {
-    Subject test = load_subject(path, options);
+    Subject test = load_subject(path, arguments.raw, options);
     if (arguments.ratio != 1) multiply(test, arguments.ratio);
     const Evaluation e = evaluate(arguments, path, reference, test);
     if (e.pixels_left_out > 0)
@@ -169,7 +174,8 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
                        path.string(), e.pixels_left_out));
     if (!e.dolp_psnr_db && !reference.picture)
       note(common, fmt::format("{}: no DoLP, no AoLP: {}", path.string(), e.dolp_psnr_db.reason()));
-    if (!e.image_ssim) note(common, "SSIM: " + e.image_ssim.reason());
+    if (!e.image_ssim)
+      note(common, fmt::format("{}: no SSIM: {}", path.string(), e.image_ssim.reason()));
     Json json = evaluation_json(e);
     if (arguments.noise.test.size() > 1) json["test"] = path.string();
     results.push_back(std::move(json));
@@ -184,13 +190,24 @@ void run_evaluate(const EvaluateArguments& arguments, const Common& common) {
   const NoiseArguments& noise = arguments.noise;
   if (noise.test.empty() == noise.model.empty())
     throw CLI::ValidationError("--test", "give either --test or, with --noise, --model");
-  if (arguments.noise_mode && !arguments.report.empty())
-    throw CLI::ValidationError("--report", "is for the comparison of pictures, not for --noise");
   if (arguments.noise_mode) return run_noise_comparison(noise, arguments.raw, common);
-  if (!noise.model.empty()) throw CLI::ValidationError("--model", "needs --noise");
   if (noise.reference.size() != 1)
     throw CLI::ValidationError("--reference", "one picture, unless --noise compares sets");
   run_image_comparison(arguments, common);
+}
+
+// Those of the comparison of pictures alone.
+void add_picture_flags(CLI::App& command, EvaluateArguments& arguments, CLI::Option* noise) {
+  command.add_option("--peak", arguments.peak_dn, "white above black for PSNR and SSIM [DN]")
+      ->check(positive_number())
+      ->excludes(noise);
+  command
+      .add_option("--ratio", arguments.ratio,
+                  "low-light ratio of the tests: they are multiplied by it before the comparison")
+      ->check(positive_number())
+      ->capture_default_str()
+      ->excludes(noise);
+  command.add_option("--report", arguments.report, "also a report page (HTML)")->excludes(noise);
 }
 
 }  // namespace
@@ -204,30 +221,25 @@ void add_evaluate(CLI::App& app, Common& common) {
   command->add_option("--reference", noise.reference, "the truth; with --noise a set of frames")
       ->required();
   command->add_option("--test", noise.test, "one or more to judge; with --noise a set of frames");
-  command->add_option("--peak", arguments->peak_dn, "white above black for PSNR and SSIM [DN]")
-      ->check(positive_number());
-  command
-      ->add_option("--ratio", arguments->ratio,
-                   "low-light ratio of the tests: they are multiplied by it before the comparison")
-      ->check(positive_number())
-      ->capture_default_str();
-  command->add_option("--report", arguments->report, "also a report page (HTML)");
   const std::string group = "Noise";
-  command->add_flag("--noise", arguments->noise_mode, "compare the noise of two sets of frames")
-      ->group(group);
-  command->add_option("--clean", noise.clean, "the scene without noise; left out: a uniform scene")
-      ->group(group);
-  command
-      ->add_option(
-          "--model", noise.model,
-          "noise model in place of --test: a file, a built-in name, or a trained Noise Flow "
-          "(.safetensors)")
-      ->group(group);
-  command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")->group(group);
+  auto* mode =
+      command->add_flag("--noise", arguments->noise_mode, "compare the noise of two sets of frames")
+          ->group(group);
+  add_picture_flags(*command, *arguments, mode);
+  const std::vector<CLI::Option*> before = command->get_options();
+  command->add_option("--clean", noise.clean, "the scene without noise; left out: a uniform scene");
+  auto* model = command->add_option(
+      "--model", noise.model,
+      "noise model in place of --test: a file, a built-in name, or a trained Noise Flow "
+      "(.safetensors)");
+  command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")->needs(model);
   command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
       ->check(in_range(0, 1000000))
-      ->group(group);
+      ->needs(model);
   add_flags(*command, noise.settings);
+  for (CLI::Option* option : command->get_options())
+    if (std::find(before.begin(), before.end(), option) == before.end())
+      option->needs(mode)->group(group);
   arguments->raw.add_to(*command);
 }
 

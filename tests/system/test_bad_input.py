@@ -189,11 +189,24 @@ def test_wrong_usage_exits_2(malus, arguments):
     ["stokes", "f.npy", "-o", "out", "--variance", "a.exr", "b.exr"],
     ["denoise", "f.npy", "-o", "out", "--reference", "a.npy", "b.npy"],
     ["denoise", "f.npy", "-o", "out", "--method", "w.safetensors", "--uncertainty"],
+    ["denoise", "f.npy", "-o", "out", "--extrapolate-gain"],
+    ["denoise", "f.npy", "-o", "out", "--reference-ratio", "2"],
+    *(["evaluate", "--reference", "f.npy", "--test", "f.npy", "--noise", *flags]
+      for flags in (["--ratio", "2"], ["--peak", "9"], ["--report", "r.html"], ["--kind", "gaussian"], ["--frames", "3"])),
+    *(["evaluate", "--reference", "f.npy", "--test", "f.npy", *flags]
+      for flags in (["--clean", "c.npy"], ["--frames", "3"], ["--kind", "gaussian"], ["--bins", "64"], ["--levels", "8"],
+                    ["--no-remove-fixed-pattern"], ["--model", "m"])),
     ["renoise", "f.npy", "-m", "m", "--from", "1", "--to", "2", "-o", "out", "--guide", "a.npy", "b.npy"],
     ["synthesize", "f.npy", "-m", "m", "-o", "out", "--gain", "loud"]])
 def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
     malus(*arguments, code=2, cwd=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_pictures_of_several_channels_have_no_black_level(malus, tmp_path):
+    Image.fromarray(np.zeros((16, 16, 3), np.uint8)).save(tmp_path / "p.png")
+    found = malus("evaluate", "--reference", tmp_path / "p.png", "--test", tmp_path / "p.png", "--black", 4, code=2)
+    assert "p.png is a picture of several channels" in found.err
 
 
 @pytest.mark.parametrize("command,flag,words", [
