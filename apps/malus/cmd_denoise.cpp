@@ -273,7 +273,8 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
     measure_against_reference(kept);
     kept.run["against_reference"] = metrics_json(kept);
   }
-  Json record = run_record(kept.before, choice.profile, job.input, job.names.mosaic, kept.run);
+  Json record = run_record(kept.before, choice.profile, job.input, options.raw_format,
+                           job.names.mosaic, kept.run);
   if (compared) name_reference(record, job.reference, arguments.reference_ratio, job.names.mosaic);
   write_record(job.names.record, record, force);
   const Json run = kept.run;

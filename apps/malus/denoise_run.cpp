@@ -42,7 +42,7 @@ NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {
 }  // namespace
 
 Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::path& input,
-                const fs::path& result, Json run) {
+                std::optional<RawFormat> raw_format, const fs::path& result, Json run) {
   const fs::path folder = result.parent_path();
   Json record = {{"kind", "denoise"},
                  {"input_file", relative_to(input, folder)},
@@ -58,6 +58,11 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
     Json names = Json::array();
     for (int col = 0; col < before.layout.cols(); ++col)
       names.push_back(before.layout.channel_name(before.layout.channel_at(row, col)));
+  if (raw_format) {  // such a file does not tell its size either, which the run does
+    record["raw_format"] = raw_format_name(*raw_format);
+    record["rows"] = run.at("rows");
+    record["cols"] = run.at("cols");
+  }
     record["sites"].push_back(names);
   }
   for (std::size_t c = 0; c < profile.channels.size(); ++c) {
@@ -153,6 +158,11 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.run = record.at("run");
     if (record.contains("reference_file")) {
       add_reference(frame, folder / record.at("reference_file").get<std::string>(),
+    if (record.contains("raw_format")) {
+      options.raw_format = raw_format_named(record.at("raw_format").get<std::string>());
+      options.rows = record.at("rows").get<int>();
+      options.cols = record.at("cols").get<int>();
+    }
                     record.at("reference_ratio").get<double>(), true);
       measure_against_reference(frame);
     }

@@ -5,6 +5,7 @@
 #include "malus/io/frame_file.h"
 
 #include <filesystem>
+#include <optional>
 
 #include "report_pages.h"
 #include <nlohmann/json.hpp>
@@ -12,9 +13,11 @@
 namespace malus::app {
 
 /// What is needed to read the input again and to know its noise, added to the run's own record.
-/// result: the denoised mosaic; paths are kept relative to its folder where that is possible.
+/// raw_format: of headerless input. result: the denoised mosaic; paths are kept relative to its
+/// folder where that is possible.
 nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& profile,
                                   const std::filesystem::path& input,
+                                  std::optional<RawFormat> raw_format,
                                   const std::filesystem::path& result, nlohmann::ordered_json run);
 
 /// Puts the clean scene `path` into `frame`, divided by `ratio` (how much more light it had).

@@ -46,6 +46,16 @@ def test_a_record_becomes_a_page(malus, tmp_path):
     assert (blocks[3]["rows"], blocks[3]["cols"]) == (32, 48)
 
 
+def test_a_denoised_headerless_frame_becomes_a_page(malus, tmp_path):
+    """Nothing but the record knows its format and size."""
+    dn = np.random.default_rng(2).normal(500, 10, (48, 64)).astype("<u2")
+    (tmp_path / "frame.raw").write_bytes(dn.tobytes())
+    malus("denoise", tmp_path / "frame.raw", "--raw-format", "mono16", "--size", "64x48", "--layout", "polar-mono", "--black", 80,
+          "--white", 4095, "--model", "imx250mzr-simulated", "--gain", 12, "-o", tmp_path / "out")
+    malus("report", tmp_path / "out/frame_denoised.json", "-o", tmp_path / "page.html")
+    assert page_data(tmp_path / "page.html")
+
+
 @pytest.mark.parametrize("changes, words", [
     ({"tables": [{"title": "no columns"}]}, "does not hold what a page needs"),
     ({"pictures": [{"title": "x", "layout": "polar-mono", "white_dn": 4095, "files": [{"name": "a", "file": "none.npy"}]}]}, "none.npy"),
