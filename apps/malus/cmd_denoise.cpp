@@ -113,7 +113,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
-    ProfileChoice choice{model->profile_at(gain, gain_range(arguments.extrapolate_gain)),
+    ProfileChoice choice{profile_for(frame, *model, gain_range(arguments.extrapolate_gain)),
                          fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
     warn_of_extrapolation(*model, gain, arguments.model);

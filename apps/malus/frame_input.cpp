@@ -86,6 +86,14 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
   return result;
 }
 
+NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range) {
+  try {
+    return model.profile_at(frame.gain, range);
+  } catch (const InputError& error) {
+    throw InputError(frame.source + ": " + error.subject(), error.problem(), error.remedy());
+  }
+}
+
 Image above_black(const RawFrame& frame) {
   RawFrame copy = frame;
   subtract_black(copy);

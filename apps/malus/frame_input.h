@@ -32,6 +32,10 @@ FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& 
 FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& model,
                                const std::filesystem::path& input);
 
+/// The noise at the frame's gain (of a model of one gain, at that one). Throws InputError, which
+/// names the frame, where the model tells none there.
+NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range);
+
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
 

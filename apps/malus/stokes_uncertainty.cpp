@@ -32,7 +32,7 @@ void forget_saturated(Planes& variance, const RawFrame& above_black) {
 Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range) {
   const SensorLayout& layout = above_black.layout;
   require_layout_of_model(above_black, model.layout);
-  const NoiseProfile profile = model.profile_at(above_black.gain, range);
+  const NoiseProfile profile = profile_for(above_black, model, range);
   const float limit_dn = saturation_dn(above_black);
   for (int r = 0; r < above_black.dn.rows(); ++r)
     for (int c = 0; c < above_black.dn.cols(); ++c) {

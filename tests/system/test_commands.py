@@ -71,7 +71,7 @@ def test_noise_is_not_compared_with_itself(malus, tmp_path):
 
 def test_the_gain_is_asked_for_where_there_are_several(malus, examples, tmp_path):
     said = malus("denoise", crop(examples, tmp_path), *MONO, "--model", "imx250mzr-simulated", "-o", tmp_path, code=1).err
-    assert "--gain" in said and "24 dB" in said
+    assert "--gain" in said and "24 dB" in said and "scene.png" in said
 
 
 def test_synthesize_is_the_same_for_any_number_of_threads(malus, examples, tmp_path):

@@ -222,9 +222,12 @@ StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, De
   const Image finite = internal::filled(mosaic, layout);
   if (method == Demosaicking::kBilinear) return bilinear(finite, layout);
   if (!supports_residual(layout))
-    throw InputError(fmt::format("layout {}", layout.name()),
-                     "residual interpolation needs 2x2 blocks of one colour with four angles",
-                     "use bilinear demosaicking");
+    throw InputError(
+        source,
+        fmt::format("residual interpolation needs 2x2 blocks of one colour with four angles, which "
+                    "the layout {} does not have",
+                    layout.name()),
+        "use bilinear interpolation where there is a choice, or one value per cell");
   return residual(finite, layout);
 }
 
