@@ -57,7 +57,7 @@ std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfil
   denoised.holds = kHoldsDenoised;
   save_mosaic(names.mosaic, header, lowered_dn, result.dn_above_black, denoised);
   files.push_back(names.mosaic.string());
-  const std::vector<std::string> channels = header.layout.channel_names();
+  const std::vector<std::string> channels = plane_names(header.layout);
   if (!names.planes.empty()) {
     save_picture(names.planes, pack(result.dn_above_black, header.layout), channels, save);
     files.push_back(names.planes.string());

@@ -57,7 +57,7 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& above_bl
   if (picture.holds != kHoldsVariance)
     throw InputError(path.string(), "is no file of variances",
                      "give the _variance.exr that malus denoise --uncertainty wrote for the frame");
-  const std::vector<std::string> names = frame.layout.channel_names();
+  const std::vector<std::string> names = plane_names(frame.layout);
   const int rows = packed_size(frame.dn.rows(), frame.layout.rows());
   const int cols = packed_size(frame.dn.cols(), frame.layout.cols());
   Planes ordered(frame.layout.channels(), 0, 0);

@@ -87,6 +87,25 @@ def test_the_models_bias_is_taken_out(malus, camera, tmp_path):
     assert np.hypot(s1, s2) / s0 == pytest.approx(0.5, abs=0.01)
 
 
+def test_every_site_has_its_own_variance_where_names_repeat(malus, tmp_path):
+    """A cell of four blocks with the polarizers in one order: whichever of its four sites "0" is noisy, the same is
+    stated of their mean."""
+    session, stated = tmp_path / "session.toml", []
+    rows = 2 * [["0", "45", "0", "45"], ["135", "90", "135", "90"]]
+    session.write_text(f"[sensor]\nblack = 0\nwhite = 4095\n[sensor.cell]\nrows = {rows}\n".replace("'", '"'))
+    for site in (0, 2):
+        random = np.random.default_rng(6)
+        dn = random.normal(500, 4, (288, 256))
+        dn[site::4, site::4] += random.normal(0, 40, (72, 64))
+        np.save(tmp_path / "f.npy", dn.astype(np.float32))
+        common = ("--session", session, "--force", "-o", tmp_path)
+        malus("denoise", tmp_path / "f.npy", *common, "--uncertainty")
+        malus("stokes", tmp_path / "f_denoised.tif", "--variance", tmp_path / "f_variance.exr", *common, "--no-pictures",
+              "--format", "npy")
+        stated.append(planes(tmp_path, "f_denoised", "dolp_sd")[0].mean())
+    assert stated[1] == pytest.approx(stated[0], rel=0.1)
+
+
 def test_errors_of_raw_and_denoised_frames_are_not_mixed_up(malus, refused, camera, tmp_path):
     raw = raw_frame(camera, tmp_path / "raw.png")
     malus("denoise", raw, *MODEL, "--gain", GAIN_DB, "--uncertainty", "--u16", "-o", tmp_path)

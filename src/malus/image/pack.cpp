@@ -4,6 +4,7 @@
 #include "malus/base/parallel.h"
 
 #include <algorithm>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -64,6 +65,16 @@ void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic
       }
     }
   });
+}
+
+std::vector<std::string> plane_names(const SensorLayout& layout) {
+  std::map<std::string, int> met;
+  std::vector<std::string> names;
+  for (const std::string& name : layout.channel_names()) {
+    const int times = ++met[name];
+    names.push_back(times == 1 ? name : fmt::format("{}_{}", name, times));
+  }
+  return names;
 }
 
 void require_whole_cell(View<const float> mosaic, const SensorLayout& layout,

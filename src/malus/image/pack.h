@@ -5,6 +5,7 @@
 #include "malus/image/view.h"
 
 #include <string>
+#include <vector>
 
 namespace malus {
 
@@ -21,6 +22,10 @@ Planes pack(View<const float> mosaic, const SensorLayout& layout, CellPhase phas
 /// packed size.
 void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic,
             CellPhase phase = {});
+
+/// Names of the packed planes: those of the channels, told apart where a cell has several sites of
+/// one name ("0", "0_2", "0_3").
+std::vector<std::string> plane_names(const SensorLayout& layout);
 
 /// Throws InputError, naming the source, where a mosaic is smaller than one cell: some channels
 /// have no sample of their own, so what compares channels, as polarization does, has no meaning.
