@@ -227,5 +227,28 @@ TEST(Uncertainty, MergedGreenHasHalfTheVariance) {
   EXPECT_FLOAT_EQ(u[2].s0_variance(1, 1), 8);
 }
 
+// Of a filter the errors of both greens are correlated by 0.35: their mean has 1.35 times the
+// variance of independent ones. Red and blue have one site of every angle.
+TEST(Uncertainty, DenoisedGreensShareTheirErrors) {
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  Planes intensity(16, 2, 2), variance(16, 2, 2);
+  for (int k = 0; k < 16; ++k)
+    for (std::size_t i = 0; i < 4; ++i) {
+      intensity[k].values()[i] = static_cast<float>(100 + k);
+      variance[k].values()[i] = 8;
+    }
+  const auto stokes = stokes_per_color(intensity, layout);
+  const auto merged =
+      uncertainty_of(merge_greens(stokes, layout), variance, layout, Intensities::kDenoised);
+  ASSERT_EQ(merged.size(), 3u);
+  EXPECT_FLOAT_EQ(merged[0].s1_variance(1, 1), 16);
+  EXPECT_FLOAT_EQ(merged[1].s1_variance(1, 1), 8 * 1.35f);
+  EXPECT_FLOAT_EQ(merged[1].s0_variance(1, 1), 4 * 2.05f * 1.35f);
+  EXPECT_FLOAT_EQ(merged[2].s2_variance(1, 1), 16);
+  for (const StokesUncertainty& u :
+       uncertainty_per_color(stokes, variance, layout, Intensities::kDenoised))
+    EXPECT_FLOAT_EQ(u.s1_variance(1, 1), 16);
+}
+
 }  // namespace
 }  // namespace malus

@@ -16,28 +16,33 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
   return (s.s2 * s.s2 * v.s1s1 + s.s1 * s.s1 * v.s2s2 - 2 * s.s1 * s.s2 * v.s1s2) / p2;
 }
 
+// Correlation of a filter's errors between the angles, and between sites of one colour and angle as
+// of both greens: they are mostly of what all of these share, so they do not average out, neither
+// in S0 nor in the mean of sites. Between angles S1 and S2 keep what is stated: their errors are
+// smaller than that but have long tails (docs/denoising.md has the measurements).
+constexpr double kSharedError = 0.35;
+
 // Variance of the mean over the colours of the mean over each colour's sites.
 AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& layout,
-                            const std::vector<Color>& colors) {
+                            const std::vector<Color>& colors, Intensities intensities) {
+  const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
   std::array<Image, 4> angles;
   for (int a = 0; a < 4; ++a) {
     Image& sum = angles[static_cast<std::size_t>(a)];
     sum = Image(packed_variance.rows(), packed_variance.cols());
+    int sites = 0;
     for (Color color : colors) {
       const SiteMean mean = mean_of_sites(packed_variance, layout, color, 45 * a);
       const auto share = static_cast<float>(
           1.0 / (mean.sites * static_cast<double>(colors.size() * colors.size())));
       for (std::size_t i = 0; i < sum.size(); ++i)
         sum.values()[i] += share * mean.image.values()[i];
+      sites += mean.sites;
     }
+    for (float& v : sum.values()) v *= static_cast<float>(1 + (sites - 1) * shared);
   }
   return {std::move(angles[0]), std::move(angles[1]), std::move(angles[2]), std::move(angles[3])};
 }
-
-// Correlation of a filter's errors between the angles: they are mostly of what all angles share, so
-// they do not average out in S0. S1 and S2 keep what is stated: their errors are smaller than that
-// but have long tails (docs/denoising.md has the measurement of both).
-constexpr double kSharedError = 0.35;
 
 // Of the variance stated of a denoised (S1, S2), what lengthens it: errors of opposite angles have
 // parts in common, which cancel, and the rest is uneven (docs/denoising.md has the measurement).
@@ -128,8 +133,9 @@ std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPla
   MALUS_REQUIRE(stokes.size() == colors.size());
   std::vector<StokesUncertainty> all;
   for (std::size_t i = 0; i < colors.size(); ++i)
-    all.push_back(
-        propagate(stokes[i], angle_variances(packed_variance, layout, {colors[i]}), intensities));
+    all.push_back(propagate(stokes[i],
+                            angle_variances(packed_variance, layout, {colors[i]}, intensities),
+                            intensities));
   return all;
 }
 
@@ -141,7 +147,8 @@ std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
     std::vector<Color> merged;
     for (Color color : layout.colors())
       if (display_name(color) == picture.names[i]) merged.push_back(color);
-    all.push_back(propagate(picture.planes[i], angle_variances(packed_variance, layout, merged),
+    all.push_back(propagate(picture.planes[i],
+                            angle_variances(packed_variance, layout, merged, intensities),
                             intensities));
   }
   return all;

@@ -64,7 +64,8 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
                             Intensities intensities);
 
 /// As stokes_per_color, for packed planes of variances (image/pack.h): a colour with several sites
-/// of one angle has the variance of their mean.
+/// of one angle has the variance of their mean. Errors of such sites are independent where they are
+/// measured, and correlated after a filter.
 std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,
                                                      const Planes& packed_variance,
                                                      const SensorLayout& layout,
