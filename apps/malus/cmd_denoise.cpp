@@ -13,6 +13,7 @@
 #include <fstream>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "denoise_files.h"
@@ -184,20 +185,11 @@ void write_record(const fs::path& path, const Json& record, bool force) {
   file.commit();
 }
 
-// Metrics before and after, for the record.
-Json metrics_json(const DenoisedFrame& frame) {
-  const auto values = [](const std::vector<Quantity>& metrics) {
-    Json json;
-    for (const Quantity& quantity : metrics) json[quantity.name] = quantity.value.front();
-    return json;
-  };
-  return {{"before", values(frame.metrics_before)}, {"after", values(frame.metrics_after)}};
-}
-
 // One frame's part of the job.
 struct FrameJob {
   fs::path input, reference;  ///< the reference may be empty
   OutputNames names;
+  bool last = false;  ///< no other needs the model's maps
 };
 
 // A frame to denoise. The denoiser takes the pixels, so `described` is the frame without them.
@@ -206,7 +198,7 @@ struct OpenedFrame {
   ProfileChoice choice;
 };
 
-OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<NoiseModel>& model,
+OpenedFrame open_frame(const DenoiseArguments& arguments, std::optional<NoiseModel>& model,
                        const FrameJob& job, const FrameOptions& options) {
   OpenedFrame opened;
   opened.frame = load_frame(
@@ -214,6 +206,7 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<No
       options_for_file(job.input, model ? options_for_model(options, *model, job.input) : options,
                        arguments.raw.float_black()));
   opened.choice = choose_profile(opened.frame, model, arguments);
+  if (model && job.last) drop_maps(*model);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);
   opened.described = opened.frame;
@@ -222,7 +215,7 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, const std::optional<No
 }
 
 Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
-                     const std::optional<NoiseModel>& model, const FrameJob& job,
+                     std::optional<NoiseModel>& model, const FrameJob& job,
                      const FrameOptions& options, Progress& progress, bool force) {
   OpenedFrame opened = open_frame(arguments, model, job, options);
   const Stopwatch stopwatch;
@@ -241,23 +234,29 @@ Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& den
 }
 
 Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
-                    const std::optional<NoiseModel>& model, const FrameJob& job,
+                    std::optional<NoiseModel>& model, const FrameJob& job,
                     const FrameOptions& options, Progress& progress, bool force,
                     std::vector<DenoisedFrame>* report) {
   OpenedFrame opened = open_frame(arguments, model, job, options);
-  const ProfileChoice& choice = opened.choice;
+  ProfileChoice& choice = opened.choice;
   const bool compared = !job.reference.empty();
   DenoisedFrame kept;
   kept.profile = choice.profile;
   kept.profile.pattern = nullptr;  // as large as a frame, and no part of what is reported
   kept.before = std::move(opened.described);
-  // A copy of the pixels is kept only where somebody looks at it.
-  if (report || compared) kept.before.dn = opened.frame.dn;
-  if (compared)
+  kept.before.dn = std::move(opened.frame.dn);
+  if (compared) {
     add_reference(kept, job.reference, arguments.reference_ratio,
                   arguments.raw.float_black() == FloatBlack::kHolds);
+    measure_before(kept);
+  }
+  // A copy of the pixels is kept only where somebody looks at it.
+  opened.frame.dn = report ? kept.before.dn : std::exchange(kept.before.dn, {});
   const Stopwatch stopwatch;
-  Denoised result = denoiser(std::move(opened.frame), choice.profile, progress);
+  const auto held = static_cast<double>(kept.before.dn.size() + kept.reference_dn.size()) +
+                    (model ? map_values(*model) : 0.0);
+  Denoised result = denoiser(std::move(opened.frame), choice.profile, progress, held);
+  choice.profile.pattern = nullptr;
   const double seconds = stopwatch.seconds();
   if (result.nonfinite_pixels > 0)
     warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
@@ -270,7 +269,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   kept.after_dn = std::move(result.dn_above_black);
   if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
   if (compared) {
-    measure_against_reference(kept);
+    measure_after(kept);
     kept.run["against_reference"] = metrics_json(kept);
   }
   Json record = run_record(kept.before, choice.profile, job.input, options.raw_format,
@@ -333,7 +332,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
     check_stop(*progress);
     const FrameJob job{arguments.inputs[i],
                        arguments.references.empty() ? fs::path() : arguments.references[i],
-                       names[i]};
+                       names[i], i + 1 == arguments.inputs.size()};
     results.push_back(
         denoiser.target() == "mosaic"
             ? process_mosaic(arguments, denoiser, model, job, options, *progress, common.force,

@@ -28,10 +28,12 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
 
 FrameDenoiser::~FrameDenoiser() = default;
 
-Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile,
-                                   Progress& progress) const {
-  if (network_) return network_->denoise(std::move(frame), profile, settings_, progress);
-  return denoise_frame(std::move(frame), profile, settings_, progress, uncertainty_);
+Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile, Progress& progress,
+                                   double held_values) const {
+  DenoiseSettings settings = settings_;
+  settings.held_values = held_values;
+  if (network_) return network_->denoise(std::move(frame), profile, settings, progress);
+  return denoise_frame(std::move(frame), profile, settings, progress, uncertainty_);
 }
 
 std::string FrameDenoiser::target() const { return network_ ? network_->target() : "mosaic"; }

@@ -21,7 +21,9 @@ class FrameDenoiser {
                 bool uncertainty);
   ~FrameDenoiser();
 
-  Denoised operator()(RawFrame frame, const NoiseProfile& profile, Progress& progress) const;
+  /// held_values: see DenoiseSettings.
+  Denoised operator()(RawFrame frame, const NoiseProfile& profile, Progress& progress,
+                      double held_values = 0) const;
   /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
   std::string target() const;
   /// Of a network that gives pictures (malus/neural/inference.h).

@@ -39,6 +39,11 @@ NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {
   return profile;
 }
 
+std::vector<Quantity> metrics_of(const DenoisedFrame& frame, const Image& test) {
+  return quantities_of(
+      evaluate_mosaics(frame.reference_dn, test, frame.before.layout, frame.reference_peak_dn));
+}
+
 }  // namespace
 
 Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::path& input,
@@ -53,16 +58,16 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
                  {"row_group", profile.row_group},
                  {"noise_estimated_from_picture", profile.estimated_from_picture},
                  {"noise_line", Json::array()}};
-  record.update(gain_json(before.gain));
-  for (int row = 0; row < before.layout.rows(); ++row) {
-    Json names = Json::array();
-    for (int col = 0; col < before.layout.cols(); ++col)
-      names.push_back(before.layout.channel_name(before.layout.channel_at(row, col)));
   if (raw_format) {  // such a file does not tell its size either, which the run does
     record["raw_format"] = raw_format_name(*raw_format);
     record["rows"] = run.at("rows");
     record["cols"] = run.at("cols");
   }
+  record.update(gain_json(before.gain));
+  for (int row = 0; row < before.layout.rows(); ++row) {
+    Json names = Json::array();
+    for (int col = 0; col < before.layout.cols(); ++col)
+      names.push_back(before.layout.channel_name(before.layout.channel_at(row, col)));
     record["sites"].push_back(names);
   }
   for (std::size_t c = 0; c < profile.channels.size(); ++c) {
@@ -122,15 +127,21 @@ fs::path check_inputs(const std::vector<fs::path>& frames, const std::vector<fs:
   return untold;
 }
 
-void measure_against_reference(DenoisedFrame& frame) {
-  RawFrame before = frame.before;
-  subtract_black(before);
-  const auto metrics = [&](const Image& test) {
-    return quantities_of(
-        evaluate_mosaics(frame.reference_dn, test, before.layout, frame.reference_peak_dn));
+void measure_before(DenoisedFrame& frame) {
+  frame.metrics_before = metrics_of(frame, above_black(frame.before));
+}
+
+void measure_after(DenoisedFrame& frame) {
+  frame.metrics_after = metrics_of(frame, frame.after_dn);
+}
+
+Json metrics_json(const DenoisedFrame& frame) {
+  const auto values = [](const std::vector<Quantity>& metrics) {
+    Json json;
+    for (const Quantity& quantity : metrics) json[quantity.name] = quantity.value.front();
+    return json;
   };
-  frame.metrics_before = metrics(before.dn);
-  frame.metrics_after = metrics(frame.after_dn);
+  return {{"before", values(frame.metrics_before)}, {"after", values(frame.metrics_after)}};
 }
 
 void name_reference(Json& record, const fs::path& path, double ratio, const fs::path& result) {
@@ -147,6 +158,11 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     options.black_dn = record.at("black_dn").get<std::vector<double>>();
     options.white_dn = record.at("white_dn").get<double>();
     options.gain = gain_from(record);
+    if (record.contains("raw_format")) {
+      options.raw_format = raw_format_named(record.at("raw_format").get<std::string>());
+      options.rows = record.at("rows").get<int>();
+      options.cols = record.at("cols").get<int>();
+    }
     DenoisedFrame frame;
     frame.before = load_frame(folder / record.at("input_file").get<std::string>(), options);
     FrameOptions plain;
@@ -158,13 +174,9 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.run = record.at("run");
     if (record.contains("reference_file")) {
       add_reference(frame, folder / record.at("reference_file").get<std::string>(),
-    if (record.contains("raw_format")) {
-      options.raw_format = raw_format_named(record.at("raw_format").get<std::string>());
-      options.rows = record.at("rows").get<int>();
-      options.cols = record.at("cols").get<int>();
-    }
                     record.at("reference_ratio").get<double>(), true);
-      measure_against_reference(frame);
+      measure_before(frame);
+      measure_after(frame);
     }
     return frame;
   } catch (const Json::exception& error) {

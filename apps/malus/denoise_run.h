@@ -33,8 +33,11 @@ std::filesystem::path check_inputs(const std::vector<std::filesystem::path>& fra
                                    const std::vector<std::filesystem::path>& references,
                                    const FrameOptions& options);
 
-/// The metrics of the frame and of its result; the frame must have a reference.
-void measure_against_reference(DenoisedFrame& frame);
+/// The metrics of the frame, and of its result; the frame must have a reference.
+void measure_before(DenoisedFrame& frame);
+void measure_after(DenoisedFrame& frame);
+/// Both, for the record.
+nlohmann::ordered_json metrics_json(const DenoisedFrame& frame);
 
 /// Notes in a record what add_reference was given.
 void name_reference(nlohmann::ordered_json& record, const std::filesystem::path& path, double ratio,

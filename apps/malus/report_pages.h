@@ -33,7 +33,7 @@ struct DenoisedFrame {
   /// The clean scene in the frame's own light, DN above black; may be empty.
   Image reference_dn;
   double reference_peak_dn = 0;  ///< what PSNR counts as white, in the frame's own light
-  std::vector<Quantity> metrics_before, metrics_after;  ///< by measure_against_reference
+  std::vector<Quantity> metrics_before, metrics_after;  ///< by measure_before, measure_after
   nlohmann::ordered_json run;  ///< settings and timings as `denoise --json` prints them
 };
 /// Pictures before and after, what was done, metrics where there is a reference.

@@ -306,6 +306,17 @@ TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {
   }
 }
 
+TEST(DenoiseFrame, WhatTheCallerHoldsCountsInTheMemory) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
+  const RawFrame frame = noisy_frame(scene(96, 96), noise, 1);
+  for (const DenoiseMethod& method : denoise_methods()) {
+    DenoiseSettings settings = quick(method.name);
+    settings.memory_mib = 128;
+    settings.held_values = 128 * 0x1p20 / 4;
+    EXPECT_THROW(denoise_frame(frame, profile_of(noise), settings), InputError) << method.name;
+  }
+}
+
 TEST(DenoiseFrame, OnlyMosaicMethodsStateTheirErrors) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(40, 40), noise, 1);

@@ -71,11 +71,12 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
     const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
     return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));
   };
-  const int resident_frames = (result.variance_dn2 ? 3 : 2) + (profile.pattern ? 2 : 0);
+  const int frames = (result.variance_dn2 ? 3 : 2) + (profile.pattern ? 2 : 0);
+  const double resident = frames * static_cast<double>(frame.dn.size()) + settings.held_values;
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
-      settings.memory_mib, resident_frames * static_cast<double>(frame.dn.size()),
-      result.dn_above_black, result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
+      settings.memory_mib, resident, result.dn_above_black,
+      result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
   invert(stabilizers, frame, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);
 }

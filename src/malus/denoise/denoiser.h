@@ -23,6 +23,8 @@ struct DenoiseSettings {
   bool row_noise = true;
   bool defects = true;
   bool fixed_pattern = true;
+  /// What the caller holds besides while it denoises, in float32 values: it counts in memory_mib.
+  double held_values = 0;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {

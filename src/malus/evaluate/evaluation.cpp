@@ -5,6 +5,8 @@
 #include "malus/image/pack.h"
 #include "malus/polar/stokes.h"
 
+#include <utility>
+
 namespace malus {
 namespace {
 
@@ -30,11 +32,13 @@ Evaluation evaluate_planes(const Planes& reference, const Planes& test, double p
 Evaluation evaluate_mosaics(View<const float> reference, View<const float> test,
                             const SensorLayout& layout, double peak_dn) {
   MALUS_REQUIRE(reference.rows() == test.rows() && reference.cols() == test.cols());
-  const Planes a = pack(reference, layout), b = pack(test, layout);
+  Planes a = pack(reference, layout), b = pack(test, layout);
   Evaluation result = evaluate_planes(a, b, peak_dn);
   if (!layout.polarized()) return result;
-  const PolarizationError error =
-      polarization_error(stokes_per_color(a, layout), stokes_per_color(b, layout));
+  // Of large frames the planes are not held beside what is made of them.
+  const auto reference_stokes = stokes_per_color(std::exchange(a, {}), layout);
+  const auto test_stokes = stokes_per_color(std::exchange(b, {}), layout);
+  const PolarizationError error = polarization_error(reference_stokes, test_stokes);
   result.dolp_psnr_db = dolp_psnr_db(error);
   result.aolp_psnr_db = aolp_psnr_db(error);
   result.aolp_circular_deg = aolp_circular_deg(error);

@@ -1,6 +1,7 @@
 #include "malus/io/internal/fits.h"
 
 #include "malus/base/error.h"
+#include "malus/io/internal/stored_value.h"
 
 #include <algorithm>
 #include <charconv>
@@ -209,8 +210,8 @@ void pad_block(std::string& out, char fill) {
 
 }  // namespace
 
-std::string fits_content(const Planes& planes, FitsSample sample, const std::string& description,
-                         std::optional<double> exposure_s) {
+std::string fits_content(std::span<const Image> planes, FitsSample sample,
+                         const std::string& description, std::optional<double> exposure_s) {
   std::string out;
   const auto card = [&](std::string text) {
     text.resize(kCard, ' ');
@@ -219,10 +220,10 @@ std::string fits_content(const Planes& planes, FitsSample sample, const std::str
   const int bitpix = sample == FitsSample::kUint8 ? 8 : sample == FitsSample::kUint16 ? 16 : -32;
   card("SIMPLE  =                    T");
   card(fmt::format("BITPIX  = {:>20}", bitpix));
-  card(fmt::format("NAXIS   = {:>20}", planes.channels() == 1 ? 2 : 3));
-  card(fmt::format("NAXIS1  = {:>20}", planes.cols()));
-  card(fmt::format("NAXIS2  = {:>20}", planes.rows()));
-  if (planes.channels() > 1) card(fmt::format("NAXIS3  = {:>20}", planes.channels()));
+  card(fmt::format("NAXIS   = {:>20}", planes.size() == 1 ? 2 : 3));
+  card(fmt::format("NAXIS1  = {:>20}", planes[0].cols()));
+  card(fmt::format("NAXIS2  = {:>20}", planes[0].rows()));
+  if (planes.size() > 1) card(fmt::format("NAXIS3  = {:>20}", planes.size()));
   if (bitpix == 16) card(fmt::format("BZERO   = {:>20}", 32768));
   card("ROWORDER= 'TOP-DOWN'");
   if (exposure_s) card(fmt::format("EXPTIME = {:>20}", *exposure_s));
@@ -233,9 +234,10 @@ std::string fits_content(const Planes& planes, FitsSample sample, const std::str
   for (const Image& plane : planes)
     for (const float value : plane.values()) {
       if (sample == FitsSample::kUint8)
-        out += static_cast<char>(static_cast<std::uint8_t>(value));
+        out += static_cast<char>(stored_value<std::uint8_t>(value));
       else if (sample == FitsSample::kUint16)
-        append_big_endian(out, static_cast<std::int16_t>(static_cast<std::int32_t>(value) - 32768));
+        append_big_endian(out,
+                          static_cast<std::int16_t>(stored_value<std::uint16_t>(value) - 32768));
       else
         append_big_endian(out, value);
     }

@@ -1,6 +1,7 @@
 #include "malus/io/internal/npy.h"
 
 #include "malus/base/error.h"
+#include "malus/io/internal/stored_value.h"
 
 #include <algorithm>
 #include <charconv>
@@ -277,11 +278,11 @@ Decoded read_npy(const fs::path& path, bool pixels) {
 
 namespace {
 
-template <class T, class Convert>
-void append(std::string& out, const Planes& planes, Convert convert) {
+template <class T>
+void append(std::string& out, std::span<const Image> planes) {
   for (const Image& plane : planes)
     for (const float value : plane.values()) {
-      const T item = convert(value);
+      const T item = stored_value<T>(value);
       char raw[sizeof(T)];
       std::memcpy(raw, &item, sizeof(T));
       if constexpr (std::endian::native == std::endian::big) std::reverse(raw, raw + sizeof(T));
@@ -291,14 +292,14 @@ void append(std::string& out, const Planes& planes, Convert convert) {
 
 }  // namespace
 
-std::string npy_content(const Planes& planes, NpySample sample) {
+std::string npy_content(std::span<const Image> planes, NpySample sample) {
   const char* type = sample == NpySample::kUint8    ? "|u1"
                      : sample == NpySample::kUint16 ? "<u2"
                                                     : "<f4";
   const std::string shape =
-      planes.channels() == 1
-          ? fmt::format("({}, {})", planes.rows(), planes.cols())
-          : fmt::format("({}, {}, {})", planes.channels(), planes.rows(), planes.cols());
+      planes.size() == 1
+          ? fmt::format("({}, {})", planes[0].rows(), planes[0].cols())
+          : fmt::format("({}, {}, {})", planes.size(), planes[0].rows(), planes[0].cols());
   std::string header =
       fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': {}, }}", type, shape);
   // The data begin at a multiple of 64 bytes.
@@ -312,13 +313,13 @@ std::string npy_content(const Planes& planes, NpySample sample) {
   out += header;
   switch (sample) {
     case NpySample::kUint8:
-      append<std::uint8_t>(out, planes, [](float v) { return static_cast<std::uint8_t>(v); });
+      append<std::uint8_t>(out, planes);
       break;
     case NpySample::kUint16:
-      append<std::uint16_t>(out, planes, [](float v) { return static_cast<std::uint16_t>(v); });
+      append<std::uint16_t>(out, planes);
       break;
     case NpySample::kFloat:
-      append<float>(out, planes, [](float v) { return v; });
+      append<float>(out, planes);
       break;
   }
   return out;

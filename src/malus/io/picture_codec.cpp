@@ -6,6 +6,7 @@
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/png_check.h"
+#include "malus/io/internal/stored_value.h"
 
 #include <algorithm>
 #include <cctype>
@@ -196,27 +197,27 @@ namespace {
 constexpr int kStripRows = 64;  // a multiple of EXR's blocks; a frame is never copied whole
 
 template <class T>
-bool write_strips(OIIO::ImageOutput& output, TypeDesc type, const Planes& planes) {
-  const int channels = planes.channels(), rows = planes.rows(), cols = planes.cols();
+bool write_strips(OIIO::ImageOutput& output, TypeDesc type, std::span<const Image> planes) {
+  const int rows = planes[0].rows(), cols = planes[0].cols();
   std::vector<T> strip;
   for (int row0 = 0; row0 < rows; row0 += kStripRows) {
     const int row1 = std::min(rows, row0 + kStripRows);
     strip.clear();
     for (int r = row0; r < row1; ++r)
       for (int c = 0; c < cols; ++c)
-        for (int k = 0; k < channels; ++k) strip.push_back(static_cast<T>(planes[k](r, c)));
+        for (const Image& plane : planes) strip.push_back(stored_value<T>(plane(r, c)));
     if (!output.write_scanlines(row0, row1, 0, type, strip.data())) return false;
   }
   return true;
 }
 
-OIIO::ImageSpec output_spec(const std::string& codec, const Planes& planes,
+OIIO::ImageSpec output_spec(const std::string& codec, std::span<const Image> planes,
                             const std::vector<std::string>& names, SampleType type) {
   const TypeDesc stored = type == SampleType::kUint8    ? TypeDesc::UINT8
                           : type == SampleType::kUint16 ? TypeDesc::UINT16
                           : type == SampleType::kHalf   ? TypeDesc::HALF
                                                         : TypeDesc::FLOAT;
-  OIIO::ImageSpec spec(planes.cols(), planes.rows(), planes.channels(), stored);
+  OIIO::ImageSpec spec(planes[0].cols(), planes[0].rows(), static_cast<int>(planes.size()), stored);
   spec.channelnames = names;
   spec.attribute("oiio:UnassociatedAlpha", 1);  // colours are not times alpha
   // Else OpenImageIO takes the time of writing, and the same picture never gives the same bytes.
@@ -231,7 +232,7 @@ OIIO::ImageSpec output_spec(const std::string& codec, const Planes& planes,
   return spec;
 }
 
-bool write_pixels(OIIO::ImageOutput& output, const Planes& planes, SampleType type) {
+bool write_pixels(OIIO::ImageOutput& output, std::span<const Image> planes, SampleType type) {
   if (type == SampleType::kUint8)
     return write_strips<std::uint8_t>(output, TypeDesc::UINT8, planes);
   if (type == SampleType::kUint16)
@@ -268,7 +269,7 @@ class WatchedFile final : public OIIO::Filesystem::IOFile {
 
 // Throws InputError for what OpenImageIO notices itself.
 void encode(const fs::path& path, const std::string& codec, const OIIO::ImageSpec& spec,
-            const Planes& planes, SampleType type, OIIO::Filesystem::IOProxy& to) {
+            std::span<const Image> planes, SampleType type, OIIO::Filesystem::IOProxy& to) {
   const auto output = OIIO::ImageOutput::create(codec);
   MALUS_REQUIRE(output != nullptr);
   output->set_ioproxy(&to);
@@ -282,7 +283,7 @@ void encode(const fs::path& path, const std::string& codec, const OIIO::ImageSpe
 
 // Devices and pipes have no places to go back to: the file is made in memory.
 void encode_to_device(const fs::path& path, const std::string& codec, const OIIO::ImageSpec& spec,
-                      const Planes& planes, SampleType type) {
+                      std::span<const Image> planes, SampleType type) {
   std::vector<unsigned char> bytes;
   OIIO::Filesystem::IOVecOutput memory(bytes);
   encode(path, codec, spec, planes, type, memory);
@@ -291,9 +292,10 @@ void encode_to_device(const fs::path& path, const std::string& codec, const OIIO
 
 }  // namespace
 
-void write_picture(const fs::path& path, bool force, const std::string& codec, const Planes& planes,
-                   const std::vector<std::string>& names, SampleType type,
-                   const std::string& description, std::optional<double> exposure_s) {
+void write_picture(const fs::path& path, bool force, const std::string& codec,
+                   std::span<const Image> planes, const std::vector<std::string>& names,
+                   SampleType type, const std::string& description,
+                   std::optional<double> exposure_s) {
   AtomicFile file(path, force);
   OIIO::ImageSpec spec = output_spec(codec, planes, names, type);
   if (!description.empty()) spec.attribute("ImageDescription", description);

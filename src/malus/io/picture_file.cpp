@@ -75,49 +75,36 @@ std::vector<std::string> channel_names(int channels, const std::vector<std::stri
   return numbered;
 }
 
-// The one place where values are rounded and held to an integer type's range.
-Planes rounded(const Planes& planes, float largest) {
-  Planes out = planes;
-  for (Image& plane : out)
-    for (float& value : plane.values())
-      value = std::isnan(value) ? 0.0f : std::clamp(std::nearbyint(value), 0.0f, largest);
-  return out;
-}
-
-void save_described(const fs::path& path, const Planes& planes,
+void save_described(const fs::path& path, std::span<const Image> planes,
                     const std::vector<std::string>& given_names, const SaveOptions& options,
                     const std::string& description, std::optional<double> exposure_s) {
-  MALUS_REQUIRE(planes.channels() > 0 && planes.rows() > 0 && planes.cols() > 0);
+  MALUS_REQUIRE(!planes.empty() && !planes[0].empty());
+  const auto channels = static_cast<int>(planes.size());
   const std::string codec = codec_by_ending(path);
   const SampleType type = sample_type(path, codec, options);
-  if (codec == "png" && planes.channels() > 4)
-    throw InputError(path.string(),
-                     fmt::format("PNG holds up to 4 channels, not {}", planes.channels()),
+  if (codec == "png" && channels > 4)
+    throw InputError(path.string(), fmt::format("PNG holds up to 4 channels, not {}", channels),
                      "use .exr, .tif, .fits or .npy");
   const bool is_8 = type == SampleType::kUint8, is_16 = type == SampleType::kUint16;
-  const Planes integers = is_8 || is_16 ? rounded(planes, is_8 ? 255.0f : 65535.0f) : Planes();
-  const Planes& values = is_8 || is_16 ? integers : planes;
-
   if (codec == "npy") {
     using internal::NpySample;
     write_file(path,
-               internal::npy_content(values, is_8    ? NpySample::kUint8
+               internal::npy_content(planes, is_8    ? NpySample::kUint8
                                              : is_16 ? NpySample::kUint16
                                                      : NpySample::kFloat),
                options.force);
   } else if (codec == "fits") {
     using internal::FitsSample;
     write_file(path,
-               internal::fits_content(values,
+               internal::fits_content(planes,
                                       is_8    ? FitsSample::kUint8
                                       : is_16 ? FitsSample::kUint16
                                               : FitsSample::kFloat,
                                       description, exposure_s),
                options.force);
   } else {
-    internal::write_picture(path, options.force, codec, values,
-                            channel_names(values.channels(), given_names), type, description,
-                            exposure_s);
+    internal::write_picture(path, options.force, codec, planes,
+                            channel_names(channels, given_names), type, description, exposure_s);
   }
 }
 
@@ -151,15 +138,11 @@ void save_picture(const fs::path& path, const Planes& planes, const std::vector<
 }
 
 void save_picture(const fs::path& path, const Image& image, const SaveOptions& options) {
-  Planes planes(1, 0, 0);
-  planes[0] = image;
-  save_described(path, planes, {}, options, {}, {});
+  save_described(path, {&image, 1}, {}, options, {}, {});
 }
 
 void save_frame(const fs::path& path, const RawFrame& frame, const SaveOptions& options) {
-  Planes planes(1, 0, 0);
-  planes[0] = frame.dn;
-  save_described(path, planes, {}, options, internal::frame_tags(frame, options.holds),
+  save_described(path, {&frame.dn, 1}, {}, options, internal::frame_tags(frame, options.holds),
                  frame.exposure_s);
 }
 

@@ -102,7 +102,8 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   const std::int64_t rows = packed_size(phase.row + frame_rows, layout.rows()),
                      cols = packed_size(phase.col + frame_cols, layout.cols());
   const double frame_bytes = 4.0 * frame_rows * static_cast<double>(frame_cols);
-  const double held = (package.gives_picture() ? kPictureFrames : kMosaicFrames) * frame_bytes;
+  const double held = (package.gives_picture() ? kPictureFrames : kMosaicFrames) * frame_bytes +
+                      4 * settings.held_values;
   const double bytes = settings.memory_mib * 0x1p20 - held;
   const int batch = state_->settings.tile_batch;
   const TileCore core = tile_core(rows, cols, bytes, batch, state_->demand);

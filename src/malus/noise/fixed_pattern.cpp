@@ -41,4 +41,15 @@ std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
   return std::make_shared<const FixedPattern>(std::move(pattern));
 }
 
+double map_values(const NoiseModel& model) {
+  double values = 0;
+  for (const PhysicsCalibration& p : model.physics)
+    values += static_cast<double>(p.dark_shading_dn.size() + p.prnu_map.size());
+  return values;
+}
+
+void drop_maps(NoiseModel& model) {
+  for (PhysicsCalibration& p : model.physics) p.dark_shading_dn = p.prnu_map = Image();
+}
+
 }  // namespace malus

@@ -22,4 +22,8 @@ struct FixedPattern {
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain);
 
+/// Values in the maps of all gains; and what forgets the maps, where no frame will need them.
+double map_values(const NoiseModel& model);
+void drop_maps(NoiseModel& model);
+
 }  // namespace malus

@@ -7,6 +7,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include <filesystem>
+#include <span>
 #include <string>
 
 namespace malus::internal {
@@ -16,8 +17,8 @@ Decoded parse_fits(Bytes bytes, const std::filesystem::path& path, bool pixels =
 Decoded read_fits(const std::filesystem::path& path, bool pixels);
 
 enum class FitsSample { kUint8, kUint16, kFloat };
-/// Contract: integer samples are already in range. description goes into COMMENT cards.
-std::string fits_content(const Planes& planes, FitsSample sample, const std::string& description,
-                         std::optional<double> exposure_s);
+/// Integers by stored_value; description goes into COMMENT cards. Contract: at least one plane.
+std::string fits_content(std::span<const Image> planes, FitsSample sample,
+                         const std::string& description, std::optional<double> exposure_s);
 
 }  // namespace malus::internal

@@ -6,6 +6,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,8 @@ Decoded parse_npy(Bytes bytes, const std::filesystem::path& path);
 Decoded read_npy(const std::filesystem::path& path, bool pixels);
 
 enum class NpySample { kUint8, kUint16, kFloat };
-/// 2-D for one plane, else [channel, row, column]. Contract: integer samples are already in range.
-std::string npy_content(const Planes& planes, NpySample sample);
+/// 2-D for one plane, else [channel, row, column]; integers by stored_value. Contract: at least one
+/// plane.
+std::string npy_content(std::span<const Image> planes, NpySample sample);
 
 }  // namespace malus::internal

@@ -7,6 +7,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -21,9 +22,11 @@ std::string picture_codec(const std::filesystem::path& path);
 /// or too large.
 Decoded read_picture(const std::filesystem::path& path, const std::string& codec, bool pixels);
 
-/// Writes the whole file or throws InputError; nothing half-written remains.
+/// Writes the whole file or throws InputError; nothing half-written remains. Integers by
+/// stored_value. Contract: at least one plane.
 void write_picture(const std::filesystem::path& path, bool force, const std::string& codec,
-                   const Planes& planes, const std::vector<std::string>& names, SampleType type,
-                   const std::string& description, std::optional<double> exposure_s);
+                   std::span<const Image> planes, const std::vector<std::string>& names,
+                   SampleType type, const std::string& description,
+                   std::optional<double> exposure_s);
 
 }  // namespace malus::internal
