@@ -3,6 +3,7 @@
 #include "malus/base/random.h"
 #include "malus/denoise/row_posterior.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -30,9 +31,10 @@ NoiseProfile profile_with(double sigma_row_dn, double slope_dn) {
   return profile;
 }
 
-Simulated simulate(const NoiseProfile& profile, int rows, int cols, bool picture) {
+Simulated simulate(const NoiseProfile& profile, int rows, int cols, bool picture,
+                   std::uint64_t seed = 11) {
   Simulated result{Image(rows, cols), {}};
-  RandomSequence draws(11, 0, Draw::kRow), pixels(11, 0, Draw::kPixel);
+  RandomSequence draws(seed, 0, Draw::kRow), pixels(seed, 0, Draw::kPixel);
   for (int g = 0; g < rows / profile.row_group; ++g) result.offset.push_back(draws.normal());
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
@@ -145,6 +147,43 @@ TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
 
 // Stripes of three and a half of the model's deviations, equal along each row: nothing but their
 // size tells them from row noise.
+// Lines of two rows every 28, five deviations of the rows' noise high.
+TEST(RowNoise, LinesThatNoNoiseExplainsAreLeftInThePicture) {
+  const NoiseProfile profile = profile_with(3.0, 0.5);
+  Simulated truth = simulate(profile, 560, 600, false);
+  const auto line = [](std::size_t group) { return group % 14 == 5; };
+  for (int r = 0; r < 560; ++r)
+    if (line(static_cast<std::size_t>(r / 2)))
+      for (int c = 0; c < 600; ++c) truth.dn(r, c) += 15;
+  const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+  std::vector<double> error;
+  double taken = 0, count = 0;
+  for (std::size_t g = 0; g < rows.offset.size(); ++g)
+    if (line(g)) {
+      taken += rows.offset[g];
+      ++count;
+      if (rows.offset[g] == 0) {
+        EXPECT_EQ(rows.deviation[g], 1);
+      }
+    } else {
+      error.push_back(rows.offset[g] - truth.offset[g]);
+    }
+  EXPECT_LT(taken / count, 0.5);  // of 5; those that noise of 2 deviations hides are taken
+  EXPECT_LT(rms_error(error, std::vector<double>(error.size())), 0.45);
+}
+
+// 5 % of the frames may lose the offset of their furthest row, and no more.
+TEST(RowNoise, RowsOfTheNoiseAreSeldomTakenForLines) {
+  int kept = 0;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const NoiseProfile profile = profile_with(3.0, 0.5);
+    const RowNoise rows =
+        estimate_row_noise(simulate(profile, 400, 160, false, seed).dn, profile, kSaturatedDn);
+    kept += static_cast<int>(std::count(rows.offset.begin(), rows.offset.end(), 0.0));
+  }
+  EXPECT_LE(kept, 4);  // 1 is expected; more than 4 of 20 in 0.3 % of all sets of seeds
+}
+
 TEST(RowNoise, LevelStripesAreLeftInThePicture) {
   const NoiseProfile profile = profile_with(1.0, 1.5);
   Simulated frame = simulate(profile, 400, 600, false);

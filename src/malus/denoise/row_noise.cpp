@@ -6,7 +6,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <numeric>
 #include <optional>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -26,6 +29,9 @@ constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated fro
 // warmer camera's rows may well be half as strong again. Only so many groups tell.
 constexpr double kTooWide = 2.0;
 constexpr std::size_t kLeastGroups = 32;
+// Of the groups that are taken for lines of the picture so many, on average, may be noise.
+constexpr double kFalseLines = 0.05;
+constexpr int kLineRounds = 3;  // without the lines that are found their neighbours tell of others
 // A camera's rows differ by no more than this many deviations of its pixels: blinds and stripes do.
 constexpr double kMostRowDeviation = 2.0;
 // The unit, in deviations of the pixels, that a picture's own row noise is measured in.
@@ -97,14 +103,81 @@ double pixel_deviation(View<const float> dn, const NoiseProfile& profile) {
 
 // Level stripes of the picture look like rows that are lifted, but by more than the model's offsets
 // are wide. Of a sum of deviation d the offsets, of deviation 1, are expected to be 1/d² (Wiener).
-void leave_stripes(RowNoise& rows) {
-  if (rows.offset.size() < kLeastGroups) return;
-  std::vector<double> size;
-  for (const double offset : rows.offset) size.push_back(std::abs(offset));
-  const double wide = median_of(size) / kMedianOfNormal;
-  if (wide <= kTooWide) return;
+void leave_stripes(RowNoise& rows, double wide) {
   for (double& offset : rows.offset) offset /= wide * wide;
   rows.deviation.assign(rows.deviation.size(), 1.0);
+}
+
+// Single lines of the picture: groups that stand out further than offsets of this width do. As many
+// as keep the expected share of noise among them and the `known` ones low (Benjamini and Hochberg,
+// J. R. Statist. Soc. B 57, 1995).
+std::vector<int> lines_in(const RowNoise& rows, double wide, std::size_t known) {
+  std::vector<int> furthest(rows.offset.size());
+  std::iota(furthest.begin(), furthest.end(), 0);
+  const auto size = [&](int group) {
+    return std::abs(rows.offset[static_cast<std::size_t>(group)]);
+  };
+  std::sort(furthest.begin(), furthest.end(), [&](int a, int b) { return size(a) > size(b); });
+  const auto expected = [&](double offset) {  // groups of noise as far out
+    return static_cast<double>(furthest.size()) * std::erfc(offset / (wide * std::numbers::sqrt2));
+  };
+  std::size_t lines = 0;
+  for (std::size_t k = 0; k < furthest.size(); ++k)
+    if (expected(size(furthest[k])) <= kFalseLines * static_cast<double>(known + k + 1))
+      lines = k + 1;
+  furthest.resize(lines);
+  return furthest;
+}
+
+RowNoise solved(const std::vector<RowEvidence>& evidence, int groups) {
+  RowNoise rows;
+  std::vector<double> variance;
+  for (const RowEvidence& e : evidence) variance.push_back(e.variance);
+  for (int pass = 0; pass < kReweightings; ++pass) {
+    rows = row_posterior(evidence, variance, groups);
+    for (std::size_t i = 0; i < evidence.size(); ++i) {
+      const RowEvidence& e = evidence[i];
+      const auto offset = [&](int g) { return rows.offset[static_cast<std::size_t>(g)]; };
+      const double residual =
+          e.value - (offset(e.group) - 0.5 * (offset(e.above) + offset(e.below)));
+      // Student's law by reweighting (Lange, Little, Taylor, JASA 84, 1989).
+      variance[i] = e.variance * (kOutlierFreedom + residual * residual / e.variance) /
+                    (kOutlierFreedom + 1.0);
+    }
+  }
+  return rows;
+}
+
+double width_of(const RowNoise& rows) {
+  std::vector<double> size;
+  for (const double offset : rows.offset) size.push_back(std::abs(offset));
+  return median_of(size) / kMedianOfNormal;
+}
+
+// Lines of the picture take no part: nothing tells their own offsets, and their neighbours' are
+// told by others.
+RowNoise solved_without_lines(std::vector<RowEvidence> evidence, int groups) {
+  RowNoise rows = solved(evidence, groups);
+  if (rows.offset.size() < kLeastGroups) return rows;
+  std::vector<char> is_line(rows.offset.size(), 0);
+  std::size_t known = 0;
+  for (int round = 0; round < kLineRounds; ++round) {
+    const double wide = width_of(rows);
+    if (wide > kTooWide) {
+      leave_stripes(rows, wide);
+      return rows;
+    }
+    const std::vector<int> lines = lines_in(rows, std::max(wide, 1.0), known);
+    if (lines.empty()) return rows;
+    known += lines.size();
+    for (const int group : lines) is_line[static_cast<std::size_t>(group)] = 1;
+    std::erase_if(evidence, [&](const RowEvidence& e) {
+      const auto of_line = [&](int group) { return is_line[static_cast<std::size_t>(group)] != 0; };
+      return of_line(e.group) || of_line(e.above) || of_line(e.below);
+    });
+    rows = solved(evidence, groups);
+  }
+  return rows;
 }
 
 }  // namespace
@@ -129,22 +202,7 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
       evidence.back().variance *= kShared;
     }
   if (evidence.empty()) return rows;
-  std::vector<double> variance;
-  for (const RowEvidence& e : evidence) variance.push_back(e.variance);
-  for (int pass = 0; pass < kReweightings; ++pass) {
-    rows = row_posterior(evidence, variance, groups);
-    for (std::size_t i = 0; i < evidence.size(); ++i) {
-      const RowEvidence& e = evidence[i];
-      const auto offset = [&](int g) { return rows.offset[static_cast<std::size_t>(g)]; };
-      const double residual =
-          e.value - (offset(e.group) - 0.5 * (offset(e.above) + offset(e.below)));
-      // Student's law by reweighting (Lange, Little, Taylor, JASA 84, 1989).
-      variance[i] = e.variance * (kOutlierFreedom + residual * residual / e.variance) /
-                    (kOutlierFreedom + 1.0);
-    }
-  }
-  leave_stripes(rows);
-  return rows;
+  return solved_without_lines(std::move(evidence), groups);
 }
 
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
