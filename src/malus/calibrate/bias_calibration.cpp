@@ -296,10 +296,14 @@ void add_black(const RawFrame& first, Image& dn) {
 DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
-                RowLagAccumulator(geometry), std::vector<double>(first.black_dn.size(), 0.0)};
+                RowLagAccumulator(geometry),
+                std::vector<double>(first.black_dn.size(), 0.0),
+                {}};
+  EqualValues equal(geometry);
   bool cut_at_zero = true;  // not where black is subtracted already
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
     pass.temporal.add(frame.dn);
+    equal.add(frame.dn);
     pass.rows.add(frame.dn, channel_means(frame.dn, geometry));
     for (int r = 0; r < geometry.rows(); ++r)
       for (int c = 0; c < geometry.cols(); ++c) {
@@ -307,6 +311,7 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
         if (frame.dn(r, c) <= 0.0F) pass.zero_share[as_index(geometry.channel(r, c))] += 1.0;
       }
   });
+  pass.constancy = equal.chance_of_constancy();
   if (!cut_at_zero) pass.zero_share.assign(pass.zero_share.size(), 0.0);
   for (int c = 0; c < geometry.channels(); ++c)
     pass.zero_share[as_index(c)] /=

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/equal_values.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/temporal.h"
@@ -16,6 +17,7 @@ struct DarkPass {
   TemporalAccumulator temporal;
   RowLagAccumulator rows;
   std::vector<double> zero_share;  ///< per channel: share of pixels at DN 0, where the camera clips
+  std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
 };
 
 /// `first` gives size, layout and black level.

@@ -104,6 +104,15 @@ void require_row_groups(const RawFrame& first, int row_group) {
                        "correct row_group in the session file, or leave it out");
 }
 
+void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCalibration& out) {
+  const double share = static_cast<double>(defects) / static_cast<double>(first.dn.size());
+  if (share > kManyDefects)
+    out.warnings.push_back(fmt::format(
+        "{} pixels, {:.2g} % of the sensor, are listed as defects, and denoise fills them all: are "
+        "the frames all of this camera and of one setting?",
+        defects, 100 * share));
+}
+
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
                                   RowGroupDecision& row_group, double quantization_dn,
                                   const CalibrationSettings& settings, Progress& progress,
@@ -130,11 +139,13 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   else
     measure_flats(plan.flats, plan.darks, first, dark, group, settings, progress, out);
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
-  std::vector<ReadTail> tails;
+  DarkPixels pixels{out.dark_shading_dn,       dark.temporal.sum_of_squares(),
+                    plan.bias->count,          {},
+                    std::move(dark.constancy), quantization_dn};
   for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
-    tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
-  defects = find_defects(out.dark_shading_dn, dark.temporal.sum_of_squares(), plan.bias->count,
-                         out.prnu_map, tails, geometry);
+    pixels.tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
+  defects = find_defects(pixels, out.prnu_map, geometry);
+  warn_of_many_defects(defects.size(), first, out);
   if (!settings.maps) {
     out.dark_shading_dn = Image();
     out.prnu_map = Image();

@@ -65,6 +65,9 @@ class WindowMean {
   std::vector<Sum> sums_;
 };
 
+// The least that a median shows of values on a lattice.
+double least_deviation(double step_dn) { return 0.5 * step_dn / kMedianOfNormal; }
+
 // Median and robust deviation of a function of the pixels of one channel; every k-th pixel of a
 // large channel says as much as all. k shares no divisor with the number of columns, so that pixels
 // of all columns are among them.
@@ -132,7 +135,7 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
                                const MosaicGeometry& geometry) {
   OrdinaryPixels out;
-  const double least = 0.5 * quantization_dn / kMedianOfNormal;  // that a median shows
+  const double least = least_deviation(quantization_dn);
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const Location level =
         location_of(geometry, channel, [&](int r, int c) { return mosaic(r, c); });
@@ -249,40 +252,62 @@ Response ResponseAccumulator::response() const {
   return out;
 }
 
-std::vector<DefectPixel> find_defects(View<const float> shading_dn,
-                                      View<const float> sum_of_squares, int frames,
-                                      View<const float> response,
-                                      const std::vector<ReadTail>& tails,
+namespace {
+
+// What a channel's ordinary pixels show in the dark.
+struct UsualPixel {
+  Location level;
+  double squares;        // sum over the frames
+  bool constancy_tells;  // a pixel that never changes is none of them
+};
+
+UsualPixel usual_pixel(const DarkPixels& dark, const MosaicGeometry& geometry, int channel,
+                       double chance) {
+  UsualPixel usual{
+      location_of(geometry, channel, [&](int r, int c) { return dark.shading_dn(r, c); }),
+      location_of(geometry, channel, [&](int r, int c) { return dark.sum_of_squares(r, c); })
+          .centre,
+      dark.constancy[as_index(channel)] < chance};
+  if (usual.constancy_tells) return usual;
+  usual.level.deviation = std::max(usual.level.deviation, least_deviation(dark.step_dn));
+  // A mean between two codes gives half of the values either.
+  usual.squares = std::max(usual.squares, (dark.frames - 1) * dark.step_dn * dark.step_dn / 4.0);
+  return usual;
+}
+
+}  // namespace
+
+std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
                                       const MosaicGeometry& geometry) {
   constexpr double kNoisyRatio = 4.0, kDeadBelow = 0.5;
   constexpr double kExpectedByChance = 0.05;  // of all the channel's pixels
   // Aligning the frames' means moves even a pixel that never changes a little.
   constexpr double kStuckRatio = 0.02;
   constexpr int kStuckNeedsFrames = 20;
+  const int frames = dark.frames;
   std::vector<DefectPixel> defects;
   for (int channel = 0; channel < geometry.channels(); ++channel) {
-    const Location dark =
-        location_of(geometry, channel, [&](int r, int c) { return shading_dn(r, c); });
-    const double variance =
-        location_of(geometry, channel, [&](int r, int c) { return sum_of_squares(r, c); }).centre;
-    const SingleValue single(tails[as_index(channel)], frames);
     const double chance = kExpectedByChance / static_cast<double>(geometry.channel_pixels(channel));
+    const UsualPixel usual = usual_pixel(dark, geometry, channel, chance);
+    const SingleValue single(dark.tails[as_index(channel)], frames);
     for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
       for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols()) {
         if (defects.size() >= kMostDefects) return defects;
-        const double hot =
-            dark.deviation > 0 ? (shading_dn(r, c) - dark.centre) / dark.deviation : 0.0;
-        const double ratio = variance > 0 ? sum_of_squares(r, c) / variance : 1.0;
+        const double above = dark.shading_dn(r, c) - usual.level.centre;
+        const double squares = dark.sum_of_squares(r, c);
+        const double hot = usual.level.deviation > 0 ? above / usual.level.deviation : 0.0;
+        const double ratio = usual.squares > 0 ? squares / usual.squares : 1.0;
         const double noisy = frames >= 2 ? chi_square_deviation(ratio, frames - 1.0) : 0.0;
-        if (frames >= kStuckNeedsFrames && ratio < kStuckRatio)
+        const bool dead = !response.empty() && response(r, c) < kDeadBelow;
+        if (frames >= kStuckNeedsFrames && usual.constancy_tells && ratio < kStuckRatio &&
+            (dead || response.empty()))
           defects.push_back({r, c, "stuck", noisy});
-        else if (!response.empty() && response(r, c) < kDeadBelow)
+        else if (dead)
           defects.push_back({r, c, "dead", response(r, c)});
-        else if (hot > kDefectDeviations &&
-                 single.above_mean(shading_dn(r, c) - dark.centre) < chance)
+        else if (hot > kDefectDeviations && single.above_mean(above) < chance)
           defects.push_back({r, c, "hot", hot});
         else if (noisy > kDefectDeviations && ratio > kNoisyRatio &&
-                 single.above_squares(sum_of_squares(r, c) - variance) < chance)
+                 single.above_squares(squares - usual.squares) < chance)
           defects.push_back({r, c, "noisy", noisy});
       }
   }

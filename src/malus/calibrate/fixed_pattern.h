@@ -74,17 +74,26 @@ struct ReadTail {
   double lambda = 0.14, scale_dn = 0;
 };
 
+/// Dark frames of one gain, to judge pixels by.
+struct DarkPixels {
+  View<const float> shading_dn, sum_of_squares;
+  int frames = 0;
+  std::vector<ReadTail> tails;    ///< per channel
+  std::vector<double> constancy;  ///< per channel: EqualValues::chance_of_constancy
+  double step_dn = 0;             ///< of the codes; 0: there are none
+};
+
 /// Pixels that stand out by more than kDefectDeviations robust deviations: "hot" in the dark
 /// shading, "noisy" in temporal variance (and above four times the channel's), "stuck" with less
 /// than a fiftieth of it over 20 frames or more, "dead" with less than half of the response.
-/// Of heavy tails a single value can make a pixel hot or noisy: these must be farther out than is
-/// likely anywhere among the channel's pixels (tails: one per channel).
+/// Of heavy tails a single value can make a pixel hot or noisy: such pixels must be farther out
+/// than is likely anywhere among the channel's. Of noise narrower than a code pixels are constant
+/// by chance, others jump by a code, and most show no deviation: where constancy is likely, none is
+/// stuck, and what rounding alone can do makes none hot or noisy. A pixel that follows the light is
+/// not stuck.
 /// response may be empty. The list ends at kMostDefects.
 inline constexpr std::size_t kMostDefects = 100000;
-std::vector<DefectPixel> find_defects(View<const float> shading_dn,
-                                      View<const float> sum_of_squares, int frames,
-                                      View<const float> response,
-                                      const std::vector<ReadTail>& tails,
+std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
                                       const MosaicGeometry& geometry);
 
 }  // namespace malus

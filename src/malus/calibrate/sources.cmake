@@ -5,6 +5,7 @@ set(calibrate_SOURCES
   calibrate.cpp
   clean_frame.cpp
   dark_codes.cpp
+  equal_values.cpp
   fixed_pattern.cpp
   flat_calibration.cpp
   flat_checks.cpp

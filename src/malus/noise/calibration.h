@@ -54,6 +54,9 @@ struct PhysicsCalibration {
   ChannelStatistics sigma_column;                               ///< DN; reported, not synthesized
   std::vector<double> temporal_sd_dark_dn;                      ///< rows, quantisation and all
   std::vector<double> temporal_sd_dark_stderr_dn;
+  /// Per channel, share of the dark pixels at DN 0 where the camera cuts the noise off; empty where
+  /// it does not.
+  std::vector<double> dark_zero_share;
   std::vector<double> dsnu_dn,
       prnu;  ///< sd of the fixed pattern (DN; relative), no defects, no sampling error
   SquareMatrix row_correlation;  ///< between the channels' row-group offsets inside a frame
@@ -127,5 +130,8 @@ struct DefectPixel {
   double value = 0;
   bool operator==(const DefectPixel&) const = default;
 };
+
+/// Share of a sensor's pixels; with more defects the list is hardly true, and filling them harms.
+inline constexpr double kManyDefects = 0.01;
 
 }  // namespace malus
