@@ -184,11 +184,12 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
     if (share > kMostZeros) cut.push_back(layout.channel_name(c));
     most = std::max(most, share);
   }
-  if (!cut.empty())
-    out.warnings.push_back(
-        fmt::format("{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
-                    "level cuts the noise off; raise it",
-                    joined(cut), 100 * most, 100 * kMostZeros));
+  if (cut.empty()) return;
+  out.dark_zero_share = zero_share;
+  out.warnings.push_back(
+      fmt::format("{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
+                  "level cuts the noise off; raise it",
+                  joined(cut), 100 * most, 100 * kMostZeros));
 }
 
 void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {

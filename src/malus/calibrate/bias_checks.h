@@ -38,6 +38,7 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                    double temporal_sd_dn, PhysicsCalibration& out);
 
 /// Channels with more than a thousandth of the dark pixels at zero: the camera cuts the noise off.
+/// Fills dark_zero_share then.
 void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
                       PhysicsCalibration& out);
 

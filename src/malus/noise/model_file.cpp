@@ -142,6 +142,8 @@ void transfer_physics(Archive& archive, Calibration& p) {
                   p.temporal_sd_dark_dn);
   archive.numbers({"temporal_sd_dark_stderr_dn", "DN", "standard error of temporal_sd_dark_dn"},
                   p.temporal_sd_dark_stderr_dn);
+  archive.numbers({"dark_zero_share", "1", "of the dark pixels that are cut off at 0"},
+                  p.dark_zero_share);
   archive.numbers(
       {"dsnu_dn", "DN", "sd of the dark pattern without defects, sampling error removed"},
       p.dsnu_dn);
