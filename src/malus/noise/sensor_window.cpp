@@ -1,0 +1,89 @@
+#include "malus/noise/sensor_window.h"
+
+#include "malus/base/error.h"
+
+#include <algorithm>
+#include <memory>
+#include <numeric>
+#include <vector>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+struct Size {
+  int rows = 0, cols = 0;  ///< 0: not known
+};
+
+// contradiction_in(model) sees to it that all maps have one size.
+Size sensor_size(const NoiseProfile& profile) {
+  if (profile.defects.rows > 0) return {profile.defects.rows, profile.defects.cols};
+  if (profile.pattern)
+    for (const Image* map : {&profile.pattern->dark_dn, &profile.pattern->response})
+      if (!map->empty()) return {map->rows(), map->cols()};
+  return {};
+}
+
+Image part_of(const Image& map, SensorPlace origin, int rows, int cols) {
+  if (map.empty()) return {};
+  Image part(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    std::copy_n(map.row(origin.row + r) + origin.col, cols, part.row(r));
+  return part;
+}
+
+void check_window(const NoiseProfile& profile, Size sensor, SensorPlace origin, int rows, int cols,
+                  const std::string& source) {
+  const int row_step = std::lcm(profile.layout.rows(), profile.row_group),
+            col_step = profile.layout.cols();
+  if (origin.row % row_step != 0 || origin.col % col_step != 0)
+    throw InputError(
+        fmt::format("--origin {},{}", origin.row, origin.col),
+        fmt::format("is not a multiple of {} rows and {} columns, the cell and row group of {}",
+                    row_step, col_step, profile.layout.name()),
+        "cut frames at whole cells");
+  if (sensor.rows > 0 && (origin.row < 0 || origin.col < 0 || rows > sensor.rows - origin.row ||
+                          cols > sensor.cols - origin.col))
+    throw InputError(source,
+                     fmt::format("{} x {} pixels from row {}, column {} on reach beyond the "
+                                 "model's sensor of {} x {}",
+                                 cols, rows, origin.row, origin.col, sensor.cols, sensor.rows),
+                     "correct --origin, or use this sensor's model");
+}
+
+}  // namespace
+
+void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols,
+                   const std::string& source) {
+  const Size sensor = sensor_size(profile);
+  check_window(profile, sensor, origin, rows, cols, source);
+  if (sensor.rows == 0) return;
+  DefectList inside{rows, cols, {}};
+  for (const DefectList::Place& p : profile.defects.places)
+    if (p.row >= origin.row && p.row - origin.row < rows && p.col >= origin.col &&
+        p.col - origin.col < cols)
+      inside.places.push_back({p.row - origin.row, p.col - origin.col});
+  profile.defects = std::move(inside);
+  if (profile.pattern)
+    profile.pattern = std::make_shared<const FixedPattern>(
+        FixedPattern{part_of(profile.pattern->dark_dn, origin, rows, cols),
+                     part_of(profile.pattern->response, origin, rows, cols)});
+}
+
+std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols) {
+  const Size sensor = sensor_size(profile);
+  if (sensor.rows == 0 || (sensor.rows == rows && sensor.cols == cols)) return {};
+  const bool defects = !profile.defects.places.empty();
+  if (!defects && !profile.pattern) return {};
+  return fmt::format(
+      "{} x {} pixels of a sensor of {} x {}: the model's {} left out; say where the frame lies "
+      "on the sensor with --origin ROW,COLUMN",
+      cols, rows, sensor.cols, sensor.rows,
+      !profile.pattern ? fmt::format("{} defect pixels are", profile.defects.places.size())
+      : defects        ? fmt::format("{} defect pixels and maps of the fixed pattern are",
+                                     profile.defects.places.size())
+                       : "maps of the fixed pattern are");
+}
+
+}  // namespace malus

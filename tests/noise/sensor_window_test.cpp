@@ -1,0 +1,59 @@
+#include "malus/noise/sensor_window.h"
+
+#include "malus/base/error.h"
+
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+NoiseProfile profile_of_sensor() {
+  NoiseProfile profile;
+  profile.layout = SensorLayout::named("bayer-rggb");
+  profile.row_group = 4;
+  profile.defects = {32, 24, {{0, 0}, {9, 5}, {12, 6}, {31, 23}}};
+  FixedPattern pattern{Image(32, 24), {}};
+  for (int r = 0; r < 32; ++r)
+    for (int c = 0; c < 24; ++c) pattern.dark_dn(r, c) = static_cast<float>(100 * r + c);
+  profile.pattern = std::make_shared<const FixedPattern>(std::move(pattern));
+  return profile;
+}
+
+TEST(SensorWindow, CutsDefectsAndMaps) {
+  NoiseProfile profile = profile_of_sensor();
+  EXPECT_THAT(left_out_of_window(profile, 16, 8),
+              HasSubstr("8 x 16 pixels of a sensor of 24 x 32"));
+  cut_to_window(profile, {8, 2}, 16, 8, "f.tif");
+  EXPECT_EQ(left_out_of_window(profile, 16, 8), "");
+  ASSERT_EQ(profile.defects.places.size(), 2u);
+  EXPECT_EQ(profile.defects.places[0].row, 1);
+  EXPECT_EQ(profile.defects.places[0].col, 3);
+  EXPECT_EQ(profile.defects.places[1].row, 4);
+  EXPECT_EQ(profile.defects.rows, 16);
+  ASSERT_EQ(profile.pattern->dark_dn.cols(), 8);
+  EXPECT_EQ(profile.pattern->dark_dn(3, 5), 1107.0F);
+  EXPECT_TRUE(profile.pattern->response.empty());
+}
+
+TEST(SensorWindow, RefusesWhatIsNoPartOfTheSensor) {
+  NoiseProfile profile = profile_of_sensor();
+  const auto at = [&](int row, int col) { cut_to_window(profile, {row, col}, 16, 8, "f.tif"); };
+  EXPECT_THAT([&] { at(2, 0); }, ThrowsMessage<InputError>(HasSubstr("not a multiple of 4 rows")));
+  EXPECT_THAT([&] { at(4, 3); }, ThrowsMessage<InputError>(HasSubstr("and 2 columns")));
+  EXPECT_THAT([&] { at(20, 0); }, ThrowsMessage<InputError>(HasSubstr("f.tif: 8 x 16 pixels")));
+  EXPECT_THAT([&] { at(0, 18); }, ThrowsMessage<InputError>(HasSubstr("reach beyond")));
+}
+
+TEST(SensorWindow, AModelThatKnowsNoPlacesLeavesNothingOut) {
+  NoiseProfile profile;
+  profile.layout = SensorLayout::named("mono");
+  EXPECT_EQ(left_out_of_window(profile, 16, 8), "");
+  cut_to_window(profile, {5, 7}, 16, 8, "f.tif");
+  EXPECT_TRUE(profile.defects.places.empty());
+}
+
+}  // namespace
+}  // namespace malus
