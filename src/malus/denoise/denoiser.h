@@ -6,6 +6,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/base/progress.h"
+#include "malus/denoise/noise_check.h"
 #include "malus/image/raw_frame.h"
 #include "malus/noise/profile.h"
 
@@ -44,11 +45,11 @@ struct DenoiseSettings {
     field(self.defects,
           ParameterInfo{"defects", "",
                         "fill the model's defect pixels from their neighbours, in frames of the "
-                        "sensor's whole size"});
+                        "sensor's whole size or of known place on it"});
     field(self.fixed_pattern,
           ParameterInfo{"fixed_pattern", "",
                         "take out what the frame shows of the model's dark shading and PRNU maps, "
-                        "in frames of the sensor's whole size"});
+                        "in frames of the sensor's whole size or of known place on it"});
   }
 };
 
@@ -73,6 +74,7 @@ struct Denoised {
   std::int64_t defect_pixels = 0;  ///< of the model's list, filled from their neighbours
   /// Taken out of the frame, in units of the profile's maps; 0 where the frame does not show them.
   double dark_pattern_share = 0, response_pattern_share = 0;
+  std::optional<NoiseCheck> noise;  ///< the frame's own against the profile's
   int tiles = 1;
   std::vector<StageTime> times;
 };

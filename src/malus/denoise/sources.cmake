@@ -15,6 +15,7 @@ set(denoise_SOURCES
     frame_filter.cpp
     memory_budget.cpp
     mosaic_filter.cpp
+    noise_check.cpp
     pattern_removal.cpp
     preparation.cpp
     row_noise.cpp

@@ -1,0 +1,120 @@
+#include "malus/denoise/noise_check.h"
+
+#include "malus/denoise/estimate_noise.h"
+#include "malus/denoise/prepared_frame.h"
+#include "malus/denoise/shared_detail.h"
+#include "malus/image/pack.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kTileCells = 32;  // per side: whole blocks of estimate_profile
+constexpr std::int64_t kSampledPixels = 1 << 20;
+constexpr double kBelowDeviations = 6.0;
+// docs/denoising.md says what they were measured on.
+constexpr double kFarBelow = 0.7, kFarAbove = 4.0, kMostTexture = 0.1, kMostBelowDark = 0.1;
+
+// Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
+Image sample_of(const PreparedFrame& frame) {
+  const int tile_rows = kTileCells * frame.layout.rows(),
+            tile_cols = kTileCells * frame.layout.cols();
+  const int down = frame.dn.rows() / tile_rows, across = frame.dn.cols() / tile_cols;
+  const std::int64_t tiles = std::int64_t{down} * across,
+                     wanted = kSampledPixels / (std::int64_t{tile_rows} * tile_cols);
+  if (tiles <= wanted) return frame.dn;
+  const auto side = static_cast<int>(std::sqrt(static_cast<double>(wanted)));
+  const double step = static_cast<double>(tiles) / (side * side);
+  Image sample(side * tile_rows, side * tile_cols);
+  for (int i = 0; i < side * side; ++i) {
+    // Uneven distances: no column of tiles is chosen again and again.
+    const double within = std::fmod(i * 0.618, 1.0);
+    const auto tile = static_cast<int>((i + within) * step);
+    const int row = tile / across * tile_rows, col = tile % across * tile_cols;
+    for (int r = 0; r < tile_rows; ++r)
+      std::copy_n(frame.dn.row(row + r) + col, tile_cols,
+                  sample.row(i / side * tile_rows + r) + i % side * tile_cols);
+  }
+  return sample;
+}
+
+struct ChannelSums {
+  double signal = 0, pixels = 0, below = 0;
+};
+
+std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& profile) {
+  std::vector<ChannelSums> sums(profile.channels.size());
+  std::vector<double> lowest;
+  for (const ChannelProfile& channel : profile.channels)
+    lowest.push_back(-kBelowDeviations * std::sqrt(std::max(channel.variance(0), 0.0) +
+                                                   channel.sigma_row_dn * channel.sigma_row_dn));
+  for (int r = 0; r < sample.dn.rows(); ++r)
+    for (int c = 0; c < sample.dn.cols(); ++c) {
+      const auto k = static_cast<std::size_t>(sample.layout.channel_at(r, c));
+      const double value = sample.dn(r, c);
+      if (value >= sample.white_dn) continue;
+      sums[k].signal += value;
+      sums[k].pixels += 1;
+      sums[k].below += value < lowest[k];
+    }
+  return sums;
+}
+
+}  // namespace
+
+std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoiseProfile& profile) {
+  if (profile.estimated_from_picture) return std::nullopt;
+  RawFrame sample;
+  sample.layout = frame.layout;
+  sample.dn = sample_of(frame);
+  sample.black_dn.assign(profile.channels.size(), 0.0);
+  sample.white_dn = *std::min_element(frame.saturated_dn.begin(), frame.saturated_dn.end());
+  sample.black_known = sample.white_known = true;
+  if (!(sample.white_dn > 0)) return std::nullopt;
+  const Estimate<PictureNoise> own = estimate_profile(sample);
+  if (!own) return std::nullopt;
+  NoiseCheck check;
+  check.texture_share = profile.channels.size() < 2
+                            ? 1
+                            : shared_detail(pack(sample.dn, sample.layout), sample.white_dn);
+  double pixels = 0;
+  const std::vector<ChannelSums> sums = sums_of(sample, profile);
+  const auto channels = static_cast<double>(sums.size());
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    const double signal = sums[k].signal / std::max(sums[k].pixels, 1.0);
+    check.frame_sd_dn += std::sqrt(own->profile.channels[k].variance(signal)) / channels;
+    check.profile_sd_dn += std::sqrt(profile.channels[k].variance(signal)) / channels;
+    check.below_dark_share += sums[k].below;
+    pixels += sums[k].pixels;
+  }
+  check.below_dark_share /= std::max(pixels, 1.0);
+  return check;
+}
+
+std::string noise_complaint(const NoiseCheck& check) {
+  const double ratio = check.frame_sd_dn / check.profile_sd_dn;
+  const std::string numbers =
+      fmt::format("its noise is {:.3g} DN at the mean signal, that of the model {:.3g} DN",
+                  check.frame_sd_dn, check.profile_sd_dn);
+  if (check.below_dark_share > kMostBelowDark)
+    return fmt::format(
+        "{:.3g} % of its pixels lie below the model's dark level by more than {:g} deviations of "
+        "the dark noise: another camera, black level or gain? check --model, --black and --gain",
+        100 * check.below_dark_share, kBelowDeviations);
+  if (ratio < kFarBelow)
+    return numbers +
+           ": another gain or camera, or a frame that was smoothed before; check --gain, --black "
+           "and --model";
+  if (ratio > kFarAbove && check.texture_share < kMostTexture)
+    return numbers +
+           ", and little of it is texture: another gain or camera? check --gain, --black and "
+           "--model";
+  return {};
+}
+
+}  // namespace malus

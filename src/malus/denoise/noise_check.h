@@ -1,0 +1,32 @@
+// Whether a frame's own noise is that of the model it is denoised with: a wrong gain, another
+// camera's model or a processed frame show in it.
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace malus {
+
+struct PreparedFrame;
+struct NoiseProfile;
+
+struct NoiseCheck {
+  /// Deviation at the channels' mean signals, mean over the channels: as the frame shows it
+  /// (estimate_noise.h; texture can only raise it), and as the profile says.
+  double frame_sd_dn = 0, profile_sd_dn = 0;
+  /// Share of the frame's variance that neighbouring channels have in common, as texture
+  /// (shared_detail.h); of one channel nothing is known, and all may be texture.
+  double texture_share = 0;
+  /// Share of the pixels that lie further below the profile's dark level than noise reaches.
+  double below_dark_share = 0;
+};
+
+/// Measured on up to a megapixel, in tiles from all over the frame. None where the profile is the
+/// frame's own, and where the frame is too small or shows no noise.
+std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoiseProfile& profile);
+
+/// What the check says against the profile, in one sentence with the numbers; empty where
+/// texture, chance or smoothing by rounding may explain the difference.
+std::string noise_complaint(const NoiseCheck& check);
+
+}  // namespace malus
