@@ -4,6 +4,7 @@
 int main(int argc, char** argv) {
   using namespace malus::app;
   remember_start(argc, argv);
+  report_full_files();
   const auto app = make_program();
   Common common;
 #define MALUS_ADD(name) add_##name(*app, common);

@@ -1,5 +1,6 @@
 #include "program_start.h"
 
+#include <csignal>
 #include <system_error>
 
 #include <sys/auxv.h>
@@ -22,6 +23,8 @@ fs::path own_file() {
 }  // namespace
 
 void remember_start(int argc, char** argv) { g_start = {own_file(), {argv, argv + argc}}; }
+
+void report_full_files() { std::signal(SIGXFSZ, SIG_IGN); }
 
 const ProgramStart& program_start() { return g_start; }
 

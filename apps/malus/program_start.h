@@ -17,4 +17,8 @@ struct ProgramStart {
 void remember_start(int argc, char** argv);
 const ProgramStart& program_start();
 
+/// A file that grows beyond what `ulimit -f` allows fails to be written, as on a full disk, instead
+/// of ending the program (SIGXFSZ).
+void report_full_files();
+
 }  // namespace malus::app

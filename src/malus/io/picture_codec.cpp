@@ -29,6 +29,10 @@ using OIIO::TypeDesc;
 
 [[noreturn]] void unreadable(const fs::path& path, std::string detail) {
   detail = detail.substr(0, detail.find('\n'));  // the first of many is the cause
+  // libtiff's -1, where a whole strip is read.
+  constexpr std::string_view kNoLine = " at scanline 4294967295";
+  if (const std::size_t at = detail.find(kNoLine); at != detail.npos)
+    detail.erase(at, kNoLine.size());
   while (!detail.empty() && (detail.back() == '\n' || detail.back() == '.')) detail.pop_back();
   throw InputError(path.string(),
                    fmt::format("cannot be decoded{}{}", detail.empty() ? "" : ": ", detail),
