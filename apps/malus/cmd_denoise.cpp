@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "denoise_checks.h"
 #include "denoise_files.h"
 #include "denoise_method.h"
 #include "denoise_run.h"
@@ -40,6 +41,7 @@ struct DenoiseArguments {
   std::vector<fs::path> inputs;
   std::vector<fs::path> references;
   double reference_ratio = 1;
+  std::vector<int> origin;  ///< row, column on the sensor; empty: not told
   fs::path model, folder, report;
   std::string format = "tif";
   bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
@@ -81,16 +83,33 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
   return names;
 }
 
+std::vector<fs::path> files_read(const DenoiseArguments& arguments) {
+  std::vector<fs::path> read = arguments.inputs;
+  read.insert(read.end(), arguments.references.begin(), arguments.references.end());
+  read.push_back(arguments.model);
+  return read;
+}
+
+// What an earlier run may have left beside a result and this one does not write again: it would
+// look like a part of the new result.
+std::vector<fs::path> stale_files(const DenoiseArguments& arguments, const OutputNames& names,
+                                  const fs::path& input) {
+  std::vector<fs::path> paths;
+  for (const auto& [written, suffix] : {std::pair{&names.integers, "_denoised_u16.tif"},
+                                        {&names.planes, "_planes.exr"},
+                                        {&names.variance, "_variance.exr"}})
+    if (written->empty()) paths.push_back(arguments.folder / (stem_of(input) + suffix));
+  return existing_apart(paths, files_read(arguments));
+}
+
 // A report that replaced a frame or a result would lose it.
 void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,
                   bool force) {
-  std::vector<fs::path> read = arguments.inputs, written;
-  read.insert(read.end(), arguments.references.begin(), arguments.references.end());
-  read.push_back(arguments.model);
+  std::vector<fs::path> written;
   for (const OutputNames& n : names)
     for (const fs::path& path : {n.picture, n.mosaic, n.record, n.integers, n.planes, n.variance})
       written.push_back(path);
-  check_output_apart("--report", arguments.report, read, written, force);
+  check_output_apart("--report", arguments.report, files_read(arguments), written, force);
 }
 
 // The noise that is taken out, and in words where it comes from.
@@ -99,54 +118,25 @@ struct ProfileChoice {
   std::string origin;
 };
 
-// profile_at refuses such a gain unless --extrapolate-gain asks for it; then it is said.
-void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
-  if (model.physics.empty()) return;
-  const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
-  if (!lowest.decibel()) return;  // the only gain there is, whatever it is called
-  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
-    warn(fmt::format("{}: extrapolated to {} from the calibrated range {} to {}", path.string(),
-                     gain.text(), lowest.text(), highest.text()));
-}
-
 ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseModel>& model,
                              const DenoiseArguments& arguments) {
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
-    ProfileChoice choice{profile_for(frame, *model, gain_range(arguments.extrapolate_gain)),
-                         fmt::format("model {} at {}", arguments.model.string(), gain.text())};
+    const GainRange range = gain_range(arguments.extrapolate_gain);
+    ProfileChoice choice{
+        naming_model(arguments.model, [&] { return profile_for(frame, *model, range); }),
+        fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
+    fit_to_sensor(choice.profile, frame, arguments.origin, arguments.settings.defects);
     warn_of_extrapolation(*model, gain, arguments.model);
+    warn_of_clipped_dark(*model, gain, arguments.model);
     return choice;
   }
   PictureNoise noise = require_estimate(
       frame, "give a noise model with --model (malus model list names the built-in ones)");
   warn(fmt::format("{}: {}; a calibrated model (--model) is better", frame.source, noise.trust));
   return {std::move(noise.profile), std::move(noise.trust)};
-}
-
-// A filter keeps means unless the noise it was told of is not the frame's.
-void warn_of_moved_means(const RawFrame& frame, const Denoised& result,
-                         const ProfileChoice& choice) {
-  constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
-  if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
-    return;  // nothing had a mean
-  std::optional<std::size_t> worst;
-  for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
-    const double shift = std::abs(result.mean_shift_dn[k]);
-    if (shift > kOfMean * std::abs(result.mean_dn[k]) + kOfDeviation * result.sigma_used_dn[k] &&
-        (!worst || shift > std::abs(result.mean_shift_dn[*worst])))
-      worst = k;
-  }
-  if (!worst) return;
-  const double before = result.mean_dn[*worst], after = before + result.mean_shift_dn[*worst];
-  warn(
-      fmt::format("{}: denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}",
-                  frame.source, frame.layout.channel_names()[*worst], before, after,
-                  choice.profile.estimated_from_picture
-                      ? "texture was taken for noise; give the camera's model with --model"
-                      : "the frame's noise is not the model's; check --gain, --black and --model"));
 }
 
 Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
@@ -169,8 +159,10 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"defect_pixels", result.defect_pixels},
             {"dark_pattern_share", result.dark_pattern_share},
             {"response_pattern_share", result.response_pattern_share},
+            {"frame_noise", noise_json(result)},
             {"tiles", result.tiles},
             {"seconds", seconds}};
+  if (!arguments.origin.empty()) json["origin_row_col"] = arguments.origin;
   for (const StageTime& time : result.times) json["stage_seconds"][time.stage] = time.seconds;
   return json;
 }
@@ -189,7 +181,8 @@ void write_record(const fs::path& path, const Json& record, bool force) {
 struct FrameJob {
   fs::path input, reference;  ///< the reference may be empty
   OutputNames names;
-  bool last = false;  ///< no other needs the model's maps
+  std::vector<fs::path> stale;  ///< to be removed as the result is replaced
+  bool last = false;            ///< no other needs the model's maps
 };
 
 // A frame to denoise. The denoiser takes the pixels, so `described` is the frame without them.
@@ -258,13 +251,11 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   Denoised result = denoiser(std::move(opened.frame), choice.profile, progress, held);
   choice.profile.pattern = nullptr;
   const double seconds = stopwatch.seconds();
-  if (result.nonfinite_pixels > 0)
-    warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", job.input.string(),
-                     result.nonfinite_pixels));
-  warn_of_moved_means(kept.before, result, choice);
+  warn_of_result(kept.before, result, choice.profile);
   kept.run = run_json(kept.before, result, choice, arguments, seconds);
   if (const Json network = denoiser.description(); !network.is_null())
     kept.run["network"] = network;
+  for (const fs::path& path : job.stale) fs::remove(path);
   kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force);
   kept.after_dn = std::move(result.dn_above_black);
   if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
@@ -332,7 +323,10 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
     check_stop(*progress);
     const FrameJob job{arguments.inputs[i],
                        arguments.references.empty() ? fs::path() : arguments.references[i],
-                       names[i], i + 1 == arguments.inputs.size()};
+                       names[i],
+                       common.force ? stale_files(arguments, names[i], arguments.inputs[i])
+                                    : std::vector<fs::path>(),
+                       i + 1 == arguments.inputs.size()};
     results.push_back(
         denoiser.target() == "mosaic"
             ? process_mosaic(arguments, denoiser, model, job, options, *progress, common.force,
@@ -383,6 +377,14 @@ void add_denoise(CLI::App& app, Common& common) {
       ->check(positive_number())
       ->capture_default_str()
       ->needs(references);
+  command
+      ->add_option("--origin", arguments->origin,
+                   "row,column on the calibrated sensor of the first pixel, where RAW is a part "
+                   "of it: for the model's defects and fixed pattern")
+      ->delimiter(',')
+      ->expected(2)
+      ->needs(model)
+      ->check(in_range(0, 1 << 24));
   command
       ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                  "allow a gain outside the calibrated range")

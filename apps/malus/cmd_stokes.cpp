@@ -133,8 +133,10 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 // what denoise wrote beside it.
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, RawFrame& frame) {
-  return model ? take_out_bias(frame, *model, gain_range(arguments.extrapolate_gain))
-               : load_variance(arguments.variance[index], frame);
+  if (!model) return load_variance(arguments.variance[index], frame);
+  return naming_model(arguments.model, [&] {
+    return take_out_bias(frame, *model, gain_range(arguments.extrapolate_gain));
+  });
 }
 
 void save_all(const std::vector<fs::path>& paths, const std::vector<Product>& products,

@@ -19,9 +19,12 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
+// Folders without links and "..", so that a way from one to the other exists as it is spelled.
 std::string relative_to(const fs::path& path, const fs::path& folder) {
-  const fs::path relative = fs::absolute(path).lexically_relative(fs::absolute(folder));
-  return relative.empty() ? fs::absolute(path).string() : relative.string();
+  const fs::path whole = fs::absolute(path),
+                 place = fs::weakly_canonical(whole.parent_path()) / whole.filename();
+  const fs::path relative = place.lexically_relative(fs::weakly_canonical(fs::absolute(folder)));
+  return relative.empty() ? place.string() : relative.string();
 }
 
 NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {

@@ -135,6 +135,11 @@ void warn_of_guesses(const RawFrame& frame) {
   if (const std::string note = declaration_note(frame); !note.empty())
     warn(fmt::format("{}: {}", frame.source, note));
   warn_of_unknown_black(frame);
+  if (!frame.white_known && frame.bits > 0)
+    warn(
+        fmt::format("{}: white level not known, taken as {:g} DN above black; saturated pixels go "
+                    "unnoticed if it is lower (--white)",
+                    frame.source, white_above_black(frame.white_dn, frame.black_dn)));
 }
 
 void warn_of_unknown_black(const RawFrame& frame) {

@@ -1,6 +1,7 @@
 // Frames as light: black subtracted, whatever the file holds.
 #pragma once
 
+#include "malus/base/error.h"
 #include "malus/io/frame_file.h"
 #include "malus/noise/model.h"
 
@@ -36,6 +37,16 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 /// names the frame, where the model tells none there.
 NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range);
 
+/// work(), whose InputError then names the model's file: a model does not know its own.
+template <class Work>
+auto naming_model(const std::filesystem::path& model, const Work& work) {
+  try {
+    return work();
+  } catch (const InputError& error) {
+    throw InputError(model.string() + ": " + error.subject(), error.problem(), error.remedy());
+  }
+}
+
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
 
@@ -45,8 +56,8 @@ float saturation_dn(const RawFrame& above_black);
 /// Cells of a frame above black that hold saturated pixels. Says on stderr how many, if any.
 std::int64_t warn_of_saturation(const RawFrame& above_black);
 
-/// Says on stderr what a frame was taken for without anybody having stated it, layout and black
-/// level, and where its pixels or its file contradict the layout.
+/// Says on stderr what a frame was taken for without anybody having stated it, layout, black and
+/// white level, and where its pixels or its file contradict the layout.
 void warn_of_guesses(const RawFrame& frame);
 /// The part of it that matters to a comparison.
 void warn_of_unknown_black(const RawFrame& frame);

@@ -177,6 +177,7 @@ def denoise(
     white: float | None = None,
     model: Model | None = None,
     gain: float | None = None,
+    origin: tuple[int, int] | None = None,
     variance: bool = False,
     method: str = "nl-ridge",
     profile: str = "normal",

@@ -5,10 +5,12 @@
 #include "malus/image/black_levels.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
+#include "malus/noise/sensor_window.h"
 #include "malus/polar/stokes.h"
 
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "arrays.h"
 #include "model_with_sampler.h"
@@ -58,10 +60,23 @@ RawFrame frame_from(const py::object& raw, const std::optional<std::string>& lay
   return frame;
 }
 
+/// Row and column on the sensor of a frame's first pixel.
+using Origin = std::optional<std::pair<int, int>>;
+
+// As a frame of this size sees the model's defects and maps; returns what to warn of.
+std::string fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const Origin& origin,
+                          bool fill_defects) {
+  if (!fill_defects) profile.defects.places.clear();
+  const int rows = frame.dn.rows(), cols = frame.dn.cols();
+  if (!origin) return left_out_of_window(profile, rows, cols);
+  cut_to_window(profile, {origin->first, origin->second}, rows, cols, frame.source);
+  return {};
+}
+
 py::dict denoise(const py::object& raw, const std::optional<std::string>& layout,
                  const Black& black, const std::optional<double>& white,
-                 const ModelWithSampler* model, const Gain& gain, bool variance,
-                 const py::kwargs& kwargs) {
+                 const ModelWithSampler* model, const Gain& gain, const Origin& origin,
+                 bool variance, const py::kwargs& kwargs) {
   const auto settings = settings_from<DenoiseSettings>(kwargs);
   denoise_method(settings.method);  // a wrong one is refused before any work
   RawFrame frame = frame_from(raw, layout, black, white, model ? &model->description() : nullptr);
@@ -72,17 +87,22 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
       progress.warn(warning);
   NoiseProfile profile;
   Denoised result;
+  std::string left_out;
   {
     const py::gil_scoped_release release;
     if (model) {
       const GainSetting setting = gain ? model->model().gain_setting(*gain) : frame.gain;
       profile = model->description().profile_at(setting);
       if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model->description(), setting);
+      left_out = fit_to_sensor(profile, frame, origin, settings.defects);
     } else {
       profile = require_estimate(frame, "give a model").profile;
     }
     result = denoise_frame(std::move(frame), profile, settings, progress, variance);
   }
+  const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
+  for (const std::string& complaint : {left_out, noise})
+    if (!complaint.empty()) progress.warn(source + ": " + complaint);
   if (result.nonfinite_pixels > 0)
     progress.warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", source,
                               result.nonfinite_pixels));
@@ -133,7 +153,7 @@ void bind_denoise(py::module_& m) {
   m.def(
       "denoise", &denoise, py::arg("raw"), py::kw_only(), py::arg("layout") = py::none(),
       py::arg("black") = py::none(), py::arg("white") = py::none(), py::arg("model") = py::none(),
-      py::arg("gain") = py::none(), py::arg("variance") = false,
+      py::arg("gain") = py::none(), py::arg("origin") = py::none(), py::arg("variance") = false,
       ("Denoises one raw mosaic.\n\n"
        "raw: a Frame, or an array [row, column] in DN, black included. layout: the Frame's, else "
        "the model's.\n"
@@ -142,7 +162,10 @@ void bind_denoise(py::module_& m) {
        "    for float pixels, which are taken as DN above black, and without a model. white: the "
        "Frame's, else the model's.\n"
        "model: a Model; None estimates the noise from the picture. gain [dB or ISO]: that of "
-       "the Frame if not given.\n\n"
+       "the Frame if not given.\n"
+       "origin: (row, column) on the calibrated sensor of the first pixel, where raw is a part of "
+       "it: for the model's defects\n"
+       "    and fixed pattern.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
        "sigma_used_dn (per channel), "

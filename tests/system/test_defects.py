@@ -9,26 +9,30 @@ ROWS, COLS, BLACK, WHITE, K = 96, 120, 80, 4095, 0.5
 HOT, STUCK = (41, 50), (60, 71)
 
 
-def taken(rng, electrons):
+def taken(rng, electrons, hot=(HOT,)):
     dn = BLACK + K * rng.poisson(electrons) + rng.normal(0, 1.5, (ROWS, COLS))
-    dn[HOT] += 300
+    for place in hot:
+        dn[place] += 300
     dn[STUCK] = WHITE
     return np.clip(np.round(dn), 0, WHITE).astype(np.uint16)
 
 
-@pytest.fixture(scope="module")
-def camera(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("camera")
+def record(folder, hot=(HOT,)):
     rng = np.random.default_rng(3)
     text = f'[sensor]\nlayout = "polar-bayer-rggb"\nblack = {BLACK}\nwhite = {WHITE}\nrow_group = 2\n'
     for level in range(7):
         for n in range(4 if level else 20):
-            Image.fromarray(taken(rng, np.full((ROWS, COLS), 700.0 * level))).save(folder / f"{level}_{n}.png")
+            Image.fromarray(taken(rng, np.full((ROWS, COLS), 700.0 * level), hot)).save(folder / f"{level}_{n}.png")
         kind = "flat" if level else "bias"
         text += f'[[frames]]\nkind = "{kind}"\nexposure_s = {level / 100}\ngain_db = 0\npaths = ["{level}_*.png"]\n'
     (folder / "s.toml").write_text(text)
-    Image.fromarray(taken(rng, np.full((ROWS, COLS), 400.0))).save(folder / "raw.png")
+    Image.fromarray(taken(rng, np.full((ROWS, COLS), 400.0), hot)).save(folder / "raw.png")
     return folder
+
+
+@pytest.fixture(scope="module")
+def camera(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("camera"))
 
 
 def test_defects_of_the_model_are_filled(malus, camera, tmp_path):
@@ -46,8 +50,26 @@ def test_defects_of_the_model_are_filled(malus, camera, tmp_path):
     assert left[HOT] > 300 and left[STUCK] > 4000
 
 
-def test_a_crop_of_the_sensor_is_left_alone(malus, camera, tmp_path):
+def test_a_crop_of_the_sensor_says_where_it_lies(malus, refused, camera, tmp_path):
     malus("calibrate", camera / "s.toml", "-o", tmp_path / "m.h5")
-    Image.open(camera / "raw.png").crop((0, 0, 80, 80)).save(tmp_path / "crop.png")
-    done = malus("denoise", tmp_path / "crop.png", "--model", tmp_path / "m.h5", "--gain", 0, "-o", tmp_path / "out", "--json")
+    Image.open(camera / "raw.png").crop((20, 12, 100, 92)).save(tmp_path / "crop.png")
+    run = ("denoise", tmp_path / "crop.png", "--model", tmp_path / "m.h5", "--gain", 0, "--format", "npy", "--json", "--force", "-q",
+           "-o", tmp_path / "out")
+    done = malus(*run)
     assert done.json["defect_pixels"] == 0
+    assert "80 x 80 pixels of a sensor of 120 x 96: the model's 2 defect pixels" in done.err and "--origin" in done.err
+    assert "--origin" not in malus(*run, "--no-defects", "--no-fixed-pattern").err
+    done = malus(*run, "--origin", "12,20")
+    assert done.json["defect_pixels"] == 2 and done.json["origin_row_col"] == [12, 20] and "--origin" not in done.err
+    assert abs(np.load(tmp_path / "out" / "crop_denoised.npy").reshape(80, 80) - 200).max() < 20
+    assert "--origin 13,20: is not a multiple of 4 rows and 4 columns" in refused(*run, "--origin", "13,20")
+    assert "reach beyond the model's sensor of 120 x 96" in refused(*run, "--origin", "20,20")
+
+
+def test_a_list_of_many_defects_is_doubted(malus, tmp_path):
+    hot = [(r, c) for r in range(3, ROWS, 8) for c in range(2, COLS, 7)]
+    camera = record(tmp_path, hot)
+    said = malus("calibrate", camera / "s.toml", "-o", tmp_path / "m.h5", "--json").err
+    assert f"{len(hot) + 1} pixels, 1.8 % of the sensor, are listed as defects" in said
+    done = malus("denoise", camera / "raw.png", "--model", tmp_path / "m.h5", "--gain", 0, "-o", tmp_path / "out")
+    assert f"{len(hot) + 1} pixels, 1.8 % of the frame, are defects by the model's list" in done.err

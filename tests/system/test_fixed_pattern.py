@@ -64,3 +64,14 @@ def test_the_program_says_what_it_took_out(malus, camera, tmp_path):
     done = malus("denoise", camera / "raw.png", "--model", camera / "m.h5", "--gain", 0, "-o", tmp_path / "out")
     assert "of the model's dark shading taken out" in done.out
     assert "of the model's PRNU taken out" in done.out
+
+
+def test_a_part_of_the_sensor_has_its_part_of_the_maps(malus, camera, tmp_path):
+    Image.open(camera / "raw.png").crop((40, 60, 168, 188)).save(tmp_path / "part.png")
+    run = ("denoise", tmp_path / "part.png", "--model", camera / "m.h5", "--gain", 0, "--json", "--force", "-o", tmp_path / "out")
+    left = malus(*run)
+    assert left.json["dark_pattern_share"] == left.json["response_pattern_share"] == 0
+    assert "maps of the fixed pattern are left out" in left.err
+    told = malus(*run, "--origin", "60,40")
+    assert 0.8 < told.json["dark_pattern_share"] < 1.1 and 0.8 < told.json["response_pattern_share"] < 1.1
+    assert "left out" not in told.err

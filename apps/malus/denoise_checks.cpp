@@ -1,0 +1,117 @@
+#include "denoise_checks.h"
+
+#include "malus/noise/sensor_window.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <system_error>
+
+#include "program.h"
+#include <fmt/format.h>
+
+namespace malus::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A filter keeps means unless the noise it was told of is not the frame's.
+std::string moved_mean(const RawFrame& frame, const Denoised& result, const NoiseProfile& profile) {
+  constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
+  if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
+    return {};  // nothing had a mean
+  std::optional<std::size_t> worst;
+  for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
+    const double shift = std::abs(result.mean_shift_dn[k]);
+    if (shift > kOfMean * std::abs(result.mean_dn[k]) + kOfDeviation * result.sigma_used_dn[k] &&
+        (!worst || shift > std::abs(result.mean_shift_dn[*worst])))
+      worst = k;
+  }
+  if (!worst) return {};
+  const double before = result.mean_dn[*worst], after = before + result.mean_shift_dn[*worst];
+  return fmt::format(
+      "denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}",
+      frame.layout.channel_names()[*worst], before, after,
+      profile.estimated_from_picture
+          ? "texture was taken for noise; give the camera's model with --model"
+          : "the frame's noise is not the model's; check --gain, --black and --model");
+}
+
+}  // namespace
+
+void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
+                   bool fill_defects) {
+  if (!fill_defects) profile.defects.places.clear();
+  const int rows = frame.dn.rows(), cols = frame.dn.cols();
+  if (!origin.empty())
+    cut_to_window(profile, {origin[0], origin[1]}, rows, cols, frame.source);
+  else if (const std::string left_out = left_out_of_window(profile, rows, cols); !left_out.empty())
+    warn(fmt::format("{}: {}", frame.source, left_out));
+}
+
+void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
+  if (model.physics.empty()) return;
+  const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
+  if (!lowest.decibel()) return;  // the only gain there is, whatever it is called
+  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
+    warn(fmt::format("{}: extrapolated to {} from the calibrated range {} to {}", path.string(),
+                     gain.text(), lowest.text(), highest.text()));
+}
+
+void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
+  constexpr double kMostZeros = 0.02;  // with fewer the mean of what is left is true
+  for (const PhysicsCalibration& p : model.physics) {
+    if (model.physics.size() > 1 && p.gain != gain) continue;
+    const auto most = std::max_element(p.dark_zero_share.begin(), p.dark_zero_share.end());
+    if (most == p.dark_zero_share.end() || *most < kMostZeros) continue;
+    const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
+    warn(fmt::format(
+        "{}: {:.2g} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
+        "that of noise cut off at 0, and light comes out about as much too dark; raise the "
+        "camera's black level and calibrate again",
+        path.string(), 100 * *most, bias_dn));
+  }
+}
+
+void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile) {
+  const auto say = [&](const std::string& line) {
+    if (!line.empty()) warn(fmt::format("{}: {}", before.source, line));
+  };
+  if (result.nonfinite_pixels > 0)
+    say(fmt::format("{} pixels are NaN or infinite; they stay as they are",
+                    result.nonfinite_pixels));
+  const double share =
+      static_cast<double>(result.defect_pixels) / static_cast<double>(result.dn_above_black.size());
+  if (share > kManyDefects)
+    say(
+        fmt::format("{} pixels, {:.2g} % of the frame, are defects by the model's list and were "
+                    "filled from their neighbours; --no-defects keeps them",
+                    result.defect_pixels, 100 * share));
+  // One cause, one line: a mean moves because the noise is another.
+  const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
+  say(noise.empty() ? moved_mean(before, result, profile) : noise);
+}
+
+nlohmann::ordered_json noise_json(const Denoised& result) {
+  if (!result.noise) return nullptr;
+  return {{"frame_sd_dn", result.noise->frame_sd_dn},
+          {"model_sd_dn", result.noise->profile_sd_dn},
+          {"texture_share", result.noise->texture_share},
+          {"below_dark_share", result.noise->below_dark_share},
+          {"complaint", noise_complaint(*result.noise)}};
+}
+
+std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,
+                                     const std::vector<fs::path>& others) {
+  std::error_code unknown;
+  std::vector<fs::path> apart;
+  for (const fs::path& path : files)
+    if (fs::is_regular_file(path, unknown) &&
+        std::none_of(others.begin(), others.end(),
+                     [&](const fs::path& other) { return fs::equivalent(path, other, unknown); }))
+      apart.push_back(path);
+  return apart;
+}
+
+}  // namespace malus::app

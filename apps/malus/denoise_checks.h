@@ -1,0 +1,40 @@
+// What `malus denoise` looks at before and after a frame, and says on stderr.
+#pragma once
+
+#include "malus/denoise/denoiser.h"
+#include "malus/image/raw_frame.h"
+#include "malus/noise/model.h"
+
+#include <filesystem>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace malus::app {
+
+/// Cuts the profile's defects and maps to the frame, whose first pixel lies at `origin` (row,
+/// column) on the sensor; where that is empty, says that those of a sensor of another size are left
+/// out. Throws InputError.
+void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
+                   bool fill_defects);
+
+/// Says that the gain lies outside the calibrated range. profile_at refuses such a gain unless
+/// --extrapolate-gain asks for it.
+void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain,
+                           const std::filesystem::path& path);
+
+/// Says where the model's bias at this gain is that of dark frames that the camera cut off at 0.
+void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain,
+                          const std::filesystem::path& path);
+
+/// Says what a result tells against its frame or its profile. `before` needs no pixels.
+void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile);
+
+/// The comparison of the frame's noise with the profile's, for the record; null where none is.
+nlohmann::ordered_json noise_json(const Denoised& result);
+
+/// Those of the files that exist and are none of the others.
+std::vector<std::filesystem::path> existing_apart(const std::vector<std::filesystem::path>& files,
+                                                  const std::vector<std::filesystem::path>& others);
+
+}  // namespace malus::app

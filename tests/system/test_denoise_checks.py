@@ -1,0 +1,130 @@
+"""What denoise says of frames that do not fit their model, and what it leaves beside its results."""
+
+import json
+import resource
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+MODEL, LAYOUT, BLACK, WHITE = "imx250myr-simulated", "polar-bayer-rggb", 82, 4095
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory, malus):
+    """Noisy frames of a scene with soft and sharp detail, drawn at 0, 12 and 24 dB."""
+    folder = tmp_path_factory.mktemp("frames")
+    r, c = np.mgrid[:256, :256]
+    scene = 200 + 120 * np.sin(0.05 * r) * np.cos(0.07 * c) + 60 * ((r // 40 + c // 48) % 2)
+    np.save(folder / "scene.npy", scene.astype(np.float32))
+    for gain in (0, 12, 24):
+        malus("synthesize", folder / "scene.npy", "--model", MODEL, "--layout", LAYOUT, "--gain", gain, "-o", folder / f"{gain}")
+    return folder
+
+
+def frame(frames, gain):
+    return next((frames / f"{gain}").glob("*.tif"))
+
+
+def denoise(malus, path, folder, *flags, model=MODEL):
+    return malus("denoise", path, "--model", model, "-o", folder, "--profile", "fast", "--json", "--force", *flags)
+
+
+@pytest.mark.parametrize("true", (0, 12, 24))
+@pytest.mark.parametrize("told", (0, 12, 24))
+def test_the_noise_of_another_gain_is_told(malus, frames, tmp_path, true, told):
+    done = denoise(malus, frame(frames, true), tmp_path, "--gain", told)
+    noise = json.loads(next(tmp_path.glob("*_denoised.json")).read_text())["run"]["frame_noise"]
+    ratio = noise["frame_sd_dn"] / noise["model_sd_dn"]
+    if true == told:
+        assert "warning" not in done.err and noise["complaint"] == "" and 0.85 < ratio < 1.3
+    elif true < told or true == told + 24:
+        assert done.err.count("its noise is") == 1 and "--gain" in done.err and noise["complaint"] in done.err
+    assert (ratio < 0.7) == (true < told) and (ratio > 1.5) == (true > told)
+
+
+def test_a_black_level_of_another_camera_is_told(malus, frames, tmp_path):
+    codes = np.array(Image.open(frame(frames, 12)))
+    Image.fromarray(np.maximum(codes.astype(int) - 300, 0).astype(np.uint16)).save(tmp_path / "dark.tif")
+    done = denoise(malus, tmp_path / "dark.tif", tmp_path / "out", "--gain", 12, "--black", 82, "--white", WHITE)
+    assert "below the model's dark level" in done.err
+
+
+def test_a_bias_of_clipped_dark_frames_is_told(malus, tmp_path):
+    rng = np.random.default_rng(5)
+    text = '[sensor]\nlayout = "mono"\nblack = 0\nwhite = 4095\nrow_group = 1\n'
+    for level in range(7):
+        for n in range(4 if level else 20):
+            dn = rng.poisson(400.0 * level, (64, 64)) + rng.normal(0, 3, (64, 64))
+            Image.fromarray(np.clip(np.round(dn), 0, 4095).astype(np.uint16)).save(tmp_path / f"{level}_{n}.png")
+        kind = "flat" if level else "bias"
+        text += f'[[frames]]\nkind = "{kind}"\nexposure_s = {level / 100 + 1e-4}\ngain_db = 0\npaths = ["{level}_*.png"]\n'
+    (tmp_path / "s.toml").write_text(text)
+    malus("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5")
+    with h5py.File(tmp_path / "m.h5") as model:
+        assert model["physics/000/dark_zero_share"][0] == pytest.approx(0.566, abs=0.01)
+    done = denoise(malus, tmp_path / "3_0.png", tmp_path / "out", "--gain", 0, model=tmp_path / "m.h5")
+    assert "57 % of the dark pixels it was calibrated from were 0: its bias, 1.1" in done.err
+
+
+def test_what_an_earlier_run_left_beside_a_result_goes(malus, frames, tmp_path):
+    out, raw = tmp_path / "out", frame(frames, 12)
+    denoise(malus, raw, out, "--gain", 12, "--uncertainty", "--planes", "--u16")
+    kept = {out / (raw.stem + "_denoised" + end) for end in (".tif", ".json")}
+    assert len(list(out.iterdir())) == 5
+    (out / "note.txt").write_text("mine")
+    denoise(malus, raw, out, "--gain", 12, "--strength", "0.7")
+    assert set(out.iterdir()) == kept | {out / "note.txt"}
+
+
+def test_a_file_that_is_read_is_not_taken_for_an_earlier_result(malus, frames, tmp_path):
+    raw = frame(frames, 12)
+    denoise(malus, raw, tmp_path, "--gain", 12, "--format", "exr")
+    reference = tmp_path / (raw.stem + "_planes.exr")  # as --planes would name its own
+    (tmp_path / (raw.stem + "_denoised.exr")).rename(reference)
+    denoise(malus, raw, tmp_path, "--gain", 12, "--reference", reference)
+    assert reference.exists()
+
+
+def test_a_record_beside_its_frame_names_it(malus, frames, tmp_path):
+    here = tmp_path / "work"
+    here.mkdir()
+    (here / "a.tif").write_bytes(frame(frames, 12).read_bytes())
+    (tmp_path / "link").symlink_to(here)
+    for start, out in ((here, "../out"), (tmp_path / "link", "../out"), (tmp_path, "work/../out")):
+        raw = "a.tif" if start != tmp_path else "link/../work/a.tif"
+        malus("denoise", raw, "--model", MODEL, "--gain", 12, "-o", out, "--profile", "fast", "--force", cwd=start)
+        done = tmp_path / "out" / "a_denoised.json"
+        assert json.loads(done.read_text())["input_file"] == "../work/a.tif"
+        malus("report", done, "-o", tmp_path / "r.html", "--force")
+
+
+def test_a_guess_of_white_is_told(malus, frames, tmp_path):
+    codes = np.array(Image.open(frame(frames, 12)))
+    Image.fromarray(codes).save(tmp_path / "a.tif")
+    given = (tmp_path / "a.tif", "--layout", LAYOUT, "--black", BLACK, "--force", "-o", tmp_path / "out")
+    for command in ("denoise", "stokes"):
+        assert "white level not known, taken as 65453 DN above black" in malus(command, *given).err
+        assert "white level" not in malus(command, *given, "--white", WHITE).err
+
+
+def test_a_gain_that_is_not_calibrated_names_the_model(refused, frames, tmp_path):
+    line = refused("denoise", frame(frames, 12), "--model", MODEL, "--gain", 300, "-o", tmp_path / "out")
+    assert line.startswith(f"malus: {MODEL}: 300 dB: ")
+
+
+def test_a_file_larger_than_allowed_is_reported(refused, frames, tmp_path):
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20480, 20480))
+
+    line = refused("denoise", frame(frames, 12), "--model", MODEL, "--gain", 12, "--profile", "fast", "-o", tmp_path / "out",
+                   preexec_fn=limit)
+    assert "File too large" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cut_off_tiff_names_no_impossible_line(refused, frames, tmp_path):
+    whole = frame(frames, 12).read_bytes()
+    (tmp_path / "cut.tif").write_bytes(whole[: len(whole) // 2])
+    assert "4294967295" not in refused("info", tmp_path / "cut.tif")
