@@ -149,6 +149,25 @@ TEST(Defects, ConstantPixelsOfNarrowNoiseAreNotStuck) {
     }
 }
 
+// Of wider noise constancy tells by itself, without flats; a pixel that is constant in the dark
+// alone, and follows the light, is none.
+TEST(Defects, AStuckPixelNeedsNoFlats) {
+  for (const int flat_levels : {0, 5}) {
+    testing::SimulatedCamera camera = narrow_camera(1.5, 0.3);
+    camera.flat_levels = flat_levels;
+    CalibrationInput input = testing::simulated_session(camera);
+    for (FrameSet& set : input.sets)
+      set.load = [load = set.load, kind = set.kind](int i) {
+        RawFrame frame = load(i);
+        if (kind == FrameKind::kBias) frame.dn(8, 9) = 80;
+        return frame;
+      };
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    ASSERT_EQ(model.defects.size(), flat_levels == 0 ? 1u : 0u);
+    if (flat_levels == 0) EXPECT_EQ(model.defects[0].kind, "stuck");
+  }
+}
+
 // Half a code from the middle at 0.24 codes: 2 Φ(2.08) - 1 = 0.963. Of wide noise 0.282/σ of the
 // pairs are equal, and 0.399/σ of the values have the middle code. Where all means lie in the
 // middle of a code or at its edge, the chance is not taken for less.
