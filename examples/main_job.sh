@@ -14,7 +14,7 @@ run calibrate "$examples/emva/session.toml" -o "$results/emva.h5" --report "$res
 
 say "2. Real raw polarization frames (Sony IMX250MZR), denoised; the noise model is estimated from each picture"
 run info "$examples/imx250mzr/fruits.png" --layout polar-mono
-run denoise "$examples"/imx250mzr/{fruits,carps,camera}.png --layout polar-mono --black 0 -o "$results/denoised" \
+run denoise "$examples"/imx250mzr/{fruits,carps,camera}.png --layout polar-mono --black 0 --white 255 -o "$results/denoised" \
   --report "$results/denoised.html" --force
 run stokes "$results"/denoised/{fruits,carps,camera}_denoised.tif --layout polar-mono -o "$results/stokes" --force
 
