@@ -9,20 +9,37 @@ NetworkDescription small_unet() {
   return {"unet", {{"in_channels", 2}, {"out_channels", 2}, {"width", 4}}};
 }
 
+// Of cores smaller than the overlap too, whose ramps would meet.
 TEST(TileSpans, WeightsSumToOneEverywhere) {
-  for (const bool exact : {true, false}) {
-    const TileDemand demand{.multiple = 8, .overlap = 16, .exact = exact, .bytes_per_pixel = 1};
-    for (const std::int64_t length : {5, 64, 129, 200}) {
-      std::vector<double> sum(static_cast<std::size_t>(length));
-      for (const TileSpan& span : tile_spans(length, 64, demand)) {
-        ASSERT_EQ(std::ssize(span.weight), span.end - span.begin);
-        EXPECT_EQ(span.begin % demand.multiple, 0);
-        for (std::int64_t at = span.begin; at < span.end; ++at)
-          sum[static_cast<std::size_t>(at)] +=
-              static_cast<double>(span.weight[static_cast<std::size_t>(at - span.begin)]);
+  for (const bool exact : {true, false})
+    for (const std::int64_t core : {8, 24, 64}) {
+      const TileDemand demand{.multiple = 8, .overlap = 32, .exact = exact, .bytes_per_pixel = 1};
+      for (const std::int64_t length : {5, 64, 129, 200}) {
+        std::vector<double> sum(static_cast<std::size_t>(length));
+        for (const TileSpan& span : tile_spans(length, core, demand)) {
+          ASSERT_EQ(std::ssize(span.weight), span.end - span.begin);
+          EXPECT_EQ(span.begin % demand.multiple, 0);
+          for (std::int64_t at = span.begin; at < span.end; ++at)
+            sum[static_cast<std::size_t>(at)] +=
+                static_cast<double>(span.weight[static_cast<std::size_t>(at - span.begin)]);
+        }
+        for (const double s : sum) EXPECT_NEAR(s, 1, 1e-6) << length << ' ' << core;
       }
-      for (const double s : sum) EXPECT_NEAR(s, 1, 1e-6) << length;
     }
+}
+
+TEST(RunTiled, ConstantsStayConstantForAnyCore) {
+  const TileDemand demand{.multiple = 8, .overlap = 32, .exact = false, .bytes_per_pixel = 1};
+  const auto x = torch::full({1, 1, 70, 90}, 0.7);
+  for (const std::int64_t side : {8, 16, 40}) {
+    int tiles = 0;
+    const auto result = run_tiled(
+        70, 90, {side, side}, 1, demand,
+        [&](const TileSpan& r, const TileSpan& c) {
+          return x.slice(2, r.begin, r.end).slice(3, c.begin, c.end);
+        },
+        [](const torch::Tensor& tile) { return tile; }, silent_progress(), tiles);
+    EXPECT_LT((result - x).abs().max().item<double>(), 1e-5) << side;
   }
 }
 
@@ -38,10 +55,34 @@ TEST(TileCore, IsTheWholePictureWhereItFitsAndStaysWithinTheBytes) {
     EXPECT_GT(core.rows, 0);
     EXPECT_LE(batch * (core.rows + 64) * (core.cols + 64) * 100, 200 * 200 * 100);
   }
-  EXPECT_EQ(tile_core(3000, 2000, least_tile_bytes(1, demand) * 0.9, 1, demand).rows, 0);
-  EXPECT_EQ(tile_core(3000, 2000, least_tile_bytes(1, demand), 1, demand).rows, 16);
   // A narrow picture is cut along one direction only.
-  EXPECT_EQ(tile_core(3000, 100, 300 * 100 * 100, 1, demand).cols, 100);
+  EXPECT_EQ(tile_core(3000, 100, 300 * 112 * 100, 1, demand).cols, 100);
+}
+
+// 129 pixels become 256 in the network, whole or as the side of a tile.
+TEST(TileCore, CountsThePixelsThatNetworksPadTo) {
+  const TileDemand demand{.multiple = 128, .overlap = 128, .exact = false, .bytes_per_pixel = 100};
+  EXPECT_EQ(tile_core(129, 129, 129 * 129 * 100, 1, demand).rows, 0);
+  EXPECT_EQ(tile_core(129, 129, 256 * 256 * 100, 1, demand).rows, 129);
+  EXPECT_EQ(tile_core(129, 5000, 140 * 384 * 100, 1, demand).rows, 0);
+  const TileCore low = tile_core(129, 5000, 256 * 384 * 100, 1, demand);
+  EXPECT_EQ(low.rows, 129);
+  EXPECT_EQ(low.cols, 128);
+}
+
+// Rows that a frame does not have need no memory, and what is said to suffice does.
+TEST(TileCore, TakesTheLeastBytesThatItStates) {
+  const TileDemand demand{.multiple = 16, .overlap = 64, .exact = false, .bytes_per_pixel = 100};
+  EXPECT_EQ(tile_core(100, 4000, 112 * 144 * 100, 1, demand).rows, 100);
+  EXPECT_EQ(least_tile_bytes(100, 4000, 1, demand), 112 * 144 * 100);
+  EXPECT_EQ(least_tile_bytes(40, 60, 8, demand), 48 * 64 * 100);  // one tile, whatever the batch
+  for (const std::int64_t rows : {8, 100, 300, 3000})
+    for (const std::int64_t cols : {8, 100, 300, 2000})
+      for (const int batch : {1, 3}) {
+        const double least = least_tile_bytes(rows, cols, batch, demand);
+        EXPECT_GT(tile_core(rows, cols, least, batch, demand).rows, 0) << rows << ' ' << cols;
+        EXPECT_EQ(tile_core(rows, cols, least - 100, batch, demand).rows, 0) << rows << ' ' << cols;
+      }
 }
 
 // The reach of one output value, from the gradient: nothing beyond the stated overlap.

@@ -4,6 +4,7 @@
 #include "malus/neural/internal/kernels.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace malus {
@@ -31,6 +32,13 @@ TileDemand with_memory(TileDemand demand, bool takes_kernels, std::int64_t width
       static_cast<double>(width) * (takes_kernels ? bytes.kernels : bytes.layers);
   return demand;
 }
+
+// What a network works on: it pads its input to whole multiples.
+struct PaddedSides {
+  PaddedSides(std::int64_t rows, std::int64_t cols, const TileDemand& demand)
+      : rows(rounded_up(rows, demand.multiple)), cols(rounded_up(cols, demand.multiple)) {}
+  std::int64_t rows, cols;
+};
 
 // Position's share in a span whose core is [begin, end): 1 inside, falling over +-half around inner
 // edges.
@@ -88,7 +96,8 @@ std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const T
   MALUS_REQUIRE(length > 0 && core > 0);
   if (core < length) MALUS_REQUIRE(core % demand.multiple == 0);
   std::vector<TileSpan> spans;
-  const std::int64_t half = demand.exact ? 0 : demand.overlap / 2;
+  // Ramps of smaller cores would meet, and more than two tiles share a position.
+  const std::int64_t half = demand.exact ? 0 : std::min(demand.overlap, core) / 2;
   for (std::int64_t begin = 0; begin < length; begin += core) {
     const std::int64_t end = std::min(begin + core, length);
     TileSpan span{std::max<std::int64_t>(begin - demand.overlap, 0),
@@ -103,31 +112,37 @@ std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const T
 
 TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch,
                    const TileDemand& demand) {
-  const double pixels = bytes / demand.bytes_per_pixel;
-  if (static_cast<double>(rows) * static_cast<double>(cols) <= pixels) return {rows, cols};
+  const std::int64_t pixels = std::llround(bytes / demand.bytes_per_pixel);
+  const PaddedSides padded(rows, cols, demand);
+  if (padded.rows * padded.cols <= pixels) return {rows, cols};
   const std::int64_t margins = 2 * demand.overlap;
   TileCore best;
   double least_work = std::numeric_limits<double>::infinity();
   for (std::int64_t across = 1; across <= cols; ++across) {
     const std::int64_t core_cols = rounded_up((cols + across - 1) / across, demand.multiple);
-    const std::int64_t tile_cols = std::min(core_cols + margins, cols);
-    const double tile_rows = pixels / batch / static_cast<double>(tile_cols);
-    const std::int64_t core_rows = (static_cast<std::int64_t>(std::max(tile_rows, 0.0)) - margins) /
-                                   demand.multiple * demand.multiple;
-    if (core_rows <= 0) continue;
-    const std::int64_t down = (rows + core_rows - 1) / core_rows;
-    const double work = static_cast<double>(across * down) *
-                        static_cast<double>(core_rows + margins) * static_cast<double>(tile_cols);
-    if (work < least_work) best = {std::min(core_rows, rows), std::min(core_cols, cols)};
-    least_work = std::min(work, least_work);
+    const std::int64_t tile_cols = std::min(core_cols + margins, padded.cols);
+    const std::int64_t most_rows = pixels / batch / tile_cols / demand.multiple * demand.multiple;
+    const std::int64_t core_rows =
+        most_rows >= padded.rows ? padded.rows : most_rows - margins;  // all rows have no margins
+    if (core_rows > 0) {
+      const std::int64_t tile_rows = std::min(core_rows + margins, padded.rows);
+      const std::int64_t down = (rows + core_rows - 1) / core_rows;
+      const double work = static_cast<double>(across * down) * static_cast<double>(tile_rows) *
+                          static_cast<double>(tile_cols);
+      if (work < least_work) best = {std::min(core_rows, rows), std::min(core_cols, cols)};
+      least_work = std::min(work, least_work);
+    }
     if (core_cols <= demand.multiple) break;
   }
   return best;
 }
 
-double least_tile_bytes(int batch, const TileDemand& demand) {
-  const auto side = static_cast<double>(demand.multiple + 2 * demand.overlap);
-  return batch * side * side * demand.bytes_per_pixel;
+double least_tile_bytes(std::int64_t rows, std::int64_t cols, int batch, const TileDemand& demand) {
+  const PaddedSides padded(rows, cols, demand);
+  const std::int64_t side = demand.multiple + 2 * demand.overlap;
+  const std::int64_t smallest = std::min(side, padded.rows) * std::min(side, padded.cols);
+  return static_cast<double>(std::min(padded.rows * padded.cols, batch * smallest)) *
+         demand.bytes_per_pixel;
 }
 
 torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& core, int batch,

@@ -12,11 +12,12 @@ namespace malus {
 
 /// What an architecture demands of tiles, in pixels of its input planes.
 struct TileDemand {
-  std::int64_t multiple = 1;  ///< tiles begin at multiples of it, or the result changes
-  std::int64_t overlap = 0;   ///< around a tile's core
+  /// Tiles begin at multiples of it, or the result changes; inputs are padded to multiples.
+  std::int64_t multiple = 1;
+  std::int64_t overlap = 0;  ///< around a tile's core
   /// Nothing beyond the overlap reaches the core, so tiled equals whole. Otherwise (windows that
   /// hand on over many blocks; statistics of the whole picture in nafnet and restormer) results
-  /// are faded into each other over the overlap.
+  /// are faded into each other over the overlap, or over a core where that is smaller.
   bool exact = true;
   double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured
   /// The pass takes the kernels of docs/networks.md, which need less memory than libtorch's layers
@@ -43,8 +44,8 @@ struct TileCore {
 /// even the smallest need more.
 TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch,
                    const TileDemand& demand);
-/// Bytes of the smallest tiles.
-double least_tile_bytes(int batch, const TileDemand& demand);
+/// The fewest bytes with which tile_core finds a core for a picture.
+double least_tile_bytes(std::int64_t rows, std::int64_t cols, int batch, const TileDemand& demand);
 
 /// input(row span, column span) gives [1, channels, rows, cols] of a tile, network takes
 /// [batch, ...] of equal tiles and gives as many results of the same size, or of `upscale` times
