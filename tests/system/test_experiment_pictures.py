@@ -37,7 +37,7 @@ def experiments(tmp_path):
     return tmp_path
 
 
-def test_table_s1_has_the_papers_rows_and_columns(malus, experiments):
+def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
     run = ["experiment", "table-s1", experiments / "table-s1.toml", "--pictures", experiments / "b.png", "--test-pictures",
            experiments / "c.png", "-o", experiments / "out", "--crop", "64"]
     first = malus(*run, "--json", "--report", experiments / "page.html").json
@@ -56,6 +56,8 @@ def test_table_s1_has_the_papers_rows_and_columns(malus, experiments):
     text = malus(*run).out
     assert weights.read_bytes() == written
     assert text.splitlines()[0] == "| ISO 3200 noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD |"
+    assert "belongs to a run with another contents.pairs" in refused(*run[:-1], "48", "-q")
+    malus(*run, "-q")
     again = malus("experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "out/captures/pairs.json",
                   "--test-pairs", experiments / "out/captures/test-pairs.json", "-o", experiments / "again", "--json").json
     assert [row["psnr_db"] for row in again["rows"]] == pytest.approx([row["psnr_db"] for row in first["rows"]], abs=1e-6)
@@ -72,6 +74,11 @@ def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, exper
     assert [gain["gain"] for gain in rows[0]["gains"]] == ["ISO 1600", "ISO 3200", "ISO 6400"]
     assert rows[0]["psnr_db"] == pytest.approx(np.mean([gain["psnr_db"] for gain in rows[0]["gains"]]))
     assert {"physics", "gaussian", "nonparametric"} <= set(malus("model", "show", out / "model.h5", "--json").json["kinds"])
+
+    # Of another camera they would be other trainings, and the finished ones are not taken for them.
+    other = experiments / "canon.toml"
+    other.write_text((experiments / "denoise-demosaic.toml").read_text().replace("nikon-d850", "canon-5d4"))
+    assert "belongs to a run with another contents.models" in refused(*run[:2], other, *run[3:], "-q")
 
     frame = out / "captures/case0/b_4_short.tif"
     denoise = ["denoise", frame, "--model", "nikon-d850", "--method", out / "physics/weights.safetensors", "-o", experiments / "rgb"]

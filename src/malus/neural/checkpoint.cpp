@@ -57,6 +57,9 @@ void load_checkpoint(TrainingState& state, const Json& description,
     // Of the time when all networks gave mosaics.
     if (stored.contains("package") && !stored["package"].contains("target"))
       stored["package"]["target"] = "mosaic";
+    // Of the time when files were known by their names alone.
+    if (!stored.contains("contents") && description.contains("contents"))
+      stored["contents"] = description["contents"];
     if (const std::string other = first_difference(description, stored); description != stored)
       throw InputError(
           path.string(),

@@ -1,6 +1,7 @@
 set(neural_SOURCES
   checkpoint.cpp
   clean_scenes.cpp
+  contents.cpp
   convolution.cpp
   device_speed.cpp
   example_pool.cpp

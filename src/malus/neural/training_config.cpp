@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/io/config_section.h"
 #include "malus/io/shard.h"
+#include "malus/neural/contents.h"
 #include "malus/neural/json_text.h"
 #include "malus/synthesize/light_case.h"
 
@@ -218,6 +219,7 @@ Json config_json(const TrainingConfig& config) {
             {"cases", cases}};
   if (!config.begin_with.empty())
     json["begin_with"] = json_text(config.begin_with.filename().string());
+  json["contents"] = contents_json(config);
   return json;
 }
 

@@ -166,7 +166,8 @@ struct TrainingOverrides {
 TrainingConfig load_training_config(const std::filesystem::path& path,
                                     const TrainingOverrides& overrides = {});
 
-/// Every setting, for the checkpoint and the record: a run goes on only with the same ones.
+/// Every setting, and what the files hold (contents.h), for the checkpoint and the record: a run
+/// goes on only with the same ones. Throws InputError where a file cannot be read.
 nlohmann::json config_json(const TrainingConfig& config);
 
 }  // namespace malus

@@ -1,0 +1,171 @@
+// What training takes from files of others: shards and captured pairs that do not fit are named,
+// and a run is known by what its files hold. Truth: the files that the test wrote.
+#include "malus/base/error.h"
+#include "malus/io/frame_file.h"
+#include "malus/io/picture_file.h"
+#include "malus/io/shard.h"
+#include "malus/neural/raw_pairs.h"
+#include "malus/neural/trainer.h"
+
+#include <fstream>
+
+#include "problem_of.h"
+#include "support.h"
+#include "training_runs.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::problem_of;
+using testing::TemporaryFolder;
+
+Planes grey_planes(int side, float value) {
+  Planes planes(4, side, side);
+  for (Image& plane : planes)
+    for (float& v : plane.values()) v = value;
+  return planes;
+}
+
+// One sample of 4 planes whose noisy ones may have another side than its clean ones.
+struct RecordedShard {
+  RecordedShard(const TemporaryFolder& folder, int clean_side, int noisy_side, float value = 300) {
+    std::ofstream(folder / "dataset.json") << R"({"noise": {"amplify": false, "bias": true}})";
+    TarShard shard(folder / "shard.tar", true);
+    shard.add("sample7.clean.npy", npy_bytes(grey_planes(clean_side, value)));
+    shard.add("sample7.noisy.npy", npy_bytes(grey_planes(noisy_side, value)));
+    shard.add("sample7.json", R"({"ratio": 1, "removed_bias_dn": 0, "gain_db": 12, "iso": null})");
+    shard.commit();
+    config.source = "config.toml";
+    config.package.settings.layout = "polar-mono";
+    config.package.network =
+        fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, config.package.settings);
+    config.shards = {folder / "shard.tar"};
+    config.models = {"imx250mzr-simulated"};
+    config.data.example = 32;
+    config.data.patch = 16;
+    config.train.steps = 1;
+    config.train.batch = 1;
+  }
+  TrainingConfig config;
+};
+
+TEST(ShardPairs, OfUnlikeSizesAreNamed) {
+  const TemporaryFolder folder;
+  for (const auto& [clean, noisy] : {std::pair{16, 12}, std::pair{12, 16}}) {
+    const RecordedShard shard(folder, clean, noisy);
+    const std::string line = problem_of([&] { make_pair_source(shard.config)->pair(1, 0); });
+    EXPECT_NE(line.find("sample7"), std::string::npos) << line;
+    EXPECT_NE(line.find("another size"), std::string::npos) << line;
+  }
+}
+
+// [data] memory is reckoned with `example`.
+TEST(ShardPairs, AreCutToExamples) {
+  const TemporaryFolder folder;
+  const RecordedShard shard(folder, 100, 100);
+  const RawPair pair = make_pair_source(shard.config)->pair(1, 0);
+  for (const Image& image : {pair.clean_dn, pair.noisy.dn}) {
+    EXPECT_EQ(image.rows(), 32);
+    EXPECT_EQ(image.cols(), 32);
+  }
+}
+
+TEST(ShardPairs, SmallerThanAPatchAreNamed) {
+  const TemporaryFolder folder;
+  RecordedShard shard(folder, 16, 16);
+  shard.config.data.example = shard.config.data.patch = 64;
+  const auto worker = single_worker();
+  const std::string line = problem_of([&] {
+    train(shard.config, {folder / "run", false, false, 1}, *worker, silent_progress());
+  });
+  EXPECT_NE(line.find("sample7"), std::string::npos) << line;
+}
+
+// A pair of the camera's gain with files beside the list.
+TrainingConfig recorded_list(const TemporaryFolder& folder, float value = 300) {
+  for (const char* name : {"short.npy", "reference.npy"}) {
+    Image image(64, 64);
+    for (float& v : image.values()) v = value;
+    SaveOptions save;
+    save.force = true;
+    save_picture(folder / name, image, save);
+  }
+  std::ofstream(folder / "pairs.json")
+      << R"({"pairs": [{"short": "short.npy", "reference": "reference.npy", "ratio": 1,)"
+      << R"( "gain_db": 12, "iso": null}]})";
+  TrainingConfig config;
+  config.source = "config.toml";
+  config.package.settings.layout = "polar-mono";
+  config.pairs = {folder / "pairs.json"};
+  config.models = {"imx250mzr-simulated"};
+  return config;
+}
+
+TEST(RecordedPairs, NeedAModelOfThePackagesLayout) {
+  const TemporaryFolder folder;
+  RecordedShard shard(folder, 16, 16);
+  TrainingConfig pairs = recorded_list(folder);
+  for (TrainingConfig* config : {&shard.config, &pairs}) {
+    config->models = {"imx250myr-simulated"};
+    const std::string line = problem_of([&] { make_pair_source(*config); });
+    EXPECT_NE(line.find("is of a sensor with the layout polar-bayer-rggb"), std::string::npos)
+        << line;
+  }
+}
+
+TEST(Contents, AreThoseOfShardsPairsAndModels) {
+  const TemporaryFolder one, moved;
+  const auto shard = [](const TemporaryFolder& folder, float value) {
+    return config_json(RecordedShard(folder, 16, 16, value).config);
+  };
+  EXPECT_EQ(shard(one, 300), shard(moved, 300));
+  EXPECT_NE(shard(one, 300), shard(one, 301));
+  const auto pairs = [](const TemporaryFolder& folder, float value) {
+    return config_json(recorded_list(folder, value));
+  };
+  EXPECT_EQ(pairs(one, 300), pairs(moved, 300));
+  EXPECT_NE(pairs(one, 300), pairs(one, 301));
+  const auto model = [](const TemporaryFolder& folder, const char* camera) {
+    TrainingConfig config;
+    save_model(load_model(camera), folder / "model.h5", true);
+    config.models = {folder / "model.h5"};
+    return config_json(config);
+  };
+  EXPECT_EQ(model(one, "nikon-d850"), model(moved, "nikon-d850"));
+  EXPECT_NE(model(one, "nikon-d850"), model(one, "canon-5d4"));
+}
+
+TEST(Contents, OfAnotherKindAreAnotherRun) {
+  const TemporaryFolder folder;
+  const auto worker = single_worker();
+  train(RecordedShard(folder, 16, 16, 300).config, {folder / "run", false, false, 1}, *worker,
+        silent_progress());
+  const std::string line = problem_of([&] {
+    train(RecordedShard(folder, 16, 16, 301).config, {folder / "run", true, false, 1}, *worker,
+          silent_progress());
+  });
+  EXPECT_NE(line.find("belongs to a run with another contents.shards"), std::string::npos) << line;
+}
+
+// The pool, and the generation that is made ahead of it.
+TEST(Memory, CountsTheGenerationThatIsMadeAhead) {
+  const TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  // 4 planes out, 5 in: 9 * 4 bytes * 512 * 512 / 4 = 2.25 MiB for each example.
+  std::ofstream(folder / "config.toml")
+      << "[network]\narchitecture = \"unet\"\n[package]\nlayout = \"polar-mono\"\n"
+      << "[data]\nscenes = [\"scene\"]\nexample = 512\npatch = 32\npool = 8\nmemory = 18\n"
+      << "[noise]\nmodels = [\"imx250mzr-simulated\"]\n[train]\nbatch = 1\n";
+  const auto load = [&](const char* setting) {
+    return problem_of([&] {
+      load_training_config(folder / "config.toml",
+                           {.pairs = {}, .models = {}, .settings = {setting}});
+    });
+  };
+  EXPECT_EQ(load("data.pool=7"), "");
+  EXPECT_NE(load("data.pool=8").find("would take up to 21 MiB"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace malus
