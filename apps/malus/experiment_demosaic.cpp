@@ -8,6 +8,7 @@
 #include "malus/synthesize/equivalent_models.h"
 #include "malus/synthesize/model.h"
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 
@@ -94,10 +95,12 @@ Json score_on_captures(const std::string& name, const std::vector<RecordedPair>&
   for (const RecordedPair& capture : captures) {
     check_stop(progress);
     const std::string gain = capture.gain.text();
-    if (by_gain.empty() || by_gain.back().first != gain) by_gain.push_back({gain, {}});
+    auto of_gain = std::find_if(by_gain.begin(), by_gain.end(),
+                                [&](const auto& known) { return known.first == gain; });
+    if (of_gain == by_gain.end()) of_gain = by_gain.insert(of_gain, {gain, {}});
     PictureScore one;
     add_to_score(one, capture, model, denoisers ? &denoisers->at(capture.ratio) : nullptr);
-    for (PictureScore* sum : {&all, &by_gain.back().second}) {
+    for (PictureScore* sum : {&all, &of_gain->second}) {
       sum->psnr_db += one.psnr_db;
       sum->ssim += one.ssim;
       sum->seconds += one.seconds;
