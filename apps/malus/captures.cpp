@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/evaluate/noise_comparison.h"
 #include "malus/image/middle.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
@@ -11,7 +12,9 @@
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "frame_input.h"
 #include <fmt/format.h>
@@ -41,6 +44,20 @@ Planes clean_light(const fs::path& path, const NoiseModel& camera, const CameraS
       v = static_cast<float>(std::min(static_cast<double>(v) * shot.exposure, 1.0) * white);
   }
   return middle;
+}
+
+// The made frame of a captured one's scene whose light is nearest; null where there is none.
+const RecordedPair* counterpart(const std::vector<RecordedPair>& made,
+                                const RecordedPair& captured) {
+  const RecordedPair* nearest = nullptr;
+  double least = std::numeric_limits<double>::infinity();
+  for (const RecordedPair& pair : made) {
+    const double distance = std::abs(std::log(pair.ratio / captured.ratio));
+    if (pair.scene() != captured.scene() || distance >= least) continue;
+    nearest = &pair;
+    least = distance;
+  }
+  return nearest;
 }
 
 }  // namespace
@@ -73,7 +90,9 @@ std::vector<RecordedPair> take_pictures(const NoiseModel& camera,
     check_stop(progress);
     const Planes light = clean_light(path, camera, shot);
     const Image clean = mosaic_of(unpolarized(light), camera.layout);
-    const std::string name = fmt::format("{}_{:g}", path.stem().string(), shot.ratio);
+    // Pictures of other folders may have the same name.
+    const std::string name =
+        fmt::format("{}_{}_{:g}", captures.size(), path.stem().string(), shot.ratio);
     RecordedPair capture{.name = name + "_00",
                          .noisy = folder / (name + "_short.tif"),
                          .reference = folder / (name + "_reference.npy"),
@@ -113,6 +132,28 @@ Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded
   for (Image& plane : colors)
     for (float& v : plane.values()) v /= static_cast<float>(capture.ratio);
   return colors;
+}
+
+NoiseDivergence divergence(const std::vector<RecordedPair>& made,
+                           const std::vector<RecordedPair>& captured, const NoiseModel& model) {
+  NoiseDivergence sum;
+  for (const RecordedPair& target : captured) {
+    const RecordedPair* pair = counterpart(made, target);
+    if (!pair) continue;
+    const LoadedCapture real = load_capture(target, model), drawn = load_capture(*pair, model);
+    Image drawn_dn = above_black(drawn.noisy);
+    for (std::size_t i = 0; i < drawn_dn.size(); ++i)
+      drawn_dn.values()[i] += real.clean_dn.values()[i] - drawn.clean_dn.values()[i];
+    const NoiseFrames reference{1, [&](int) { return above_black(real.noisy); }};
+    const NoiseFrames test{1, [&](int) { return drawn_dn; }};
+    const NoiseComparison c = compare_noise(reference, test, real.clean_dn, model.layout, {});
+    sum.jsd += c.pooled.jsd_bits;
+    sum.sqrt_jsd += c.pooled.sqrt_jsd;
+    sum.sqrt_jsd_floor += c.pooled.sqrt_jsd_floor;
+    ++sum.captures;
+  }
+  const double n = std::max(sum.captures, 1);
+  return {sum.jsd / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.captures};
 }
 
 const FrameDenoiser& DenoiserByRatio::at(double ratio) {

@@ -44,6 +44,16 @@ LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model)
 Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model);
 
+/// Divergence of made noise from the captured one: the mean over the captures whose scene has a
+/// made frame, of which the one of the nearest light counts. Its own clean mosaic is exchanged for
+/// the captured one's, which may be lit a little differently.
+struct NoiseDivergence {
+  double jsd = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
+  int captures = 0;
+};
+NoiseDivergence divergence(const std::vector<RecordedPair>& made,
+                           const std::vector<RecordedPair>& captured, const NoiseModel& model);
+
 /// A method for captures of any light. Some networks take the low-light ratio, so another ratio
 /// makes another denoiser; the last one is kept, its weights are not read again.
 class DenoiserByRatio {

@@ -3,7 +3,6 @@
 // the noise that was made is compared with the camera's.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
-#include "malus/evaluate/noise_comparison.h"
 #include "malus/io/config_section.h"
 #include "malus/io/picture_file.h"
 #include "malus/synthesize/equivalent_models.h"
@@ -223,42 +222,13 @@ std::vector<RecordedPair> make_captures(const TestBench& bench, const TableS1Row
                     {model.black_dn, model.white_dn, model.quantization_dn});
     frame.gain = bench.to;
     RecordedPair capture = source;
-    capture.noisy = folder / (source.scene() + "_short.tif");
+    // A scene may have several frames at a gain, and names may be missing.
+    capture.noisy = folder / fmt::format("{}_{}_short.tif", made.size(), source.name);
     capture.gain = bench.to;
     save_frame(capture.noisy, frame, save);
     made.push_back(std::move(capture));
   }
   return made;
-}
-
-// Divergence of the made noise from the captured one, the mean over the scenes that have both.
-// Each set's own clean mosaic is exchanged for the captured one's, which may be lit a little
-// differently.
-struct NoiseDivergence {
-  double jsd = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
-  int scenes = 0;
-};
-NoiseDivergence divergence(const TestBench& bench, const std::vector<RecordedPair>& made) {
-  NoiseDivergence sum;
-  for (const RecordedPair& target : bench.targets)
-    for (const RecordedPair& capture : made) {
-      if (capture.scene() != target.scene()) continue;
-      const LoadedCapture real = load_capture(target, bench.model),
-                          drawn = load_capture(capture, bench.model);
-      Image drawn_dn = above_black(drawn.noisy);
-      for (std::size_t i = 0; i < drawn_dn.size(); ++i)
-        drawn_dn.values()[i] += real.clean_dn.values()[i] - drawn.clean_dn.values()[i];
-      const NoiseFrames reference{1, [&](int) { return above_black(real.noisy); }};
-      const NoiseFrames test{1, [&](int) { return drawn_dn; }};
-      const NoiseComparison c =
-          compare_noise(reference, test, real.clean_dn, bench.model.layout, {});
-      sum.jsd += c.pooled.jsd_bits;
-      sum.sqrt_jsd += c.pooled.sqrt_jsd;
-      sum.sqrt_jsd_floor += c.pooled.sqrt_jsd_floor;
-      ++sum.scenes;
-    }
-  const double n = std::max(sum.scenes, 1);
-  return {sum.jsd / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.scenes};
 }
 
 Json train_and_score(const TestBench& bench, const TableS1Setup& setup, const TableS1Row& row,
@@ -285,7 +255,8 @@ Json train_and_score(const TestBench& bench, const TableS1Setup& setup, const Ta
     add_to_score(score, test, bench.model, &isp);
   }
   const bool captured = row.scheme == "captured";
-  const NoiseDivergence noise = captured ? NoiseDivergence{} : divergence(bench, made);
+  const NoiseDivergence noise =
+      captured ? NoiseDivergence{} : divergence(made, bench.targets, bench.model);
   Json json{{"noise_model", row.title()},
             {"denoiser", captured ? "-" : row.denoiser},
             {"input", captured                     ? bench.to.text()
@@ -293,7 +264,7 @@ Json train_and_score(const TestBench& bench, const TableS1Setup& setup, const Ta
                                                    : bench.from.text()},
             {"psnr_db", score.psnr_db / score.count},
             {"ssim", score.ssim / score.count}};
-  if (noise.scenes > 0)
+  if (noise.captures > 0)
     json.update({{"jsd", noise.jsd},
                  {"sqrt_jsd", noise.sqrt_jsd},
                  {"sqrt_jsd_floor", noise.sqrt_jsd_floor}});

@@ -1,6 +1,7 @@
 """Networks that give pictures: `malus experiment table-s1` and `denoise-demosaic` with trainings of three steps, and `malus denoise`
 with what they trained."""
 
+import json
 import shutil
 
 import numpy as np
@@ -80,14 +81,73 @@ def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, exper
     other.write_text((experiments / "denoise-demosaic.toml").read_text().replace("nikon-d850", "canon-5d4"))
     assert "belongs to a run with another contents.models" in refused(*run[:2], other, *run[3:], "-q")
 
-    frame = out / "captures/case0/b_4_short.tif"
+    frame = out / "captures/case0/0_b_4_short.tif"
     denoise = ["denoise", frame, "--model", "nikon-d850", "--method", out / "physics/weights.safetensors", "-o", experiments / "rgb"]
     record = malus(*denoise, "--format", "npy", "--json").json
-    assert record["target"] == "rgb" and record["files"] == [str(experiments / "rgb/b_4_short_rgb.npy")]
+    assert record["target"] == "rgb" and record["files"] == [str(experiments / "rgb/0_b_4_short_rgb.npy")]
     assert np.load(record["files"][0]).shape == (3, 64, 64)
     for flag in ("--planes", "--u16"):
         assert flag in refused(*denoise, flag)
     assert "png" in refused(*denoise, "--format", "png")
+
+
+@pytest.fixture
+def namesakes(experiments):
+    """Two pictures of one name, a camera at two gains, no network."""
+    for folder, picture in (("p1", "b"), ("p2", "c")):
+        (experiments / folder).mkdir()
+        shutil.copy(experiments / f"{picture}.png", experiments / folder / "x.png")
+    (experiments / "few.toml").write_text('model = "nikon-d850"\ngains = [1600]\ncases = ["1600:4", "3200:4"]\n'
+                                          '[[rows]]\nname = "fast"\nmethod = "bm3d/fast"\n')
+    return ["--pictures", experiments / "p1/x.png", experiments / "p2/x.png", "--crop", "64"]
+
+
+def test_pictures_of_one_name_are_captured_apart(malus, experiments, namesakes):
+    malus("experiment", "denoise-demosaic", experiments / "few.toml", *namesakes, "-o", experiments / "out", "-q")
+    for case in ("case0", "case1"):
+        references = [np.load(path) for path in sorted((experiments / "out/captures" / case).glob("*_reference.npy"))]
+        assert len(references) == 2 and not np.array_equal(*references)
+
+
+def pair(name, files, ratio, iso):
+    return {"name": name, "short": f"{files}_short.tif", "reference": f"{files}_reference.npy", "picture": f"{files}_picture.npy",
+            "ratio": ratio, "gain_db": None, "iso": iso}
+
+
+def test_a_gain_is_one_line_wherever_its_pairs_stand(malus, experiments, namesakes):
+    malus("experiment", "denoise-demosaic", experiments / "few.toml", *namesakes, "-o", experiments / "out", "-q")
+    pairs = [pair(f"{k}_{case}", str(sorted((experiments / f"out/captures/case{case}").glob("*_short.tif"))[k])[:-10], 4, iso)
+             for k in range(2) for case, iso in enumerate((1600, 3200))]
+    (experiments / "pairs.json").write_text(json.dumps({"pairs": pairs}))
+    rows = malus("experiment", "denoise-demosaic", experiments / "few.toml", "--pairs", experiments / "pairs.json", "-o",
+                 experiments / "listed", "--json").json["rows"]
+    for row in rows:
+        assert [gain["gain"] for gain in row["gains"]] == ["ISO 1600", "ISO 3200"]
+        assert row["psnr_db"] == pytest.approx(np.mean([gain["psnr_db"] for gain in row["gains"]]))
+
+
+def test_frames_of_one_scene_stay_apart(malus, experiments):
+    """Two of a scene at each gain, one at a fourth of the light."""
+    pairs = []
+    for exposure in ("1600:1", "1600:4", "3200:1", "3200:4"):
+        iso, ratio = map(int, exposure.split(":"))
+        (experiments / "one.toml").write_text(f'model = "nikon-d850"\ngains = [1600]\ncases = ["{exposure}"]\nexposure = 0.3\n'
+                                              '[[rows]]\nname = "fast"\nmethod = "bm3d/fast"\n')
+        out = experiments / f"shots{len(pairs)}"
+        malus("experiment", "denoise-demosaic", experiments / "one.toml", "--pictures", experiments / "b.png", "-o", out, "--crop", "64", "-q")
+        files = str(next((out / "captures/case0").glob("*_short.tif")))[:-10]
+        pairs.append(pair(f"scene_{len(pairs):02}", files, ratio, iso))
+    (experiments / "pairs.json").write_text(json.dumps({"pairs": pairs}))
+    table = (experiments / "table-s1.toml").read_text()
+    (experiments / "table-s1.toml").write_text(table[:table.index("[[rows]]")] + '[[rows]]\nnoise = "NP"\nscheme = "noise-on-noise"\n'
+                                               'denoiser = "BM3D"\n')
+    row = malus("experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "pairs.json", "--test-pairs",
+                experiments / "pairs.json", "-o", experiments / "out", "--json").json["rows"][0]
+    listed = json.loads((experiments / "out/NP-noise-on-noise-BM3D/pairs.json").read_text())["pairs"]
+    bright, dark = (np.asarray(Image.open(entry["short"]), dtype=float).mean() for entry in listed)
+    assert bright > dark + 100  # black is 800
+    # Each is compared with the captured frame of its light: noise at a fourth of it is another.
+    assert row["sqrt_jsd"] < row["sqrt_jsd_floor"] + 0.1
 
 
 def test_a_neural_isp_writes_sixteen_bit_pictures(malus, experiments):
@@ -99,16 +159,16 @@ def test_a_neural_isp_writes_sixteen_bit_pictures(malus, experiments):
     malus("train", experiments / "denoise-demosaic/isp.toml", "-o", experiments / "isp")
     files = {}
     for ending in ("npy", "tif", "png"):
-        written = malus("denoise", capture / "captures/case1/b_4_short.tif", "--model", "nikon-d850", "--method",
+        written = malus("denoise", capture / "captures/case1/0_b_4_short.tif", "--model", "nikon-d850", "--method",
                         experiments / "isp/weights.safetensors", "-o", experiments / "shown", "--format", ending, "--json").json["files"]
-        files[ending] = experiments / f"shown/b_4_short_srgb.{ending}"
+        files[ending] = experiments / f"shown/0_b_4_short_srgb.{ending}"
         assert written == [str(files[ending])]
     assert tuple(files["png"].read_bytes()[24:26]) == (16, 2)  # 16 bits, red, green and blue
     shown = 255 * np.clip(np.load(files["npy"]).transpose(1, 2, 0), 0, 1)
     assert np.abs(np.asarray(Image.open(files["png"]), dtype=float) - shown).max() < 1.01  # read as 8 bit
     malus("simulate", files["tif"], "--tone", "linear", "--layout", "bayer-rggb", "--full-scale", 65535, "--format", "npy", "-o",
           experiments / "tif")
-    red = np.load(experiments / "tif/b_4_short_srgb_clean.npy")[0::2, 0::2]
+    red = np.load(experiments / "tif/0_b_4_short_srgb_clean.npy")[0::2, 0::2]
     assert np.abs(red - shown[0::2, 0::2, 0] * 257).max() < 0.51  # rounded to whole 65535ths
 
 
