@@ -99,6 +99,23 @@ TEST(Networks, UnknownNamesAndSettingsAreRefused) {
   EXPECT_THROW(make_network({"unet", {{"width", "four"}}}), InputError);
 }
 
+// As in the public implementations a stage without blocks returns what it is given.
+TEST(Networks, StagesMayHaveNoBlocks) {
+  torch::manual_seed(1);
+  for (const auto& [name, change] : std::vector<std::pair<std::string, nlohmann::json>>{
+           {"nafnet", {{"enc_blk_nums", {0, 1}}, {"dec_blk_nums", {1, 0}}, {"width", 16}}},
+           {"restormer", {{"num_refinement_blocks", 0}}}}) {
+    NetworkDescription description = testing::small_network(name);
+    description.settings.update(change);
+    const auto network = make_network(description);
+    const auto x = torch::rand({1, 4, 24, 16});
+    const auto with_gradients = network->forward(x);  // the layers', not the kernels'
+    EXPECT_EQ(with_gradients.sizes(), x.sizes()) << name;
+    const torch::NoGradGuard no_gradients;
+    EXPECT_TRUE(torch::allclose(network->forward(x), with_gradients, 1e-4, 1e-5)) << name;
+  }
+}
+
 // A digit too many must not take the machine's memory: nothing is built.
 TEST(Networks, SettingsOutOfRangeAreRefused) {
   const std::vector<NetworkDescription> wrong = {
@@ -124,6 +141,8 @@ TEST(Networks, SettingsOutOfRangeAreRefused) {
       {"uformer", {{"depths", std::vector<int>(9, 1 << 30)}}},
       {"uformer", {{"win_size", 1 << 20}}},
       {"uformer", {{"embed_dim", 4096}}},
+      {"uformer", {{"token_projection", "conv"}}},
+      {"uformer", {{"token_mlp", "mlp"}}},
       {"malus", {{"dim", 64}, {"depths", std::vector<int>(60, 2)}}},
       {"malus", {{"depths", {1, 1, 1}}}},
       {"malus", {{"window", 0}}},

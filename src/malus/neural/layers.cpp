@@ -43,6 +43,10 @@ torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple
   return padded(x, multiple, true);
 }
 
+torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x) {
+  return blocks->is_empty() ? x : blocks->forward(x);
+}
+
 torch::Tensor to_windows(const torch::Tensor& x, std::int64_t window) {
   const auto rows = x.size(1) / window, cols = x.size(2) / window, channels = x.size(3);
   return x.view({x.size(0), rows, window, cols, window, channels})

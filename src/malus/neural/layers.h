@@ -19,6 +19,9 @@ torch::Tensor pad_to_multiple(const torch::Tensor& x, std::int64_t multiple);
 /// The same with zeros (NAFNet).
 torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple);
 
+/// x through a stage's blocks, of which there may be none: libtorch's own forward wants one.
+torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x);
+
 /// [batch, rows, cols, channels] -> [batch * windows, window², channels]; sizes are multiples of
 /// window.
 torch::Tensor to_windows(const torch::Tensor& x, std::int64_t window);

@@ -172,18 +172,21 @@ class NAFNet final : public Network {
   }
 
  private:
+  static Sequential blocks_in(const ModuleList& stages, std::size_t stage) {
+    return Sequential(std::dynamic_pointer_cast<SequentialImpl>(stages->ptr(stage)));
+  }
   torch::Tensor with_layers(const torch::Tensor& input) {
     auto x = intro_(input);
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_->size(); ++i) {
-      x = encoders_[i]->as<Sequential>()->forward(x);
+      x = through(blocks_in(encoders_, i), x);
       skips.push_back(x);
       x = downs_[i]->as<Conv2d>()->forward(x);
     }
     x = middle_->forward(x);
     for (std::size_t i = 0; i < decoders_->size(); ++i) {
       x = ups_[i]->as<Sequential>()->forward(x) + skips[skips.size() - 1 - i];
-      x = decoders_[i]->as<Sequential>()->forward(x);
+      x = through(blocks_in(decoders_, i), x);
     }
     return ending_(x) + input;
   }

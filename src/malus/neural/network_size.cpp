@@ -2,7 +2,9 @@
 
 #include "malus/base/error.h"
 
+#include <algorithm>
 #include <cmath>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -178,16 +180,22 @@ void check_relations(const std::string& architecture, const Json& s) {
                        fmt::format("\"{}\" and \"{}\" differ in length", one, other),
                        "give a number for every stage");
   };
+  const auto require_one_of = [&](const char* name, const std::vector<std::string>& known) {
+    if (std::find(known.begin(), known.end(), s.at(name)) == known.end())
+      throw InputError(fmt::format("settings of {}", architecture),
+                       fmt::format("\"{}\" is {}", name, s.at(name).dump()),
+                       fmt::format("give \"{}\"", fmt::join(known, "\" or \"")));
+  };
   if (architecture == "nafnet") {
     require_as_long("enc_blk_nums", "dec_blk_nums");
   } else if (architecture == "restormer") {
     check_heads(architecture, "heads", s.at("heads"),
                 doubling_stages(s.at("num_blocks"), s.at("dim")));
-    if (const Json& norm = s.at("LayerNorm_type"); norm != "BiasFree" && norm != "WithBias")
-      throw InputError("settings of restormer",
-                       fmt::format("\"LayerNorm_type\" is {}", norm.dump()),
-                       "give \"BiasFree\" or \"WithBias\"");
+    require_one_of("LayerNorm_type", {"BiasFree", "WithBias"});
   } else if (architecture == "uformer") {
+    // The public implementation's other choices are not here.
+    require_one_of("token_projection", {"linear"});
+    require_one_of("token_mlp", {"leff"});
     check_heads(architecture, "num_heads", s.at("num_heads"), uformer_stages(s));
   } else if (architecture == "malus") {
     require_as_long("depths", "heads");

@@ -259,7 +259,7 @@ class Restormer final : public Network {
       if (i < reduces_.size()) x = reduces_[i](x);
       x = decoders_[i]->forward(x);
     }
-    x = output_(refinement_->forward(x));
+    x = output_(through(refinement_, x));
     if (x.size(1) == input.size(1)) x = x + input;
     return x.slice(2, 0, rows).slice(3, 0, cols);
   }
