@@ -128,7 +128,7 @@ LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model)
 Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model) {
   if (capture.picture.empty()) return demosaick_bayer(loaded.clean_dn, model.layout);
-  Planes colors = load_picture(capture.picture).planes;
+  Planes colors = load_colors(capture);
   for (Image& plane : colors)
     for (float& v : plane.values()) v /= static_cast<float>(capture.ratio);
   return colors;

@@ -15,12 +15,14 @@
 #include <cmath>
 #include <fstream>
 
+#include "problem_of.h"
 #include "support.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
+using testing::problem_of;
 using testing::TemporaryFolder;
 
 constexpr const char* kCamera = "nikon-d850";
@@ -202,6 +204,18 @@ TEST(PictureExamples, OfCapturedPairsAreTheirPictureOrDemosaicked) {
   for (int r = 0; r < 16; ++r)
     for (int c = 0; c < 16; ++c)
       ASSERT_EQ(with.clean_rgb_dn[color_of(shot.model.layout, r, c)](r, c), with.clean_dn(r, c));
+  // What is no picture, or holds no numbers, is named.
+  const auto refused = [&](Planes picture) {
+    SaveOptions replace;
+    replace.force = true;
+    save_picture(folder / "picture.npy", picture, {}, replace);
+    return problem_of([&] { pair_of(R"(, "picture": "picture.npy")"); });
+  };
+  for (const int planes : {1, 4})
+    EXPECT_NE(refused(Planes(planes, 32, 48)).find("picture.npy: "), std::string::npos) << planes;
+  Planes holed = shot.rgb_dn;
+  for (float& v : holed[1].values()) v = std::nanf("");
+  EXPECT_NE(refused(holed).find("picture.npy: 256 pixels are NaN"), std::string::npos);
 }
 
 // A target that counts its own pixels, twice as fine as the input: patches must stay aligned.

@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/io/gain_json.h"
+#include "malus/io/picture_file.h"
 
 #include <cmath>
 #include <fstream>
@@ -47,6 +48,15 @@ std::vector<RecordedPair> load_pair_list(const fs::path& list) {
     throw InputError(list.string(), fmt::format("is no list of pairs ({})", error.what()),
                      "make it with malus pairs");
   }
+}
+
+Planes load_colors(const RecordedPair& pair) {
+  MALUS_REQUIRE(!pair.picture.empty());
+  Planes planes = load_picture(pair.picture).planes;
+  if (planes.channels() != 3)
+    throw InputError(pair.picture.string(), fmt::format("has {} planes", planes.channels()),
+                     "a pair's picture has three: R, G and B");
+  return planes;
 }
 
 void save_pair_list(const std::vector<RecordedPair>& pairs, const fs::path& list) {

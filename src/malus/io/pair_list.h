@@ -25,6 +25,10 @@ struct RecordedPair {
 /// holds a ratio that is not above 0.
 std::vector<RecordedPair> load_pair_list(const std::filesystem::path& list);
 
+/// A pair's picture, which it must have. Throws InputError where it cannot be read or has not three
+/// planes.
+Planes load_colors(const RecordedPair& pair);
+
 /// Replaces an old list; paths are written absolute. Throws InputError.
 void save_pair_list(const std::vector<RecordedPair>& pairs, const std::filesystem::path& list);
 

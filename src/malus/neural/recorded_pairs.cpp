@@ -50,9 +50,39 @@ double checked_ratio(const Json& facts, const std::string& source) {
   return ratio;
 }
 
+Image window(const Image& from, const MosaicWindow& part) {
+  Image out(part.rows, part.cols);
+  for (int r = 0; r < part.rows; ++r)
+    std::copy_n(from.row(part.row0 + r) + part.col0, part.cols, out.row(r));
+  return out;
+}
+
+// Where examples are cut out of larger mosaics: at whole cells and row groups, no larger than
+// `side`.
+class ExampleWindows {
+ public:
+  ExampleWindows(const NoiseModel& model, int side)
+      : cell_(std::lcm(std::lcm(model.layout.rows(), model.layout.cols()), model.row_group)),
+        side_(side) {}
+  MosaicWindow draw(const Image& mosaic, RandomSequence& random) const {
+    const int rows = std::min(mosaic.rows(), side_) / cell_ * cell_;
+    const int cols = std::min(mosaic.cols(), side_) / cell_ * cell_;
+    const auto start = [&](int size, int length) {
+      return cell_ *
+             static_cast<int>(pick(random, static_cast<std::size_t>((size - length) / cell_ + 1)));
+    };
+    const int row0 = start(mosaic.rows(), rows), col0 = start(mosaic.cols(), cols);
+    return {row0, col0, rows, cols};
+  }
+
+ private:
+  int cell_, side_;
+};
+
 class ShardPairs final : public PairSource {
  public:
-  explicit ShardPairs(const TrainingConfig& config) : model_(only_model(config)) {
+  explicit ShardPairs(const TrainingConfig& config)
+      : model_(only_model(config)), windows_(model_, config.data.example) {
     for (const fs::path& path : config.shards) {
       const Json dataset = load_json(path.parent_path() / "dataset.json");
       const bool amplified = dataset.at("noise").at("amplify").get<bool>();
@@ -81,8 +111,13 @@ class ShardPairs final : public PairSource {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
                        "make the shard again with malus dataset");
     }
-    pair.clean_dn = mosaic(sample, sample.clean);
-    pair.noisy.dn = mosaic(sample, sample.noisy);
+    const Image clean = mosaic(sample, sample.clean), noisy = mosaic(sample, sample.noisy);
+    if (noisy.rows() != clean.rows() || noisy.cols() != clean.cols())
+      throw InputError(where, "its noisy planes have another size than its clean ones",
+                       "make the shard again with malus dataset");
+    const MosaicWindow part = windows_.draw(clean, random);
+    pair.clean_dn = window(clean, part);
+    pair.noisy.dn = window(noisy, part);
     const auto scale = static_cast<float>(sample.amplified ? 1.0 / pair.ratio : 1.0);
     for (Image* image : {&pair.clean_dn, &pair.noisy.dn})
       for (float& v : image->values()) v *= scale;
@@ -114,6 +149,7 @@ class ShardPairs final : public PairSource {
   }
 
   NoiseModel model_;
+  ExampleWindows windows_;
   std::vector<Sample> samples_;
 };
 
@@ -121,7 +157,7 @@ class CapturedPairs final : public PairSource {
  public:
   explicit CapturedPairs(const TrainingConfig& config)
       : model_(only_model(config)),
-        side_(config.data.example),
+        windows_(model_, config.data.example),
         with_picture_(config.package.gives_picture()) {
     for (const fs::path& path : config.pairs)
       for (RecordedPair& pair : load_pair_list(path)) pairs_.push_back(std::move(pair));
@@ -136,7 +172,7 @@ class CapturedPairs final : public PairSource {
     pair.noisy = load_of_sensor(recorded.noisy);
     std::vector<Image> clean{load_of_sensor(recorded.reference).dn};
     if (with_picture_ && !recorded.picture.empty())
-      for (Image& plane : load_picture(recorded.picture).planes) clean.push_back(std::move(plane));
+      for (Image& plane : load_colors(recorded)) clean.push_back(std::move(plane));
     for (Image& plane : clean) {
       if (plane.rows() != pair.noisy.dn.rows() || plane.cols() != pair.noisy.dn.cols())
         throw InputError(recorded.noisy.string(), "has another size than its reference",
@@ -144,26 +180,16 @@ class CapturedPairs final : public PairSource {
       for (float& v : plane.values())
         v = static_cast<float>(static_cast<double>(v) / recorded.ratio);
     }
-    const int cell =
-        std::lcm(std::lcm(model_.layout.rows(), model_.layout.cols()), model_.row_group);
-    const Image& mosaic = clean.front();
-    const int rows = std::min(mosaic.rows(), side_) / cell * cell;
-    const int cols = std::min(mosaic.cols(), side_) / cell * cell;
-    const auto start = [&](int size, int length) {
-      return cell *
-             static_cast<int>(pick(random, static_cast<std::size_t>((size - length) / cell + 1)));
-    };
-    const int row0 = start(mosaic.rows(), rows), col0 = start(mosaic.cols(), cols);
-    pair.clean_dn = window(mosaic, row0, col0, rows, cols);
-    if (clean.size() == 4) {
-      pair.clean_rgb_dn = Planes(3, 0, 0);
-      for (int k = 0; k < 3; ++k)
-        pair.clean_rgb_dn[k] =
-            window(clean[static_cast<std::size_t>(k) + 1], row0, col0, rows, cols);
-    }
-    pair.noisy.dn = window(pair.noisy.dn, row0, col0, rows, cols);
+    const MosaicWindow part = windows_.draw(clean.front(), random);
+    pair.noisy.dn = window(pair.noisy.dn, part);
     require_finite(pair.noisy.dn, recorded.noisy.string());
+    pair.clean_dn = window(clean.front(), part);
     require_finite(pair.clean_dn, recorded.reference.string());
+    if (clean.size() > 1) pair.clean_rgb_dn = Planes(3, 0, 0);
+    for (int k = 0; k < pair.clean_rgb_dn.channels(); ++k) {
+      pair.clean_rgb_dn[k] = window(clean[static_cast<std::size_t>(k) + 1], part);
+      require_finite(pair.clean_rgb_dn[k], recorded.picture.string());
+    }
     pair.profile = model_.profile_at(recorded.gain);
     pair.ratio = recorded.ratio;
     return pair;
@@ -175,14 +201,9 @@ class CapturedPairs final : public PairSource {
     take_layout_of_model(frame, model_.layout);
     return frame;
   }
-  static Image window(const Image& from, int row0, int col0, int rows, int cols) {
-    Image out(rows, cols);
-    for (int r = 0; r < rows; ++r) std::copy_n(from.row(row0 + r) + col0, cols, out.row(r));
-    return out;
-  }
 
   NoiseModel model_;
-  int side_;
+  ExampleWindows windows_;
   bool with_picture_;
   std::vector<RecordedPair> pairs_;
 };

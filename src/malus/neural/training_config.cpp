@@ -141,8 +141,9 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
     root.fail("data", "names no pictures, scenes, shards or pairs", "give one of them");
   const double planes = config.package.output_planes() * std::pow(config.package.upscale(), 2) +
                         config.package.input_planes();
+  // One generation is made ahead (example_pool.h).
   const double bytes = 4.0 * planes * config.data.example * config.data.example /
-                       layout.channels() * config.data.pool * config.train.batch;
+                       layout.channels() * (config.data.pool + 1) * config.train.batch;
   if (bytes > config.data.memory_mib * 0x1p20)
     root.fail("pool", fmt::format("would take up to {:.0f} MiB", std::ceil(bytes / 0x1p20)),
               fmt::format("allow it with memory, or make pool, batch or example smaller"));
