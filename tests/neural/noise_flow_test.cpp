@@ -6,12 +6,16 @@
 #include "malus/neural/noise_flow_training.h"
 
 #include <cmath>
+#include <fstream>
 
+#include "problem_of.h"
 #include "support.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
+
+using testing::problem_of;
 
 // A flow whose couplings do something: random weights where training starts with zeros.
 NoiseFlow busy_flow(std::int64_t channels, std::int64_t steps) {
@@ -187,6 +191,41 @@ TEST(NoiseFlow, PairsThatCannotBeLearntFromAreRefused) {
   NoiseFlowPair pair = simulated_pair(0);
   pair.gain = {};
   EXPECT_THROW(train_noise_flow(sensor(), {pair}, {}, 0), InputError);
+}
+
+TEST(NoiseFlow, PairsThatAreRefusedAreNamed) {
+  const NoiseFlowPair good = simulated_pair(0);
+  const auto refused = [&](NoiseFlowPair bad) {
+    bad.name = "night_3.npy";
+    return problem_of([&] { train_noise_flow(sensor(), {good, std::move(bad)}, {}, 0); });
+  };
+  NoiseFlowPair unlike = good, small = good, unknown = good;
+  unlike.clean_dn = Image(96, 80);
+  small.noisy_dn = small.clean_dn = Image(8, 8);
+  unknown.gain = {};
+  for (const NoiseFlowPair& pair : {unlike, small, unknown})
+    EXPECT_TRUE(refused(pair).starts_with("night_3.npy: ")) << refused(pair);
+}
+
+// White between the blacks of two channels leaves one of them no signal.
+TEST(NoiseFlow, WhiteMustBeAboveEveryBlack) {
+  const testing::TemporaryFolder folder;
+  NoiseFlowSensor wrong;
+  wrong.layout = "polar-mono";
+  wrong.black_dn = {64, 64, 64, 2000};
+  wrong.white_dn = 1023;
+  NoiseFlowModel(wrong, 0, 1).save(folder / "flow.safetensors", {});
+  EXPECT_NE(problem_of([&] {
+              NoiseFlowModel(folder / "flow.safetensors");
+            }).find("does not fit together"),
+            std::string::npos);
+  std::ofstream(folder / "flow.toml")
+      << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"polar-mono\"\n"
+      << "black = [64, 64, 64, 2000]\nwhite = 1023\n";
+  EXPECT_NE(problem_of([&] {
+              train_noise_flow_config(folder / "flow.toml", {}, 0, silent_progress());
+            }).find("not above black"),
+            std::string::npos);
 }
 
 }  // namespace

@@ -87,6 +87,26 @@ TEST(Package, RefusesDescriptionsThatDoNotFit) {
   EXPECT_THROW(package_of(damaged("{", "["), "weights"), InputError);
 }
 
+// Whatever is wrong with a weight file, the line begins with its name.
+TEST(Package, NamesTheFileThatItRefuses) {
+  const NetworkPackage package = small_package();
+  const TensorFile good = package_file(package, *make_network(package.network));
+  const auto subject = [&](const char* key, const std::string& from, const std::string& to) {
+    TensorFile file = good;
+    std::string& text = file.metadata.at(key);
+    text.replace(text.find(from), from.size(), to);
+    try {
+      package_of(file, "w.safetensors");
+    } catch (const InputError& error) {
+      return error.subject();
+    }
+    return std::string("taken");
+  };
+  EXPECT_EQ(subject("malus_package", "polar-bayer-rggb", "polar-bayer-rgbb"), "w.safetensors");
+  EXPECT_EQ(subject("malus_package", "\"mosaic\"", "\"rgb\""), "w.safetensors");
+  EXPECT_EQ(subject("architecture", "unet", "wnet"), "w.safetensors");
+}
+
 TEST(Package, RefusesWeightsThatAreNotNumbers) {
   const NetworkPackage package = small_package();
   const auto network = make_network(package.network);

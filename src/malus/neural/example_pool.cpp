@@ -31,11 +31,12 @@ TrainingExample make_example(const RawPair& pair, const NetworkPackage& package)
       prepare_network_frame(pair.noisy, pair.profile, settings, {}, pair.ratio);
   const MosaicWindow whole{0, 0, pair.clean_dn.rows(), pair.clean_dn.cols()};
   const torch::Tensor input = prepare_input(frame, whole)[0].clone();
-  if (!package.gives_picture()) return {input, frame.domain.clean_planes(pair.clean_dn)[0]};
+  if (!package.gives_picture())
+    return {input, frame.domain.clean_planes(pair.clean_dn)[0], pair.noisy.source};
   const Planes rgb_dn = pair.clean_rgb_dn.channels() == 3
                             ? pair.clean_rgb_dn
                             : demosaick_bayer(pair.clean_dn, package.layout());
-  return {input, picture_target(settings, frame.domain, rgb_dn)[0]};
+  return {input, picture_target(settings, frame.domain, rgb_dn)[0], pair.noisy.source};
 }
 
 ExamplePool::ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed,
@@ -134,7 +135,8 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
             .examples[static_cast<std::size_t>(place)];
     const std::int64_t rows = example.input.size(1), cols = example.input.size(2);
     if (rows < shape_.patch_rows || cols < shape_.patch_cols)
-      throw InputError("an example", fmt::format("has planes of {} x {} only", cols, rows),
+      throw InputError(example.source.empty() ? "an example" : example.source,
+                       fmt::format("has planes of {} x {} only", cols, rows),
                        "use a smaller patch or larger pictures");
     const std::int64_t row0 = below(random, rows - shape_.patch_rows + 1);
     const std::int64_t col0 = below(random, cols - shape_.patch_cols + 1);

@@ -14,6 +14,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -26,6 +27,7 @@ namespace malus {
 /// or a whole multiple of it.
 struct TrainingExample {
   torch::Tensor input, target;
+  std::string source = {};  ///< where it comes from, for messages
 };
 
 /// A pair in the network's domain, guide and all. A picture's target is the pair's own light, else

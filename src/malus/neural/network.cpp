@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/neural/named_source.h"
 #include "malus/neural/network_size.h"
 #include "malus/neural/networks.h"
 
@@ -152,16 +153,13 @@ std::shared_ptr<Network> make_network(const NetworkDescription& description) {
 
 std::shared_ptr<Network> make_network(const NetworkDescription& description, const TensorFile& file,
                                       const std::string& source) {
-  double stored = 0, needed = 0;
+  double stored = 0;
   for (const auto& [name, tensor] : file.tensors)
     stored +=
         static_cast<double>(tensor.bytes.size()) / static_cast<double>(dtype_size(tensor.dtype));
-  try {
-    needed = least_network_values(description.architecture, full_settings(description));
-  } catch (const InputError& error) {  // the settings are those of the file
-    throw InputError(source, fmt::format("{}: {}", error.subject(), error.problem()),
-                     error.remedy());
-  }
+  const double needed = naming_source(source, [&] {
+    return least_network_values(description.architecture, full_settings(description));
+  });
   if (needed > stored)
     throw InputError(source,
                      fmt::format("holds {:.3g} values, but the {} that its settings describe has "

@@ -26,7 +26,7 @@ NoiseFlowSensor read_sensor(const ConfigSection& section) {
   if (sensor.black_dn.size() != channels)
     section.fail("black", "is missing or of another length", "give one number, or one per channel");
   const auto white = section.number("white");
-  if (!white || !(*white > sensor.black_dn.front()))
+  if (!white || !(white_above_black(*white, sensor.black_dn) > 0))
     section.fail("white", "is missing or not above black", "give the saturation in DN");
   sensor.white_dn = *white;
   return sensor;
@@ -53,7 +53,8 @@ std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseF
   for (const std::string& pattern : section.texts("noisy"))
     for (const auto& path : files_matching(folder, pattern)) {
       RawFrame noisy = load(path);
-      pairs.push_back({std::move(noisy.dn), clean.dn, gain.decibel() ? gain : noisy.gain});
+      pairs.push_back(
+          {std::move(noisy.dn), clean.dn, gain.decibel() ? gain : noisy.gain, path.string()});
     }
   if (pairs.empty()) section.fail("noisy", "names no frame", "give files or patterns");
   return pairs;

@@ -123,7 +123,8 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
         json.at("highest_gain_db"), json.value("spread_integers", false)};
     const std::int64_t steps = json.at("steps"), width = json.at("width");
     if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
-        steps > 64 || width < 1 || width > 1024 || !(sensor.white_dn > sensor.black_dn.front()))
+        steps > 64 || width < 1 || width > 1024 ||
+        !(white_above_black(sensor.white_dn, sensor.black_dn) > 0))
       throw InputError(source, "its description does not fit together", kGiveAFlow);
     *this = NoiseFlowModel(std::move(sensor), steps, width);
   } catch (const Json::exception& error) {

@@ -75,14 +75,14 @@ void check_pairs(const std::vector<NoiseFlowPair>& pairs, const SensorLayout& la
   for (const NoiseFlowPair& pair : pairs) {
     if (pair.noisy_dn.rows() != pair.clean_dn.rows() ||
         pair.noisy_dn.cols() != pair.clean_dn.cols())
-      throw InputError("Noise Flow", "a noisy and its clean frame differ in size",
+      throw InputError(pair.name, "a noisy and its clean frame differ in size",
                        "give frames of one scene");
     if (packed_size(pair.noisy_dn.rows(), layout.rows()) < crop ||
         packed_size(pair.noisy_dn.cols(), layout.cols()) < crop)
-      throw InputError("Noise Flow", fmt::format("a frame is smaller than crops of {}", crop),
+      throw InputError(pair.name, fmt::format("is smaller than crops of {}", crop),
                        "give larger frames or a smaller crop");
     if (!pair.gain.decibel())
-      throw InputError("Noise Flow", "the gain of a pair is not known", "give gain_db or iso");
+      throw InputError(pair.name, "its gain is not known", "give gain_db or iso");
   }
 }
 

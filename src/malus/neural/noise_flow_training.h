@@ -7,6 +7,7 @@
 #include "malus/neural/noise_flow_file.h"
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 namespace malus {
@@ -30,6 +31,7 @@ struct NoiseFlowSettings {
 struct NoiseFlowPair {
   Image noisy_dn, clean_dn;  ///< mosaics in DN above black, of one size
   GainSetting gain;
+  std::string name = "a pair";  ///< for messages: the noisy file
 };
 
 struct NoiseFlowFit {

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/neural/named_source.h"
 #include "malus/polar/demosaick.h"
 
 #include <algorithm>
@@ -17,6 +18,7 @@ using Json = nlohmann::json;
 
 constexpr const char* kPackageKey = "malus_package";
 constexpr int kVersion = 1;
+constexpr const char* kGivePackage = "give a weight file that malus train or an import wrote";
 constexpr double kSeenDeviations = 8;  // brings signals in units of the noise to about 1
 
 // How the architectures call their channel counts.
@@ -55,13 +57,13 @@ Json settings_json(const PackageSettings& settings) {
 }
 
 PackageSettings settings_of(const Json& json, const std::string& source) {
-  constexpr const char* kRemedy = "give a weight file that malus train or an import wrote";
   PackageSettings settings;
   std::size_t known = 0;
   PackageSettings::describe(settings, [&](auto& value, const ParameterInfo& info) {
     if (std::string_view(info.name) == "target" && !json.contains(info.name)) return;
     if (!json.contains(info.name))
-      throw InputError(source, fmt::format("its description lacks \"{}\"", info.name), kRemedy);
+      throw InputError(source, fmt::format("its description lacks \"{}\"", info.name),
+                       kGivePackage);
     value = json.at(info.name).get<std::decay_t<decltype(value)>>();
     ++known;
     if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
@@ -138,45 +140,52 @@ TensorFile package_file(const NetworkPackage& package, const Network& network) {
   return file;
 }
 
-NetworkPackage package_of(const TensorFile& file, const std::string& source) {
+namespace {
+
+NetworkPackage described_package(const TensorFile& file, const std::string& source) {
   const auto text = [&](const char* key) {
     const auto found = file.metadata.find(key);
     if (found == file.metadata.end())
-      throw InputError(source, fmt::format("has no \"{}\" in its metadata", key),
-                       "give a weight file that malus train or an import wrote");
+      throw InputError(source, fmt::format("has no \"{}\" in its metadata", key), kGivePackage);
     return found->second;
   };
-  try {
-    NetworkPackage package;
-    package.network = {text("architecture"), Json::parse(text("settings"))};
-    const Json description = Json::parse(text(kPackageKey));
-    if (description.at("version").get<int>() != kVersion)
-      throw InputError(source, fmt::format("is of version {}", description.at("version").dump()),
-                       fmt::format("this malus reads version {}", kVersion));
-    package.settings = settings_of(description.at("settings"), source);
-    package.training = description.at("training");
-    if (description.at("channels").get<std::vector<std::string>>() !=
-        package.layout().channel_names())
+  NetworkPackage package;
+  package.network = {text("architecture"), Json::parse(text("settings"))};
+  const Json description = Json::parse(text(kPackageKey));
+  if (description.at("version").get<int>() != kVersion)
+    throw InputError(source, fmt::format("is of version {}", description.at("version").dump()),
+                     fmt::format("this malus reads version {}", kVersion));
+  package.settings = settings_of(description.at("settings"), source);
+  package.training = description.at("training");
+  if (description.at("channels").get<std::vector<std::string>>() !=
+      package.layout().channel_names())
+    throw InputError(source,
+                     fmt::format("its planes are not in the order of {}", package.settings.layout),
+                     kGivePackage);
+  const NetworkDescription fitted = fitted_network(package.network, package.settings);
+  const ChannelKeys& keys = keys_of(package.network.architecture);
+  if (package.network.settings.value("upscale", 1) != package.upscale())
+    throw InputError(source,
+                     fmt::format("its network's upscale does not fit the target \"{}\"",
+                                 package.settings.target),
+                     kGivePackage);
+  for (const char* key : {keys.in, keys.out})
+    if (package.network.settings.value(key, -1) != fitted.settings.at(key).get<int>())
       throw InputError(
-          source, fmt::format("its planes are not in the order of {}", package.settings.layout),
-          "give a weight file that malus train or an import wrote");
-    const NetworkDescription fitted = fitted_network(package.network, package.settings);
-    const ChannelKeys& keys = keys_of(package.network.architecture);
-    if (package.network.settings.value("upscale", 1) != package.upscale())
-      throw InputError(source,
-                       fmt::format("its network's upscale does not fit the target \"{}\"",
-                                   package.settings.target),
-                       "give a weight file that malus train or an import wrote");
-    for (const char* key : {keys.in, keys.out})
-      if (package.network.settings.value(key, -1) != fitted.settings.at(key).get<int>())
-        throw InputError(
-            source, fmt::format("its network's {} does not fit {}", key, package.settings.layout),
-            fmt::format("{} planes go in and {} come out", package.input_planes(),
-                        package.output_planes()));
-    return package;
+          source, fmt::format("its network's {} does not fit {}", key, package.settings.layout),
+          fmt::format("{} planes go in and {} come out", package.input_planes(),
+                      package.output_planes()));
+  return package;
+}
+
+}  // namespace
+
+NetworkPackage package_of(const TensorFile& file, const std::string& source) {
+  try {
+    return naming_source(source, [&] { return described_package(file, source); });
   } catch (const Json::exception& error) {
     throw InputError(source, fmt::format("its description cannot be read ({})", error.what()),
-                     "give a weight file that malus train or an import wrote");
+                     kGivePackage);
   }
 }
 
