@@ -111,8 +111,9 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
     throw InputError(
         "--memory",
         fmt::format("{:.0f} MiB is too little for this network and frame", settings.memory_mib),
-        fmt::format("give at least {:.0f} MiB",
-                    std::ceil((least_tile_bytes(rows, cols, batch, state_->demand) + held) / 0x1p20)));
+        fmt::format(
+            "give at least {:.0f} MiB",
+            std::ceil((least_tile_bytes(rows, cols, batch, state_->demand) + held) / 0x1p20)));
   prepared.report.times.push_back({"preparation", preparation.seconds()});
   const Stopwatch network;
   torch::Tensor planes = run_tiled(

@@ -50,8 +50,8 @@ class NetworkInference {
 
   /// As denoise_frame: settings' memory_mib bounds frame and tiles together, row_noise can be
   /// switched off; its method is not looked at. Throws InputError as denoise_frame, on a layout
-  /// other than the package's, on a strength or profile of its own, and on a network that gives
-  /// pictures; Cancelled.
+  /// that is not the package's, but for the Bayer order, on a strength or profile of its own, and
+  /// on a network that gives pictures; Cancelled.
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress);
 
