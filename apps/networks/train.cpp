@@ -16,9 +16,10 @@ nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
                      "train it again, with --force where its folder holds weights");
   const auto weights = call.folder / "weights.safetensors";
   // The folder is made for good results only, but that it can be is asked before hours of work.
-  std::filesystem::path there = std::filesystem::absolute(call.folder);
+  const std::filesystem::path folder = std::filesystem::absolute(call.folder);
+  std::filesystem::path there = folder;
   while (!std::filesystem::exists(there)) there = there.parent_path();
-  check_output(there / weights.filename(), call.force);
+  check_output(there / weights.filename(), call.force || there != folder);
   NoiseFlowFit fit = train_noise_flow_config(call.config, call.settings, call.seed, progress);
   make_output_folder(call.folder);
   fit.model.save(weights, fit.record);

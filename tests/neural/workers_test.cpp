@@ -1,13 +1,22 @@
 // A group of one goes the ways of any other: rendezvous, sum, broadcast. Several workers are tested
-// as processes (tests/system/test_training.py).
+// as processes (tests/system/test_training.py), their waiting as threads here.
 #include "malus/neural/workers.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/trainer.h"
 
+#include <chrono>
 #include <cstdlib>
+#include <future>
 #include <string>
+#include <thread>
 
+#include "support.h"
+#include "training_runs.h"
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 namespace malus {
 namespace {
@@ -33,6 +42,82 @@ TEST(Workers, OneOnACpuMeetsItself) {
     if (std::string(error.what()).find("for one worker") == std::string::npos) throw;
     GTEST_SKIP() << "built without PyTorch's c10d";
   }
+}
+
+// A port that nobody listens on.
+std::string free_port() {
+  const int listener = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  EXPECT_EQ(bind(listener, reinterpret_cast<sockaddr*>(&address), size), 0);
+  EXPECT_EQ(getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  close(listener);
+  return std::to_string(ntohs(address.sin_port));
+}
+
+TEST(Workers, WaitForTheLeaderLongerThanForAMessage) {
+  constexpr double kTimeoutS = 3;
+  setenv("MASTER_PORT", free_port().c_str(), 1);
+  setenv("GLOO_SOCKET_IFNAME", "lo", 1);
+  const auto worker = [&](int rank) {
+    const auto workers = meet_workers({.rank = rank, .size = 2}, kTimeoutS, torch::kCPU);
+    if (rank == 0) std::this_thread::sleep_for(std::chrono::duration<double>(kTimeoutS + 1.5));
+    workers->wait_for_leader();
+    torch::Tensor values = torch::full({2}, rank + 1.0F);
+    workers->sum(values);
+    return values[0].item<float>();
+  };
+  try {
+    auto other = std::async(std::launch::async, worker, 1);
+    EXPECT_EQ(worker(0), 3);
+    EXPECT_EQ(other.get(), 3);
+  } catch (const InputError& error) {
+    if (std::string(error.what()).find("for one worker") == std::string::npos) throw;
+    GTEST_SKIP() << "built without PyTorch's c10d";
+  }
+  unsetenv("MASTER_PORT");
+  unsetenv("GLOO_SOCKET_IFNAME");
+}
+
+// One of two whose other does the same, and what it asks of it.
+class Mirrored final : public Workers {
+ public:
+  explicit Mirrored(int rank) : rank_(rank) {}
+  int rank() const override { return rank_; }
+  int size() const override { return 2; }
+  void sum(torch::Tensor& values) override {
+    values.mul_(2);
+    calls += 's';
+  }
+  void broadcast(torch::Tensor&) override { calls += 'b'; }
+  void wait_for_leader() override { calls += 'w'; }
+  std::string calls;
+
+ private:
+  int rank_;
+};
+
+// Worker 0 alone validates; that the others' calls are the same, in the same order, is what keeps
+// them from waiting for messages meanwhile.
+TEST(Workers, WaitAfterEveryValidationButTheLast) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  TrainingConfig config = testing::scene_config(scene);
+  config.train.steps = 5;
+  config.validation_scenes = {scene.path};
+  config.cases = {{12, 10}};
+  config.validation.every = 2;
+  config.validation.crop = 48;
+  std::vector<std::string> calls;
+  for (const int rank : {0, 1}) {
+    Mirrored worker(rank);
+    train(config, {folder / std::to_string(rank), false, false, 3}, worker, silent_progress());
+    calls.push_back(worker.calls);
+  }
+  EXPECT_EQ(calls[0], calls[1]);
+  EXPECT_TRUE(calls[0].ends_with("sswssws")) << calls[0];
 }
 
 TEST(Workers, OneOnAGpuMeetsItself) {

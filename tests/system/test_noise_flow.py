@@ -54,6 +54,14 @@ def test_a_flow_cannot_be_gone_on_with(refused, trained):
     assert "keeps no checkpoint" in refused("train", trained / "flow.toml", "-o", trained / "flow", "--resume", "--force")
 
 
+def test_weights_are_not_replaced_unasked_but_those_beside_do_not_matter(malus, refused, pairs):
+    short = ["--set", "train.steps=2", "--set", "train.couplings=0"]
+    malus("train", pairs / "flow.toml", *short, "-o", pairs / "flows")
+    assert "exists" in refused("train", pairs / "flow.toml", *short, "-o", pairs / "flows")
+    malus("train", pairs / "flow.toml", *short, "-o", pairs / "flows/new")
+    assert (pairs / "flows/new/weights.safetensors").exists()
+
+
 def test_drawn_frames_are_near_the_truth_and_repeat_with_the_seed(malus, trained):
     malus("synthesize", trained / "clean.npy", "--model", trained / "flow/weights.safetensors", *RAW, "--frames", "4",
           "--format", "npy", "-o", trained / "drawn", "--seed", "3")

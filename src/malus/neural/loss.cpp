@@ -26,4 +26,12 @@ torch::Tensor stokes_loss(const torch::Tensor& output, const torch::Tensor& targ
   return l1_distance(stokes_planes(output, layout), stokes_planes(target, layout));
 }
 
+torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& layout,
+                            const torch::Tensor& output, const torch::Tensor& target) {
+  if (settings.loss == "l1") return l1_distance(output, target);
+  const torch::Tensor stokes = stokes_loss(output, target, layout);
+  if (settings.loss == "stokes") return stokes;
+  return l1_distance(output, target) + settings.stokes_weight * stokes;
+}
+
 }  // namespace malus

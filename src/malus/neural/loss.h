@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/image/layout.h"
+#include "malus/neural/training_config.h"
 
 #include <torch/torch.h>
 
@@ -15,6 +16,10 @@ torch::Tensor l1_distance(const torch::Tensor& output, const torch::Tensor& targ
 /// channels.
 torch::Tensor stokes_loss(const torch::Tensor& output, const torch::Tensor& target,
                           const SensorLayout& layout);
+
+/// Loss of a batch as [train] says.
+torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& layout,
+                            const torch::Tensor& output, const torch::Tensor& target);
 
 /// [batch, 3 * colours, row, col]: S0, S1, S2 of each colour of the layout.
 torch::Tensor stokes_planes(const torch::Tensor& planes, const SensorLayout& layout);

@@ -31,6 +31,7 @@ set(neural_SOURCES
   raw_pairs.cpp
   recorded_pairs.cpp
   restormer.cpp
+  run_folder.cpp
   same_run.cpp
   strips.cpp
   threads.cpp

@@ -1,10 +1,8 @@
 #include "malus/neural/trainer.h"
 
-#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/stopwatch.h"
-#include "malus/base/unfinished_files.h"
 #include "malus/base/worker_place.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
@@ -12,6 +10,7 @@
 #include "malus/neural/gpu.h"
 #include "malus/neural/initial_network.h"
 #include "malus/neural/loss.h"
+#include "malus/neural/run_folder.h"
 #include "malus/neural/same_run.h"
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
@@ -47,12 +46,6 @@ PoolShape pool_shape(const TrainingConfig& config, const Workers& workers,
   // The steps of a CPU need the cores themselves.
   if (device.is_cuda()) shape.makers = std::max(1, thread_count() - 2);
   return shape;
-}
-
-OrderedJson json_of(const ValidationScore& score) {
-  return {{"image_psnr_db", score.image_psnr_db},
-          {"dolp_psnr_db", score.dolp_psnr_db},
-          {"aolp_circular_deg", score.aolp_circular_deg}};
 }
 
 bool wants_bfloat16(const TrainingConfig& config) {
@@ -97,13 +90,13 @@ class Trainer {
     open_folder();
     const auto source = make_pair_source(config_);
     const Validation validation(config_, options_.seed + 1, progress_);
-    if (leader()) log_.emplace(file("log.jsonl"), state_.step);
-    if (leader() && state_.step == 0 && !validation.empty()) log_start(validation);
+    begin_log(validation);
     ExamplePool pool(
         [&](std::uint32_t number) {
-          const TrainingExample made =
-              make_example(source->pair(options_.seed, number), config_.package);
-          return TrainingExample{made.input.to(device_), made.target.to(device_)};
+          TrainingExample made = make_example(source->pair(options_.seed, number), config_.package);
+          made.input = made.input.to(device_);
+          made.target = made.target.to(device_);
+          return made;
         },
         pool_shape(config_, workers_, device_), options_.seed, state_.step);
     progress_.begin("training", config_.train.steps);
@@ -143,14 +136,8 @@ class Trainer {
   // Worker 0 alone has the folder; the others begin with what it holds.
   void open_folder() {
     if (leader()) {
-      folder_.emplace(options_.folder);
-      remove_unfinished(options_.folder, [](std::string_view name) {
-        return name == "log.jsonl" || name.ends_with(".safetensors");
-      });
-      const fs::path checkpoint = file("checkpoint.safetensors");
-      check_output(checkpoint, options_.force || options_.resume);
-      if (options_.resume && fs::exists(checkpoint))
-        load_checkpoint(state_, description_, checkpoint);
+      folder_.emplace(options_.folder, options_.resume, options_.force);
+      if (folder_->goes_on()) load_checkpoint(state_, description_, file("checkpoint.safetensors"));
     }
     if (workers_.size() == 1) return;
     torch::Tensor step = torch::tensor({state_.step}, torch::dtype(torch::kInt64).device(device_));
@@ -162,6 +149,25 @@ class Trainer {
         torch::Tensor shared = values.detach();
         workers_.broadcast(shared);
       }
+  }
+
+  // Of a new run: nothing that an earlier one left in the folder is taken for its own. Of one that
+  // goes on: what the log tells and the checkpoint, which is saved before a validation, does not.
+  void begin_log(const Validation& validation) {
+    bool validated = false;
+    if (leader()) {
+      if (!folder_->goes_on()) folder_->begin();
+      log_.emplace(file("log.jsonl"), folder_->goes_on() ? state_.step : -1);
+      for (const OrderedJson& line : log_->lines()) {
+        if (!line.contains("validation")) continue;
+        state_.best_score_db = std::max(state_.best_score_db, summed_db(line["validation"]));
+        validated = line["step"] == state_.step;
+      }
+      if (state_.step == 0 && !validation.empty()) log_start(validation);
+    }
+    if (state_.step == 0 || !validation_due(validation)) return;
+    if (leader() && !validated) validate(validation);
+    wait_for_leader();
   }
 
   StepFigures step(ExamplePool& pool) {
@@ -246,11 +252,24 @@ class Trainer {
                    {"waiting", waiting}});
       log_->write(line);
     }
-    if (leader() && !validation.empty() && (state_.step % config_.validation.every == 0 || last))
-      validate(validation);
-    if (leader() && (state_.step % train.checkpoint_every == 0 || last || figures.stop))
+    const bool validates = validation_due(validation);
+    // Before the validation, which may take long.
+    if (leader() &&
+        (state_.step % train.checkpoint_every == 0 || validates || last || figures.stop))
       save_checkpoint(state_, description_, file("checkpoint.safetensors"));
+    if (leader() && validates) validate(validation);
     if (figures.stop && !last) throw Cancelled();
+    if (validates) wait_for_leader();
+  }
+
+  bool validation_due(const Validation& validation) const {
+    return !validation.empty() &&
+           (state_.step % config_.validation.every == 0 || state_.step == config_.train.steps);
+  }
+
+  // After work of worker 0 alone; at the end nobody needs it any more.
+  void wait_for_leader() {
+    if (state_.step < config_.train.steps) workers_.wait_for_leader();
   }
 
   void log_start(const Validation& validation) {
@@ -288,14 +307,17 @@ class Trainer {
       score = validation.score(*network_, config_.package);
       network_->train();
     }
-    log_->write({{"step", state_.step}, {"validation", json_of(score)}});
-    if (const double sum = score.image_psnr_db + score.dolp_psnr_db; sum > state_.best_score_db) {
+    const OrderedJson json = json_of(score);
+    if (const double sum = summed_db(json); sum > state_.best_score_db) {
       state_.best_score_db = sum;
-      save_package(file("best.safetensors"));
+      save_package(file("best.safetensors"), json);
     }
+    // Last: without this line the validation is made again when the run goes on.
+    log_->write({{"step", state_.step}, {"validation", json}});
   }
 
-  void save_package(const fs::path& path) {
+  // validation: of these weights, where the log does not hold it yet.
+  void save_package(const fs::path& path, const OrderedJson& validation = {}) {
     const Averaged averaged(*this);
     NetworkPackage package = config_.package;
     package.training = {{"steps", state_.step},
@@ -316,8 +338,8 @@ class Trainer {
       if (line.contains("guide")) package.training["guide"] = line["guide"];
       if (line.contains("validation")) package.training["validation"] = line["validation"];
     }
-    TensorFile weights = package_file(package, *network_);
-    save_tensor_file(weights, path);
+    if (!validation.is_null()) package.training["validation"] = validation;
+    save_tensor_file(package_file(package, *network_), path);
   }
 
   OrderedJson record(const Validation& validation) const {
@@ -341,7 +363,7 @@ class Trainer {
 
   const TrainingConfig& config_;
   const TrainOptions& options_;
-  std::optional<OutputFolder> folder_;
+  std::optional<RunFolder> folder_;
   Workers& workers_;
   Progress& progress_;
   SensorLayout layout_;
@@ -366,14 +388,6 @@ torch::Device training_device(const TrainSettings& settings) {
   // Each process of a machine takes its own GPU.
   const int gpus = static_cast<int>(torch::cuda::device_count());
   return {torch::kCUDA, static_cast<c10::DeviceIndex>(local_rank_of_environment() % gpus)};
-}
-
-torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& layout,
-                            const torch::Tensor& output, const torch::Tensor& target) {
-  if (settings.loss == "l1") return l1_distance(output, target);
-  const torch::Tensor stokes = stokes_loss(output, target, layout);
-  if (settings.loss == "stokes") return stokes;
-  return l1_distance(output, target) + settings.stokes_weight * stokes;
 }
 
 OrderedJson train(const TrainingConfig& config, const TrainOptions& options, Workers& workers,

@@ -18,21 +18,18 @@ namespace malus {
 struct TrainOptions {
   std::filesystem::path folder;
   bool resume = false;  ///< go on where the folder's checkpoint is; from the start without one
-  bool force = false;   ///< an existing run in the folder may be replaced
+  bool force = false;   ///< an existing run in the folder may be replaced (run_folder.h)
   std::uint64_t seed = 0;
 };
 
-/// Result: the record for JSON and report: steps, seconds, images_per_s, share of the time that
-/// steps waited for examples, losses and validations, names of the files. The weights are the same
+/// Result: the record for JSON and report: steps, workers, seconds, the log (its lines hold the
+/// losses, the validations and the share of the time that steps waited for examples), best score,
+/// name of the weights. The weights are the same
 /// bits for any number of interruptions, and within rounding for any number of workers.
 /// Throws InputError, also when the loss is no number any more; Cancelled after a checkpoint when a
 /// stop was requested.
 nlohmann::ordered_json train(const TrainingConfig& config, const TrainOptions& options,
                              Workers& workers, Progress& progress);
-
-/// Loss of a batch as [train] says (000, Eq. 8 and 9).
-torch::Tensor training_loss(const TrainSettings& settings, const SensorLayout& layout,
-                            const torch::Tensor& output, const torch::Tensor& target);
 
 /// "auto" resolved. Throws InputError where a GPU is asked for and there is none.
 torch::Device training_device(const TrainSettings& settings);

@@ -9,7 +9,22 @@
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
 
+#include <cmath>
+
 namespace malus {
+
+nlohmann::ordered_json json_of(const ValidationScore& score) {
+  return {{"image_psnr_db", score.image_psnr_db},
+          {"dolp_psnr_db", score.dolp_psnr_db},
+          {"aolp_circular_deg", score.aolp_circular_deg}};
+}
+
+double summed_db(const nlohmann::ordered_json& score) {
+  double sum = 0;
+  for (const char* metric : {"image_psnr_db", "dolp_psnr_db"})
+    sum += score[metric].is_number() ? score[metric].get<double>() : std::nan("");
+  return sum;
+}
 
 Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress)
     : settings_(config.package.settings) {

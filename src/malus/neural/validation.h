@@ -12,11 +12,18 @@
 
 namespace malus {
 
+/// The files of save_sample, without their ending.
+inline constexpr const char* kSampleNames[] = {"noisy", "guide", "network", "clean"};
+
 struct ValidationScore {
   /// Means over the frames. Of pictures the image alone, as the network's target has it; "noisy"
   /// and "guide" are then demosaicked.
   double image_psnr_db = 0, dolp_psnr_db = 0, aolp_circular_deg = 0;
 };
+
+/// As the log holds it; and what the best one is chosen by, NaN where a metric is none.
+nlohmann::ordered_json json_of(const ValidationScore& score);
+double summed_db(const nlohmann::ordered_json& score);
 
 class Validation {
  public:

@@ -33,6 +33,7 @@ class SingleWorker final : public Workers {
   int size() const override { return 1; }
   void sum(torch::Tensor&) override {}
   void broadcast(torch::Tensor&) override {}
+  void wait_for_leader() override {}
 };
 
 #if defined(MALUS_WITH_WORKERS)
@@ -44,23 +45,35 @@ using Backend = c10d::ProcessGroup;
 
 class WorkerGroup final : public Workers {
  public:
-  WorkerGroup(WorkerPlace place, c10::intrusive_ptr<Backend> group)
-      : place_(place), group_(std::move(group)) {}
+  WorkerGroup(WorkerPlace place, c10::intrusive_ptr<c10d::Store> store,
+              c10::intrusive_ptr<Backend> group)
+      : place_(place), store_(std::move(store)), group_(std::move(group)) {}
   int rank() const override { return place_.rank; }
   int size() const override { return place_.size; }
   void sum(torch::Tensor& values) override {
-    run(values, [&](std::vector<torch::Tensor>& list) { return group_->allreduce(list); });
+    run([&, list = std::vector{values}]() mutable { group_->allreduce(list)->wait(); });
   }
   void broadcast(torch::Tensor& values) override {
-    run(values, [&](std::vector<torch::Tensor>& list) { return group_->broadcast(list); });
+    run([&, list = std::vector{values}]() mutable { group_->broadcast(list)->wait(); });
+  }
+  // Messages of the group know its one time limit only; the store waits as long as it is told.
+  void wait_for_leader() override {
+    const std::string key = fmt::format("malus/leader_done/{}", waits_++);
+    run([&] {
+      if (place_.rank == 0)
+        store_->set(key, std::vector<std::uint8_t>{1});
+      else
+        store_->wait({key}, kNoLimit);
+    });
   }
 
  private:
+  static constexpr std::chrono::milliseconds kNoLimit = std::chrono::hours(24 * 365);
+
   template <class Call>
-  void run(torch::Tensor& values, const Call& call) {
-    std::vector<torch::Tensor> list{values};
+  void run(Call call) {
     try {
-      call(list)->wait();
+      call();
     } catch (const std::exception& error) {
       const std::string text = error.what();
       throw InputError(fmt::format("worker {} of {}", place_.rank, place_.size),
@@ -70,7 +83,9 @@ class WorkerGroup final : public Workers {
   }
 
   WorkerPlace place_;
+  c10::intrusive_ptr<c10d::Store> store_;
   c10::intrusive_ptr<Backend> group_;
+  std::int64_t waits_ = 0;
 };
 
 c10::intrusive_ptr<Backend> make_group(const WorkerPlace& place,
@@ -112,7 +127,7 @@ std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
   const std::string host = address ? address : "127.0.0.1";
   try {
     const auto store = c10::make_intrusive<c10d::TCPStore>(host, options);
-    return std::make_unique<WorkerGroup>(place, make_group(place, store, timeout, device));
+    return std::make_unique<WorkerGroup>(place, store, make_group(place, store, timeout, device));
   } catch (const std::exception& error) {
     const std::string text = error.what();
     throw InputError(fmt::format("worker {} of {}", place.rank, place.size),

@@ -20,6 +20,10 @@ class Workers {
   virtual void sum(torch::Tensor& values) = 0;
   /// In place: the values of worker 0.
   virtual void broadcast(torch::Tensor& values) = 0;
+  /// All call it after work that worker 0 does alone: the others wait for it, however long it
+  /// takes. Throws InputError when worker 0 ended; a machine that vanishes without a word is not
+  /// noticed here.
+  virtual void wait_for_leader() = 0;
 };
 
 /// One process alone.
@@ -27,7 +31,8 @@ std::unique_ptr<Workers> single_worker();
 
 /// As many as the environment says (base/worker_place.h), meeting at MASTER_ADDR:MASTER_PORT
 /// (127.0.0.1:29500 where not set) through PyTorch's c10d: NCCL for tensors on GPUs where libtorch
-/// has it, else Gloo. A worker that is silent for timeout_s is lost. Throws InputError.
+/// has it, else Gloo. A worker that is silent for timeout_s is lost, but for
+/// wait_for_leader. Throws InputError.
 std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device);
 
 /// The same for a place that the caller knows; a group of one goes the same ways as any other.

@@ -1,0 +1,44 @@
+#include "malus/neural/run_folder.h"
+
+#include "malus/base/unfinished_files.h"
+#include "malus/neural/validation.h"
+
+#include <string>
+
+namespace malus {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Those that are there: other files in the folder are not the run's.
+std::vector<fs::path> samples_in(const fs::path& folder) {
+  std::vector<fs::path> found;
+  for (const char* name : kSampleNames)
+    if (const fs::path path = folder / "sample" / (std::string(name) + ".npy"); fs::exists(path))
+      found.push_back(path);
+  return found;
+}
+
+}  // namespace
+
+RunFolder::RunFolder(const fs::path& folder, bool resume, bool force)
+    : path_(folder),
+      made_(folder),
+      goes_on_(resume && fs::exists(folder / "checkpoint.safetensors")) {
+  remove_unfinished(folder, [](std::string_view name) {
+    return name == "log.jsonl" || name.ends_with(".safetensors");
+  });
+  for (const char* name : {"checkpoint.safetensors", "weights.safetensors", "best.safetensors"})
+    check_output(file(name), force || goes_on_);
+  check_output(file("log.jsonl"), force || resume);
+  for (const fs::path& sample : samples_in(folder)) check_output(sample, force || goes_on_);
+}
+
+void RunFolder::begin() const {
+  fs::remove(file("best.safetensors"));
+  for (const fs::path& sample : samples_in(path_)) fs::remove(sample);
+  std::error_code holds_others;
+  fs::remove(file("sample"), holds_others);
+}
+
+}  // namespace malus

@@ -1,0 +1,158 @@
+// What a run leaves in its folder, and what it takes from there. Truth: an unbroken run in a folder
+// of its own.
+#include "malus/base/error.h"
+#include "malus/neural/trainer.h"
+
+#include <fstream>
+
+#include "support.h"
+#include "training_runs.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::AngleScene;
+using testing::scene_config;
+using testing::StopAfter;
+using testing::TemporaryFolder;
+using testing::weights_in;
+
+namespace fs = std::filesystem;
+
+nlohmann::ordered_json run_in(const fs::path& folder, const TrainingConfig& config, bool resume,
+                              bool force) {
+  const auto worker = single_worker();
+  return train(config, {folder, resume, force, 3}, *worker, silent_progress());
+}
+
+TrainingConfig validated_config(const AngleScene& scene) {
+  TrainingConfig config = scene_config(scene);
+  config.train.steps = 4;
+  config.train.learning_rate = 1e-2;
+  config.validation_scenes = {scene.path};
+  config.cases = {{12, 10}};
+  config.validation.every = 2;
+  config.validation.crop = 48;
+  return config;
+}
+
+std::vector<std::string> lines_of(const fs::path& log) {
+  std::ifstream in(log);
+  std::vector<std::string> lines;
+  for (std::string line; std::getline(in, line);) lines.push_back(line);
+  return lines;
+}
+
+// What the log says of validations.
+std::vector<nlohmann::json> validations_of(const fs::path& log) {
+  std::vector<nlohmann::json> found;
+  for (const std::string& line : lines_of(log))
+    if (const auto json = nlohmann::json::parse(line); json.contains("validation"))
+      found.push_back(json);
+  return found;
+}
+
+void expect_same_weights(const fs::path& one, const fs::path& other) {
+  const auto a = weights_in(one), b = weights_in(other);
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) EXPECT_TRUE(torch::equal(a[i], b[i])) << i;
+}
+
+TEST(RunFolder, FinishedWeightsAreNotReplacedUnasked) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.train.steps = 1;
+  const fs::path run = folder / "run";
+  run_in(run, config, false, false);
+  fs::remove(run / "checkpoint.safetensors");
+  for (const bool resume : {false, true})
+    EXPECT_THROW(run_in(run, config, resume, false), InputError) << resume;
+  EXPECT_NO_THROW(run_in(run, config, true, true));
+  // A log alone is what a run leaves that was killed before its first checkpoint.
+  fs::remove(run / "checkpoint.safetensors");
+  fs::remove(run / "weights.safetensors");
+  EXPECT_THROW(run_in(run, config, false, false), InputError);
+  EXPECT_NO_THROW(run_in(run, config, true, false));
+}
+
+TEST(RunFolder, ANewRunInheritsNothing) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const fs::path run = folder / "run";
+  TrainingConfig config = validated_config(scene);
+  run_in(run, config, false, false);
+  ASSERT_TRUE(fs::exists(run / "best.safetensors"));
+  ASSERT_TRUE(fs::exists(run / "sample" / "clean.npy"));
+  std::ofstream(run / "sample" / "mine.txt") << "not of a run";
+  const auto again = run_in(run, config, false, true);
+  int starts = 0;
+  for (const std::string& line : lines_of(run / "log.jsonl"))
+    starts += nlohmann::json::parse(line)["step"] == 0 ? 1 : 0;
+  EXPECT_EQ(starts, 1);
+  EXPECT_EQ(again["log"].size(), lines_of(run / "log.jsonl").size());
+  config.validation_scenes.clear();
+  run_in(run, config, false, true);
+  EXPECT_FALSE(fs::exists(run / "best.safetensors"));
+  EXPECT_FALSE(fs::exists(run / "sample" / "clean.npy"));
+  EXPECT_TRUE(fs::exists(run / "sample" / "mine.txt"));
+  EXPECT_EQ(lines_of(run / "log.jsonl").size(), 4u);
+}
+
+// A long validation must not lose the steps before it.
+TEST(RunFolder, TheCheckpointIsSavedBeforeTheValidation) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = validated_config(scene);
+  config.validation.every = 4;
+  run_in(folder / "run", config, false, false);
+  EXPECT_LE(fs::last_write_time(folder / "run" / "checkpoint.safetensors"),
+            fs::last_write_time(folder / "run" / "best.safetensors"));
+}
+
+TEST(RunFolder, KilledWhileItValidatesARunGoesOnWithTheValidation) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const TrainingConfig config = validated_config(scene);
+  run_in(folder / "once", config, false, false);
+  const fs::path parts = folder / "parts";
+  {
+    const auto worker = single_worker();
+    StopAfter stop(2);
+    EXPECT_THROW(train(config, {parts, false, false, 3}, *worker, stop), Cancelled);
+  }
+  // As if it had been killed then: the checkpoint is there, what the validation writes is not.
+  std::string kept;
+  for (const std::string& line : lines_of(parts / "log.jsonl"))
+    if (line.find("validation") == std::string::npos) kept += line + "\n";
+  std::ofstream(parts / "log.jsonl") << kept;
+  fs::remove(parts / "best.safetensors");
+  run_in(parts, config, true, false);
+  EXPECT_EQ(validations_of(parts / "log.jsonl"), validations_of(folder / "once" / "log.jsonl"));
+  EXPECT_EQ(validations_of(parts / "log.jsonl").size(), 2u);
+  for (const char* file : {"weights.safetensors", "best.safetensors", "checkpoint.safetensors"})
+    expect_same_weights(parts / file, folder / "once" / file);
+}
+
+// The best score so far is known although the checkpoint was saved before that validation.
+TEST(RunFolder, AWorseValidationAfterAnInterruptionReplacesNoBest) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = validated_config(scene);
+  config.train.average = 0;
+  config.train.learning_rate = 1;  // gets worse at every step
+  config.train.warm_up = 0;
+  const auto once = run_in(folder / "once", config, false, false);
+  {
+    const auto worker = single_worker();
+    StopAfter stop(2);
+    EXPECT_THROW(train(config, {folder / "parts", false, false, 3}, *worker, stop), Cancelled);
+  }
+  const auto parts = run_in(folder / "parts", config, true, false);
+  EXPECT_EQ(parts["best_score_db"], once["best_score_db"]);
+  expect_same_weights(folder / "parts" / "best.safetensors", folder / "once" / "best.safetensors");
+}
+
+}  // namespace
+}  // namespace malus
