@@ -119,7 +119,7 @@ TEST(RunFolder, KilledWhileItValidatesARunGoesOnWithTheValidation) {
   const fs::path parts = folder / "parts";
   {
     const auto worker = single_worker();
-    StopAfter stop(2);
+    StopAfter stop(3);  // its first advance is that of no step
     EXPECT_THROW(train(config, {parts, false, false, 3}, *worker, stop), Cancelled);
   }
   // As if it had been killed then: the checkpoint is there, what the validation writes is not.
@@ -146,7 +146,7 @@ TEST(RunFolder, AWorseValidationAfterAnInterruptionReplacesNoBest) {
   const auto once = run_in(folder / "once", config, false, false);
   {
     const auto worker = single_worker();
-    StopAfter stop(2);
+    StopAfter stop(3);  // its first advance is that of no step
     EXPECT_THROW(train(config, {folder / "parts", false, false, 3}, *worker, stop), Cancelled);
   }
   const auto parts = run_in(folder / "parts", config, true, false);
