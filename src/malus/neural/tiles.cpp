@@ -35,10 +35,11 @@ TileDemand with_memory(TileDemand demand, bool takes_kernels, std::int64_t width
 
 // What a network works on: it pads its input to whole multiples.
 struct PaddedSides {
-  PaddedSides(std::int64_t rows, std::int64_t cols, const TileDemand& demand)
-      : rows(rounded_up(rows, demand.multiple)), cols(rounded_up(cols, demand.multiple)) {}
   std::int64_t rows, cols;
 };
+PaddedSides padded_sides(std::int64_t rows, std::int64_t cols, const TileDemand& demand) {
+  return {rounded_up(rows, demand.multiple), rounded_up(cols, demand.multiple)};
+}
 
 // Position's share in a span whose core is [begin, end): 1 inside, falling over +-half around inner
 // edges.
@@ -113,7 +114,7 @@ std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const T
 TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch,
                    const TileDemand& demand) {
   const std::int64_t pixels = std::llround(bytes / demand.bytes_per_pixel);
-  const PaddedSides padded(rows, cols, demand);
+  const PaddedSides padded = padded_sides(rows, cols, demand);
   if (padded.rows * padded.cols <= pixels) return {rows, cols};
   const std::int64_t margins = 2 * demand.overlap;
   TileCore best;
@@ -138,7 +139,7 @@ TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch
 }
 
 double least_tile_bytes(std::int64_t rows, std::int64_t cols, int batch, const TileDemand& demand) {
-  const PaddedSides padded(rows, cols, demand);
+  const PaddedSides padded = padded_sides(rows, cols, demand);
   const std::int64_t side = demand.multiple + 2 * demand.overlap;
   const std::int64_t smallest = std::min(side, padded.rows) * std::min(side, padded.cols);
   return static_cast<double>(std::min(padded.rows * padded.cols, batch * smallest)) *
