@@ -49,7 +49,7 @@ TEST(RunTiled, ConstantsStayConstantForAnyCore) {
 
 TEST(TileCore, IsTheWholePictureWhereItFitsAndStaysWithinTheBytes) {
   const TileDemand demand{.multiple = 16, .overlap = 32, .exact = true, .bytes_per_pixel = 100};
-  const TileCore whole = tile_core(300, 200, 300 * 200 * 100, 1, demand);
+  const TileCore whole = tile_core(300, 200, 304 * 208 * 100, 1, demand);
   EXPECT_EQ(whole.rows, 300);
   EXPECT_EQ(whole.cols, 200);
   for (const int batch : {1, 2}) {

@@ -65,7 +65,7 @@ TEST(Workers, WaitForTheLeaderLongerThanForAMessage) {
     const auto workers = meet_workers({.rank = rank, .size = 2}, kTimeoutS, torch::kCPU);
     if (rank == 0) std::this_thread::sleep_for(std::chrono::duration<double>(kTimeoutS + 1.5));
     workers->wait_for_leader();
-    torch::Tensor values = torch::full({2}, rank + 1.0F);
+    torch::Tensor values = torch::full({2}, static_cast<float>(rank + 1));
     workers->sum(values);
     return values[0].item<float>();
   };
