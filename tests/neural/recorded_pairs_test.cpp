@@ -148,6 +148,23 @@ TEST(Contents, OfAnotherKindAreAnotherRun) {
   EXPECT_NE(line.find("belongs to a run with another contents.shards"), std::string::npos) << line;
 }
 
+TEST(Contents, OfACheckpointThatTellsNoneAreNotAskedFor) {
+  const TemporaryFolder folder;
+  const RecordedShard shard(folder, 16, 16);
+  const auto worker = single_worker();
+  const auto run = [&](bool resume) {
+    train(shard.config, {folder / "run", resume, false, 1}, *worker, silent_progress());
+  };
+  run(false);
+  TensorFile checkpoint = load_tensor_file(folder / "run/checkpoint.safetensors");
+  std::string& text = checkpoint.metadata.at("malus_checkpoint");
+  auto facts = nlohmann::json::parse(text);
+  ASSERT_EQ(facts["description"].erase("contents"), 1u);
+  text = facts.dump();
+  save_tensor_file(checkpoint, folder / "run/checkpoint.safetensors");
+  EXPECT_NO_THROW(run(true));
+}
+
 // The pool, and the generation that is made ahead of it.
 TEST(Memory, CountsTheGenerationThatIsMadeAhead) {
   const TemporaryFolder folder;
