@@ -247,6 +247,19 @@ double mean_signal(const std::vector<Block>& blocks) {
   return sum / static_cast<double>(std::max<std::size_t>(blocks.size(), 1));
 }
 
+// The rest is what the other channels' detail leaves of a channel's own power: the noise, and
+// texture finer than the channels are apart.
+void take_texture_off(double shared, std::vector<std::vector<Level>>& levels,
+                      std::vector<Line>& lines) {
+  const double rest = 1.0 - shared;
+  for (std::vector<Level>& of_channel : levels)
+    for (Level& level : of_channel) level.variance *= rest;
+  for (Line& line : lines) {
+    line.offset *= rest;
+    line.slope *= rest;
+  }
+}
+
 std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
   return fmt::format(
       "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
@@ -287,6 +300,9 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     noise.levels += static_cast<int>(levels.back().size());
   }
   pool(lines);
+  const double shared = shared_detail(planes, saturated_dn);
+  const bool textured = shared > kSharedIsTexture;
+  if (textured) take_texture_off(shared, levels, lines);
   noise.levels /= planes.channels();
   noise.smooth_share = usable / all;
   noise.profile.layout = frame.layout;
@@ -310,11 +326,11 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   unpack(planes, frame.layout, dn);
   estimate_row_deviation(dn, saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation);
-  const double shared = shared_detail(planes, saturated_dn);
-  if (shared > kSharedIsTexture)
+  if (textured)
     noise.trust += fmt::format(
-        "; {:.0f} % of it is alike in neighbouring channels, which noise never is: it is texture, "
-        "and the result will be blurred and may be too bright",
+        "; {:.0f} % of what looked like noise is alike in neighbouring channels, which noise never "
+        "is: it is texture and was left out; finer texture was not, so the result may be blurred "
+        "and too bright",
         100 * shared);
   return noise;
 }
