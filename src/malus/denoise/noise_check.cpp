@@ -21,13 +21,22 @@ constexpr double kBelowDeviations = 6.0;
 constexpr double kFarBelow = 0.7, kFarAbove = 4.0, kMostTexture = 0.1, kMostBelowDark = 0.1;
 
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
+// Saturated pixels are at range_dn.
 Image sample_of(const PreparedFrame& frame) {
+  const auto value = [&](int row, int col) {
+    return frame.saturated(row, col) ? static_cast<float>(frame.range_dn) : frame.dn(row, col);
+  };
   const int tile_rows = kTileCells * frame.layout.rows(),
             tile_cols = kTileCells * frame.layout.cols();
   const int down = frame.dn.rows() / tile_rows, across = frame.dn.cols() / tile_cols;
   const std::int64_t tiles = std::int64_t{down} * across,
                      wanted = kSampledPixels / (std::int64_t{tile_rows} * tile_cols);
-  if (tiles <= wanted) return frame.dn;
+  if (tiles <= wanted) {
+    Image whole(frame.dn.rows(), frame.dn.cols());
+    for (int r = 0; r < whole.rows(); ++r)
+      for (int c = 0; c < whole.cols(); ++c) whole(r, c) = value(r, c);
+    return whole;
+  }
   const auto side = static_cast<int>(std::sqrt(static_cast<double>(wanted)));
   const double step = static_cast<double>(tiles) / (side * side);
   Image sample(side * tile_rows, side * tile_cols);
@@ -37,8 +46,8 @@ Image sample_of(const PreparedFrame& frame) {
     const auto tile = static_cast<int>((i + within) * step);
     const int row = tile / across * tile_rows, col = tile % across * tile_cols;
     for (int r = 0; r < tile_rows; ++r)
-      std::copy_n(frame.dn.row(row + r) + col, tile_cols,
-                  sample.row(i / side * tile_rows + r) + i % side * tile_cols);
+      for (int c = 0; c < tile_cols; ++c)
+        sample(i / side * tile_rows + r, i % side * tile_cols + c) = value(row + r, col + c);
   }
   return sample;
 }
@@ -73,15 +82,18 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   sample.layout = frame.layout;
   sample.dn = sample_of(frame);
   sample.black_dn.assign(profile.channels.size(), 0.0);
-  sample.white_dn = *std::min_element(frame.saturated_dn.begin(), frame.saturated_dn.end());
+  sample.white_dn = frame.range_dn;
   sample.black_known = sample.white_known = true;
   if (!(sample.white_dn > 0)) return std::nullopt;
   const Estimate<PictureNoise> own = estimate_profile(sample);
   if (!own) return std::nullopt;
   NoiseCheck check;
-  check.texture_share = profile.channels.size() < 2
-                            ? 1
-                            : shared_detail(pack(sample.dn, sample.layout), sample.white_dn);
+  check.texture_share =
+      profile.channels.size() < 2
+          ? 1
+          : shared_detail(
+                pack(sample.dn, sample.layout),
+                std::vector<float>(profile.channels.size(), static_cast<float>(sample.white_dn)));
   double pixels = 0;
   const std::vector<ChannelSums> sums = sums_of(sample, profile);
   const auto channels = static_cast<double>(sums.size());
