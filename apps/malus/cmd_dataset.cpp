@@ -76,10 +76,9 @@ Plan load_plan(const fs::path& path) {
 
 // Which part is ours: flags, else what torchrun, mpirun or srun set.
 WorkerPlace worker_of(const DatasetArguments& arguments) {
-  WorkerPlace place;
-  if (!arguments.rank || !arguments.world) place = worker_place_of_environment();
-  place.rank = arguments.rank.value_or(place.rank);
-  place.size = arguments.world.value_or(place.size);
+  const WorkerPlace place = arguments.rank && arguments.world
+                                ? WorkerPlace{*arguments.rank, *arguments.world}
+                                : worker_place_of_environment();
   require_place(place, "count workers from 0 to their number - 1 (--rank, --world)");
   return place;
 }
@@ -287,9 +286,12 @@ void add_dataset(CLI::App& app, Common& common) {
   command->add_option("CONFIG", arguments->config, "data-set configuration (TOML)")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the shards; finished ones stay")
       ->required();
-  command->add_option("--rank", arguments->rank,
-                      "number of this worker, from 0; otherwise from torchrun, mpirun or srun");
-  command->add_option("--world", arguments->world, "number of workers");
+  CLI::Option* rank =
+      command->add_option("--rank", arguments->rank,
+                          "number of this worker, from 0; otherwise from torchrun, mpirun or srun");
+  CLI::Option* world =
+      command->add_option("--world", arguments->world, "number of workers")->needs(rank);
+  rank->needs(world);
 }
 
 }  // namespace malus::app

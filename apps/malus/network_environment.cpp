@@ -59,6 +59,8 @@ std::vector<EnvironmentSetting> missing_network_environment() {
   // the time that the thread it waits for would need: training was four to ten times slower.
   if (machine_is_busy() && std::getenv("OMP_WAIT_POLICY") == nullptr)
     want("GOMP_SPINCOUNT", "1000");
+  // libtorch writes a line for every try to meet other workers; what fails is also thrown.
+  want("GLOG_minloglevel", "3");
   if (const std::string folder = openmp_blas_folder(); !folder.empty()) {
     const char* before = std::getenv("LD_LIBRARY_PATH");
     missing.push_back({"LD_LIBRARY_PATH", before ? folder + ":" + before : folder});

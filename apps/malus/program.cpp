@@ -37,8 +37,10 @@ void request_stop(int signal) {
 
 class TerminalProgress final : public Progress {
  public:
-  TerminalProgress(bool visible, std::shared_ptr<const Remark> remark)
-      : visible_(visible), remark_(std::move(remark)) {}
+  TerminalProgress(const Common& common, std::shared_ptr<const Remark> remark)
+      : quiet_(common.quiet),
+        visible_(!common.quiet && isatty(STDERR_FILENO) == 1),
+        remark_(std::move(remark)) {}
   ~TerminalProgress() override { erase(); }
 
   void begin(std::string_view stage, std::int64_t total) override {
@@ -61,6 +63,12 @@ class TerminalProgress final : public Progress {
     const std::lock_guard lock(mutex_);
     erase();
     app::warn(message);
+  }
+  void note(std::string_view message) override {
+    if (quiet_) return;
+    const std::lock_guard lock(mutex_);
+    erase();
+    fmt::print(stderr, "{}\n", message);
   }
   bool stop_requested() const override { return g_stop_requested != 0; }
 
@@ -90,7 +98,7 @@ class TerminalProgress final : public Progress {
     drawn_ = false;
   }
 
-  bool visible_, drawn_ = false;
+  bool quiet_, visible_, drawn_ = false;
   std::shared_ptr<const Remark> remark_;
   std::mutex mutex_;
   std::string stage_;
@@ -187,8 +195,7 @@ std::unique_ptr<Progress> make_live_progress(const Common& common,
                                              std::shared_ptr<const Remark> remark) {
   std::signal(SIGINT, request_stop);
   std::signal(SIGTERM, request_stop);
-  return std::make_unique<TerminalProgress>(!common.quiet && isatty(STDERR_FILENO) == 1,
-                                            std::move(remark));
+  return std::make_unique<TerminalProgress>(common, std::move(remark));
 }
 
 int run_program(CLI::App& app, int argc, char** argv) {

@@ -23,7 +23,7 @@
 namespace malus::app {
 
 /// Both sides must have been built from the same header: counted up with every change of it.
-inline constexpr int kNetworksInterface = 6;
+inline constexpr int kNetworksInterface = 7;
 
 /// A network with its weights, ready for many frames.
 class NetworkDenoiser {

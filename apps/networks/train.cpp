@@ -34,7 +34,7 @@ nlohmann::ordered_json train_network(const TrainCall& call, Progress& progress) 
   const TrainingConfig config = load_training_config(
       call.config, {.pairs = call.pairs, .models = call.models, .settings = call.settings});
   const auto workers =
-      workers_of_environment(config.train.timeout_s, training_device(config.train));
+      workers_of_environment(config.train.timeout_s, training_device(config.train), progress);
   return train(
       config,
       {.folder = call.folder, .resume = call.resume, .force = call.force, .seed = call.seed},

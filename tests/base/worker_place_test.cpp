@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 
 #include <cstdlib>
+#include <string>
 
 #include "support.h"
 #include <gmock/gmock.h>
@@ -59,6 +60,30 @@ TEST_F(WorkerPlaces, WhatIsNoNumberIsNamed) {
                 ThrowsMessage<InputError>(HasSubstr("RANK=")))
         << text;
   }
+}
+
+TEST_F(WorkerPlaces, OneOfAPairNamesTheOther) {
+  const auto missing = [](const char* given, const char* value, const std::string& other) {
+    set(given, value);
+    EXPECT_THAT([] { worker_place_of_environment(); },
+                ThrowsMessage<InputError>(HasSubstr("is set, but " + other + " is not")))
+        << given;
+    unsetenv(given);
+  };
+  missing("RANK", "0", "WORLD_SIZE");
+  missing("WORLD_SIZE", "2", "RANK");
+  missing("OMPI_COMM_WORLD_RANK", "1", "OMPI_COMM_WORLD_SIZE");
+  missing("PMI_SIZE", "2", "PMI_RANK");
+  missing("SLURM_NTASKS", "4", "SLURM_PROCID");
+  missing("SLURM_PROCID", "1", "SLURM_NTASKS");
+}
+
+TEST_F(WorkerPlaces, ShellsOfSlurmAreOneProcess) {
+  set("SLURM_PROCID", "0");
+  EXPECT_EQ(worker_place_of_environment().size, 1);
+  unsetenv("SLURM_PROCID");
+  set("SLURM_NTASKS", "1");
+  EXPECT_EQ(worker_place_of_environment().rank, 0);
 }
 
 TEST_F(WorkerPlaces, PlacesThatDoNotExistAreRefused) {

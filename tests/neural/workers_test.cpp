@@ -23,7 +23,7 @@ namespace {
 
 void sums_and_broadcasts(const torch::Device& device) {
   setenv("MASTER_PORT", "0", 1);  // any that is free
-  const auto workers = meet_workers({.rank = 0, .size = 1}, 30, device);
+  const auto workers = meet_workers({.rank = 0, .size = 1}, 30, device, silent_progress());
   unsetenv("MASTER_PORT");
   EXPECT_EQ(workers->rank(), 0);
   EXPECT_EQ(workers->size(), 1);
@@ -62,7 +62,8 @@ TEST(Workers, WaitForTheLeaderLongerThanForAMessage) {
   setenv("MASTER_PORT", free_port().c_str(), 1);
   setenv("GLOO_SOCKET_IFNAME", "lo", 1);
   const auto worker = [&](int rank) {
-    const auto workers = meet_workers({.rank = rank, .size = 2}, kTimeoutS, torch::kCPU);
+    const auto workers =
+        meet_workers({.rank = rank, .size = 2}, kTimeoutS, torch::kCPU, silent_progress());
     if (rank == 0) std::this_thread::sleep_for(std::chrono::duration<double>(kTimeoutS + 1.5));
     workers->wait_for_leader();
     torch::Tensor values = torch::full({2}, static_cast<float>(rank + 1));

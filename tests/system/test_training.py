@@ -200,6 +200,53 @@ def test_a_lost_worker_stops_the_run_and_the_checkpoint_is_good(malus, config, t
     assert not (out / "elsewhere").exists()
 
 
+@pytest.mark.parametrize("rank,sent", [("0", signal.SIGINT), ("1", signal.SIGTERM)])
+def test_a_worker_that_waits_for_the_others_can_be_stopped(config, tmp_path, rank, sent):
+    out, port = tmp_path / "run", str(free_port())
+    arguments = [PROGRAM, "train", config(3), "-o", out, "--set", "train.timeout=60", "--threads", "1"]
+    process = subprocess.Popen(list(map(str, arguments)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env={**os.environ, "RANK": rank, "WORLD_SIZE": "3", "MASTER_PORT": port})
+    awaited = "2 workers" if rank == "0" else "worker 0"
+    assert process.stderr.readline().strip() == f"waiting for {awaited} at 127.0.0.1:{port}"
+    process.send_signal(sent)
+    try:
+        _, err = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    assert process.returncode == 130 and err.count("\n") == 1, err
+    assert not out.exists()
+
+
+def test_a_worker_that_finds_nobody_says_so_in_time(config, tmp_path):
+    begun = time.time()
+    process = start(config(3), "-o", tmp_path / "run", "--set", "train.timeout=2",
+                    RANK="0", WORLD_SIZE="2", MASTER_PORT=str(free_port()))
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 1 and "worker 0 of 2: does not meet the others" in err and err.count("\n") == 1, err
+    assert time.time() - begun < 12
+
+
+def test_a_worker_whose_step_cannot_end_leaves_with_a_checkpoint(malus, config, tmp_path):
+    out = tmp_path / "run"
+    path = config(100000, 100000, CONFIG.replace("timeout = 20", "timeout = 300"))
+    workers = start_two(path, out)
+    while not (out / "log.jsonl").exists() or len((out / "log.jsonl").read_text().splitlines()) < 5:
+        assert [worker.poll() for worker in workers] == [None, None]
+        time.sleep(0.01)
+    workers[1].send_signal(signal.SIGSTOP)
+    try:
+        workers[0].send_signal(signal.SIGINT)
+        _, err = workers[0].communicate(timeout=30)
+    finally:
+        workers[1].send_signal(signal.SIGKILL)
+        workers[1].communicate()
+    assert workers[0].returncode == 130, err
+    # The checkpoint is that of the last step that was ended.
+    reached = step_of(out)
+    assert reached == len((out / "log.jsonl").read_text().splitlines()) >= 5
+    assert not (out / "weights.safetensors").exists()
+
+
 @pytest.mark.slow
 def test_two_hosts_train_together(malus, config, tmp_path):
     path = config(3)

@@ -14,8 +14,8 @@ struct WorkerPlace {
 };
 
 /// RANK and WORLD_SIZE (torchrun), OMPI_COMM_WORLD_RANK and _SIZE or PMI_RANK and _SIZE (mpirun),
-/// SLURM_PROCID and SLURM_NTASKS (srun); {0, 1} where none is set. Throws InputError where a
-/// variable is no number.
+/// SLURM_PROCID and SLURM_NTASKS (srun), the first of these pairs of which one is set; {0, 1} where
+/// none is. Throws InputError where a variable is no number, or one of its pair is missing.
 WorkerPlace worker_place_of_environment();
 
 /// This process among those of its machine: LOCAL_RANK (torchrun), OMPI_COMM_WORLD_LOCAL_RANK or

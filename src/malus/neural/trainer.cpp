@@ -104,7 +104,7 @@ class Trainer {
     const double before = state_.seconds;
     const Stopwatch stopwatch;
     while (state_.step < config_.train.steps) {
-      const StepFigures figures = step(pool);
+      const StepFigures figures = step_or_save(pool);
       ++state_.step;
       state_.seconds = before + stopwatch.seconds();
       after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
@@ -168,6 +168,17 @@ class Trainer {
     if (state_.step == 0 || !validation_due(validation)) return;
     if (leader() && !validated) validate(validation);
     wait_for_leader();
+  }
+
+  // A step that is left because the others do not end it has changed nothing yet.
+  StepFigures step_or_save(ExamplePool& pool) {
+    try {
+      return step(pool);
+    } catch (const Cancelled&) {
+      if (leader() && state_.step > 0)
+        save_checkpoint(state_, description_, file("checkpoint.safetensors"));
+      throw;
+    }
   }
 
   StepFigures step(ExamplePool& pool) {

@@ -1,11 +1,14 @@
 #include "malus/neural/workers.h"
 
 #include "malus/base/error.h"
+#include "malus/base/stopwatch.h"
 #include "malus/base/worker_place.h"
 
 #include <chrono>
 #include <cstdlib>
 #include <string>
+#include <string_view>
+#include <thread>
 #include <vector>
 
 #include <fmt/format.h>
@@ -43,38 +46,47 @@ using Backend = c10d::Backend;
 using Backend = c10d::ProcessGroup;
 #endif
 
+using std::chrono::milliseconds;
+
+constexpr milliseconds kBetweenLooks(100);
+constexpr double kPatienceS = 5;  // of one that is to stop, for the others
+
 class WorkerGroup final : public Workers {
  public:
   WorkerGroup(WorkerPlace place, c10::intrusive_ptr<c10d::Store> store,
-              c10::intrusive_ptr<Backend> group)
-      : place_(place), store_(std::move(store)), group_(std::move(group)) {}
+              c10::intrusive_ptr<Backend> group, Progress& progress)
+      : place_(place), store_(std::move(store)), group_(std::move(group)), progress_(progress) {}
   int rank() const override { return place_.rank; }
   int size() const override { return place_.size; }
   void sum(torch::Tensor& values) override {
-    run([&, list = std::vector{values}]() mutable { group_->allreduce(list)->wait(); });
+    run([&, list = std::vector{values}]() mutable { finish(*group_->allreduce(list), values); });
   }
   void broadcast(torch::Tensor& values) override {
-    run([&, list = std::vector{values}]() mutable { group_->broadcast(list)->wait(); });
+    run([&, list = std::vector{values}]() mutable { finish(*group_->broadcast(list), values); });
   }
-  // Messages of the group know its one time limit only; the store waits as long as it is told.
+  // Messages of the group know its one time limit only; the store is asked as long as we like.
   void wait_for_leader() override {
     const std::string key = fmt::format("malus/leader_done/{}", waits_++);
     run([&] {
-      if (place_.rank == 0)
-        store_->set(key, std::vector<std::uint8_t>{1});
-      else
-        store_->wait({key}, kNoLimit);
+      if (place_.rank == 0) return store_->set(key, std::vector<std::uint8_t>{1});
+      Stopwatch since_asked;
+      while (!store_->check({key})) {
+        leave_when_asked(since_asked);
+        std::this_thread::sleep_for(kBetweenLooks);
+      }
     });
   }
 
  private:
-  static constexpr std::chrono::milliseconds kNoLimit = std::chrono::hours(24 * 365);
-
   template <class Call>
   void run(Call call) {
     try {
       call();
+    } catch (const Cancelled&) {
+      throw;
     } catch (const std::exception& error) {
+      if (progress_.stop_requested())
+        throw Cancelled();  // the others heard it too, and were faster
       const std::string text = error.what();
       throw InputError(fmt::format("worker {} of {}", place_.rank, place_.size),
                        "another worker was lost (" + text.substr(0, text.find('\n')) + ")",
@@ -82,9 +94,35 @@ class WorkerGroup final : public Workers {
     }
   }
 
+  // Looks at the wish to stop between short waits. NCCL's wait blocks nothing but the GPU's queue.
+  template <class Work>
+  void finish(Work& work, const torch::Tensor& values) {
+    if (values.is_cuda()) {
+      work.wait();
+      return;
+    }
+    Stopwatch since_asked;
+    for (;;) try {
+        work.wait(kBetweenLooks);
+        return;
+      } catch (const std::exception&) {
+        if (work.isCompleted()) throw;
+        leave_when_asked(since_asked);
+      }
+  }
+
+  void leave_when_asked(Stopwatch& since_asked) {
+    if (!progress_.stop_requested()) since_asked = Stopwatch();
+    if (since_asked.seconds() < kPatienceS) return;
+    // Its end would wait for the message that is under way.
+    static_cast<void>(group_.release());
+    throw Cancelled();
+  }
+
   WorkerPlace place_;
   c10::intrusive_ptr<c10d::Store> store_;
   c10::intrusive_ptr<Backend> group_;
+  Progress& progress_;
   std::int64_t waits_ = 0;
 };
 
@@ -112,27 +150,85 @@ c10::intrusive_ptr<Backend> make_group(const WorkerPlace& place,
 #endif
 }
 
-std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
-                                     const torch::Device& device) {
-  const char* address = std::getenv("MASTER_ADDR");
-  const std::chrono::milliseconds timeout(static_cast<std::int64_t>(timeout_s * 1000));
+// Where the workers meet, and until when.
+struct Meeting {
+  WorkerPlace place;
+  std::string host;
   c10d::TCPStoreOptions options;
-  options.port = static_cast<std::uint16_t>(
-      number_of_environment({"MASTER_PORT"}, c10d::TCPStoreOptions::kDefaultPort));
-  // torchrun serves the meeting point itself.
-  const char* served = std::getenv("TORCHELASTIC_USE_AGENT_STORE");
-  options.isServer = place.rank == 0 && !(served && std::string(served) == "True");
-  options.numWorkers = static_cast<std::size_t>(place.size);
-  options.timeout = timeout;
-  const std::string host = address ? address : "127.0.0.1";
+  double timeout_s;
+  Progress& progress;
+  Stopwatch waited = {};
+  bool told = false;
+
+  Meeting(const WorkerPlace& worker, double limit_s, Progress& its_progress)
+      : place(worker), timeout_s(limit_s), progress(its_progress) {
+    const char* address = std::getenv("MASTER_ADDR");
+    host = address ? address : "127.0.0.1";
+    options.port = static_cast<std::uint16_t>(
+        number_of_environment({"MASTER_PORT"}, c10d::TCPStoreOptions::kDefaultPort));
+    // torchrun serves the meeting point itself.
+    const char* served = std::getenv("TORCHELASTIC_USE_AGENT_STORE");
+    options.isServer = place.rank == 0 && !(served && std::string(served) == "True");
+    options.numWorkers = static_cast<std::size_t>(place.size);
+    options.waitWorkers = false;  // wait_for_all can be stopped
+  }
+
+  bool over() const { return waited.seconds() > timeout_s; }
+  void look_around(const std::string& awaited) {
+    constexpr double kSilentS = 1;
+    check_stop(progress);
+    if (told || waited.seconds() < kSilentS) return;
+    progress.note(fmt::format("waiting for {} at {}:{}", awaited, host, options.port));
+    told = true;
+  }
+};
+
+// Short attempts, for a wish to stop is looked at between them alone.
+c10::intrusive_ptr<c10d::Store> connect(Meeting& meeting) {
+  meeting.options.timeout = std::chrono::seconds(1);
+  for (;;) {
+    try {
+      const auto store = c10::make_intrusive<c10d::TCPStore>(meeting.host, meeting.options);
+      store->setTimeout(milliseconds(static_cast<std::int64_t>(meeting.timeout_s * 1000)));
+      return store;
+    } catch (const std::exception& error) {
+      // Names and ports that cannot be are said at once.
+      const bool nobody_yet = std::string_view(error.what()).find("timed out") != std::string::npos;
+      if (meeting.over() || !nobody_yet) throw;
+    }
+    meeting.look_around("worker 0");
+    std::this_thread::sleep_for(kBetweenLooks);
+  }
+}
+
+void wait_for_all(Meeting& meeting, c10d::Store& store) {
+  constexpr const char* kArrived = "malus/arrived";
+  std::int64_t there = store.add(kArrived, 1);
+  for (; there < meeting.place.size; there = store.add(kArrived, 0)) {
+    const std::int64_t missing = meeting.place.size - there;
+    if (meeting.over())
+      throw std::runtime_error(fmt::format("{} missing after {:g} s", missing, meeting.timeout_s));
+    meeting.look_around(fmt::format("{} worker{}", missing, missing == 1 ? "" : "s"));
+    std::this_thread::sleep_for(kBetweenLooks);
+  }
+}
+
+std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
+                                     const torch::Device& device, Progress& progress) {
+  Meeting meeting(place, timeout_s, progress);
   try {
-    const auto store = c10::make_intrusive<c10d::TCPStore>(host, options);
-    return std::make_unique<WorkerGroup>(place, store, make_group(place, store, timeout, device));
+    const auto store = connect(meeting);
+    wait_for_all(meeting, *store);
+    const milliseconds timeout(static_cast<std::int64_t>(timeout_s * 1000));
+    return std::make_unique<WorkerGroup>(place, store, make_group(place, store, timeout, device),
+                                         progress);
+  } catch (const Cancelled&) {
+    throw;
   } catch (const std::exception& error) {
     const std::string text = error.what();
     throw InputError(fmt::format("worker {} of {}", place.rank, place.size),
-                     fmt::format("does not meet the others at {}:{} ({})", host, options.port,
-                                 text.substr(0, text.find('\n'))),
+                     fmt::format("does not meet the others at {}:{} ({})", meeting.host,
+                                 meeting.options.port, text.substr(0, text.find('\n'))),
                      "check MASTER_ADDR and MASTER_PORT, and that all workers were started");
   }
 }
@@ -142,20 +238,22 @@ std::unique_ptr<Workers> meet_others(const WorkerPlace& place, double timeout_s,
 
 std::unique_ptr<Workers> single_worker() { return std::make_unique<SingleWorker>(); }
 
-std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device) {
+std::unique_ptr<Workers> workers_of_environment(double timeout_s, const torch::Device& device,
+                                                Progress& progress) {
   const WorkerPlace place = worker_place_of_environment();
   require_place(place, "set RANK and WORLD_SIZE, or start with torchrun, mpirun or srun");
   if (place.size == 1) return single_worker();
-  return meet_workers(place, timeout_s, device);
+  return meet_workers(place, timeout_s, device, progress);
 }
 
 std::unique_ptr<Workers> meet_workers(const WorkerPlace& place, double timeout_s,
-                                      const torch::Device& device) {
+                                      const torch::Device& device, Progress& progress) {
 #if defined(MALUS_WITH_WORKERS)
-  return meet_others(place, timeout_s, device);
+  return meet_others(place, timeout_s, device, progress);
 #else
   static_cast<void>(timeout_s);
   static_cast<void>(device);
+  static_cast<void>(progress);
   throw InputError(fmt::format("worker {} of {}", place.rank, place.size),
                    "this program was built for one worker",
                    "install libgloo-dev (for GPUs NCCL's header) and build again");
