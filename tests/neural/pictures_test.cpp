@@ -327,5 +327,40 @@ TEST(PictureTraining, LearnsAndGivesPicturesOfTheFramesSize) {
   }
 }
 
+// Every weight is a number, the result is none that could be light.
+TEST(Inference, RefusesWhatNoLightIs) {
+  const TemporaryFolder folder;
+  const PictureShot shot(64, 64);
+  for (const float bias : {3e38f, 1e6f})
+    for (const char* target : {"mosaic", "rgb", "srgb"}) {
+      const bool mosaic = std::string(target) == "mosaic";
+      NetworkPackage package;
+      package.settings.layout = "bayer-rggb";
+      package.settings.target = target;
+      package.settings.domain = mosaic ? "stabilised" : "linear";
+      package.settings.residual = mosaic;
+      package.settings.noise_input = "none";
+      package.network = fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, package.settings);
+      const auto network = make_network(package.network);
+      {
+        const torch::NoGradGuard no_gradients;
+        for (auto& item : network->named_parameters()) item.value().fill_(1);
+        network->named_parameters()["conv4_1.bias"].fill_(bias);
+      }
+      const auto path = folder / (std::string(target) + ".safetensors");
+      save_tensor_file(package_file(package, *network), path);
+      NetworkInference inference(path, {});
+      try {
+        if (mosaic)
+          inference.denoise(shot.noisy, shot.profile, {}, silent_progress());
+        else
+          inference.render(shot.noisy, shot.profile, {}, silent_progress());
+        ADD_FAILURE() << target << " " << bias;
+      } catch (const InputError& error) {
+        EXPECT_EQ(error.subject(), path.string());
+      }
+    }
+}
+
 }  // namespace
 }  // namespace malus

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -41,9 +42,25 @@ std::pair<int, int> pixels_of(const TileSpan& cells, int cell, int phase, int fr
           std::min(static_cast<int>(cells.end) * cell - phase, frame)};
 }
 
+// Light of a frame never is: broken weights give it, or a model and gain of another frame.
+constexpr double kMostWhites = 100;
+
+// The least and largest value of a result whose white is known.
+void require_plausible(double least, double largest, double white,
+                       const std::filesystem::path& weights) {
+  const double extreme = std::max(-least, largest) / white;
+  if (std::isfinite(least) && std::isfinite(largest) && !(extreme > kMostWhites)) return;
+  throw InputError(weights.string(),
+                   std::isfinite(extreme)
+                       ? fmt::format("gives up to {:.3g} times the white of this frame", extreme)
+                       : "gives values that are not numbers for this frame",
+                   "train the network again, or check --model and --gain");
+}
+
 }  // namespace
 
 struct NetworkInference::State {
+  std::filesystem::path weights;
   LoadedPackage loaded;
   InferenceSettings settings;
   TileDemand demand;
@@ -54,6 +71,7 @@ struct NetworkInference::State {
 NetworkInference::NetworkInference(const std::filesystem::path& weights,
                                    const InferenceSettings& settings)
     : state_(std::make_unique<State>()) {
+  state_->weights = weights;
   state_->loaded = load_package(weights);
   state_->settings = settings;
   const std::string& architecture = state_->loaded.package.network.architecture;
@@ -131,6 +149,10 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
       progress, prepared.report.tiles);
+  // In the network's domain; the inverse of a stabilised one has no place for anything else.
+  const auto [least, largest] = torch::aminmax(planes);
+  require_plausible(least.item<double>(), largest.item<double>(),
+                    std::numeric_limits<double>::infinity(), state_->weights);
   return {std::move(prepared), std::move(planes), frame_rows, frame_cols, network};
 }
 
@@ -144,7 +166,17 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
   Denoised result = std::move(filtered.prepared.report);
   result.dn_above_black =
       restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
-  complete_result(filtered.prepared.frame, result);
+  const PreparedFrame& frame_of_result = filtered.prepared.frame;
+  double least = 0, largest = 0;
+  for (int r = 0; r < filtered.rows; ++r)
+    for (int c = 0; c < filtered.cols; ++c) {
+      if (frame_of_result.saturated(r, c)) continue;  // comes back as it was
+      const auto dn = static_cast<double>(result.dn_above_black(r, c));
+      least = std::min(least, dn);
+      largest = std::max(largest, dn);
+    }
+  require_plausible(least, largest, frame_of_result.range_dn, state_->weights);
+  complete_result(frame_of_result, result);
   result.times.push_back({"network", filtered.network.seconds()});
   return result;
 }
@@ -157,6 +189,11 @@ NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseP
   Filtered filtered = filter(std::move(frame), profile, settings, progress);
   Planes picture = picture_of(state_->loaded.package.settings, filtered.prepared.domain,
                               filtered.planes, filtered.rows, filtered.cols);
+  for (const Image& plane : picture) {
+    const auto [least, largest] = std::minmax_element(plane.values().begin(), plane.values().end());
+    require_plausible(*least, *largest, target() == "srgb" ? 1.0 : filtered.prepared.frame.range_dn,
+                      state_->weights);
+  }
   Denoised report = std::move(filtered.prepared.report);
   report.times.push_back({"network", filtered.network.seconds()});
   return {std::move(picture), filtered.prepared.domain.scale(), std::move(report)};
