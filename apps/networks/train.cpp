@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/neural/gpu.h"
 #include "malus/neural/noise_flow_training.h"
 #include "malus/neural/trainer.h"
 

@@ -297,6 +297,28 @@ def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
     assert "run: held no checkpoint, training began at step 0" in begun
 
 
+def test_a_run_goes_on_with_another_log_and_where_the_rate_allows_longer(malus, refused, config, tmp_path):
+    constant, path = ("--set", 'train.schedule="constant"', "--threads", "1"), config(8)
+    malus("train", path, "-o", tmp_path / "once", *constant)
+    out = tmp_path / "parts"
+    malus("train", path, "-o", out, *constant, "--set", "train.steps=5", "--set", "train.log_every=2")
+    assert "beyond" in refused("train", path, "-o", out, *constant, "--set", "train.steps=4", "--resume")
+    malus("train", path, "-o", out, *constant, "--resume", "--set", "train.checkpoint_every=3")
+    # No times in it: equal trainings, equal files, but for what was asked for.
+    malus("train", path, "-o", tmp_path / "again", *constant)
+    assert (tmp_path / "again/weights.safetensors").read_bytes() == (tmp_path / "once/weights.safetensors").read_bytes()
+    assert same(tmp_path / "once/weights.safetensors", out / "weights.safetensors")
+    assert "train.learning_rate" in refused("train", path, "-o", out, *constant, "--resume", "--set", "train.learning_rate=1e-4")
+    training = json.loads(tensors(out / "weights.safetensors")[1]["malus_package"])["training"]
+    assert "seconds" not in training and training["steps"] == 8
+
+
+def test_weights_of_a_loss_that_exploded_are_warned_of(malus, config, tmp_path):
+    wild = ("--set", "train.learning_rate=1", "--set", "train.warm_up=0", "--set", "train.clip=0", "--set", "train.schedule=constant")
+    err = malus("train", config(12), "-o", tmp_path / "run", *wild).err
+    assert "the loss has exploded" in err and "of no use" in err and "--force" in err
+
+
 def test_a_folder_that_cannot_be_written_is_said_before_the_work(malus, refused, config, tmp_path):
     malus("train", config(2), "-o", tmp_path / "run")
     (tmp_path / "file").write_text("in the way")

@@ -27,6 +27,25 @@ void for_each_tensor(TrainingState& state, Visit&& visit) {
   for (auto& item : state.network.named_buffers()) visit("buffers/" + item.key(), item.value());
 }
 
+// What changes nothing in a step. The cosine's rate follows from the number of steps.
+void remove_free_settings(Json& description) {
+  if (!description.contains("train")) return;
+  Json& train = description["train"];
+  for (const char* key : {"log_every", "checkpoint_every", "timeout"}) train.erase(key);
+  if (train.value("schedule", "cosine") != "cosine") train.erase("steps");
+}
+
+void require_same_settings(Json now, Json then, const std::string& source) {
+  remove_free_settings(now);
+  remove_free_settings(then);
+  if (now == then) return;
+  const std::string other = first_difference(now, then);
+  throw InputError(
+      source,
+      fmt::format("belongs to a run with another {}", other.empty() ? "configuration" : other),
+      "set it as it was, or start again without --resume");
+}
+
 }  // namespace
 
 void save_checkpoint(const TrainingState& state, const Json& description,
@@ -40,6 +59,7 @@ void save_checkpoint(const TrainingState& state, const Json& description,
       {"step", state.step},
       {"best_score_db", state.best_score_db},
       {"seconds", state.seconds},
+      {"first_loss", state.first_loss},
       {"description", description}}.dump();
   save_tensor_file(file, path);
 }
@@ -60,17 +80,19 @@ void load_checkpoint(TrainingState& state, const Json& description,
     // Of the time when files were known by their names alone.
     if (!stored.contains("contents") && description.contains("contents"))
       stored["contents"] = description["contents"];
-    if (const std::string other = first_difference(description, stored); description != stored)
-      throw InputError(
-          path.string(),
-          fmt::format("belongs to a run with another {}", other.empty() ? "configuration" : other),
-          "set it as it was, or start again without --resume");
+    require_same_settings(description, stored, path.string());
     state.step = facts.at("step").get<std::int64_t>();
     state.best_score_db = facts.at("best_score_db").get<double>();
     state.seconds = facts.at("seconds").get<double>();
+    state.first_loss = facts.value("first_loss", 0.0);
   } catch (const Json::exception& error) {
     throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()), kStartAgain);
   }
+  const Json train = description.value("train", Json::object());
+  if (const auto steps = train.value("steps", state.step); state.step > steps)
+    throw InputError(path.string(),
+                     fmt::format("is at step {}, beyond the last, {}", state.step, steps),
+                     "set train.steps to as many or more");
   for_each_tensor(state, [&](const std::string& name, torch::Tensor& tensor) {
     const auto stored = file.tensors.find(name);
     if (stored == file.tensors.end() || torch::IntArrayRef(stored->second.shape) != tensor.sizes())

@@ -20,6 +20,7 @@ struct TrainingState {
   std::int64_t step = 0;                ///< next one to be made
   double best_score_db = 0;             ///< image + DoLP PSNR of the best validation so far
   double seconds = 0;                   ///< of training so far, over all parts of the run
+  double first_loss = 0;                ///< of the run's first step (loss_watch.h); 0 before it
 };
 
 /// description: the configuration, compared when the run goes on.
@@ -27,7 +28,9 @@ void save_checkpoint(const TrainingState& state, const nlohmann::json& descripti
                      const std::filesystem::path& path);
 
 /// Fills the state; throws InputError when the file is damaged, or belongs to a run with another
-/// description (the first setting that differs is named).
+/// description (the first setting that differs is named). How often the log and checkpoints are
+/// written and how long a silent worker is waited for may differ, and so may the number of steps
+/// where the rate does not follow from it, unless more were made.
 void load_checkpoint(TrainingState& state, const nlohmann::json& description,
                      const std::filesystem::path& path);
 

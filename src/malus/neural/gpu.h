@@ -2,10 +2,18 @@
 #pragma once
 
 #include "malus/neural/network.h"
+#include "malus/neural/training_config.h"
 
 #include <torch/torch.h>
 
 namespace malus {
+
+/// "auto" resolved. Throws InputError where a GPU is asked for and there is none.
+torch::Device training_device(const TrainSettings& settings);
+
+/// Whether precision = "bfloat16" asks for it. Throws InputError for networks that it does not
+/// suit.
+bool wants_bfloat16(const TrainingConfig& config);
 
 /// cuDNN tries its algorithms on the first pass of every shape and keeps the fastest: for work that
 /// meets few shapes often. TF32 stays as libtorch sets it.

@@ -17,6 +17,7 @@ set(neural_SOURCES
   kernels_winograd.cpp
   layers.cpp
   loss.cpp
+  loss_watch.cpp
   measure.cpp
   nafnet.cpp
   network.cpp

@@ -3,13 +3,13 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/stopwatch.h"
-#include "malus/base/worker_place.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/example_pool.h"
 #include "malus/neural/gpu.h"
 #include "malus/neural/initial_network.h"
 #include "malus/neural/loss.h"
+#include "malus/neural/loss_watch.h"
 #include "malus/neural/run_folder.h"
 #include "malus/neural/same_run.h"
 #include "malus/neural/training_log.h"
@@ -48,15 +48,6 @@ PoolShape pool_shape(const TrainingConfig& config, const Workers& workers,
   return shape;
 }
 
-bool wants_bfloat16(const TrainingConfig& config) {
-  if (config.train.precision != "bfloat16") return false;
-  const std::string& architecture = config.package.network.architecture;
-  if (!autocast_suits(architecture))
-    throw InputError(config.source.string(), "precision = \"bfloat16\" is not for " + architecture,
-                     "use \"auto\" or \"float32\"");
-  return true;
-}
-
 // What one step tells.
 struct StepFigures {
   double loss = 0, base_loss = 0;  ///< base: of the guide, or of the noisy planes; NaN for pictures
@@ -79,7 +70,8 @@ class Trainer {
         description_(config_json(config)),
         network_(network_on_device()),
         adam_(network_->parameters(), config.train.beta1, config.train.beta2),
-        state_{*network_, adam_, average_} {
+        state_{*network_, adam_, average_},
+        watch_(config.source.string()) {
     description_["seed"] = options.seed;
     for (const torch::Tensor& parameter : network_->parameters())
       average_.push_back(parameter.detach().clone());
@@ -110,6 +102,8 @@ class Trainer {
       after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
     }
     if (!leader()) return {{"rank", workers_.rank()}};
+    if (const std::string complaint = watch_.complaint(); !complaint.empty())
+      progress_.warn(complaint);
     save_package(file("weights.safetensors"));
     OrderedJson made = record(validation);
     if (!validation.empty() && !config_.package.gives_picture()) {
@@ -140,9 +134,11 @@ class Trainer {
       if (folder_->goes_on()) load_checkpoint(state_, description_, file("checkpoint.safetensors"));
     }
     if (workers_.size() == 1) return;
-    torch::Tensor step = torch::tensor({state_.step}, torch::dtype(torch::kInt64).device(device_));
-    workers_.broadcast(step);
-    state_.step = step.item<std::int64_t>();
+    torch::Tensor reached = torch::tensor({static_cast<double>(state_.step), state_.first_loss},
+                                          torch::dtype(torch::kFloat64).device(device_));
+    workers_.broadcast(reached);
+    state_.step = static_cast<std::int64_t>(reached[0].item<double>());
+    state_.first_loss = reached[1].item<double>();
     for (const auto& list :
          {network_->parameters(), average_, adam_.first_moments(), adam_.second_moments()})
       for (const torch::Tensor& values : list) {
@@ -205,10 +201,8 @@ class Trainer {
     figures.loss = told[0].item<double>();
     figures.base_loss = told[1].item<double>();
     figures.stop = told[2].item<double>() > 0;
-    if (!std::isfinite(figures.loss) || !std::isfinite(figures.gradient_norm))
-      throw InputError(config_.source.string(),
-                       fmt::format("the loss is no number any more at step {}", state_.step),
-                       "lower learning_rate, then --resume from the last checkpoint");
+    watch_.see(figures.loss, figures.base_loss, figures.gradient_norm, state_.step,
+               state_.first_loss);
     adam_.update(figures.rate, state_.step);
     update_average(average_, parameters, config_.train.average, state_.step);
     return figures;
@@ -327,12 +321,12 @@ class Trainer {
     log_->write({{"step", state_.step}, {"validation", json}});
   }
 
-  // validation: of these weights, where the log does not hold it yet.
+  // validation: of these weights, where the log does not hold it yet. No times: equal trainings
+  // give equal files.
   void save_package(const fs::path& path, const OrderedJson& validation = {}) {
     const Averaged averaged(*this);
     NetworkPackage package = config_.package;
     package.training = {{"steps", state_.step},
-                        {"seconds", std::round(state_.seconds)},
                         {"device", device_.str()},
                         {"workers", workers_.size()},
                         {"pictures", config_.pictures.size()},
@@ -386,20 +380,11 @@ class Trainer {
   Adam adam_;
   std::vector<torch::Tensor> average_;
   TrainingState state_;
+  LossWatch watch_;
   std::optional<TrainingLog> log_;
 };
 
 }  // namespace
-
-torch::Device training_device(const TrainSettings& settings) {
-  const bool there = torch::cuda::is_available();
-  if (settings.device == "cuda" && !there)
-    throw InputError("device = \"cuda\"", "this libtorch finds no GPU", "use device = \"cpu\"");
-  if (settings.device == "cpu" || !there) return torch::kCPU;
-  // Each process of a machine takes its own GPU.
-  const int gpus = static_cast<int>(torch::cuda::device_count());
-  return {torch::kCUDA, static_cast<c10::DeviceIndex>(local_rank_of_environment() % gpus)};
-}
 
 OrderedJson train(const TrainingConfig& config, const TrainOptions& options, Workers& workers,
                   Progress& progress) {

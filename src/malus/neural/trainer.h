@@ -26,12 +26,9 @@ struct TrainOptions {
 /// losses, the validations and the share of the time that steps waited for examples), best score,
 /// name of the weights. The weights are the same
 /// bits for any number of interruptions, and within rounding for any number of workers.
-/// Throws InputError, also when the loss is no number any more; Cancelled after a checkpoint when a
-/// stop was requested.
+/// Throws InputError, also when the loss is no number any more or has exploded; Cancelled after a
+/// checkpoint when a stop was requested.
 nlohmann::ordered_json train(const TrainingConfig& config, const TrainOptions& options,
                              Workers& workers, Progress& progress);
-
-/// "auto" resolved. Throws InputError where a GPU is asked for and there is none.
-torch::Device training_device(const TrainSettings& settings);
 
 }  // namespace malus
