@@ -319,6 +319,14 @@ def test_weights_of_a_loss_that_exploded_are_warned_of(malus, config, tmp_path):
     assert "the loss has exploded" in err and "of no use" in err and "--force" in err
 
 
+def test_gains_outside_the_calibrated_range_are_taken_when_asked_for(malus, refused, config, tmp_path):
+    far = ("-o", tmp_path / "run", "--set", "noise.gains=[35]")
+    assert "35 dB: outside the calibrated range" in refused("train", config(2), *far)
+    validated = CONFIG + '[validation]\nscenes = ["scene"]\ncases = ["35:10"]\ncrop = 64\nevery = 2\n'
+    for text in (validated, CONFIG.replace("jitter = 0.2", "")):
+        malus("train", config(2, text=text), *far, "--set", "noise.extrapolate_gain=true", "--force")
+
+
 def test_a_folder_that_cannot_be_written_is_said_before_the_work(malus, refused, config, tmp_path):
     malus("train", config(2), "-o", tmp_path / "run")
     (tmp_path / "file").write_text("in the way")

@@ -56,8 +56,9 @@ class SyntheticPairs final : public PairSource {
     SynthesisSettings synthesis = synthesis_;
     synthesis.ratio = log_between(random, noise_.ratio_low, noise_.ratio_high);
     const double exposure = log_between(random, exposure_low_, exposure_high_);
+    const GainRange gains = gain_range(synthesis.extrapolate_gain);
     const NoiseModel sensor =
-        noise_.jitter > 0 ? jittered_sensor(base, gain, noise_.jitter, seed, number) : base;
+        noise_.jitter > 0 ? jittered_sensor(base, gain, noise_.jitter, seed, number, gains) : base;
     const std::vector<StokesPlanes> light = scenes_.draw(seed, number);
     const double white = white_above_black(sensor.white_dn, sensor.black_dn);
     const auto exposed = [&](Image image) {
@@ -72,7 +73,7 @@ class SyntheticPairs final : public PairSource {
         clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number),
         sensor.black_dn, sensor.white_dn);
     pair.noisy.source = fmt::format("example {}", number);
-    pair.profile = sensor.profile_at(gain);
+    pair.profile = sensor.profile_at(gain, gains);
     if (!synthesis.bias) pair.profile.clear_bias();
     pair.ratio = synthesis.ratio;
     const auto dimmed = [&](Image image) {
@@ -130,10 +131,10 @@ NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& 
 }
 
 NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
-                           std::uint64_t seed, std::uint32_t number) {
+                           std::uint64_t seed, std::uint32_t number, GainRange range) {
   RandomSequence random(seed, number, Draw::kParameters, 3);
   const auto factor = [&] { return std::exp(jitter * random.normal()); };
-  PhysicsCalibration entry = calibration_of(model.parameters_at(gain));
+  PhysicsCalibration entry = calibration_of(model.parameters_at(gain, range));
   multiply(entry.K, factor());
   multiply(entry.sigma_tl, factor());
   multiply(entry.sigma_row, factor());

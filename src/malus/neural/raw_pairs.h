@@ -43,7 +43,8 @@ NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& 
 /// exp(jitter * normal), drawn from (seed, number). Of the physics part alone. Throws InputError as
 /// NoiseModel::parameters_at.
 NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
-                           std::uint64_t seed, std::uint32_t number);
+                           std::uint64_t seed, std::uint32_t number,
+                           GainRange range = GainRange::kCalibratedOnly);
 
 /// Throws InputError that names the source where a pixel is NaN or infinite: no network could be
 /// trained with it.

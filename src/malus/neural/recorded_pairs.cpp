@@ -82,7 +82,9 @@ class ExampleWindows {
 class ShardPairs final : public PairSource {
  public:
   explicit ShardPairs(const TrainingConfig& config)
-      : model_(only_model(config)), windows_(model_, config.data.example) {
+      : model_(only_model(config)),
+        gains_(gain_range(config.synthesis.extrapolate_gain)),
+        windows_(model_, config.data.example) {
     for (const fs::path& path : config.shards) {
       const Json dataset = load_json(path.parent_path() / "dataset.json");
       const bool amplified = dataset.at("noise").at("amplify").get<bool>();
@@ -106,7 +108,7 @@ class ShardPairs final : public PairSource {
       const Json facts = Json::parse(shard_content(sample.path, sample.facts));
       pair.ratio = checked_ratio(facts, where);
       removed_bias_dn = facts.at("removed_bias_dn").get<double>();
-      pair.profile = model_.profile_at(gain_from(facts));
+      pair.profile = model_.profile_at(gain_from(facts), gains_);
     } catch (const Json::exception& error) {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
                        "make the shard again with malus dataset");
@@ -149,6 +151,7 @@ class ShardPairs final : public PairSource {
   }
 
   NoiseModel model_;
+  GainRange gains_;
   ExampleWindows windows_;
   std::vector<Sample> samples_;
 };
@@ -157,6 +160,7 @@ class CapturedPairs final : public PairSource {
  public:
   explicit CapturedPairs(const TrainingConfig& config)
       : model_(only_model(config)),
+        gains_(gain_range(config.synthesis.extrapolate_gain)),
         windows_(model_, config.data.example),
         with_picture_(config.package.gives_picture()) {
     for (const fs::path& path : config.pairs)
@@ -190,7 +194,7 @@ class CapturedPairs final : public PairSource {
       pair.clean_rgb_dn[k] = window(clean[static_cast<std::size_t>(k) + 1], part);
       require_finite(pair.clean_rgb_dn[k], recorded.picture.string());
     }
-    pair.profile = model_.profile_at(recorded.gain);
+    pair.profile = model_.profile_at(recorded.gain, gains_);
     pair.ratio = recorded.ratio;
     return pair;
   }
@@ -203,6 +207,7 @@ class CapturedPairs final : public PairSource {
   }
 
   NoiseModel model_;
+  GainRange gains_;
   ExampleWindows windows_;
   bool with_picture_;
   std::vector<RecordedPair> pairs_;

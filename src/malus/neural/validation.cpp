@@ -58,8 +58,9 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
           clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number++),
           camera.black_dn, camera.white_dn);
       noisy.source = folder.string();
-      frames_.push_back({prepare_network_frame(std::move(noisy), camera.profile_at(gain),
-                                               config.package.settings, {}, shot.ratio, progress),
+      const NoiseProfile profile = camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
+      frames_.push_back({prepare_network_frame(std::move(noisy), profile, config.package.settings,
+                                               {}, shot.ratio, progress),
                          clean, rgb, shot.ratio, white});
     }
   }

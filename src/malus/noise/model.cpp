@@ -121,7 +121,8 @@ const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain,
         gain.text(),
         fmt::format("outside the calibrated range {} to {}", model.physics.front().gain.text(),
                     model.physics.back().gain.text()),
-        "use a gain inside it, or allow extrapolation with --extrapolate-gain");
+        "use a gain inside it, or allow extrapolation (--extrapolate-gain; in configurations and "
+        "Python extrapolate_gain)");
   return below ? segments.front() : segments.back();
 }
 
