@@ -51,7 +51,8 @@ void add_import_weights(CLI::App& model, Common& common) {
       ->required();
   command
       ->add_option("--architecture", arguments->request.architecture,
-                   "unet, nafnet, restormer, uformer or malus")
+                   "unet, nafnet, restormer, uformer or malus, or a size of docs/networks.md, e.g. "
+                   "uformer-t")
       ->required();
   command->add_option("--settings", arguments->settings,
                       "the architecture's settings where they differ from its defaults, as JSON");

@@ -305,5 +305,36 @@ TEST(Config, NamesWhatIsWrong) {
   }
 }
 
+TEST(Config, TakesTheNamedSizesAndTheLossOfTheLayout) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const auto load = [&](const std::string& network, const std::string& more) {
+    std::ofstream(folder / "config.toml")
+        << "[network]\narchitecture = \"" << network << "\n[package]\nlayout = \"bayer-rggb\"\n"
+        << "[data]\nscenes = [\"scene\"]\nexample = 48\npatch = 32\n[noise]\n"
+        << "models = [\"nikon-d850\"]\n[train]\nsteps = 5\n"
+        << more;
+    return load_training_config(folder / "config.toml");
+  };
+  const TrainingConfig plain = load("malus-base\"", "");
+  EXPECT_EQ(plain.train.loss, "l1");
+  EXPECT_EQ(plain.package.network.architecture, "malus");
+  EXPECT_EQ(plain.package.network.settings["dim"], 48);
+  EXPECT_EQ(load("malus-base\"\ndim = 16", "").package.network.settings["dim"], 16);
+  EXPECT_EQ(load("malus-base\"\ndim = 16", "").package.network.settings["depths"][3], 6);
+  EXPECT_EQ(load("uformer-t\"", "").package.network.settings["embed_dim"], 16);
+  EXPECT_EQ(load("nafnet-32\"", "").package.network.architecture, "nafnet");
+  const auto problem = [&](const std::string& network, const std::string& more) {
+    try {
+      load(network, more);
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("was taken");
+  };
+  EXPECT_NE(problem("unet\"", "loss = \"both\"").find("config.toml:13"), std::string::npos);
+  EXPECT_NE(problem("malus-bose\"", "").find("\"malus-base\"?"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace malus

@@ -17,8 +17,6 @@
 namespace malus {
 namespace {
 
-using Json = nlohmann::json;
-
 thread_local double counted = 0;
 
 // Deviation of what is added to the weights: nafnet starts with branches that count nothing.
@@ -102,23 +100,7 @@ NetworkCost::Time time_of(Network& network, const torch::Tensor& input, int repe
           *std::min_element(processor_times.begin(), processor_times.end())};
 }
 
-Json uformer(int dim, std::vector<int> depths) {
-  return {{"embed_dim", dim}, {"depths", std::move(depths)}};
-}
-
 }  // namespace
-
-std::vector<NamedNetwork> named_networks() {
-  const Json empty = Json::object();
-  return {{"unet", "unet", empty},
-          {"nafnet-32", "nafnet", empty},
-          {"uformer-t", "uformer", uformer(16, {2, 2, 2, 2, 2, 2, 2, 2, 2})},
-          {"uformer-s", "uformer", uformer(32, {2, 2, 2, 2, 2, 2, 2, 2, 2})},
-          {"uformer-b", "uformer", uformer(32, {1, 2, 8, 8, 2, 8, 8, 2, 1})},
-          {"restormer", "restormer", empty},
-          {"malus-small", "malus", empty},
-          {"malus-base", "malus", {{"dim", 48}, {"depths", {2, 4, 4, 6}}}}};
-}
 
 NetworkCost measure_network(const NamedNetwork& named, int channels, int rows, int cols,
                             int repetitions) {

@@ -1,23 +1,12 @@
 // What a network costs: values, multiplications, seconds. Names no libtorch type.
 #pragma once
 
+#include "malus/neural/named_networks.h"
+
 #include <cstdint>
 #include <optional>
-#include <string>
-#include <vector>
-
-#include <nlohmann/json.hpp>
 
 namespace malus {
-
-/// A published or own size of an architecture.
-struct NamedNetwork {
-  std::string name, architecture;
-  nlohmann::json settings;
-};
-/// The sizes of docs/networks.md: unet, nafnet-32, uformer-t, -s, -b, restormer, malus-small,
-/// malus-base, all with 16 channels in and out.
-std::vector<NamedNetwork> named_networks();
 
 struct NetworkCost {
   std::int64_t parameters = 0;

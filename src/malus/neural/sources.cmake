@@ -20,6 +20,7 @@ set(neural_SOURCES
   loss_watch.cpp
   measure.cpp
   nafnet.cpp
+  named_networks.cpp
   network.cpp
   network_size.cpp
   noise_flow.cpp

@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/neural/json_text.h"
+#include "malus/neural/named_networks.h"
 #include "malus/neural/package.h"
 #include "malus/weights/torch_archive.h"
 
@@ -78,7 +79,9 @@ nlohmann::ordered_json import_checkpoint(const ImportRequest& request) {
   check_output(request.output, request.force);
   NetworkPackage package;
   package.settings = package_settings(request.package);
-  package.network = fitted_network({request.architecture, request.settings}, package.settings);
+  NamedNetwork named = network_of_name(request.architecture);
+  named.settings.update(request.settings.is_null() ? Json::object() : request.settings);
+  package.network = fitted_network({named.architecture, named.settings}, package.settings);
   package.training = {{"imported_from", json_text(request.checkpoint.filename().string())}};
   full_settings(package.network);  // mistakes in them come before those in the file
   const auto network =

@@ -1,12 +1,15 @@
 #include "malus/neural/training_config.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/io/config_section.h"
 #include "malus/io/shard.h"
 #include "malus/neural/contents.h"
 #include "malus/neural/json_text.h"
+#include "malus/neural/named_networks.h"
 #include "malus/synthesize/light_case.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -56,7 +59,16 @@ std::vector<fs::path> matches(const ConfigSection& section, const char* key,
 NetworkDescription read_network(const ConfigSection& section) {
   if (!section.has("architecture"))
     section.fail("architecture", "is missing", "name one, e.g. \"unet\"");
-  NetworkDescription network{*section.text("architecture"), Json::object()};
+  const NamedNetwork named = network_of_name(*section.text("architecture"));
+  std::vector<std::string> names = network_names();
+  if (std::find(names.begin(), names.end(), named.architecture) == names.end()) {
+    for (const NamedNetwork& size : named_networks())
+      if (size.name != size.architecture) names.push_back(size.name);
+    section.fail("architecture", fmt::format("is \"{}\"", named.name),
+                 fmt::format("did you mean \"{}\"? known: {}", nearest_name(named.name, names),
+                             joined(names)));
+  }
+  NetworkDescription network{named.architecture, named.settings};
   const Json defaults = default_network_settings(network.architecture);
   std::vector<std::string> known{"architecture"};
   for (const auto& [key, value] : defaults.items()) known.push_back(key);
@@ -120,22 +132,23 @@ void read_validation(const ConfigSection& section, const fs::path& folder, Train
 }
 
 void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
+  const ConfigSection data = *root.section("data");
   const SensorLayout layout = config.package.layout();
   const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
   for (const auto& [name, size] :
        {std::pair{"patch", config.data.patch}, std::pair{"example", config.data.example}})
     if (size % cell != 0)
-      root.fail(name, fmt::format("= {} is not made of whole cells and row groups", size),
+      data.fail(name, fmt::format("= {} is not made of whole cells and row groups", size),
                 fmt::format("use a multiple of {}", cell));
   if (config.data.patch > config.data.example)
-    root.fail("patch", "is larger than example", "make example larger");
+    data.fail("patch", "is larger than example", "make example larger");
   if (config.train.loss != "l1" && !layout.polarized())
-    root.fail("loss", fmt::format("= \"{}\" needs polarizer angles", config.train.loss),
-              "use \"l1\"");
+    root.section("train")->fail(
+        "loss", fmt::format("= \"{}\" needs polarizer angles", config.train.loss), "use \"l1\"");
   if (config.package.network.settings.value("upscale", 1) != config.package.upscale())
-    root.fail("upscale",
-              fmt::format("does not fit target = \"{}\"", config.package.settings.target),
-              "leave it out");
+    root.section("network")->fail(
+        "upscale", fmt::format("does not fit target = \"{}\"", config.package.settings.target),
+        "leave it out");
   if (config.pictures.empty() && config.scenes.empty() && config.shards.empty() &&
       config.pairs.empty())
     root.fail("data", "names no pictures, scenes, shards or pairs", "give one of them");
@@ -145,7 +158,7 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
   const double bytes = 4.0 * planes * config.data.example * config.data.example /
                        layout.channels() * (config.data.pool + 1) * config.train.batch;
   if (bytes > config.data.memory_mib * 0x1p20)
-    root.fail("pool", fmt::format("would take up to {:.0f} MiB", std::ceil(bytes / 0x1p20)),
+    data.fail("pool", fmt::format("would take up to {:.0f} MiB", std::ceil(bytes / 0x1p20)),
               fmt::format("allow it with memory, or make pool, batch or example smaller"));
 }
 
@@ -187,6 +200,8 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
     data->fail("tone", fmt::format("\"{}\" is not known", config.tone), "use auto, srgb or linear");
   config.models = overrides.models;
   read_noise(*noise, folder, config);
+  // The Stokes part of the loss needs polarizer angles.
+  if (!config.package.layout().polarized()) config.train.loss = "l1";
   if (const auto section = root.section("train")) {
     section->read(config.train, {"begin_with"});
     if (const auto weights = section->text("begin_with")) config.begin_with = folder / *weights;

@@ -111,7 +111,9 @@ void TrainSettings::describe(Self& self, Visitor&& field) {
   number(self.average, "average", "1",
          "memory of the moving average of weights that is validated and shipped; 0: none", 0,
          0.9999999);
-  choice(self.loss, "loss", "000, Eq. 8 and 9, in the network's domain", {"l1", "stokes", "both"});
+  choice(self.loss, "loss",
+         "000, Eq. 8 and 9, in the network's domain; of layouts without polarizer angles l1",
+         {"l1", "stokes", "both"});
   number(self.stokes_weight, "stokes_weight", "1", "both: weight of the Stokes part", 0, 1e6);
   choice(self.precision, "precision",
          "bfloat16: convolutions and products in half the bits; auto: float32, which trained unet "
