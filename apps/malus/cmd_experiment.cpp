@@ -20,6 +20,11 @@ std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesyste
   return rows;
 }
 
+void check_training(TrainCall call, const Common& common) {
+  call.settings = common.settings;
+  networks().check_training(call);
+}
+
 std::string trained_weights(const std::string& name, TrainCall call, const Common& common,
                             Progress& progress) {
   note(common, "training " + name);

@@ -157,6 +157,9 @@ void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const
   check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const DemosaicSetup setup = read_demosaic_setup(arguments.rows);
+  for (const TableRow& row : setup.rows)
+    if (row.method.empty())
+      check_training({.config = row.config, .models = {arguments.folder / "model.h5"}}, common);
   const Model door = Model::load(setup.model);
   if (!is_bayer(door.description().layout))
     throw InputError(setup.model, "is not of a Bayer sensor",

@@ -314,12 +314,18 @@ void run_table_s1(const TableS1Arguments& arguments, const Common& common) {
   check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const TableS1Setup setup = read_table_s1_setup(arguments.rows);
+  const bool denoises = std::any_of(setup.rows.begin(), setup.rows.end(),
+                                    [](const TableS1Row& row) { return row.denoiser == "UNet"; });
+  if (denoises) check_training({.config = setup.denoiser, .models = {setup.model}}, common);
+  // The pairs are made later.
+  check_training(
+      {.config = setup.isp, .pairs = {arguments.folder / "pairs.json"}, .models = {setup.model}},
+      common);
   const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   const TestBench bench = open_test_bench(arguments, setup, common, *progress);
   std::string weights;
-  if (std::any_of(setup.rows.begin(), setup.rows.end(),
-                  [](const TableS1Row& row) { return row.denoiser == "UNet"; }))
+  if (denoises)
     weights = trained_weights(
         "denoiser",
         {.config = setup.denoiser, .folder = bench.folder / "denoiser", .models = {setup.model}},

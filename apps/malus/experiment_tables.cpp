@@ -37,6 +37,8 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const std::vector<TableRow> rows = read_table(arguments.rows);
+  for (const TableRow& row : rows)
+    if (row.method.empty()) check_training({.config = row.config}, common);
   const NoiseModel model = load_model(arguments.runs.model);
   const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);

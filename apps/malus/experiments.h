@@ -20,6 +20,10 @@ struct TableRow {
 /// [[rows]] of an experiment's file: configurations lie beside it. Throws InputError.
 std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path);
 
+/// Throws InputError where a row's training (as below) could not begin. Asked of all rows before
+/// the first is trained.
+void check_training(TrainCall call, const Common& common);
+
 /// The weights of a row's training (its configuration and folder in call, the rest is set here). A
 /// finished one is not trained again, an interrupted one goes on where it was. Throws InputError,
 /// Cancelled.

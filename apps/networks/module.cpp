@@ -71,6 +71,10 @@ nlohmann::ordered_json train_guarded(const TrainCall& call, Progress& progress) 
   return guarded([&] { return train_network(call, progress); });
 }
 
+void check_training_guarded(const TrainCall& call) {
+  guarded([&] { check_training(call); });
+}
+
 nlohmann::ordered_json import_guarded(const ImportRequest& request) {
   return guarded([&] { return import_checkpoint(request); });
 }
@@ -93,6 +97,7 @@ extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
   static const NetworkFunctions functions{.interface = kNetworksInterface,
                                           .open_denoiser = open_denoiser,
                                           .train = train_guarded,
+                                          .check_training = check_training_guarded,
                                           .open_flow = open_flow,
                                           .import_checkpoint = import_guarded,
                                           .measure = measure_guarded,

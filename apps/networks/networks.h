@@ -74,6 +74,8 @@ struct NetworkFunctions {
   int interface;  ///< kNetworksInterface of the module
   std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
   nlohmann::ordered_json (*train)(const TrainCall& call, Progress& progress);
+  /// What train would refuse in the configuration before its first step, without the data.
+  void (*check_training)(const TrainCall& call);
   std::unique_ptr<FlowSampler> (*open_flow)(const std::filesystem::path& weights);
   nlohmann::ordered_json (*import_checkpoint)(const ImportRequest& request);
   NetworkCost (*measure)(const NamedNetwork& network, int channels, int rows, int cols,

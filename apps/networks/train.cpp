@@ -28,12 +28,21 @@ nlohmann::ordered_json train_flow(const TrainCall& call, Progress& progress) {
   return fit.record;
 }
 
+TrainingConfig config_of(const TrainCall& call) {
+  return load_training_config(
+      call.config, {.pairs = call.pairs, .models = call.models, .settings = call.settings});
+}
+
 }  // namespace
+
+void check_training(const TrainCall& call) {
+  if (!is_noise_flow_config(call.config, call.settings))
+    full_settings(config_of(call).package.network);
+}
 
 nlohmann::ordered_json train_network(const TrainCall& call, Progress& progress) {
   if (is_noise_flow_config(call.config, call.settings)) return train_flow(call, progress);
-  const TrainingConfig config = load_training_config(
-      call.config, {.pairs = call.pairs, .models = call.models, .settings = call.settings});
+  const TrainingConfig config = config_of(call);
   const auto workers =
       workers_of_environment(config.train.timeout_s, training_device(config.train), progress);
   return train(

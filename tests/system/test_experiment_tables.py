@@ -53,6 +53,16 @@ def test_bad_rows_are_refused(refused, experiment):
         assert word in refused(*run, "-q")
 
 
+def test_every_row_is_checked_before_the_first_is_trained(refused, experiment):
+    text = (experiment / "full.toml").read_text()
+    (experiment / "other.toml").write_text(text.replace('"unet"', '"malus"').replace("width = 2", "dim = 8").replace("levels = 2", ""))
+    with (experiment / "rows.toml").open("a") as rows:
+        rows.write('[[rows]]\nname = "other"\nconfig = "other.toml"\n')
+    line = refused("experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out",
+                   "-q", "--set", "network.width=3")
+    assert 'unknown key "width"' in line and not (experiment / "out").exists()
+
+
 def test_settings_reach_every_training(malus, refused, experiment):
     run = ["experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out",
            "--cases", "12:10", "-q"]
