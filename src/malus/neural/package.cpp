@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/neural/named_source.h"
+#include "malus/neural/noise_flow_file.h"
 #include "malus/polar/demosaick.h"
 
 #include <algorithm>
@@ -149,6 +150,9 @@ NetworkPackage described_package(const TensorFile& file, const std::string& sour
       throw InputError(source, fmt::format("has no \"{}\" in its metadata", key), kGivePackage);
     return found->second;
   };
+  if (text("architecture") == kNoiseFlowArchitecture)
+    throw InputError(source, "is a Noise Flow: it makes noise, and takes none out",
+                     "give it to malus synthesize --model; to denoise, give a network's weights");
   NetworkPackage package;
   package.network = {text("architecture"), Json::parse(text("settings"))};
   const Json description = Json::parse(text(kPackageKey));
