@@ -22,7 +22,7 @@ constexpr int kCellsPerAlignment = 65536;
 constexpr float kGuideAxesPrior = 10.0f;
 // Detail of so many times the noise that the last pass let through keeps half, where that pass
 // combines blocks and where it is a Wiener filter's: measured (docs/denoising-experiments.md).
-constexpr float kDetailOfRidge = 6.0f, kDetailOfWiener = 3.0f;
+constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
 // Its one guided pass has the noisier pilot (docs/denoising.md, "Uncertainty").
 constexpr float kFastOptimism = 8.0f;
 
