@@ -80,27 +80,24 @@ TEST(DenoiseFrame, CombinationsLeaveEvenLightNearlyAsCleanAsAWienerFilter) {
   EXPECT_LT(error("nl-ridge"), 1.1 * error("bm3d"));
 }
 
-// 77 periods, so that the coarse scales are of odd sizes.
+// 77 periods: coarse scales of odd sizes.
 TEST(DenoiseFrame, ABorderThatTheCoarseScalesDoNotReachIsAsClean) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   constexpr int kSize = 308, kBorder = 24;
-  const Image clean(kSize, kSize, 150.0f);
   double first = 0, last = 0;
   for (std::uint64_t seed = 0; seed < 4; ++seed) {
-    const Image result =
-        denoise_frame(noisy_frame(clean, noise, seed), profile_of(noise), {}).dn_above_black;
+    const RawFrame frame = noisy_frame(Image(kSize, kSize, 150.0f), noise, seed);
+    const Denoised result = denoise_frame(frame, profile_of(noise), {});
     for (int r = 0; r < kSize; ++r)
       for (int c = 0; c < kBorder; ++c) {
-        first += std::pow(static_cast<double>(result(r, c)) - 150, 2);
-        last += std::pow(static_cast<double>(result(r, kSize - 1 - c)) - 150, 2);
+        first += std::pow(double{result.dn_above_black(r, c)} - 150, 2);
+        last += std::pow(double{result.dn_above_black(r, kSize - 1 - c)} - 150, 2);
       }
   }
-  // With a last coarse column of single samples it was 3 times as much and more.
-  EXPECT_LT(last, 2 * first);
+  EXPECT_LT(last, 2 * first);  // 3 times and more with a last coarse column of single samples
 }
 
-// Smooth light fills small blocks with noise that large ones see: PFCD, whose blocks are of 32x32
-// pixels, was the better one on it.
+// PFCD, whose blocks are of 32x32 pixels, was the better one on smooth light.
 TEST(DenoiseFrame, SmoothLightComesOutCleanerThanFromWienerFiltersAndFromPfcd) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   Image clean(256, 256);
@@ -111,9 +108,7 @@ TEST(DenoiseFrame, SmoothLightComesOutCleanerThanFromWienerFiltersAndFromPfcd) {
   const auto error = [&](const char* method) {
     return rms(denoise_frame(frame, profile_of(noise), {.method = method}).dn_above_black, clean);
   };
-  const double of_default = error("nl-ridge");
-  EXPECT_LT(of_default, 0.7 * error("bm3d"));
-  EXPECT_LT(of_default, error("vst-pfcd"));
+  EXPECT_LT(error("nl-ridge"), std::min(0.7 * error("bm3d"), error("vst-pfcd")));
 }
 
 TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {

@@ -301,8 +301,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   }
   pool(lines);
   const double shared = shared_detail(planes, saturated_dn);
-  const bool textured = shared > kSharedIsTexture;
-  if (textured) take_texture_off(shared, levels, lines);
+  take_texture_off(shared, levels, lines);
   noise.levels /= planes.channels();
   noise.smooth_share = usable / all;
   noise.profile.layout = frame.layout;
@@ -326,7 +325,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   unpack(planes, frame.layout, dn);
   estimate_row_deviation(dn, saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation);
-  if (textured)
+  if (shared > kSharedIsTexture)
     noise.trust += fmt::format(
         "; {:.0f} % of what looked like noise is alike in neighbouring channels, which noise never "
         "is: it is texture and was left out; finer texture was not, so the result may be blurred "
