@@ -11,6 +11,7 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 namespace malus {
 namespace {
@@ -189,6 +190,15 @@ TEST(DetailShrinkage, EqualsItsDefinition) {
         ASSERT_NEAR(result.values()[i], expected.values()[i], 1e-3) << rows << ' ' << share;
     }
   }
+}
+
+TEST(DetailShrinkage, IsTheSameOnEveryInstructionSet) {
+  const Image picture = smooth_light(70, 93, 0.3, 0.1), expected = shrunk(picture, 0.005f, 6);
+  for (std::int64_t rest = hwy::SupportedTargets(); rest != 0; rest &= rest - 1) {
+    hwy::SetSupportedTargetsForTest(rest & -rest);
+    EXPECT_EQ(shrunk(picture, 0.005f, 6), expected) << hwy::TargetName(rest & -rest);
+  }
+  hwy::SetSupportedTargetsForTest(0);
 }
 
 TEST(DetailShrinkage, NothingIsTakenWhereNoNoisePassed) {
