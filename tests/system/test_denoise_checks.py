@@ -88,15 +88,15 @@ def test_a_file_that_is_read_is_not_taken_for_an_earlier_result(malus, frames, t
 
 
 def test_a_record_beside_its_frame_names_it(malus, frames, tmp_path):
-    here = tmp_path / "work"
+    here = tmp_path / "shot"
     here.mkdir()
     (here / "a.tif").write_bytes(frame(frames, 12).read_bytes())
     (tmp_path / "link").symlink_to(here)
-    for start, out in ((here, "../out"), (tmp_path / "link", "../out"), (tmp_path, "work/../out")):
-        raw = "a.tif" if start != tmp_path else "link/../work/a.tif"
+    for start, out in ((here, "../out"), (tmp_path / "link", "../out"), (tmp_path, "shot/../out")):
+        raw = "a.tif" if start != tmp_path else "link/../shot/a.tif"
         malus("denoise", raw, "--model", MODEL, "--gain", 12, "-o", out, "--profile", "fast", "--force", cwd=start)
         done = tmp_path / "out" / "a_denoised.json"
-        assert json.loads(done.read_text())["input_file"] == "../work/a.tif"
+        assert json.loads(done.read_text())["input_file"] == "../shot/a.tif"
         malus("report", done, "-o", tmp_path / "r.html", "--force")
 
 
