@@ -133,5 +133,23 @@ TEST(MosaicFilter, LargeBlocksHelpSmoothLight) {
   EXPECT_LT(with, 0.95 * squared_error());
 }
 
+// Differences of blocks that are not alike are signal, however bright: no coefficient is lost to
+// them as the pilot's noise.
+TEST_P(MosaicMethods, FineTextureFarAboveTheNoiseIsNoWorseThanItWas) {
+  RandomSequence random(17, 0, Draw::kUser);
+  Image clean(128, 128);
+  for (float& v : clean.values()) v = 200.0f + 40.0f * static_cast<float>(random.normal());
+  for (const char* layout_name : {"polar-bayer-rggb", "polar-mono", "bayer-rggb", "mono"})
+    for (const char* profile : {"fast", "normal"}) {
+      const SensorLayout layout = SensorLayout::named(layout_name);
+      const Image result = filtered(clean, mosaic_filter_plan(GetParam(), profile, layout), layout);
+      double squared_error = 0;  // of noise whose variance is 1
+      for (std::size_t i = 0; i < clean.size(); ++i)
+        squared_error += std::pow(result.values()[i] - clean.values()[i], 2);
+      EXPECT_LT(squared_error / static_cast<double>(clean.size()), 1.02)
+          << layout_name << ' ' << profile;
+    }
+}
+
 }  // namespace
 }  // namespace malus

@@ -107,6 +107,9 @@ constexpr float kOwnShare = 0.02f;
 // The finest differences along a stack hold little but noise that the pilot has left; so much of
 // their energy is in all other coefficients too.
 constexpr float kFloorShare = 0.2f;
+// But the pilot has no more noise than the samples had: where blocks are not alike, as in bright
+// fine texture, their differences are signal.
+constexpr float kMostFloor = 1.0f;
 // In the strongest components there is more energy than the thresholds have left in the pilot.
 constexpr int kStrongComponents = 4;
 constexpr float kStrongEnergy = 1.8f;
@@ -115,6 +118,7 @@ constexpr float kStrongEnergy = 1.8f;
 template <int kCells>
 HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count) {
   const Floats zero{};
+  const Floats most = zero + kMostFloor;
   Floats scale, floor[kCells] = {};
   float scales[kLanes];
   for (int k = 0; k < kLanes; ++k) scales[k] = k < kStrongComponents ? kStrongEnergy : 1.0f;
@@ -122,8 +126,10 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
   const int finest = count > 1 ? count / 2 : count;
   for (int n = finest; n < count; ++n)
     for (int i = 0; i < kCells; ++i) floor[i] += pilot[n * kCells + i] * pilot[n * kCells + i];
-  for (int i = 0; i < kCells; ++i)
+  for (int i = 0; i < kCells; ++i) {
     floor[i] *= kFloorShare / static_cast<float>(std::max(count - finest, 1));
+    floor[i] = choose(floor[i] < most, floor[i], most);
+  }
   Floats squares{}, error{};
   for (int n = 0; n < count; ++n)
     for (int i = 0; i < kCells; ++i) {
