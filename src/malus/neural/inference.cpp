@@ -8,6 +8,7 @@
 #include "malus/neural/internal/packed.h"
 #include "malus/neural/package.h"
 #include "malus/neural/tiles.h"
+#include "malus/neural/trained_light.h"
 
 #include <algorithm>
 #include <cmath>
@@ -42,6 +43,19 @@ std::pair<int, int> pixels_of(const TileSpan& cells, int cell, int phase, int fr
           std::min(static_cast<int>(cells.end) * cell - phase, frame)};
 }
 
+// Tiles of a picture that fit into the memory beside what else is held.
+TileCore core_within(double memory_mib, double held_bytes, std::int64_t rows, std::int64_t cols,
+                     int batch, const TileDemand& demand) {
+  const TileCore core = tile_core(rows, cols, memory_mib * 0x1p20 - held_bytes, batch, demand);
+  if (core.rows == 0)
+    throw InputError(
+        "--memory", fmt::format("{:.0f} MiB is too little for this network and frame", memory_mib),
+        fmt::format(
+            "give at least {:.0f} MiB",
+            std::ceil((least_tile_bytes(rows, cols, batch, demand) + held_bytes) / 0x1p20)));
+  return core;
+}
+
 // Light of a frame never is: broken weights give it, or a model and gain of another frame.
 constexpr double kMostWhites = 100;
 
@@ -55,6 +69,20 @@ void require_plausible(double least, double largest, double white,
                        ? fmt::format("gives up to {:.3g} times the white of this frame", extreme)
                        : "gives values that are not numbers for this frame",
                    "train the network again, or check --model and --gain");
+}
+
+// Highlights of a frame that are brighter than those of training are no news.
+constexpr double kSmallShare = 0.01;
+
+std::string brighter_than_training(const std::string& frame, double share,
+                                   const NetworkPackage& package) {
+  return fmt::format(
+      "{}: {:.0f} % of it are brighter against their noise than what the network was trained with; "
+      "{}",
+      frame, 100 * share,
+      package.corrects_guide()
+          ? fmt::format("there the result is that of {}", package.settings.guide)
+          : std::string("there it may take detail away: compare it with --method nl-ridge"));
 }
 
 }  // namespace
@@ -109,6 +137,7 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
     throw InputError("--profile", "a network has none; that of its guide is in its file",
                      "leave it out, or use --method nl-ridge");
   const Stopwatch preparation;
+  const std::string source = frame.source;
   const NetworkPackage& package = state_->loaded.package;
   PackageSettings wanted = package.settings;
   wanted.row_noise = wanted.row_noise && settings.row_noise;
@@ -119,28 +148,24 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   const int frame_rows = prepared.frame.dn.rows(), frame_cols = prepared.frame.dn.cols();
   const std::int64_t rows = packed_size(phase.row + frame_rows, layout.rows()),
                      cols = packed_size(phase.col + frame_cols, layout.cols());
-  const double frame_bytes = 4.0 * frame_rows * static_cast<double>(frame_cols);
-  const double held = (package.gives_picture() ? kPictureFrames : kMosaicFrames) * frame_bytes +
-                      4 * settings.held_values;
-  const double bytes = settings.memory_mib * 0x1p20 - held;
+  const double frames = (package.gives_picture() ? kPictureFrames : kMosaicFrames) *
+                        static_cast<double>(prepared.frame.dn.size());
   const int batch = state_->settings.tile_batch;
-  const TileCore core = tile_core(rows, cols, bytes, batch, state_->demand);
-  if (core.rows == 0)
-    throw InputError(
-        "--memory",
-        fmt::format("{:.0f} MiB is too little for this network and frame", settings.memory_mib),
-        fmt::format(
-            "give at least {:.0f} MiB",
-            std::ceil((least_tile_bytes(rows, cols, batch, state_->demand) + held) / 0x1p20)));
+  const TileCore core = core_within(settings.memory_mib, 4 * (frames + settings.held_values), rows,
+                                    cols, batch, state_->demand);
   prepared.report.times.push_back({"preparation", preparation.seconds()});
   const Stopwatch network;
+  std::int64_t seen = 0, brighter = 0;  // places of the network's planes
   torch::Tensor planes = run_tiled(
       rows, cols, core, batch, state_->demand,
       [&](const TileSpan& r, const TileSpan& c) {
         // A frame may begin and end inside a cell.
         const auto [row0, row1] = pixels_of(r, layout.rows(), phase.row, frame_rows);
         const auto [col0, col1] = pixels_of(c, layout.cols(), phase.col, frame_cols);
-        return prepare_input(prepared, {row0, col0, row1 - row0, col1 - col0});
+        torch::Tensor input = prepare_input(prepared, {row0, col0, row1 - row0, col1 - col0});
+        seen += input.size(2) * input.size(3);
+        brighter += count_brighter(package, input);
+        return input;
       },
       [&](const torch::Tensor& input) {
         const bool cuda = state_->device.is_cuda();
@@ -149,6 +174,9 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
       progress, prepared.report.tiles);
+  if (const double share = static_cast<double>(brighter) / static_cast<double>(seen);
+      share > kSmallShare)
+    progress.warn(brighter_than_training(source, share, package));
   // In the network's domain; the inverse of a stabilised one has no place for anything else.
   const auto [least, largest] = torch::aminmax(planes);
   require_plausible(least.item<double>(), largest.item<double>(),
@@ -212,6 +240,7 @@ OrderedJson NetworkInference::description() const {
                    {"precision", state_->bfloat16 ? "bfloat16" : "float32"},
                    {"tiled_equals_whole", state_->demand.exact},
                    {"training", package.training}};
+  if (std::isfinite(package.brightest)) json["brightest"] = package.brightest;
   PackageSettings::describe(package.settings, [&](const auto& value, const ParameterInfo& info) {
     json["package"][info.name] = value;
   });

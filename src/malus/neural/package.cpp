@@ -4,6 +4,7 @@
 #include "malus/base/text.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/noise_flow_file.h"
+#include "malus/neural/trained_light.h"
 #include "malus/polar/demosaick.h"
 
 #include <algorithm>
@@ -18,6 +19,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr const char* kPackageKey = "malus_package";
+constexpr const char* kBrightestKey = "brightest";  // absent from files before 2026-11-25
 constexpr int kVersion = 1;
 constexpr const char* kGivePackage = "give a weight file that malus train or an import wrote";
 constexpr double kSeenDeviations = 8;  // brings signals in units of the noise to about 1
@@ -133,10 +135,11 @@ std::string package_text(const NetworkPackage& package) {
 
 TensorFile package_file(const NetworkPackage& package, const Network& network) {
   TensorFile file = weights_of(network, package.network);
-  const Json description{{"version", kVersion},
-                         {"settings", settings_json(package.settings)},
-                         {"channels", package.layout().channel_names()},
-                         {"training", package.training}};
+  Json description{{"version", kVersion},
+                   {"settings", settings_json(package.settings)},
+                   {"channels", package.layout().channel_names()},
+                   {"training", package.training}};
+  if (std::isfinite(package.brightest)) description[kBrightestKey] = package.brightest;
   file.metadata[kPackageKey] = description.dump();
   return file;
 }
@@ -161,6 +164,11 @@ NetworkPackage described_package(const TensorFile& file, const std::string& sour
                      fmt::format("this malus reads version {}", kVersion));
   package.settings = settings_of(description.at("settings"), source);
   package.training = description.at("training");
+  package.brightest = description.value(kBrightestKey, package.brightest);
+  if (!(package.brightest > 0) ||
+      (package.settings.noise_input == "none" && std::isfinite(package.brightest)))
+    throw InputError(source, fmt::format("its brightest light, {}, cannot be", package.brightest),
+                     kGivePackage);
   if (description.at("channels").get<std::vector<std::string>>() !=
       package.layout().channel_names())
     throw InputError(source,
@@ -208,8 +216,11 @@ torch::Tensor noise_level_of(const NetworkPackage& package, const torch::Tensor&
   return input.size(1) > before ? input.slice(1, before) : torch::ones_like(input.slice(1, 0, 1));
 }
 
-torch::Tensor apply_network(Network& network, const NetworkPackage& package,
-                            const torch::Tensor& input) {
+namespace {
+
+// What the network gives for light that it was trained with.
+torch::Tensor whole_output(Network& network, const NetworkPackage& package,
+                           const torch::Tensor& input) {
   const std::int64_t planes = package.planes();
   const torch::Tensor base = input.slice(1, 0, planes);
   if (package.settings.noise_input != "units") {
@@ -224,6 +235,16 @@ torch::Tensor apply_network(Network& network, const NetworkPackage& package,
   torch::Tensor output = network.forward(torch::cat(seen, 1)).slice(1, 0, planes);
   if (adds_input(package)) output = output - seen.front();
   return package.settings.residual ? base + level * output : level * output;
+}
+
+}  // namespace
+
+torch::Tensor apply_network(Network& network, const NetworkPackage& package,
+                            const torch::Tensor& input) {
+  const torch::Tensor output = whole_output(network, package, input);
+  if (!package.corrects_guide() || !std::isfinite(package.brightest)) return output;
+  const torch::Tensor guide = input.slice(1, 0, package.planes());
+  return guide + share_of_correction(package, input) * (output - guide);
 }
 
 }  // namespace malus

@@ -69,6 +69,9 @@ struct NetworkPackage {
   NetworkDescription network;
   PackageSettings settings;
   nlohmann::json training;  ///< record: data, steps, seed, models, date, figures; may be null
+  /// The brightest light of training, in deviations of the noise (trained_light.h); infinite where
+  /// it is not known.
+  double brightest = std::numeric_limits<double>::infinity();
 
   SensorLayout layout() const { return SensorLayout::named(settings.layout); }
   int planes() const { return layout().channels(); }  ///< P: of the noisy mosaic
@@ -79,6 +82,8 @@ struct NetworkPackage {
   int upscale() const { return gives_picture() ? 2 : 1; }
   /// P of the guide if any, P noisy, then the noise planes: the base of a residual comes first.
   int input_planes() const;
+  /// The output is the guide's result and a correction of it.
+  bool corrects_guide() const { return settings.residual && settings.guide != "none"; }
 };
 
 /// Settings of the architecture that make its channels fit the package: input_planes() in,
@@ -176,7 +181,8 @@ torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& windo
 torch::Tensor noise_level_of(const NetworkPackage& package, const torch::Tensor& input);
 
 /// [batch, output_planes, rows, cols]: the network's forward pass and, for a residual, the base
-/// added.
+/// added. A guide brighter than the light of training is corrected by less, or not at all
+/// (trained_light.h).
 /// In units of the noise deviation σ (noise_input "units") the network sees base / 8σ, with a guide
 /// (noisy - guide) / σ, and σ; its correction is multiplied by σ.
 torch::Tensor apply_network(Network& network, const NetworkPackage& package,

@@ -39,6 +39,7 @@ set(neural_SOURCES
   threads.cpp
   tiles.cpp
   torch_checkpoint.cpp
+  trained_light.cpp
   trainer.cpp
   training_config.cpp
   training_log.cpp

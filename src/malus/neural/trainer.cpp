@@ -12,6 +12,7 @@
 #include "malus/neural/loss_watch.h"
 #include "malus/neural/run_folder.h"
 #include "malus/neural/same_run.h"
+#include "malus/neural/trained_light.h"
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
 
@@ -82,6 +83,7 @@ class Trainer {
     open_folder();
     const auto source = make_pair_source(config_);
     const Validation validation(config_, options_.seed + 1, progress_);
+    if (leader()) brightest_ = brightest_light(config_.package, *source, options_.seed, progress_);
     begin_log(validation);
     ExamplePool pool(
         [&](std::uint32_t number) {
@@ -326,6 +328,7 @@ class Trainer {
   void save_package(const fs::path& path, const OrderedJson& validation = {}) {
     const Averaged averaged(*this);
     NetworkPackage package = config_.package;
+    package.brightest = brightest_;
     package.training = {{"steps", state_.step},
                         {"device", device_.str()},
                         {"workers", workers_.size()},
@@ -382,6 +385,7 @@ class Trainer {
   TrainingState state_;
   LossWatch watch_;
   std::optional<TrainingLog> log_;
+  double brightest_ = 0;  ///< of the package that is saved
 };
 
 }  // namespace
