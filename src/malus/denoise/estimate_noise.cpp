@@ -300,8 +300,8 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     noise.levels += static_cast<int>(levels.back().size());
   }
   pool(lines);
-  const double shared = shared_detail(planes, saturated_dn);
-  take_texture_off(shared, levels, lines);
+  noise.texture_share = shared_detail(planes, saturated_dn);
+  take_texture_off(noise.texture_share, levels, lines);
   noise.levels /= planes.channels();
   noise.smooth_share = usable / all;
   noise.profile.layout = frame.layout;
@@ -325,12 +325,12 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   unpack(planes, frame.layout, dn);
   estimate_row_deviation(dn, saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation);
-  if (shared > kSharedIsTexture)
+  if (noise.texture_share > kSharedIsTexture)
     noise.trust += fmt::format(
         "; {:.0f} % of what looked like noise is alike in neighbouring channels, which noise never "
         "is: it is texture and was left out; finer texture was not, so the result may be blurred "
         "and too bright",
-        100 * shared);
+        100 * noise.texture_share);
   return noise;
 }
 

@@ -2,8 +2,6 @@
 
 #include "malus/denoise/estimate_noise.h"
 #include "malus/denoise/prepared_frame.h"
-#include "malus/denoise/shared_detail.h"
-#include "malus/image/pack.h"
 
 #include <algorithm>
 #include <cmath>
@@ -88,12 +86,7 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   const Estimate<PictureNoise> own = estimate_profile(sample);
   if (!own) return std::nullopt;
   NoiseCheck check;
-  check.texture_share =
-      profile.channels.size() < 2
-          ? 1
-          : shared_detail(
-                pack(sample.dn, sample.layout),
-                std::vector<float>(profile.channels.size(), static_cast<float>(sample.white_dn)));
+  check.texture_share = profile.channels.size() < 2 ? 1 : own->texture_share;  // one cannot tell
   double pixels = 0;
   const std::vector<ChannelSums> sums = sums_of(sample, profile);
   const auto channels = static_cast<double>(sums.size());
