@@ -157,6 +157,7 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"nonfinite_pixels", result.nonfinite_pixels},
             {"saturated_pixels", result.saturated_pixels},
             {"defect_pixels", result.defect_pixels},
+            {"impulse_pixels", result.impulse_pixels},
             {"dark_pattern_share", result.dark_pattern_share},
             {"response_pattern_share", result.response_pattern_share},
             {"frame_noise", noise_json(result)},
@@ -277,6 +278,8 @@ std::string corrections_text(const Json& run) {
   std::string text;
   if (const auto defects = run["defect_pixels"].get<std::int64_t>(); defects > 0)
     text += fmt::format(", {} defect pixels filled", defects);
+  if (const auto impulses = run["impulse_pixels"].get<std::int64_t>(); impulses > 0)
+    text += fmt::format(", {} impulses filled", impulses);
   for (const auto& [share, name] :
        {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
     if (const auto value = run[share].get<double>(); value > 0)

@@ -33,6 +33,26 @@ TEST(NoiseLaw, PhysicsHasTheVarianceOfItsParts) {
   expect_moments(NoiseLaw::physics(channel, parts, 1.0), 50, 50, read);
 }
 
+// The quantile function is the closed form.
+TEST(NoiseLaw, TailsAreThoseOfTheReadNoise) {
+  for (const double lambda : {-0.3, -0.1, 0.0, 0.1})
+    for (const double beyond : {0.2, 1e-3, 1e-8}) {
+      const PhysicsChannel channel{.gain_dn_per_e = 1.5, .lambda = lambda, .sigma_tl_dn = 2};
+      const double distance = -2 * tukey_lambda_quantile(beyond / 2, lambda);
+      EXPECT_NEAR(NoiseLaw::physics(channel, PhysicsParts{}, 1.0).read_tail(distance) / beyond, 1,
+                  1e-6)
+          << lambda;
+    }
+  NonparametricChannel measured;
+  measured.level_dn = {0};
+  measured.bin_edges_dn = {-20, -10, -1, 1, 10, 20};
+  measured.pmf = {{0.01, 0.2, 0.5, 0.27, 0.02}};
+  const NoiseLaw law = NoiseLaw::measured(measured, 0);
+  EXPECT_NEAR(law.read_tail(10), 0.03, 1e-12);
+  EXPECT_EQ(law.read_tail(20), 0);
+  EXPECT_EQ(NoiseLaw::gaussian(VarianceCurve::affine(1, 9)).read_tail(10), 0);
+}
+
 TEST(NoiseLaw, GaussianHasTheCurvesVariance) {
   const NoiseLaw affine = NoiseLaw::gaussian(VarianceCurve::affine(0.7, 9));
   const NoiseLaw table = NoiseLaw::gaussian(VarianceCurve::table({0, 100}, {9, 79}));

@@ -123,6 +123,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
       prepare_frame(std::move(frame), profile,
                     {.remove_rows = settings.row_noise && method.on_mosaic,
                      .fill_defects = settings.defects,
+                     .fill_impulses = settings.defects && method.on_mosaic,
                      .remove_pattern = settings.fixed_pattern},
                     result);
   const double preparation_s = preparation.seconds();

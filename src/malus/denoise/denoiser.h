@@ -45,7 +45,8 @@ struct DenoiseSettings {
     field(self.defects,
           ParameterInfo{"defects", "",
                         "fill the model's defect pixels from their neighbours, in frames of the "
-                        "sensor's whole size or of known place on it"});
+                        "sensor's whole size or of known place on it, and single pixels that the "
+                        "tails of its read noise explain"});
     field(self.fixed_pattern,
           ParameterInfo{"fixed_pattern", "",
                         "take out what the frame shows of the model's dark shading and PRNU maps, "
@@ -71,7 +72,8 @@ struct Denoised {
   std::vector<double> mean_shift_dn;
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
-  std::int64_t defect_pixels = 0;  ///< of the model's list, filled from their neighbours
+  std::int64_t defect_pixels = 0;   ///< of the model's list, filled from their neighbours
+  std::int64_t impulse_pixels = 0;  ///< of the read noise's tails (impulses.h), filled too
   /// Taken out of the frame, in units of the profile's maps; 0 where the frame does not show them.
   double dark_pattern_share = 0, response_pattern_share = 0;
   std::optional<NoiseCheck> noise;  ///< the frame's own against the profile's

@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/denoise/impulses.h"
 #include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
@@ -68,6 +69,13 @@ void fill_nonfinite(Image& dn, const SensorLayout& layout, std::vector<Nonfinite
   fill(dn, layout, list);
 }
 
+std::vector<FilledPixel> replace(Image& dn, const SensorLayout& layout,
+                                 const std::vector<DefectList::Place>& places) {
+  for (const DefectList::Place& p : places)
+    dn(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();  // none of them fills another
+  return fill(dn, layout, places);
+}
+
 // Those that hold a number: others come back as they are, whatever the list says of them.
 std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
                                       const DefectList& defects) {
@@ -75,9 +83,7 @@ std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
   std::vector<DefectList::Place> places;
   for (const DefectList::Place& p : defects.places)
     if (std::isfinite(dn(p.row, p.col))) places.push_back(p);
-  for (const DefectList::Place& p : places)
-    dn(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();  // no defect fills another
-  return fill(dn, layout, places);
+  return replace(dn, layout, places);
 }
 
 void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile,
@@ -149,6 +155,11 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
     for (const ChannelProfile& channel : profile.channels) sigma += channel.sigma_row_dn;
     report.row_noise_removed_dn = std::sqrt(sum / static_cast<double>(rows.offset.size())) * sigma /
                                   static_cast<double>(profile.channels.size());
+  }
+  if (steps.fill_impulses) {
+    const auto pixels = replace(prepared.dn, prepared.layout, find_impulses(prepared, profile));
+    report.impulse_pixels = std::ssize(pixels);
+    prepared.filled.insert(prepared.filled.end(), pixels.begin(), pixels.end());
   }
   prepared.mean_dn = channel_means(prepared.dn, prepared.layout);
   for (std::size_t k = 0; k < profile.channels.size(); ++k)

@@ -18,7 +18,7 @@ struct NonfinitePixel {
   float value;
 };
 
-/// A defect pixel that was filled from its neighbours.
+/// A defect pixel, or an impulse (impulses.h), that was filled from its neighbours.
 struct FilledPixel {
   int row, col;
   /// How far they contradict each other beyond their noise [DN²]; NaN where they cannot tell.
@@ -42,7 +42,7 @@ void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 
 /// What is done to a frame besides the profile's bias and stabilisation.
 struct PreparationSteps {
-  bool remove_rows = true, fill_defects = true, remove_pattern = true;
+  bool remove_rows = true, fill_defects = true, fill_impulses = true, remove_pattern = true;
 };
 
 /// Fills the report's fields about the input. Contract: check_frame has passed.

@@ -13,6 +13,7 @@ set(denoise_SOURCES
     detail_shrinkage.cpp
     estimate_noise.cpp
     frame_filter.cpp
+    impulses.cpp
     memory_budget.cpp
     mosaic_filter.cpp
     noise_check.cpp

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/noise/distribution.h"
 #include "malus/noise/level_noise.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
@@ -48,6 +49,8 @@ NoiseLaw NoiseLaw::physics(const PhysicsChannel& channel, const PhysicsParts& pa
                            double quantization_dn) {
   NoiseLaw law;
   law.shot_dn_per_e_ = parts.shot ? channel.gain_dn_per_e : 0.0;
+  law.lambda_ = channel.lambda;
+  law.sigma_tl_dn_ = parts.read ? channel.sigma_tl_dn : 0.0;
   const ReadDistribution read(channel.lambda, parts.read ? channel.sigma_tl_dn : 0.0,
                               parts.quantization ? quantization_dn : 0.0);
   Nodes nodes;
@@ -100,6 +103,16 @@ double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_d
   const double share =
       (signal_dn - level_dn_[above - 1]) / (level_dn_[above] - level_dn_[above - 1]);
   return (1.0 - share) * over(above - 1, 1.0) + share * over(above, 1.0);
+}
+
+double NoiseLaw::read_tail(double distance_dn) const {
+  MALUS_REQUIRE(distance_dn > 0);
+  if (sigma_tl_dn_ > 0) return 2 * tukey_lambda_cdf(-distance_dn / sigma_tl_dn_, lambda_);
+  if (level_dn_.empty()) return 0;
+  double sum = 0;
+  for (const Node& node : nodes_.front())
+    if (std::abs(node.x_dn) > distance_dn) sum += node.weight;
+  return sum;
 }
 
 std::vector<double> NoiseLaw::expectations(const std::function<double(double)>& f,

@@ -32,6 +32,11 @@ class NoiseLaw {
   std::vector<double> expectations(const std::function<double(double)>& f,
                                    const std::vector<double>& signals_dn) const;
 
+  /// Probability that the read noise alone lies further than this from its mean, distance_dn > 0:
+  /// of the Tukey-lambda part, or of the darkest measured level. 0 where nothing is known of it but
+  /// a variance.
+  double read_tail(double distance_dn) const;
+
  private:
   struct Node {
     double x_dn, weight;
@@ -40,7 +45,8 @@ class NoiseLaw {
   static Nodes normal_nodes(double deviation);
   double mean_at(const std::function<double(double)>& f, double signal_dn) const;
 
-  double shot_dn_per_e_ = 0;      ///< 0: no Poisson part
+  double lambda_ = 0, sigma_tl_dn_ = 0;  ///< of the read noise; sigma 0: none is known
+  double shot_dn_per_e_ = 0;             ///< 0: no Poisson part
   std::vector<double> level_dn_;  ///< signals of the nodes; empty where one set serves them all
   std::vector<Nodes> nodes_;      ///< per level
   double brightest_variance_dn2_ = 0, gain_above_dn_per_e_ = 0;  ///< of levels
