@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "denoise/instruction_sets.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -108,6 +109,14 @@ TEST_P(MosaicMethods, TheFramesAxesHelpWeakPolarization) {
   const double without = error();
   EXPECT_LT(with_prior, 0.99 * without);  // the same noise in both: 2.2 % here
   EXPECT_LT(with_prior, 0.35);            // of the noise
+}
+
+// Rounding can change which blocks are nearest, and so a pixel here and there by more than itself.
+TEST_P(MosaicMethods, AreTheSameOnEveryInstructionSet) {
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  const Image clean = textured(70, 93, layout);
+  const MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "normal", layout);
+  expect_same_on_every_instruction_set([&] { return filtered(clean, plan, layout); }, 0.1);
 }
 
 TEST(MosaicFilter, LargeBlocksHelpSmoothLight) {

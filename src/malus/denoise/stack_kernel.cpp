@@ -1,6 +1,6 @@
 // The inner loops of the mosaic filter. Vectors are 16 floats on every machine, in as many
-// registers as it needs, multiplied and added without contraction, so that all machines compute the
-// same bits.
+// registers as it needs, and where products are added in one rounding (`fused`), the source says
+// so, not the compiler: so all machines that can do that compute the same bits.
 #include "malus/denoise/internal/stack_kernel.h"
 
 #include <algorithm>
@@ -148,17 +148,30 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
   return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
 }
 
-/// sum over n of a[n][i] * b[n][k].
-HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count) {
-  constexpr int kRows = 4;  // sums that stay in registers
+constexpr CellMatrix kIdentity = [] {
+  CellMatrix matrix{};
+  for (std::size_t i = 0; i < kLanes; ++i) matrix[i][i] = 1;
+  return matrix;
+}();
+
+HWY_INLINE Floats row_of(const CellMatrix& matrix, std::size_t i) {
+  Floats row;
+  load(matrix[i].data(), row);
+  return row;
+}
+
+/// diagonal * I + sum over n of a[n] b[n]^T, vectors `stride` apart.
+HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count, int stride = 1,
+                               float diagonal = 0) {
+  constexpr int kRows = HWY_MAX_BYTES == sizeof(Floats) ? kLanes : 4;  // sums stay in registers
   CellMatrix matrix;
-  for (int row = 0; row < kLanes; row += kRows) {
-    Floats sum[kRows] = {};
-    for (int n = 0; n < count; ++n) {
-      const float* factor = reinterpret_cast<const float*>(a + n) + row;
-      for (int i = 0; i < kRows; ++i) sum[i] += factor[i] * b[n];
-    }
-    for (int i = 0; i < kRows; ++i) store(sum[i], matrix[static_cast<std::size_t>(row + i)].data());
+  for (std::size_t row = 0; row < kLanes; row += kRows) {
+    Floats sum[kRows];
+    for (std::size_t i = 0; i < kRows; ++i) sum[i] = diagonal * row_of(kIdentity, row + i);
+    for (int n = 0; n < count; ++n)
+      for (std::size_t i = 0; i < kRows; ++i)
+        sum[i] = fused(all<Floats>(lanes_of(a[n * stride])[row + i]), b[n * stride], sum[i]);
+    for (std::size_t i = 0; i < kRows; ++i) store(sum[i], matrix[row + i].data());
   }
   return matrix;
 }

@@ -30,36 +30,88 @@ HWY_INLINE float lane_sum(const Floats& v) {
   return sum;
 }
 
-/// x -> sum over k of x[k] * matrix[k].
+HWY_INLINE const float* lanes_of(const Floats& cell) {
+  return reinterpret_cast<const float*>(&cell);
+}
+
+/// cells[i] -> sum over k of cells[i][k] * matrix[k], for so many cells that sums stay in
+/// registers.
+template <int kCount>
+HWY_INLINE void rotate_some(Floats* cells, const CellMatrix& matrix) {
+  Floats sum[kCount] = {};
+  for (std::size_t k = 0; k < kLanes; ++k) {
+    Floats row;
+    load(matrix[k].data(), row);
+    for (int i = 0; i < kCount; ++i)
+      sum[i] = fused(all<Floats>(lanes_of(cells[i])[k]), row, sum[i]);
+  }
+  for (int i = 0; i < kCount; ++i) cells[i] = sum[i];
+}
+
 HWY_INLINE void rotate(Floats* cells, int count, const CellMatrix& matrix) {
-  Floats m[kLanes];
-  for (std::size_t k = 0; k < kLanes; ++k) load(matrix[k].data(), m[k]);
-  for (int i = 0; i < count; ++i) {
-    const Floats x = cells[i];
-    Floats even{}, odd{};
-    for (int k = 0; k < kLanes; k += 2) {
-      even += lane(x, k) * m[k];
-      odd += lane(x, k + 1) * m[k + 1];
+  constexpr int kTogether = 4;
+  int i = 0;
+  for (; i + kTogether <= count; i += kTogether) rotate_some<kTogether>(cells + i, matrix);
+  for (; i < count; ++i) rotate_some<1>(cells + i, matrix);
+}
+
+/// Orthonormal DCT-II of kSide cells, `stride` apart; matrix[k][i]. Even coefficients are those of
+/// half as many sums (every second row of the matrix, kStep rows apart), odd ones come from the
+/// differences.
+template <int kSide, int kStep = 1, int kSize>
+HWY_INLINE void transform_line(Floats* cells, int stride, const float (&matrix)[kSize][kSize]) {
+  if constexpr (kSide == 1) {
+    cells[0] = matrix[0][0] * cells[0];
+  } else {
+    constexpr int kHalf = kSide / 2;
+    Floats sums[kHalf], differences[kHalf];
+    for (int i = 0; i < kHalf; ++i) {
+      const Floats a = cells[i * stride], b = cells[(kSide - 1 - i) * stride];
+      sums[i] = a + b;
+      differences[i] = a - b;
     }
-    cells[i] = even + odd;
+    transform_line<kHalf, 2 * kStep>(sums, 1, matrix);
+    for (int k = 0; k < kHalf; ++k) {
+      const auto& row = matrix[kStep * (2 * k + 1)];
+      Floats odd = row[0] * differences[0];
+      for (int i = 1; i < kHalf; ++i) odd = fused(all<Floats>(row[i]), differences[i], odd);
+      cells[2 * k * stride] = sums[k];
+      cells[(2 * k + 1) * stride] = odd;
+    }
+  }
+}
+
+template <int kSide, int kStep = 1, int kSize>
+HWY_INLINE void inverse_line(Floats* cells, int stride, const float (&matrix)[kSize][kSize]) {
+  if constexpr (kSide == 1) {
+    cells[0] = matrix[0][0] * cells[0];
+  } else {
+    constexpr int kHalf = kSide / 2;
+    Floats evens[kHalf], odds[kHalf];
+    for (int i = 0; i < kHalf; ++i) {
+      evens[i] = cells[2 * i * stride];
+      odds[i] = cells[(2 * i + 1) * stride];
+    }
+    inverse_line<kHalf, 2 * kStep>(evens, 1, matrix);
+    for (int i = 0; i < kHalf; ++i) {
+      Floats odd = matrix[kStep][i] * odds[0];
+      for (int k = 1; k < kHalf; ++k)
+        odd = fused(all<Floats>(matrix[kStep * (2 * k + 1)][i]), odds[k], odd);
+      cells[i * stride] = evens[i] + odd;
+      cells[(kSide - 1 - i) * stride] = evens[i] - odd;
+    }
   }
 }
 
 /// Separable orthonormal transform of kSide x kSide cells; matrix[k][i].
 template <int kSide, int kSize>
 HWY_INLINE void transform_block(Floats* cells, const float (&matrix)[kSize][kSize], bool inverse) {
-  Floats rows[kSide * kSide];
-  const auto weight = [&](int k, int i) { return inverse ? matrix[i][k] : matrix[k][i]; };
-  for (int r = 0; r < kSide; ++r)
-    for (int k = 0; k < kSide; ++k) {
-      Floats sum = weight(k, 0) * cells[r * kSide];
-      for (int i = 1; i < kSide; ++i) sum += weight(k, i) * cells[r * kSide + i];
-      rows[r * kSide + k] = sum;
-    }
-  for (int c = 0; c < kSide; ++c)
-    for (int k = 0; k < kSide; ++k) {
-      Floats sum = weight(k, 0) * rows[c];
-      for (int i = 1; i < kSide; ++i) sum += weight(k, i) * rows[i * kSide + c];
-      cells[k * kSide + c] = sum;
-    }
+  const auto line = [&](Floats* first, int stride) {
+    if (inverse)
+      inverse_line<kSide>(first, stride, matrix);
+    else
+      transform_line<kSide>(first, stride, matrix);
+  };
+  for (int r = 0; r < kSide; ++r) line(cells + r * kSide, 1);
+  for (int c = 0; c < kSide; ++c) line(cells + c, kSide);
 }

@@ -15,6 +15,7 @@ constexpr int kQuarters = 4;  ///< components share their weights by fours
 // The pilot's energy is this share signal, the rest noise that it has kept: measured
 // (docs/denoising-experiments.md, "Combinations").
 constexpr float kPilotShare = 0.7f;
+constexpr float kDiagonal = kLanes / kPilotShare;  // D
 // One set of weights lets noise through in all 16 values, also in those that hold no signal: in
 // even areas all but one. So every value has a gain besides, q² / (q² + 1), q its energy in the
 // pilot over this share of the noise: measured too. Wiener's q / (q + 1) takes more of fine detail.
@@ -29,73 +30,79 @@ HWY_INLINE Floats quarter_of(const Floats* cells, int quarter) {
   return joined(joined(part[0], part[1]), joined(part[2], part[3]));
 }
 
-HWY_INLINE void set_quarter(const Floats& values, int quarter, Floats* cells) {
-  const auto top = low_half(values), bottom = high_half(values);
-  const Floats4 part[kQuarters] = {low_half(top), high_half(top), low_half(bottom),
-                                   high_half(bottom)};
-  for (int i = 0; i < kQuarters; ++i)
-    store(part[i], reinterpret_cast<float*>(cells + i) + kQuarters * quarter);
+/// Cells of a block to its quarters, or back.
+HWY_INLINE void swap_cells_and_quarters(Floats* block) {
+  Floats swapped[kQuarters];
+  for (int i = 0; i < kQuarters; ++i) swapped[i] = quarter_of(block, i);
+  std::copy_n(swapped, kQuarters, block);
 }
 
-/// m -> its inverse (Gauss and Jordan, in place). m is symmetric; its pivots are at least `least`,
-/// which rounding may not see.
-HWY_INLINE void invert(CellMatrix& m, float least) {
-  for (std::size_t k = 0; k < kLanes; ++k) {
-    const float pivot = 1.0f / std::max(m[k][k], least);
-    m[k][k] = 1.0f;
-    Floats row;
-    load(m[k].data(), row);
-    row *= pivot;
-    store(row, m[k].data());
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      if (i == k) continue;
-      const float factor = m[i][k];
-      m[i][k] = 0;
-      Floats other;
-      load(m[i].data(), other);
-      other -= factor * row;
-      store(other, m[i].data());
+/// m -> minus its inverse, for matrices that are symmetric and whose pivots are at least `least`,
+/// which rounding may not see. All at once, since every step waits for the one before. (The sweep
+/// operator: Goodnight, "A tutorial on the SWEEP operator", Am. Stat. 33(3), 1979. Its matrices
+/// stay symmetric, so a row serves as the column too.)
+HWY_INLINE void invert(CellMatrix (&matrices)[kQuarters], float least) {
+  const Floats zero{};
+  for (std::size_t k = 0; k < kLanes; ++k)
+    for (CellMatrix& m : matrices) {
+      const CellVector column = m[k];
+      const float pivot = 1.0f / std::max(column[k], least);
+      const auto here = row_of(kIdentity, k) > zero;
+      const Floats row = choose(here, all<Floats>(pivot), row_of(m, k) * -pivot);
+      for (std::size_t i = 0; i < kLanes; ++i) {
+        const Floats others = choose(here, zero, row_of(m, i));
+        store(fused(all<Floats>(column[i]), row, others), m[i].data());
+      }
+      store(zero - row, m[k].data());
     }
-  }
 }
 
-/// Combines one quarter of all blocks. Returns the sum of its squared weights, ||K||^2.
-HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count, int quarter) {
-  constexpr float kDiagonal = kLanes / kPilotShare;
-  Floats p[kMaxStack], r[kMaxStack];
-  for (int n = 0; n < count; ++n) {
-    p[n] = quarter_of(pilot + n * kQuarters, quarter);
-    r[n] = quarter_of(cells + n * kQuarters, quarter) - p[n];
-  }
-  CellMatrix inverse = products(p, p, count), shift = products(p, r, count);
+/// Combines one quarter of all blocks. negative: -M; shift: R P^T - D I, transposed. Returns the
+/// sum of its squared weights, ||K||^2.
+HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
+                                 const CellMatrix& negative, const CellMatrix& shift) {
+  Floats step[kLanes], squares{}, trace{};
   for (std::size_t i = 0; i < kLanes; ++i) {
-    inverse[i][i] += kDiagonal;
-    for (float& value : shift[i]) value = -value;
-    shift[i][i] += kDiagonal;
+    step[i] = row_of(negative, i);
+    squares = fused(step[i], step[i], squares);
+    trace = fused(step[i], row_of(kIdentity, i), trace);
   }
-  invert(inverse, kDiagonal);
-  Floats step[kLanes], squares{};
-  float trace = 0;
-  for (std::size_t i = 0; i < kLanes; ++i) {
-    load(inverse[i].data(), step[i]);
-    squares += step[i] * step[i];
-    trace += inverse[i][i];
-  }
+  // K has the eigenvalues of I - D M that are not zero.
+  const float squared_weights = std::max(
+      kLanes + 2 * kDiagonal * lane_sum(trace) + kDiagonal * kDiagonal * lane_sum(squares), 0.0f);
   rotate(step, kLanes, shift);
   CellMatrix to_step;
   for (std::size_t i = 0; i < kLanes; ++i) store(step[i], to_step[i].data());
-  // K has the eigenvalues of I - D M that are not zero.
-  const float squared_weights =
-      std::max(kLanes - 2 * kDiagonal * trace + kDiagonal * kDiagonal * lane_sum(squares), 0.0f);
   Floats moved[kMaxStack], energy{};
-  for (int n = 0; n < count; ++n) energy += p[n] * p[n];
+  for (int n = 0; n < count; ++n) {
+    moved[n] = pilot[n * kQuarters];
+    energy = fused(moved[n], moved[n], energy);
+  }
   const Floats ratio = energy / (kNoiseShare * squared_weights + kLeastNoise);
   const Floats gain = ratio * ratio / (ratio * ratio + 1.0f);
-  std::copy_n(p, count, moved);
   rotate(moved, count, to_step);
-  for (int n = 0; n < count; ++n)
-    set_quarter(gain * (p[n] - moved[n]), quarter, cells + n * kQuarters);
+  for (int n = 0; n < count; ++n) cells[n * kQuarters] = gain * (pilot[n * kQuarters] - moved[n]);
   return squared_weights * lane_sum(gain * gain) / kLanes;
+}
+
+/// Combines all blocks; the pilot is lost. Returns the sum of the squared weights of all values.
+HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count) {
+  for (int i = 0; i < count * kQuarters; i += kQuarters) {
+    swap_cells_and_quarters(cells + i);
+    swap_cells_and_quarters(pilot + i);
+  }
+  for (int i = 0; i < count * kQuarters; ++i) cells[i] -= pilot[i];
+  CellMatrix negative[kQuarters], shift[kQuarters];
+  for (int i = 0; i < kQuarters; ++i) {
+    negative[i] = products(pilot + i, pilot + i, count, kQuarters, kDiagonal);
+    shift[i] = products(pilot + i, cells + i, count, kQuarters, -kDiagonal);
+  }
+  invert(negative, kDiagonal);
+  float squares = 0;  // each of the kLanes values of a quarter has the same weights
+  for (int i = 0; i < kQuarters; ++i)
+    squares += kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], shift[i]);
+  for (int i = 0; i < count * kQuarters; i += kQuarters) swap_cells_and_quarters(cells + i);
+  return squares;
 }
 
 /// The expected squared error as the Wiener filter with the same pilot would have it: K itself,
@@ -121,10 +128,7 @@ HWY_INLINE Shrinkage combine_blocks(const StackJob& job, int count, Floats* cell
   transform_blocks<2>(pilot, count, job, false);
   Shrinkage result{};
   if (job.error) result.error = wiener_error(cells, pilot, count, spare);
-  float squares = 0;  // each of the kLanes values of a quarter has the same weights
-  for (int quarter = 0; quarter < kQuarters; ++quarter)
-    squares += kLanes * combine_quarter(cells, pilot, count, quarter);
-  result.weight = stack_weight(squares);
+  result.weight = stack_weight(combine_quarters(cells, pilot, count));
   transform_blocks<2>(cells, count, job, true);
   return result;
 }

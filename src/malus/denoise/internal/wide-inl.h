@@ -75,6 +75,30 @@ MALUS_INTO_HALVES(-=)
 MALUS_INTO_HALVES(*=)
 #undef MALUS_INTO_HALVES
 
+/// a * b + c, rounded once where the instruction set can: AVX2 and better can, and agree to the
+/// bit.
+template <class Vector>
+HWY_INLINE Vector fused(const Vector& a, const Vector& b, const Vector& c) {
+  if constexpr (kIsTwo<Vector>) {
+    return {fused(a.low, b.low, c.low), fused(a.high, b.high, c.high)};
+  } else if constexpr (sizeof(Vector) > HWY_MAX_BYTES) {
+    return a * b + c;  // no instruction set at all
+  } else {
+    const hwy::HWY_NAMESPACE::FixedTag<float, sizeof(Vector) / sizeof(float)> tag;
+    using Wide = hwy::HWY_NAMESPACE::Vec<decltype(tag)>;
+    return hwy::HWY_NAMESPACE::MulAdd(Wide{a}, Wide{b}, Wide{c}).raw;
+  }
+}
+
+/// The number in all lanes.
+template <class Vector>
+HWY_INLINE Vector all(float number) {
+  if constexpr (kIsTwo<Vector>)
+    return {all<decltype(Vector::low)>(number), all<decltype(Vector::low)>(number)};
+  else
+    return Vector{} + number;
+}
+
 /// Lane by lane: a where the mask is true, else b.
 template <class Mask, class Vector>
 HWY_INLINE Vector choose(const Mask& mask, const Vector& a, const Vector& b) {
