@@ -2,6 +2,7 @@
 #include "malus/denoise/internal/detail_kernel.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <iterator>

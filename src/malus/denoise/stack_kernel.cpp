@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <numeric>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #undef HWY_TARGET_INCLUDE
@@ -176,6 +178,7 @@ HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count, int 
   return matrix;
 }
 
+#include "malus/denoise/internal/stack_axes-inl.h"
 #include "malus/denoise/internal/stack_ridge-inl.h"
 
 HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
@@ -197,24 +200,24 @@ HWY_INLINE void add(CellMatrix& to, float share, const CellMatrix& more) {
     for (std::size_t k = 0; k < kLanes; ++k) to[i][k] += share * more[i][k];
 }
 
-/// Components of a stack. The guide's stack is left in `guide`.
+/// What a stack's axes are the principal ones of.
 template <int kSide>
-HWY_INLINE CellMatrix stack_axes(const StackJob& job, std::size_t alignment,
-                                 const std::vector<std::ptrdiff_t>& matches, int count,
-                                 Floats* guide) {
+HWY_INLINE CellMatrix stack_moments(const StackJob& job, std::size_t alignment,
+                                    const std::vector<std::ptrdiff_t>& matches, int count,
+                                    Floats* room) {
   constexpr int kCells = kSide * kSide;
   // Blocks beyond the stack are similar enough to steady its axes.
   constexpr float kBeyondShare = 0.3f;
   CellMatrix moments{};
   const int beyond = static_cast<int>(matches.size()) - count;
   if (job.filter != StackFilter::hard && beyond > 0) {
-    gather<kSide>(job, job.guide, matches.data() + count, beyond, guide);
-    add(moments, kBeyondShare, second_moments(guide, beyond * kCells));
+    gather<kSide>(job, job.guide, matches.data() + count, beyond, room);
+    add(moments, kBeyondShare, second_moments(room, beyond * kCells));
   }
-  gather<kSide>(job, job.guide, matches.data(), count, guide);
-  add(moments, 1.0f, second_moments(guide, count * kCells));
+  gather<kSide>(job, job.guide, matches.data(), count, room);
+  add(moments, 1.0f, second_moments(room, count * kCells));
   add(moments, job.axes_prior, (*job.priors)[alignment]);
-  return principal_axes(moments);
+  return moments;
 }
 
 template <int kSide>
@@ -253,46 +256,76 @@ HWY_INLINE Shrinkage shrink_stack(const StackJob& job, int count, Floats* cells,
   return result;
 }
 
+/// Stacks that get their axes together.
+struct Batch {
+  int size = 0;
+  struct Stack {
+    int row, col, count;
+    std::vector<std::ptrdiff_t> matches;
+  } stacks[kLanes];
+  CellMatrix moments[kLanes], axes[kLanes];
+};
+
+template <int kSide>
+HWY_INLINE void filter_stack(const StackJob& job, const Batch::Stack& stack, const CellMatrix& axes,
+                             Floats* cells) {
+  const int total = stack.count * kSide * kSide;
+  const std::ptrdiff_t* matches = stack.matches.data();
+  Floats *pilot = cells + job.stack * kSide * kSide, *spare = pilot + job.stack * kSide * kSide;
+  gather<kSide>(job, job.noisy, matches, stack.count, cells);
+  rotate(cells, total, axes);
+  if (job.filter != StackFilter::hard) {
+    gather<kSide>(job, job.guide, matches, stack.count, pilot);
+    rotate(pilot, total, axes);
+  }
+  const Shrinkage result = shrink_stack<kSide>(job, stack.count, cells, pilot, spare);
+  if (job.passed)
+    job.passed_of(stack.row, stack.col) =
+        1.0f / (result.weight * static_cast<float>(total * kLanes));
+  const CellMatrix back = transposed(axes);
+  rotate(cells, total, back);
+  Floats error{};
+  for (int k = 0; k < kLanes; ++k) {
+    const Floats axis = row_of(back, static_cast<std::size_t>(k));
+    error += lane(result.error, k) * axis * axis;
+  }
+  put_back<kSide>(job, matches, stack.count, cells, result.weight, error);
+}
+
+template <int kSide>
+HWY_INLINE void filter_batch(const StackJob& job, Batch& batch, Floats* cells) {
+  const bool own_axes = job.axes_prior != kFrameAxes;
+  if (own_axes) axes_of_stacks(batch.moments, batch.size, batch.axes);
+  for (int i = 0; i < batch.size; ++i) {
+    const Batch::Stack& stack = batch.stacks[i];
+    filter_stack<kSide>(
+        job, stack,
+        own_axes ? batch.axes[i] : (*job.rotations)[job.alignment(stack.row, stack.col)], cells);
+  }
+  batch.size = 0;
+}
+
 template <int kSide>
 void filter_block(const StackJob& job, const ReferenceBlock& block) {
-  constexpr int kCells = kSide * kSide;
   Search search(job);
-  std::vector<CellVector> memory(4 * static_cast<std::size_t>(job.stack * kCells) + 1);
+  std::vector<CellVector> memory(4 * static_cast<std::size_t>(job.stack * kSide * kSide) + 1);
   // Aligned by hand: std::vector gives 16 bytes.
   auto address = reinterpret_cast<std::uintptr_t>(memory.data());
   auto* cells = reinterpret_cast<Floats*>((address + 63) & ~std::uintptr_t{63});
-  Floats* pilot = cells + job.stack * kCells;
-  const bool guided = job.filter != StackFilter::hard;
+  const auto batch = std::make_unique<Batch>();
   for (int row = block.row_begin; row < block.row_end; row += job.step)
     for (int col = block.col_begin; col < block.col_end; col += job.step) {
-      const int count = match<kSide * kCell>(job, row, col, search);
-      const std::vector<std::ptrdiff_t>& matches = search.matches;
-      const int total = count * kCells;
-      gather<kSide>(job, job.noisy, matches.data(), count, cells);
-      const std::size_t alignment = job.alignment(row, col);
-      CellMatrix axes;
-      if (job.axes_prior == kFrameAxes) {
-        axes = (*job.rotations)[alignment];
-        if (guided) gather<kSide>(job, job.guide, matches.data(), count, pilot);
-      } else {
-        axes = stack_axes<kSide>(job, alignment, matches, count, pilot);
-      }
-      rotate(cells, total, axes);
-      if (guided) rotate(pilot, total, axes);
-      const Shrinkage result =
-          shrink_stack<kSide>(job, count, cells, pilot, pilot + job.stack * kCells);
-      if (job.passed)
-        job.passed_of(row, col) = 1.0f / (result.weight * static_cast<float>(total * kLanes));
-      const CellMatrix back = transposed(axes);
-      rotate(cells, total, back);
-      Floats error{};
-      for (int k = 0; k < kLanes; ++k) {
-        Floats axis;
-        load(back[static_cast<std::size_t>(k)].data(), axis);
-        error += lane(result.error, k) * axis * axis;
-      }
-      put_back<kSide>(job, matches.data(), count, cells, result.weight, error);
+      Batch::Stack& stack = batch->stacks[batch->size];
+      stack.row = row;
+      stack.col = col;
+      stack.count = match<kSide * kCell>(job, row, col, search);
+      std::swap(stack.matches, search.matches);
+      if (job.axes_prior != kFrameAxes)
+        batch->moments[batch->size] =
+            stack_moments<kSide>(job, job.alignment(row, col), stack.matches, stack.count, cells);
+      if (++batch->size == kLanes) filter_batch<kSide>(job, *batch, cells);
     }
+  filter_batch<kSide>(job, *batch, cells);
 }
 
 void filter(const StackJob& job, const ReferenceBlock& block) {
@@ -307,6 +340,10 @@ int match_one(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>
                                            : match<8 * kCell>(job, row, col, search);
   matches = std::move(search.matches);
   return count;
+}
+
+void axes_of_all(const CellMatrix* moments, int count, CellMatrix* axes) {
+  axes_of(moments, count, axes);
 }
 
 /// Weighted sum of linear estimates of all cells on a lattice of kGuideStep pixels.
@@ -329,12 +366,16 @@ HWY_AFTER_NAMESPACE();
 namespace malus::internal {
 HWY_EXPORT(filter);
 HWY_EXPORT(match_one);
+HWY_EXPORT(axes_of_all);
 HWY_EXPORT(smooth);
 void filter_references(const StackJob& job, const ReferenceBlock& block) {
   HWY_DYNAMIC_DISPATCH(filter)(job, block);
 }
 int match_reference(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {
   return HWY_DYNAMIC_DISPATCH(match_one)(job, row, col, matches);
+}
+void axes_of_stacks(const CellMatrix* moments, int count, CellMatrix* axes) {
+  HWY_DYNAMIC_DISPATCH(axes_of_all)(moments, count, axes);
 }
 void smooth_cells(const SmoothJob& job, int row_begin, int row_end) {
   HWY_DYNAMIC_DISPATCH(smooth)(job, row_begin, row_end);

@@ -54,6 +54,9 @@ void filter_references(const StackJob& job, const ReferenceBlock& block);
 /// (a power of two); as many again follow where the window has them, the next nearest in its order.
 int match_reference(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches);
 
+/// What principal_axes gives, of up to kLanes symmetric matrices at once.
+void axes_of_stacks(const CellMatrix* moments, int count, CellMatrix* axes);
+
 inline constexpr int kGuideStep = 2;  ///< mosaic pixels between the cells that the guide averages
 
 /// sum += matrices[alignment] (cell - mean) + mean for all cells of the lattice.

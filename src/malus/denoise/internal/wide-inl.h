@@ -90,6 +90,20 @@ HWY_INLINE Vector fused(const Vector& a, const Vector& b, const Vector& c) {
   }
 }
 
+template <class Vector>
+HWY_INLINE Vector root(const Vector& v) {
+  if constexpr (kIsTwo<Vector>) {
+    return {root(v.low), root(v.high)};
+  } else if constexpr (sizeof(Vector) > HWY_MAX_BYTES) {
+    Vector roots = v;
+    for (std::size_t i = 0; i < sizeof(v) / sizeof(float); ++i) roots[i] = std::sqrt(v[i]);
+    return roots;
+  } else {
+    const hwy::HWY_NAMESPACE::FixedTag<float, sizeof(Vector) / sizeof(float)> tag;
+    return hwy::HWY_NAMESPACE::Sqrt(hwy::HWY_NAMESPACE::Vec<decltype(tag)>{v}).raw;
+  }
+}
+
 /// The number in all lanes.
 template <class Vector>
 HWY_INLINE Vector all(float number) {
