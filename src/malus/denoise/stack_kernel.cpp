@@ -307,7 +307,7 @@ HWY_INLINE void filter_batch(const StackJob& job, Batch& batch, Floats* cells) {
 
 template <int kSide>
 void filter_block(const StackJob& job, const ReferenceBlock& block) {
-  Search search(job);
+  Search search(job, block, kSide * kCell);
   std::vector<CellVector> memory(4 * static_cast<std::size_t>(job.stack * kSide * kSide) + 1);
   // Aligned by hand: std::vector gives 16 bytes.
   auto address = reinterpret_cast<std::uintptr_t>(memory.data());
@@ -333,13 +333,17 @@ void filter(const StackJob& job, const ReferenceBlock& block) {
   filter_block<4>(job, block);
 }
 
-int match_one(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {
-  Search search(job);
-  const int count = job.block_cells == 2   ? match<2 * kCell>(job, row, col, search)
-                    : job.block_cells == 4 ? match<4 * kCell>(job, row, col, search)
-                                           : match<8 * kCell>(job, row, col, search);
+template <int kBlock>
+int match_one_of(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {
+  Search search(job, {row, row + 1, col, col + 1}, kBlock);
+  const int count = match<kBlock>(job, row, col, search);
   matches = std::move(search.matches);
   return count;
+}
+
+int match_one(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches) {
+  return job.block_cells == 2 ? match_one_of<2 * kCell>(job, row, col, matches)
+                              : match_one_of<4 * kCell>(job, row, col, matches);
 }
 
 void axes_of_all(const CellMatrix* moments, int count, CellMatrix* axes) {

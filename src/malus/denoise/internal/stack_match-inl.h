@@ -7,39 +7,147 @@ constexpr std::int32_t kReference = -1;  ///< the reference's own key: it always
 constexpr std::int32_t kFarthest = std::numeric_limits<std::int32_t>::max() - 1;
 
 /// Blocks in the order of the search window; keys are readable to the end of their last vector and
-/// there greater than any distance.
+/// there, and where a slot holds no block, greater than any distance.
 struct Candidates {
-  std::vector<std::int32_t> keys;
-  std::vector<std::ptrdiff_t> offsets;
-  int count = 0;
+  std::vector<std::int32_t> keys, places;  ///< places: offsets from the reference
+  int slots = 0, count = 0;                ///< count: blocks
 
   explicit Candidates(int most)
-      : keys(static_cast<std::size_t>(most + 2 * kLanes)), offsets(keys.size()) {}
+      : keys(static_cast<std::size_t>(most + 2 * kLanes)), places(keys.size()) {}
   int most() const { return static_cast<int>(keys.size()) - 2 * kLanes; }
-  void put(int at, std::int32_t key, std::ptrdiff_t offset) {
+  void put(int at, std::int32_t key, std::int32_t place) {
     keys[static_cast<std::size_t>(at)] = key;
-    offsets[static_cast<std::size_t>(at)] = offset;
+    places[static_cast<std::size_t>(at)] = place;
   }
-  void set_count(int n) {
+  void set_count(int n, int all_slots) {
     count = n;
-    std::fill_n(keys.begin() + n, kLanes, kFarthest + 1);
+    slots = all_slots;
+    std::fill_n(keys.begin() + all_slots, kLanes, kFarthest + 1);
   }
 };
 
-/// A block's rows, two of 8 pixels or parts of one of 16 to a vector.
-template <int kBlock>
-HWY_INLINE Floats load_part(const float* block, std::ptrdiff_t stride, int part) {
-  if constexpr (kBlock == 8) {
-    Floats8 top, bottom;
-    load(block + 2 * part * stride, top);
-    load(block + (2 * part + 1) * stride, bottom);
-    return joined(top, bottom);
-  } else {
-    constexpr int kParts = kBlock / kLanes;
-    Floats values;
-    load(block + part / kParts * stride + part % kParts * kLanes, values);
-    return values;
+/// How far the search window reaches from a reference, in periods of the layout.
+struct Window {
+  int up, down, left, right;
+  Window(const StackJob& job, int block, int row, int col) {
+    const auto steps = [&](int room, int period) { return std::min(job.search, room / period); };
+    up = steps(row, job.period_rows);
+    left = steps(col, job.period_cols);
+    down = steps(job.rows - block - row, job.period_rows);
+    right = steps(job.cols - block - col, job.period_cols);
   }
+  int rows() const { return up + down + 1; }
+  int cols() const { return left + right + 1; }
+  /// Of candidates per row: whole vectors, the last of which may be a half.
+  int slots() const { return (cols() + 7) / 8 * 8; }
+};
+
+/// The guide around some references, pixels that are a period of the layout apart side by side: so
+/// are the pixels that one pixel of a reference is compared with.
+class Lattices {
+ public:
+  Lattices(const StackJob& job, const ReferenceBlock& block, int side)
+      : job_(job),
+        row_(std::max(block.row_begin - job.search * job.period_rows, 0)),
+        col_(std::max(block.col_begin - job.search * job.period_cols, 0)) {
+    const int rows = std::min(block.row_end + side + job.search * job.period_rows, job.rows) - row_;
+    const int cols = std::min(block.col_end + side + job.search * job.period_cols, job.cols) - col_;
+    pitch_ = (cols + job.period_cols - 1) / job.period_cols;
+    size_ = pitch_ * ((rows + job.period_rows - 1) / job.period_rows);
+    values_.resize(static_cast<std::size_t>(size_ * job.period_rows * job.period_cols) + kLanes);
+    for (int r = 0; r < rows; ++r) {
+      const float* from = job.guide + (row_ + r) * job.stride + col_;
+      float* to = values_.data() + row_part(row_ + r);
+      for (int phase = 0; phase < job.period_cols; ++phase, to += size_)
+        for (int c = phase, i = 0; c < cols; c += job.period_cols, ++i) to[i] = from[c];
+    }
+  }
+  /// Where a pixel of the tile is: at values() + row_part(row) + col_part(col).
+  std::ptrdiff_t row_part(int row) const {
+    const int r = row - row_;
+    return r % job_.period_rows * job_.period_cols * size_ + r / job_.period_rows * pitch_;
+  }
+  std::ptrdiff_t col_part(int col) const {
+    return (col - col_) % job_.period_cols * size_ + (col - col_) / job_.period_cols;
+  }
+  const float* values() const { return values_.data(); }
+  std::ptrdiff_t pitch() const { return pitch_; }
+
+ private:
+  const StackJob& job_;
+  int row_, col_;
+  std::ptrdiff_t pitch_, size_;
+  std::vector<float> values_;
+};
+
+/// One block and where its pixels' lattices begin in the window.
+template <int kBlock>
+struct Reference {
+  const float* pixels;
+  std::ptrdiff_t stride, row_part[kBlock], col_part[kBlock];
+};
+
+/// Squared distances of as many candidates of each row as a vector holds, seven rows at a time.
+template <class Vector, class Keys, int kBlock>
+HWY_INLINE void measure_strip(const Reference<kBlock>& reference, const Lattices& lattices,
+                              const Window& window, int first, Candidates& found) {
+  constexpr int kRows = 7, kWidth = sizeof(Vector) / sizeof(float);
+  std::int32_t numbers[kWidth];
+  std::iota(numbers, numbers + kWidth, first);
+  Keys number;
+  load(numbers, number);
+  const auto there = number < window.cols();
+  for (int top = 0; top < window.rows(); top += kRows) {
+    std::ptrdiff_t at[kRows];
+    Vector sums[kRows] = {};
+    for (int i = 0; i < kRows; ++i)
+      at[i] = std::min(top + i, window.rows() - 1) * lattices.pitch() + first;
+    for (int r = 0; r < kBlock; ++r)
+      for (int c = 0; c < kBlock; ++c) {
+        const Vector pixel = all<Vector>(reference.pixels[r * reference.stride + c]);
+        const float* lattice = lattices.values() + reference.row_part[r] + reference.col_part[c];
+        for (int i = 0; i < kRows; ++i) {
+          Vector difference;
+          load(lattice + at[i], difference);
+          difference -= pixel;
+          sums[i] = fused(difference, difference, sums[i]);
+        }
+      }
+    for (int i = 0; i < kRows; ++i) {
+      if (top + i >= window.rows()) continue;  // the loop's bounds are fixed: sums stay registers
+      Keys keys, none{};
+      std::memcpy(&keys, &sums[i], sizeof(keys));
+      keys &= std::numeric_limits<std::int32_t>::max();  // what is no number has a sign
+      store(choose(there, keys, none + (kFarthest + 1)),
+            &found.keys[static_cast<std::size_t>((top + i) * window.slots() + first)]);
+    }
+  }
+}
+
+/// Squared distances of all blocks in the window.
+template <int kBlock>
+HWY_INLINE void measure(const StackJob& job, int row, int col, const Lattices& lattices,
+                        Candidates& found) {
+  const Window window(job, kBlock, row, col);
+  Reference<kBlock> reference;
+  reference.pixels = job.guide + row * job.stride + col;
+  reference.stride = job.stride;
+  for (int i = 0; i < kBlock; ++i) {
+    reference.row_part[i] = lattices.row_part(row - window.up * job.period_rows + i);
+    reference.col_part[i] = lattices.col_part(col - window.left * job.period_cols + i);
+  }
+  int first = 0;
+  for (; first + 8 < window.slots(); first += 16)
+    measure_strip<Floats, Ints>(reference, lattices, window, first, found);
+  if (first < window.slots())
+    measure_strip<Floats8, Ints8>(reference, lattices, window, first, found);
+  for (int y = 0, slot = 0; y < window.rows(); ++y)
+    for (int x = 0; x < window.slots(); ++x, ++slot)
+      found.places[static_cast<std::size_t>(slot)] =
+          static_cast<std::int32_t>((y - window.up) * job.period_rows * job.stride) +
+          (x - window.left) * job.period_cols;
+  found.keys[static_cast<std::size_t>(window.up * window.slots() + window.left)] = kReference;
+  found.set_count(window.rows() * window.cols(), window.rows() * window.slots());
 }
 
 /// Sums of lanes 4 apart: a quarter of the vector.
@@ -51,58 +159,10 @@ HWY_INLINE auto quarter_sums(const Vector& v) {
     return quarter_sums(low_half(v) + high_half(v));
 }
 
-/// The sums of four vectors.
-HWY_INLINE Floats4 four_sums(const Floats (&v)[4]) {
-  const Floats4 a = quarter_sums(v[0]), b = quarter_sums(v[1]), c = quarter_sums(v[2]),
-                d = quarter_sums(v[3]);
-  const Floats4 ab = __builtin_shufflevector(a, b, 0, 4, 1, 5) +
-                     __builtin_shufflevector(a, b, 2, 6, 3, 7),
-                cd = __builtin_shufflevector(c, d, 0, 4, 1, 5) +
-                     __builtin_shufflevector(c, d, 2, 6, 3, 7);
-  return __builtin_shufflevector(ab, cd, 0, 1, 4, 5) + __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
-}
-
-/// Squared distances of all blocks in the window, four blocks at a time.
-template <int kBlock>
-HWY_INLINE void measure(const StackJob& job, int row, int col, Candidates& found) {
-  constexpr int kParts = kBlock * kBlock / kLanes;
-  const auto steps = [&](int room, int period) { return std::min(job.search, room / period); };
-  const int up = steps(row, job.period_rows), left = steps(col, job.period_cols),
-            down = steps(job.rows - kBlock - row, job.period_rows),
-            right = steps(job.cols - kBlock - col, job.period_cols), across = left + right + 1;
-  const std::ptrdiff_t home = row * job.stride + col;
-  Floats reference[kParts];
-  for (int p = 0; p < kParts; ++p)
-    reference[p] = load_part<kBlock>(job.guide + home, job.stride, p);
-  int count = 0;
-  for (int y = -up; y <= down; ++y) {
-    const std::ptrdiff_t first = home + y * job.period_rows * job.stride - left * job.period_cols;
-    for (int x = 0; x < across; x += 4, count += 4) {
-      Floats squares[4] = {};
-      for (int i = 0; i < 4; ++i) {
-        const std::ptrdiff_t offset = first + std::min(x + i, across - 1) * job.period_cols;
-        for (int p = 0; p < kParts; ++p) {
-          const Floats d = load_part<kBlock>(job.guide + offset, job.stride, p) - reference[p];
-          squares[i] += d * d;
-        }
-        found.offsets[static_cast<std::size_t>(count + i)] = offset;
-      }
-      const Floats4 sums = four_sums(squares);
-      Ints4 keys;
-      std::memcpy(&keys, &sums, sizeof(keys));
-      keys &= std::numeric_limits<std::int32_t>::max();  // what is no number has a sign
-      store(keys, &found.keys[static_cast<std::size_t>(count)]);
-    }
-    count -= (4 - across % 4) % 4;  // the last block again
-  }
-  found.keys[static_cast<std::size_t>(up * across + left)] = kReference;
-  found.set_count(count);
-}
-
 /// How many keys are at most `limit`.
 HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
   Ints sum{};
-  for (int i = 0; i < from.count; i += kLanes) {
+  for (int i = 0; i < from.slots; i += kLanes) {
     Ints keys;
     load(&from.keys[static_cast<std::size_t>(i)], keys);
     sum -= keys <= limit;  // true is -1
@@ -111,9 +171,29 @@ HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
   return quarter[0] + quarter[1] + quarter[2] + quarter[3];
 }
 
-/// Moves the `wanted` nearest to `near` and, where asked for, the others to `rest`, both in the
-/// order of the window. Of equal distances the earlier block is the nearer.
-template <bool kWithRest>
+/// Moves blocks whose keys are at most `limit` to `near`, the others to `rest`; returns how many
+/// are near.
+HWY_INLINE int split_at(const Candidates& from, std::int32_t limit, Candidates& near,
+                        Candidates& rest) {
+  namespace hn = hwy::HWY_NAMESPACE;
+  const hn::CappedTag<std::int32_t, kLanes> tag;
+  std::size_t nearest = 0, others = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); i += hn::Lanes(tag)) {
+    const auto keys = hn::LoadU(tag, &from.keys[i]), places = hn::LoadU(tag, &from.places[i]);
+    const auto leave = hn::Gt(keys, hn::Set(tag, limit)), take = hn::Not(leave);
+    hn::StoreU(hn::Compress(keys, take), tag, &near.keys[nearest]);
+    hn::StoreU(hn::Compress(places, take), tag, &near.places[nearest]);
+    hn::StoreU(hn::Compress(keys, leave), tag, &rest.keys[others]);
+    hn::StoreU(hn::Compress(places, leave), tag, &rest.places[others]);
+    const std::size_t taken = hn::CountTrue(tag, take);
+    nearest += taken;
+    others += hn::Lanes(tag) - taken;
+  }
+  return static_cast<int>(nearest);
+}
+
+/// Moves the `wanted` nearest to `near` and the others to `rest`, both in the order of the window.
+/// Of equal distances the earlier block is the nearer.
 HWY_INLINE void split(const Candidates& from, int wanted, Candidates& near, Candidates& rest) {
   // Fewer than wanted keys are up to low, `below`; at least as many are up to high.
   std::int32_t low = kReference - 1, high = kFarthest;
@@ -124,24 +204,25 @@ HWY_INLINE void split(const Candidates& from, int wanted, Candidates& near, Cand
     (many < wanted ? low : high) = middle;
     (many < wanted ? below : up_to) = many;
   }
-  int room = wanted - below, nearest = 0, others = 0;  // room: for those above low
-  for (std::size_t i = 0; i < static_cast<std::size_t>(from.count); ++i) {
-    const std::int32_t key = from.keys[i];
-    const bool last = key > low && key <= high, take = key <= low || (last && room > 0);
-    room -= last;
-    near.put(nearest, key, from.offsets[i]);
-    nearest += take;
-    if constexpr (kWithRest) {
-      rest.put(others, key, from.offsets[i]);
-      others += !take;
+  int nearest = 0, others = 0;
+  if (up_to == wanted) {
+    nearest = split_at(from, high, near, rest);
+    others = from.count - nearest;
+  } else {
+    int room = wanted - below;  // for those at high, all equally far
+    for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); ++i) {
+      const std::int32_t key = from.keys[i];
+      const bool take = key <= low || (key == high && room-- > 0);
+      (take ? near : rest).put(take ? nearest++ : others++, key, from.places[i]);
     }
+    others = from.count - nearest;
   }
-  near.set_count(nearest);
-  rest.set_count(others);
+  near.set_count(nearest, nearest);
+  rest.set_count(others, others);
 }
 
 /// Writes the offsets, the nearest first.
-HWY_INLINE void sort(const Candidates& from, std::ptrdiff_t* sorted) {
+HWY_INLINE void sort(const Candidates& from, std::ptrdiff_t home, std::ptrdiff_t* sorted) {
   constexpr std::ptrdiff_t kFree = std::numeric_limits<std::ptrdiff_t>::min();
   std::fill_n(sorted, from.count, kFree);
   for (int first = 0; first < from.count; first += kLanes) {
@@ -151,17 +232,19 @@ HWY_INLINE void sort(const Candidates& from, std::ptrdiff_t* sorted) {
     for (int i = 0; i < std::min(kLanes, from.count - first); ++i) {
       int place = lane(rank, i);
       while (sorted[place] != kFree) ++place;  // of equal ones the earlier leads
-      sorted[place] = from.offsets[static_cast<std::size_t>(first + i)];
+      sorted[place] = home + from.places[static_cast<std::size_t>(first + i)];
     }
   }
 }
 
 /// What the search for one block needs, for all references of a thread.
 struct Search {
+  Lattices lattices;
   Candidates all, near, rest, nearest;
   std::vector<std::ptrdiff_t> matches;  ///< offsets of the blocks' first pixels
-  explicit Search(const StackJob& job)
-      : all((2 * job.search + 1) * (2 * job.search + 1)),
+  Search(const StackJob& job, const ReferenceBlock& block, int side)
+      : lattices(job, block, side),
+        all((2 * job.search + 1) * (2 * job.search + 8)),
         near(all.most()),
         rest(all.most()),
         nearest(all.most()) {}
@@ -172,14 +255,17 @@ struct Search {
 /// are so many.
 template <int kBlock>
 HWY_INLINE int match(const StackJob& job, int row, int col, Search& search) {
-  measure<kBlock>(job, row, col, search.all);
+  measure<kBlock>(job, row, col, search.lattices, search.all);
   int count = 1;
   while (2 * count <= std::min(job.stack, search.all.count)) count *= 2;
   const int wide = std::min(2 * count, search.all.count);
-  split<false>(search.all, wide, search.near, search.rest);
-  split<true>(search.near, count, search.nearest, search.rest);
+  split(search.all, wide, search.near, search.rest);
+  split(search.near, count, search.nearest, search.rest);
   search.matches.resize(static_cast<std::size_t>(wide));
-  sort(search.nearest, search.matches.data());
-  std::copy_n(search.rest.offsets.begin(), wide - count, search.matches.begin() + count);
+  const std::ptrdiff_t home = row * job.stride + col;
+  sort(search.nearest, home, search.matches.data());
+  std::transform(search.rest.places.begin(), search.rest.places.begin() + (wide - count),
+                 search.matches.begin() + count,
+                 [home](std::int32_t place) { return home + place; });
   return count;
 }

@@ -73,6 +73,7 @@ MALUS_BY_HALVES(<=)
 MALUS_INTO_HALVES(+=)
 MALUS_INTO_HALVES(-=)
 MALUS_INTO_HALVES(*=)
+MALUS_INTO_HALVES(&=)
 #undef MALUS_INTO_HALVES
 
 /// a * b + c, rounded once where the instruction set can: AVX2 and better can, and agree to the
@@ -110,7 +111,7 @@ HWY_INLINE Vector all(float number) {
   if constexpr (kIsTwo<Vector>)
     return {all<decltype(Vector::low)>(number), all<decltype(Vector::low)>(number)};
   else
-    return Vector{} + number;
+    return number - Vector{};  // which compilers see through, as they do not through 0 + number
 }
 
 /// Lane by lane: a where the mask is true, else b.
