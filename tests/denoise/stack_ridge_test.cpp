@@ -41,11 +41,21 @@ double kaiser(int i) {
   return std::cyl_bessel_i(0.0, 2.0 * std::sqrt(1.0 - x * x));
 }
 
+// Every second cell of the blocks, as on a chessboard whose colours change from block to block.
+Matrix half_of(const Matrix& blocks) {
+  Matrix half(2 * kLanes, blocks.cols());
+  for (int n = 0; n < blocks.cols(); ++n)
+    for (int i = 0; i < 2; ++i)  // cells 0 and 3, or 1 and 2
+      half.col(n).segment(i * kLanes, kLanes) =
+          blocks.col(n).segment((n % 2 ? 1 + i : 3 * i) * kLanes, kLanes);
+  return half;
+}
+
 // Principal axes of a stack as columns, the strongest first; the blocks beyond it count by 0.3.
 Matrix axes_of(const Image& pilot, const std::vector<std::ptrdiff_t>& at, int count) {
   const int beyond = static_cast<int>(at.size()) - count;
   Matrix moments = cell_moments(blocks_of(pilot, at, 0, count));
-  if (beyond > 0) moments += 0.3 * cell_moments(blocks_of(pilot, at, count, beyond));
+  if (beyond > 0) moments += 0.3 * cell_moments(half_of(blocks_of(pilot, at, count, beyond)));
   const Eigen::SelfAdjointEigenSolver<Matrix> solver(moments);
   return solver.eigenvectors().rowwise().reverse();
 }
@@ -174,7 +184,8 @@ class Ridge : public testing::TestWithParam<double> {};
 // Axes are given: those that hold nothing but the pilot's noise are not decided in floats where the
 // brightness is a thousand times as strong. 3000 deviations of the noise are the brightest here; a
 // sensor of 100,000 electrons has about 600.
-// Energies are squares, and floats hold them to seven digits: so does the tolerance.
+// Energies are squares, and floats hold them to seven digits, of which sums and the inverse lose
+// some.
 TEST_P(Ridge, IsThePlainCombination) {
   OneStack one(GetParam());
   const auto at = one.matches();
@@ -188,7 +199,7 @@ TEST_P(Ridge, IsThePlainCombination) {
   one.stage.axes_prior = kFrameAxes;
   expect_near(one.estimate(),
               combine_plainly(one.noisy.pixels, one.pilot, at, one.stage.stack, axes),
-              1e-4 + 1e-7 * GetParam() * GetParam());
+              1e-4 + 4e-7 * GetParam() * GetParam());
 }
 INSTANTIATE_TEST_SUITE_P(Light, Ridge, testing::Values(1.0, 30.0, 1000.0));
 

@@ -219,7 +219,7 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   }
   MosaicFilterPlan coarse = quick(last);
   if (ridge) {
-    coarse.guided.push_back(guided(last, 7, 10, 64));
+    coarse.guided.push_back(guided(last, 7, 8, 64));
     // A quarter and an eighth of the size too: even light and slow ramps come out up to 2 dB
     // better, the rest as it was (docs/denoising-experiments.md, "Coarser scales").
     MosaicFilterPlan quarter = coarse;

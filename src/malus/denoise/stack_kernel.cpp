@@ -81,6 +81,19 @@ HWY_INLINE void gather(const StackJob& job, const float* from, const std::ptrdif
             load_cell(from + matches[n] + r * kCell * job.stride + c * kCell, job.stride);
 }
 
+/// Every second cell of the blocks, as on a chessboard; returns how many.
+template <int kSide>
+HWY_INLINE int gather_half(const StackJob& job, const float* from, const std::ptrdiff_t* matches,
+                           int count, Floats* cells) {
+  int total = 0;
+  for (int n = 0; n < count; ++n)
+    for (int r = 0; r < kSide; ++r)
+      for (int c = (n + r) % 2; c < kSide; c += 2)
+        cells[total++] =
+            load_cell(from + matches[n] + r * kCell * job.stride + c * kCell, job.stride);
+  return total;
+}
+
 #include "malus/denoise/internal/stack_match-inl.h"
 
 struct Shrinkage {
@@ -150,39 +163,16 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
   return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
 }
 
-constexpr CellMatrix kIdentity = [] {
-  CellMatrix matrix{};
-  for (std::size_t i = 0; i < kLanes; ++i) matrix[i][i] = 1;
-  return matrix;
-}();
-
-HWY_INLINE Floats row_of(const CellMatrix& matrix, std::size_t i) {
-  Floats row;
-  load(matrix[i].data(), row);
-  return row;
-}
-
-/// diagonal * I + sum over n of a[n] b[n]^T, vectors `stride` apart.
-HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count, int stride = 1,
-                               float diagonal = 0) {
-  constexpr int kRows = HWY_MAX_BYTES == sizeof(Floats) ? kLanes : 4;  // sums stay in registers
-  CellMatrix matrix;
-  for (std::size_t row = 0; row < kLanes; row += kRows) {
-    Floats sum[kRows];
-    for (std::size_t i = 0; i < kRows; ++i) sum[i] = diagonal * row_of(kIdentity, row + i);
-    for (int n = 0; n < count; ++n)
-      for (std::size_t i = 0; i < kRows; ++i)
-        sum[i] = fused(all<Floats>(lanes_of(a[n * stride])[row + i]), b[n * stride], sum[i]);
-    for (std::size_t i = 0; i < kRows; ++i) store(sum[i], matrix[row + i].data());
-  }
-  return matrix;
-}
-
 #include "malus/denoise/internal/stack_axes-inl.h"
 #include "malus/denoise/internal/stack_ridge-inl.h"
 
+/// The upper triangle, the only part that axes_of needs.
 HWY_INLINE CellMatrix second_moments(const Floats* cells, int total) {
-  CellMatrix moments = products(cells, cells, total);
+  constexpr std::size_t kHalf = kLanes / 2, kRows = HWY_MAX_BYTES == sizeof(Floats) ? kHalf : 4;
+  CellMatrix moments{};
+  for (std::size_t row = 0; row < kHalf; row += kRows)
+    product_rows<Floats, kRows>(cells, cells, total, 1, 0, row, moments);
+  product_rows<Floats8, kHalf>(cells, cells, total, 1, 0, kHalf, moments);
   for (CellVector& row : moments)
     for (float& value : row) value *= 1.0f / static_cast<float>(total);
   return moments;
@@ -206,13 +196,13 @@ HWY_INLINE CellMatrix stack_moments(const StackJob& job, std::size_t alignment,
                                     const std::vector<std::ptrdiff_t>& matches, int count,
                                     Floats* room) {
   constexpr int kCells = kSide * kSide;
-  // Blocks beyond the stack are similar enough to steady its axes.
+  // Blocks beyond the stack are similar enough to steady its axes; half of their cells will do.
   constexpr float kBeyondShare = 0.3f;
   CellMatrix moments{};
   const int beyond = static_cast<int>(matches.size()) - count;
   if (job.filter != StackFilter::hard && beyond > 0) {
-    gather<kSide>(job, job.guide, matches.data() + count, beyond, room);
-    add(moments, kBeyondShare, second_moments(room, beyond * kCells));
+    const int total = gather_half<kSide>(job, job.guide, matches.data() + count, beyond, room);
+    add(moments, kBeyondShare, second_moments(room, total));
   }
   gather<kSide>(job, job.guide, matches.data(), count, room);
   add(moments, 1.0f, second_moments(room, count * kCells));
@@ -223,6 +213,7 @@ HWY_INLINE CellMatrix stack_moments(const StackJob& job, std::size_t alignment,
 template <int kSide>
 HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int count,
                          const Floats* cells, float weight, const Floats& error) {
+  for (int n = 0; n < count; ++n) job.weight[matches[n]] += weight;
   for (int r = 0; r < kSide; ++r)
     for (int c = 0; c < kSide; ++c) {
       Floats window;
@@ -231,7 +222,6 @@ HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int
       for (int n = 0; n < count; ++n) {
         const std::ptrdiff_t at = matches[n] + r * kCell * job.stride + c * kCell;
         add_cell(job.sum + at, job.stride, window * cells[(n * kSide + r) * kSide + c]);
-        add_cell(job.weight + at, job.stride, window);
         if (job.error) add_cell(job.error + at, job.stride, window * error);
       }
     }

@@ -32,15 +32,21 @@ void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
                                         std::cos(std::numbers::pi * (i + 0.5) * k / n));
 }
 
-// Kaiser window over the block's pixels, as cells.
-std::vector<CellVector> kaiser_cells(int side) {
-  const int block = side * kCell;
+// Kaiser window along one side of a block.
+std::vector<double> kaiser(int block) {
   std::vector<double> profile;
   for (int i = 0; i < block; ++i) {
     const double x = 2.0 * (i + 0.5) / block - 1.0;
     profile.push_back(std::cyl_bessel_i(0.0, kKaiserShape * std::sqrt(1.0 - x * x)) /
                       std::cyl_bessel_i(0.0, kKaiserShape));
   }
+  return profile;
+}
+
+// Kaiser window over the block's pixels, as cells.
+std::vector<CellVector> kaiser_cells(int side) {
+  const int block = side * kCell;
+  const std::vector<double> profile = kaiser(block);
   std::vector<CellVector> window(static_cast<std::size_t>(side * side));
   for (int r = 0; r < block; ++r)
     for (int c = 0; c < block; ++c)
@@ -48,6 +54,24 @@ std::vector<CellVector> kaiser_cells(int side) {
             [static_cast<std::size_t>(r % kCell * kCell + c % kCell)] = static_cast<float>(
                 profile[static_cast<std::size_t>(r)] * profile[static_cast<std::size_t>(c)]);
   return window;
+}
+
+// What the windows of all blocks add up to in one row of pixels. weights: as StackJob::weight. Once
+// for all is less work than for every block.
+std::vector<float> sum_windows(const Image& weights, const std::vector<double>& profile, int row) {
+  const auto size = static_cast<std::size_t>(weights.cols());
+  std::vector<float> down(size), sums(size);
+  for (std::size_t i = 0; i < profile.size(); ++i) {
+    if (row < static_cast<int>(i)) break;
+    const float share = static_cast<float>(profile[i]);
+    const float* from = weights.row(row - static_cast<int>(i));
+    for (std::size_t c = 0; c < size; ++c) down[c] += share * from[c];
+  }
+  for (std::size_t i = 0; i < profile.size(); ++i) {
+    const float share = static_cast<float>(profile[i]);
+    for (std::size_t c = i; c < size; ++c) sums[c] += share * down[c - i];
+  }
+  return sums;
 }
 
 // Positions of references along one axis, in tile coordinates: [begin, end) stepping by step.
@@ -178,15 +202,21 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
     job.first_col = passed_out->first_col;
   }
   filter_all(job, input, stage, progress);
+  const std::vector<double> profile = kaiser(stage.block());
   parallel_for(0, noisy.rows(), 64, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < end; ++r)
-      for (int c = 0; c < noisy.cols(); ++c) {
-        const float w = weight(r, c);
-        sum(r, c) = w > 0 ? sum(r, c) / w : noisy(r, c);
-        if (variance_out)
-          (*variance_out)(r, c) =
-              w > 0 ? stated_error((*variance_out)(r, c) / w, stage.optimism) : 1.0f;
+    for (int r = static_cast<int>(begin); r < end; ++r) {
+      const std::vector<float> weights = sum_windows(weight, profile, r);
+      float* to = sum.row(r);
+      const float* samples = noisy.row(r);
+      for (std::size_t c = 0; c < weights.size(); ++c) {
+        const bool reached = weights[c] > 0;
+        to[c] = (reached ? to[c] : samples[c]) / (reached ? weights[c] : 1.0f);
       }
+      if (!variance_out) continue;
+      float* error = variance_out->row(r);
+      for (std::size_t c = 0; c < weights.size(); ++c)
+        error[c] = weights[c] > 0 ? stated_error(error[c] / weights[c], stage.optimism) : 1.0f;
+    }
   });
   return sum;
 }

@@ -55,6 +55,48 @@ HWY_INLINE void rotate(Floats* cells, int count, const CellMatrix& matrix) {
   for (; i < count; ++i) rotate_some<1>(cells + i, matrix);
 }
 
+constexpr CellMatrix kIdentity = [] {
+  CellMatrix matrix{};
+  for (std::size_t i = 0; i < kLanes; ++i) matrix[i][i] = 1;
+  return matrix;
+}();
+
+HWY_INLINE Floats row_of(const CellMatrix& matrix, std::size_t i) {
+  Floats row;
+  load(matrix[i].data(), row);
+  return row;
+}
+
+/// Rows of diagonal * I + sum over n of a[n] b[n]^T, vectors `stride` apart; the last so many of
+/// their values as Vector has.
+template <class Vector, std::size_t kRows>
+HWY_INLINE void product_rows(const Floats* a, const Floats* b, int count, int stride,
+                             float diagonal, std::size_t row, CellMatrix& matrix) {
+  constexpr std::size_t kFirst = kLanes - sizeof(Vector) / sizeof(float);
+  Vector sums[kRows];
+  for (std::size_t i = 0; i < kRows; ++i) {
+    load(kIdentity[row + i].data() + kFirst, sums[i]);
+    sums[i] *= diagonal;
+  }
+  for (int n = 0; n < count; ++n) {
+    Vector values;
+    load(lanes_of(b[n * stride]) + kFirst, values);
+    for (std::size_t i = 0; i < kRows; ++i)
+      sums[i] = fused(all<Vector>(lanes_of(a[n * stride])[row + i]), values, sums[i]);
+  }
+  for (std::size_t i = 0; i < kRows; ++i) store(sums[i], matrix[row + i].data() + kFirst);
+}
+
+HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count, int stride,
+                               float diagonal) {
+  constexpr std::size_t kRows =  // whose sums stay in registers
+      HWY_MAX_BYTES == sizeof(Floats) ? kLanes : 4;
+  CellMatrix matrix;
+  for (std::size_t row = 0; row < kLanes; row += kRows)
+    product_rows<Floats, kRows>(a, b, count, stride, diagonal, row, matrix);
+  return matrix;
+}
+
 /// Orthonormal DCT-II of kSide cells, `stride` apart; matrix[k][i]. Even coefficients are those of
 /// half as many sums (every second row of the matrix, kStep rows apart), odd ones come from the
 /// differences.

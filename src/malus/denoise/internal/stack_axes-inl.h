@@ -64,7 +64,8 @@ HWY_INLINE void play_round(LaneMatrices& m, int round) {
     for (int i = 0; i < kLanes; ++i) turn.apply(m.axes[turn.p][i], m.axes[turn.q][i]);
 }
 
-/// Components of stacks from their moments, at most kLanes, as principal_axes gives them.
+/// Components of stacks from the upper triangles of their moments, at most kLanes, as
+/// principal_axes gives them.
 HWY_INLINE void axes_of(const CellMatrix* moments, int count, CellMatrix* axes) {
   LaneMatrices m;
   for (std::size_t i = 0; i < kLanes; ++i)

@@ -18,7 +18,7 @@ struct StackJob {
   const float* noisy;
   const float* guide;
   float* sum;
-  float* weight;
+  float* weight;  ///< of stacks, at the first pixels of their blocks
   float* error;   ///< may be null
   float* passed;  ///< may be null; of the references from first_row and first_col on, in steps
   std::ptrdiff_t passed_stride;
@@ -54,7 +54,7 @@ void filter_references(const StackJob& job, const ReferenceBlock& block);
 /// (a power of two); as many again follow where the window has them, the next nearest in its order.
 int match_reference(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches);
 
-/// What principal_axes gives, of up to kLanes symmetric matrices at once.
+/// What principal_axes gives, of the upper triangles of up to kLanes matrices at once.
 void axes_of_stacks(const CellMatrix* moments, int count, CellMatrix* axes);
 
 inline constexpr int kGuideStep = 2;  ///< mosaic pixels between the cells that the guide averages

@@ -39,19 +39,17 @@ HWY_INLINE void swap_cells_and_quarters(Floats* block) {
 
 /// m -> minus its inverse, for matrices that are symmetric and whose pivots are at least `least`,
 /// which rounding may not see. All at once, since every step waits for the one before. (The sweep
-/// operator: Goodnight, "A tutorial on the SWEEP operator", Am. Stat. 33(3), 1979. Its matrices
-/// stay symmetric, so a row serves as the column too.)
+/// operator: Goodnight, "A tutorial on the SWEEP operator", Am. Stat. 33(3), 1979.)
 HWY_INLINE void invert(CellMatrix (&matrices)[kQuarters], float least) {
   const Floats zero{};
   for (std::size_t k = 0; k < kLanes; ++k)
     for (CellMatrix& m : matrices) {
-      const CellVector column = m[k];
-      const float pivot = 1.0f / std::max(column[k], least);
+      const float pivot = 1.0f / std::max(m[k][k], least);
       const auto here = row_of(kIdentity, k) > zero;
       const Floats row = choose(here, all<Floats>(pivot), row_of(m, k) * -pivot);
       for (std::size_t i = 0; i < kLanes; ++i) {
         const Floats others = choose(here, zero, row_of(m, i));
-        store(fused(all<Floats>(column[i]), row, others), m[i].data());
+        store(fused(all<Floats>(m[i][k]), row, others), m[i].data());
       }
       store(zero - row, m[k].data());
     }
