@@ -50,18 +50,20 @@ Image smoothed(const Image& from, bool down) {
   const auto taps = gaussian();
   Image to(from.rows(), from.cols());
   const int size = down ? from.rows() : from.cols();
-  for (int r = 0; r < from.rows(); ++r)
-    for (int c = 0; c < from.cols(); ++c) {
-      float sum = 0, weight = 0;
-      for (int t = -kRadius; t <= kRadius; ++t) {
-        const int at = (down ? r : c) + t;
-        if (at < 0 || at >= size) continue;
-        const float tap = taps[static_cast<std::size_t>(t + kRadius)];
-        sum += tap * (down ? from(at, c) : from(r, at));
-        weight += tap;
+  parallel_for(0, from.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < from.cols(); ++c) {
+        float sum = 0, weight = 0;
+        for (int t = -kRadius; t <= kRadius; ++t) {
+          const int at = (down ? r : c) + t;
+          if (at < 0 || at >= size) continue;
+          const float tap = taps[static_cast<std::size_t>(t + kRadius)];
+          sum += tap * (down ? from(at, c) : from(r, at));
+          weight += tap;
+        }
+        to(r, c) = sum / weight;
       }
-      to(r, c) = sum / weight;
-    }
+  });
   return to;
 }
 

@@ -116,9 +116,17 @@ class Shrinkage {
     positions(row, estimate_.row0, out_.rows(), frame_rows_, row_at);
     for (int col = first * kStep; col < estimate_.col0 + cols; col += kStep) {
       positions(col, estimate_.col0, cols, frame_cols_, col_at);
-      for (int r = 0; r < kDetailBlock; ++r)
-        for (int c = 0; c < kDetailBlock; ++c)
-          block.pixels[r * kDetailBlock + c] = estimate_.pixels(row_at[r], col_at[c]);
+      const bool folds = std::adjacent_find(std::begin(col_at), std::end(col_at), [](int a, int b) {
+                           return b != a + 1;
+                         }) != std::end(col_at);
+      for (int r = 0; r < kDetailBlock; ++r) {
+        const float* from = estimate_.pixels.row(row_at[r]);
+        float* to = block.pixels + r * kDetailBlock;
+        if (folds)
+          for (int c = 0; c < kDetailBlock; ++c) to[c] = from[col_at[c]];
+        else
+          std::copy_n(from + col_at[0], kDetailBlock, to);
+      }
       shrink_detail_block(job_, threshold_ * passed_in(passed_, row, col), block);
       add(block, row - estimate_.row0, col - estimate_.col0);
     }

@@ -149,18 +149,26 @@ Image smoothed(const internal::StackTile& noisy, const CellStatistics& statistic
       if (start + kCell <= size) ++count;
     return count;
   };
-  for (int r = 0; r < from.rows(); ++r)
-    for (int c = 0; c < from.cols(); ++c) {
-      const int count = covers(r, from.rows()) * covers(c, from.cols());
-      sum(r, c) = count > 0 ? sum(r, c) / static_cast<float>(count) : from(r, c);
+  std::vector<int> across;
+  for (int c = 0; c < from.cols(); ++c) across.push_back(covers(c, from.cols()));
+  parallel_for(0, from.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
+      const int down = covers(r, from.rows());
+      for (int c = 0; c < from.cols(); ++c) {
+        const int count = down * across[static_cast<std::size_t>(c)];
+        sum(r, c) = count > 0 ? sum(r, c) / static_cast<float>(count) : from(r, c);
+      }
     }
+  });
   return sum;
 }
 
 // to += share * (other - to)
 void blend(Image& to, const Image& other, float share) {
-  for (std::size_t i = 0; i < to.size(); ++i)
-    to.values()[i] += share * (other.values()[i] - to.values()[i]);
+  parallel_for(0, to.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < to.cols(); ++c) to(r, c) += share * (other(r, c) - to(r, c));
+  });
 }
 
 // A pass by small blocks, and by large ones where these leave less error, as Stein's estimates
