@@ -87,14 +87,12 @@ HWY_INLINE void product_rows(const Floats* a, const Floats* b, int count, int st
   for (std::size_t i = 0; i < kRows; ++i) store(sums[i], matrix[row + i].data() + kFirst);
 }
 
-HWY_INLINE CellMatrix products(const Floats* a, const Floats* b, int count, int stride,
-                               float diagonal) {
+HWY_INLINE void products(const Floats* a, const Floats* b, int count, int stride, float diagonal,
+                         CellMatrix& matrix) {
   constexpr std::size_t kRows =  // whose sums stay in registers
       HWY_MAX_BYTES == sizeof(Floats) ? kLanes : 4;
-  CellMatrix matrix;
   for (std::size_t row = 0; row < kLanes; row += kRows)
     product_rows<Floats, kRows>(a, b, count, stride, diagonal, row, matrix);
-  return matrix;
 }
 
 /// Orthonormal DCT-II of kSide cells, `stride` apart; matrix[k][i]. Even coefficients are those of

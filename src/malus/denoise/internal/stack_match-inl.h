@@ -171,8 +171,9 @@ HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
   return quarter[0] + quarter[1] + quarter[2] + quarter[3];
 }
 
-/// Moves blocks whose keys are at most `limit` to `near`, the others to `rest`; returns how many
-/// are near.
+/// Moves blocks whose keys are at most `limit` to `near` and, where asked for, the others to
+/// `rest`; returns how many are near.
+template <bool kWithRest>
 HWY_INLINE int split_at(const Candidates& from, std::int32_t limit, Candidates& near,
                         Candidates& rest) {
   namespace hn = hwy::HWY_NAMESPACE;
@@ -183,17 +184,21 @@ HWY_INLINE int split_at(const Candidates& from, std::int32_t limit, Candidates& 
     const auto leave = hn::Gt(keys, hn::Set(tag, limit)), take = hn::Not(leave);
     hn::StoreU(hn::Compress(keys, take), tag, &near.keys[nearest]);
     hn::StoreU(hn::Compress(places, take), tag, &near.places[nearest]);
-    hn::StoreU(hn::Compress(keys, leave), tag, &rest.keys[others]);
-    hn::StoreU(hn::Compress(places, leave), tag, &rest.places[others]);
     const std::size_t taken = hn::CountTrue(tag, take);
+    if constexpr (kWithRest) {
+      hn::StoreU(hn::Compress(keys, leave), tag, &rest.keys[others]);
+      hn::StoreU(hn::Compress(places, leave), tag, &rest.places[others]);
+    }
     nearest += taken;
     others += hn::Lanes(tag) - taken;
   }
   return static_cast<int>(nearest);
 }
 
-/// Moves the `wanted` nearest to `near` and the others to `rest`, both in the order of the window.
-/// Of equal distances the earlier block is the nearer.
+/// Moves the `wanted` nearest to `near` and, where asked for, the others to `rest`, both in the
+/// order of the window; the others only of candidates without empty slots. Of equal distances the
+/// earlier block is the nearer.
+template <bool kWithRest>
 HWY_INLINE void split(const Candidates& from, int wanted, Candidates& near, Candidates& rest) {
   // Fewer than wanted keys are up to low, `below`; at least as many are up to high.
   std::int32_t low = kReference - 1, high = kFarthest;
@@ -204,21 +209,21 @@ HWY_INLINE void split(const Candidates& from, int wanted, Candidates& near, Cand
     (many < wanted ? low : high) = middle;
     (many < wanted ? below : up_to) = many;
   }
-  int nearest = 0, others = 0;
+  int nearest = 0;
   if (up_to == wanted) {
-    nearest = split_at(from, high, near, rest);
-    others = from.count - nearest;
+    nearest = split_at<kWithRest>(from, high, near, rest);
   } else {
-    int room = wanted - below;  // for those at high, all equally far
+    int room = wanted - below, others = 0;  // room: for those at high, all equally far
     for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); ++i) {
       const std::int32_t key = from.keys[i];
-      const bool take = key <= low || (key == high && room-- > 0);
-      (take ? near : rest).put(take ? nearest++ : others++, key, from.places[i]);
+      if (key <= low || (key == high && room-- > 0))
+        near.put(nearest++, key, from.places[i]);
+      else if constexpr (kWithRest)
+        rest.put(others++, key, from.places[i]);
     }
-    others = from.count - nearest;
   }
   near.set_count(nearest, nearest);
-  rest.set_count(others, others);
+  if constexpr (kWithRest) rest.set_count(from.count - nearest, from.count - nearest);
 }
 
 /// Writes the offsets, the nearest first.
@@ -259,8 +264,8 @@ HWY_INLINE int match(const StackJob& job, int row, int col, Search& search) {
   int count = 1;
   while (2 * count <= std::min(job.stack, search.all.count)) count *= 2;
   const int wide = std::min(2 * count, search.all.count);
-  split(search.all, wide, search.near, search.rest);
-  split(search.near, count, search.nearest, search.rest);
+  split<false>(search.all, wide, search.near, search.rest);
+  split<true>(search.near, count, search.nearest, search.rest);
   search.matches.resize(static_cast<std::size_t>(wide));
   const std::ptrdiff_t home = row * job.stride + col;
   sort(search.nearest, home, search.matches.data());

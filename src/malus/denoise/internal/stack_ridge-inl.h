@@ -92,8 +92,8 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count) {
   for (int i = 0; i < count * kQuarters; ++i) cells[i] -= pilot[i];
   CellMatrix negative[kQuarters], shift[kQuarters];
   for (int i = 0; i < kQuarters; ++i) {
-    negative[i] = products(pilot + i, pilot + i, count, kQuarters, kDiagonal);
-    shift[i] = products(pilot + i, cells + i, count, kQuarters, -kDiagonal);
+    products(pilot + i, pilot + i, count, kQuarters, kDiagonal, negative[i]);
+    products(pilot + i, cells + i, count, kQuarters, -kDiagonal, shift[i]);
   }
   invert(negative, kDiagonal);
   float squares = 0;  // each of the kLanes values of a quarter has the same weights
