@@ -176,21 +176,35 @@ HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
 template <bool kWithRest>
 HWY_INLINE int split_at(const Candidates& from, std::int32_t limit, Candidates& near,
                         Candidates& rest) {
-  namespace hn = hwy::HWY_NAMESPACE;
-  const hn::CappedTag<std::int32_t, kLanes> tag;
   std::size_t nearest = 0, others = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); i += hn::Lanes(tag)) {
-    const auto keys = hn::LoadU(tag, &from.keys[i]), places = hn::LoadU(tag, &from.places[i]);
-    const auto leave = hn::Gt(keys, hn::Set(tag, limit)), take = hn::Not(leave);
-    hn::StoreU(hn::Compress(keys, take), tag, &near.keys[nearest]);
-    hn::StoreU(hn::Compress(places, take), tag, &near.places[nearest]);
-    const std::size_t taken = hn::CountTrue(tag, take);
-    if constexpr (kWithRest) {
-      hn::StoreU(hn::Compress(keys, leave), tag, &rest.keys[others]);
-      hn::StoreU(hn::Compress(places, leave), tag, &rest.places[others]);
+  if constexpr (HWY_MAX_BYTES == sizeof(Ints)) {
+    namespace hn = hwy::HWY_NAMESPACE;
+    const hn::CappedTag<std::int32_t, kLanes> tag;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); i += hn::Lanes(tag)) {
+      const auto keys = hn::LoadU(tag, &from.keys[i]), places = hn::LoadU(tag, &from.places[i]);
+      const auto leave = hn::Gt(keys, hn::Set(tag, limit)), take = hn::Not(leave);
+      hn::StoreU(hn::Compress(keys, take), tag, &near.keys[nearest]);
+      hn::StoreU(hn::Compress(places, take), tag, &near.places[nearest]);
+      const std::size_t taken = hn::CountTrue(tag, take);
+      if constexpr (kWithRest) {
+        hn::StoreU(hn::Compress(keys, leave), tag, &rest.keys[others]);
+        hn::StoreU(hn::Compress(places, leave), tag, &rest.places[others]);
+      }
+      nearest += taken;
+      others += hn::Lanes(tag) - taken;
     }
-    nearest += taken;
-    others += hn::Lanes(tag) - taken;
+  } else {  // one by one is faster than what replaces an instruction for it
+    for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); ++i) {
+      const bool take = from.keys[i] <= limit;
+      near.keys[nearest] = from.keys[i];
+      near.places[nearest] = from.places[i];
+      nearest += take;
+      if constexpr (kWithRest) {
+        rest.keys[others] = from.keys[i];
+        rest.places[others] = from.places[i];
+        others += !take;
+      }
+    }
   }
   return static_cast<int>(nearest);
 }
