@@ -95,7 +95,9 @@ std::vector<std::vector<double>> block_of(const Spectrum& values, const CellMatr
   return block;
 }
 
-void shrink_bands(Spectrum& values, double half_at) {
+// Returns the mean of the squared gains.
+double shrink_bands(Spectrum& values, double half_at) {
+  double kept = 0;
   const double energies[] = {220, 150, 110, 75, 50, 33, 18, 8, 0.7};
   const double of_group[] = {1, 0.5, 0.12, 0.04};
   const std::size_t ends[] = {1, 4, 8, 16};
@@ -116,14 +118,22 @@ void shrink_bands(Spectrum& values, double half_at) {
     for (auto& component : values)
       for (std::size_t v = 0; v < kDetailSide; ++v)
         for (std::size_t u = 0; u < kDetailSide; ++u)
-          if (u + v > 0 && band_of(std::hypot(u, v) / 32) == band) component[v][u] *= gain;
+          if (u + v > 0 && band_of(std::hypot(u, v) / 32) == band) {
+            component[v][u] *= gain;
+            kept += gain * gain / (kLanes * (kDetailSide * kDetailSide - 1));
+          }
   }
+  return kept;
 }
 
+struct Shrunk {
+  Image pixels, kept;  // both of the picture's size
+};
+
 // One share of noise everywhere.
-Image plain(const Image& estimate, const CellMatrix& axes, double half_at) {
+Shrunk plain(const Image& estimate, const CellMatrix& axes, double half_at) {
   const int rows = estimate.rows(), cols = estimate.cols();
-  std::vector<double> sum(estimate.size()), weight(estimate.size());
+  std::vector<double> sum(estimate.size()), weight(estimate.size()), sum_kept(estimate.size());
   const auto bump = [](int i) {
     return std::sin(std::numbers::pi * (i + 0.5) / kDetailSide) + 0.5;
   };
@@ -135,19 +145,22 @@ Image plain(const Image& estimate, const CellMatrix& axes, double half_at) {
           block[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)] = static_cast<double>(
               estimate(folded(row + r, rows, kCell), folded(col + c, cols, kCell)));
       Spectrum values = spectrum(block, axes);
-      shrink_bands(values, half_at);
+      const double kept = shrink_bands(values, half_at);
       block = block_of(values, axes);
       for (int r = std::max(0, -row); r < std::min(kDetailBlock, rows - row); ++r)
         for (int c = std::max(0, -col); c < std::min(kDetailBlock, cols - col); ++c) {
           const auto at = static_cast<std::size_t>((row + r) * cols + col + c);
           const double w = bump(r / kCell) * bump(c / kCell);
           sum[at] += w * block[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)];
+          sum_kept[at] += w * kept;
           weight[at] += w;
         }
     }
-  Image out(rows, cols);
-  for (std::size_t i = 0; i < sum.size(); ++i)
-    out.values()[i] = static_cast<float>(sum[i] / weight[i]);
+  Shrunk out{Image(rows, cols), Image(rows, cols)};
+  for (std::size_t i = 0; i < sum.size(); ++i) {
+    out.pixels.values()[i] = static_cast<float>(sum[i] / weight[i]);
+    out.kept.values()[i] = static_cast<float>(sum_kept[i] / weight[i]);
+  }
   return out;
 }
 
@@ -174,20 +187,26 @@ double rms_between(const Image& a, const Image& b) {
   return std::sqrt(sum / static_cast<double>(a.size()));
 }
 
-Image shrunk(const Image& picture, float share, float threshold) {
+Image shrunk(const Image& picture, float share, float threshold,
+             internal::CellMap* kept = nullptr) {
   return internal::shrink_detail({picture, 0, 0}, picture.rows(), picture.cols(), hadamard_axes(),
                                  passed_everywhere(picture.rows(), picture.cols(), share),
-                                 threshold);
+                                 threshold, kept);
 }
 
 TEST(DetailShrinkage, EqualsItsDefinition) {
   for (const auto& [rows, cols] : {std::pair{70, 93}, {64, 64}, {5, 130}, {1, 1}}) {
     const Image picture = smooth_light(rows, cols, 0.3, 0.1);
     for (const float share : {0.002f, 0.02f}) {
-      const Image expected = plain(picture, hadamard_axes(), 6.0 * static_cast<double>(share));
-      const Image result = shrunk(picture, share, 6);
-      for (std::size_t i = 0; i < result.size(); ++i)
-        ASSERT_NEAR(result.values()[i], expected.values()[i], 1e-3) << rows << ' ' << share;
+      const Shrunk expected = plain(picture, hadamard_axes(), 6.0 * static_cast<double>(share));
+      internal::CellMap kept({picture, 0, 0});
+      const Image result = shrunk(picture, share, 6, &kept);
+      EXPECT_EQ(result, shrunk(picture, share, 6)) << "asking for more changes nothing";
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < cols; ++c) {
+          ASSERT_NEAR(result(r, c), expected.pixels(r, c), 1e-3) << rows << ' ' << share;
+          ASSERT_NEAR(kept.values(r / kCell, c / kCell), expected.kept(r, c), 1e-4);
+        }
     }
   }
 }

@@ -7,6 +7,7 @@
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 namespace malus::internal {
 namespace {
@@ -72,52 +73,86 @@ Matrix cell_differences() {
 }
 
 // Gains of a quarter's values by their energy in the pilot, against a share of the noise that the
-// weights let through.
+// weights let through; the four components of one difference between cells after another.
+Eigen::VectorXd gain_values(const Matrix& pilot, const Matrix& weights) {
+  const Eigen::ArrayXd energy = (cell_differences() * pilot).rowwise().squaredNorm().array();
+  const Eigen::ArrayXd squares = (energy / (0.8 * weights.squaredNorm())).square();
+  return squares / (squares + 1);
+}
+
 Matrix gains_of(const Matrix& pilot, const Matrix& weights) {
   const Matrix differences = cell_differences();
-  const Eigen::ArrayXd energy = (differences * pilot).rowwise().squaredNorm().array();
-  const Eigen::ArrayXd squares = (energy / (0.8 * weights.squaredNorm())).square();
-  const Eigen::VectorXd gains = squares / (squares + 1);
-  return differences.transpose() * gains.asDiagonal() * differences;
+  return differences.transpose() * gain_values(pilot, weights).asDiagonal() * differences;
+}
+
+Matrix rotated(const Matrix& blocks, const Matrix& by) {
+  Matrix result(blocks.rows(), blocks.cols());
+  for (int cell = 0; cell < 4; ++cell)
+    result.middleRows(cell * kLanes, kLanes) = by * blocks.middleRows(cell * kLanes, kLanes);
+  return result;
+}
+
+// Rows of a block that a quarter of the components holds.
+std::vector<int> rows_of(int quarter) {
+  std::vector<int> rows;
+  for (int cell = 0; cell < 4; ++cell)
+    for (int k = 0; k < 4; ++k) rows.push_back(cell * kLanes + 4 * quarter + k);
+  return rows;
+}
+
+Matrix weights_of(const Matrix& pilot) {
+  const Matrix moments = 0.7 * pilot.transpose() * pilot;
+  return (moments + 16.0 * Matrix::Identity(pilot.cols(), pilot.cols())).ldlt().solve(moments);
 }
 
 // kSide x kSide; not a number where no block lies.
-Matrix combine_plainly(const Image& noisy, const Image& pilot,
-                       const std::vector<std::ptrdiff_t>& at, int count, const Matrix& axes) {
-  Matrix p = blocks_of(pilot, at, 0, count), y = blocks_of(noisy, at, 0, count);
-  const auto rotated = [&](const Matrix& blocks, const Matrix& by) {
-    Matrix result(blocks.rows(), blocks.cols());
-    for (int cell = 0; cell < 4; ++cell)
-      result.middleRows(cell * kLanes, kLanes) = by * blocks.middleRows(cell * kLanes, kLanes);
-    return result;
-  };
-  p = rotated(p, axes.transpose());
-  y = rotated(y, axes.transpose());
-  Matrix x(y.rows(), y.cols());
-  for (int quarter = 0; quarter < 4; ++quarter) {
-    std::vector<int> rows;
-    for (int cell = 0; cell < 4; ++cell)
-      for (int k = 0; k < 4; ++k) rows.push_back(cell * kLanes + 4 * quarter + k);
-    const Matrix part = p(rows, Eigen::all);
-    const Matrix moments_of_blocks = 0.7 * part.transpose() * part;
-    const Matrix weights =
-        (moments_of_blocks + 16.0 * Matrix::Identity(count, count)).ldlt().solve(moments_of_blocks);
-    const Matrix combined = gains_of(part, weights) * y(rows, Eigen::all) * weights;
-    for (std::size_t i = 0; i < rows.size(); ++i)
-      x.row(rows[i]) = combined.row(static_cast<int>(i));
-  }
-  x = rotated(x, axes);
+Matrix put_together(const Matrix& blocks, const std::vector<std::ptrdiff_t>& at) {
   Matrix sum = Matrix::Zero(kSide, kSide), total = Matrix::Zero(kSide, kSide);
-  for (int n = 0; n < count; ++n)
+  for (int n = 0; n < blocks.cols(); ++n)
     for (int r = 0; r < kBlock; ++r)
       for (int c = 0; c < kBlock; ++c) {
         const auto offset = static_cast<int>(at[static_cast<std::size_t>(n)]);
         const int row = offset / kSide + r, col = offset % kSide + c;
         const double window = kaiser(r) * kaiser(c);
-        sum(row, col) += window * x(cell_of(r, c) * kLanes + lane_of(r, c), n);
+        sum(row, col) += window * blocks(cell_of(r, c) * kLanes + lane_of(r, c), n);
         total(row, col) += window;
       }
   return sum.cwiseQuotient(total);
+}
+
+Matrix combine_plainly(const Image& noisy, const Image& pilot,
+                       const std::vector<std::ptrdiff_t>& at, int count, const Matrix& axes) {
+  const Matrix p = rotated(blocks_of(pilot, at, 0, count), axes.transpose());
+  const Matrix y = rotated(blocks_of(noisy, at, 0, count), axes.transpose());
+  Matrix x(y.rows(), y.cols());
+  for (int quarter = 0; quarter < 4; ++quarter) {
+    const std::vector<int> rows = rows_of(quarter);
+    const Matrix part = p(rows, Eigen::all), weights = weights_of(part);
+    const Matrix combined = gains_of(part, weights) * y(rows, Eigen::all) * weights;
+    for (std::size_t i = 0; i < rows.size(); ++i)
+      x.row(rows[i]) = combined.row(static_cast<int>(i));
+  }
+  return put_together(rotated(x, axes), at);
+}
+
+// Variance of the estimate of unit noise with the pilot given, of one block at a time: its weights
+// and gains squared, a component's mean over the block's four cells.
+Matrix noise_plainly(const Image& pilot, const std::vector<std::ptrdiff_t>& at, int count,
+                     const Matrix& axes) {
+  const Matrix p = rotated(blocks_of(pilot, at, 0, count), axes.transpose());
+  Matrix variances(p.rows(), p.cols());
+  for (int quarter = 0; quarter < 4; ++quarter) {
+    const std::vector<int> rows = rows_of(quarter);
+    const Matrix part = p(rows, Eigen::all), weights = weights_of(part);
+    const Eigen::ArrayXd gains = gain_values(part, weights).array();
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      double share = 0;
+      for (int difference = 0; difference < 4; ++difference)
+        share += std::pow(gains(4 * difference + static_cast<int>(i) % 4), 2) / 4;
+      variances.row(rows[i]) = share * weights.colwise().squaredNorm();
+    }
+  }
+  return put_together(rotated(variances, axes.cwiseAbs2()), at);
 }
 
 // One stack: the only reference is the frame's first pixel.
@@ -142,7 +177,7 @@ struct OneStack {
         noisy.pixels(r, c) = static_cast<float>(clean + random.normal());
       }
   }
-  Image estimate(Image* error = nullptr) const {
+  Image estimate(Image* noise = nullptr) const {
     const StageInput input{.noisy = &noisy,
                            .guide = &pilot,
                            .period_rows = 1,
@@ -151,7 +186,7 @@ struct OneStack {
                            .frame_cols = kSide,
                            .rotations = &rotations,
                            .axes_prior = &no_prior};
-    return run_stage(input, stage, silent_progress(), error);
+    return run_stage(input, stage, silent_progress(), {.noise = noise});
   }
   std::vector<std::ptrdiff_t> matches() const {
     StackJob job{};
@@ -211,21 +246,47 @@ TEST(RidgeStack, TakesTheStacksOwnAxes) {
               combine_plainly(one.noisy.pixels, one.pilot, at, one.stage.stack, axes), 1e-3);
 }
 
-// docs/denoising.md, "Uncertainty".
-TEST(RidgeStack, StatesTheErrorOfAWienerFilter) {
-  OneStack one(3.0);
-  Image combined, filtered;
-  (void)one.estimate(&combined);
-  one.stage.filter = StackFilter::wiener;
-  (void)one.estimate(&filtered);
-  int compared = 0;
-  for (std::size_t i = 0; i < combined.size(); ++i) {
-    if (filtered.values()[i] >= 1.0f || filtered.values()[i] < 0.02f)
-      continue;  // no stack, or held
-    ++compared;
-    EXPECT_NEAR(combined.values()[i], filtered.values()[i], 1e-5);
+TEST(RidgeStack, TellsTheNoiseThatEveryBlockLetsThrough) {
+  const OneStack one(3.0);
+  const auto at = one.matches();
+  const Matrix axes = axes_of(one.pilot, at, one.stage.stack);
+  Image noise;
+  (void)one.estimate(&noise);
+  expect_near(noise, noise_plainly(one.pilot, at, one.stage.stack, axes), 1e-4);
+}
+
+// A block unlike all others of its stack is estimated by its own samples, with their noise; the
+// others share theirs. Of the whole stack it is the same little noise.
+TEST(StackNoise, IsThatOfTheBlock) {
+  for (const StackFilter filter : {StackFilter::ridge, StackFilter::wiener}) {
+    OneStack one(1.0);
+    one.stage.filter = filter;
+    const auto inside = [](int r, int c) { return r < kBlock && c < kBlock; };
+    for (int r = 0; r < kSide; ++r)
+      for (int c = 0; c < kSide; ++c)
+        one.pilot(r, c) = inside(r, c) && (r + c) % 3 == 0 ? 80.0f : 20.0f;
+    Image noise;
+    (void)one.estimate(&noise);
+    EXPECT_GT(noise(1, 1), 0.1f);
+    // Of the last block in its row, which does not overlap it.
+    EXPECT_LT(noise(1, 18), 0.1f * noise(1, 1));
+    EXPECT_GT(noise(1, 18), 0.0f);
   }
-  EXPECT_GT(compared, kSide * kSide / 2);
+}
+
+TEST(StackNoise, IsTheSameOnEveryInstructionSet) {
+  for (const StackFilter filter : {StackFilter::ridge, StackFilter::wiener}) {
+    OneStack one(3.0);
+    one.stage.filter = filter;
+    Image expected, noise;
+    (void)one.estimate(&expected);
+    for (std::int64_t rest = hwy::SupportedTargets(); rest != 0; rest &= rest - 1) {
+      hwy::SetSupportedTargetsForTest(rest & -rest);
+      (void)one.estimate(&noise);
+      EXPECT_EQ(noise, expected) << hwy::TargetName(rest & -rest);
+    }
+    hwy::SetSupportedTargetsForTest(0);
+  }
 }
 
 // Beyond the precision of floats the result still stays beside the samples.

@@ -1,9 +1,13 @@
 // What is stated of pixels that the filter alone cannot judge. Truth: pictures known without noise,
 // noise from the generative law (synthesize/exact.h); fixed seeds.
+#include "malus/denoise/internal/stated_error.h"
+
+#include "malus/base/random.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/exact.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 
@@ -154,6 +158,108 @@ TEST_P(StatedError, RowNoiseThatStaysIsStated) {
       compare(with_errors(frame, profile_of(noise), {.method = GetParam()}), clean);
   EXPECT_LT(removed.true_rms, 4);
   EXPECT_LT(removed.ratio(), 1.25);
+}
+
+// What is stated of smooth light, of edges, of points in the dark and of the border, each against
+// the truth. The limits are those that docs/denoising.md, "Uncertainty", states of such scenes.
+TEST_P(StatedError, IsTheErrorOfEverySortOfPlace) {
+  const PhysicsNoise noise = camera_noise(0);
+  Image clean(kSize, kSize);
+  const auto point = [](int r, int c) { return r / 8 % 4 == 1 && c / 8 % 4 == 2 && r % 8 == 3; };
+  const auto disc = [](int r, int c) { return std::hypot(r - 60, c - 130) < 41; };
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c) {
+      const double waves = 300 + 100 * std::sin(0.06 * r) * std::cos(0.05 * c);
+      clean(r, c) = static_cast<float>(disc(r, c) ? 900 : waves);
+      if (r >= 128 && c < 96) clean(r, c) = point(r, c) && c % 8 == 4 ? 400.0f : 20.0f;
+    }
+  const Denoised result =
+      with_errors(noisy_frame(clean, noise), profile_of(noise), {.method = GetParam()});
+  const auto near = [](int r, int c) { return std::abs(std::hypot(r - 60, c - 130) - 41) < 3; };
+  const auto at_border = [](int r, int c) {
+    return std::min(std::min(r, c), kSize - 1 - std::max(r, c)) < 8;
+  };
+  const auto smooth = [&](int r, int c) {
+    return !at_border(r, c) && std::hypot(r - 60, c - 130) > 50 && (r < 120 || c > 104);
+  };
+  const auto dark = [](int r, int c) { return r >= 136 && c < 88; };
+  const std::pair<const char*, Where> places[] = {
+      {"smooth", smooth}, {"edge", near}, {"border", at_border}, {"points", dark}};
+  for (const auto& [name, where] : places) {
+    const Comparison here = compare(result, clean, where);
+    EXPECT_GT(here.ratio(), 0.5) << name;
+    EXPECT_LT(here.ratio(), 1.45) << name;  // of the squares: 0.25 to 2.1
+    EXPECT_GT(here.covered, 0.85) << name;
+  }
+}
+
+// Maps of the step alone: an estimate, the samples it was made of and the noise let through.
+struct StatedMap {
+  internal::StackTile noisy{Image(64, 64), 0, 0};
+  Image estimate = Image(64, 64, 5), error = Image(64, 64, 0.01f);
+  internal::CellMap kept{noisy};
+
+  StatedMap() {
+    RandomSequence random(3, 0, Draw::kUser);
+    for (float& value : noisy.pixels.values()) value = static_cast<float>(5 + random.normal());
+    kept.values = Image(16, 16, 1);
+  }
+  Image stated() const {
+    Image result = error;
+    internal::state_error({.noisy = &noisy,
+                           .estimate = &estimate,
+                           .kept = &kept,
+                           .filter = internal::StackFilter::ridge,
+                           .period_rows = 2,
+                           .period_cols = 2,
+                           .frame_rows = 64,
+                           .frame_cols = 64},
+                          result);
+    return result;
+  }
+};
+
+TEST(StatedMap, GrowsMoreSlowlyThanTheNoiseLetThrough) {
+  StatedMap map;
+  const float base = map.stated()(30, 30);
+  EXPECT_NEAR(base, 1.45 * std::pow(0.01, 2.0 / 3), 1e-4);
+  map.error = Image(64, 64, 0.08f);
+  EXPECT_NEAR(map.stated()(30, 30), 4 * base, 1e-3);
+}
+
+TEST(StatedMap, KnowsWhatTheDetailStepTakesBack) {
+  StatedMap map;
+  const float base = map.stated()(30, 30);
+  map.kept.values = Image(16, 16, 0);
+  EXPECT_NEAR(map.stated()(30, 30), std::pow(0.15, 2.0 / 3) * static_cast<double>(base), 1e-4);
+}
+
+// A point that the samples show and the estimate lacks: 20² in one of the 9 cells of 16 pixels
+// around it, with a quarter of their weights. Farther away nothing is stated of it.
+TEST(StatedMap, SignalThatTheSamplesShowIsAnError) {
+  StatedMap map;
+  const Image without = map.stated();
+  map.noisy.pixels(33, 34) += 20;
+  const Image with = map.stated();
+  EXPECT_NEAR(with(33, 34) - without(33, 34), 400.0 / 16 / 4, 3);
+  EXPECT_EQ(with(33 + 12, 34), without(33 + 12, 34));
+  EXPECT_EQ(with(33, 34 - 12), without(33, 34 - 12));
+}
+
+// As much again as the estimate bends, up to a tenth of the noise; not where detail is taken back.
+TEST(StatedMap, DetailThatIsKeptHasLostSome) {
+  StatedMap map;
+  const Image without = map.stated();
+  for (int r = 0; r < 64; ++r)
+    for (int c = 0; c < 64; ++c) {
+      const float detail = r >= 32 && (r / 2 + c / 2) % 2 ? 1.0f : 0.0f;
+      map.estimate(r, c) += detail;
+      map.noisy.pixels(r, c) += detail;
+    }
+  EXPECT_NEAR(map.stated()(50, 30), 1.45 * std::pow(0.01 + 0.1, 2.0 / 3), 1e-3);
+  EXPECT_EQ(map.stated()(20, 30), without(20, 30));
+  map.kept.values = Image(16, 16, 0);
+  EXPECT_NEAR(map.stated()(50, 30), 1.45 * std::pow(0.15 * 0.01, 2.0 / 3), 1e-3);
 }
 
 }  // namespace

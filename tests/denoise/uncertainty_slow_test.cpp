@@ -54,37 +54,32 @@ UncertaintyCheck measure(const DenoiseSettings& settings, const SensorLayout& la
   return check;
 }
 
-class DenoisedUncertainty : public ::testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(Methods, DenoisedUncertainty, ::testing::Values("bm3d", "nl-ridge"));
+struct Case {
+  const char *method, *profile;
+  double least;  ///< of the squared error over what is stated of it
+};
+class DenoisedUncertainty : public ::testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Methods, DenoisedUncertainty,
+                         ::testing::Values(Case{"bm3d", "normal", 0.3},
+                                           Case{"nl-ridge", "normal", 0.45},
+                                           Case{"nl-ridge", "fast", 0.45}));
 
+// The scene is smooth: more is stated than there is (docs/denoising.md, "Uncertainty").
 TEST_P(DenoisedUncertainty, TwoDeviationsHoldTheTruthAsOftenAsStated) {
+  const auto [method, profile, least] = GetParam();
   for (const char* name : {"polar-mono", "polar-bayer-rggb"})
     for (const double light : {1.0, 0.3, 0.1}) {
       const UncertaintyCheck c =
-          measure({.method = GetParam()}, SensorLayout::named(name), light, 11);
+          measure({.method = method, .profile = profile}, SensorLayout::named(name), light, 11);
       const std::string what = std::string(name) + ", light " + std::to_string(light);
-      for (const Coverage* coverage : {&c.s1, &c.s2, &c.dolp, &c.aolp}) {
-        EXPECT_GT(coverage->share(), 0.80) << what;
-        EXPECT_LT(coverage->share(), 0.995) << what;
-      }
+      EXPECT_GT(c.pixel.error_over_stated(), least) << what;
+      EXPECT_LT(c.pixel.error_over_stated(), 1.6) << what;
+      for (const Coverage* coverage : {&c.pixel, &c.s0, &c.s1, &c.s2, &c.dolp, &c.aolp})
+        EXPECT_GT(coverage->share(), 0.85) << what;
       // Nothing was left out: every pixel, and one of each parameter per cell of four.
       EXPECT_EQ(c.pixel.all, 288 * 288) << what;
       for (const Coverage* coverage : {&c.s0, &c.s1, &c.s2, &c.dolp})
         EXPECT_EQ(coverage->all, 288 * 288 / 4) << what;
-      EXPECT_GT(c.pixel.share(), 0.75) << what;
-      EXPECT_GT(c.s0.share(), 0.75) << what;
-    }
-}
-
-// Its tails are longer (docs/denoising.md), its mean is held to what is stated.
-TEST(ProfileFast, StatesErrorsOfItsOwn) {
-  for (const char* name : {"polar-mono", "polar-bayer-rggb"})
-    for (const double light : {1.0, 0.3, 0.1}) {
-      const UncertaintyCheck c = measure({.profile = "fast"}, SensorLayout::named(name), light, 11);
-      const std::string what = std::string(name) + ", light " + std::to_string(light);
-      EXPECT_GT(c.pixel.error_over_stated(), 0.5) << what;
-      EXPECT_LT(c.pixel.error_over_stated(), 1.8) << what;
-      EXPECT_GT(c.pixel.share(), 0.65) << what;
     }
 }
 

@@ -39,7 +39,7 @@ HWY_INLINE float most_of(const Floats& squares, const float (&per_noise)[kLanes]
   return most;
 }
 
-void shrink(const DetailJob& job, float half_at, DetailBlock& block) {
+float shrink(const DetailJob& job, float half_at, DetailBlock& block) {
   constexpr float kLeast = 1e-12f;  // of half_at
   constexpr float kAll = 1e9f;      // of the cube: the gain is 1
   Floats cells[kDetailCells], squares[kDetailBands] = {};
@@ -47,12 +47,13 @@ void shrink(const DetailJob& job, float half_at, DetailBlock& block) {
   rotate(cells, kDetailCells, *job.axes);
   transform_block<kDetailSide>(cells, job.dct, false);
   for (int i = 1; i < kDetailCells; ++i) squares[job.band_of[i]] += cells[i] * cells[i];
-  float gains[kDetailBands];
+  float gains[kDetailBands], kept = 0;
   for (int band = 0; band < kDetailBands; ++band) {
     const float times = most_of(squares[band], job.per_noise[band]) / std::max(half_at, kLeast);
     // Steep, for detail above the noise is what the filter has kept with good reason.
     const float cube = std::min(times * times * times, kAll);
     gains[band] = cube / (cube + 1.0f);
+    kept += job.share[band] * gains[band] * gains[band];
   }
   for (int i = 1; i < kDetailCells; ++i) cells[i] *= gains[job.band_of[i]];
   transform_block<kDetailSide>(cells, job.dct, true);
@@ -60,6 +61,7 @@ void shrink(const DetailJob& job, float half_at, DetailBlock& block) {
   std::fill(std::begin(block.pixels), std::end(block.pixels), 0.0f);
   for (int i = 0; i < kDetailCells; ++i)
     add_cell(cell_at(block, i), kDetailBlock, cells[i] * job.window[i]);
+  return kept;
 }
 
 }  // namespace malus::internal::HWY_NAMESPACE
@@ -68,8 +70,8 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace malus::internal {
 HWY_EXPORT(shrink);
-void shrink_detail_block(const DetailJob& job, float half_at, DetailBlock& block) {
-  HWY_DYNAMIC_DISPATCH(shrink)(job, half_at, block);
+float shrink_detail_block(const DetailJob& job, float half_at, DetailBlock& block) {
+  return HWY_DYNAMIC_DISPATCH(shrink)(job, half_at, block);
 }
 }  // namespace malus::internal
 #endif

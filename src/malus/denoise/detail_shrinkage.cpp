@@ -38,6 +38,7 @@ void fill_bands(DetailJob& job) {
     ++count[job.band_of[i]];
   }
   for (int band = 0; band < kDetailBands; ++band) {
+    job.share[band] = static_cast<float>(count[band]) / (kDetailCells - 1);
     int lane = 0;
     for (std::size_t group = 0; group < std::size(kDetailGroups); ++group) {
       const int values = (kDetailGroups[group] - lane) * count[band];
@@ -92,13 +93,14 @@ void positions(int begin, int origin, int size, int frame_size, int (&at)[kDetai
 class Shrinkage {
  public:
   Shrinkage(const StackTile& estimate, int frame_rows, int frame_cols, const CellMatrix& axes,
-            const PassedNoise& passed, float threshold, Image& out)
+            const PassedNoise& passed, float threshold, Image& out, CellMap* kept)
       : estimate_(estimate),
         frame_rows_(frame_rows),
         frame_cols_(frame_cols),
         passed_(passed),
         threshold_(threshold),
-        out_(out) {
+        out_(out),
+        kept_(kept) {
     for (std::size_t i = 0; i < kLanes; ++i)
       for (std::size_t k = 0; k < kLanes; ++k) back_[k][i] = axes[i][k];
     job_.axes = &axes;
@@ -127,8 +129,10 @@ class Shrinkage {
         else
           std::copy_n(from + col_at[0], kDetailBlock, to);
       }
-      shrink_detail_block(job_, threshold_ * passed_in(passed_, row, col), block);
+      const float kept =
+          shrink_detail_block(job_, threshold_ * passed_in(passed_, row, col), block);
       add(block, row - estimate_.row0, col - estimate_.col0);
+      if (kept_) add_kept(kept, row / kCell - kept_->first_row, col / kCell - kept_->first_col);
     }
   }
 
@@ -143,11 +147,21 @@ class Shrinkage {
     }
   }
 
+  // Blocks begin at whole cells of the frame.
+  void add_kept(float kept, int row, int col) const {
+    for (int i = 0; i < kDetailCells; ++i) {
+      const int r = row + i / kDetailSide, c = col + i % kDetailSide;
+      if (r >= 0 && r < kept_->values.rows() && c >= 0 && c < kept_->values.cols())
+        kept_->values(r, c) += kept * job_.window[i];
+    }
+  }
+
   const StackTile& estimate_;
   int frame_rows_, frame_cols_;
   const PassedNoise& passed_;
   float threshold_;
   Image& out_;
+  CellMap* kept_;
   CellMatrix back_;
   DetailJob job_{};
 };
@@ -155,10 +169,11 @@ class Shrinkage {
 }  // namespace
 
 Image shrink_detail(const StackTile& estimate, int frame_rows, int frame_cols,
-                    const CellMatrix& axes, const PassedNoise& passed, float threshold) {
+                    const CellMatrix& axes, const PassedNoise& passed, float threshold,
+                    CellMap* kept) {
   const int rows = estimate.pixels.rows(), cols = estimate.pixels.cols();
   Image out(rows, cols);
-  const Shrinkage shrinkage(estimate, frame_rows, frame_cols, axes, passed, threshold, out);
+  const Shrinkage shrinkage(estimate, frame_rows, frame_cols, axes, passed, threshold, out, kept);
   // Bands of block rows in two groups: blocks of one band reach into the next. Bands belong to the
   // frame, so that sums have the same order in every tile.
   const int first = floor_div(estimate.row0, kDetailBlock) - 1;

@@ -40,7 +40,7 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const Mos
                  double memory_mib, double resident_values, Image& estimate, Image* error,
                  Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols();
-  const int reach = mosaic_filter_reach(plan, layout);
+  const int reach = mosaic_filter_reach(plan, layout, error != nullptr);
   const TileSize size = plan_tiles(rows, cols, reach, memory_mib, resident_values);
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
   const int down = (rows + size.rows - 1) / size.rows;

@@ -4,6 +4,7 @@
 #include "malus/denoise/internal/block_mix.h"
 #include "malus/denoise/internal/detail_shrinkage.h"
 #include "malus/denoise/internal/stack_kernel.h"
+#include "malus/denoise/internal/stated_error.h"
 
 #include <algorithm>
 #include <cmath>
@@ -23,8 +24,6 @@ constexpr float kGuideAxesPrior = 10.0f;
 // Detail of so many times the noise that the last pass let through keeps half, where that pass
 // combines blocks and where it is a Wiener filter's: measured (docs/denoising-experiments.md).
 constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
-// Its one guided pass has the noisier pilot (docs/denoising.md, "Uncertainty").
-constexpr float kFastOptimism = 8.0f;
 
 int reach_of(const internal::StackStage& stage, int period) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
@@ -173,12 +172,11 @@ void blend(Image& to, const Image& other, float share) {
 
 // A pass by small blocks, and by large ones where these leave less error, as Stein's estimates
 // tell.
-Image mixed_pass(const internal::StageInput& input, internal::StackStage small,
-                 internal::StackStage large, Progress& progress) {
-  small.optimism = large.optimism = 1;
+Image mixed_pass(const internal::StageInput& input, const internal::StackStage& small,
+                 const internal::StackStage& large, Progress& progress) {
   internal::FilteredTile by_small, by_large;
-  by_small.pixels = internal::run_stage(input, small, progress, &by_small.error);
-  by_large.pixels = internal::run_stage(input, large, progress, &by_large.error);
+  by_small.pixels = internal::run_stage(input, small, progress, {.stein = &by_small.error});
+  by_large.pixels = internal::run_stage(input, large, progress, {.stein = &by_large.error});
   internal::mix_blocks(by_small, by_large, input.noisy->row0, input.noisy->col0);
   return std::move(by_small.pixels);
 }
@@ -220,11 +218,8 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
                             .detail_threshold = detail(filter),
                             .coarse = {}};
   };
-  if (profile == "fast") {  // a pilot of the hard threshold alone is none to combine by
-    MosaicFilterPlan fast = quick(StackFilter::wiener);
-    fast.guided.back().optimism = kFastOptimism;
-    return fast;
-  }
+  // A pilot of the hard threshold alone is none to combine by.
+  if (profile == "fast") return quick(StackFilter::wiener);
   MosaicFilterPlan coarse = quick(last);
   if (ridge) {
     coarse.guided.push_back(guided(last, 7, 8, 64));
@@ -257,7 +252,7 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
 }
 
-int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout) {
+int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout, bool with_error) {
   const int period = std::max(layout.rows(), layout.cols());
   int reach = 0;
   for (const internal::StackStage& stage : plan.hard)
@@ -266,6 +261,7 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
   if (plan.large)
     reach += std::max(reach_of(*plan.large, period) - reach_of(plan.guided.front(), period), 0) +
              internal::kMixReach;
+  if (with_error) reach += internal::stated_error_reach(period);
   return reach + (plan.detail_threshold > 0 ? internal::kDetailBlock : 0);
 }
 
@@ -349,12 +345,27 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
     pilot = pass == 0 && plan.large ? mixed_pass(input, plan.guided.front(), *plan.large, progress)
                                     : internal::run_stage(input, plan.guided[pass], progress);
   internal::PassedNoise passed;
-  internal::StackTile estimate{
-      internal::run_stage(input, plan.guided.back(), progress, variance_out, &passed), noisy.row0,
-      noisy.col0};
-  if (plan.detail_threshold == 0) return std::move(estimate.pixels);
-  return internal::shrink_detail(estimate, frame_rows, frame_cols, statistics.rotations.front(),
-                                 passed, plan.detail_threshold);
+  internal::StackTile estimate{internal::run_stage(input, plan.guided.back(), progress,
+                                                   {.noise = variance_out, .passed = &passed}),
+                               noisy.row0, noisy.col0};
+  std::optional<internal::CellMap> kept;
+  if (plan.detail_threshold > 0) {
+    if (variance_out) kept.emplace(noisy);
+    estimate.pixels =
+        internal::shrink_detail(estimate, frame_rows, frame_cols, statistics.rotations.front(),
+                                passed, plan.detail_threshold, kept ? &*kept : nullptr);
+  }
+  if (variance_out)
+    internal::state_error({.noisy = &noisy,
+                           .estimate = &estimate.pixels,
+                           .kept = kept ? &*kept : nullptr,
+                           .filter = plan.guided.back().filter,
+                           .period_rows = statistics.period_rows,
+                           .period_cols = statistics.period_cols,
+                           .frame_rows = frame_rows,
+                           .frame_cols = frame_cols},
+                          *variance_out);
+  return std::move(estimate.pixels);
 }
 
 }  // namespace malus

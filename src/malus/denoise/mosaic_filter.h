@@ -34,8 +34,10 @@ struct MosaicFilterPlan {
 MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
                                     const SensorLayout& layout);
 
-/// An output pixel depends on no input further away than this, in rows or columns. Even.
-int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout);
+/// An output pixel depends on no input further away than this, in rows or columns; with_error: nor
+/// does its expected error. Even.
+int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout,
+                        bool with_error = false);
 
 /// What the filter must know of the whole frame before it can work on a part of it.
 struct CellStatistics {

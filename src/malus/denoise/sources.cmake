@@ -23,4 +23,5 @@ set(denoise_SOURCES
     row_posterior.cpp
     shared_detail.cpp
     stack_kernel.cpp
-    stack_stage.cpp)
+    stack_stage.cpp
+    stated_error.cpp)

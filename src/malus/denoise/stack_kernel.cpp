@@ -55,6 +55,16 @@ HWY_INLINE void inverse_haar(Floats* cells, int count, int stride) {
   }
 }
 
+/// Variances of values along the stack, independent after the transform -> before it.
+HWY_INLINE void spread_variances(Floats* variances, int count) {
+  Floats scratch[kMaxStack];
+  for (int n = 2; n <= count; n *= 2) {
+    for (int i = 0; i < n / 2; ++i)
+      scratch[2 * i] = scratch[2 * i + 1] = 0.5f * (variances[i] + variances[n / 2 + i]);
+    std::copy_n(scratch, n, variances);
+  }
+}
+
 template <int kSide>
 HWY_INLINE void transform_blocks(Floats* cells, int count, const StackJob& job, bool inverse) {
   for (int n = 0; n < count; ++n)
@@ -98,7 +108,7 @@ HWY_INLINE int gather_half(const StackJob& job, const float* from, const std::pt
 
 struct Shrinkage {
   float weight;
-  Floats error;  ///< mean expected squared error per component, unit noise
+  Floats error;  ///< Stein's estimate of the squared error per component, unit noise
 };
 
 /// Weight of a stack's estimates: one over the sum of its squared gains, the noise it lets through.
@@ -129,9 +139,10 @@ constexpr float kMostFloor = 1.0f;
 constexpr int kStrongComponents = 4;
 constexpr float kStrongEnergy = 1.8f;
 
-/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform.
+/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. passed,
+/// when given: per place along the stack the noise let through.
 template <int kCells>
-HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count) {
+HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count, Floats* passed) {
   const Floats zero{};
   const Floats most = zero + kMostFloor;
   Floats scale, floor[kCells] = {};
@@ -146,7 +157,8 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
     floor[i] = choose(floor[i] < most, floor[i], most);
   }
   Floats squares{}, error{};
-  for (int n = 0; n < count; ++n)
+  for (int n = 0; n < count; ++n) {
+    Floats place{};
     for (int i = 0; i < kCells; ++i) {
       Floats& cell = cells[n * kCells + i];
       const Floats foreign = pilot[n * kCells + i] - kOwnShare * cell;
@@ -159,7 +171,10 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
       error += gain * gain + lost * lost * (cell * cell - 1.0f);
       cell *= gain;
       squares += gain * gain;
+      place += gain * gain;
     }
+    if (passed) passed[n] = place / static_cast<float>(kCells);
+  }
   return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
 }
 
@@ -212,7 +227,7 @@ HWY_INLINE CellMatrix stack_moments(const StackJob& job, std::size_t alignment,
 
 template <int kSide>
 HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int count,
-                         const Floats* cells, float weight, const Floats& error) {
+                         const Floats* cells, float weight, const Floats* errors) {
   for (int n = 0; n < count; ++n) job.weight[matches[n]] += weight;
   for (int r = 0; r < kSide; ++r)
     for (int c = 0; c < kSide; ++c) {
@@ -222,28 +237,47 @@ HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int
       for (int n = 0; n < count; ++n) {
         const std::ptrdiff_t at = matches[n] + r * kCell * job.stride + c * kCell;
         add_cell(job.sum + at, job.stride, window * cells[(n * kSide + r) * kSide + c]);
-        if (job.error) add_cell(job.error + at, job.stride, window * error);
+        if (job.error) add_cell(job.error + at, job.stride, window * errors[n]);
       }
     }
 }
 
-/// The estimate of a stack in its components. `spare` has room for both stacks.
+/// The estimate of a stack in its components. passed, when given: per block the noise let through.
 template <int kSide>
 HWY_INLINE Shrinkage shrink_stack(const StackJob& job, int count, Floats* cells, Floats* pilot,
-                                  Floats* spare) {
+                                  Floats* passed) {
   constexpr int kCells = kSide * kSide;
   if (kSide == 2 && job.filter == StackFilter::ridge)
-    return combine_blocks(job, count, cells, pilot, spare);
+    return combine_blocks(job, count, cells, pilot, passed);
   Shrinkage result;
   transform_stack<kSide>(cells, count, job, false);
   if (job.filter == StackFilter::hard) {
     result = shrink_hard(cells, count * kCells, job.threshold);
   } else {
     transform_stack<kSide>(pilot, count, job, false);
-    result = shrink_wiener<kCells>(cells, pilot, count);
+    result = shrink_wiener<kCells>(cells, pilot, count, passed);
+    if (passed) spread_variances(passed, count);
   }
   transform_stack<kSide>(cells, count, job, true);
   return result;
+}
+
+/// The errors of a stack's pixels, block by block: of its components' error, or of the noise that
+/// each block's components have in `errors`.
+HWY_INLINE void errors_of_pixels(const StackJob& job, const CellMatrix& back, const Floats& error,
+                                 int count, Floats* errors) {
+  if (job.noise) {
+    CellMatrix squares = back;
+    for (CellVector& axis : squares)
+      for (float& value : axis) value *= value;
+    return rotate(errors, count, squares);
+  }
+  Floats sum{};
+  for (int k = 0; k < kLanes; ++k) {
+    const Floats axis = row_of(back, static_cast<std::size_t>(k));
+    sum += lane(error, k) * axis * axis;
+  }
+  std::fill_n(errors, count, sum);
 }
 
 /// Stacks that get their axes together.
@@ -261,25 +295,22 @@ HWY_INLINE void filter_stack(const StackJob& job, const Batch::Stack& stack, con
                              Floats* cells) {
   const int total = stack.count * kSide * kSide;
   const std::ptrdiff_t* matches = stack.matches.data();
-  Floats *pilot = cells + job.stack * kSide * kSide, *spare = pilot + job.stack * kSide * kSide;
+  Floats *pilot = cells + job.stack * kSide * kSide, *errors = pilot + job.stack * kSide * kSide;
   gather<kSide>(job, job.noisy, matches, stack.count, cells);
   rotate(cells, total, axes);
   if (job.filter != StackFilter::hard) {
     gather<kSide>(job, job.guide, matches, stack.count, pilot);
     rotate(pilot, total, axes);
   }
-  const Shrinkage result = shrink_stack<kSide>(job, stack.count, cells, pilot, spare);
+  const Shrinkage result =
+      shrink_stack<kSide>(job, stack.count, cells, pilot, job.noise ? errors : nullptr);
   if (job.passed)
     job.passed_of(stack.row, stack.col) =
         1.0f / (result.weight * static_cast<float>(total * kLanes));
   const CellMatrix back = transposed(axes);
   rotate(cells, total, back);
-  Floats error{};
-  for (int k = 0; k < kLanes; ++k) {
-    const Floats axis = row_of(back, static_cast<std::size_t>(k));
-    error += lane(result.error, k) * axis * axis;
-  }
-  put_back<kSide>(job, matches, stack.count, cells, result.weight, error);
+  if (job.error) errors_of_pixels(job, back, result.error, stack.count, errors);
+  put_back<kSide>(job, matches, stack.count, cells, result.weight, errors);
 }
 
 template <int kSide>
@@ -298,7 +329,8 @@ HWY_INLINE void filter_batch(const StackJob& job, Batch& batch, Floats* cells) {
 template <int kSide>
 void filter_block(const StackJob& job, const ReferenceBlock& block) {
   Search search(job, block, kSide * kCell);
-  std::vector<CellVector> memory(4 * static_cast<std::size_t>(job.stack * kSide * kSide) + 1);
+  // Samples, pilot, and errors of the blocks.
+  std::vector<CellVector> memory(static_cast<std::size_t>(job.stack * (2 * kSide * kSide + 1)) + 1);
   // Aligned by hand: std::vector gives 16 bytes.
   auto address = reinterpret_cast<std::uintptr_t>(memory.data());
   auto* cells = reinterpret_cast<Floats*>((address + 63) & ~std::uintptr_t{63});

@@ -16,14 +16,6 @@ constexpr double kKaiserShape = 2.0;
 // Of the noise's variance: the unbiased estimate of an error can come out below zero.
 constexpr float kLeastError = 0.01f;
 
-// From Stein's estimate, both in units of the noise's variance. It is too small where little noise
-// is left, and too large where detail leaves little to take out: there the parts of overlapping
-// stacks that are wrongly taken away differ and average out, and the error ends at the sample's
-// own, the noise. Beyond, much signal is taken away. Measured: docs/denoising.md, "Uncertainty".
-float stated_error(float stein, float optimism) {
-  return std::max(std::min(optimism * stein, std::max(stein / optimism, 1.0f)), kLeastError);
-}
-
 // Orthonormal DCT-II: matrix[k][i].
 void fill_dct(int n, float (&matrix)[kMaxBlockCells][kMaxBlockCells]) {
   for (int k = 0; k < n; ++k)
@@ -180,26 +172,29 @@ CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues) 
 }
 
 Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
-                Image* variance_out, PassedNoise* passed_out) {
+                const StageReport& report) {
   const Image& noisy = input.noisy->pixels;
   MALUS_REQUIRE(input.guide->rows() == noisy.rows() && input.guide->cols() == noisy.cols());
   MALUS_REQUIRE(stage.stack >= 1 && stage.stack <= kMaxStack &&
                 (stage.stack & (stage.stack - 1)) == 0);
   MALUS_REQUIRE(stage.block_cells == 2 ||
                 (stage.block_cells == 4 && stage.filter != StackFilter::ridge));
+  MALUS_REQUIRE(!report.stein || (!report.noise && stage.filter != StackFilter::ridge));
   MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
   Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
-  if (variance_out) *variance_out = Image(noisy.rows(), noisy.cols());
+  Image* const error = report.noise ? report.noise : report.stein;
+  if (error) *error = Image(noisy.rows(), noisy.cols());
   StackJob job = make_job(input, stage);
   job.sum = sum.values().data();
   job.weight = weight.values().data();
-  job.error = variance_out ? variance_out->values().data() : nullptr;
-  if (passed_out) {
-    *passed_out = reference_grid(job);
-    job.passed = passed_out->share.values().data();
-    job.passed_stride = passed_out->share.cols();
-    job.first_row = passed_out->first_row;
-    job.first_col = passed_out->first_col;
+  job.error = error ? error->values().data() : nullptr;
+  job.noise = report.noise != nullptr;
+  if (PassedNoise* const passed = report.passed) {
+    *passed = reference_grid(job);
+    job.passed = passed->share.values().data();
+    job.passed_stride = passed->share.cols();
+    job.first_row = passed->first_row;
+    job.first_col = passed->first_col;
   }
   filter_all(job, input, stage, progress);
   const std::vector<double> profile = kaiser(stage.block());
@@ -212,10 +207,11 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
         const bool reached = weights[c] > 0;
         to[c] = (reached ? to[c] : samples[c]) / (reached ? weights[c] : 1.0f);
       }
-      if (!variance_out) continue;
-      float* error = variance_out->row(r);
+      if (!error) continue;
+      float* stated = error->row(r);
+      const float least = report.noise ? 0.0f : kLeastError;
       for (std::size_t c = 0; c < weights.size(); ++c)
-        error[c] = weights[c] > 0 ? stated_error(error[c] / weights[c], stage.optimism) : 1.0f;
+        stated[c] = weights[c] > 0 ? std::max(stated[c] / weights[c], least) : 1.0f;
     }
   });
   return sum;

@@ -16,6 +16,7 @@ struct DetailJob {
   float dct[kDetailSide][kDetailSide];
   float window[kDetailCells];  ///< of cells; those of overlapping blocks add up to 1
   int band_of[kDetailCells];   ///< of a coefficient; -1: the mean, which is left alone
+  float share[kDetailBands];   ///< of the coefficients that are in the band
   /// Multiplied by a band's squares and added up over a group they give 1 where all is passed
   /// noise, with 1 let through of the samples' variance of 1.
   float per_noise[kDetailBands][kLanes];
@@ -26,7 +27,7 @@ struct DetailBlock {
 };
 
 /// Shrinks a block and multiplies it by the window. half_at: energies of so much passed noise [the
-/// samples' variance] keep half; 0 keeps all.
-void shrink_detail_block(const DetailJob& job, float half_at, DetailBlock& block);
+/// samples' variance] keep half; 0 keeps all. Returns the mean of its squared gains.
+float shrink_detail_block(const DetailJob& job, float half_at, DetailBlock& block);
 
 }  // namespace malus::internal

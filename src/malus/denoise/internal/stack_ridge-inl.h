@@ -55,10 +55,29 @@ HWY_INLINE void invert(CellMatrix (&matrices)[kQuarters], float least) {
     }
 }
 
+/// Noise that a quarter lets through into every block. Block n has column n of K for its weights,
+/// whose squares add up to p M p - p M D M p with its pilot p. negative: -M.
+HWY_INLINE void noise_of_blocks(const Floats* pilot, int count, const CellMatrix& negative,
+                                const Floats& gain, int quarter, Floats* passed) {
+  const Floats squares = gain * gain;
+  float shares[kQuarters] = {};  // of a component, mean over the block's four cells
+  for (int i = 0; i < kLanes; ++i) shares[i % kQuarters] += lane(squares, i) / kQuarters;
+  Floats solved[kMaxStack];
+  for (int n = 0; n < count; ++n) solved[n] = pilot[n * kQuarters];
+  rotate(solved, count, negative);
+  for (int n = 0; n < count; ++n) {
+    const Floats rest = pilot[n * kQuarters] + kDiagonal * solved[n];
+    const float weights = std::max(-lane_sum(rest * solved[n]), 0.0f);
+    float* to = reinterpret_cast<float*>(passed + n) + kQuarters * quarter;
+    for (int k = 0; k < kQuarters; ++k) to[k] = weights * shares[k];
+  }
+}
+
 /// Combines one quarter of all blocks. negative: -M; shift: R P^T - D I, transposed. Returns the
-/// sum of its squared weights, ||K||^2.
+/// sum of its squared weights, ||K||^2. passed, when given: the noise let through into every block.
 HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
-                                 const CellMatrix& negative, const CellMatrix& shift) {
+                                 const CellMatrix& negative, const CellMatrix& shift, int quarter,
+                                 Floats* passed) {
   Floats step[kLanes], squares{}, trace{};
   for (std::size_t i = 0; i < kLanes; ++i) {
     step[i] = row_of(negative, i);
@@ -80,11 +99,13 @@ HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
   const Floats gain = ratio * ratio / (ratio * ratio + 1.0f);
   rotate(moved, count, to_step);
   for (int n = 0; n < count; ++n) cells[n * kQuarters] = gain * (pilot[n * kQuarters] - moved[n]);
+  if (passed) noise_of_blocks(pilot, count, negative, gain, quarter, passed);
   return squared_weights * lane_sum(gain * gain) / kLanes;
 }
 
-/// Combines all blocks; the pilot is lost. Returns the sum of the squared weights of all values.
-HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count) {
+/// Combines all blocks; the pilot is lost. passed: as above, all components. Returns the sum of the
+/// squared weights of all values.
+HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Floats* passed) {
   for (int i = 0; i < count * kQuarters; i += kQuarters) {
     swap_cells_and_quarters(cells + i);
     swap_cells_and_quarters(pilot + i);
@@ -98,35 +119,20 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count) {
   invert(negative, kDiagonal);
   float squares = 0;  // each of the kLanes values of a quarter has the same weights
   for (int i = 0; i < kQuarters; ++i)
-    squares += kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], shift[i]);
+    squares +=
+        kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], shift[i], i, passed);
   for (int i = 0; i < count * kQuarters; i += kQuarters) swap_cells_and_quarters(cells + i);
   return squares;
-}
-
-/// The expected squared error as the Wiener filter with the same pilot would have it: K itself,
-/// made of a pilot that knows these samples, tells far too little (docs/denoising.md,
-/// "Uncertainty"). Blocks in their transform; `spare` has room for both stacks.
-HWY_INLINE Floats wiener_error(const Floats* cells, const Floats* pilot, int count, Floats* spare) {
-  const int total = count * kQuarters;
-  Floats* spare_pilot = spare + total;
-  std::copy_n(cells, total, spare);
-  std::copy_n(pilot, total, spare_pilot);
-  for (int i = 0; i < kQuarters; ++i) {
-    haar(spare + i, count, kQuarters);
-    haar(spare_pilot + i, count, kQuarters);
-  }
-  return shrink_wiener<kQuarters>(spare, spare_pilot, count).error;
 }
 
 /// Blocks of 2x2 cells after the rotation. K does not change with the blocks' transform, but a
 /// bright block's cells are nearly equal: their products as floats would not tell how they differ.
 HWY_INLINE Shrinkage combine_blocks(const StackJob& job, int count, Floats* cells, Floats* pilot,
-                                    Floats* spare) {
+                                    Floats* passed) {
   transform_blocks<2>(cells, count, job, false);
   transform_blocks<2>(pilot, count, job, false);
   Shrinkage result{};
-  if (job.error) result.error = wiener_error(cells, pilot, count, spare);
-  result.weight = stack_weight(combine_quarters(cells, pilot, count));
+  result.weight = stack_weight(combine_quarters(cells, pilot, count, passed));
   transform_blocks<2>(cells, count, job, true);
   return result;
 }

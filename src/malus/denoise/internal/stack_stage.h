@@ -43,9 +43,6 @@ struct StackStage {
   /// Components are the principal axes of the guide in the stack itself plus the frame's axes with
   /// this weight (StageInput::axes_prior); kFrameAxes: those of the frame alone.
   float axes_prior = 1.0f;
-  /// The filter's gains and matches come from the same samples, so Stein's estimate of its error is
-  /// too small, by this. How well it serves: docs/denoising.md, "Uncertainty".
-  float optimism = 3.5f;
   int block() const { return block_cells * kCell; }
 };
 inline constexpr float kFrameAxes = std::numeric_limits<float>::infinity();
@@ -75,10 +72,28 @@ struct PassedNoise {
   Image share;                       ///< 0 where there is no reference
 };
 
-/// Estimate of the tile's pixels; where variance_out is given, also the expected squared error.
-/// Pixels that no stack reached keep the noisy value and variance 1.
+/// What a pass tells besides its estimate, [noise variances] per pixel; of what is null nothing.
+struct StageReport {
+  Image* stein = nullptr;  ///< Stein's estimate of the squared error, not of combinations; else:
+  Image* noise = nullptr;  ///< noise that the weights let through
+  PassedNoise* passed = nullptr;
+};
+
+/// Estimate of the tile's pixels. Those that no stack reached keep the noisy value, with error 1.
 Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
-                Image* variance_out = nullptr, PassedNoise* passed_out = nullptr);
+                const StageReport& report = {});
+
+/// One value for every cell of the frame's lattice that a tile touches.
+struct CellMap {
+  int first_row = 0, first_col = 0;  ///< the frame's cell of values(0, 0)
+  Image values;
+
+  explicit CellMap(const StackTile& tile)
+      : first_row(floor_div(tile.row0, kCell)),
+        first_col(floor_div(tile.col0, kCell)),
+        values(floor_div(tile.row0 + tile.pixels.rows() - 1, kCell) - first_row + 1,
+               floor_div(tile.col0 + tile.pixels.cols() - 1, kCell) - first_col + 1) {}
+};
 
 /// Eigenvectors of a symmetric matrix, largest eigenvalue first, as the columns of the result.
 CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues = nullptr);
