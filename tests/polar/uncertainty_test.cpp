@@ -181,12 +181,13 @@ TEST(Uncertainty, DenoisedIntensitiesGetTheExpectedDolpAndTheErrorThatTheyShare)
   const auto u = uncertainty_per_color(stokes, variance, layout, Intensities::kDenoised);
   const Stokes s{stokes[0].s0(0, 0), stokes[0].s1(0, 0), stokes[0].s2(0, 0)};
   EXPECT_FLOAT_EQ(u[0].dolp_corrected(0, 0),
-                  static_cast<float>(expected_dolp(s, stokes_covariance(4, 4, 4, 4))));
+                  static_cast<float>(expected_dolp(s, {.s1s1 = 8 * 0.65, .s2s2 = 8 * 0.65})));
   EXPECT_GT(u[0].dolp_corrected(0, 0), static_cast<float>(dolp_of(s)));
-  // Four errors of variance 4, correlated by 0.35: their mean has 1 + 3 * 0.35, S0 is twice it.
+  // Four errors of variance 4, correlated by 0.35: their mean has 1 + 3 * 0.35, S0 is twice it; a
+  // difference of two has 1 - 0.35.
   EXPECT_FLOAT_EQ(u[0].s0_variance(0, 0), 4.0f * 2.05f);
-  EXPECT_FLOAT_EQ(u[0].s1_variance(0, 0), 8);
-  EXPECT_FLOAT_EQ(u[0].s2_variance(0, 0), 8);
+  EXPECT_FLOAT_EQ(u[0].s1_variance(0, 0), 8 * 0.65f);
+  EXPECT_FLOAT_EQ(u[0].s2_variance(0, 0), 8 * 0.65f);
 }
 
 TEST(Uncertainty, OfOneUnknownIntensityNothingFollows) {
@@ -241,13 +242,13 @@ TEST(Uncertainty, DenoisedGreensShareTheirErrors) {
   const auto merged =
       uncertainty_of(merge_greens(stokes, layout), variance, layout, Intensities::kDenoised);
   ASSERT_EQ(merged.size(), 3u);
-  EXPECT_FLOAT_EQ(merged[0].s1_variance(1, 1), 16);
-  EXPECT_FLOAT_EQ(merged[1].s1_variance(1, 1), 8 * 1.35f);
+  EXPECT_FLOAT_EQ(merged[0].s1_variance(1, 1), 16 * 0.65f);
+  EXPECT_FLOAT_EQ(merged[1].s1_variance(1, 1), 8 * 1.35f * 0.65f);
   EXPECT_FLOAT_EQ(merged[1].s0_variance(1, 1), 4 * 2.05f * 1.35f);
-  EXPECT_FLOAT_EQ(merged[2].s2_variance(1, 1), 16);
+  EXPECT_FLOAT_EQ(merged[2].s2_variance(1, 1), 16 * 0.65f);
   for (const StokesUncertainty& u :
        uncertainty_per_color(stokes, variance, layout, Intensities::kDenoised))
-    EXPECT_FLOAT_EQ(u.s1_variance(1, 1), 16);
+    EXPECT_FLOAT_EQ(u.s1_variance(1, 1), 16 * 0.65f);
 }
 
 }  // namespace

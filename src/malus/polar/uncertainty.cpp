@@ -18,8 +18,8 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
 
 // Correlation of a filter's errors between the angles, and between sites of one colour and angle as
 // of both greens: they are mostly of what all of these share, so they do not average out, neither
-// in S0 nor in the mean of sites. Between angles S1 and S2 keep what is stated: their errors are
-// smaller than that but have long tails (docs/denoising.md has the measurements).
+// in S0 nor in the mean of sites, and partly cancel in S1 and S2, which are differences
+// (docs/denoising.md has the measurements).
 constexpr double kSharedError = 0.35;
 
 // Variance of the mean over the colours of the mean over each colour's sites.
@@ -44,8 +44,8 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
   return {std::move(angles[0]), std::move(angles[1]), std::move(angles[2]), std::move(angles[3])};
 }
 
-// Of the variance stated of a denoised (S1, S2), what lengthens it: errors of opposite angles have
-// parts in common, which cancel, and the rest is uneven (docs/denoising.md has the measurement).
+// Of the variance stated of a denoised (S1, S2), what lengthens it: it is uneven, and DoLP errs least
+// with less than all of it (docs/denoising.md has the measurement).
 constexpr double kLengtheningShare = 0.3;
 
 // Mean length of a vector about one of `length`, with the variance of each of two components.
@@ -107,6 +107,8 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
         StokesCovariance v = stokes_covariance(variance.i0(r, c), variance.i45(r, c),
                                                variance.i90(r, c), variance.i135(r, c));
         v.s0s0 *= 1 + 3 * shared;
+        v.s1s1 *= 1 - shared;
+        v.s2s2 *= 1 - shared;
         out.s0_variance(r, c) = static_cast<float>(v.s0s0);
         out.s1_variance(r, c) = static_cast<float>(v.s1s1);
         out.s2_variance(r, c) = static_cast<float>(v.s2s2);

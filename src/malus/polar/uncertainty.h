@@ -57,7 +57,7 @@ struct StokesUncertainty {
 };
 
 /// variance: planes of the four intensities' variances in DN². Measured intensities are
-/// independent; the errors of denoised ones are correlated, which S0's variance takes into account.
+/// independent; the errors of denoised ones are correlated, which the variances take into account.
 /// Where one of the four is not finite, as of a saturated pixel, deviations and corrected DoLP are
 /// NaN.
 StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
