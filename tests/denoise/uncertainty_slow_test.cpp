@@ -60,9 +60,9 @@ struct Case {
 };
 class DenoisedUncertainty : public ::testing::TestWithParam<Case> {};
 INSTANTIATE_TEST_SUITE_P(Methods, DenoisedUncertainty,
-                         ::testing::Values(Case{"bm3d", "normal", 0.3},
-                                           Case{"nl-ridge", "normal", 0.45},
-                                           Case{"nl-ridge", "fast", 0.45}));
+                         ::testing::Values(Case{"bm3d", "normal", 0.25},
+                                           Case{"nl-ridge", "normal", 0.4},
+                                           Case{"nl-ridge", "fast", 0.4}));
 
 // The scene is smooth: more is stated than there is (docs/denoising.md, "Uncertainty").
 TEST_P(DenoisedUncertainty, TwoDeviationsHoldTheTruthAsOftenAsStated) {

@@ -15,7 +15,7 @@ namespace {
 // (docs/denoising.md, "Uncertainty").
 double grown(double known) { return std::cbrt(known * known); }
 // Of combinations and of Wiener filters: weights come from a pilot that knows the same samples.
-constexpr double kOfCombinations = 1.45, kOfWiener = 1.1;
+constexpr double kOfCombinations = 1.45, kOfWiener = 1.2;
 // Where the estimate bends sharply as much again may have been lost, but not more than this.
 constexpr double kMostLost = 0.1;
 // Of the noise, what the detail step cannot take back and a coarser scale replaces.

@@ -44,8 +44,8 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
   return {std::move(angles[0]), std::move(angles[1]), std::move(angles[2]), std::move(angles[3])};
 }
 
-// Of the variance stated of a denoised (S1, S2), what lengthens it: it is uneven, and DoLP errs least
-// with less than all of it (docs/denoising.md has the measurement).
+// Of the variance stated of a denoised (S1, S2), what lengthens it: it is uneven, and DoLP errs
+// least with less than all of it (docs/denoising.md has the measurement).
 constexpr double kLengtheningShare = 0.3;
 
 // Mean length of a vector about one of `length`, with the variance of each of two components.
