@@ -49,15 +49,16 @@ TEST(UncertaintyCheck, GaussianErrorsAreHeldAsOftenAsTheIntegralSays) {
     const auto share = [&](double factor) {
       return std::erf(2 * scale * std::sqrt(factor) / std::sqrt(2.0));
     };
-    for (const Coverage* coverage : {&check.pixel, &check.s1, &check.s2, &check.aolp})
-      expect_share(*coverage, share(1));
-    // S0 is given what errors that are correlated by 0.35 would have; these are independent. DoLP's
-    // variance is (Var S1 + p² Var S0) / S0² with p = 0.4, Var S1 = 2 Var S0.
-    constexpr double kGiven = 1 + 3 * 0.35;
-    expect_share(check.s0, share(kGiven));
-    expect_share(check.dolp, share((2 + 0.16 * kGiven) / (2 + 0.16)));
+    expect_share(check.pixel, share(1));
+    // S0, S1 and S2 are given what errors that are correlated by 0.35 would have; these are
+    // independent. DoLP's variance is (Var S1 + p² Var S0) / S0² with p = 0.4, Var S1 = 2 Var S0.
+    constexpr double kSum = 1 + 3 * 0.35, kDifference = 1 - 0.35;
+    expect_share(check.s0, share(kSum));
+    for (const Coverage* coverage : {&check.s1, &check.s2, &check.aolp})
+      expect_share(*coverage, share(kDifference));
+    expect_share(check.dolp, share((2 * kDifference + 0.16 * kSum) / (2 + 0.16)));
     for (const auto& [coverage, factor] :
-         {std::pair{&check.pixel, 1.0}, {&check.s0, kGiven}, {&check.s1, 1.0}})
+         {std::pair{&check.pixel, 1.0}, {&check.s0, kSum}, {&check.s1, kDifference}})
       EXPECT_NEAR(coverage->error_over_stated() * scale * scale * factor, 1, 0.02);
   }
 }
