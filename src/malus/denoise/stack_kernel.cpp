@@ -104,81 +104,10 @@ HWY_INLINE int gather_half(const StackJob& job, const float* from, const std::pt
   return total;
 }
 
-#include "malus/denoise/internal/stack_match-inl.h"
-
-struct Shrinkage {
-  float weight;
-  Floats error;  ///< Stein's estimate of the squared error per component, unit noise
-};
-
-/// Weight of a stack's estimates: one over the sum of its squared gains, the noise it lets through.
-HWY_INLINE float stack_weight(float squared_gains) { return 1.0f / std::max(squared_gains, 1.0f); }
-
-HWY_INLINE Shrinkage shrink_hard(Floats* cells, int total, float threshold) {
-  Floats kept{};
-  const Floats zero{}, one = zero + 1.0f;
-  for (int i = 0; i < total; ++i) {
-    const auto keep = cells[i] * cells[i] >= threshold * threshold;
-    cells[i] = choose(keep, cells[i], zero);
-    kept += choose(keep, one, zero);
-  }
-  // The root, measured: stacks of a first pass share more of their errors.
-  return {std::sqrt(stack_weight(lane_sum(kept))), kept / static_cast<float>(total)};
-}
-
-// What a pilot's coefficient tells of the signal's energy (measured: docs/denoising.md).
-// The pilot was made of the same samples: this share of a sample went into it as noise.
-constexpr float kOwnShare = 0.02f;
-// The finest differences along a stack hold little but noise that the pilot has left; so much of
-// their energy is in all other coefficients too.
-constexpr float kFloorShare = 0.2f;
-// But the pilot has no more noise than the samples had: where blocks are not alike, as in bright
-// fine texture, their differences are signal.
-constexpr float kMostFloor = 1.0f;
-// In the strongest components there is more energy than the thresholds have left in the pilot.
-constexpr int kStrongComponents = 4;
-constexpr float kStrongEnergy = 1.8f;
-
-/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. passed,
-/// when given: per place along the stack the noise let through.
-template <int kCells>
-HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count, Floats* passed) {
-  const Floats zero{};
-  const Floats most = zero + kMostFloor;
-  Floats scale, floor[kCells] = {};
-  float scales[kLanes];
-  for (int k = 0; k < kLanes; ++k) scales[k] = k < kStrongComponents ? kStrongEnergy : 1.0f;
-  load(scales, scale);
-  const int finest = count > 1 ? count / 2 : count;
-  for (int n = finest; n < count; ++n)
-    for (int i = 0; i < kCells; ++i) floor[i] += pilot[n * kCells + i] * pilot[n * kCells + i];
-  for (int i = 0; i < kCells; ++i) {
-    floor[i] *= kFloorShare / static_cast<float>(std::max(count - finest, 1));
-    floor[i] = choose(floor[i] < most, floor[i], most);
-  }
-  Floats squares{}, error{};
-  for (int n = 0; n < count; ++n) {
-    Floats place{};
-    for (int i = 0; i < kCells; ++i) {
-      Floats& cell = cells[n * kCells + i];
-      const Floats foreign = pilot[n * kCells + i] - kOwnShare * cell;
-      Floats energy = scale * foreign * foreign - floor[i];
-      energy = choose(energy > zero, energy, zero);
-      const Floats gain = energy / (energy + 1.0f);
-      // Noise let through, and signal taken away as the sample itself tells it (Stein, Ann.
-      // Statist. 9, 1981): the pilot has lost signal that it does not know of.
-      const Floats lost = 1.0f - gain;
-      error += gain * gain + lost * lost * (cell * cell - 1.0f);
-      cell *= gain;
-      squares += gain * gain;
-      place += gain * gain;
-    }
-    if (passed) passed[n] = place / static_cast<float>(kCells);
-  }
-  return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
-}
-
 #include "malus/denoise/internal/stack_axes-inl.h"
+#include "malus/denoise/internal/stack_match-inl.h"
+#include "malus/denoise/internal/stack_shrink-inl.h"
+// After the shrinkage.
 #include "malus/denoise/internal/stack_ridge-inl.h"
 
 /// The upper triangle, the only part that axes_of needs.
