@@ -273,20 +273,6 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   return run;
 }
 
-// What else was taken out, where it was.
-std::string corrections_text(const Json& run) {
-  std::string text;
-  if (const auto defects = run["defect_pixels"].get<std::int64_t>(); defects > 0)
-    text += fmt::format(", {} defect pixels filled", defects);
-  if (const auto impulses = run["impulse_pixels"].get<std::int64_t>(); impulses > 0)
-    text += fmt::format(", {} impulses filled", impulses);
-  for (const auto& [share, name] :
-       {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
-    if (const auto value = run[share].get<double>(); value > 0)
-      text += fmt::format(", {:.2f} of the model's {} taken out", value, name);
-  return text;
-}
-
 // A row per metric that was measured against a reference.
 std::string metrics_text(const Json& run) {
   if (!run.contains("against_reference")) return {};

@@ -102,6 +102,19 @@ nlohmann::ordered_json noise_json(const Denoised& result) {
           {"complaint", noise_complaint(*result.noise)}};
 }
 
+std::string corrections_text(const nlohmann::ordered_json& run) {
+  std::string text;
+  for (const auto& [pixels, name] :
+       {std::pair{"defect_pixels", "defect pixels"}, {"impulse_pixels", "impulses"}})
+    if (const auto count = run[pixels].get<std::int64_t>(); count > 0)
+      text += fmt::format(", {} {} filled", count, name);
+  for (const auto& [share, name] :
+       {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
+    if (const auto value = run[share].get<double>(); value > 0)
+      text += fmt::format(", {:.2f} of the model's {} taken out", value, name);
+  return text;
+}
+
 std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,
                                      const std::vector<fs::path>& others) {
   std::error_code unknown;

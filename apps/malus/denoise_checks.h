@@ -6,6 +6,7 @@
 #include "malus/noise/model.h"
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -32,6 +33,9 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
 
 /// The comparison of the frame's noise with the profile's, for the record; null where none is.
 nlohmann::ordered_json noise_json(const Denoised& result);
+
+/// What else a run's record says that was taken out of its frame; empty where nothing was.
+std::string corrections_text(const nlohmann::ordered_json& run);
 
 /// Those of the files that exist and are none of the others.
 std::vector<std::filesystem::path> existing_apart(const std::vector<std::filesystem::path>& files,
