@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "output_check.h"
 #include "program.h"
 #include <fmt/format.h>
@@ -104,12 +105,16 @@ void check_pair_files(const PairsArguments& arguments, const Session& session,
     }
 }
 
+NoiseProfile profile_at(const PairJob& job, const GainSetting& gain) {
+  return naming_model(job.arguments.model, [&] { return job.model->profile_at(gain); });
+}
+
 // DN above black, and above the mean bias where a model tells it.
 RawFrame load_above_bias(const PairJob& job, const FrameGroup& group, const fs::path& path) {
   RawFrame frame = load_session_frame(job.session, group, path);
   subtract_black(frame);
   if (!job.model) return frame;
-  const NoiseProfile profile = job.model->profile_at(frame.gain);
+  const NoiseProfile profile = profile_at(job, frame.gain);
   require_layout_of_model(frame, profile.layout);
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c)
@@ -148,8 +153,8 @@ double system_gain(const NoiseProfile& profile) {
 // it, which knows of conversion gains and of ISO; else by the decibels.
 double gain_ratio(const PairJob& job, const GainSetting& reference, const GainSetting& other) {
   if (job.model) {
-    const double above = system_gain(job.model->profile_at(reference)),
-                 below = system_gain(job.model->profile_at(other));
+    const double above = system_gain(profile_at(job, reference)),
+                 below = system_gain(profile_at(job, other));
     if (above > 0 && below > 0) return above / below;
   }
   const auto long_db = reference.decibel(), short_db = other.decibel();

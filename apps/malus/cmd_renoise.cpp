@@ -110,10 +110,13 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   const FrameOptions options = arguments.raw.resolve();
   const bool naive = arguments.method == "naive";
-  const std::vector<LevelRange> ranges = ranges_of(arguments, model, from, to);
+  const std::vector<LevelRange> ranges =
+      naming_model(arguments.model, [&] { return ranges_of(arguments, model, from, to); });
   LevelCoverage coverage;
   std::optional<Renoiser> renoiser;
-  if (!naive) renoiser.emplace(make_renoiser(arguments, model, from, to));
+  if (!naive)
+    renoiser.emplace(
+        naming_model(arguments.model, [&] { return make_renoiser(arguments, model, from, to); }));
   const auto names =
       output_names(arguments.inputs, arguments.folder, "_renoised." + arguments.format);
   const OutputFolder output(arguments.folder);

@@ -16,6 +16,7 @@
 #include <optional>
 #include <vector>
 
+#include "denoise_checks.h"
 #include "flags.h"
 #include "frame_input.h"
 #include "program.h"
@@ -134,6 +135,7 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, RawFrame& frame) {
   if (!model) return load_variance(arguments.variance[index], frame);
+  warn_of_clipped_dark(*model, frame.gain, arguments.model);
   return naming_model(arguments.model, [&] {
     return take_out_bias(frame, *model, gain_range(arguments.extrapolate_gain));
   });

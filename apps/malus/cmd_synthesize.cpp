@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "networks_door.h"
 #include "program.h"
 #include "raw_options.h"
@@ -116,7 +117,9 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
   const auto coverage = std::make_shared<LevelCoverage>();
   return {synthesizer->model().sensor, synthesizer->model().layout,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
-            return draw(*synthesizer, arguments, clean, gain, address, *coverage);
+            return naming_model(arguments.model, [&] {
+              return draw(*synthesizer, arguments, clean, gain, address, *coverage);
+            });
           },
           coverage,
           [=](const Image& clean) { return synthesizer->repetition(clean.rows(), clean.cols()); }};
