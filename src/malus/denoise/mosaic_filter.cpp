@@ -344,12 +344,14 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   for (std::size_t pass = 0; pass + 1 < plan.guided.size(); ++pass)
     pilot = pass == 0 && plan.large ? mixed_pass(input, plan.guided.front(), *plan.large, progress)
                                     : internal::run_stage(input, plan.guided[pass], progress);
+  const bool shrinks = plan.detail_threshold > 0;
   internal::PassedNoise passed;
-  internal::StackTile estimate{internal::run_stage(input, plan.guided.back(), progress,
-                                                   {.noise = variance_out, .passed = &passed}),
-                               noisy.row0, noisy.col0};
+  internal::StackTile estimate{
+      internal::run_stage(input, plan.guided.back(), progress,
+                          {.noise = variance_out, .passed = shrinks ? &passed : nullptr}),
+      noisy.row0, noisy.col0};
   std::optional<internal::CellMap> kept;
-  if (plan.detail_threshold > 0) {
+  if (shrinks) {
     if (variance_out) kept.emplace(noisy);
     estimate.pixels =
         internal::shrink_detail(estimate, frame_rows, frame_cols, statistics.rotations.front(),
