@@ -4,11 +4,11 @@
 #include "malus/base/parallel.h"
 #include "malus/image/pack.h"
 #include "malus/noise/model.h"
-#include "malus/synthesize/exact.h"
 
 #include <cmath>
 #include <limits>
 
+#include "denoise/drawn_frame.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -39,15 +39,7 @@ Image scene(int rows, int cols) {
 }
 
 RawFrame noisy_frame(const Image& clean, const PhysicsNoise& noise, std::uint64_t seed) {
-  RawFrame frame;
-  frame.layout = noise.layout;
-  frame.black_dn.assign(noise.channels.size(), 82.0);
-  frame.white_dn = 4095;
-  frame.source = "test";
-  frame.dn = clean;
-  add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = seed});
-  for (float& v : frame.dn.values()) v += 82.0f;
-  return frame;
+  return drawn_frame(clean, noise, {.black_dn = 82}, seed);
 }
 
 double rms(const Image& a, const Image& b) {

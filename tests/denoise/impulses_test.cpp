@@ -5,10 +5,10 @@
 #include "malus/base/parallel.h"
 #include "malus/noise/model.h"
 #include "malus/noise/tukey_lambda.h"
-#include "malus/synthesize/exact.h"
 
 #include <cmath>
 
+#include "denoise/drawn_frame.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -36,15 +36,7 @@ Image smooth_light() {
 }
 
 RawFrame noisy_frame(const Image& clean, const PhysicsNoise& noise) {
-  RawFrame frame;
-  frame.layout = noise.layout;
-  frame.black_dn.assign(noise.channels.size(), 64.0);
-  frame.white_dn = 4095;
-  frame.source = "test";
-  frame.dn = clean;
-  add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = 5});
-  for (float& v : frame.dn.values()) v += 64.0f;
-  return frame;
+  return drawn_frame(clean, noise, {.black_dn = 64}, 5);
 }
 
 std::vector<DefectList::Place> found_in(const RawFrame& frame, const PhysicsNoise& noise) {

@@ -5,12 +5,12 @@
 #include "malus/base/random.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/noise/model.h"
-#include "malus/synthesize/exact.h"
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
 
+#include "denoise/drawn_frame.h"
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -39,14 +39,7 @@ Image waves() {
 }
 
 RawFrame noisy_frame(const Image& clean, const PhysicsNoise& noise) {
-  RawFrame frame;
-  frame.layout = noise.layout;
-  frame.black_dn.assign(noise.channels.size(), 0.0);
-  frame.white_dn = 4000;
-  frame.source = "test";
-  frame.dn = clean;
-  add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = 11});
-  return frame;
+  return drawn_frame(clean, noise, {.white_dn = 4000}, 11);
 }
 
 Denoised with_errors(const RawFrame& frame, const NoiseProfile& profile,

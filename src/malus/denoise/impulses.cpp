@@ -1,6 +1,7 @@
 #include "malus/denoise/impulses.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,8 +17,8 @@ constexpr double kExplained = 0.5;  // of the pixels beyond a threshold, by the 
 constexpr int kLeastNeighbours = 5;
 constexpr int kTailSamples = 4096;
 constexpr int kBandRows = 32;
-constexpr float kNormalSpread = 1.4826f;  // deviation over median distance, of a Gaussian
 
+// In place, of a few values, for every pixel: median_of copies.
 float median(std::span<float> values) {
   const auto middle = values.begin() + std::ssize(values) / 2;
   std::nth_element(values.begin(), middle, values.end());
@@ -39,7 +40,7 @@ float deviation_of(const PreparedFrame& frame, const NoiseProfile& profile, int 
   const std::span<float> values(near, count);
   const float middle = median(values);
   for (float& value : values) value = std::abs(value - middle);
-  const float spread = kNormalSpread * median(values);
+  const float spread = median(values) / static_cast<float>(kMedianOfNormal);
   const auto& channel =
       profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
   const auto noise = static_cast<float>(std::sqrt(std::max(channel.variance(middle), 0.0)));

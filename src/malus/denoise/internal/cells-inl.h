@@ -34,14 +34,19 @@ HWY_INLINE const float* lanes_of(const Floats& cell) {
   return reinterpret_cast<const float*>(&cell);
 }
 
+HWY_INLINE Floats row_of(const CellMatrix& matrix, std::size_t i) {
+  Floats row;
+  load(matrix[i].data(), row);
+  return row;
+}
+
 /// cells[i] -> sum over k of cells[i][k] * matrix[k], for so many cells that sums stay in
 /// registers.
 template <int kCount>
 HWY_INLINE void rotate_some(Floats* cells, const CellMatrix& matrix) {
   Floats sum[kCount] = {};
   for (std::size_t k = 0; k < kLanes; ++k) {
-    Floats row;
-    load(matrix[k].data(), row);
+    const Floats row = row_of(matrix, k);
     for (int i = 0; i < kCount; ++i)
       sum[i] = fused(all<Floats>(lanes_of(cells[i])[k]), row, sum[i]);
   }
@@ -60,12 +65,6 @@ constexpr CellMatrix kIdentity = [] {
   for (std::size_t i = 0; i < kLanes; ++i) matrix[i][i] = 1;
   return matrix;
 }();
-
-HWY_INLINE Floats row_of(const CellMatrix& matrix, std::size_t i) {
-  Floats row;
-  load(matrix[i].data(), row);
-  return row;
-}
 
 /// Rows of diagonal * I + sum over n of a[n] b[n]^T, vectors `stride` apart; the last so many of
 /// their values as Vector has.

@@ -25,8 +25,7 @@ constexpr float kLeastNoise = 1e-6f;  // where neither signal nor noise is left
 /// Four components of a block's four cells as one vector.
 HWY_INLINE Floats quarter_of(const Floats* cells, int quarter) {
   Floats4 part[kQuarters];
-  for (int i = 0; i < kQuarters; ++i)
-    load(reinterpret_cast<const float*>(cells + i) + kQuarters * quarter, part[i]);
+  for (int i = 0; i < kQuarters; ++i) load(lanes_of(cells[i]) + kQuarters * quarter, part[i]);
   return joined(joined(part[0], part[1]), joined(part[2], part[3]));
 }
 
