@@ -1,8 +1,8 @@
 #include "malus/denoise/estimate_noise.h"
 
 #include "malus/base/statistics.h"
+#include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/row_noise.h"
-#include "malus/denoise/shared_detail.h"
 #include "malus/image/pack.h"
 
 #include <algorithm>
@@ -16,17 +16,17 @@
 namespace malus {
 namespace {
 
+using internal::VarianceLevel;
+using internal::VarianceLines;
+
 constexpr int kBlock = 8;         // pixels of one channel per side
 constexpr int kLeastBlocks = 64;  // per channel
 constexpr std::size_t kMostLevels = 16;
 constexpr std::size_t kLeastPerLevel = 24;
 // Two levels of a small frame cannot tell how the noise rises with the signal.
 constexpr std::size_t kLeastLevels = 4;
-constexpr int kPasses = 10;                // of reweighted fits
-constexpr double kSmoothShare = 0.4;       // of a level's blocks
-constexpr double kSharedIsTexture = 0.2;   // of the details, see shared_detail.h
-constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
-constexpr double kChance = 2.0;            // standard errors
+constexpr double kSmoothShare = 0.4;  // of a level's blocks
+constexpr double kMuchTexture = 0.2;  // of what looked like noise
 
 struct Block {
   double mean = 0;
@@ -91,14 +91,8 @@ std::vector<Block> measure_blocks(View<const float> plane, double saturated_dn) 
   return blocks;
 }
 
-// One point of variance against signal.
-struct Level {
-  double signal, variance;
-  double relative_error;  ///< of the variance, one standard error
-};
-
 // The smoothest blocks of a run of blocks with similar means.
-Level measure_level(std::vector<Block> blocks) {
+VarianceLevel measure_level(std::vector<Block> blocks) {
   std::sort(blocks.begin(), blocks.end(),
             [](const Block& a, const Block& b) { return a.texture < b.texture; });
   const auto count =
@@ -125,12 +119,12 @@ Level measure_level(std::vector<Block> blocks) {
   return {mean, kept > 0 ? sum / kept : center, std::sqrt(2.0 / kDegrees / std::max(kept, 1))};
 }
 
-std::vector<Level> measure_levels(std::vector<Block> blocks) {
+std::vector<VarianceLevel> measure_levels(std::vector<Block> blocks) {
   std::sort(blocks.begin(), blocks.end(),
             [](const Block& a, const Block& b) { return a.mean < b.mean; });
   const std::size_t levels =
       std::clamp<std::size_t>(blocks.size() / kLeastPerLevel, kLeastLevels, kMostLevels);
-  std::vector<Level> result;
+  std::vector<VarianceLevel> result;
   for (std::size_t i = 0; i < levels; ++i)
     result.push_back(measure_level(
         {blocks.begin() + static_cast<std::ptrdiff_t>(i * blocks.size() / levels),
@@ -138,126 +132,10 @@ std::vector<Level> measure_levels(std::vector<Block> blocks) {
   return result;
 }
 
-struct Line {
-  double slope = 0, offset = 0, slope_error = 0, offset_error = 0;
-};
-
-// A billionth of the levels' variance.
-double least_error_of(const std::vector<Level>& levels) {
-  double highest = 0;
-  for (const Level& l : levels) highest = std::max(highest, l.variance);
-  return highest > 0 ? 1e-9 * highest : 1.0;
-}
-
-// Weight of a level for its distance above a line, in standard errors.
-double weight_above(double above) { return above > 0 ? 1.0 / (1.0 + above * above / 9.0) : 1.0; }
-
-// Texture only ever adds variance: levels above the line count less than levels below it.
-// A level's error is taken from the fitted variance: its own would favour levels that came out low.
-// least_error: what keeps the weight of a level without noise finite.
-double weight_of(const Level& level, double fitted, double least_error) {
-  const double error = level.relative_error * std::max(fitted, 0.1 * level.variance) + least_error;
-  return weight_above((level.variance - fitted) / error) / (error * error);
-}
-
-// Read noise is not below zero: the slope is no steeper than any level's variance over its signal.
-// Of few levels the brightest may hold nothing but the picture's detail, stars on a dark ground,
-// and no other would tell.
-void limit_slope(const std::vector<Level>& levels, Line& line) {
-  constexpr std::size_t kFew = 8;
-  constexpr double kErrors = 3.0;
-  if (levels.size() >= kFew) return;
-  for (const Level& l : levels)
-    if (l.signal > 0)
-      line.slope = std::min(line.slope, l.variance * (1.0 + kErrors * l.relative_error) / l.signal);
-}
-
-Line fit_levels(const std::vector<Level>& levels) {
-  std::vector<double> x, y, weights(levels.size(), 1.0);
-  for (const Level& l : levels) {
-    x.push_back(l.signal);
-    y.push_back(l.variance);
-  }
-  Line line;
-  line.offset = mean_of(y);
-  line.offset_error = levels.front().relative_error * line.offset;
-  const auto [low, high] = std::minmax_element(x.begin(), x.end());
-  if (!(*high - *low > 1e-6 * std::max(std::abs(*low), std::abs(*high)))) return line;
-  const double least_error = least_error_of(levels);
-  for (int pass = 0; pass < kPasses; ++pass) {
-    const LineFit fit = fit_line(x, y, weights, pass > 0);
-    line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
-    for (std::size_t i = 0; i < x.size(); ++i)
-      weights[i] = weight_of(levels[i], line.offset + line.slope * x[i], least_error);
-  }
-  return line;
-}
-
-// The line as a curve, no lower than a tenth of the lowest level's variance.
-VarianceCurve curve_of(const Line& line, const std::vector<Level>& levels) {
-  double least = levels.front().variance;
-  for (const Level& l : levels) least = std::min(least, l.variance);
-  return VarianceCurve::fitted_line(std::max(line.slope, 0.0), line.offset, 0.1 * least);
-}
-
-// Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
-// Slopes below zero by chance count as well: of a scene of nearly one brightness half of them are,
-// and the mean of the others would be far too steep. Those that fall by more than chance have
-// texture in the dark and tell nothing.
-void pool(std::vector<Line>& lines) {
-  double slope = 0, weight = 0;
-  for (const Line& l : lines)
-    if (l.slope_error > 0 && l.slope > -kChance * l.slope_error) {
-      const double w = 1.0 / (l.slope_error * l.slope_error +
-                              kPooledDeviation * kPooledDeviation * l.slope * l.slope);
-      slope += w * l.slope;
-      weight += w;
-    }
-  slope = weight > 0 ? std::max(slope / weight, 0.0) : 0.0;
-  const double prior = kPooledDeviation * slope;
-  for (Line& l : lines) {
-    const double variance = l.slope_error * l.slope_error;
-    const double trust =
-        l.slope > 0 && slope > 0 ? prior * prior / (prior * prior + variance) : 0.0;
-    l.slope = slope + trust * (l.slope - slope);
-  }
-}
-
-// The offset that carries the pooled slope through the channel's levels; returns the sum of
-// weights.
-double fit_offset(const std::vector<Level>& levels, Line& line) {
-  double weight = 0;
-  const double least_error = least_error_of(levels);
-  for (int pass = 0; pass < kPasses; ++pass) {
-    double weighted = 0;
-    weight = 0;
-    for (const Level& l : levels) {
-      const double w = weight_of(l, line.offset + line.slope * l.signal, least_error);
-      weighted += w * (l.variance - line.slope * l.signal);
-      weight += w;
-    }
-    line.offset = weighted / weight;
-  }
-  return weight;
-}
-
 double mean_signal(const std::vector<Block>& blocks) {
   double sum = 0;
   for (const Block& b : blocks) sum += b.mean;
   return sum / static_cast<double>(std::max<std::size_t>(blocks.size(), 1));
-}
-
-// The rest is what the other channels' detail leaves of a channel's own power: the noise, and
-// texture finer than the channels are apart.
-void take_texture_off(double shared, std::vector<std::vector<Level>>& levels,
-                      std::vector<Line>& lines) {
-  const double rest = 1.0 - shared;
-  for (std::vector<Level>& of_channel : levels)
-    for (Level& level : of_channel) level.variance *= rest;
-  for (Line& line : lines) {
-    line.offset *= rest;
-    line.slope *= rest;
-  }
 }
 
 std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
@@ -278,8 +156,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   for (int k = 0; k < planes.channels(); ++k)
     for (float& v : planes[k].values())
       v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
-  std::vector<std::vector<Level>> levels;
-  std::vector<Line> lines;
+  VarianceLines channels;
   std::vector<double> means;
   std::vector<float> saturated_dn;
   PictureNoise noise;
@@ -293,43 +170,40 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
                       blocks.size(), kBlock, kBlock, kLeastBlocks)};
     usable += kSmoothShare * static_cast<double>(blocks.size());
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
-    levels.push_back(measure_levels(blocks));
-    lines.push_back(fit_levels(levels.back()));
-    if (frame.black_known) limit_slope(levels.back(), lines.back());
+    channels.add(measure_levels(blocks), frame.black_known);
     means.push_back(mean_signal(blocks));
-    noise.levels += static_cast<int>(levels.back().size());
+    noise.levels += static_cast<int>(channels.levels.back().size());
   }
-  pool(lines);
-  noise.texture_share = shared_detail(planes, saturated_dn);
-  take_texture_off(noise.texture_share, levels, lines);
-  noise.levels /= planes.channels();
+  Image dn(frame.dn.rows(), frame.dn.cols());
+  unpack(planes, frame.layout, dn);
+  planes = {};
+  channels.settle();
+  noise.texture_share = internal::take_texture_off(dn, frame.layout, saturated_dn, channels);
+  noise.levels /= frame.layout.channels();
   noise.smooth_share = usable / all;
   noise.profile.layout = frame.layout;
   noise.profile.estimated_from_picture = true;
   double deviation = 0, error = 0;
-  for (std::size_t k = 0; k < lines.size(); ++k) {
-    Line line = lines[k];
-    const double weight = fit_offset(levels[k], line);
+  const std::vector<VarianceCurve> curves = channels.curves(1.0);
+  for (std::size_t k = 0; k < channels.lines.size(); ++k) {
+    const double share = 1.0 / static_cast<double>(channels.lines.size());
     ChannelProfile channel;
-    channel.variance = curve_of(line, levels[k]);
+    channel.variance = curves[k];
     const double variance = channel.variance(means[k]);
-    deviation += std::sqrt(variance) / static_cast<double>(lines.size());
-    error +=
-        variance > 0 ? 0.5 / (std::sqrt(weight) * variance) / static_cast<double>(lines.size()) : 0;
+    deviation += share * std::sqrt(variance);
+    error += variance > 0 ? share * 0.5 / (std::sqrt(channels.weights[k]) * variance) : 0;
     noise.profile.channels.push_back(channel);
   }
   if (!(deviation > 1e-6 * std::max(range_dn, 1e-30)))
     return Undecided{"the picture has no noise that could be measured"};
   noise.relative_error = error;
-  Image dn(frame.dn.rows(), frame.dn.cols());
-  unpack(planes, frame.layout, dn);
   estimate_row_deviation(dn, saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation);
-  if (noise.texture_share > kSharedIsTexture)
+  if (noise.texture_share > kMuchTexture)
     noise.trust += fmt::format(
-        "; {:.0f} % of what looked like noise is alike in neighbouring channels, which noise never "
-        "is: it is texture and was left out; finer texture was not, so the result may be blurred "
-        "and too bright",
+        "; {:.0f} % of what looked like noise can be told from neighbouring pixels, which noise "
+        "never can: it is texture and was left out; texture as fine as the pixels was not, so the "
+        "result may be blurred and too bright",
         100 * noise.texture_share);
   return noise;
 }

@@ -26,7 +26,7 @@ struct PictureNoise {
   double relative_error = 0;  ///< of the deviation at the mean signal, one standard error
   int levels = 0;             ///< of brightness that carry the fit, mean over the channels
   double smooth_share = 0;    ///< of the blocks: how much of the picture could be used
-  double texture_share = 0;   ///< of what looked like noise, left out of it (shared_detail.h)
+  double texture_share = 0;   ///< of what looked like noise, left out of it (noise_floor.h)
   std::string trust;          ///< one sentence with the numbers
 };
 

@@ -16,7 +16,7 @@ constexpr int kTileCells = 32;  // per side: whole blocks of estimate_profile
 constexpr std::int64_t kSampledPixels = 1 << 20;
 constexpr double kBelowDeviations = 6.0;
 // docs/denoising.md says what they were measured on.
-constexpr double kFarBelow = 0.7, kFarAbove = 4.0, kMostTexture = 0.1, kMostBelowDark = 0.1;
+constexpr double kFarBelow = 0.7, kFarAbove = 1.6, kMostTexture = 0.1, kMostBelowDark = 0.1;
 
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
 // Saturated pixels are at range_dn.

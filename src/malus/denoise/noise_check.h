@@ -14,8 +14,8 @@ struct NoiseCheck {
   /// Deviation at the channels' mean signals, mean over the channels: as the frame shows it
   /// (estimate_noise.h; texture can only raise it), and as the profile says.
   double frame_sd_dn = 0, profile_sd_dn = 0;
-  /// Share of the frame's variance that neighbouring channels have in common, as texture
-  /// (shared_detail.h); of one channel nothing is known, and all may be texture.
+  /// Share of what looks like the frame's noise that neighbouring pixels tell, as texture does
+  /// (noise_floor.h); 1 of a single channel, where white texture could be anything.
   double texture_share = 0;
   /// Share of the pixels that lie further below the profile's dark level than noise reaches.
   double below_dark_share = 0;

@@ -17,11 +17,12 @@ set(denoise_SOURCES
     memory_budget.cpp
     mosaic_filter.cpp
     noise_check.cpp
+    noise_floor.cpp
     pattern_removal.cpp
     preparation.cpp
     row_noise.cpp
     row_posterior.cpp
-    shared_detail.cpp
     stack_kernel.cpp
     stack_stage.cpp
-    stated_error.cpp)
+    stated_error.cpp
+    variance_lines.cpp)

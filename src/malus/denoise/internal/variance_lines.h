@@ -1,0 +1,44 @@
+// How the noise's variance rises with the signal, channel by channel: lines through its levels, and
+// what of them is texture. Of estimate_profile.
+#pragma once
+
+#include "malus/image/layout.h"
+#include "malus/image/view.h"
+#include "malus/noise/variance_curve.h"
+
+#include <vector>
+
+namespace malus::internal {
+
+/// One point of variance against signal.
+struct VarianceLevel {
+  double signal, variance;
+  double relative_error;  ///< of the variance, one standard error
+};
+
+struct VarianceLine {
+  double slope = 0, offset = 0, slope_error = 0, offset_error = 0;
+};
+
+struct VarianceLines {
+  std::vector<std::vector<VarianceLevel>> levels;  ///< [channel], rising signals
+  std::vector<VarianceLine> lines;                 ///< [channel]
+  std::vector<double> weights;                     ///< of the levels that carry a line's offset
+
+  /// A channel more, with a line through its own levels alone.
+  void add(std::vector<VarianceLevel> of_channel, bool black_known);
+  /// Lines through their levels that know of each other: channels share their gain.
+  void settle();
+  /// The channels' curves; kept: 1 for their own, 0 for that of them all.
+  std::vector<VarianceCurve> curves(double kept) const;
+};
+
+/// Levels become what the floors (noise_floor.h) leave of the lines through them: never more, for
+/// texture that no direction escapes lifts the floors too. How channels differ is kept as far as
+/// there is no texture: its size in one channel says nothing of the noise there. lines: settled
+/// before and after; untouched where there is little texture. dn: mosaic above black. Returns the
+/// share of the variance that was texture.
+double take_texture_off(const Image& dn, const SensorLayout& layout,
+                        const std::vector<float>& saturated_dn, VarianceLines& lines);
+
+}  // namespace malus::internal

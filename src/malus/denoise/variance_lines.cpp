@@ -1,0 +1,211 @@
+#include "malus/denoise/internal/variance_lines.h"
+
+#include "malus/base/statistics.h"
+#include "malus/denoise/noise_floor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace malus::internal {
+namespace {
+
+constexpr int kPasses = 10;                // of reweighted fits
+constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
+constexpr double kChance = 2.0;            // standard errors
+constexpr int kFloorPasses = 2;
+constexpr double kLittleTexture = 0.05;  // what the floors may err: lines are left alone
+constexpr double kTexture = 0.2;         // from here on nothing is kept of how channels differ
+
+// A billionth of the levels' variance.
+double least_error_of(const std::vector<VarianceLevel>& levels) {
+  double highest = 0;
+  for (const VarianceLevel& l : levels) highest = std::max(highest, l.variance);
+  return highest > 0 ? 1e-9 * highest : 1.0;
+}
+
+// Weight of a level for its distance above a line, in standard errors.
+double weight_above(double above) { return above > 0 ? 1.0 / (1.0 + above * above / 9.0) : 1.0; }
+
+// Texture only ever adds variance: levels above the line count less than levels below it.
+// A level's error is taken from the fitted variance: its own would favour levels that came out low.
+// least_error: what keeps the weight of a level without noise finite.
+double weight_of(const VarianceLevel& level, double fitted, double least_error) {
+  const double error = level.relative_error * std::max(fitted, 0.1 * level.variance) + least_error;
+  return weight_above((level.variance - fitted) / error) / (error * error);
+}
+
+// Read noise is not below zero: the slope is no steeper than any level's variance over its signal.
+// Of few levels the brightest may hold nothing but the picture's detail, stars on a dark ground,
+// and no other would tell.
+void limit_slope(const std::vector<VarianceLevel>& levels, VarianceLine& line) {
+  constexpr std::size_t kFew = 8;
+  constexpr double kErrors = 3.0;
+  if (levels.size() >= kFew) return;
+  for (const VarianceLevel& l : levels)
+    if (l.signal > 0)
+      line.slope = std::min(line.slope, l.variance * (1.0 + kErrors * l.relative_error) / l.signal);
+}
+
+VarianceLine fit_levels(const std::vector<VarianceLevel>& levels) {
+  std::vector<double> x, y, weights(levels.size(), 1.0);
+  for (const VarianceLevel& l : levels) {
+    x.push_back(l.signal);
+    y.push_back(l.variance);
+  }
+  VarianceLine line;
+  line.offset = mean_of(y);
+  line.offset_error = levels.front().relative_error * line.offset;
+  const auto [low, high] = std::minmax_element(x.begin(), x.end());
+  if (!(*high - *low > 1e-6 * std::max(std::abs(*low), std::abs(*high)))) return line;
+  const double least_error = least_error_of(levels);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    const LineFit fit = fit_line(x, y, weights, pass > 0);
+    line = {fit.slope, fit.intercept, fit.slope_standard_error, fit.intercept_standard_error};
+    for (std::size_t i = 0; i < x.size(); ++i)
+      weights[i] = weight_of(levels[i], line.offset + line.slope * x[i], least_error);
+  }
+  return line;
+}
+
+// The line as a curve, no lower than a tenth of the lowest level's variance.
+VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel>& levels) {
+  double least = levels.front().variance;
+  for (const VarianceLevel& l : levels) least = std::min(least, l.variance);
+  return VarianceCurve::fitted_line(std::max(line.slope, 0.0), line.offset, 0.1 * least);
+}
+
+// Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
+// Slopes below zero by chance count as well: of a scene of nearly one brightness half of them are,
+// and the mean of the others would be far too steep. Those that fall by more than chance have
+// texture in the dark and tell nothing.
+void pool(std::vector<VarianceLine>& lines) {
+  double slope = 0, weight = 0;
+  for (const VarianceLine& l : lines)
+    if (l.slope_error > 0 && l.slope > -kChance * l.slope_error) {
+      const double w = 1.0 / (l.slope_error * l.slope_error +
+                              kPooledDeviation * kPooledDeviation * l.slope * l.slope);
+      slope += w * l.slope;
+      weight += w;
+    }
+  slope = weight > 0 ? std::max(slope / weight, 0.0) : 0.0;
+  const double prior = kPooledDeviation * slope;
+  for (VarianceLine& l : lines) {
+    const double variance = l.slope_error * l.slope_error;
+    const double trust =
+        l.slope > 0 && slope > 0 ? prior * prior / (prior * prior + variance) : 0.0;
+    l.slope = slope + trust * (l.slope - slope);
+  }
+}
+
+// The offset that carries the pooled slope through the channel's levels; returns the sum of
+// weights.
+double fit_offset(const std::vector<VarianceLevel>& levels, VarianceLine& line) {
+  double weight = 0;
+  const double least_error = least_error_of(levels);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    double weighted = 0;
+    weight = 0;
+    for (const VarianceLevel& l : levels) {
+      const double w = weight_of(l, line.offset + line.slope * l.signal, least_error);
+      weighted += w * (l.variance - line.slope * l.signal);
+      weight += w;
+    }
+    line.offset = weighted / weight;
+  }
+  return weight;
+}
+
+// The noise's share of the variance against the signal: that of the floors, drawn to their mean as
+// far as their own errors explain how they differ, and straight between them.
+class NoiseShare {
+ public:
+  explicit NoiseShare(std::vector<NoiseFloor> floors) : floors_(std::move(floors)) {
+    std::vector<double> ratios;
+    for (const NoiseFloor& f : floors_) ratios.push_back(f.ratio);
+    mean_ = mean_of(ratios);
+    if (floors_.size() < 2) return;
+    const double deviation = standard_deviation_of(ratios);
+    error_ = floors_.front().relative_error;
+    const double by_chance = std::pow(mean_ * error_, 2), found = deviation * deviation;
+    const double kept = found > 0 ? std::max(1.0 - kChance * by_chance / found, 0.0) : 0.0;
+    error_ *= kept;
+    for (NoiseFloor& f : floors_) f.ratio = mean_ + kept * (f.ratio - mean_);
+  }
+  double mean() const { return mean_; }
+  /// One standard error of a level's against another's.
+  double relative_error() const { return error_; }
+  double at(double signal_dn) const {
+    if (signal_dn <= floors_.front().signal_dn) return floors_.front().ratio;
+    for (std::size_t i = 1; i < floors_.size(); ++i) {
+      const NoiseFloor &a = floors_[i - 1], &b = floors_[i];
+      if (signal_dn < b.signal_dn)
+        return a.ratio +
+               (b.ratio - a.ratio) * (signal_dn - a.signal_dn) / (b.signal_dn - a.signal_dn);
+    }
+    return floors_.back().ratio;
+  }
+
+ private:
+  std::vector<NoiseFloor> floors_;
+  double mean_ = 1, error_ = 0;
+};
+
+}  // namespace
+
+void VarianceLines::add(std::vector<VarianceLevel> of_channel, bool black_known) {
+  lines.push_back(fit_levels(of_channel));
+  if (black_known) limit_slope(of_channel, lines.back());
+  levels.push_back(std::move(of_channel));
+}
+
+void VarianceLines::settle() {
+  pool(lines);
+  weights.clear();
+  for (std::size_t k = 0; k < lines.size(); ++k) weights.push_back(fit_offset(levels[k], lines[k]));
+}
+
+std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
+  std::vector<VarianceLevel> all;
+  for (const std::vector<VarianceLevel>& own : levels)
+    all.insert(all.end(), own.begin(), own.end());
+  const VarianceLine common = fit_levels(all);
+  std::vector<VarianceCurve> result;
+  for (std::size_t k = 0; k < lines.size(); ++k) {
+    VarianceLine line;
+    line.slope = common.slope + kept * (lines[k].slope - common.slope);
+    line.offset = common.offset + kept * (lines[k].offset - common.offset);
+    result.push_back(curve_of(line, levels[k]));
+  }
+  return result;
+}
+
+double take_texture_off(const Image& dn, const SensorLayout& layout,
+                        const std::vector<float>& saturated_dn, VarianceLines& lines) {
+  const std::vector<VarianceCurve> most = lines.curves(1.0);
+  double noise_share = 1;
+  for (int pass = 0; pass < kFloorPasses; ++pass) {
+    const double kept = std::clamp(1.0 - (1.0 - noise_share) / kTexture, 0.0, 1.0);
+    const std::vector<VarianceCurve> curves = lines.curves(kept);
+    std::vector<NoiseFloor> floors = noise_floor(dn, layout, curves, saturated_dn);
+    if (floors.empty()) break;
+    const NoiseShare share(std::move(floors));
+    if (pass == 0 && share.mean() > 1.0 - kLittleTexture) break;
+    noise_share = std::min(noise_share * share.mean(), 1.0);
+    // What the floors err is the same for all channels: pooling must not average it away.
+    const double error =
+        share.relative_error() * std::sqrt(static_cast<double>(lines.lines.size()));
+    for (std::size_t k = 0; k < lines.lines.size(); ++k) {
+      for (VarianceLevel& level : lines.levels[k]) {
+        level.variance =
+            std::min(share.at(level.signal) * curves[k](level.signal), most[k](level.signal));
+        level.relative_error = std::hypot(level.relative_error, error);
+      }
+      lines.lines[k] = fit_levels(lines.levels[k]);
+    }
+    lines.settle();
+  }
+  return 1.0 - noise_share;
+}
+
+}  // namespace malus::internal
