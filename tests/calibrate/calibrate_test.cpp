@@ -58,6 +58,24 @@ TEST(CalibratePhysics, RowGroupOfOneIsFoundOnMonoBayerAndPolarSensors) {
   }
 }
 
+TEST(CalibratePhysics, WideRowGroupsAreFoundOrNotDecided) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 256;
+  camera.bias_frames = 40;
+  camera.flat_levels = 0;
+  for (const int group : {4, 8}) {
+    camera.gains = {polar_gain(12, "mono", group)};
+    const NoiseModel model = calibrated(camera);
+    EXPECT_EQ(model.row_group, group);
+    EXPECT_EQ(model.row_group_origin, "detected");
+    EXPECT_FALSE(model.physics[0].row_drift.drift.share > 0) << group;
+  }
+  for (const int group : {3, 16}) {  // were 16 rows told as 8, half of them would be wrong
+    camera.gains = {polar_gain(12, "mono", group)};
+    EXPECT_EQ(calibrated(camera).row_group_origin, "assumed") << group;
+  }
+}
+
 TEST(CalibratePhysics, RowNoiseTooWeakLeavesTheGroupUndecidedAndSaysSo) {
   SimulatedCamera camera = small_camera();
   camera.bias_frames = 10;

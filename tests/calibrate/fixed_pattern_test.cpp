@@ -38,6 +38,30 @@ TEST(FixedPattern, DefectsAreNoPartOfDsnuAndPrnu) {
   EXPECT_GT(p.dark_shading_dn(8, 37), 55.0F);
 }
 
+// Sixteen telegraph pixels of 16384 made 2.1 DN of 1.6 of dark noise, and 0.1 of 0.5 of DSNU.
+TEST(FixedPattern, TelegraphPixelsAreNoPartOfTheDarkNoise) {
+  testing::SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.bias_frames = 10;
+  camera.dsnu_dn = 0.5;
+  camera.gains.push_back(testing::polar_gain(12, "mono", 1));
+  CalibrationInput input = testing::simulated_session(camera);
+  const NoiseModel without = calibrate_physics(input, {}, silent_progress());
+  for (FrameSet& set : input.sets)
+    set.load = [load = set.load](int i) {
+      RawFrame frame = load(i);
+      for (int k = 0; k < 16; ++k)
+        frame.dn(4 + 7 * k, 37) += (i * 7 + k * 3) % 5 < 2 ? 150.0F : 0.0F;
+      return frame;
+    };
+  const NoiseModel with = calibrate_physics(input, {}, silent_progress());
+  EXPECT_EQ(with.defects.size(), without.defects.size() + 16);
+  const PhysicsCalibration &p = with.physics.at(0), &q = without.physics.at(0);
+  EXPECT_NEAR(p.temporal_sd_dark_dn[0] / q.temporal_sd_dark_dn[0], 1.0, 0.005);
+  EXPECT_NEAR(p.dsnu_dn[0], q.dsnu_dn[0], 0.01);
+  EXPECT_NEAR(p.dsnu_dn[0], camera.dsnu_dn, 0.05);
+}
+
 // From 2 bias frames of 10 DN the PRNU was a third too large: their mean's error is in every level.
 // 16384 pixels: half a per cent each for the response and its error, which is twice the PRNU
 // squared.
@@ -164,7 +188,9 @@ TEST(Defects, AStuckPixelNeedsNoFlats) {
       };
     const NoiseModel model = calibrate_physics(input, {}, silent_progress());
     ASSERT_EQ(model.defects.size(), flat_levels == 0 ? 1u : 0u);
-    if (flat_levels == 0) EXPECT_EQ(model.defects[0].kind, "stuck");
+    if (flat_levels == 0) {
+      EXPECT_EQ(model.defects[0].kind, "stuck");
+    }
   }
 }
 

@@ -314,4 +314,24 @@ std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> 
   return defects;
 }
 
+std::vector<double> temporal_excess_dn2(const DarkPixels& dark,
+                                        const std::vector<DefectPixel>& defects,
+                                        const MosaicGeometry& geometry) {
+  MALUS_REQUIRE(dark.frames >= 2);
+  const std::vector<double> all = channel_means(dark.sum_of_squares, geometry);
+  std::vector<double> listed(all.size(), 0.0), count(all.size(), 0.0), excess;
+  for (const DefectPixel& defect : defects) {
+    const auto c = as_index(geometry.channel(defect.row, defect.col));
+    listed[c] += dark.sum_of_squares(defect.row, defect.col);
+    count[c] += 1.0;
+  }
+  for (std::size_t c = 0; c < all.size(); ++c) {
+    const auto pixels = static_cast<double>(geometry.channel_pixels(static_cast<int>(c)));
+    const double others =
+        count[c] < pixels ? (all[c] * pixels - listed[c]) / (pixels - count[c]) : all[c];
+    excess.push_back((all[c] - others) / (dark.frames - 1.0));
+  }
+  return excess;
+}
+
 }  // namespace malus

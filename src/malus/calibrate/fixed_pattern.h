@@ -96,4 +96,10 @@ inline constexpr std::size_t kMostDefects = 100000;
 std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
                                       const MosaicGeometry& geometry);
 
+/// What the listed pixels add to the temporal variance of dark.sum_of_squares, mean over the
+/// channel's pixels; DN² per channel. Contract: at least two frames.
+std::vector<double> temporal_excess_dn2(const DarkPixels& dark,
+                                        const std::vector<DefectPixel>& defects,
+                                        const MosaicGeometry& geometry);
+
 }  // namespace malus

@@ -3,6 +3,7 @@
 #include "malus/base/statistics.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -45,23 +46,34 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_varia
         "row noise is too weak: {:.3g} DN² against a standard error of {:.3g} DN², and 3 of these "
         "are needed",
         row_variance, row_variance_se)};
-  Shared even = shared(rows, 2, 0, row_variance), odd = shared(rows, 2, 1, row_variance),
-         second = shared(rows, 4, 1, row_variance), fourth = shared(rows, 4, 3, row_variance);
+  // [i]: pairs across the middle and across the end of 2^(i+1) rows.
+  std::array<Shared, 4> middle, end;
+  for (std::size_t i = 0; i < middle.size(); ++i) {
+    const int half = 1 << i;
+    middle[i] = shared(rows, 2 * half, half - 1, row_variance);
+    end[i] = shared(rows, 2 * half, 2 * half - 1, row_variance);
+  }
   // Rows that drift slowly are alike across groups too: shared is what lies nearer to 1 than to the
-  // least alike pairs.
-  const double least = std::max(0.0, std::min({even.ratio, odd.ratio, second.ratio, fourth.ratio}));
-  for (Shared* pairs : {&even, &odd, &second, &fourth}) pairs->above = 0.5 * (1.0 + least);
-  if (even.no() && odd.no()) return 1;
-  if (even.yes() && second.no() && fourth.no()) return 2;
-  if (even.yes() && second.yes() && fourth.no()) return 4;
+  // least alike pairs. Those of 16 rows are too few to tell.
+  double least = 1.0;
+  for (std::size_t i = 0; i + 1 < middle.size(); ++i)
+    least = std::min({least, middle[i].ratio, end[i].ratio});
+  for (auto* pairs : {&middle, &end})
+    for (Shared& p : *pairs) p.above = 0.5 * (1.0 + std::max(0.0, least));
+  for (std::size_t i = 0; i < middle.size() && !middle[i].open(); ++i) {
+    if (middle[i].yes()) continue;
+    if (end[i].no()) return 1 << i;
+    break;
+  }
+  const Shared &even = middle[0], &odd = end[0];
   if (odd.yes() && even.no())
     return Undecided{fmt::format(
         "rows 2k+1 and 2k+2 share their noise ({}), rows 2k and 2k+1 do not ({}): the groups start "
         "on an odd row; crop the frames by one row",
         odd.text(), even.text())};
   return Undecided{fmt::format(
-      "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; neither pattern of 1, 2 "
-      "or 4 rows is three standard errors away from {:.2f}",
+      "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; no pattern of 1, 2, 4 "
+      "or 8 rows is three standard errors away from {:.2f}",
       even.text(), odd.text(), even.above)};
 }
 

@@ -7,7 +7,7 @@
 
 namespace malus {
 
-/// Groups that can be told apart: 1, 2 or 4 rows, starting at row 0.
+/// Groups that can be told apart: 1, 2, 4 or 8 rows, starting at row 0.
 /// pixel_variance_dn2: temporal variance of a pixel without row noise, averaged over channels.
 /// Decides by the covariance of neighbouring rows' means over frames, for pairs inside and across
 /// the groups, relative to the row noise itself: shared is what lies above the middle between
