@@ -44,12 +44,14 @@ struct Plan {
   SynthesisSettings noise;
   std::vector<fs::path> cleans;
   std::vector<double> black_dn;
+  std::string source;  ///< the file
 };
 
 Plan load_plan(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the data-set configuration");
   root.require_known({"model", "clean", "black", "dataset", "noise"});
   Plan plan;
+  plan.source = path.string();
   plan.noise.debias = plan.noise.amplify = true;
   if (!root.has("model")) root.fail("model", "is missing", "name a noise model");
   plan.model = *root.text("model");
@@ -222,6 +224,21 @@ void write_shard(Factory& factory, const fs::path& path, int shard, bool force,
   tar.commit();
 }
 
+// One cell with every gain that is listed.
+void try_gains(const Factory& factory) {
+  const Image cell(factory.model.description().layout.rows(),
+                   factory.model.description().layout.cols());
+  for (const double gain : factory.plan.dataset.gains) {
+    try {
+      factory.synthesizers.begin()->second.draw(cell, factory.model.gain_setting(gain), {});
+    } catch (const InputError& error) {
+      throw InputError(factory.plan.source,
+                       fmt::format("gains in [dataset]: {}: {}", error.subject(), error.problem()),
+                       error.remedy());
+    }
+  }
+}
+
 // The factory of a folder that is ready for its shards.
 std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
                                       const Common& common) {
@@ -230,6 +247,7 @@ std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
   const NoiseModel& description = factory->model.description();
   sample_recipe(plan.dataset, description.layout, description.row_group, factory->sources.sizes(),
                 common.seed, 0);
+  try_gains(*factory);
   if (const std::string repeated =
           factory->synthesizers.begin()->second.repetition(plan.dataset.patch, plan.dataset.patch);
       !repeated.empty())

@@ -210,3 +210,12 @@ def test_a_set_goes_on_with_the_same_inputs_alone(malus, refused, tmp_path):
     assert "shard-000001.tar" in refused("dataset", tmp_path / "moved/plan.toml", "-o", out)
     (tmp_path / "moved/plan.toml").write_text(text.replace("black = 0", "black = nan"))
     assert "black" in refused("dataset", tmp_path / "moved/plan.toml", "-o", tmp_path / "new")
+
+
+def test_a_gain_that_the_model_lacks_is_named_before_anything_is_written(refused, malus, tmp_path):
+    plan = write_plan(tmp_path, samples=8, extra="gains = [0, 99]\n")
+    line = refused("dataset", plan, "-o", tmp_path / "out")
+    assert str(plan) in line and "gains in [dataset]: 99 dB" in line
+    assert not (tmp_path / "out").exists()
+    plan.write_text(plan.read_text().replace("99", "9"))
+    malus("dataset", plan, "-o", tmp_path / "out")

@@ -253,7 +253,8 @@ std::vector<std::string> NoiseModel::kinds() const {
 
 GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange range) const {
   if (physics.empty())
-    throw InputError(name_of(*this), "holds no physics model", "calibrate with --kind physics");
+    throw InputError(name_of(*this), "holds no physics model, which tells the gain in DN/e-",
+                     "calibrate with --kind physics too (--kind physics,dark-frames)");
   if (const PhysicsCalibration* calibration = find_gain(*this, physics, gain))
     return measured_parameters(*calibration, layout.channels());
   GainParameters p = joint_parameters(segment_at(*this, gain, range), *gain.decibel());
