@@ -242,5 +242,17 @@ TEST(SessionChecks, NoSpreadIsZeroWithoutASign) {
   EXPECT_FALSE(std::signbit(s.spread[0]));
 }
 
+TEST(ColumnNoise, IsToldForTheModelHasNone) {
+  CalibrationInput input = simulated_session(mono_camera());
+  EXPECT_THAT(warnings_of(input), Not(Contains(HasSubstr("its columns change"))));
+  change_frames(input, [](RawFrame& frame, int i) {
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const auto offset = static_cast<float>((i * 37 + c * 101 + i * c * 13) % 17 - 8);
+      for (int r = 0; r < frame.dn.rows(); ++r) frame.dn(r, c) += std::round(0.5F * offset);
+    }
+  });
+  EXPECT_THAT(warnings_of(input), Contains(HasSubstr("its columns change from frame to frame by")));
+}
+
 }  // namespace
 }  // namespace malus

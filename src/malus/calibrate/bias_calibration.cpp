@@ -354,6 +354,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_high_level(first, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
   warn_of_coarse_steps(quantization_dn, out);
+  warn_of_column_noise(out);
   if (!several) return;
   const std::vector<double> temporal = dark.temporal.variance_dn2();
   out.dsnu_dn = dsnu_dn(ordinary.variance_dn2, temporal, set.count);

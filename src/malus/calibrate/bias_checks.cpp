@@ -192,6 +192,24 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
                   joined(cut), 100 * most, 100 * kMostZeros));
 }
 
+void warn_of_column_noise(PhysicsCalibration& out) {
+  constexpr double kOfTemporal = 0.1, kErrors = 5.0;
+  double column = 0, temporal = 0;
+  bool sure = false;
+  for (std::size_t c = 0; c < out.sigma_column.mean.size(); ++c) {
+    column += out.sigma_column.mean[c];
+    temporal += out.temporal_sd_dark_dn[c];
+    sure = sure || out.sigma_column.mean[c] > kErrors * out.sigma_column.standard_error[c];
+  }
+  if (!sure || !(column > kOfTemporal * temporal)) return;
+  const auto channels = static_cast<double>(out.sigma_column.mean.size());
+  out.warnings.push_back(
+      fmt::format("its columns change from frame to frame by {:.3g} DN, {:.0f} % of the temporal "
+                  "noise: the model has no column noise, so synthesize draws it as noise of single "
+                  "pixels and denoise takes it for the picture's",
+                  column / channels, 100 * column / temporal));
+}
+
 void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {
   const auto constant = [](double sd) { return sd == 0; };
   if (std::all_of(out.temporal_sd_dark_dn.begin(), out.temporal_sd_dark_dn.end(), constant)) {
