@@ -151,9 +151,23 @@ class NoiseShare {
   double mean_ = 1, error_ = 0;
 };
 
+// A line whose read noise came out below zero: of pictures of nearly one brightness, whose channels
+// differ in texture as much as in light. Then all of it is shot noise.
+VarianceLine shot_noise_of(const std::vector<VarianceLevel>& levels) {
+  double signal = 0, variance = 0;
+  for (const VarianceLevel& l : levels) {
+    signal += std::max(l.signal, 0.0);
+    variance += l.variance;
+  }
+  VarianceLine line;
+  line.slope = signal > 0 ? variance / signal : 0;
+  return line;
+}
+
 }  // namespace
 
 void VarianceLines::add(std::vector<VarianceLevel> of_channel, bool black_known) {
+  black_is_known = black_known;
   lines.push_back(fit_levels(of_channel));
   if (black_known) limit_slope(of_channel, lines.back());
   levels.push_back(std::move(of_channel));
@@ -169,7 +183,8 @@ std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
   std::vector<VarianceLevel> all;
   for (const std::vector<VarianceLevel>& own : levels)
     all.insert(all.end(), own.begin(), own.end());
-  const VarianceLine common = fit_levels(all);
+  VarianceLine common = fit_levels(all);
+  if (black_is_known && common.offset < 0) common = shot_noise_of(all);
   std::vector<VarianceCurve> result;
   for (std::size_t k = 0; k < lines.size(); ++k) {
     VarianceLine line;

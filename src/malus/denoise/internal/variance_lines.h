@@ -24,6 +24,7 @@ struct VarianceLines {
   std::vector<std::vector<VarianceLevel>> levels;  ///< [channel], rising signals
   std::vector<VarianceLine> lines;                 ///< [channel]
   std::vector<double> weights;                     ///< of the levels that carry a line's offset
+  bool black_is_known = false;  ///< then no channel's noise falls below zero at no light
 
   /// A channel more, with a line through its own levels alone.
   void add(std::vector<VarianceLevel> of_channel, bool black_known);
