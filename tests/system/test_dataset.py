@@ -135,8 +135,10 @@ def test_a_killed_replacement_never_mixes_two_sets(malus, refused, tmp_path):
     old, new = shards(tmp_path / "whole3"), shards(tmp_path / "whole4")
 
     def seed_of_folder():
-        text = (out / "dataset.json").read_text() if (out / "dataset.json").exists() else ""
-        return json.loads(text)["seed"] if text else None
+        try:
+            return json.loads((out / "dataset.json").read_text())["seed"]
+        except FileNotFoundError:
+            return None
 
     moments = {"old shards go": lambda: seed_of_folder() != 3,
                "new shards come": lambda: seed_of_folder() == 4 and len(list(out.glob("shard-*.tar"))) > 3}

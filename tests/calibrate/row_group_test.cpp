@@ -1,0 +1,75 @@
+// The row group: how many rows share the offset of one read-out.
+#include "malus/calibrate/calibrate.h"
+
+#include "simulated_session.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::calibrated;
+using testing::polar_gain;
+using testing::simulated_session;
+using testing::SimulatedCamera;
+using testing::small_camera;
+
+TEST(CalibrateRowGroup, RowGroupOfOneIsFoundOnMonoBayerAndPolarSensors) {
+  for (const char* layout : {"mono", "bayer-rggb", "polar-mono", "polar-bayer-rggb"}) {
+    SimulatedCamera camera;
+    camera.bias_frames = 40;
+    camera.flat_levels = 0;
+    camera.gains.push_back(polar_gain(12, layout, 1));
+    EXPECT_EQ(calibrated(camera).row_group, 1) << layout;
+    camera.gains[0] = polar_gain(12, layout, 2);
+    EXPECT_EQ(calibrated(camera).row_group, 2) << layout;
+  }
+}
+
+TEST(CalibrateRowGroup, WideRowGroupsAreFoundOrNotDecided) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 256;
+  camera.bias_frames = 40;
+  camera.flat_levels = 0;
+  for (const int group : {4, 8}) {
+    camera.gains = {polar_gain(12, "mono", group)};
+    const NoiseModel model = calibrated(camera);
+    EXPECT_EQ(model.row_group, group);
+    EXPECT_EQ(model.row_group_origin, "detected");
+    EXPECT_FALSE(model.physics[0].row_drift.drift.share > 0) << group;
+  }
+  for (const int group : {3, 16}) {  // were 16 rows told as 8, half of them would be wrong
+    camera.gains = {polar_gain(12, "mono", group)};
+    EXPECT_EQ(calibrated(camera).row_group_origin, "assumed") << group;
+  }
+}
+
+TEST(CalibrateRowGroup, RowNoiseTooWeakLeavesTheGroupUndecidedAndSaysSo) {
+  SimulatedCamera camera = small_camera();
+  camera.bias_frames = 10;
+  camera.flat_levels = 0;
+  for (auto& channel : camera.gains[0].noise.channels) channel.sigma_row_dn = 0;
+  const NoiseModel model = calibrated(camera);
+  EXPECT_EQ(model.row_group_origin, "assumed");
+  EXPECT_THAT(model.physics[0].warnings,
+              ::testing::Contains(::testing::HasSubstr("row noise is too weak")));
+  // Two standard errors reach zero, but for one channel in 40 by chance.
+  const ChannelStatistics& row = model.physics[0].sigma_row;
+  int away_from_zero = 0;
+  for (std::size_t c = 0; c < 16; ++c)
+    away_from_zero += row.mean[c] > 2.0001 * row.standard_error[c];
+  EXPECT_LE(away_from_zero, 2);
+}
+
+TEST(CalibrateRowGroup, ADeclaredRowGroupWinsButIsQuestioned) {
+  CalibrationInput input = simulated_session(small_camera());
+  input.row_group = 1;
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  EXPECT_EQ(model.row_group, 1);
+  EXPECT_EQ(model.row_group_origin, "declared");
+  EXPECT_THAT(model.physics[0].warnings,
+              ::testing::Contains(::testing::HasSubstr("declares a row group of 1")));
+}
+
+}  // namespace
+}  // namespace malus
