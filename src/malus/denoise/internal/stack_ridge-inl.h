@@ -21,6 +21,9 @@ constexpr float kDiagonal = kLanes / kPilotShare;  // D
 // pilot over this share of the noise: measured too. Wiener's q / (q + 1) takes more of fine detail.
 constexpr float kNoiseShare = 0.8f;
 constexpr float kLeastNoise = 1e-6f;  // where neither signal nor noise is left
+// Energies are squares: floats round their sums at a millionth. From so many times the diagonal on
+// that is felt.
+constexpr float kMostOfFloats = 5e4f;
 
 /// Four components of a block's four cells as one vector.
 HWY_INLINE Floats quarter_of(const Floats* cells, int quarter) {
@@ -72,34 +75,105 @@ HWY_INLINE void noise_of_blocks(const Floats* pilot, int count, const CellMatrix
   }
 }
 
-/// Combines one quarter of all blocks. negative: -M; shift: R P^T - D I, transposed. Returns the
-/// sum of its squared weights, ||K||^2. passed, when given: the noise let through into every block.
-HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
-                                 const CellMatrix& negative, const CellMatrix& shift, int quarter,
-                                 Floats* passed) {
+/// How a quarter's blocks are combined.
+struct QuarterWeights {
+  CellMatrix negative;          ///< -M
+  CellMatrix to_step;           ///< what takes the pilot to P - X, transposed
+  float squared_weights = 0.0;  ///< ||K||^2: K has the eigenvalues of I - D M that are not zero
+};
+
+/// negative: as of QuarterWeights, not touched. shift: R P^T - D I, transposed.
+HWY_INLINE void derive_weights(const CellMatrix& shift, QuarterWeights& weights) {
   Floats step[kLanes], squares{}, trace{};
   for (std::size_t i = 0; i < kLanes; ++i) {
-    step[i] = row_of(negative, i);
+    step[i] = row_of(weights.negative, i);
     squares = fused(step[i], step[i], squares);
     trace = fused(step[i], row_of(kIdentity, i), trace);
   }
-  // K has the eigenvalues of I - D M that are not zero.
-  const float squared_weights = std::max(
+  weights.squared_weights = std::max(
       kLanes + 2 * kDiagonal * lane_sum(trace) + kDiagonal * kDiagonal * lane_sum(squares), 0.0f);
   rotate(step, kLanes, shift);
-  CellMatrix to_step;
-  for (std::size_t i = 0; i < kLanes; ++i) store(step[i], to_step[i].data());
+  for (std::size_t i = 0; i < kLanes; ++i) store(step[i], weights.to_step[i].data());
+}
+
+using DoubleMatrix = std::array<std::array<double, kLanes>, kLanes>;
+
+HWY_INLINE void products(const Floats* a, const Floats* b, int count, double diagonal,
+                         DoubleMatrix& matrix) {
+  matrix = {};
+  for (std::size_t i = 0; i < kLanes; ++i) matrix[i][i] = diagonal;
+  for (int n = 0; n < count; ++n)
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const double value = lanes_of(a[n * kQuarters])[i];
+      for (std::size_t k = 0; k < kLanes; ++k)
+        matrix[i][k] += value * static_cast<double>(lanes_of(b[n * kQuarters])[k]);
+    }
+}
+
+HWY_INLINE void invert(DoubleMatrix& m) {
+  for (std::size_t k = 0; k < kLanes; ++k) {
+    const double pivot = 1.0 / m[k][k];
+    std::array<double, kLanes> row = m[k];
+    for (double& value : row) value *= -pivot;
+    row[k] = pivot;
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      if (i == k) continue;
+      const double factor = m[i][k];
+      m[i][k] = 0;
+      for (std::size_t j = 0; j < kLanes; ++j) m[i][j] += factor * row[j];
+    }
+    for (std::size_t j = 0; j < kLanes; ++j) m[k][j] = -row[j];
+  }
+}
+
+/// The weights in double precision. residual: R.
+HWY_INLINE void solve_in_doubles(const Floats* pilot, const Floats* residual, int count,
+                                 QuarterWeights& weights) {
+  DoubleMatrix negative, shift;
+  products(pilot, pilot, count, kDiagonal, negative);
+  products(pilot, residual, count, -kDiagonal, shift);
+  invert(negative);
+  double squares = 0;
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    std::array<double, kLanes> step{};
+    for (std::size_t j = 0; j < kLanes; ++j)
+      for (std::size_t k = 0; k < kLanes; ++k) step[k] += negative[i][j] * shift[j][k];
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const double kept = (i == k ? 1.0 : 0.0) + kDiagonal * negative[i][k];
+      squares += kept * kept;
+      weights.negative[i][k] = static_cast<float>(negative[i][k]);
+      weights.to_step[i][k] = static_cast<float>(step[k]);
+    }
+  }
+  weights.squared_weights = static_cast<float>(squares);
+}
+
+/// Whether floats would not tell the diagonal from how products of bright values are rounded. One
+/// bright value does no harm, as in even blocks; two that go together do, as across an edge.
+HWY_INLINE bool needs_doubles(const CellMatrix& products) {
+  float most = 0, second = 0;
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    second = std::max(second, std::min(most, products[i][i]));
+    most = std::max(most, products[i][i]);
+  }
+  return second > kMostOfFloats * kDiagonal;
+}
+
+/// Combines one quarter of all blocks. Returns the sum of its squared weights. passed, when given:
+/// the noise let through into every block.
+HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
+                                 const QuarterWeights& weights, int quarter, Floats* passed) {
   Floats moved[kMaxStack], energy{};
   for (int n = 0; n < count; ++n) {
     moved[n] = pilot[n * kQuarters];
     energy = fused(moved[n], moved[n], energy);
   }
-  const Floats ratio = energy / (kNoiseShare * squared_weights + kLeastNoise);
+  const Floats ratio = energy / (kNoiseShare * weights.squared_weights + kLeastNoise);
   const Floats gain = ratio * ratio / (ratio * ratio + 1.0f);
-  rotate(moved, count, to_step);
+  rotate(moved, count, weights.to_step);
   for (int n = 0; n < count; ++n) cells[n * kQuarters] = gain * (pilot[n * kQuarters] - moved[n]);
-  if (passed) noise_of_blocks(pilot, count, negative, gain, quarter, passed);
-  return squared_weights * lane_sum(gain * gain) / kLanes;
+  if (passed) noise_of_blocks(pilot, count, weights.negative, gain, quarter, passed);
+  return weights.squared_weights * lane_sum(gain * gain) / kLanes;
 }
 
 /// Combines all blocks; the pilot is lost. passed: as above, all components. Returns the sum of the
@@ -110,16 +184,25 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Float
     swap_cells_and_quarters(pilot + i);
   }
   for (int i = 0; i < count * kQuarters; ++i) cells[i] -= pilot[i];
+  QuarterWeights weights[kQuarters];
   CellMatrix negative[kQuarters], shift[kQuarters];
+  bool in_doubles[kQuarters];
   for (int i = 0; i < kQuarters; ++i) {
     products(pilot + i, pilot + i, count, kQuarters, kDiagonal, negative[i]);
-    products(pilot + i, cells + i, count, kQuarters, -kDiagonal, shift[i]);
+    in_doubles[i] = needs_doubles(negative[i]);
+    if (!in_doubles[i]) products(pilot + i, cells + i, count, kQuarters, -kDiagonal, shift[i]);
   }
   invert(negative, kDiagonal);
   float squares = 0;  // each of the kLanes values of a quarter has the same weights
-  for (int i = 0; i < kQuarters; ++i)
-    squares +=
-        kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], shift[i], i, passed);
+  for (int i = 0; i < kQuarters; ++i) {
+    if (in_doubles[i]) {
+      solve_in_doubles(pilot + i, cells + i, count, weights[i]);
+    } else {
+      weights[i].negative = negative[i];
+      derive_weights(shift[i], weights[i]);
+    }
+    squares += kLanes * combine_quarter(cells + i, pilot + i, count, weights[i], i, passed);
+  }
   for (int i = 0; i < count * kQuarters; i += kQuarters) swap_cells_and_quarters(cells + i);
   return squares;
 }
