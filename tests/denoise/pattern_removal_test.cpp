@@ -111,6 +111,30 @@ TEST(PatternRemoval, StripesAreNoColumnPattern) {
   }
 }
 
+// Every pixel of a test chart lies at a step, and some are undone by whatever share is large
+// enough.
+TEST(PatternRemoval, AChartOfBarsHoldsNoPattern) {
+  const auto bars = [](int, int c) { return c % 12 < 6 ? 12000.0 : 1500.0; };
+  for (const double prnu : {0.001, 0.04})
+    for (std::uint32_t k = 0; k < 6; ++k) {
+      const NoiseProfile profile =
+          profile_with(normal_map(0, 0.2, 300 + k), normal_map(1, prnu, 400 + k));
+      const auto shares = shares_of(drawn(bars, *profile.pattern, 0, 0, k), profile);
+      EXPECT_EQ(shares.dark.value, 0);
+      EXPECT_EQ(shares.response.value, 0);
+    }
+}
+
+TEST(PatternRemoval, NoFrameHoldsAMapManyTimes) {
+  PatternShares shares;
+  EXPECT_FALSE(shares.dark.present());
+  shares.dark.stderr_value = shares.response.stderr_value = 0.1;
+  shares.dark.value = 4, shares.response.value = 1.1;
+  EXPECT_TRUE(shares.dark.present() && shares.response.present());
+  shares.dark.value = 150, shares.response.value = 3;
+  EXPECT_FALSE(shares.dark.present() || shares.response.present());
+}
+
 TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
   const NoiseProfile profile = profile_with(normal_map(0, 30, 1), normal_map(1, 0.1, 2));
   Image dn = drawn(smooth_scene, *profile.pattern, 1, 1, 6);

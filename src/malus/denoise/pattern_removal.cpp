@@ -15,9 +15,14 @@ constexpr std::int64_t kEnoughPixels = 1 << 20;  // rows of larger frames are pa
 constexpr int kRounds = 5;                       // of weights and least squares
 constexpr double kCauchy = 2.385;                // 95 % efficient where all noise is Gaussian
 
+// Steps of a scene that leaves no pixel out agree with large shares wherever these happen to undo
+// one: then few pixels lie within kNear of their noise.
+constexpr double kNear = 3, kLeastNear = 0.1;
+
 // Normal equations of the two shares: sums of weight times products of (dark, response, pixel).
 struct Sums {
   double dd = 0, dr = 0, rr = 0, dx = 0, rx = 0;
+  double pixels = 0, near = 0;
   void add(double weight, double d, double r, double x) {
     dd += weight * d * d;
     dr += weight * d * r;
@@ -31,6 +36,8 @@ struct Sums {
     rr += sign * o.rr;
     dx += sign * o.dx;
     rx += sign * o.rx;
+    pixels += sign * o.pixels;
+    near += sign * o.near;
   }
   // Shares of dark and response; 0 of a map that is empty or flat.
   std::array<double, 2> solution() const {
@@ -74,7 +81,10 @@ struct Comparison {
       if (!(variance > 0)) continue;
       const double off = x - shares[0] * d - shares[1] * r;
       const double weight = 1 / (variance + off * off / (kCauchy * kCauchy));
-      sums[static_cast<std::size_t>(std::int64_t{c} * kStrips / cols)].add(weight, d, r, x);
+      Sums& strip = sums[static_cast<std::size_t>(std::int64_t{c} * kStrips / cols)];
+      strip.add(weight, d, r, x);
+      ++strip.pixels;
+      strip.near += off * off < kNear * kNear * variance;
     }
   }
 
@@ -126,7 +136,13 @@ PatternShares with_errors(const StripSums& strips) {
     }
   const auto share = total.solution(), rows = errors_without(total, down),
              cols = errors_without(total, across);
-  return {{share[0], std::max(rows[0], cols[0])}, {share[1], std::max(rows[1], cols[1])}};
+  PatternShares shares;
+  if (total.near < kLeastNear * total.pixels) return shares;
+  shares.dark.value = share[0];
+  shares.dark.stderr_value = std::max(rows[0], cols[0]);
+  shares.response.value = share[1];
+  shares.response.stderr_value = std::max(rows[1], cols[1]);
+  return shares;
 }
 
 }  // namespace

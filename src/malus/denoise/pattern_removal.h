@@ -13,14 +13,16 @@ namespace malus {
 
 /// A factor of a map, with its standard error.
 struct PatternShare {
+  double most = 1;  ///< that a frame of this sensor can have
   double value = 0;
   double stderr_value = std::numeric_limits<double>::infinity();
   /// Told from chance, so that taking it out can only help.
-  bool present() const { return value > 0.1 && value > 4 * stderr_value; }
+  bool present() const { return value > 0.1 && value > 4 * stderr_value && value < most; }
 };
 
+/// Pixels respond the same in every frame; dark signal grows with exposure and temperature.
 struct PatternShares {
-  PatternShare dark, response;
+  PatternShare dark{.most = 10}, response{.most = 2};
 };
 
 /// d and r of  dn = (1 + r (response - 1)) s + d dark + noise  for an unknown scene s. A pixel's
@@ -30,8 +32,10 @@ struct PatternShares {
 /// a synthetic frame without a pattern or one of another camera near zero, and a longer exposure
 /// than that of the dark frames more than one. The standard errors are those of leaving out
 /// eighths of the rows or of the columns, whichever are larger: both scenes and maps have
-/// stripes. dn_above_black: every pixel finite; pixels at least as bright as saturated_dn (per
-/// channel) take no part. Contract: maps are empty or of the frame's size.
+/// stripes. Where fewer than a tenth of the pixels lie within three deviations of their noise from
+/// what the shares say, as in a chart of bars, none can be told and both are zero. dn_above_black:
+/// every pixel finite; pixels at least as bright as saturated_dn (per channel) take no part.
+/// Contract: maps are empty or of the frame's size.
 PatternShares measure_pattern(View<const float> dn_above_black, const SensorLayout& layout,
                               const NoiseProfile& profile, const std::vector<float>& saturated_dn);
 
