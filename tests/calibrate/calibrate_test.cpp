@@ -341,18 +341,5 @@ TEST(CalibratePhysics, BadInputIsNamed) {
   EXPECT_THROW(calibrate_physics(nan, {}, silent_progress()), InputError);
 }
 
-TEST(QuantizationStep, IsTheGreatestCommonDivisorOfTheDifferences) {
-  Image dn(2, 3, 15.0F);
-  dn(0, 1) = 47;
-  dn(1, 2) = 15 + 16 * 7;
-  EXPECT_EQ(quantization_step(dn), 16.0);
-  dn(1, 1) = 16;
-  EXPECT_EQ(quantization_step(dn), 1.0);
-  for (const float value : {15.5F, 1e30F, std::numeric_limits<float>::infinity()}) {
-    dn(1, 0) = value;
-    EXPECT_EQ(quantization_step(dn), 0.0);
-  }
-}
-
 }  // namespace
 }  // namespace malus

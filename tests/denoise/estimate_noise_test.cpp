@@ -209,6 +209,27 @@ TEST(EstimateProfile, ManyPixelsAtTheMaximumOfAFaintFrameAreNotClipped) {
     EXPECT_NEAR(std::sqrt(channel.variance(100)), 0.5, 0.1);
 }
 
+// Eight bits of a large well: in the dark the noise is less than a step, most pixels equal their
+// neighbours, and what rounding adds is seen only where light changes.
+TEST(EstimateProfile, RoundingIsNoiseToo) {
+  RawFrame frame = frame_of(shaded(512, 512, 2, 12), shot_and_read_noise(0.002, 0.06));
+  const auto deviations = [&] {
+    const Estimate<PictureNoise> noise = estimate_profile(frame);
+    EXPECT_TRUE(noise);
+    std::vector<double> found;
+    for (const ChannelProfile& channel : noise->profile.channels)
+      for (const double signal : {2.0, 7.0, 12.0})
+        found.push_back(std::sqrt(channel.variance(signal)));
+    return found;
+  };
+  for (const double found : deviations()) EXPECT_LT(found, 0.25);
+  for (float& v : frame.dn.values()) v = std::round(v);
+  for (const double found : deviations()) {
+    EXPECT_GE(found, std::sqrt(1.0 / 12));
+    EXPECT_LT(found, 0.4);
+  }
+}
+
 TEST(EstimateProfile, RefusesWhatHasNoNoiseOrIsTooSmall) {
   RawFrame flat = frame_of(shaded(512, 512, 30, 60), shot_and_read_noise(1.5, 3.7));
   for (float& v : flat.dn.values()) v = 500;

@@ -77,8 +77,4 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
 /// The kinds that calibrate() knows.
 std::vector<std::string> calibrated_kinds();
 
-/// The converter's step: greatest common divisor of the differences between a frame's values (16
-/// for 12 bits stored in the upper part of 16); 0 for fractional values.
-double quantization_step(View<const float> dn);
-
 }  // namespace malus

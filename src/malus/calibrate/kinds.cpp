@@ -4,6 +4,7 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/gaussian_calibration.h"
 #include "malus/calibrate/nonparametric_calibration.h"
+#include "malus/image/quantization.h"
 
 #include <algorithm>
 

@@ -6,6 +6,7 @@
 #include "malus/calibrate/dark_codes.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/row_offset.h"
+#include "malus/image/quantization.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,6 +4,7 @@
 #include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/image/pack.h"
+#include "malus/image/quantization.h"
 
 #include <algorithm>
 #include <cmath>
@@ -157,6 +158,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     for (float& v : planes[k].values())
       v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
   VarianceLines channels;
+  channels.rounding_dn2 = std::pow(quantization_step(frame.dn), 2) / 12;
   std::vector<double> means;
   std::vector<float> saturated_dn;
   PictureNoise noise;
@@ -174,6 +176,8 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     means.push_back(mean_signal(blocks));
     noise.levels += static_cast<int>(channels.levels.back().size());
   }
+  if (!(std::sqrt(channels.highest_variance()) > 1e-6 * std::max(range_dn, 1e-30)))
+    return Undecided{"the picture has no noise that could be measured"};
   Image dn(frame.dn.rows(), frame.dn.cols());
   unpack(planes, frame.layout, dn);
   planes = {};
@@ -194,8 +198,6 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     error += variance > 0 ? share * 0.5 / (std::sqrt(channels.weights[k]) * variance) : 0;
     noise.profile.channels.push_back(channel);
   }
-  if (!(deviation > 1e-6 * std::max(range_dn, 1e-30)))
-    return Undecided{"the picture has no noise that could be measured"};
   noise.relative_error = error;
   estimate_row_deviation(dn, saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation);

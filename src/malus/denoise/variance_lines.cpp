@@ -68,11 +68,21 @@ VarianceLine fit_levels(const std::vector<VarianceLevel>& levels) {
   return line;
 }
 
-// The line as a curve, no lower than a tenth of the lowest level's variance.
-VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel>& levels) {
-  double least = levels.front().variance;
-  for (const VarianceLevel& l : levels) least = std::min(least, l.variance);
-  return VarianceCurve::fitted_line(std::max(line.slope, 0.0), line.offset, 0.1 * least);
+// The line as a curve: one whose read noise came out below zero stays above a tenth of the lowest
+// level's variance, and none falls below that of rounding. Pixels that all have one value, or two,
+// do not tell it: where the noise is less than a step, what rounding adds is the picture's.
+VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel>& levels,
+                       double rounding_dn2) {
+  const double slope = std::max(line.slope, 0.0);
+  double least = rounding_dn2;
+  if (line.offset < 0) {
+    double lowest = levels.front().variance;
+    for (const VarianceLevel& l : levels) lowest = std::min(lowest, l.variance);
+    least = std::max(least, 0.1 * lowest);
+  }
+  if (line.offset >= least) return VarianceCurve::affine(slope, line.offset);
+  if (slope == 0) return VarianceCurve::affine(0, rounding_dn2);
+  return VarianceCurve::table({(least - line.offset) / slope}, {least}, slope);
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
@@ -179,6 +189,13 @@ void VarianceLines::settle() {
   for (std::size_t k = 0; k < lines.size(); ++k) weights.push_back(fit_offset(levels[k], lines[k]));
 }
 
+double VarianceLines::highest_variance() const {
+  double highest = 0;
+  for (const std::vector<VarianceLevel>& own : levels)
+    for (const VarianceLevel& l : own) highest = std::max(highest, l.variance);
+  return highest;
+}
+
 std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
   std::vector<VarianceLevel> all;
   for (const std::vector<VarianceLevel>& own : levels)
@@ -190,7 +207,7 @@ std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
     VarianceLine line;
     line.slope = common.slope + kept * (lines[k].slope - common.slope);
     line.offset = common.offset + kept * (lines[k].offset - common.offset);
-    result.push_back(curve_of(line, levels[k]));
+    result.push_back(curve_of(line, levels[k], rounding_dn2));
   }
   return result;
 }
