@@ -209,6 +209,31 @@ TEST(EstimateProfile, ManyPixelsAtTheMaximumOfAFaintFrameAreNotClipped) {
     EXPECT_NEAR(std::sqrt(channel.variance(100)), 0.5, 0.1);
 }
 
+// All blocks of a board have nearly one brightness and no smooth one is left: lines through their
+// variances, thousands of times the noise's, are as steep as chance has it, and would differ from
+// channel to channel a hundredfold.
+TEST(EstimateProfile, ABoardOfOneBrightnessHasNoWildLines) {
+  PhysicsNoise camera = shot_and_read_noise(1.0, 2.5);
+  camera.layout = SensorLayout::named("bayer-rggb");
+  camera.channels.resize(4);
+  for (const double light : {100.0, 1000.0, 9900.0}) {
+    Image board(256, 256);
+    for (int r = 0; r < 256; ++r)
+      for (int c = 0; c < 256; ++c)
+        board(r, c) = static_cast<float>(light * ((r / 9 + c / 9) % 2 ? 0.6 : 0.1));
+    RawFrame frame = frame_of(std::move(board), camera);
+    frame.black_known = true;
+    frame.white_dn = 10000;
+    const Estimate<PictureNoise> noise = estimate_profile(frame);
+    ASSERT_TRUE(noise);
+    for (const ChannelProfile& channel : noise->profile.channels) {
+      const double ratio = channel.variance(0.35 * light) / (0.35 * light + 6.25);
+      EXPECT_GT(ratio, 0.4) << light;
+      EXPECT_LT(ratio, 1.5) << light;
+    }
+  }
+}
+
 // Eight bits of a large well: in the dark the noise is less than a step, most pixels equal their
 // neighbours, and what rounding adds is seen only where light changes.
 TEST(EstimateProfile, RoundingIsNoiseToo) {

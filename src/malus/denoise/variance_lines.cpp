@@ -126,6 +126,29 @@ double fit_offset(const std::vector<VarianceLevel>& levels, VarianceLine& line) 
   return weight;
 }
 
+// All of it shot noise: of levels whose line tells of read noise below zero. They are of nearly one
+// brightness and differ in texture more than in light, or texture grows with the light.
+VarianceLine shot_noise_of(const std::vector<VarianceLevel>& levels) {
+  std::vector<double> slopes;
+  for (const VarianceLevel& l : levels)
+    if (l.signal > 0) slopes.push_back(l.variance / l.signal);
+  VarianceLine line;
+  if (slopes.empty()) return line;
+  line.slope = median_of(std::move(slopes));
+  const double least_error = least_error_of(levels);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    double products = 0, squares = 0;
+    for (const VarianceLevel& l : levels) {
+      const double w = weight_of(l, line.slope * l.signal, least_error);
+      products += w * l.signal * l.variance;
+      squares += w * l.signal * l.signal;
+    }
+    line.slope = products / squares;
+    line.slope_error = 1 / std::sqrt(squares);
+  }
+  return line;
+}
+
 // The noise's share of the variance against the signal: that of the floors, drawn to their mean as
 // far as their own errors explain how they differ, and straight between them.
 class NoiseShare {
@@ -161,19 +184,6 @@ class NoiseShare {
   double mean_ = 1, error_ = 0;
 };
 
-// A line whose read noise came out below zero: of pictures of nearly one brightness, whose channels
-// differ in texture as much as in light. Then all of it is shot noise.
-VarianceLine shot_noise_of(const std::vector<VarianceLevel>& levels) {
-  double signal = 0, variance = 0;
-  for (const VarianceLevel& l : levels) {
-    signal += std::max(l.signal, 0.0);
-    variance += l.variance;
-  }
-  VarianceLine line;
-  line.slope = signal > 0 ? variance / signal : 0;
-  return line;
-}
-
 }  // namespace
 
 void VarianceLines::add(std::vector<VarianceLevel> of_channel, bool black_known) {
@@ -186,7 +196,10 @@ void VarianceLines::add(std::vector<VarianceLevel> of_channel, bool black_known)
 void VarianceLines::settle() {
   pool(lines);
   weights.clear();
-  for (std::size_t k = 0; k < lines.size(); ++k) weights.push_back(fit_offset(levels[k], lines[k]));
+  for (std::size_t k = 0; k < lines.size(); ++k) {
+    weights.push_back(fit_offset(levels[k], lines[k]));
+    if (black_is_known && lines[k].offset < 0) lines[k] = shot_noise_of(levels[k]);
+  }
 }
 
 double VarianceLines::highest_variance() const {
