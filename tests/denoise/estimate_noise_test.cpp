@@ -4,6 +4,7 @@
 #include "malus/synthesize/exact.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -232,6 +233,38 @@ TEST(EstimateProfile, ABoardOfOneBrightnessHasNoWildLines) {
       EXPECT_LT(ratio, 1.5) << light;
     }
   }
+}
+
+// The smooth blocks of a level may be its dark ones alone: their signal is not the level's mean.
+TEST(EstimateProfile, BlackAndWhiteSquaresHaveOneLine) {
+  PhysicsNoise camera = shot_and_read_noise(1.0, 2.5);
+  camera.layout = SensorLayout::named("mono");
+  camera.channels.resize(1);
+  Image board(320, 320);
+  for (int r = 0; r < 320; ++r)
+    for (int c = 0; c < 320; ++c) board(r, c) = (r / 64 + c / 64) % 2 ? 6800.0f : 75.0f;
+  RawFrame frame = frame_of(std::move(board), camera);
+  frame.white_dn = 10000;
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  ASSERT_TRUE(noise);
+  for (const double signal : {75.0, 6800.0})
+    EXPECT_NEAR(noise->profile.channels[0].variance(signal) / (signal + 6.25), 1, 0.1) << signal;
+}
+
+// Where three quarters of a picture are black, less noisy than a step, the rest tells.
+TEST(EstimateProfile, PixelsThatAllRoundToBlackTellNothing) {
+  const PhysicsNoise camera = shot_and_read_noise(0.05, 0.125);
+  Image steps(320, 320);
+  for (int r = 0; r < 320; ++r)
+    for (int c = 0; c < 320; ++c)
+      steps(r, c) = std::array{0.03f, 0.4f, 5.0f, 70.0f}[static_cast<std::size_t>(c / 80)];
+  RawFrame frame = frame_of(std::move(steps), camera);
+  frame.black_known = true;
+  for (float& v : frame.dn.values()) v = std::max(std::round(v), 0.0f);
+  const Estimate<PictureNoise> noise = estimate_profile(frame);
+  ASSERT_TRUE(noise);
+  for (const ChannelProfile& channel : noise->profile.channels)
+    EXPECT_NEAR(channel.variance(70) / (0.05 * 70 + 0.1), 1, 0.3);
 }
 
 // Eight bits of a large well: in the dark the noise is less than a step, most pixels equal their

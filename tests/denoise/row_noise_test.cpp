@@ -242,5 +242,41 @@ TEST(RowNoise, DeviationAndGroupFromThePicture) {
   EXPECT_NEAR(unknown.channels[0].sigma_row_dn, 1.5, 0.25);
 }
 
+// Text or bricks: the same lines every so many rows, no stronger than a camera's.
+TEST(RowNoise, LinesThatRepeatAreNoRowNoise) {
+  NoiseProfile unknown = profile_with(0.0, 1.5);
+  unknown.row_group = 1;
+  for (const int period : {4, 7, 14, 30}) {
+    RandomSequence lines(3, static_cast<std::uint32_t>(period), Draw::kUser);
+    std::vector<double> lift;
+    for (int r = 0; r < period; ++r) lift.push_back(6 * lines.normal());
+    Image dn = simulate(unknown, 400, 400, false).dn;
+    for (int r = 0; r < dn.rows(); ++r)
+      for (int c = 0; c < dn.cols(); ++c)
+        dn(r, c) += static_cast<float>(lift[static_cast<std::size_t>(r % period)]);
+    estimate_row_deviation(dn, kSaturatedDn, unknown);
+    EXPECT_EQ(unknown.channels[0].sigma_row_dn, 0) << period;
+  }
+}
+
+// Offsets that follow each other slowly are a camera's all the same (a hundred draws; level 1 %).
+TEST(RowNoise, SlowOffsetsAreNotTakenForLinesThatRepeat) {
+  NoiseProfile unknown = profile_with(0.0, 1.5);
+  unknown.row_group = 1;
+  int found = 0;
+  for (std::uint32_t seed = 0; seed < 100; ++seed) {
+    RandomSequence rows(7, seed, Draw::kUser);
+    Image dn = simulate(unknown, 160, 96, false, seed).dn;
+    double slow = 0;
+    for (int r = 0; r < dn.rows(); ++r) {
+      slow = 0.9 * slow + 1.5 * rows.normal();
+      for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(slow + 4 * rows.normal());
+    }
+    estimate_row_deviation(dn, kSaturatedDn, unknown);
+    found += unknown.channels[0].sigma_row_dn > 0;
+  }
+  EXPECT_GE(found, 99);
+}
+
 }  // namespace
 }  // namespace malus

@@ -98,26 +98,25 @@ VarianceLevel measure_level(std::vector<Block> blocks) {
             [](const Block& a, const Block& b) { return a.texture < b.texture; });
   const auto count =
       static_cast<std::size_t>(std::ceil(kSmoothShare * static_cast<double>(blocks.size())));
+  blocks.resize(count);
   std::vector<double> variances;
-  double mean = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    variances.push_back(blocks[i].variance);
-    mean += blocks[i].mean / static_cast<double>(count);
-  }
+  for (const Block& block : blocks) variances.push_back(block.variance);
   // Blocks whose details still hold texture lie far above the median: they are clipped. For 16
   // squares the median of their mean is 2/(9*16) below the expectation (Wilson, Hilferty, 1931).
   constexpr double kDegrees = kBlock * kBlock / 4.0;
   const double median_factor = std::pow(1.0 - 2.0 / (9.0 * kDegrees), 3);
   const double center = median_of(variances) / median_factor;
   const double spread = center * std::sqrt(2.0 / kDegrees);
-  double sum = 0;
+  // The signal is theirs alone too: a level may hold dark blocks and bright ones.
+  double variance = 0, signal = 0;
   int kept = 0;
-  for (const double v : variances)
-    if (v < center + 4 * spread) {
-      sum += v;
+  for (const Block& block : blocks)
+    if (block.variance <= center + 4 * spread) {
+      variance += block.variance;
+      signal += block.mean;
       ++kept;
     }
-  return {mean, kept > 0 ? sum / kept : center, std::sqrt(2.0 / kDegrees / std::max(kept, 1))};
+  return {signal / kept, variance / kept, std::sqrt(2.0 / kDegrees / kept)};
 }
 
 std::vector<VarianceLevel> measure_levels(std::vector<Block> blocks) {
@@ -176,7 +175,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     means.push_back(mean_signal(blocks));
     noise.levels += static_cast<int>(channels.levels.back().size());
   }
-  if (!(std::sqrt(channels.highest_variance()) > 1e-6 * std::max(range_dn, 1e-30)))
+  if (!(std::sqrt(channels.highest_variance) > 1e-6 * std::max(range_dn, 1e-30)))
     return Undecided{"the picture has no noise that could be measured"};
   Image dn(frame.dn.rows(), frame.dn.cols());
   unpack(planes, frame.layout, dn);

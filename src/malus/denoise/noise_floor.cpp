@@ -61,6 +61,7 @@ struct Frame {
   const SensorLayout& layout;
   const std::vector<VarianceCurve>& variance;
   const std::vector<float>& saturated_dn;
+  const std::vector<double>& dark_dn;
 
   bool counts(int row, int col) const {
     const float v = dn(row, col);
@@ -98,8 +99,9 @@ void normalise(const Frame& frame, const Unit& unit, Tile& tile) {
     for (int c = 0; c < tile.normal.cols(); ++c) {
       const int row = tile.row0 + r, col = tile.col0 + c;
       const auto k = static_cast<std::size_t>(frame.layout.channel_at(row, col));
-      const double variance = frame.variance[k](signal_around(frame, row, col));
-      tile.normal(r, c) = frame.counts(row, col) && variance > 0
+      const double signal = signal_around(frame, row, col), variance = frame.variance[k](signal);
+      const bool dark = !frame.dark_dn.empty() && signal < frame.dark_dn[k];
+      tile.normal(r, c) = frame.counts(row, col) && !dark && variance > 0
                               ? static_cast<float>(frame.dn(row, col) / std::sqrt(variance))
                               : std::numeric_limits<float>::quiet_NaN();
     }
@@ -296,10 +298,11 @@ std::vector<NoiseFloor> floors_of_phase(const std::vector<Patch>& patches, std::
 
 std::vector<NoiseFloor> noise_floor(View<const float> dn, const SensorLayout& layout,
                                     const std::vector<VarianceCurve>& variance,
-                                    const std::vector<float>& saturated_dn) {
+                                    const std::vector<float>& saturated_dn,
+                                    const std::vector<double>& dark_dn) {
   MALUS_REQUIRE(std::ssize(saturated_dn) == layout.channels() &&
                 variance.size() == saturated_dn.size());
-  const auto phases = patches_of({dn, layout, variance, saturated_dn});
+  const auto phases = patches_of({dn, layout, variance, saturated_dn, dark_dn});
   std::size_t least = phases.empty() ? 0 : phases.front().size();
   for (const std::vector<Patch>& patches : phases) least = std::min(least, patches.size());
   if (least < kLeastPatches) return {};

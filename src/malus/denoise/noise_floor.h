@@ -20,7 +20,8 @@ struct NoiseFloor {
 /// dn: mosaic, DN above black, from the first pixel of the cell on. variance: what the noise's
 /// variance is thought to be at a signal; a factor that is wrong in all channels does no harm.
 /// saturated_dn: patches with pixels that are not finite or at least that are left
-/// out.
+/// out, and so are those where variance is no more than least_dn2: noise of less than half a step
+/// of the converter leaves patches of equal pixels.
 ///
 /// Patches of 6x6 pixels of the mosaic, divided by the deviations that variance gives for their
 /// surroundings. The directions in which one half of the patches varies least (the four smallest
@@ -36,6 +37,7 @@ struct NoiseFloor {
 /// 30 MiB, whatever the frame.
 std::vector<NoiseFloor> noise_floor(View<const float> dn, const SensorLayout& layout,
                                     const std::vector<VarianceCurve>& variance,
-                                    const std::vector<float>& saturated_dn);
+                                    const std::vector<float>& saturated_dn,
+                                    const std::vector<double>& dark_dn = {});
 
 }  // namespace malus

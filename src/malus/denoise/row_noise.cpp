@@ -39,6 +39,11 @@ constexpr double kEvidenceUnit = 0.25;
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
 
+// Offsets that repeat after so many rows or more agree by this over the root of their number: five
+// deviations of what chance gives, for neighbouring comparisons share rows (Bartlett, 1946).
+constexpr std::size_t kLeastPeriod = 9;
+constexpr double kRepeats = 7.0;
+
 // Weighted sums over one part of a row.
 struct SegmentSum {
   double weighted = 0, weight = 0;
@@ -180,6 +185,32 @@ RowNoise solved_without_lines(std::vector<RowEvidence> evidence, int groups) {
   return rows;
 }
 
+// Text, bricks, steps: a picture's lines come again at the same distance, a camera's offsets do
+// not. Slow ones agree with their neighbours more than with those further away.
+bool repeat(std::vector<double> values) {
+  const double bound = 3 * robust_deviation_of(values);
+  double energy = 0;
+  for (double& v : values) {
+    v = std::clamp(v, -bound, bound);
+    energy += v * v;
+  }
+  const std::size_t n = values.size();
+  const auto agreement = [&](std::size_t lag) {
+    double sum = 0;
+    for (std::size_t i = lag; i < n; ++i) sum += values[i] * values[i - lag];
+    return sum / energy * static_cast<double>(n) / static_cast<double>(n - lag);
+  };
+  std::vector<double> at(kLeastPeriod, 0.0);
+  for (std::size_t lag = 1; energy > 0 && lag <= n / 3; ++lag) {
+    at.resize(lag + 1);
+    at[lag] = agreement(lag);
+    if (lag >= kLeastPeriod &&
+        at[lag] - std::max(at[lag / 2], 0.0) > kRepeats / std::sqrt(static_cast<double>(n - lag)))
+      return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
@@ -244,7 +275,7 @@ void estimate_row_deviation(View<const float> dn, const std::vector<float>& satu
     // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
     const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(values.size()));
     if (excess > 3 * error) sigma = unit_dn * std::sqrt(excess / 1.5);
-    if (sigma > kMostRowDeviation * pixel) sigma = 0;
+    if (sigma > kMostRowDeviation * pixel || (sigma > 0 && repeat(values))) sigma = 0;
     if (robust_deviation_of(within) < kPairedRows * robust_deviation_of(across))
       profile.row_group = 2;
   }

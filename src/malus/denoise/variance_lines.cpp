@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace malus::internal {
@@ -14,6 +15,8 @@ constexpr int kPasses = 10;                // of reweighted fits
 constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
 constexpr double kChance = 2.0;            // standard errors
 constexpr int kFloorPasses = 2;
+constexpr double kRoundings = 2.4;       // of which noise must be more to be seen in patches
+constexpr double kEnoughRange = 0.4;     // of the levels' brightnesses
 constexpr double kLittleTexture = 0.05;  // what the floors may err: lines are left alone
 constexpr double kTexture = 0.2;         // from here on nothing is kept of how channels differ
 
@@ -149,11 +152,31 @@ VarianceLine shot_noise_of(const std::vector<VarianceLevel>& levels) {
   return line;
 }
 
+// From the darkest level's signal to the brightest's.
+double range_of(const std::vector<std::vector<VarianceLevel>>& levels) {
+  double low = levels.front().front().signal, high = low;
+  for (const std::vector<VarianceLevel>& own : levels)
+    for (const VarianceLevel& l : own) {
+      low = std::min(low, l.signal);
+      high = std::max(high, l.signal);
+    }
+  return high - low;
+}
+
+// The signal from which on a line lies above a variance.
+double signal_at(const VarianceLine& line, double variance) {
+  if (line.slope > 0) return (variance - line.offset) / line.slope;
+  return (line.offset < variance ? 1.0 : -1.0) * std::numeric_limits<double>::infinity();
+}
+
 // The noise's share of the variance against the signal: that of the floors, drawn to their mean as
-// far as their own errors explain how they differ, and straight between them.
+// far as their own errors explain how they differ, and straight between them. Floors of a small
+// part of the levels' brightnesses (every patch of a board is half black) tell no more than their
+// mean.
 class NoiseShare {
  public:
-  explicit NoiseShare(std::vector<NoiseFloor> floors) : floors_(std::move(floors)) {
+  NoiseShare(std::vector<NoiseFloor> floors, const std::vector<std::vector<VarianceLevel>>& levels)
+      : floors_(std::move(floors)) {
     std::vector<double> ratios;
     for (const NoiseFloor& f : floors_) ratios.push_back(f.ratio);
     mean_ = mean_of(ratios);
@@ -161,7 +184,9 @@ class NoiseShare {
     const double deviation = standard_deviation_of(ratios);
     error_ = floors_.front().relative_error;
     const double by_chance = std::pow(mean_ * error_, 2), found = deviation * deviation;
-    const double kept = found > 0 ? std::max(1.0 - kChance * by_chance / found, 0.0) : 0.0;
+    double kept = found > 0 ? std::max(1.0 - kChance * by_chance / found, 0.0) : 0.0;
+    if (floors_.back().signal_dn - floors_.front().signal_dn < kEnoughRange * range_of(levels))
+      kept = 0;
     error_ *= kept;
     for (NoiseFloor& f : floors_) f.ratio = mean_ + kept * (f.ratio - mean_);
   }
@@ -188,6 +213,10 @@ class NoiseShare {
 
 void VarianceLines::add(std::vector<VarianceLevel> of_channel, bool black_known) {
   black_is_known = black_known;
+  for (VarianceLevel& l : of_channel) {
+    highest_variance = std::max(highest_variance, l.variance);
+    l.variance = std::max(l.variance, rounding_dn2);
+  }
   lines.push_back(fit_levels(of_channel));
   if (black_known) limit_slope(of_channel, lines.back());
   levels.push_back(std::move(of_channel));
@@ -200,13 +229,6 @@ void VarianceLines::settle() {
     weights.push_back(fit_offset(levels[k], lines[k]));
     if (black_is_known && lines[k].offset < 0) lines[k] = shot_noise_of(levels[k]);
   }
-}
-
-double VarianceLines::highest_variance() const {
-  double highest = 0;
-  for (const std::vector<VarianceLevel>& own : levels)
-    for (const VarianceLevel& l : own) highest = std::max(highest, l.variance);
-  return highest;
 }
 
 std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
@@ -228,13 +250,16 @@ std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
 double take_texture_off(const Image& dn, const SensorLayout& layout,
                         const std::vector<float>& saturated_dn, VarianceLines& lines) {
   const std::vector<VarianceCurve> most = lines.curves(1.0);
+  std::vector<double> dark_dn;
+  for (const VarianceLine& line : lines.lines)
+    dark_dn.push_back(signal_at(line, kRoundings * lines.rounding_dn2));
   double noise_share = 1;
   for (int pass = 0; pass < kFloorPasses; ++pass) {
     const double kept = std::clamp(1.0 - (1.0 - noise_share) / kTexture, 0.0, 1.0);
     const std::vector<VarianceCurve> curves = lines.curves(kept);
-    std::vector<NoiseFloor> floors = noise_floor(dn, layout, curves, saturated_dn);
+    std::vector<NoiseFloor> floors = noise_floor(dn, layout, curves, saturated_dn, dark_dn);
     if (floors.empty()) break;
-    const NoiseShare share(std::move(floors));
+    const NoiseShare share(std::move(floors), lines.levels);
     if (pass == 0 && share.mean() > 1.0 - kLittleTexture) break;
     noise_share = std::min(noise_share * share.mean(), 1.0);
     // What the floors err is the same for all channels: pooling must not average it away.

@@ -26,13 +26,12 @@ struct VarianceLines {
   std::vector<double> weights;                     ///< of the levels that carry a line's offset
   bool black_is_known = false;  ///< then no channel's noise falls below zero at no light
   double rounding_dn2 = 0;      ///< variance of the converter's rounding: no curve falls below it
+  double highest_variance = 0;  ///< of all levels, as they came
 
   /// A channel more, with a line through its own levels alone.
   void add(std::vector<VarianceLevel> of_channel, bool black_known);
   /// Lines through their levels that know of each other: channels share their gain.
   void settle();
-  /// Of all levels.
-  double highest_variance() const;
   /// The channels' curves; kept: 1 for their own, 0 for that of them all.
   std::vector<VarianceCurve> curves(double kept) const;
 };
