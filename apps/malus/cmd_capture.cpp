@@ -43,9 +43,9 @@ void print_cameras(const Common& common) {
 
 // Without a terminal nobody can answer: the prompt is shown and the work goes on.
 void ask(const CaptureStep& step) {
-  fmt::print(stderr, "{}\n", step.prompt);
+  tell(step.prompt + "\n");
   if (isatty(STDIN_FILENO) != 1) return;
-  fmt::print(stderr, "Press Enter when ready. ");
+  tell("Press Enter when ready. ");
   for (int c = std::getchar(); c != '\n' && c != EOF; c = std::getchar()) continue;
 }
 

@@ -4,6 +4,7 @@
 int main(int argc, char** argv) {
   using namespace malus::app;
   remember_start(argc, argv);
+  keep_closed_streams_closed();
   report_full_files();
   const auto app = make_program();
   Common common;

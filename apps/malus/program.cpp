@@ -68,7 +68,7 @@ class TerminalProgress final : public Progress {
     if (quiet_) return;
     const std::lock_guard lock(mutex_);
     erase();
-    fmt::print(stderr, "{}\n", message);
+    tell(fmt::format("{}\n", message));
   }
   bool stop_requested() const override { return g_stop_requested != 0; }
 
@@ -89,12 +89,11 @@ class TerminalProgress final : public Progress {
     winsize terminal{};
     if (ioctl(STDERR_FILENO, TIOCGWINSZ, &terminal) == 0 && terminal.ws_col > 0)
       line.resize(std::min<std::size_t>(line.size(), terminal.ws_col - 1u));
-    fmt::print(stderr, "\r{}\033[K", line);
-    std::fflush(stderr);
+    tell(fmt::format("\r{}\033[K", line));
     drawn_ = true;
   }
   void erase() {
-    if (drawn_) fmt::print(stderr, "\r\033[K");
+    if (drawn_) tell("\r\033[K");
     drawn_ = false;
   }
 
@@ -182,10 +181,16 @@ void print_result(const Common& common, const nlohmann::ordered_json& json, std:
 }
 
 void note(const Common& common, std::string_view line) {
-  if (!common.quiet) fmt::print(stderr, "{}\n", line);
+  if (!common.quiet) tell(fmt::format("{}\n", line));
 }
 
-void warn(std::string_view line) { fmt::print(stderr, "warning: {}\n", line); }
+void warn(std::string_view line) { tell(fmt::format("warning: {}\n", line)); }
+
+// fmt::print would throw where nothing can be written.
+void tell(std::string_view text) {
+  std::fwrite(text.data(), 1, text.size(), stderr);
+  std::fflush(stderr);
+}
 
 std::unique_ptr<Progress> make_progress(const Common& common) {
   return make_live_progress(common, nullptr);
@@ -204,23 +209,22 @@ int run_program(CLI::App& app, int argc, char** argv) {
     return 0;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    fmt::print(stderr, "malus: {}\nRun with --help for usage.\n", usage_problem(app, error));
+    tell(fmt::format("malus: {}\nRun with --help for usage.\n", usage_problem(app, error)));
     return kExitUsage;
   } catch (const InputError& error) {
-    fmt::print(stderr, "malus: {}\n", error.what());
+    tell(fmt::format("malus: {}\n", error.what()));
     return kExitInput;
   } catch (const Cancelled&) {
-    fmt::print(stderr,
-               "malus: stopped on request; finished outputs are whole, none is half-written\n");
+    tell("malus: stopped on request; finished outputs are whole, none is half-written\n");
     return kExitStopped;
   } catch (const std::system_error& error) {  // files and threads that the system refuses
-    fmt::print(stderr, "malus: the system: {}; check the rights and the limits of your account\n",
-               error.what());
+    tell(fmt::format("malus: the system: {}; check the rights and the limits of your account\n",
+                     error.what()));
     return kExitInput;
   } catch (const std::bad_alloc&) {
-    fmt::print(stderr,
-               "malus: memory: not enough for this input; lower --memory or --threads, or crop the "
-               "input\n");
+    tell(
+        "malus: memory: not enough for this input; lower --memory or --threads, or crop the "
+        "input\n");
     return kExitInput;
   }
 }

@@ -40,6 +40,8 @@ void print_result(const Common& common, const nlohmann::ordered_json& json, std:
 void note(const Common& common, std::string_view line);
 /// A warning on stderr, always.
 void warn(std::string_view line);
+/// Text on stderr as it is. Where that cannot be written, it is lost and the work goes on.
+void tell(std::string_view text);
 
 /// Progress bar with time left on stderr when that is a terminal; Ctrl-C requests a stop.
 std::unique_ptr<Progress> make_progress(const Common& common);

@@ -3,7 +3,9 @@
 #include <csignal>
 #include <system_error>
 
+#include <fcntl.h>
 #include <sys/auxv.h>
+#include <unistd.h>
 
 namespace malus::app {
 namespace {
@@ -23,6 +25,13 @@ fs::path own_file() {
 }  // namespace
 
 void remember_start(int argc, char** argv) { g_start = {own_file(), {argv, argv + argc}}; }
+
+void keep_closed_streams_closed() {
+  // Opened for the wrong direction: reading and writing fail as before.
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    if (fcntl(stream, F_GETFD) == -1)
+      if (open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY) == -1) return;
+}
 
 void report_full_files() { std::signal(SIGXFSZ, SIG_IGN); }
 
