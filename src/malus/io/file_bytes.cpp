@@ -48,12 +48,17 @@ std::uintmax_t require_file(const fs::path& path) {
 
 std::vector<std::uint8_t> read_bytes(const fs::path& path, std::uintmax_t limit) {
   const std::uintmax_t size = std::min(require_file(path), limit);
+  return read_part(path, 0, static_cast<std::size_t>(size));
+}
+
+std::vector<std::uint8_t> read_part(const fs::path& path, std::uintmax_t at, std::size_t bytes) {
   const OpenFile file = open_file(path);
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
-  if (std::fread(bytes.data(), 1, bytes.size(), file.get()) != bytes.size())
+  std::vector<std::uint8_t> part(bytes);
+  if (fseeko(file.get(), static_cast<off_t>(at), SEEK_SET) != 0 ||
+      std::fread(part.data(), 1, part.size(), file.get()) != part.size())
     throw InputError(path.string(), fmt::format("cannot be read: {}", std::strerror(errno)),
                      "check the disk");
-  return bytes;
+  return part;
 }
 
 void check_picture_size(const fs::path& path, std::int64_t rows, std::int64_t cols,

@@ -7,6 +7,7 @@
 #include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/png_check.h"
 #include "malus/io/internal/stored_value.h"
+#include "malus/io/internal/tiff_check.h"
 
 #include <algorithm>
 #include <cctype>
@@ -71,10 +72,12 @@ void check_plausible(const fs::path& path, const OIIO::ImageSpec& spec, std::uin
                      "check that the file is whole");
 }
 
-// libpng prints where it meets damage, and libjpeg reserves memory when the file is opened.
+// libpng prints where it meets damage, libtiff passes over what is missing, and libjpeg reserves
+// memory when the file is opened.
 void check_before_opening(const fs::path& path, const std::string& codec,
                           std::uintmax_t file_bytes) {
   if (codec == "png") check_png(read_bytes(path), path);
+  if (codec == "tiff") check_tiff(path, file_bytes);
   if (codec != "jpeg") return;
   const JpegSize size = check_jpeg(read_bytes(path), path);
   check_plausible(path, OIIO::ImageSpec(size.cols, size.rows, size.channels, TypeDesc::UINT8),

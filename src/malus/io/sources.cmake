@@ -21,4 +21,5 @@ set(io_SOURCES
   session_write.cpp
   shard.cpp
   shard_read.cpp
+  tiff_check.cpp
 )

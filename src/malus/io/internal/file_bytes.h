@@ -26,6 +26,11 @@ std::uintmax_t require_file(const std::filesystem::path& path);
 std::vector<std::uint8_t> read_bytes(const std::filesystem::path& path,
                                      std::uintmax_t limit = UINTMAX_MAX);
 
+/// `bytes` bytes from `at` on. Contract: they are in the file. Throws InputError where they cannot
+/// be read.
+std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uintmax_t at,
+                                    std::size_t bytes);
+
 /// Throws InputError unless 1 <= rows, cols, channels and the picture is within the limits of
 /// decoded.h.
 void check_picture_size(const std::filesystem::path& path, std::int64_t rows, std::int64_t cols,
