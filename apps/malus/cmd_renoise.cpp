@@ -54,6 +54,9 @@ Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFr
   options.rows = frame.dn.rows();
   options.cols = frame.dn.cols();
   RawFrame guide = load_frame(arguments.guides[index], options);
+  check_finite(guide.dn, guide.source,
+               arguments.method == "naive" ? fate_of_nonfinite(arguments.as_float)
+                                           : "no noise is added there");
   subtract_black(guide);
   return std::move(guide.dn);
 }
@@ -63,6 +66,18 @@ void check_gain_of(const RawFrame& frame, const GainSetting& from) {
     throw InputError(frame.source,
                      fmt::format("was taken at {}, --from says {}", frame.gain.text(), from.text()),
                      "give the frame's own gain");
+}
+
+RawFrame load_noisy(const RenoiseArguments& arguments, const fs::path& input,
+                    const FrameOptions& options, const NoiseModel& model, const GainSetting& from) {
+  RawFrame frame =
+      load_frame(input, options_for_file(input, options_for_model(options, model, input),
+                                         arguments.raw.float_black()));
+  check_gain_of(frame, from);
+  // New noise on a given guide: the frame's pixels are not in the result.
+  if (arguments.method != "naive" || arguments.guides.empty())
+    check_finite(frame.dn, frame.source, fate_of_nonfinite(arguments.as_float));
+  return frame;
 }
 
 Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& model,
@@ -130,10 +145,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   for (std::size_t i = 0; i < names.size(); ++i) {
     check_stop(*progress);
     const fs::path& input = arguments.inputs[i];
-    RawFrame frame =
-        load_frame(input, options_for_file(input, options_for_model(options, model, input),
-                                           arguments.raw.float_black()));
-    check_gain_of(frame, from);
+    RawFrame frame = load_noisy(arguments, input, options, model, from);
     Image result = guide_of(arguments, i, frame, model, from, *progress);
     if (!ranges.empty()) coverage.add(level_coverage(model.layout, ranges, result));
     subtract_black(frame);

@@ -61,7 +61,8 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
 }
 
 // The clean mosaic in DN above black.
-Image load_clean(const fs::path& path, const FrameOptions& options, const SensorLayout& layout) {
+Image load_clean(const fs::path& path, const FrameOptions& options, const SensorLayout& layout,
+                 bool as_float) {
   RawFrame frame = load_frame(path, options);
   take_layout_of_model(frame, layout);
   if (frame.bits > 0 && !frame.black_known)
@@ -69,9 +70,7 @@ Image load_clean(const fs::path& path, const FrameOptions& options, const Sensor
                      "give --black (0 where black is subtracted already)");
   // Float files hold DN above black already: --black is that of integers.
   if (frame.bits > 0) subtract_black(frame);
-  std::int64_t odd = 0;
-  for (const float v : frame.dn.values()) odd += !std::isfinite(v);
-  if (odd > 0) warn(fmt::format("{}: {} pixels are NaN or infinite", path.string(), odd));
+  check_finite(frame.dn, path.string(), fate_of_nonfinite(as_float));
   return std::move(frame.dn);
 }
 
@@ -194,7 +193,7 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
   std::string said;
   std::uint32_t number = arguments.first_frame;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
-    const Image clean = load_clean(arguments.inputs[i], options, source.layout);
+    const Image clean = load_clean(arguments.inputs[i], options, source.layout, arguments.as_float);
     if (const std::string caution = source.caution(clean); !caution.empty() && caution != said)
       warn(said = caution);
     for (int n = 0; n < arguments.frames; ++n, ++number) {

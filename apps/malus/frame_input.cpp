@@ -9,6 +9,7 @@
 #include "malus/polar/layout_check.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "program.h"
@@ -92,6 +93,19 @@ NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRan
   } catch (const InputError& error) {
     throw InputError(frame.source + ": " + error.subject(), error.problem(), error.remedy());
   }
+}
+
+void check_finite(const Image& dn, const std::string& source, std::string_view what_comes) {
+  const auto odd = std::count_if(dn.values().begin(), dn.values().end(),
+                                 [](float value) { return !std::isfinite(value); });
+  if (odd == 0) return;
+  if (static_cast<std::size_t>(odd) == dn.size())
+    throw InputError(source, "all pixels are NaN or infinite", "check how the file was made");
+  warn(fmt::format("{}: {} pixels are NaN or infinite; {}", source, odd, what_comes));
+}
+
+std::string_view fate_of_nonfinite(bool as_float) {
+  return as_float ? "they stay as they are" : "as integers they become 0 or white";
 }
 
 Image above_black(const RawFrame& frame) {

@@ -124,6 +124,32 @@ def test_a_frame_of_nothing_else_is_reported_and_kept(malus, tmp_path):
     assert np.isnan(np.load(tmp_path / "out/f_denoised.npy")).all()
 
 
+def test_pixels_that_are_no_numbers_are_said_where_they_become_integers(malus, refused, tmp_path):
+    clean = np.full((64, 64), 300, np.float32)
+    clean[10, 11], clean[20, 21], clean[30, 31] = np.nan, np.inf, -np.inf
+    np.save(tmp_path / "odd.npy", clean)
+    np.save(tmp_path / "good.npy", np.full((64, 64), 300, np.float32))
+    np.save(tmp_path / "none.npy", np.full((64, 64), np.nan, np.float32))
+    camera = ["--layout", "polar-mono", "--model", "imx250mzr-simulated", "--format", "npy"]
+    renoise = ["renoise", *camera, "--black", 0, "--white", 4013, "--from", 12, "--to", 24]
+    said = "odd.npy: 3 pixels are NaN or infinite; as integers they become 0 or white"
+    for n, command in enumerate((["synthesize", tmp_path / "odd.npy", *camera, "--gain", 12],
+                                 [*renoise, tmp_path / "odd.npy"], [*renoise, tmp_path / "odd.npy", "--method", "naive"],
+                                 [*renoise, tmp_path / "good.npy", "--guide", tmp_path / "odd.npy", "--method", "naive"])):
+        result = malus(*command, "-o", tmp_path / f"{n}")
+        assert result.err.count("NaN") == 1 and said in result.err, result.err
+        out = np.load(next((tmp_path / f"{n}").glob("*.npy")))
+        assert [out[10, 11], out[20, 21], out[30, 31]] == [0, 4095, 0], command
+        floats = malus(*command, "--float", "-o", tmp_path / f"{n}float").err
+        assert "odd.npy: 3 pixels are NaN or infinite; they stay as they are" in floats
+    guided = malus(*renoise, tmp_path / "good.npy", "--guide", tmp_path / "odd.npy", "-o", tmp_path / "guided")
+    assert "odd.npy: 3 pixels are NaN or infinite; no noise is added there" in guided.err
+    for command in (["synthesize", tmp_path / "none.npy", *camera, "--gain", 12], [*renoise, tmp_path / "none.npy"],
+                    [*renoise, tmp_path / "good.npy", "--guide", tmp_path / "none.npy"]):
+        assert "none.npy: all pixels are NaN or infinite" in refused(*command, "-o", tmp_path / "out")
+    assert not list(tmp_path.glob("out/*"))
+
+
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
     arguments = ["denoise", frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
     assert "36" in refused(*arguments)
