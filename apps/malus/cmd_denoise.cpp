@@ -47,6 +47,13 @@ struct DenoiseArguments {
   bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
 };
 
+// What the method would not look at.
+void check_ratio(const DenoiseArguments& arguments, const FrameDenoiser& denoiser) {
+  if (arguments.inference.ratio && !denoiser.takes_ratio())
+    throw InputError("--ratio", fmt::format("{} does not amplify by it", arguments.settings.method),
+                     "leave it out, or use a network trained with amplification = \"ratio\"");
+}
+
 // What there is none of where the result is a picture, and what no picture file can hold.
 void check_result_flags(const DenoiseArguments& arguments, const std::string& target) {
   if (target != "mosaic")
@@ -292,6 +299,7 @@ void check_references(const DenoiseArguments& arguments) {
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   check_references(arguments);
+  check_ratio(arguments, denoiser);
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;
   const FrameOptions options = arguments.raw.resolve();

@@ -38,6 +38,12 @@ Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile, 
 
 std::string FrameDenoiser::target() const { return network_ ? network_->target() : "mosaic"; }
 
+bool FrameDenoiser::takes_ratio() const {
+  if (!network_) return false;
+  const nlohmann::ordered_json package = network_->description().at("package");
+  return package.at("domain") == "linear" && package.at("amplification") == "ratio";
+}
+
 NetworkInference::Rendered FrameDenoiser::render(RawFrame frame, const NoiseProfile& profile,
                                                  Progress& progress) const {
   MALUS_REQUIRE(network_);

@@ -26,6 +26,8 @@ class FrameDenoiser {
                       double held_values = 0) const;
   /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
   std::string target() const;
+  /// Whether InferenceSettings' ratio changes anything.
+  bool takes_ratio() const;
   /// Of a network that gives pictures (malus/neural/inference.h).
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                     Progress& progress) const;

@@ -52,6 +52,13 @@ def test_a_black_level_of_another_camera_is_told(malus, frames, tmp_path):
     assert "below the model's dark level" in done.err
 
 
+@pytest.mark.parametrize("method", ("nl-ridge", "bm3d"))
+def test_a_ratio_that_nothing_would_look_at_is_refused(refused, frames, tmp_path, method):
+    line = refused("denoise", frame(frames, 12), "--model", MODEL, "--gain", 12, "--method", method, "--ratio", 10, "-o", tmp_path / "out")
+    assert f"--ratio: {method} does not amplify by it; leave it out" in line
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_bias_of_clipped_dark_frames_is_told(malus, tmp_path):
     rng = np.random.default_rng(5)
     text = '[sensor]\nlayout = "polar-mono"\nblack = 0\nwhite = 4095\nrow_group = 1\n'

@@ -220,9 +220,12 @@ def test_another_layout_too_little_memory_and_what_networks_do_not_do(malus, ref
     usage = malus("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty", code=2)
     assert "--uncertainty" in usage.err
     assert "--strength" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--strength", "2")
+    assert "--ratio: " in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--ratio", "10")
     assert "--profile" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--profile", "fast")
     np.save(tmp_path / "large.npy", np.full((3000, 3000), 500, np.uint16))
     assert "MiB" in refused("denoise", tmp_path / "large.npy", "--method", weights, *MODEL, *raw, "--memory", "128")
+    amplifying = unet_package(tmp_path / "r.safetensors", amplification="ratio")
+    malus("denoise", noisy, "--method", amplifying, *MODEL, *raw, "--ratio", "10")
 
 
 def test_a_program_without_the_module_says_so(noisy, tmp_path):
