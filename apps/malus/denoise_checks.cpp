@@ -1,5 +1,6 @@
 #include "denoise_checks.h"
 
+#include "malus/base/text.h"
 #include "malus/noise/sensor_window.h"
 
 #include <algorithm>
@@ -67,10 +68,10 @@ void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, cons
     if (most == p.dark_zero_share.end() || *most < kMostZeros) continue;
     const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
     warn(fmt::format(
-        "{}: {:.2g} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
+        "{}: {} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
         "that of noise cut off at 0, and light comes out about as much too dark; raise the "
         "camera's black level and calibrate again",
-        path.string(), 100 * *most, bias_dn));
+        path.string(), percent_text(*most), bias_dn));
   }
 }
 
@@ -85,9 +86,9 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
       static_cast<double>(result.defect_pixels) / static_cast<double>(result.dn_above_black.size());
   if (share > kManyDefects)
     say(
-        fmt::format("{} pixels, {:.2g} % of the frame, are defects by the model's list and were "
+        fmt::format("{} pixels, {} % of the frame, are defects by the model's list and were "
                     "filled from their neighbours; --no-defects keeps them",
-                    result.defect_pixels, 100 * share));
+                    result.defect_pixels, percent_text(share)));
   // One cause, one line: a mean moves because the noise is another.
   const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
   say(noise.empty() ? moved_mean(before, result, profile) : noise);

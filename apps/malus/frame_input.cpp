@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
@@ -128,11 +129,11 @@ std::int64_t warn_of_saturation(const RawFrame& above_black) {
     cells += std::any_of(packed.begin(), packed.end(),
                          [&](const Image& plane) { return plane.values()[i] >= limit_dn; });
   if (cells > 0)
-    warn(
-        fmt::format("{}: {} cells ({:.2g} %) hold saturated pixels; what is said of their light "
-                    "and its polarization is not true",
-                    above_black.source, cells,
-                    100 * static_cast<double>(cells) / static_cast<double>(packed[0].size())));
+    warn(fmt::format(
+        "{}: {} cells ({} %) hold saturated pixels; what is said of their light "
+        "and its polarization is not true",
+        above_black.source, cells,
+        percent_text(static_cast<double>(cells) / static_cast<double>(packed[0].size()))));
   return cells;
 }
 

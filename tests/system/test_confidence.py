@@ -59,6 +59,12 @@ def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp
         assert "50 cells" in plain.err and plain.json["saturated_cells"] == 50
 
 
+def test_a_frame_of_nothing_but_saturated_cells_is_a_hundred_percent(malus, tmp_path):
+    Image.fromarray(np.full((64, 64), WHITE, np.uint16)).save(tmp_path / "white.png")
+    said = malus("stokes", tmp_path / "white.png", "--layout", "polar-mono", "--black", 0, "--white", WHITE, "-o", tmp_path).err
+    assert "1024 cells (100 %) hold saturated pixels" in said
+
+
 @pytest.mark.parametrize("bias_dn", [6.0, -6.0])
 def test_saturation_is_told_in_results_whatever_the_bias(malus, camera, tmp_path, bias_dn):
     """Bias and flats of a camera whose dark level lies off the nominal black."""

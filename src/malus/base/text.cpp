@@ -5,6 +5,8 @@
 #include <numeric>
 #include <vector>
 
+#include <fmt/format.h>
+
 namespace malus {
 namespace {
 
@@ -46,6 +48,11 @@ std::string joined(std::span<const std::string> parts, std::string_view separato
     text += part;
   }
   return text;
+}
+
+std::string percent_text(double share) {
+  const double percent = 100 * share;
+  return percent >= 10 ? fmt::format("{:.0f}", percent) : fmt::format("{:.2g}", percent);
 }
 
 }  // namespace malus

@@ -16,4 +16,7 @@ std::string lower_case(std::string text);
 /// "a, b, c"
 std::string joined(std::span<const std::string> parts, std::string_view separator = ", ");
 
+/// A share of 0..1 in percent, to two digits and never with an exponent: "0.034", "12", "100".
+std::string percent_text(double share);
+
 }  // namespace malus

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/calibrate/bias_calibration.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"
@@ -109,9 +110,9 @@ void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCal
   const double share = static_cast<double>(defects) / static_cast<double>(first.dn.size());
   if (share > kManyDefects)
     out.warnings.push_back(fmt::format(
-        "{} pixels, {:.2g} % of the sensor, are listed as defects, and denoise fills them all: are "
+        "{} pixels, {} % of the sensor, are listed as defects, and denoise fills them all: are "
         "the frames all of this camera and of one setting?",
-        defects, 100 * share));
+        defects, percent_text(share)));
 }
 
 // A few pixels with a hundred times the noise would be most of a variance that the list of defects
