@@ -8,7 +8,6 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -280,20 +279,16 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   return run;
 }
 
-// A row per metric that was measured against a reference.
-std::string metrics_text(const Json& run) {
-  if (!run.contains("against_reference")) return {};
-  const Json& metrics = run["against_reference"];
-  std::string text;
-  for (const auto& [name, after] : metrics["after"].items())
-    text += fmt::format("  {:<14} {:8.3f} -> {:8.3f}\n", name,
-                        metrics["before"].value(name, std::nan("")), after.get<double>());
-  return text;
-}
-
 void check_references(const DenoiseArguments& arguments) {
   if (!arguments.references.empty() && arguments.references.size() != arguments.inputs.size())
     throw CLI::ValidationError("--reference", "one file per RAW, in the same order");
+}
+
+// One frame's record where one was asked for, else those of the frames that were finished.
+void print_runs(const DenoiseArguments& arguments, const Json& runs, const Common& common) {
+  std::string text;
+  for (const Json& run : runs) text += run_text(run, arguments.settings.method);
+  print_result(common, arguments.inputs.size() == 1 ? runs.front() : Json{{"frames", runs}}, text);
 }
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
@@ -315,8 +310,7 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
   Json results = Json::array();
-  std::string text;
-  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+  const auto process = [&](std::size_t i) {
     check_stop(*progress);
     const FrameJob job{arguments.inputs[i],
                        arguments.references.empty() ? fs::path() : arguments.references[i],
@@ -329,17 +323,15 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
             ? process_mosaic(arguments, denoiser, model, job, options, *progress, common.force,
                              arguments.report.empty() ? nullptr : &report)
             : process_picture(arguments, denoiser, model, job, options, *progress, common.force));
-    const Json& last = results.back();
-    text += fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed{}, {:.1f} s -> {}\n",
-                        last["input"].get<std::string>(), last["cols"].get<int>(),
-                        last["rows"].get<int>(), last["layout"].get<std::string>(),
-                        arguments.settings.method, last["row_noise_removed_dn"].get<double>(),
-                        corrections_text(last), last["seconds"].get<double>(),
-                        last["files"][0].get<std::string>());
-    text += metrics_text(last);
+  };
+  try {
+    for (std::size_t i = 0; i < arguments.inputs.size(); ++i) process(i);
+    if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
+  } catch (...) {  // the results of the frames before are there, and this says which
+    if (!results.empty()) print_runs(arguments, results, common);
+    throw;
   }
-  if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
-  print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
+  print_runs(arguments, results, common);
 }
 
 }  // namespace

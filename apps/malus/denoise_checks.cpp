@@ -39,6 +39,31 @@ std::string moved_mean(const RawFrame& frame, const Denoised& result, const Nois
           : "the frame's noise is not the model's; check --gain, --black and --model");
 }
 
+// What else was taken out of the frame; empty where nothing was.
+std::string corrections_text(const nlohmann::ordered_json& run) {
+  std::string text;
+  for (const auto& [pixels, name] :
+       {std::pair{"defect_pixels", "defect pixels"}, {"impulse_pixels", "impulses"}})
+    if (const auto count = run[pixels].get<std::int64_t>(); count > 0)
+      text += fmt::format(", {} {} filled", count, name);
+  for (const auto& [share, name] :
+       {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
+    if (const auto value = run[share].get<double>(); value > 0)
+      text += fmt::format(", {:.2f} of the model's {} taken out", value, name);
+  return text;
+}
+
+// A row per metric that was measured against a reference.
+std::string metrics_text(const nlohmann::ordered_json& run) {
+  if (!run.contains("against_reference")) return {};
+  const auto& metrics = run["against_reference"];
+  std::string text;
+  for (const auto& [name, after] : metrics["after"].items())
+    text += fmt::format("  {:<14} {:8.3f} -> {:8.3f}\n", name,
+                        metrics["before"].value(name, std::nan("")), after.get<double>());
+  return text;
+}
+
 }  // namespace
 
 void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
@@ -103,17 +128,13 @@ nlohmann::ordered_json noise_json(const Denoised& result) {
           {"complaint", noise_complaint(*result.noise)}};
 }
 
-std::string corrections_text(const nlohmann::ordered_json& run) {
-  std::string text;
-  for (const auto& [pixels, name] :
-       {std::pair{"defect_pixels", "defect pixels"}, {"impulse_pixels", "impulses"}})
-    if (const auto count = run[pixels].get<std::int64_t>(); count > 0)
-      text += fmt::format(", {} {} filled", count, name);
-  for (const auto& [share, name] :
-       {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
-    if (const auto value = run[share].get<double>(); value > 0)
-      text += fmt::format(", {:.2f} of the model's {} taken out", value, name);
-  return text;
+std::string run_text(const nlohmann::ordered_json& run, const std::string& method) {
+  return fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed{}, {:.1f} s -> {}\n",
+                     run["input"].get<std::string>(), run["cols"].get<int>(),
+                     run["rows"].get<int>(), run["layout"].get<std::string>(), method,
+                     run["row_noise_removed_dn"].get<double>(), corrections_text(run),
+                     run["seconds"].get<double>(), run["files"][0].get<std::string>()) +
+         metrics_text(run);
 }
 
 std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,

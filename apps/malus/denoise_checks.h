@@ -34,8 +34,9 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
 /// The comparison of the frame's noise with the profile's, for the record; null where none is.
 nlohmann::ordered_json noise_json(const Denoised& result);
 
-/// What else a run's record says that was taken out of its frame; empty where nothing was.
-std::string corrections_text(const nlohmann::ordered_json& run);
+/// What a run's record says for people: one line, and a row per metric that was measured against a
+/// reference.
+std::string run_text(const nlohmann::ordered_json& run, const std::string& method);
 
 /// Those of the files that exist and are none of the others.
 std::vector<std::filesystem::path> existing_apart(const std::vector<std::filesystem::path>& files,

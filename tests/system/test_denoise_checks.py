@@ -52,6 +52,24 @@ def test_a_black_level_of_another_camera_is_told(malus, frames, tmp_path):
     assert "below the model's dark level" in done.err
 
 
+def test_frames_that_were_finished_before_an_error_are_said(malus, frames, tmp_path):
+    """As is their JSON, in the form of several frames; nothing is where none was."""
+    good = [tmp_path / "a.tif", tmp_path / "b.tif"]
+    for path in good:
+        path.write_bytes(frame(frames, 12).read_bytes())
+    bad = tmp_path / "bad.npy"
+    np.save(bad, np.zeros((64, 64), np.uint16))
+    bad.write_bytes(bad.read_bytes()[:-10])  # its header is whole
+    command = ["--model", MODEL, "--layout", LAYOUT, "--gain", 12, "--black", BLACK, "--white", WHITE, "--profile", "fast"]
+    text = malus("denoise", *good, bad, *command, "-o", tmp_path / "text", code=1)
+    assert [line.split(":")[0] for line in text.out.splitlines()] == [str(path) for path in good] and "bad.npy" in text.err
+    told = malus("denoise", *good, bad, *command, "-o", tmp_path / "json", "--json", code=1)
+    assert [run["input"] for run in told.json["frames"]] == [str(path) for path in good] and "bad.npy" in told.err
+    one = malus("denoise", good[0], bad, *command, "-o", tmp_path / "one", "--json", code=1)
+    assert [run["input"] for run in one.json["frames"]] == [str(good[0])]
+    assert malus("denoise", bad, good[0], *command, "-o", tmp_path / "none", "--json", code=1).out == ""
+
+
 @pytest.mark.parametrize("method", ("nl-ridge", "bm3d"))
 def test_a_ratio_that_nothing_would_look_at_is_refused(refused, frames, tmp_path, method):
     line = refused("denoise", frame(frames, 12), "--model", MODEL, "--gain", 12, "--method", method, "--ratio", 10, "-o", tmp_path / "out")
