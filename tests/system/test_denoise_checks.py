@@ -52,6 +52,18 @@ def test_a_black_level_of_another_camera_is_told(malus, frames, tmp_path):
     assert "below the model's dark level" in done.err
 
 
+def test_a_frame_of_zeros_lies_below_the_dark_level(malus, tmp_path):
+    """It shows no noise that could be compared with the model's, and 100 DN are 40 of its deviations."""
+    np.save(tmp_path / "zeros.npy", np.zeros((256, 256), np.uint16))
+    np.save(tmp_path / "black.npy", np.full((256, 256), 100, np.uint16))
+    for name in ("zeros", "black"):
+        done = denoise(malus, tmp_path / f"{name}.npy", tmp_path, "--gain", 12, "--layout", LAYOUT, "--black", 100, "--white", WHITE)
+        told = "zeros.npy: 100 % of its pixels lie below the model's dark level by more than 6 deviations"
+        assert (told in done.err) == (name == "zeros"), done.err
+    noise = json.loads((tmp_path / "zeros_denoised.json").read_text())["run"]["frame_noise"]
+    assert noise["below_dark_share"] == 1 and noise["frame_sd_dn"] is None and "dark level" in noise["complaint"]
+
+
 def test_frames_that_were_finished_before_an_error_are_said(malus, frames, tmp_path):
     """As is their JSON, in the form of several frames; nothing is where none was."""
     good = [tmp_path / "a.tif", tmp_path / "b.tif"]

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <fmt/format.h>
@@ -84,20 +85,23 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   sample.black_known = sample.white_known = true;
   if (!(sample.white_dn > 0)) return std::nullopt;
   const Estimate<PictureNoise> own = estimate_profile(sample);
-  if (!own) return std::nullopt;
   NoiseCheck check;
-  check.texture_share = profile.channels.size() < 2 ? 1 : own->texture_share;  // one cannot tell
+  // One channel cannot tell.
+  check.texture_share = own && profile.channels.size() > 1 ? own->texture_share : 1;
   double pixels = 0;
   const std::vector<ChannelSums> sums = sums_of(sample, profile);
   const auto channels = static_cast<double>(sums.size());
   for (std::size_t k = 0; k < sums.size(); ++k) {
     const double signal = sums[k].signal / std::max(sums[k].pixels, 1.0);
-    check.frame_sd_dn += std::sqrt(own->profile.channels[k].variance(signal)) / channels;
+    check.frame_sd_dn += own ? std::sqrt(own->profile.channels[k].variance(signal)) / channels
+                             : std::numeric_limits<double>::quiet_NaN();
     check.profile_sd_dn += std::sqrt(profile.channels[k].variance(signal)) / channels;
     check.below_dark_share += sums[k].below;
     pixels += sums[k].pixels;
   }
   check.below_dark_share /= std::max(pixels, 1.0);
+  // A frame cut off at 0 shows no noise, and that it lies below the dark level all the same.
+  if (!own && check.below_dark_share <= kMostBelowDark) return std::nullopt;
   return check;
 }
 

@@ -12,7 +12,8 @@ struct NoiseProfile;
 
 struct NoiseCheck {
   /// Deviation at the channels' mean signals, mean over the channels: as the frame shows it
-  /// (estimate_noise.h; texture can only raise it), and as the profile says.
+  /// (estimate_noise.h; texture can only raise it), and as the profile says. frame_sd_dn is NaN
+  /// where the frame shows none.
   double frame_sd_dn = 0, profile_sd_dn = 0;
   /// Share of what looks like the frame's noise that neighbouring pixels tell, as texture does
   /// (noise_floor.h); 1 of a single channel, where white texture could be anything.
@@ -22,7 +23,8 @@ struct NoiseCheck {
 };
 
 /// Measured on up to a megapixel, in tiles from all over the frame. None where the profile is the
-/// frame's own, and where the frame is too small or shows no noise.
+/// frame's own, and where the frame is too small or shows no noise, unless it lies below the dark
+/// level.
 std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoiseProfile& profile);
 
 /// What the check says against the profile, in one sentence with the numbers; empty where
