@@ -52,7 +52,13 @@ Image load_mask(const fs::path& path, const Image& s0) {
 NormalMap load_normals(const fs::path& path, const Image& like) {
   Planes planes = load_picture(path).planes;
   require_size(path, planes, 3, like);
-  return {std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
+  NormalMap normals{std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
+  bool any = false;
+  for (std::size_t i = 0; i < normals.x.size() && !any; ++i) any = has_normal(normals, i);
+  if (!any)
+    throw InputError(path.string(), "has no normal: every pixel is (0, 0, 0) or not finite",
+                     "give the normals' X, Y, Z of the object's pixels");
+  return normals;
 }
 
 Planes planes_of(const NormalMap& normals) {
@@ -150,8 +156,10 @@ void add_normals(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--mask", arguments->mask,
                       "picture whose non-zero pixels are the object; else bright pixels are");
-  command->add_option("--reference", arguments->reference,
-                      "normals (X, Y, Z) to measure the mean angular error against");
+  command->add_option(
+      "--reference", arguments->reference,
+      "normals (X, Y, Z) to measure the mean angular error against; (0, 0, 0) or NaN "
+      "where it has none");
   command->add_flag("--full", arguments->full,
                     "one normal per pixel by demosaicking, instead of one per cell");
   arguments->raw.add_to(*command);

@@ -169,5 +169,19 @@ TEST(MeanAngularError, ClosedForms) {
   EXPECT_NEAR(*mean_angular_error_deg(z, other), 135, 1e-9) << "90 and 180 degrees";
 }
 
+TEST(MeanAngularError, CountsOnlyPixelsWithANormalInBothMaps) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const float infinity = std::numeric_limits<float>::infinity();
+  const NormalMap z{Image(1, 4), Image(1, 4), Image(1, 4, 1.0f)};
+  NormalMap other{Image(1, 4), Image(1, 4), Image(1, 4)};  // the second pixel stays (0, 0, 0)
+  other.x(0, 0) = 10;                                      // its length says nothing
+  other.x(0, 2) = infinity, other.z(0, 2) = infinity;
+  other.y(0, 3) = nan;
+  EXPECT_NEAR(*mean_angular_error_deg(z, other), 90, 1e-9);
+  EXPECT_NEAR(*mean_angular_error_deg(other, z), 90, 1e-9);
+  const NormalMap empty{Image(1, 4), Image(1, 4), Image(1, 4)};
+  EXPECT_FALSE(mean_angular_error_deg(z, empty).decided());
+}
+
 }  // namespace
 }  // namespace malus

@@ -74,6 +74,21 @@ def test_denoising_brings_normals_back(malus, tmp_path, name):
         assert denoised < 0.3 * noisy
 
 
+def test_normals_are_judged_where_the_reference_has_one(malus, refused, tmp_path):
+    """The usual background of a reference, (0, 0, 0), counts no more than NaN does."""
+    truth = ellipsoids(64, [(32, 32, 27, 27)]).astype(np.float32)
+    frame = tmp_path / "f.npy"
+    np.save(frame, np.random.default_rng(3).uniform(200, 4000, (128, 128)).astype(np.float32))
+    command = ["normals", "-q", frame, *LAYOUT, "-o", tmp_path / "out", "--force", "--reference", tmp_path / "truth.npy"]
+    errors = []
+    for background in (np.nan, 0):
+        np.save(tmp_path / "truth.npy", np.where(np.isfinite(truth), truth, np.float32(background)))
+        errors.append(malus(*command, "--json").json["mean_angular_error_deg"])
+    assert errors[0] == errors[1] > 30
+    np.save(tmp_path / "truth.npy", np.zeros_like(truth))
+    assert "truth.npy: has no normal: every pixel is (0, 0, 0) or not finite" in refused(*command)
+
+
 def stokes(mosaic):
     i90, i45, i135, i0 = mosaic[::2, ::2], mosaic[::2, 1::2], mosaic[1::2, ::2], mosaic[1::2, 1::2]
     return (i0 + i45 + i90 + i135) / 2, i0 - i90, i45 - i135

@@ -141,17 +141,21 @@ NormalMap normals_of(const StokesPlanes& stokes, const Image& mask,
   return normals;
 }
 
+bool has_normal(const NormalMap& map, std::size_t i) {
+  const float x = map.x.values()[i], y = map.y.values()[i], z = map.z.values()[i];
+  return std::isfinite(x) && std::isfinite(y) && std::isfinite(z) && (x != 0 || y != 0 || z != 0);
+}
+
 Estimate<double> mean_angular_error_deg(const NormalMap& a, const NormalMap& b) {
   MALUS_REQUIRE(a.x.rows() == b.x.rows() && a.x.cols() == b.x.cols());
   double sum = 0, count = 0;
   for (std::size_t i = 0; i < a.x.size(); ++i) {
+    if (!has_normal(a, i) || !has_normal(b, i)) continue;
     const double ax = a.x.values()[i], ay = a.y.values()[i], az = a.z.values()[i];
     const double bx = b.x.values()[i], by = b.y.values()[i], bz = b.z.values()[i];
     // The angle from both products keeps its digits near 0 and 180 degrees.
     const double cross = std::hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx);
-    const double angle = std::atan2(cross, ax * bx + ay * by + az * bz) * 180 / std::numbers::pi;
-    if (!std::isfinite(angle)) continue;
-    sum += angle;
+    sum += std::atan2(cross, ax * bx + ay * by + az * bz) * 180 / std::numbers::pi;
     ++count;
   }
   if (count == 0) return Undecided{"no pixel has a normal in both maps"};

@@ -63,7 +63,11 @@ Image foreground_mask(const Image& s0, double share);
 /// stokes: one colour or the mean of all. mask: sizes equal; pixels > 0 belong to the object.
 NormalMap normals_of(const StokesPlanes& stokes, const Image& mask, const NormalSettings& settings);
 
-/// Mean angle between normals where both are defined, degrees. Undecided where none are.
+/// Whether a map has a normal at its element i: finite and longer than 0. Maps of other programs
+/// often hold (0, 0, 0) where there is no object.
+bool has_normal(const NormalMap& map, std::size_t i);
+
+/// Mean angle between normals where both maps have one, degrees. Undecided where none do.
 Estimate<double> mean_angular_error_deg(const NormalMap& a, const NormalMap& b);
 
 /// x, y, z as red, green, blue, (n + 1)/2; undefined pixels show the undefined pattern. 0..255.
