@@ -90,5 +90,33 @@ TEST(EvaluateMosaics, EveryLayout) {
   }
 }
 
+// One wrong pixel, wherever it lies: the mean squared error is its square over all pixels.
+TEST(EvaluateMosaics, EveryPixelCountsOnceInPsnrAlsoInCellsThatTheEdgeCuts) {
+  for (const auto& name : SensorLayout::known_names()) {
+    const auto layout = SensorLayout::named(name);
+    const int rows = 9, cols = 7, cells = (rows / layout.rows()) * (cols / layout.cols());
+    const Image reference(rows, cols, 100.0f);
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        Image test = reference;
+        test(r, c) = 110;
+        const Evaluation e = evaluate_mosaics(reference, test, layout, 10);
+        ASSERT_NEAR(*e.image_psnr_db, 10 * std::log10(rows * cols), 1e-9) << name << r << ' ' << c;
+        test(r, c) = std::numeric_limits<float>::quiet_NaN();
+        ASSERT_EQ(evaluate_mosaics(reference, test, layout, 10).pixels_left_out, 1) << name;
+        if (!layout.polarized()) continue;
+        // The changed angle's colour has S0 = 410 / 2 and S1 or S2 = 10 in one cell.
+        const bool whole =
+            r < rows / layout.rows() * layout.rows() && c < cols / layout.cols() * layout.cols();
+        const double colors = layout.channels() / 4.0, dolp = 10 / 205.0;
+        if (whole)
+          ASSERT_NEAR(*e.dolp_psnr_db, 10 * std::log10(cells * colors / (dolp * dolp)), 1e-4)
+              << name << r << ' ' << c;
+        else
+          ASSERT_TRUE(std::isinf(*e.dolp_psnr_db)) << name << r << ' ' << c;
+      }
+  }
+}
+
 }  // namespace
 }  // namespace malus

@@ -18,6 +18,14 @@ void append(std::vector<Quantity>& list, const Estimate<double>& value, Quantity
   list.push_back(std::move(quantity));
 }
 
+// Packing fills a cell that the edge cuts with samples of the cell before, which would then count
+// several times.
+Planes packed_whole_cells(View<const float> mosaic, const SensorLayout& layout) {
+  const int rows = mosaic.rows() / layout.rows() * layout.rows();
+  const int cols = mosaic.cols() / layout.cols() * layout.cols();
+  return pack(mosaic.window(0, 0, rows, cols), layout);
+}
+
 }  // namespace
 
 Evaluation evaluate_planes(const Planes& reference, const Planes& test, double peak_dn) {
@@ -32,8 +40,11 @@ Evaluation evaluate_planes(const Planes& reference, const Planes& test, double p
 Evaluation evaluate_mosaics(View<const float> reference, View<const float> test,
                             const SensorLayout& layout, double peak_dn) {
   MALUS_REQUIRE(reference.rows() == test.rows() && reference.cols() == test.cols());
-  Planes a = pack(reference, layout), b = pack(test, layout);
-  Evaluation result = evaluate_planes(a, b, peak_dn);
+  const SquaredError squared = squared_error(reference, test);
+  Planes a = packed_whole_cells(reference, layout), b = packed_whole_cells(test, layout);
+  Evaluation result{psnr_db(squared, peak_dn), ssim(a, b, peak_dn), kNoAngles, kNoAngles,
+                    kNoAngles};
+  result.pixels_left_out = std::int64_t{reference.rows()} * reference.cols() - squared.count;
   if (!layout.polarized()) return result;
   // Of large frames the planes are not held beside what is made of them.
   const auto reference_stokes = stokes_per_color(std::exchange(a, {}), layout);

@@ -21,8 +21,9 @@ struct Evaluation {
 /// over all channels in units of peak, nothing clipped.
 Evaluation evaluate_planes(const Planes& reference, const Planes& test, double peak_dn);
 
-/// Two mosaics in DN above black of one layout and size: packed planes for the image metrics; with
-/// a polarized layout also DoLP and AoLP of every colour at one per cell.
+/// Two mosaics in DN above black of one layout and size. PSNR counts every pixel once. SSIM on the
+/// packed planes; with a polarized layout also DoLP and AoLP of every colour at one per cell: these
+/// from whole cells, without the rows and columns of a cell that the last edges cut.
 Evaluation evaluate_mosaics(View<const float> reference, View<const float> test,
                             const SensorLayout& layout, double peak_dn);
 
