@@ -144,6 +144,25 @@ void demosaick_colors(const Image& mosaic, const SensorLayout& layout, int row, 
       for (int c = 0; c < image.cols(); ++c) planes[color](row + 2 * r, col + 2 * c) = image(r, c);
 }
 
+// S1 and S2 smoothed by [1 2 1]. On the dark side of an edge that would add the bright side's S1
+// and S2 to a small S0: where the same smoothing raises S0, they are lowered by as much. A factor
+// of up to kLeft is left alone: in noise it would go with S0's error and lower DoLP's mean.
+void smooth_polarization(StokesPlanes& stokes) {
+  constexpr float kLeft = 1.25f;
+  stokes.s1 = internal::smoothed(stokes.s1);
+  stokes.s2 = internal::smoothed(stokes.s2);
+  const Image raised = internal::smoothed(stokes.s0);
+  for_rows(raised.rows(), [&](int r) {
+    for (int c = 0; c < raised.cols(); ++c) {
+      const float s0 = stokes.s0(r, c);
+      if (!(s0 > 0 && raised(r, c) > kLeft * s0)) continue;
+      const float factor = kLeft * s0 / raised(r, c);
+      stokes.s1(r, c) *= factor;
+      stokes.s2(r, c) *= factor;
+    }
+  });
+}
+
 StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
   const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
   if (!layout.colored()) return {{""}, {residual_angles(mosaic, layout, epsilon)}};
@@ -155,8 +174,7 @@ StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
   for (Color color : display_colors(layout)) {
     StokesPlanes stokes = residual_angles(planes[color], layout, epsilon);
     planes[color] = Image();
-    stokes.s1 = internal::smoothed(stokes.s1);
-    stokes.s2 = internal::smoothed(stokes.s2);
+    smooth_polarization(stokes);
     picture.names.push_back(display_name(color));
     picture.planes.push_back(std::move(stokes));
   }

@@ -18,7 +18,9 @@ enum class Demosaicking {
   /// et al., ICIP 2013), then angles, guided by an intensity picture averaged over the 2x2 block on
   /// the smooth side of edges (after Morimatsu, Monno, Tanaka, Okutomi, "Monochrome and color
   /// polarization demosaicking using edge-aware residual interpolation", ICIP 2020). S1 and S2 of
-  /// colour sensors are smoothed by [1 2 1], as their samples are four pixels apart.
+  /// colour sensors are smoothed by [1 2 1], as their samples are four pixels apart. Nothing falls
+  /// far below all samples around it, so that
+  /// S0 is positive where all samples are.
   kResidual,
 };
 

@@ -2,6 +2,7 @@
 
 #include "malus/polar/internal/lattice.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace malus::internal {
@@ -37,7 +38,10 @@ Image green_of(const Image& bayer, const std::function<bool(int, int)>& is_green
       if (is_green(r, c)) continue;
       const float h = 1 / ((slope_across(r, c) + floor) * (slope_across(r, c) + floor));
       const float v = 1 / ((slope_down(r, c) + floor) * (slope_down(r, c) + floor));
-      green(r, c) = (h * across(r, c) + v * down(r, c)) / (h + v);
+      const int up = mirrored(r - 1, rows), below = mirrored(r + 1, rows);
+      const int left = mirrored(c - 1, cols), next = mirrored(c + 1, cols);
+      const float least = std::min({bayer(up, c), bayer(below, c), bayer(r, left), bayer(r, next)});
+      green(r, c) = not_far_below(least, (h * across(r, c) + v * down(r, c)) / (h + v));
     }
   });
   return green;

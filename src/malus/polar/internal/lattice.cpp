@@ -1,6 +1,7 @@
 #include "malus/polar/internal/lattice.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 namespace malus::internal {
@@ -33,6 +34,41 @@ std::vector<Step> steps(int full, int offset, int stride, int coarse) {
     all.push_back({low, std::min(low + 1, coarse - 1), position - static_cast<float>(low)});
   }
   return all;
+}
+
+// At (r, c) the least of rows r - 1 to r + 2 and columns c - 1 to c + 2: the 4x4 samples around
+// what lies between (r, c) and (r + 1, c + 1).
+Image least_around(const Image& samples) {
+  const int rows = samples.rows(), cols = samples.cols();
+  Image across(rows, cols), least(rows, cols);
+  for_rows(rows, [&](int r) {
+    const float* from = samples.row(r);
+    for (int c = 0; c < cols; ++c)
+      across(r, c) =
+          *std::min_element(from + std::max(c - 1, 0), from + std::min(c + 2, cols - 1) + 1);
+  });
+  for_rows(rows, [&](int r) {
+    for (int c = 0; c < cols; ++c) {
+      least(r, c) = across(r, c);
+      for (int i = std::max(r - 1, 0); i <= std::min(r + 2, rows - 1); ++i)
+        least(r, c) = std::min(least(r, c), across(i, c));
+    }
+  });
+  return least;
+}
+
+// Full-resolution values, none of them far below the samples around it.
+Image limited(Image full, const Image& samples, const Lattice& lattice) {
+  const Image least = least_around(samples);
+  const auto down = steps(full.rows(), lattice.row, lattice.stride, samples.rows());
+  const auto right = steps(full.cols(), lattice.col, lattice.stride, samples.cols());
+  for_rows(full.rows(), [&](int r) {
+    const float* around = least.row(down[static_cast<std::size_t>(r)].low);
+    float* values = full.row(r);
+    for (int c = 0; c < full.cols(); ++c)
+      values[c] = not_far_below(around[right[static_cast<std::size_t>(c)].low], values[c]);
+  });
+  return full;
 }
 
 }  // namespace
@@ -150,9 +186,10 @@ Image guided_upsampled(const Image& samples, const Lattice& lattice, const Image
   const int rows = guide.rows(), cols = guide.cols();
   const Image a_full = upsampled(a, lattice, rows, cols);
   const Image rest_full = upsampled(rest, lattice, rows, cols);
-  return map_elements(guide, [&](std::size_t i) {
+  Image full = map_elements(guide, [&](std::size_t i) {
     return rest_full.values()[i] + a_full.values()[i] * guide.values()[i];
   });
+  return limited(std::move(full), samples, lattice);
 }
 
 }  // namespace malus::internal
