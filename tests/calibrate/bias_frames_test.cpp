@@ -22,13 +22,10 @@ using testing::small_camera;
 
 // From pixel (3, 5) on, 800 DN too bright in every frame.
 void add_hot_pixels(CalibrationInput& input, int every_rows, int every_cols) {
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load, every_rows, every_cols](int i) {
-      RawFrame frame = load(i);
-      for (int r = 3; r < frame.dn.rows(); r += every_rows)
-        for (int c = 5; c < frame.dn.cols(); c += every_cols) frame.dn(r, c) += 800;
-      return frame;
-    };
+  testing::change_frames(input, [every_rows, every_cols](RawFrame& frame, int) {
+    for (int r = 3; r < frame.dn.rows(); r += every_rows)
+      for (int c = 5; c < frame.dn.cols(); c += every_cols) frame.dn(r, c) += 800;
+  });
 }
 
 // One pixel in a hundred that is 800 DN too bright would lift a plain mean by 8 DN.
@@ -85,15 +82,12 @@ TEST(BiasFrames, HeavyTailsMakeNoDefects) {
   for (const int frames : {4, 20, 100}) {
     camera.bias_frames = frames;
     CalibrationInput input = simulated_session(camera);
-    for (FrameSet& set : input.sets)
-      set.load = [load = set.load](int i) {
-        RawFrame frame = load(i);
-        frame.black_dn.assign(4, -1000.0);  // room for large values
-        for (float& v : frame.dn.values()) v -= 1080;
-        frame.dn(20, 31) += i % 2 ? 600.0F : -600.0F;
-        frame.dn(40, 41) += 400;
-        return frame;
-      };
+    testing::change_frames(input, [](RawFrame& frame, int i) {
+      frame.black_dn.assign(4, -1000.0);  // room for large values
+      for (float& v : frame.dn.values()) v -= 1080;
+      frame.dn(20, 31) += i % 2 ? 600.0F : -600.0F;
+      frame.dn(40, 41) += 400;
+    });
     const NoiseModel model = calibrate_physics(input, {}, silent_progress());
     // Expected by chance: a twentieth of a pixel per channel, of both kinds.
     EXPECT_LE(model.defects.size(), 2U + 3U) << frames;
@@ -221,17 +215,14 @@ TEST(BiasFrames, ColumnNoiseIsInTheErrorOfTheDarkDeviation) {
   for (std::uint64_t session = 0; session < 15; ++session) {
     camera.seed = 300 + session;
     CalibrationInput input = simulated_session(camera);
-    for (FrameSet& set : input.sets)
-      set.load = [load = set.load, session](int i) {
-        RawFrame frame = load(i);
-        for (int c = 0; c < frame.dn.cols(); ++c) {
-          const auto index = static_cast<std::uint64_t>(c) << 32 | static_cast<std::uint64_t>(i);
-          const double column = 6.0 * testing::internal::normal_at(session, index, 3);
-          for (int r = 0; r < frame.dn.rows(); ++r)
-            frame.dn(r, c) = static_cast<float>(std::round(frame.dn(r, c) + column));
-        }
-        return frame;
-      };
+    testing::change_frames(input, [session](RawFrame& frame, int i) {
+      for (int c = 0; c < frame.dn.cols(); ++c) {
+        const auto index = static_cast<std::uint64_t>(c) << 32 | static_cast<std::uint64_t>(i);
+        const double column = 6.0 * testing::internal::normal_at(session, index, 3);
+        for (int r = 0; r < frame.dn.rows(); ++r)
+          frame.dn(r, c) = static_cast<float>(std::round(frame.dn(r, c) + column));
+      }
+    });
     input.row_group = 1;
     const NoiseModel model = calibrate_physics(input, {}, silent_progress());
     const PhysicsCalibration& found = model.physics.front();

@@ -135,14 +135,12 @@ TEST(CalibratePhysics, FixedPatternIsMeasured) {
 TEST(CalibratePhysics, DefectPixelsAreListed) {
   CalibrationInput input = simulated_session(small_camera());
   for (FrameSet& set : input.sets)
-    set.load = [load = set.load, kind = set.kind](int i) {
-      RawFrame frame = load(i);
+    testing::change_frames(set, [kind = set.kind](RawFrame& frame, int i) {
       frame.dn(5, 6) = 300;                                                      // hot and stuck
       if (kind == FrameKind::kBias) frame.dn(20, 31) += i % 2 ? 40.0F : -40.0F;  // noisy
       if (kind == FrameKind::kBias) frame.dn(40, 41) += 60;                      // hot
       if (kind == FrameKind::kFlat) frame.dn(50, 51) = 85;                       // dead
-      return frame;
-    };
+    });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   std::vector<std::string> found;
   for (const DefectPixel& d : model.defects)
@@ -184,15 +182,13 @@ TEST(CalibratePhysics, WarnsOfDriftLightLeaksAndACutBlackLevel) {
   camera.flat_levels = 0;
   camera.bias_frames = 30;
   CalibrationInput input = simulated_session(camera);
-  input.sets[0].load = [load = input.sets[0].load](int i) {
-    RawFrame frame = load(i);
+  testing::change_frames(input.sets[0], [](RawFrame& frame, int i) {
     for (int r = 0; r < frame.dn.rows(); ++r)
       for (int c = 0; c < frame.dn.cols(); ++c)
         frame.dn(r, c) = std::max(
             0.0F, frame.dn(r, c) - 78 +
                       std::round(0.1F * static_cast<float>(i) + 0.15F * static_cast<float>(r)));
-    return frame;
-  };
+  });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   const auto& warnings = model.physics[0].warnings;
   EXPECT_THAT(warnings, ::testing::Contains(::testing::HasSubstr("drifts by")));
@@ -207,11 +203,9 @@ TEST(CalibratePhysics, WarnsOfLitBiasFrames) {
   camera.bias_frames = 20;
   const auto warnings = [&](auto light_dn) {
     CalibrationInput input = simulated_session(camera);
-    input.sets[0].load = [load = input.sets[0].load, light_dn](int i) {
-      RawFrame frame = load(i);
+    testing::change_frames(input.sets[0], [light_dn](RawFrame& frame, int i) {
       for (float& v : frame.dn.values()) v += light_dn(i);
-      return frame;
-    };
+    });
     return calibrate_physics(input, {}, silent_progress()).physics[0].warnings;
   };
   using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
@@ -229,11 +223,9 @@ TEST(CalibratePhysics, EveryGainHasItsOwnConverterStep) {
   camera.flat_levels = 0;
   camera.gains = {polar_gain(0), polar_gain(18)};
   CalibrationInput input = simulated_session(camera);
-  input.sets[1].load = [load = input.sets[1].load](int i) {
-    RawFrame frame = load(i);
+  testing::change_frames(input.sets[1], [](RawFrame& frame, int) {
     for (float& v : frame.dn.values()) v = 4 * std::round(v / 4);
-    return frame;
-  };
+  });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   EXPECT_EQ(model.quantization_dn, 1.0);
   for (const std::size_t gain : {0u, 1u})
@@ -306,12 +298,9 @@ TEST(CalibratePhysics, PoorSessionsGiveAConsistentModel) {
   camera.rows = camera.cols = 16;
   consistent(simulated_session(camera));
   CalibrationInput constant = simulated_session(camera);
-  for (FrameSet& set : constant.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      std::fill(frame.dn.values().begin(), frame.dn.values().end(), 80.0F);
-      return frame;
-    };
+  testing::change_frames(constant, [](RawFrame& frame, int) {
+    std::fill(frame.dn.values().begin(), frame.dn.values().end(), 80.0F);
+  });
   consistent(constant);
 }
 
@@ -323,21 +312,15 @@ TEST(CalibratePhysics, BadInputIsNamed) {
   flats.sets.erase(flats.sets.begin());
   EXPECT_THROW(calibrate_physics(flats, {}, silent_progress()), InputError);
   CalibrationInput sizes = simulated_session(small_camera());
-  sizes.sets[3].load = [load = sizes.sets[3].load](int i) {
-    RawFrame frame = load(i);
-    frame.dn = Image(32, 64);
-    return frame;
-  };
+  testing::change_frames(sizes.sets[3], [](RawFrame& frame, int) { frame.dn = Image(32, 64); });
   EXPECT_THROW(calibrate_physics(sizes, {}, silent_progress()), InputError);
   CalibrationInput one_group = simulated_session(small_camera());
   one_group.row_group = 64;
   EXPECT_THROW(calibrate_physics(one_group, {}, silent_progress()), InputError);
   CalibrationInput nan = simulated_session(small_camera());
-  nan.sets[0].load = [load = nan.sets[0].load](int i) {
-    RawFrame frame = load(i);
+  testing::change_frames(nan.sets[0], [](RawFrame& frame, int i) {
     if (i == 7) frame.dn(3, 3) = std::nanf("");
-    return frame;
-  };
+  });
   EXPECT_THROW(calibrate_physics(nan, {}, silent_progress()), InputError);
 }
 

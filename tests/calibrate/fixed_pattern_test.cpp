@@ -21,14 +21,12 @@ TEST(FixedPattern, DefectsAreNoPartOfDsnuAndPrnu) {
   camera.gains.push_back(testing::polar_gain(12, "mono", 1));
   CalibrationInput input = testing::simulated_session(camera);
   for (FrameSet& set : input.sets)
-    set.load = [load = set.load, kind = set.kind](int i) {
-      RawFrame frame = load(i);
+    testing::change_frames(set, [kind = set.kind](RawFrame& frame, int) {
       for (int k = 0; k < 16; ++k) {
         frame.dn(8 + 14 * k, 37) += 60.0F + static_cast<float>(k);
         if (kind == FrameKind::kFlat) frame.dn(8 + 14 * k, 181) = 85;
       }
-      return frame;
-    };
+    });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   const PhysicsCalibration& p = model.physics.at(0);
   EXPECT_EQ(model.defects.size(), 32u);
@@ -47,13 +45,9 @@ TEST(FixedPattern, TelegraphPixelsAreNoPartOfTheDarkNoise) {
   camera.gains.push_back(testing::polar_gain(12, "mono", 1));
   CalibrationInput input = testing::simulated_session(camera);
   const NoiseModel without = calibrate_physics(input, {}, silent_progress());
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      for (int k = 0; k < 16; ++k)
-        frame.dn(4 + 7 * k, 37) += (i * 7 + k * 3) % 5 < 2 ? 150.0F : 0.0F;
-      return frame;
-    };
+  testing::change_frames(input, [](RawFrame& frame, int i) {
+    for (int k = 0; k < 16; ++k) frame.dn(4 + 7 * k, 37) += (i * 7 + k * 3) % 5 < 2 ? 150.0F : 0.0F;
+  });
   const NoiseModel with = calibrate_physics(input, {}, silent_progress());
   EXPECT_EQ(with.defects.size(), without.defects.size() + 16);
   const PhysicsCalibration &p = with.physics.at(0), &q = without.physics.at(0);
@@ -90,12 +84,10 @@ TEST(FixedPattern, DeadPixelsAtTheBorderAreNoPrnu) {
   camera.gains.push_back(testing::polar_gain(12, "mono", 1));
   CalibrationInput input = testing::simulated_session(camera);
   for (FrameSet& set : input.sets)
-    set.load = [load = set.load, kind = set.kind](int i) {
-      RawFrame frame = load(i);
+    testing::change_frames(set, [kind = set.kind](RawFrame& frame, int) {
       for (int k = 0; k < 12 && kind == FrameKind::kFlat; ++k)
         frame.dn(5 * k, k % 2) = frame.dn(63 - k % 2, 5 * k + 2) = 85;
-      return frame;
-    };
+    });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   EXPECT_EQ(model.defects.size(), 24u);
   EXPECT_NEAR(model.physics.at(0).prnu.at(0), camera.prnu, 0.0005);  // 4 standard errors of 4096
@@ -105,12 +97,7 @@ TEST(FixedPattern, DeadPixelsAtTheBorderAreNoPrnu) {
 TEST(FixedPattern, APixelStuckAtWhiteDoesNotCostTheGain) {
   const testing::SimulatedCamera camera = testing::small_camera();
   CalibrationInput input = testing::simulated_session(camera);
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      frame.dn(8, 9) = 4095;
-      return frame;
-    };
+  testing::change_frames(input, [](RawFrame& frame, int) { frame.dn(8, 9) = 4095; });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   const ChannelStatistics& K = model.physics.at(0).K;
   ASSERT_EQ(K.mean.size(), 16u);
@@ -127,12 +114,9 @@ TEST(FixedPattern, HotPixelsAreNoLightLeak) {
   camera.flat_levels = 0;
   camera.gains.push_back(testing::polar_gain(12, "mono", 1));
   CalibrationInput input = testing::simulated_session(camera);
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      for (int k = 0; k < 5; ++k) frame.dn(k, 3 * k) = 4000.0F;
-      return frame;
-    };
+  testing::change_frames(input, [](RawFrame& frame, int) {
+    for (int k = 0; k < 5; ++k) frame.dn(k, 3 * k) = 4000.0F;
+  });
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   for (const std::string& warning : model.physics[0].warnings)
     EXPECT_EQ(warning.find("light leak"), std::string::npos) << warning;
@@ -161,12 +145,7 @@ TEST(Defects, ConstantPixelsOfNarrowNoiseAreNotStuck) {
   for (const double read_sd_dn : {0.15, 0.24, 0.3, 0.4, 0.5})
     for (const double dsnu_dn : {0.0, 0.3}) {
       CalibrationInput input = testing::simulated_session(narrow_camera(read_sd_dn, dsnu_dn));
-      for (FrameSet& set : input.sets)
-        set.load = [load = set.load](int i) {
-          RawFrame frame = load(i);
-          frame.dn(8, 9) = 4095;
-          return frame;
-        };
+      testing::change_frames(input, [](RawFrame& frame, int) { frame.dn(8, 9) = 4095; });
       const NoiseModel model = calibrate_physics(input, {}, silent_progress());
       ASSERT_EQ(model.defects.size(), 1u) << read_sd_dn << " DN, DSNU " << dsnu_dn << " DN";
       EXPECT_EQ(model.defects[0].row, 8);
@@ -181,11 +160,9 @@ TEST(Defects, AStuckPixelNeedsNoFlats) {
     camera.flat_levels = flat_levels;
     CalibrationInput input = testing::simulated_session(camera);
     for (FrameSet& set : input.sets)
-      set.load = [load = set.load, kind = set.kind](int i) {
-        RawFrame frame = load(i);
+      testing::change_frames(set, [kind = set.kind](RawFrame& frame, int) {
         if (kind == FrameKind::kBias) frame.dn(8, 9) = 80;
-        return frame;
-      };
+      });
     const NoiseModel model = calibrate_physics(input, {}, silent_progress());
     ASSERT_EQ(model.defects.size(), flat_levels == 0 ? 1u : 0u);
     if (flat_levels == 0) {
@@ -219,13 +196,10 @@ TEST(Defects, TheChanceToStayIsThatOfTheMiddleOfACode) {
 TEST(Defects, ManyOfThemAreDoubted) {
   const auto warnings = [](int every) {
     CalibrationInput input = testing::simulated_session(narrow_camera(1.5, 0.3));
-    for (FrameSet& set : input.sets)
-      set.load = [load = set.load, every](int i) {
-        RawFrame frame = load(i);
-        for (int k = 0; k < frame.dn.cols(); k += every)
-          for (int r = 0; r < frame.dn.rows(); r += every) frame.dn(r, k) += 60;
-        return frame;
-      };
+    testing::change_frames(input, [every](RawFrame& frame, int) {
+      for (int k = 0; k < frame.dn.cols(); k += every)
+        for (int r = 0; r < frame.dn.rows(); r += every) frame.dn(r, k) += 60;
+    });
     return calibrate_physics(input, {}, silent_progress()).physics.at(0).warnings;
   };
   const auto doubt = ::testing::Contains(::testing::HasSubstr("are listed as defects"));

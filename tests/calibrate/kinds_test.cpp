@@ -131,11 +131,9 @@ TEST(CalibrateKinds, OnlyBiasFramesMakeTheDarkLevel) {
   FrameSet darks = input.sets[0];
   darks.exposure_s = 1.0;
   darks.count = 20;
-  darks.load = [load = darks.load](int i) {
-    RawFrame frame = load(i);
+  testing::change_frames(darks, [](RawFrame& frame, int) {
     for (float& v : frame.dn.values()) v += 12;
-    return frame;
-  };
+  });
   input.sets.insert(input.sets.begin() + 1, darks);
   const NoiseModel model =
       calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress());
@@ -145,14 +143,11 @@ TEST(CalibrateKinds, OnlyBiasFramesMakeTheDarkLevel) {
 TEST(CalibrateKinds, FramesWithoutTheirBlackLevelHaveNegativeCodes) {
   const SimulatedCamera camera = polar_mono_camera();
   CalibrationInput input = simulated_session(camera);
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      for (float& v : frame.dn.values()) v -= 80;
-      frame.black_dn.assign(4, 0.0);
-      frame.white_dn -= 80;
-      return frame;
-    };
+  testing::change_frames(input, [](RawFrame& frame, int) {
+    for (float& v : frame.dn.values()) v -= 80;
+    frame.black_dn.assign(4, 0.0);
+    frame.white_dn -= 80;
+  });
   const NoiseModel model =
       calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress());
   expect_dark_level(model.nonparametric.at(0), camera);
@@ -298,12 +293,9 @@ TEST(CalibrateKinds, TheOffsetHoldsTheRoundingOfTheFramesAndNothingElse) {
 
 TEST(CalibrateKinds, ABurstOfOneLevelGivesNoLine) {
   CalibrationInput input = burst_with_reference(polar_gain(12, "mono", 1).noise);
-  for (FrameSet& set : input.sets)
-    set.load = [load = set.load](int i) {
-      RawFrame frame = load(i);
-      for (float& v : frame.dn.values()) v = 300.0f + static_cast<float>(i % 3);
-      return frame;
-    };
+  testing::change_frames(input, [](RawFrame& frame, int i) {
+    for (float& v : frame.dn.values()) v = 300.0f + static_cast<float>(i % 3);
+  });
   EXPECT_THROW(calibrate(input, small_levels(), {"gaussian"}, silent_progress()), InputError);
 }
 

@@ -136,15 +136,13 @@ TEST(ReferenceFrames, TheirDarkBiasMovesNoLevel) {
 TEST(ReferenceFrames, AReferenceThatMovedDoesNoHarm) {
   RampSession session{.frames = 8, .references = 4};
   CalibrationInput input = session.input();
-  input.sets[1].load = [load = input.sets[1].load](int i) {
-    RawFrame frame = load(i);
+  testing::change_frames(input.sets[1], [](RawFrame& frame, int) {
     for (int r = 0; r < frame.dn.rows(); ++r)
       for (int c = 0; c < frame.dn.cols(); ++c) {
         if (r > 60 && c > 60 && r < 100 && c < 100) frame.dn(r, c) += 40;
         if ((r * 7 + c) % 501 == 0) frame.dn(r, c) += 200;
       }
-    return frame;
-  };
+  });
   const NoiseModel model =
       calibrate(input, few_samples(), {"gaussian", "nonparametric"}, silent_progress());
   const GaussianCalibration& g = model.gaussian.at(0);

@@ -16,12 +16,11 @@ using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;
+using testing::change_frames;
 using testing::polar_gain;
 using testing::problem_of;
 using testing::simulated_session;
 using testing::SimulatedCamera;
-
-using Change = std::function<void(RawFrame&, int)>;
 
 SimulatedCamera mono_camera(std::uint64_t seed = 0) {
   SimulatedCamera camera;
@@ -29,18 +28,6 @@ SimulatedCamera mono_camera(std::uint64_t seed = 0) {
   camera.bias_frames = 20;
   camera.gains.push_back(polar_gain(12, "mono", 1));
   return camera;
-}
-
-void change_frames(FrameSet& set, const Change& change) {
-  set.load = [load = set.load, change](int i) {
-    RawFrame frame = load(i);
-    change(frame, i);
-    return frame;
-  };
-}
-
-void change_frames(CalibrationInput& input, const Change& change) {
-  for (FrameSet& set : input.sets) change_frames(set, change);
 }
 
 std::vector<std::string> warnings_of(const CalibrationInput& input) {

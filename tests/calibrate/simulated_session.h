@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -154,6 +155,21 @@ inline CalibrationInput simulated_session(const SimulatedCamera& camera_) {
           level);
   }
   return input;
+}
+
+/// What a test does to a loaded frame of a number.
+using FrameChange = std::function<void(RawFrame&, int)>;
+
+inline void change_frames(FrameSet& set, const FrameChange& change) {
+  set.load = [load = set.load, change](int i) {
+    RawFrame frame = load(i);
+    change(frame, i);
+    return frame;
+  };
+}
+
+inline void change_frames(CalibrationInput& input, const FrameChange& change) {
+  for (FrameSet& set : input.sets) change_frames(set, change);
 }
 
 /// A camera of one gain, 12 dB.
