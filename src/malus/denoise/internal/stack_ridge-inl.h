@@ -77,16 +77,16 @@ HWY_INLINE void noise_of_blocks(const Floats* pilot, int count, const CellMatrix
 
 /// How a quarter's blocks are combined.
 struct QuarterWeights {
-  CellMatrix negative;          ///< -M
-  CellMatrix to_step;           ///< what takes the pilot to P - X, transposed
-  float squared_weights = 0.0;  ///< ||K||^2: K has the eigenvalues of I - D M that are not zero
+  CellMatrix to_step;     ///< what takes the pilot to P - X, transposed
+  float squared_weights;  ///< ||K||^2: K has the eigenvalues of I - D M that are not zero
 };
 
-/// negative: as of QuarterWeights, not touched. shift: R P^T - D I, transposed.
-HWY_INLINE void derive_weights(const CellMatrix& shift, QuarterWeights& weights) {
+/// negative: -M. shift: R P^T - D I, transposed.
+HWY_INLINE void derive_weights(const CellMatrix& negative, const CellMatrix& shift,
+                               QuarterWeights& weights) {
   Floats step[kLanes], squares{}, trace{};
   for (std::size_t i = 0; i < kLanes; ++i) {
-    step[i] = row_of(weights.negative, i);
+    step[i] = row_of(negative, i);
     squares = fused(step[i], step[i], squares);
     trace = fused(step[i], row_of(kIdentity, i), trace);
   }
@@ -126,22 +126,22 @@ HWY_INLINE void invert(DoubleMatrix& m) {
   }
 }
 
-/// The weights in double precision. residual: R.
+/// The same in double precision. residual: R. negative: becomes -M.
 HWY_INLINE void solve_in_doubles(const Floats* pilot, const Floats* residual, int count,
-                                 QuarterWeights& weights) {
-  DoubleMatrix negative, shift;
-  products(pilot, pilot, count, kDiagonal, negative);
+                                 CellMatrix& negative, QuarterWeights& weights) {
+  DoubleMatrix inverse, shift;  // the inverse is negative too
+  products(pilot, pilot, count, kDiagonal, inverse);
   products(pilot, residual, count, -kDiagonal, shift);
-  invert(negative);
+  invert(inverse);
   double squares = 0;
   for (std::size_t i = 0; i < kLanes; ++i) {
     std::array<double, kLanes> step{};
     for (std::size_t j = 0; j < kLanes; ++j)
-      for (std::size_t k = 0; k < kLanes; ++k) step[k] += negative[i][j] * shift[j][k];
+      for (std::size_t k = 0; k < kLanes; ++k) step[k] += inverse[i][j] * shift[j][k];
     for (std::size_t k = 0; k < kLanes; ++k) {
-      const double kept = (i == k ? 1.0 : 0.0) + kDiagonal * negative[i][k];
+      const double kept = (i == k ? 1.0 : 0.0) + kDiagonal * inverse[i][k];
       squares += kept * kept;
-      weights.negative[i][k] = static_cast<float>(negative[i][k]);
+      negative[i][k] = static_cast<float>(inverse[i][k]);
       weights.to_step[i][k] = static_cast<float>(step[k]);
     }
   }
@@ -162,7 +162,8 @@ HWY_INLINE bool needs_doubles(const CellMatrix& products) {
 /// Combines one quarter of all blocks. Returns the sum of its squared weights. passed, when given:
 /// the noise let through into every block.
 HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
-                                 const QuarterWeights& weights, int quarter, Floats* passed) {
+                                 const CellMatrix& negative, const QuarterWeights& weights,
+                                 int quarter, Floats* passed) {
   Floats moved[kMaxStack], energy{};
   for (int n = 0; n < count; ++n) {
     moved[n] = pilot[n * kQuarters];
@@ -172,7 +173,7 @@ HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
   const Floats gain = ratio * ratio / (ratio * ratio + 1.0f);
   rotate(moved, count, weights.to_step);
   for (int n = 0; n < count; ++n) cells[n * kQuarters] = gain * (pilot[n * kQuarters] - moved[n]);
-  if (passed) noise_of_blocks(pilot, count, weights.negative, gain, quarter, passed);
+  if (passed) noise_of_blocks(pilot, count, negative, gain, quarter, passed);
   return weights.squared_weights * lane_sum(gain * gain) / kLanes;
 }
 
@@ -184,7 +185,6 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Float
     swap_cells_and_quarters(pilot + i);
   }
   for (int i = 0; i < count * kQuarters; ++i) cells[i] -= pilot[i];
-  QuarterWeights weights[kQuarters];
   CellMatrix negative[kQuarters], shift[kQuarters];
   bool in_doubles[kQuarters];
   for (int i = 0; i < kQuarters; ++i) {
@@ -195,13 +195,13 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Float
   invert(negative, kDiagonal);
   float squares = 0;  // each of the kLanes values of a quarter has the same weights
   for (int i = 0; i < kQuarters; ++i) {
-    if (in_doubles[i]) {
-      solve_in_doubles(pilot + i, cells + i, count, weights[i]);
-    } else {
-      weights[i].negative = negative[i];
-      derive_weights(shift[i], weights[i]);
-    }
-    squares += kLanes * combine_quarter(cells + i, pilot + i, count, weights[i], i, passed);
+    QuarterWeights weights;
+    if (in_doubles[i])
+      solve_in_doubles(pilot + i, cells + i, count, negative[i], weights);
+    else
+      derive_weights(negative[i], shift[i], weights);
+    squares +=
+        kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], weights, i, passed);
   }
   for (int i = 0; i < count * kQuarters; i += kQuarters) swap_cells_and_quarters(cells + i);
   return squares;
