@@ -76,16 +76,13 @@ VarianceLine fit_levels(const std::vector<VarianceLevel>& levels) {
 // do not tell it: where the noise is less than a step, what rounding adds is the picture's.
 VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel>& levels,
                        double rounding_dn2) {
-  const double slope = std::max(line.slope, 0.0);
   double least = rounding_dn2;
   if (line.offset < 0) {
     double lowest = levels.front().variance;
     for (const VarianceLevel& l : levels) lowest = std::min(lowest, l.variance);
     least = std::max(least, 0.1 * lowest);
   }
-  if (line.offset >= least) return VarianceCurve::affine(slope, line.offset);
-  if (slope == 0) return VarianceCurve::affine(0, rounding_dn2);
-  return VarianceCurve::table({(least - line.offset) / slope}, {least}, slope);
+  return VarianceCurve::floored_line(std::max(line.slope, 0.0), line.offset, least);
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.

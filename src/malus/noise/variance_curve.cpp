@@ -16,7 +16,13 @@ VarianceCurve VarianceCurve::affine(double slope_dn, double offset_dn2) {
 
 VarianceCurve VarianceCurve::fitted_line(double slope_dn, double offset_dn2, double least_dn2) {
   if (slope_dn == 0 || offset_dn2 >= 0) return affine(slope_dn, std::max(offset_dn2, 0.0));
-  MALUS_REQUIRE(slope_dn > 0 && least_dn2 >= 0);
+  return floored_line(slope_dn, offset_dn2, least_dn2);
+}
+
+VarianceCurve VarianceCurve::floored_line(double slope_dn, double offset_dn2, double least_dn2) {
+  MALUS_REQUIRE(slope_dn >= 0 && least_dn2 >= 0);
+  if (slope_dn == 0 || offset_dn2 >= least_dn2)
+    return affine(slope_dn, std::max(offset_dn2, least_dn2));
   return table({(least_dn2 - offset_dn2) / slope_dn}, {least_dn2}, slope_dn);
 }
 

@@ -16,6 +16,8 @@ class VarianceCurve {
   /// level is not known. Such a line does not tell the noise where it would fall below least_dn2:
   /// there the curve is flat. Any other is affine. Contract: slope_dn, least_dn2 >= 0.
   static VarianceCurve fitted_line(double slope_dn, double offset_dn2, double least_dn2);
+  /// Any line that would fall below least_dn2 above no signal is flat there. Contract as above.
+  static VarianceCurve floored_line(double slope_dn, double offset_dn2, double least_dn2);
   /// Piecewise linear through measured knots (rising signals): non-parametric models. Constant
   /// below; above the last knot it rises by slope_above_dn.
   static VarianceCurve table(std::vector<double> signal_dn, std::vector<double> variance_dn2,
