@@ -261,10 +261,10 @@ TEST(RowNoise, LinesThatRepeatAreNoRowNoise) {
 
 // Offsets that follow each other slowly are a camera's all the same (a hundred draws; level 1 %).
 TEST(RowNoise, SlowOffsetsAreNotTakenForLinesThatRepeat) {
-  NoiseProfile unknown = profile_with(0.0, 1.5);
-  unknown.row_group = 1;
   int found = 0;
   for (std::uint32_t seed = 0; seed < 100; ++seed) {
+    NoiseProfile unknown = profile_with(0.0, 1.5);
+    unknown.row_group = 1;
     RandomSequence rows(7, seed, Draw::kUser);
     Image dn = simulate(unknown, 160, 96, false, seed).dn;
     double slow = 0;
@@ -276,6 +276,23 @@ TEST(RowNoise, SlowOffsetsAreNotTakenForLinesThatRepeat) {
     found += unknown.channels[0].sigma_row_dn > 0;
   }
   EXPECT_GE(found, 99);
+}
+
+// Its rows agree with those nine further down, but more with those between.
+TEST(RowNoise, ABrightBandAcrossHidesNoRowNoise) {
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    NoiseProfile unknown = profile_with(0.0, 1.5);
+    unknown.row_group = 1;
+    RandomSequence rows(8, seed, Draw::kUser);
+    Image dn = simulate(unknown, 400, 400, false, seed).dn;
+    for (int r = 0; r < dn.rows(); ++r) {
+      const double lift = 1600 * std::exp(-0.5 * std::pow((r - 200) / 20.0, 2)) + 4 * rows.normal();
+      for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(lift);
+    }
+    estimate_row_deviation(dn, kSaturatedDn, unknown);
+    EXPECT_GT(unknown.channels[0].sigma_row_dn, 3) << seed;  // of 4; the band's slopes add some
+    EXPECT_LT(unknown.channels[0].sigma_row_dn, 7) << seed;
+  }
 }
 
 }  // namespace

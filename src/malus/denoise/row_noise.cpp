@@ -200,10 +200,9 @@ bool repeat(std::vector<double> values) {
     for (std::size_t i = lag; i < n; ++i) sum += values[i] * values[i - lag];
     return sum / energy * static_cast<double>(n) / static_cast<double>(n - lag);
   };
-  std::vector<double> at(kLeastPeriod, 0.0);
+  std::vector<double> at = {1.0};
   for (std::size_t lag = 1; energy > 0 && lag <= n / 3; ++lag) {
-    at.resize(lag + 1);
-    at[lag] = agreement(lag);
+    at.push_back(agreement(lag));
     if (lag >= kLeastPeriod &&
         at[lag] - std::max(at[lag / 2], 0.0) > kRepeats / std::sqrt(static_cast<double>(n - lag)))
       return true;

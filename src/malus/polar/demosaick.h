@@ -19,8 +19,7 @@ enum class Demosaicking {
   /// the smooth side of edges (after Morimatsu, Monno, Tanaka, Okutomi, "Monochrome and color
   /// polarization demosaicking using edge-aware residual interpolation", ICIP 2020). S1 and S2 of
   /// colour sensors are smoothed by [1 2 1], as their samples are four pixels apart. Nothing falls
-  /// far below all samples around it, so that
-  /// S0 is positive where all samples are.
+  /// far below all samples around it, so that S0 is positive where all samples are.
   kResidual,
 };
 
