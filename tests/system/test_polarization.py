@@ -142,7 +142,7 @@ def test_less_than_a_cell_has_no_polarization(malus, refused, tmp_path, rows, co
                     ["evaluate", "--reference", frame, "--test", frame],
                     ["denoise", frame, *model, "--reference", frame, "-o", tmp_path / "out"]):
         line = refused(*command, *facts)
-        assert f"f.npy: {cols} x {rows} pixels are fewer than one cell of polar-bayer-rggb (4 x 4)" in line
+        assert f"f.npy: {cols} x {rows} pixels, smaller than one cell of polar-bayer-rggb (4 x 4)" in line
     malus("denoise", frame, *facts, *model, "--format", "npy", "-o", tmp_path / "out")
     denoised = np.load(tmp_path / "out/f_denoised.npy")
     assert denoised.shape == (rows, cols) and np.abs(denoised - 300).max() < 100

@@ -82,7 +82,7 @@ void require_whole_cell(View<const float> mosaic, const SensorLayout& layout,
   if (mosaic.rows() >= layout.rows() && mosaic.cols() >= layout.cols()) return;
   throw InputError(
       source,
-      fmt::format("{} x {} pixels are fewer than one cell of {} ({} x {})", mosaic.cols(),
+      fmt::format("{} x {} pixels, smaller than one cell of {} ({} x {})", mosaic.cols(),
                   mosaic.rows(), layout.name(), layout.cols(), layout.rows()),
       "give a larger frame, or declare its layout");
 }
