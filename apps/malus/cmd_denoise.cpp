@@ -164,6 +164,7 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"saturated_pixels", result.saturated_pixels},
             {"defect_pixels", result.defect_pixels},
             {"impulse_pixels", result.impulse_pixels},
+            {"kept_pixels", result.kept_pixels},
             {"dark_pattern_share", result.dark_pattern_share},
             {"response_pattern_share", result.response_pattern_share},
             {"frame_noise", noise_json(result)},

@@ -42,10 +42,11 @@ std::string moved_mean(const RawFrame& frame, const Denoised& result, const Nois
 // What else was taken out of the frame; empty where nothing was.
 std::string corrections_text(const nlohmann::ordered_json& run) {
   std::string text;
-  for (const auto& [pixels, name] :
-       {std::pair{"defect_pixels", "defect pixels"}, {"impulse_pixels", "impulses"}})
+  for (const auto& [pixels, name] : {std::pair{"defect_pixels", "defect pixels filled"},
+                                     {"impulse_pixels", "impulses filled"},
+                                     {"kept_pixels", "pixels kept that no noise explains"}})
     if (const auto count = run[pixels].get<std::int64_t>(); count > 0)
-      text += fmt::format(", {} {} filled", count, name);
+      text += fmt::format(", {} {}", count, name);
   for (const auto& [share, name] :
        {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
     if (const auto value = run[share].get<double>(); value > 0)

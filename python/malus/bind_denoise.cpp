@@ -115,6 +115,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   out["row_noise_removed_dn"] = result.row_noise_removed_dn;
   out["defect_pixels"] = result.defect_pixels;
   out["impulse_pixels"] = result.impulse_pixels;
+  out["kept_pixels"] = result.kept_pixels;
   out["dark_pattern_share"] = result.dark_pattern_share;
   out["response_pattern_share"] = result.response_pattern_share;
   out["mean_dn"] = result.mean_dn;
@@ -170,7 +171,7 @@ void bind_denoise(py::module_& m) {
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
        "sigma_used_dn (per channel), "
-       "row_noise_removed_dn, defect_pixels, impulse_pixels, mean_dn, mean_shift_dn, "
+       "row_noise_removed_dn, defect_pixels, impulse_pixels, kept_pixels, mean_dn, mean_shift_dn, "
        "noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())
           .c_str());

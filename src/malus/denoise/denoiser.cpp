@@ -5,6 +5,7 @@
 #include "malus/base/text.h"
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/frame_filter.h"
+#include "malus/denoise/kept_points.h"
 #include "malus/denoise/prepared_frame.h"
 
 #include <algorithm>
@@ -78,6 +79,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
       settings.memory_mib, resident, result.dn_above_black,
       result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
   invert(stabilizers, frame, result);
+  keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);
 }
 

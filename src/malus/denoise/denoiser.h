@@ -74,6 +74,7 @@ struct Denoised {
   std::int64_t saturated_pixels = 0;
   std::int64_t defect_pixels = 0;   ///< of the model's list, filled from their neighbours
   std::int64_t impulse_pixels = 0;  ///< of the read noise's tails (impulses.h), filled too
+  std::int64_t kept_pixels = 0;     ///< that the noise does not explain (kept_points.h), put back
   /// Taken out of the frame, in units of the profile's maps; 0 where the frame does not show them.
   double dark_pattern_share = 0, response_pattern_share = 0;
   std::optional<NoiseCheck> noise;  ///< the frame's own against the profile's

@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/denoise/internal/noise_tails.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,7 +16,6 @@ constexpr double kThresholds[] = {6, 8, 12, 20};  // deviations
 constexpr float kBesideLess = 3;
 constexpr double kExplained = 0.5;  // of the pixels beyond a threshold, by the read noise's law
 constexpr int kLeastNeighbours = 5;
-constexpr int kTailSamples = 4096;
 constexpr int kBandRows = 32;
 
 // In place, of a few values, for every pixel: median_of copies.
@@ -45,26 +45,6 @@ float deviation_of(const PreparedFrame& frame, const NoiseProfile& profile, int 
       profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
   const auto noise = static_cast<float>(std::sqrt(std::max(channel.variance(middle), 0.0)));
   return (frame.dn(row, col) - middle) / std::max({noise, spread, 1e-20f});
-}
-
-// Of the whole frame's pixels, how many the read noise throws beyond each threshold.
-std::vector<double> expected_beyond(const PreparedFrame& frame, const NoiseProfile& profile) {
-  std::vector<double> expected(std::size(kThresholds));
-  const auto pixels = static_cast<double>(frame.dn.size());
-  const auto step = std::max<std::size_t>(frame.dn.size() / kTailSamples, 1) | 1;
-  double sampled = 0;
-  for (std::size_t i = 0; i < frame.dn.size(); i += step, ++sampled) {
-    const auto row = static_cast<int>(i / static_cast<std::size_t>(frame.dn.cols())),
-               col = static_cast<int>(i % static_cast<std::size_t>(frame.dn.cols()));
-    const auto& channel =
-        profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
-    const double noise = std::sqrt(std::max(channel.variance(frame.dn(row, col)), 0.0));
-    if (!channel.law || !(noise > 0)) continue;
-    for (std::size_t t = 0; t < expected.size(); ++t)
-      expected[t] += channel.law->read_tail(kThresholds[t] * noise);
-  }
-  for (double& count : expected) count *= pixels / sampled;
-  return expected;
 }
 
 struct Impulse {
@@ -99,7 +79,7 @@ std::vector<Impulse> impulses_in(const PreparedFrame& frame, const NoiseProfile&
 
 std::vector<DefectList::Place> find_impulses(const PreparedFrame& frame,
                                              const NoiseProfile& profile) {
-  const std::vector<double> expected = expected_beyond(frame, profile);
+  const std::vector<double> expected = internal::expected_beyond(frame, profile, kThresholds);
   if (expected.front() < kExplained) return {};
   const int bands = (frame.dn.rows() + kBandRows - 1) / kBandRows;
   std::vector<std::vector<Impulse>> of_band(static_cast<std::size_t>(bands));

@@ -14,10 +14,12 @@ set(denoise_SOURCES
     estimate_noise.cpp
     frame_filter.cpp
     impulses.cpp
+    kept_points.cpp
     memory_budget.cpp
     mosaic_filter.cpp
     noise_check.cpp
     noise_floor.cpp
+    noise_tails.cpp
     pattern_removal.cpp
     preparation.cpp
     row_noise.cpp

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/denoise/kept_points.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/gpu.h"
@@ -204,6 +205,8 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
       largest = std::max(largest, dn);
     }
   require_plausible(least, largest, frame_of_result.range_dn, state_->weights);
+  keep_points(frame_of_result, profile,
+              make_stabilizers(profile, frame_of_result.range_dn, settings.strength), result);
   complete_result(frame_of_result, result);
   result.times.push_back({"network", filtered.network.seconds()});
   return result;

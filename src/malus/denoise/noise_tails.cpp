@@ -1,0 +1,55 @@
+#include "malus/denoise/internal/noise_tails.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace malus::internal {
+namespace {
+
+constexpr std::size_t kSamples = 4096;
+
+// Gauss and Hermite's rule for the mean over a normal variable.
+struct Node {
+  double at, weight;
+};
+constexpr Node kNormal[] = {{-2.8569700, 0.0112574},
+                            {-1.3556262, 0.2220759},
+                            {0, 0.5333333},
+                            {1.3556262, 0.2220759},
+                            {2.8569700, 0.0112574}};
+
+// Share of pixels of this signal whose read noise and shot noise together lie beyond a threshold.
+double share_beyond(const ChannelProfile& channel, double signal_dn, double threshold) {
+  const double normal = std::erfc(threshold / std::numbers::sqrt2);
+  const double variance = std::max(channel.variance(signal_dn), 0.0);
+  if (!channel.law || !(variance > 0)) return normal;
+  const double noise = std::sqrt(variance),
+               shot = std::sqrt(std::max(variance - channel.variance(0), 0.0));
+  double read = 0;
+  for (const Node& node : kNormal)
+    read += node.weight *
+            channel.law->read_tail(std::max(threshold * noise - node.at * shot, 1e-3 * noise));
+  return std::max(normal, read);
+}
+
+}  // namespace
+
+std::vector<double> expected_beyond(const PreparedFrame& frame, const NoiseProfile& profile,
+                                    std::span<const double> thresholds) {
+  std::vector<double> expected(thresholds.size());
+  const auto step = std::max<std::size_t>(frame.dn.size() / kSamples, 1) | 1;
+  double sampled = 0;
+  for (std::size_t i = 0; i < frame.dn.size(); i += step, ++sampled) {
+    const auto row = static_cast<int>(i / static_cast<std::size_t>(frame.dn.cols())),
+               col = static_cast<int>(i % static_cast<std::size_t>(frame.dn.cols()));
+    const auto& channel =
+        profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
+    for (std::size_t t = 0; t < thresholds.size(); ++t)
+      expected[t] += share_beyond(channel, frame.dn(row, col), thresholds[t]);
+  }
+  for (double& count : expected) count *= static_cast<double>(frame.dn.size()) / sampled;
+  return expected;
+}
+
+}  // namespace malus::internal
