@@ -7,6 +7,7 @@
 #include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/kept_points.h"
 #include "malus/denoise/prepared_frame.h"
+#include "malus/noise/rounding.h"
 
 #include <algorithm>
 #include <cmath>
@@ -40,19 +41,21 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
 
 // What the filter does not see as an error. Of the noise that it is told is not there it lets
 // nearly all through, as it does with detail (docs/denoising.md has the measurement). Row offsets
-// are the same in everything that it averages.
+// are the same in everything that it averages, and so is what rounding does to noise below a step.
 void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, double strength,
                        Denoised& result) {
   Image& variance_dn2 = *result.variance_dn2;
-  const double left = std::max(1 - strength * strength, 0.0);
+  const double left = std::max(1 - strength * strength, 0.0),
+               rounding = profile.step_dn * profile.step_dn / 12;
   parallel_for(0, frame.dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
       const double rows = frame.row_variance[static_cast<std::size_t>(row / profile.row_group)];
       for (int col = 0; col < frame.dn.cols(); ++col) {
         const ChannelProfile& channel =
             profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
-        double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn;
-        if (left > 0) unseen += left * channel.variance(result.dn_above_black(row, col));
+        const double variance = channel.variance(result.dn_above_black(row, col));
+        double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn + left * variance +
+                        undithered_variance(profile.step_dn, std::max(variance - rounding, 0.0));
         // How much brighter than white a saturated pixel is, nobody knows.
         if (frame.saturated(row, col)) unseen = std::numeric_limits<double>::quiet_NaN();
         variance_dn2(row, col) += static_cast<float>(unseen);

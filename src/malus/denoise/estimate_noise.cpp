@@ -157,7 +157,8 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     for (float& v : planes[k].values())
       v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
   VarianceLines channels;
-  channels.rounding_dn2 = std::pow(quantization_step(frame.dn), 2) / 12;
+  const double step_dn = quantization_step(frame.dn);
+  channels.rounding_dn2 = step_dn * step_dn / 12;
   std::vector<double> means;
   std::vector<float> saturated_dn;
   PictureNoise noise;
@@ -186,6 +187,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   noise.smooth_share = usable / all;
   noise.profile.layout = frame.layout;
   noise.profile.estimated_from_picture = true;
+  noise.profile.step_dn = step_dn;
   double deviation = 0, error = 0;
   const std::vector<VarianceCurve> curves = channels.curves(1.0);
   for (std::size_t k = 0; k < channels.lines.size(); ++k) {

@@ -16,6 +16,9 @@ namespace {
 constexpr int kTileCells = 32;  // per side: whole blocks of estimate_profile
 constexpr std::int64_t kSampledPixels = 1 << 20;
 constexpr double kBelowDeviations = 6.0;
+// Noise of fewer steps may be rounded away: what is left in the middle of a step has less than
+// kFarBelow of noise and rounding together.
+constexpr double kFewSteps = 0.3;
 // docs/denoising.md says what they were measured on.
 constexpr double kFarBelow = 0.7, kFarAbove = 1.6, kMostTexture = 0.1, kMostBelowDark = 0.1;
 
@@ -88,7 +91,7 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   NoiseCheck check;
   // One channel cannot tell.
   check.texture_share = own && profile.channels.size() > 1 ? own->texture_share : 1;
-  double pixels = 0;
+  double pixels = 0, before_rounding = -profile.step_dn * profile.step_dn / 12;
   const std::vector<ChannelSums> sums = sums_of(sample, profile);
   const auto channels = static_cast<double>(sums.size());
   for (std::size_t k = 0; k < sums.size(); ++k) {
@@ -96,10 +99,13 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
     check.frame_sd_dn += own ? std::sqrt(own->profile.channels[k].variance(signal)) / channels
                              : std::numeric_limits<double>::quiet_NaN();
     check.profile_sd_dn += std::sqrt(profile.channels[k].variance(signal)) / channels;
+    before_rounding += profile.channels[k].variance(signal) / channels;
     check.below_dark_share += sums[k].below;
     pixels += sums[k].pixels;
   }
   check.below_dark_share /= std::max(pixels, 1.0);
+  if (profile.step_dn > 0)
+    check.sd_in_steps = std::sqrt(std::max(before_rounding, 0.0)) / profile.step_dn;
   // A frame cut off at 0 shows no noise, and that it lies below the dark level all the same.
   if (!own && check.below_dark_share <= kMostBelowDark) return std::nullopt;
   return check;
@@ -115,7 +121,7 @@ std::string noise_complaint(const NoiseCheck& check) {
         "{:.3g} % of its pixels lie below the model's dark level by more than {:g} deviations of "
         "the dark noise: another camera, black level or gain? check --model, --black and --gain",
         100 * check.below_dark_share, kBelowDeviations);
-  if (ratio < kFarBelow)
+  if (ratio < kFarBelow && check.sd_in_steps > kFewSteps)
     return numbers +
            ": another gain or camera, or a frame that was smoothed before; check --gain, --black "
            "and --model";

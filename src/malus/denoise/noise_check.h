@@ -2,6 +2,7 @@
 // camera's model or a processed frame show in it.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -15,6 +16,8 @@ struct NoiseCheck {
   /// (estimate_noise.h; texture can only raise it), and as the profile says. frame_sd_dn is NaN
   /// where the frame shows none.
   double frame_sd_dn = 0, profile_sd_dn = 0;
+  /// The profile's without the converter's rounding, over its step; infinite where that is unknown.
+  double sd_in_steps = std::numeric_limits<double>::infinity();
   /// Share of what looks like the frame's noise that neighbouring pixels tell, as texture does
   /// (noise_floor.h); 1 of a single channel, where white texture could be anything.
   double texture_share = 0;

@@ -130,6 +130,7 @@ NoiseProfile empty_profile(const NoiseModel& model) {
   NoiseProfile profile;
   profile.layout = model.layout;
   profile.row_group = model.row_group;
+  profile.step_dn = model.quantization_dn;
   profile.channels.resize(static_cast<std::size_t>(model.layout.channels()));
   return profile;
 }
@@ -226,9 +227,9 @@ NoiseProfile profile_of(const PhysicsNoise& noise) {
   NoiseProfile profile;
   profile.layout = noise.layout;
   profile.row_group = noise.row_group;
+  profile.step_dn = noise.parts.quantization ? noise.quantization_dn : 0.0;
   for (const PhysicsChannel& channel : noise.channels) {
-    const double quantization =
-        noise.parts.quantization ? noise.quantization_dn * noise.quantization_dn / 12.0 : 0.0;
+    const double quantization = profile.step_dn * profile.step_dn / 12.0;
     profile.channels.push_back(
         {.variance = VarianceCurve::affine(
              noise.parts.shot ? channel.gain_dn_per_e : 0.0,
@@ -236,8 +237,7 @@ NoiseProfile profile_of(const PhysicsNoise& noise) {
          .bias_dn = noise.parts.bias ? channel.mu_dn : 0.0,
          .sigma_row_dn = noise.parts.row ? channel.sigma_row_dn : 0.0,
          .gain_dn_per_e = channel.gain_dn_per_e,
-         .law = NoiseLaw::physics(channel, noise.parts,
-                                  noise.parts.quantization ? noise.quantization_dn : 0.0)});
+         .law = NoiseLaw::physics(channel, noise.parts, profile.step_dn)});
   }
   return profile;
 }

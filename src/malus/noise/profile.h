@@ -34,6 +34,8 @@ struct NoiseProfile {
   SensorLayout layout;
   std::vector<ChannelProfile> channels;  ///< one per channel of the layout
   int row_group = 1;
+  /// The converter's step, whose rounding the channels' variances hold; 0: none, or not known.
+  double step_dn = 0;
   bool estimated_from_picture = false;  ///< no model was given
   DefectList defects;
   /// Taken out of frames of its size as far as they show it; null: none is known. Models give it

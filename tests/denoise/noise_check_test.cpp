@@ -1,0 +1,82 @@
+// Truth: frames of a camera with known noise; fixed seeds.
+#include "malus/denoise/noise_check.h"
+
+#include "malus/denoise/denoiser.h"
+#include "malus/noise/model.h"
+
+#include <cmath>
+#include <string>
+
+#include "denoise/drawn_frame.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr int kFrameSide = 256;
+
+// Of a camera whose converter makes steps of 1 DN.
+PhysicsNoise stepped_camera(double gain_dn_per_e) {
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named("polar-mono");
+  noise.quantization_dn = 0;  // rounded below
+  noise.channels.assign(4, PhysicsChannel{gain_dn_per_e, 0.14, 0.0, 1.5 * gain_dn_per_e, 0.0});
+  return noise;
+}
+
+NoiseProfile rounded_profile(PhysicsNoise noise) {
+  noise.quantization_dn = 1;
+  return profile_of(noise);
+}
+
+Denoised run(const PhysicsNoise& noise, const NoiseProfile& profile, float light_dn) {
+  Image clean(kFrameSide, kFrameSide);
+  for (int r = 0; r < kFrameSide; ++r)
+    for (int c = 0; c < kFrameSide; ++c)
+      clean(r, c) = light_dn * (1 + 0.3f * static_cast<float>(std::sin(0.01 * (r + c))));
+  RawFrame frame = drawn_frame(clean, noise, {.black_dn = 20}, 3);
+  for (float& dn : frame.dn.values()) dn = std::round(dn);
+  return denoise_frame(frame, profile, {.profile = "fast"}, silent_progress(), true);
+}
+
+std::string complaint(const Denoised& result) {
+  return result.noise ? noise_complaint(*result.noise) : "";
+}
+
+TEST(NoiseCheck, HasNothingAgainstTheRightNoise) {
+  for (const double gain : {0.05, 0.2, 1.0, 4.0})
+    for (const float electrons : {2.0f, 20.0f, 400.0f}) {
+      const PhysicsNoise noise = stepped_camera(gain);
+      const auto light_dn = static_cast<float>(gain) * electrons;
+      EXPECT_EQ(complaint(run(noise, rounded_profile(noise), light_dn)), "")
+          << gain << " " << electrons;
+    }
+}
+
+TEST(NoiseCheck, NamesNoiseOfAnotherGain) {
+  const NoiseProfile profile = rounded_profile(stepped_camera(1.0));
+  EXPECT_NE(complaint(run(stepped_camera(4.0), profile, 400)).find("check --gain"),
+            std::string::npos);
+  EXPECT_NE(complaint(run(stepped_camera(0.2), profile, 400)).find("check --gain"),
+            std::string::npos);
+}
+
+// Pixels of one signal that all round alike say nothing of where in the step it lies.
+TEST(NoiseCheck, WhatRoundingHidesIsStated) {
+  const PhysicsNoise noise = stepped_camera(0.05);
+  for (const float light_dn : {0.1f, 0.2f, 0.3f, 0.4f}) {
+    const Denoised result = run(noise, rounded_profile(noise), light_dn);
+    double square = 0, stated = 0;
+    for (int r = 0; r < kFrameSide; ++r)
+      for (int c = 0; c < kFrameSide; ++c) {
+        const double light = light_dn * (1 + 0.3 * std::sin(0.01 * (r + c)));
+        square += std::pow(result.dn_above_black(r, c) - light, 2);
+        stated += (*result.variance_dn2)(r, c);
+      }
+    EXPECT_LT(square, 1.5 * stated) << light_dn;
+    EXPECT_LT(stated, 0.1 * kFrameSide * kFrameSide) << light_dn;  // a step's own: 1/12
+  }
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,44 @@
+// Truth: rounded Gaussian samples' means from the normal distribution's own integrals.
+#include "malus/noise/rounding.h"
+
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+double mean_of_rounded(double signal, double sigma, double step) {
+  double mean = 0;
+  const auto below = [&](double edge) {
+    return 0.5 * std::erfc((signal - edge) / (sigma * std::numbers::sqrt2));
+  };
+  for (int n = -12; n <= 12; ++n)
+    mean += n * step * (below((n + 0.5) * step) - below((n - 0.5) * step));
+  return mean;
+}
+
+TEST(Rounding, LeavesTheOffsetOfTheMeanOfRoundedSamples) {
+  for (const double step : {1.0, 4.0})
+    for (const double sigma : {0.02, 0.1, 0.2, 0.3, 0.45}) {
+      constexpr int kPlaces = 2000;
+      double square = 0;
+      for (int i = 0; i < kPlaces; ++i) {
+        const double signal = step * (i + 0.5) / kPlaces;
+        square += std::pow(mean_of_rounded(signal, sigma * step, step) - signal, 2) / kPlaces;
+      }
+      const double stated = undithered_variance(step, sigma * sigma * step * step);
+      EXPECT_NEAR(stated, square, 1e-3 * square + 1e-6 * step * step) << step << " " << sigma;
+    }
+}
+
+TEST(Rounding, HasItsLimits) {
+  EXPECT_EQ(undithered_variance(0, 1), 0);
+  EXPECT_DOUBLE_EQ(undithered_variance(2, 0), 4.0 / 12);
+  EXPECT_NEAR(undithered_variance(1, 1.01e-4) * 12, 1, 0.08);  // the sum meets the closed form
+  EXPECT_LT(undithered_variance(1, 0.25), 1e-5);
+}
+
+}  // namespace
+}  // namespace malus
