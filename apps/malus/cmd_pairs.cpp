@@ -1,6 +1,7 @@
 // malus pairs: training pairs from a captured session (000 section 4).
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/session.h"
@@ -8,6 +9,7 @@
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/pairs.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -171,9 +173,39 @@ double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGrou
   return *reference.exposure_s / *group.exposure_s * gain_ratio(job, reference.gain, group.gain);
 }
 
+// Share of the reference's pixels that white cuts off, in some of its frames at least.
+double clipped_share(const RawFrame& reference) {
+  constexpr float kNearWhite = 0.98f;
+  const auto top =
+      kNearWhite * static_cast<float>(white_above_black(reference.white_dn, reference.black_dn));
+  const auto clipped =
+      std::ranges::count_if(reference.dn.values(), [top](float dn) { return dn >= top; });
+  return static_cast<double>(clipped) / static_cast<double>(reference.dn.size());
+}
+
+void warn_of_pair(const Json& pair) {
+  constexpr double kMuchClipped = 1e-3;
+  if (const double off = pair["deviation"].get<double>(); std::abs(off) > kMostDeviation)
+    warn(
+        fmt::format("{}: the light is {:+.0f} % off the reference over {:g}: another scene, or a "
+                    "wrong exposure, gain or --ratio",
+                    pair["name"].get<std::string>(), 100 * off, pair["ratio"].get<double>()));
+  if (const double clipped = pair["reference_clipped_share"].get<double>(); clipped > kMuchClipped)
+    warn(
+        fmt::format("{}: {} % of the reference's pixels are at white, where it is darker than the "
+                    "scene; expose the reference shorter",
+                    pair["name"].get<std::string>(), percent_text(clipped)));
+}
+
 Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
                 const FrameGroup& reference_group, const FrameGroup& group) {
   const double ratio = ratio_of(job, reference_group, group);
+  constexpr double kLeastRatio = 0.99;  // the same exposure, as the files round it
+  if (ratio < kLeastRatio)
+    throw InputError(
+        job.session.source.string(),
+        fmt::format("{}: the reference has {:g} times the light of the short frames", name, ratio),
+        "the reference is the brighter one: check kinds, exposures, gains and --ratio");
   const double top = 0.9 * white_above_black(reference.white_dn, reference.black_dn);
   std::vector<double> intensities;
   for (const fs::path& path : group.paths) {
@@ -210,6 +242,7 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
              {"source", chosen.string()},
              {"ratio", ratio},
              {"reference_frames", reference_group.paths.size()},
+             {"reference_clipped_share", clipped_share(reference)},
              {"candidates", intensities},
              {"deviation", nearest.deviation},
              {"flicker", nearest.flicker}};
@@ -241,11 +274,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
       const std::string name = pair_name(label, k);
       pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
       const Json& last = pairs.back();
-      if (const double off = last["deviation"].get<double>(); std::abs(off) > kMostDeviation)
-        warn(
-            fmt::format("{}: the light is {:+.0f} % off the reference over {:g}: another scene, or "
-                        "a wrong exposure, gain or --ratio",
-                        name, 100 * off, last["ratio"].get<double>()));
+      warn_of_pair(last);
       text +=
           fmt::format("{}: ratio {:g}, {} candidates, light {:+.2f} % off, flicker {:.2f} %\n",
                       name, last["ratio"].get<double>(), last["candidates"].size(),

@@ -1,6 +1,7 @@
 // malus synthesize: clean frames to noisy ones, as the camera of a noise model would take them.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
@@ -61,16 +62,20 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
 }
 
 // The clean mosaic in DN above black.
-Image load_clean(const fs::path& path, const FrameOptions& options, const SensorLayout& layout,
-                 bool as_float) {
-  RawFrame frame = load_frame(path, options);
+Image load_clean(const fs::path& path, const SynthesizeArguments& arguments,
+                 const SensorLayout& layout) {
+  RawFrame frame = load_frame(path, arguments.raw.resolve());
   take_layout_of_model(frame, layout);
   if (frame.bits > 0 && !frame.black_known)
     throw InputError(path.string(), "holds integers, but its black level is not known",
                      "give --black (0 where black is subtracted already)");
   // Float files hold DN above black already: --black is that of integers.
-  if (frame.bits > 0) subtract_black(frame);
-  check_finite(frame.dn, path.string(), fate_of_nonfinite(as_float));
+  if (frame.bits > 0)
+    subtract_black(frame);
+  else if (arguments.raw.float_black() == FloatBlack::kHolds && mean_of(frame.black_dn) != 0)
+    warn(fmt::format("{}: clean float pixels are DN above black; --black is not subtracted",
+                     path.string()));
+  check_finite(frame.dn, path.string(), fate_of_nonfinite(arguments.as_float));
   return std::move(frame.dn);
 }
 
@@ -176,7 +181,6 @@ std::string black_text(const std::vector<double>& black_dn) {
 void run_synthesize(const SynthesizeArguments& arguments, const Common& common) {
   require_numbers_left("--first-frame", arguments.first_frame,
                        std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
-  const FrameOptions options = arguments.raw.resolve();
   const auto gain = gain_of(arguments);
   const FrameSource source = arguments.model.extension() == ".safetensors"
                                  ? flow_source(arguments, gain)
@@ -193,7 +197,7 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
   std::string said;
   std::uint32_t number = arguments.first_frame;
   for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
-    const Image clean = load_clean(arguments.inputs[i], options, source.layout, arguments.as_float);
+    const Image clean = load_clean(arguments.inputs[i], arguments, source.layout);
     if (const std::string caution = source.caution(clean); !caution.empty() && caution != said)
       warn(said = caution);
     for (int n = 0; n < arguments.frames; ++n, ++number) {

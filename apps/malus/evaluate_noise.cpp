@@ -4,9 +4,9 @@
 #include "malus/base/statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/model.h"
-#include "malus/noise/same_sensor.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -30,18 +30,27 @@ NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& op
 // What stands in place of a camera: frames in DN above black, rounded and clipped as the camera's
 // are, or not.
 struct StandIn {
-  SensorLayout layout;
+  NoiseModel levels;  ///< layout, black and white level alone
   std::function<Image(const Image& clean, const GainSetting& gain, const DrawAddress& address,
                       bool rounded)>
       draw;
 };
+
+NoiseModel levels_of(SensorLayout layout, std::vector<double> black_dn, double white_dn) {
+  NoiseModel levels;
+  levels.layout = std::move(layout);
+  levels.black_dn = std::move(black_dn);
+  levels.white_dn = white_dn;
+  return levels;
+}
 
 StandIn calibrated_stand_in(const NoiseArguments& arguments) {
   SynthesisSettings settings;
   settings.kind = arguments.kind.value_or(settings.kind);
   const auto synthesizer =
       std::make_shared<const Synthesizer>(load_model(arguments.model), settings);
-  return {synthesizer->model().layout,
+  const NoiseModel& camera = synthesizer->model();
+  return {levels_of(camera.layout, camera.black_dn, camera.white_dn),
           [=](const Image& clean, const GainSetting& gain, const DrawAddress& address,
               bool rounded) -> Image {
             if (!rounded) return synthesizer->draw(clean, gain, address).dn;
@@ -57,7 +66,8 @@ StandIn flow_stand_in(const NoiseArguments& arguments) {
   if (arguments.kind)
     throw InputError("--kind " + *arguments.kind, "means nothing to a Noise Flow", "leave it out");
   const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
-  return {SensorLayout::named(flow->sensor().layout),
+  return {levels_of(SensorLayout::named(flow->sensor().layout), flow->sensor().black_dn,
+                    flow->sensor().white_dn),
           [=](const Image& clean, const GainSetting& gain, const DrawAddress& address,
               bool rounded) -> Image {
             if (!rounded) return flow->draw(clean.view(), gain, address);
@@ -67,11 +77,9 @@ StandIn flow_stand_in(const NoiseArguments& arguments) {
           }};
 }
 
-StandIn stand_in_for(const NoiseArguments& arguments, const RawFrame& reference) {
-  StandIn stand_in = arguments.model.extension() == ".safetensors" ? flow_stand_in(arguments)
-                                                                   : calibrated_stand_in(arguments);
-  if (reference.layout_known) require_layout_of_model(reference, stand_in.layout);
-  return stand_in;
+StandIn stand_in_for(const NoiseArguments& arguments) {
+  return arguments.model.extension() == ".safetensors" ? flow_stand_in(arguments)
+                                                       : calibrated_stand_in(arguments);
 }
 
 Moments moments_over(const Image& image) {
@@ -81,44 +89,54 @@ Moments moments_over(const Image& image) {
   return moments;
 }
 
-// The uniform scene that the reference shows: its channels' means less those of a frame drawn
-// without light. Below a twentieth of the noise a channel counts as dark.
-Image uniform_scene(const StandIn& stand_in, const RawFrame& reference, const DrawAddress& address,
-                    bool rounded) {
-  constexpr double kDark = 0.05;
-  Image scene(reference.dn.rows(), reference.dn.cols());
-  const Planes lit = pack(reference.dn, stand_in.layout),
-               dark = pack(stand_in.draw(scene, reference.gain, address, rounded), stand_in.layout);
-  std::vector<float> light_dn;
-  for (int k = 0; k < lit.channels(); ++k) {
-    const Moments found = moments_over(lit[k]), unlit = moments_over(dark[k]);
-    const double light = found.mean() - unlit.mean();
-    light_dn.push_back(light > kDark * std::sqrt(unlit.variance()) ? static_cast<float>(light)
-                                                                   : 0.0f);
-  }
-  for (int r = 0; r < scene.rows(); ++r)
-    for (int c = 0; c < scene.cols(); ++c)
-      scene(r, c) = light_dn[static_cast<std::size_t>(stand_in.layout.channel_at(r, c))];
-  return scene;
-}
-
 // Numbers of drawn frames begin here: the reference may be what synthesize drew of the same seed,
 // and noise must not be compared with itself.
 constexpr std::uint32_t kFirstFrame = 1u << 31;
 
+DrawAddress address_of(const Common& common, int frame) {
+  return {common.seed, kFirstFrame + static_cast<std::uint32_t>(frame), 0, 0};
+}
+
+// The uniform scene that the reference's frames show: their channels' means less those of as many
+// frames drawn without light (one frame's mean has its row noise and the lamp's flicker). Below a
+// twentieth of the noise a channel counts as dark.
+Image uniform_scene(const StandIn& stand_in, const NoiseFrames& reference, const RawFrame& first,
+                    const Common& common, int drawn) {
+  constexpr double kDark = 0.05;
+  constexpr int kMostFrames = 16;
+  const SensorLayout& layout = stand_in.levels.layout;
+  const auto channels = static_cast<std::size_t>(layout.channels());
+  const int frames = std::min(reference.count, kMostFrames);
+  const Image unlit(first.dn.rows(), first.dn.cols());
+  std::vector<double> light(channels), variance(channels);
+  for (int f = 0; f < frames; ++f) {
+    const Planes lit = pack(reference.load(f), layout),
+                 dark = pack(stand_in.draw(unlit, first.gain, address_of(common, drawn + f),
+                                           first.bits > 0),
+                             layout);
+    for (std::size_t k = 0; k < channels; ++k) {
+      const Moments without = moments_over(dark[static_cast<int>(k)]);
+      light[k] += (moments_over(lit[static_cast<int>(k)]).mean() - without.mean()) / frames;
+      variance[k] += without.variance() / frames;
+    }
+  }
+  Image scene(unlit.rows(), unlit.cols());
+  for (int r = 0; r < scene.rows(); ++r)
+    for (int c = 0; c < scene.cols(); ++c) {
+      const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
+      if (light[k] > kDark * std::sqrt(variance[k])) scene(r, c) = static_cast<float>(light[k]);
+    }
+  return scene;
+}
+
 // Rounded and clipped when the reference's are whole numbers.
 NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& arguments,
-                         const Common& common, const RawFrame& reference,
+                         const Common& common, const NoiseFrames& reference, const RawFrame& first,
                          const std::optional<Image>& clean) {
-  const int count =
-      arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
-  const bool rounded = reference.bits > 0;
-  const auto address = [seed = common.seed](int frame) {
-    return DrawAddress{seed, kFirstFrame + static_cast<std::uint32_t>(frame), 0, 0};
-  };
-  const Image scene = clean ? *clean : uniform_scene(stand_in, reference, address(count), rounded);
-  return {count, [draw = stand_in.draw, scene, address, gain = reference.gain, rounded](int k) {
-            return draw(scene, gain, address(k), rounded);
+  const int count = arguments.frames > 0 ? arguments.frames : reference.count;
+  const Image scene = clean ? *clean : uniform_scene(stand_in, reference, first, common, count);
+  return {count, [=, draw = stand_in.draw, gain = first.gain, rounded = first.bits > 0](int k) {
+            return draw(scene, gain, address_of(common, k), rounded);
           }};
 }
 
@@ -206,22 +224,23 @@ std::string comparison_text(const NoiseComparison& c, int bins) {
 
 void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw,
                           const Common& common) {
-  const FrameOptions options = raw.resolve();
+  FrameOptions options = raw.resolve();
+  std::optional<StandIn> stand_in;
+  if (!arguments.model.empty()) {
+    stand_in = stand_in_for(arguments);
+    options = options_for_model(options, stand_in->levels, arguments.reference.front());
+  }
   const RawFrame first = load_above_black(arguments.reference.front(), options);
   std::optional<Image> clean;
   if (!arguments.clean.empty()) clean = load_above_black(arguments.clean, options).dn;
-  SensorLayout layout = first.layout;
-  NoiseFrames test;
-  if (!arguments.model.empty()) {
-    const StandIn stand_in = stand_in_for(arguments, first);
-    layout = stand_in.layout;
-    test = frames_drawn(stand_in, arguments, common, first, clean);
-  } else {
-    test = frames_of(arguments.test, options);
-  }
+  const NoiseFrames reference = frames_of(arguments.reference, options),
+                    test = stand_in
+                               ? frames_drawn(*stand_in, arguments, common, reference, first, clean)
+                               : frames_of(arguments.test, options);
+  const SensorLayout& layout = stand_in ? stand_in->levels.layout : first.layout;
   const auto progress = make_progress(common);
-  const NoiseComparison comparison = compare_noise(frames_of(arguments.reference, options), test,
-                                                   clean, layout, arguments.settings, *progress);
+  const NoiseComparison comparison =
+      compare_noise(reference, test, clean, layout, arguments.settings, *progress);
   print_result(common, comparison_json(comparison, arguments.settings, layout),
                comparison_text(comparison, arguments.settings.bins));
 }

@@ -161,3 +161,19 @@ def test_noise_profile_of_a_real_phone(malus, shared, tmp_path):
     numbers = struct.unpack_from(f"<{count}d", content, offset)
     green = numbers[2 if count == 6 else 0]
     assert result["slope_dn"][0] == pytest.approx(green * 65535)
+
+
+def test_evaluated_frames_take_black_from_the_model_and_light_from_all_of_them(malus, tmp_path):
+    """Files that tell no black level, under a lamp that flickers by a percent: the scene is that of their mean."""
+    rng = np.random.default_rng(8)
+    lamp = 1 + 0.01 * rng.standard_normal(12)
+    for number, light in enumerate(lamp):
+        frame = 82 + rng.poisson(800 * light / 0.4, (128, 128)) * 0.4 + 1.2 * rng.standard_normal((128, 128))
+        np.save(tmp_path / f"flat_{number:02}.npy", np.round(frame).astype(np.uint16))
+    frames = sorted(tmp_path.glob("flat_*.npy"))
+    given = ["--reference", *frames, "--model", "imx250myr-simulated", "--gain", 0, "--json"]
+    told = malus("evaluate", "--noise", *given, "--black", 82).json
+    untold = malus("evaluate", "--noise", *given).json
+    assert untold["reference"]["mean_dn"] == told["reference"]["mean_dn"]
+    off = np.mean(told["test"]["mean_dn"]) - np.mean(told["reference"]["mean_dn"])
+    assert abs(off) < 0.1, "one frame's lamp is off by 8 DN"

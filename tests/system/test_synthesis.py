@@ -23,7 +23,8 @@ def smooth_scene(rows=96, cols=128, low=200, high=1500):
 def test_float_frames_are_above_black_whatever_black_says(malus, tmp_path):
     np.save(tmp_path / "flat.npy", np.full((32, 32), 300, np.float32))
     for name, black in (("plain", []), ("said", ["--black", 82])):
-        malus("synthesize", tmp_path / "flat.npy", "-m", MODEL, "--gain", 6, *black, "-o", tmp_path / name, "--format", "npy")
+        done = malus("synthesize", tmp_path / "flat.npy", "-m", MODEL, "--gain", 6, *black, "-o", tmp_path / name, "--format", "npy")
+        assert ("--black is not subtracted" in done.err) == bool(black)
     assert np.array_equal(np.load(tmp_path / "plain/flat_000.npy"), np.load(tmp_path / "said/flat_000.npy"))
 
 
@@ -141,6 +142,19 @@ def test_pairs_whose_light_does_not_fit_the_ratio_are_said(malus, tmp_path):
     session, _ = write_pairs_session(tmp_path, [1.05, 1.0])
     assert "off the reference" not in malus("pairs", session, "-o", tmp_path / "fits").err
     assert "off the reference over 30" in malus("pairs", session, "-o", tmp_path / "not", "--ratio", 30).err
+
+
+def test_pairs_name_references_that_white_cuts_off_and_shorts_that_are_longer(malus, refused, tmp_path):
+    session, scene = write_pairs_session(tmp_path, [1.0, 1.0])
+    text = session.read_text()
+    assert "at white" not in malus("pairs", session, "-o", tmp_path / "whole").err
+    white = 64 + float(np.quantile(scene, 0.75))
+    session.write_text(text.replace("white = 4095", f"white = {white}"))
+    clipped = malus("pairs", session, "-o", tmp_path / "clipped", "--json")
+    assert "of the reference's pixels are at white" in clipped.err
+    assert clipped.json["pairs"][0]["reference_clipped_share"] == pytest.approx(0.25, abs=0.06)
+    session.write_text(text.replace("exposure_s = 0.001", "exposure_s = 0.02"))
+    assert "the reference has 0.5 times the light of the short frames" in refused("pairs", session, "-o", tmp_path / "swapped")
 
 
 def test_pairs_name_what_is_missing(malus, refused, tmp_path):
