@@ -126,6 +126,28 @@ TEST(Synthesizer, DarkFramesThatRepeatAreSaid) {
   EXPECT_EQ(Synthesizer(camera_of_all_kinds(), settings).repetition(640, 960), "");
 }
 
+// At K 0.5 half of the sums of a code and a number of electrons lie in the middle of a step, where
+// rounding alone always goes the same way.
+TEST(Synthesizer, RoundedDarkFramesKeepTheMeanOfTheLight) {
+  NoiseModel model = bayer_model();
+  constexpr int kSide = 256;
+  model.dark_frames = {{.gain = kGain, .frames_dn = {Image(kSide, kSide, 2.0f)}}};
+  for (auto& calibration : model.physics)
+    for (auto& K : calibration.K.mean) K = 0.5;
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  for (const float light_dn : {1.0f, 3.0f, 20.0f}) {
+    const std::vector<double> black(4, 64.0);
+    const RawFrame frame =
+        Synthesizer(model, settings)
+            .draw_raw(Image(kSide, kSide, light_dn), kGain, {.seed = 5}, black, 4095);
+    double sum = 0;
+    for (const float dn : frame.dn.values()) sum += dn - 66;
+    const double variance = 0.5 * light_dn + 1.0 / 6;
+    EXPECT_NEAR(sum / (kSide * kSide), light_dn, 4 * std::sqrt(variance) / kSide) << light_dn;
+  }
+}
+
 TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
   NoiseModel model = bayer_model();
   Image dark(4, 6);

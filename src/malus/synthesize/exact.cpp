@@ -19,6 +19,10 @@ std::uint64_t pixel_index(int row, int col) {
   return std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | static_cast<std::uint32_t>(col);
 }
 
+double quantization_of(double step_dn, const PhiloxBlock& block) {
+  return step_dn * (uniform_open(block.word[2], block.word[3]) - 0.5);
+}
+
 // Block 0 of a pixel serves read and quantisation noise; shot noise takes as many more as it needs.
 class ShotUniforms {
  public:
@@ -112,6 +116,11 @@ std::vector<double> row_deviates(const DrawAddress& address, int rows, int row_g
   return z;
 }
 
+double quantization_draw(double step_dn, const DrawAddress& address, int row, int col) {
+  return quantization_of(
+      step_dn, random_block(address.seed, address.frame, pixel_index(row, col), Draw::kPixel));
+}
+
 double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn,
                         const DrawAddress& address, int row, int col) {
   if (!std::isfinite(signal_dn)) return signal_dn;
@@ -127,8 +136,7 @@ double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn
   if (noise.parts.read)
     value +=
         p.sigma_tl_dn * tukey_lambda_quantile(uniform_open(block.word[0], block.word[1]), p.lambda);
-  if (noise.parts.quantization)
-    value += noise.quantization_dn * (uniform_open(block.word[2], block.word[3]) - 0.5);
+  if (noise.parts.quantization) value += quantization_of(noise.quantization_dn, block);
   return value;
 }
 

@@ -4,6 +4,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/pick.h"
 #include "malus/base/statistics.h"
+#include "malus/synthesize/exact.h"
 
 #include <algorithm>
 #include <cmath>
@@ -36,13 +37,21 @@ double mean_bias(const PhysicsNoise& noise) {
 }
 
 // The frame's bias frame, laid over the picture so that pixels meet their own place on the sensor;
-// banks smaller than the picture repeat.
-void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, View<float> dn) {
+// banks smaller than the picture repeat. Codes are whole numbers, and rounding their sums with
+// multiples of K would shift the mean wherever K is near a simple fraction of the step: where the
+// sum is rounded, dither_dn is the step, of which a uniform draw comes first.
+void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, double dither_dn,
+                    View<float> dn) {
   RandomSequence random(address.seed, address.frame, Draw::kParameters, kStreamDarkFrame);
   const Image& dark = bank.frames_dn[pick(random, bank.frames_dn.size())];
   for (int r = 0; r < dn.rows(); ++r) {
     const float* row = dark.row((address.row0 + r) % dark.rows());
-    for (int c = 0; c < dn.cols(); ++c) dn(r, c) += row[(address.col0 + c) % dark.cols()];
+    for (int c = 0; c < dn.cols(); ++c) {
+      dn(r, c) += row[(address.col0 + c) % dark.cols()];
+      if (dither_dn > 0)
+        dn(r, c) += static_cast<float>(
+            quantization_draw(dither_dn, address, address.row0 + r, address.col0 + c));
+    }
   }
 }
 
@@ -214,7 +223,8 @@ FrameParameters Synthesizer::physical(const GainTables& tables, View<const float
   else
     tables.compiled->with_parameters(frame.physics).apply(signal_dn, noisy_dn, address);
   if (settings_.kind == "dark-frames")
-    add_dark_frame(model_.dark_frames_at(tables.gain), address, noisy_dn);
+    add_dark_frame(model_.dark_frames_at(tables.gain), address,
+                   rounded_later ? model_.quantization_dn : 0.0, noisy_dn);
   return frame;
 }
 
