@@ -8,14 +8,14 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <optional>
 
 namespace malus {
 namespace {
 
-// Deviations: from the first on a pixel is doubtful, from kLeastFar on it may be a point.
+// Deviations: from the first on a pixel is doubtful, from kLeastFar on it may be a point, and what
+// stands out by kLeastHigh or more is more than noise that was told too small by half.
 constexpr double kBounds[] = {3, 3.5, 4, 4.5, 5, 6, 8, 12, 20};
-constexpr std::size_t kLeastFar = 4;
+constexpr std::size_t kLeastFar = 4, kLeastHigh = 7;
 constexpr double kExplainedShare = 0.1;  // of the pixels beyond a bound, by the noise
 constexpr double kByChance = 1e-3;       // that it makes as many
 constexpr double kTakenFrom = 2;         // median of squared residuals; the noise's is 0.45
@@ -125,34 +125,50 @@ double chance_of(double found, double expected) {
   return std::exp(found - expected + found * std::log(std::max(expected, 1e-300) / found));
 }
 
-// Beyond which pixels are points: the least bound where the noise explains few of them.
-std::optional<double> least_far(const std::vector<Candidate>& pixels,
-                                const std::vector<double>& expected) {
-  for (std::size_t t = kLeastFar; t < expected.size(); ++t) {
+// The least bound, from kBounds[first] on, beyond which a measure of the pixels lies in more of
+// them than the noise explains.
+template <class Measure>
+double unexplained_beyond(const std::vector<Candidate>& pixels, const std::vector<double>& expected,
+                          std::size_t first, const Measure& measure) {
+  for (std::size_t t = first; t < expected.size(); ++t) {
     const auto found = static_cast<double>(
-        std::ranges::count_if(pixels, [&](const Candidate& p) { return p.far() > kBounds[t]; }));
+        std::ranges::count_if(pixels, [&](const Candidate& p) { return measure(p) > kBounds[t]; }));
     if (found > 0 && expected[t] <= kExplainedShare * found &&
         chance_of(found, expected[t]) < kByChance)
       return kBounds[t];
   }
-  return std::nullopt;
+  return std::numeric_limits<double>::infinity();
 }
 
-// Those far out; and where they are a good part of what stands out, and the filter took light from
-// most of it, all that stands out.
-std::vector<Candidate> points_among(const std::vector<Candidate>& pixels, double far) {
-  std::vector<Candidate> points, standing;
-  std::vector<double> squares;
-  for (const Candidate& p : pixels) {
-    if (p.far() > far) points.push_back(p);
-    if (p.standing_out <= far) continue;
-    standing.push_back(p);
-    squares.push_back(p.residual * p.residual);
-  }
-  if (static_cast<double>(points.size()) > kSurePart * static_cast<double>(standing.size()) &&
-      median_of(squares) > kTakenFrom)
-    std::ranges::copy_if(standing, std::back_inserter(points),
-                         [&](const Candidate& p) { return p.far() <= far; });
+// Those far out. Besides all that stands out as far, where most of it lost light to the filter, and
+// either a good part of it is far out or it stands out further than any error of the noise's
+// deviation could make it.
+std::vector<Candidate> points_among(const std::vector<Candidate>& pixels,
+                                    const std::vector<double>& expected) {
+  const auto standing_out = [](const Candidate& p) { return p.standing_out; };
+  const double far = unexplained_beyond(pixels, expected, kLeastFar,
+                                        [](const Candidate&p) { return p.far(); }),
+               high = unexplained_beyond(pixels, expected, kLeastHigh, standing_out);
+  const auto lost_light = [&](double bound) {
+    std::vector<double> squares;
+    for (const Candidate& p : pixels)
+      if (p.standing_out > bound) squares.push_back(p.residual * p.residual);
+    return !squares.empty() && median_of(squares) > kTakenFrom;
+  };
+  const auto count_beyond = [&](double bound, const auto& measure) {
+    return static_cast<double>(
+        std::ranges::count_if(pixels, [&](const Candidate& p) { return measure(p) > bound; }));
+  };
+  double all_beyond = std::numeric_limits<double>::infinity();
+  if (lost_light(high)) all_beyond = high;
+  if (count_beyond(far, [](const Candidate& p) { return p.far(); }) >
+          kSurePart * count_beyond(far, standing_out) &&
+      lost_light(far))
+    all_beyond = far;
+  std::vector<Candidate> points;
+  std::ranges::copy_if(pixels, std::back_inserter(points), [&](const Candidate& p) {
+    return p.far() > far || p.standing_out > all_beyond;
+  });
   return points;
 }
 
@@ -199,9 +215,7 @@ void keep_points(const PreparedFrame& frame, const NoiseProfile& profile,
   const std::vector<Candidate> pixels = candidates(frame, residual);
   const std::vector<double> expected = internal::expected_beyond(frame, profile, kBounds);
   if (report.variance_dn2) state_doubt(frame, pixels, expected, report);
-  const std::optional<double> far = least_far(pixels, expected);
-  if (!far) return;
-  std::vector<Candidate> open = points_among(pixels, *far);
+  std::vector<Candidate> open = points_among(pixels, expected);
   for (const Candidate& p : open) keep(frame, profile, p.row, p.col, report);
   while (!open.empty()) {
     const Candidate p = open.back();

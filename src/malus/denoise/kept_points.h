@@ -14,8 +14,10 @@ namespace malus {
 /// (stabilised; of the noise, or of the channel's residuals where those spread further) from the
 /// result, or more than three while they stand out of all the result's around them by five; by more
 /// than five where fewer than ten times what the profile's laws make lie so far, or chance makes as
-/// many. And those that touch them and lie more than three away. To the variance of pixels that lie
-/// three away and stay it adds what the share of points among them makes probable.
+/// many. Besides them all that stand out by twelve, where the filter took light from most of those,
+/// or by five where a third are of the first kind too; and those that touch any of these and lie
+/// more than three away. To the variance of pixels that lie three away and stay it adds what the
+/// share of points among them makes probable.
 /// Sets report.kept_pixels. Saturated pixels and filled ones, which measured nothing, stay.
 void keep_points(const PreparedFrame& frame, const NoiseProfile& profile,
                  const std::vector<Stabilizer>& stabilizers, Denoised& report);
