@@ -44,14 +44,8 @@ struct DenoiseArguments {
   fs::path model, folder, report;
   std::string format = "tif";
   bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
+  const CLI::App* command = nullptr;  ///< knows which flags were given
 };
-
-// What the method would not look at.
-void check_ratio(const DenoiseArguments& arguments, const FrameDenoiser& denoiser) {
-  if (arguments.inference.ratio && !denoiser.takes_ratio())
-    throw InputError("--ratio", fmt::format("{} does not amplify by it", arguments.settings.method),
-                     "leave it out, or use a network trained with amplification = \"ratio\"");
-}
 
 // What there is none of where the result is a picture, and what no picture file can hold.
 void check_result_flags(const DenoiseArguments& arguments, const std::string& target) {
@@ -295,7 +289,7 @@ void print_runs(const DenoiseArguments& arguments, const Json& runs, const Commo
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   check_references(arguments);
-  check_ratio(arguments, denoiser);
+  denoiser.require_used(given_flags<InferenceSettings>(*arguments.command));
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;
   const FrameOptions options = arguments.raw.resolve();
@@ -341,6 +335,7 @@ void add_denoise(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<DenoiseArguments>();
   CLI::App* command = add_command(app, common, "denoise", "Take the noise out of raw frames",
                                   [arguments, &common] { run_denoise(*arguments, common); });
+  arguments->command = command;
   command->add_option("RAW", arguments->inputs, "mosaics")->required();
   auto* model = command->add_option(
       "--model", arguments->model,

@@ -44,6 +44,18 @@ bool FrameDenoiser::takes_ratio() const {
   return package.at("domain") == "linear" && package.at("amplification") == "ratio";
 }
 
+void FrameDenoiser::require_used(const std::vector<std::string>& inference_flags) const {
+  for (const std::string& flag : inference_flags) {
+    if (flag == "--ratio" && !takes_ratio())
+      throw InputError(flag, fmt::format("{} does not amplify by it", settings_.method),
+                       "leave it out, or use a network trained with amplification = \"ratio\"");
+    if (!network_)
+      throw InputError(flag,
+                       fmt::format("{} is no network and does not look at it", settings_.method),
+                       "leave it out, or name a network's weight file with --method");
+  }
+}
+
 NetworkInference::Rendered FrameDenoiser::render(RawFrame frame, const NoiseProfile& profile,
                                                  Progress& progress) const {
   MALUS_REQUIRE(network_);

@@ -5,6 +5,8 @@
 #include "malus/neural/inference.h"
 
 #include <memory>
+#include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -26,8 +28,8 @@ class FrameDenoiser {
                       double held_values = 0) const;
   /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
   std::string target() const;
-  /// Whether InferenceSettings' ratio changes anything.
-  bool takes_ratio() const;
+  /// Throws InputError for a flag of InferenceSettings that the method would not look at.
+  void require_used(const std::vector<std::string>& inference_flags) const;
   /// Of a network that gives pictures (malus/neural/inference.h).
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                     Progress& progress) const;
@@ -35,6 +37,8 @@ class FrameDenoiser {
   nlohmann::ordered_json description() const;
 
  private:
+  bool takes_ratio() const;  ///< whether InferenceSettings' ratio changes anything
+
   DenoiseSettings settings_;
   bool uncertainty_;
   std::unique_ptr<NetworkDenoiser> network_;

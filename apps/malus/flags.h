@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
@@ -71,6 +72,17 @@ void add_flags(CLI::App& command, Settings& settings) {
       if constexpr (!requires { value.has_value(); }) option->capture_default_str();
     }
   });
+}
+
+/// Those flags of add_flags that the user gave.
+template <class Settings>
+std::vector<std::string> given_flags(const CLI::App& command) {
+  std::vector<std::string> given;
+  const Settings settings;
+  Settings::describe(settings, [&](const auto&, const ParameterInfo& info) {
+    if (command.count(flag_name(info.name)) > 0) given.push_back(flag_name(info.name));
+  });
+  return given;
 }
 
 template <class Settings>

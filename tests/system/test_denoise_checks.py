@@ -89,6 +89,14 @@ def test_a_ratio_that_nothing_would_look_at_is_refused(refused, frames, tmp_path
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("method", ("nl-ridge", "bm3d", "vst-bm3d"))
+@pytest.mark.parametrize("flag,value", (("--device", "cuda"), ("--device", "cpu"), ("--precision", "float32"), ("--tile-batch", 4)))
+def test_settings_of_networks_are_refused_by_other_methods(refused, frames, tmp_path, method, flag, value):
+    line = refused("denoise", frame(frames, 12), "--model", MODEL, "--gain", 12, "--method", method, flag, value, "-o", tmp_path / "out")
+    assert f"{flag}: {method} is no network and does not look at it; leave it out" in line
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_bias_of_clipped_dark_frames_is_told(malus, tmp_path):
     rng = np.random.default_rng(5)
     text = '[sensor]\nlayout = "polar-mono"\nblack = 0\nwhite = 4095\nrow_group = 1\n'
