@@ -1,7 +1,10 @@
 // malus session-from-emva: an EMVA 1288 measurement's description becomes a session file.
+#include "malus/base/text.h"
 #include "malus/io/emva_description.h"
 
+#include <cstdint>
 #include <filesystem>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <string>
@@ -25,20 +28,21 @@ void add_session_from_emva(CLI::App& app, Common& common) {
                     EmvaSession converted = load_emva_description(arguments->description);
                     Session& session = converted.session;
                     session.sensor.name = arguments->name;
-                    std::size_t frames = 0;
+                    std::int64_t frames = 0;
                     for (FrameGroup& group : session.groups) {
                       group.gain.gain_db = arguments->gain_db;
-                      frames += group.paths.size();
+                      frames += std::ssize(group.paths);
                     }
                     save_session(arguments->output, session, common.force);
-                    for (const auto& line : converted.notes) note(common, line);
+                    for (const auto& line : converted.notes) warn(line);
                     print_result(common,
                                  {{"session", arguments->output.string()},
                                   {"groups", session.groups.size()},
                                   {"frames", frames},
                                   {"missing_images", converted.missing_images}},
-                                 fmt::format("{}: {} sets, {} frames", arguments->output.string(),
-                                             session.groups.size(), frames));
+                                 fmt::format("{}: {}, {}", arguments->output.string(),
+                                             counted(std::ssize(session.groups), "set"),
+                                             counted(frames, "frame")));
                   });
   command->add_option("DATA", arguments->description, "the description beside the images")
       ->required();

@@ -2,6 +2,8 @@
 
 #include "malus/base/error.h"
 
+#include <fstream>
+
 #include "support.h"
 #include <gmock/gmock.h>
 
@@ -52,6 +54,33 @@ TEST(EmvaDescription, DefectsNameTheirLine) {
   refused("d 5\ni x.png\n", "no \"n bits width height\" line");
   refused("n 12 640 480\nd 5\n", "none of its images exists");
   refused("", "no \"n bits width height\" line");
+}
+
+TEST(EmvaDescription, AbsentImagesAreCountedAndTheFirstIsNamed) {
+  const testing::TemporaryFolder folder;
+  for (const char* name : {"b.png", "d.png"}) std::ofstream(folder / name) << 'x';
+  const auto notes = [&](const std::string& sets) {
+    return parse_emva_description("n 12 640 480\nb 40 1\ni b.png\n" + sets, "D.txt", folder.path())
+        .notes;
+  };
+  EXPECT_THAT(notes("d 40\ni d.png\n"), ElementsAre());
+  EXPECT_THAT(notes("i c.png\nd 40\ni d.png\n"),
+              ElementsAre("D.txt: 1 of the 3 images that it names is absent and left out: c.png "
+                          "(line 4)"));
+  EXPECT_THAT(notes("d 40\ni d.png\nb 50 1\ni e.png\ni f.png\n"),
+              ElementsAre("D.txt: 2 of the 4 images that it names are absent and left out, the "
+                          "first of them e.png (line 7); 1 set has none left and is left out too"));
+}
+
+TEST(EmvaDescription, WithoutItsDarkImagesNoSessionIsMade) {
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder / "b.png") << 'x';
+  EXPECT_THAT(
+      [&] {
+        parse_emva_description("n 12 640 480\nb 40 1\ni b.png\nd 40\ni d.png\n", "D.txt",
+                               folder.path());
+      },
+      ThrowsMessage<InputError>(HasSubstr("D.txt: the images of its dark sets are all absent")));
 }
 
 TEST(EmvaDescription, AbsentImagesOfTheRealSetAreLeftOutWithANote) {

@@ -161,11 +161,22 @@ def test_emva_description(malus, refused, tmp_path):
     out = tmp_path / "s.toml"
     found = malus("session-from-emva", tmp_path / "d.txt", "-o", out, "--json").json
     assert found == {"session": str(out), "groups": 2, "frames": 2, "missing_images": 1}
+    done = malus("session-from-emva", tmp_path / "d.txt", "-o", out, "--force", "--quiet")
+    assert done.out == f"{out}: 2 sets, 2 frames\n"
+    assert done.err == f"warning: {tmp_path}/d.txt: 1 of the 3 images that it names is absent and left out: i/gone.png (line 5)\n"
     assert 'paths = [\n  "i/b.png",\n]' in out.read_text()
     assert "--force" in refused("session-from-emva", tmp_path / "d.txt", "-o", out)
     assert "does not exist" in refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / "no" / "s.toml")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["d.txt", "i", "s.toml"]
     assert json.loads(malus("info", "--json", tmp_path / "i" / "b.png", "--session", out).out)["white"] == 65535
+
+
+def test_an_emva_description_without_its_dark_images_gives_no_session(refused, tmp_path):
+    (tmp_path / "d.txt").write_text("v 3.0\nn 16 4 4\nb 1000 5\ni b.png\nd 1000\ni gone.png\n")
+    (tmp_path / "b.png").write_bytes(png(4, 4, 9))
+    line = refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / "s.toml")
+    assert "d.txt: the images of its dark sets are all absent; copy them" in line
+    assert not (tmp_path / "s.toml").exists()
 
 
 def test_real_polarization_frames(malus, shared):

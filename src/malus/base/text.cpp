@@ -50,6 +50,10 @@ std::string joined(std::span<const std::string> parts, std::string_view separato
   return text;
 }
 
+std::string counted(std::int64_t number, std::string_view noun) {
+  return fmt::format("{} {}{}", number, noun, number == 1 ? "" : "s");
+}
+
 std::string percent_text(double share) {
   const double percent = 100 * share;
   return percent >= 10 ? fmt::format("{:.0f}", percent) : fmt::format("{:.2g}", percent);

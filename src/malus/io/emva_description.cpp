@@ -1,6 +1,7 @@
 #include "malus/io/emva_description.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/io/internal/decoded.h"
 #include "malus/io/internal/file_bytes.h"
 
@@ -41,24 +42,39 @@ class Parser {
   EmvaSession finish() {
     auto& groups = result_.session.groups;
     if (!has_sensor_) fail("no \"n bits width height\" line", "add it");
-    std::size_t empty = 0;
-    for (const FrameGroup& group : groups) empty += group.paths.empty() ? 1 : 0;
-    groups.erase(std::remove_if(groups.begin(), groups.end(),
-                                [](const FrameGroup& group) { return group.paths.empty(); }),
-                 groups.end());
-    if (groups.empty())
+    const auto without_any = std::stable_partition(
+        groups.begin(), groups.end(), [](const FrameGroup& group) { return !group.paths.empty(); });
+    if (without_any == groups.begin())
       fail("none of its images exists", "image names are relative to the description's folder");
-    if (result_.missing_images > 0)
-      result_.notes.push_back(
-          fmt::format("{} images that the description names are absent; {} sets "
-                      "without any are left out",
-                      result_.missing_images, empty));
+    if (result_.missing_images > 0) tell_missing(without_any);
+    groups.erase(without_any, groups.end());
     result_.session.source = source_;
     return std::move(result_);
   }
 
  private:
   using Words = std::vector<std::string_view>;
+  using Groups = std::vector<FrameGroup>;
+
+  // Calibration can do nothing with a session without dark frames.
+  void tell_missing(Groups::iterator without_any) {
+    Groups& groups = result_.session.groups;
+    const auto dark = [](const FrameGroup& group) { return group.kind == FrameKind::kBias; };
+    if (std::none_of(groups.begin(), without_any, dark) &&
+        std::any_of(without_any, groups.end(), dark))
+      throw InputError(source_.string(), "the images of its dark sets are all absent",
+                       "copy them to where it names them: a calibration needs them");
+    const int missing = result_.missing_images;
+    std::string line =
+        fmt::format("{}: {} of the {} that it names {} absent and left out{} {}", source_.string(),
+                    missing, counted(images_, "image"), missing == 1 ? "is" : "are",
+                    missing == 1 ? ":" : ", the first of them", first_missing_);
+    if (const auto sets = std::distance(without_any, groups.end()); sets > 0)
+      line += fmt::format("; {} none left and {} left out too",
+                          sets == 1 ? "1 set has" : fmt::format("{} sets have", sets),
+                          sets == 1 ? "is" : "are");
+    result_.notes.push_back(std::move(line));
+  }
 
   static Words split(std::string_view text) {
     constexpr std::string_view kSpace = " \t\r";
@@ -135,16 +151,18 @@ class Parser {
     std::replace(name.begin(), name.end(), '\\', '/');
     const fs::path path = folder_ / name;
     std::error_code ignored;
-    if (check_files_ && !fs::is_regular_file(path, ignored))
-      ++result_.missing_images;
-    else
+    ++images_;
+    if (!check_files_ || fs::is_regular_file(path, ignored))
       result_.session.groups.back().paths.push_back(path);
+    else if (++result_.missing_images == 1)
+      first_missing_ = fmt::format("{} (line {})", name, line_);
   }
 
   fs::path source_, folder_;
   bool check_files_;
   EmvaSession result_;
-  int line_ = 0, levels_ = 0;
+  std::string first_missing_;
+  int line_ = 0, levels_ = 0, images_ = 0;
   bool has_sensor_ = false;
 };
 

@@ -13,13 +13,13 @@ namespace malus {
 
 struct EmvaSession {
   Session session;
-  std::vector<std::string> notes;  ///< what was left out: missing images, groups without any
+  std::vector<std::string> notes;  ///< what was left out: absent images, sets without any
   int missing_images = 0;
 };
 
 /// Bright sets become `flat` groups, dark sets `bias` groups, both with exposure_s and in file
 /// order; `level` counts the bright sets from 1. White is 2^bits - 1. Images that are absent are
-/// left out with a note. Throws InputError naming the line.
+/// left out with a note. Throws InputError naming the line, and where no dark set is left.
 EmvaSession load_emva_description(const std::filesystem::path& path);
 /// From text; folder is what image names start from.
 EmvaSession parse_emva_description(std::string_view text, const std::filesystem::path& source,
