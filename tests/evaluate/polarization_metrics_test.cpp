@@ -1,9 +1,13 @@
 #include "malus/evaluate/polarization_metrics.h"
 
 #include "malus/evaluate/evaluation.h"
+#include "malus/evaluate/image_metrics.h"
+#include "malus/image/pack.h"
 #include "malus/polar/stokes.h"
 
 #include <cmath>
+#include <fstream>
+#include <string>
 
 #include <gtest/gtest.h>
 
@@ -115,6 +119,50 @@ TEST(EvaluateMosaics, EveryPixelCountsOnceInPsnrAlsoInCellsThatTheEdgeCuts) {
         else
           ASSERT_TRUE(std::isinf(*e.dolp_psnr_db)) << name << r << ' ' << c;
       }
+  }
+}
+
+Image light_of(int rows, int cols, double phase) {
+  Image light(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      light(r, c) = static_cast<float>(1000 + 300 * std::sin(r / 7.0 + phase) * std::cos(c / 5.0));
+  return light;
+}
+
+// DoLP and AoLP are taken in bands of rows.
+TEST(EvaluateMosaics, ATallMosaicIsThatOfItsPlanes) {
+  for (const char* name : {"polar-mono", "polar-bayer-rggb"}) {
+    const auto layout = SensorLayout::named(name);
+    const Image reference = light_of(2400, 48, 0), test = light_of(2400, 48, 0.1);
+    const Evaluation e = evaluate_mosaics(reference, test, layout, 4095);
+    const Planes a = pack(reference, layout), b = pack(test, layout);
+    const PolarizationError whole =
+        polarization_error(stokes_per_color(a, layout), stokes_per_color(b, layout));
+    EXPECT_NEAR(*e.dolp_psnr_db, *dolp_psnr_db(whole), 1e-9) << name;
+    EXPECT_NEAR(*e.aolp_psnr_db, *aolp_psnr_db(whole), 1e-9) << name;
+    EXPECT_NEAR(*e.aolp_circular_deg, *aolp_circular_deg(whole), 1e-9) << name;
+    EXPECT_DOUBLE_EQ(*e.image_ssim, *ssim(a, b, 4095)) << name;
+  }
+}
+
+// The most memory that the process held, in bytes; 0 where the system does not tell.
+double most_memory() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);)
+    if (line.starts_with("VmHWM:")) return 1024 * std::stod(line.substr(6));
+  return 0;
+}
+
+TEST(EvaluateMosaics, ALargeFrameIsNotHeldOnceMore) {
+  const Image reference = light_of(2048, 4096, 0), test = light_of(2048, 4096, 0.1);
+  const double frame = 4.0 * static_cast<double>(reference.size());
+  for (const char* name : {"polar-mono", "polar-bayer-rggb"}) {
+    std::ofstream("/proc/self/clear_refs") << 5;  // what was held before is forgotten
+    const double before = most_memory();
+    if (before == 0) GTEST_SKIP() << "this system does not tell";
+    evaluate_mosaics(reference, test, SensorLayout::named(name), 4095);
+    EXPECT_LT(most_memory() - before, 0.75 * frame) << name;
   }
 }
 

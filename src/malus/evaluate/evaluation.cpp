@@ -1,10 +1,12 @@
 #include "malus/evaluate/evaluation.h"
 
+#include "malus/base/parallel.h"
 #include "malus/evaluate/image_metrics.h"
 #include "malus/evaluate/polarization_metrics.h"
 #include "malus/image/pack.h"
 #include "malus/polar/stokes.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace malus {
@@ -20,10 +22,46 @@ void append(std::vector<Quantity>& list, const Estimate<double>& value, Quantity
 
 // Packing fills a cell that the edge cuts with samples of the cell before, which would then count
 // several times.
-Planes packed_whole_cells(View<const float> mosaic, const SensorLayout& layout) {
-  const int rows = mosaic.rows() / layout.rows() * layout.rows();
-  const int cols = mosaic.cols() / layout.cols() * layout.cols();
-  return pack(mosaic.window(0, 0, rows, cols), layout);
+View<const float> whole_cells(View<const float> mosaic, const SensorLayout& layout) {
+  return mosaic.window(0, 0, mosaic.rows() / layout.rows() * layout.rows(),
+                       mosaic.cols() / layout.cols() * layout.cols());
+}
+
+Image plane_of(View<const float> mosaic, const SensorLayout& layout, int channel) {
+  const int row0 = channel / layout.cols(), col0 = channel % layout.cols();
+  Image plane(mosaic.rows() / layout.rows(), mosaic.cols() / layout.cols());
+  for (int r = 0; r < plane.rows(); ++r) {
+    const float* from = mosaic.row(r * layout.rows() + row0) + col0;
+    for (int c = 0; c < plane.cols(); ++c) plane(r, c) = from[c * layout.cols()];
+  }
+  return plane;
+}
+
+// Of large frames neither all planes nor what is made of them are held beside the mosaics.
+Estimate<double> ssim_of_mosaics(View<const float> reference, View<const float> test,
+                                 const SensorLayout& layout, double peak_dn) {
+  if (layout.channels() == 1) return ssim(reference, test, peak_dn);
+  double sum = 0;
+  for (int k = 0; k < layout.channels(); ++k) {
+    const Estimate<double> value =
+        ssim(plane_of(reference, layout, k).view(), plane_of(test, layout, k).view(), peak_dn);
+    if (!value) return value;
+    sum += *value;
+  }
+  return sum / layout.channels();
+}
+
+PolarizationError polarization_error_of_mosaics(View<const float> reference, View<const float> test,
+                                                const SensorLayout& layout) {
+  const int band = 2 * kRowsPerTask * layout.rows();
+  const auto stokes = [&](View<const float> mosaic, int row0) {
+    const int rows = std::min(band, mosaic.rows() - row0);
+    return stokes_per_color(pack(mosaic.window(row0, 0, rows, mosaic.cols()), layout), layout);
+  };
+  PolarizationError error;
+  for (int row0 = 0; row0 < reference.rows(); row0 += band)
+    error = sum_of(error, polarization_error(stokes(reference, row0), stokes(test, row0)));
+  return error;
 }
 
 }  // namespace
@@ -41,15 +79,12 @@ Evaluation evaluate_mosaics(View<const float> reference, View<const float> test,
                             const SensorLayout& layout, double peak_dn) {
   MALUS_REQUIRE(reference.rows() == test.rows() && reference.cols() == test.cols());
   const SquaredError squared = squared_error(reference, test);
-  Planes a = packed_whole_cells(reference, layout), b = packed_whole_cells(test, layout);
-  Evaluation result{psnr_db(squared, peak_dn), ssim(a, b, peak_dn), kNoAngles, kNoAngles,
-                    kNoAngles};
+  const View<const float> a = whole_cells(reference, layout), b = whole_cells(test, layout);
+  Evaluation result{psnr_db(squared, peak_dn), ssim_of_mosaics(a, b, layout, peak_dn), kNoAngles,
+                    kNoAngles, kNoAngles};
   result.pixels_left_out = std::int64_t{reference.rows()} * reference.cols() - squared.count;
   if (!layout.polarized()) return result;
-  // Of large frames the planes are not held beside what is made of them.
-  const auto reference_stokes = stokes_per_color(std::exchange(a, {}), layout);
-  const auto test_stokes = stokes_per_color(std::exchange(b, {}), layout);
-  const PolarizationError error = polarization_error(reference_stokes, test_stokes);
+  const PolarizationError error = polarization_error_of_mosaics(a, b, layout);
   result.dolp_psnr_db = dolp_psnr_db(error);
   result.aolp_psnr_db = aolp_psnr_db(error);
   result.aolp_circular_deg = aolp_circular_deg(error);

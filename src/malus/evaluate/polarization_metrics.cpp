@@ -36,15 +36,6 @@ void add_pixel(PolarizationError& error, const Stokes& reference, const Stokes& 
   error.circular_weight += dolp;
 }
 
-PolarizationError sum(const PolarizationError& a, const PolarizationError& b) {
-  return {a.dolp_squared_sum + b.dolp_squared_sum,
-          a.dolp_count + b.dolp_count,
-          a.aolp_squared_sum + b.aolp_squared_sum,
-          a.aolp_count + b.aolp_count,
-          a.circular_squared_sum_deg2 + b.circular_squared_sum_deg2,
-          a.circular_weight + b.circular_weight};
-}
-
 PolarizationError error_of_color(const StokesPlanes& reference, const StokesPlanes& test) {
   const int rows = reference.s0.rows(), cols = reference.s0.cols();
   MALUS_REQUIRE(test.s0.rows() == rows && test.s0.cols() == cols);
@@ -58,10 +49,19 @@ PolarizationError error_of_color(const StokesPlanes& reference, const StokesPlan
                       {test.s0(r, c), test.s1(r, c), test.s2(r, c)});
         return part;
       },
-      sum);
+      sum_of);
 }
 
 }  // namespace
+
+PolarizationError sum_of(const PolarizationError& a, const PolarizationError& b) {
+  return {a.dolp_squared_sum + b.dolp_squared_sum,
+          a.dolp_count + b.dolp_count,
+          a.aolp_squared_sum + b.aolp_squared_sum,
+          a.aolp_count + b.aolp_count,
+          a.circular_squared_sum_deg2 + b.circular_squared_sum_deg2,
+          a.circular_weight + b.circular_weight};
+}
 
 double axis_distance_deg(double a_deg, double b_deg) {
   return std::abs(std::remainder(a_deg - b_deg, 180.0));
@@ -72,7 +72,7 @@ PolarizationError polarization_error(std::span<const StokesPlanes> reference,
   MALUS_REQUIRE(reference.size() == test.size());
   PolarizationError total;
   for (std::size_t i = 0; i < reference.size(); ++i)
-    total = sum(total, error_of_color(reference[i], test[i]));
+    total = sum_of(total, error_of_color(reference[i], test[i]));
   return total;
 }
 

@@ -24,6 +24,9 @@ struct PolarizationError {
   double circular_weight = 0;
 };
 
+/// Of the pixels of both.
+PolarizationError sum_of(const PolarizationError& a, const PolarizationError& b);
+
 /// Distance of two axes on the circle of 180 degrees: 0..90; 179 against 1 is 2.
 double axis_distance_deg(double a_deg, double b_deg);
 
