@@ -44,14 +44,15 @@ struct Plan {
   SynthesisSettings noise;
   std::vector<fs::path> cleans;
   std::vector<double> black_dn;
-  std::string source;  ///< the file
+  std::optional<ConfigSection> root;     ///< for messages
+  std::optional<ConfigSection> section;  ///< [dataset], or the root where there is none
 };
 
 Plan load_plan(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the data-set configuration");
   root.require_known({"model", "clean", "black", "dataset", "noise"});
   Plan plan;
-  plan.source = path.string();
+  plan.root = root;
   plan.noise.debias = plan.noise.amplify = true;
   if (!root.has("model")) root.fail("model", "is missing", "name a noise model");
   plan.model = *root.text("model");
@@ -69,7 +70,11 @@ Plan load_plan(const fs::path& path) {
   plan.black_dn = root.numbers("black");
   for (const double black : plan.black_dn)
     if (!std::isfinite(black)) root.fail("black", "is no finite number", "give it in DN");
-  if (const auto section = root.section("dataset")) section->read(plan.dataset);
+  plan.section = root;
+  if (const auto section = root.section("dataset")) {
+    section->read(plan.dataset);
+    plan.section = section;
+  }
   if (const auto section = root.section("noise")) section->read(plan.noise, {"ratio"});
   if (const auto section = root.section("noise"); section && section->has("ratio"))
     section->fail("ratio", "has no meaning here", "list ratios in [dataset]");
@@ -136,7 +141,10 @@ struct Factory {
   LevelCoverage coverage;  ///< of all samples made
 
   Factory(const Plan& p, std::uint64_t s)
-      : plan(p), model(load_model(p.model_path)), sources(p, model.description()), seed(s) {
+      : plan(p),
+        model(p.root->naming("model", [&] { return load_model(p.model_path); })),
+        sources(p, model.description()),
+        seed(s) {
     for (const double ratio : plan.dataset.ratios) {
       SynthesisSettings settings = plan.noise;
       settings.ratio = ratio;
@@ -224,30 +232,29 @@ void write_shard(Factory& factory, const fs::path& path, int shard, bool force,
   tar.commit();
 }
 
-// One cell with every gain that is listed.
-void try_gains(const Factory& factory) {
-  const Image cell(factory.model.description().layout.rows(),
-                   factory.model.description().layout.cols());
-  for (const double gain : factory.plan.dataset.gains) {
-    try {
-      factory.synthesizers.begin()->second.draw(cell, factory.model.gain_setting(gain), {});
-    } catch (const InputError& error) {
-      throw InputError(factory.plan.source,
-                       fmt::format("gains in [dataset]: {}: {}", error.subject(), error.problem()),
+// Settings that no sample could be made with fail here, not after hours: the patch, and one cell
+// with every gain that is listed.
+void try_settings(const Factory& factory) {
+  const Plan& plan = factory.plan;
+  const NoiseModel& description = factory.model.description();
+  try {
+    require_patch_of_cells(plan.dataset, description.layout, description.row_group);
+  } catch (const InputError& error) {
+    plan.section->fail("patch", fmt::format("= {} {}", plan.dataset.patch, error.problem()),
                        error.remedy());
-    }
   }
+  const Image cell(description.layout.rows(), description.layout.cols());
+  for (const double gain : plan.dataset.gains)
+    plan.section->naming("gains", [&] {
+      factory.synthesizers.begin()->second.draw(cell, factory.model.gain_setting(gain), {});
+    });
 }
 
 // The factory of a folder that is ready for its shards.
 std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
                                       const Common& common) {
   auto factory = std::make_unique<Factory>(plan, common.seed);
-  // Settings that no sample could be made with fail here, not after hours.
-  const NoiseModel& description = factory->model.description();
-  sample_recipe(plan.dataset, description.layout, description.row_group, factory->sources.sizes(),
-                common.seed, 0);
-  try_gains(*factory);
+  try_settings(*factory);
   if (const std::string repeated =
           factory->synthesizers.begin()->second.repetition(plan.dataset.patch, plan.dataset.patch);
       !repeated.empty())

@@ -64,5 +64,16 @@ TEST(ConfigSettings, MistakesNameTheSetting) {
             0u);
 }
 
+TEST(ConfigSection, WhatAValueWasUsedForNamesItsPlace) {
+  const auto wrong = [](const char* key) {
+    with({}).section("train")->naming(
+        key, [] { throw InputError("loss \"both\"", "is of no use", "use another"); });
+  };
+  EXPECT_EQ(problem_of([&] { wrong("loss"); }),
+            "file.toml:4: loss in [train]: loss \"both\": is of no use; use another");
+  EXPECT_EQ(problem_of([&] { wrong("rate"); }).find("file.toml:2: rate in [train]: "), 0u);
+  EXPECT_EQ(with({}).naming("title", [] { return 7; }), 7);
+}
+
 }  // namespace
 }  // namespace malus

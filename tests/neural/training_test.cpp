@@ -16,6 +16,7 @@
 #include <fstream>
 #include <numbers>
 
+#include "problem_of.h"
 #include "support.h"
 #include "training_runs.h"
 #include <gtest/gtest.h>
@@ -303,6 +304,42 @@ TEST(Config, NamesWhatIsWrong) {
       EXPECT_EQ(text.find('\n'), std::string::npos) << text;
     }
   }
+}
+
+TEST(Config, NamesFileLineAndValues) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const auto problem = [&](const std::string& package, const std::string& models,
+                           const std::vector<std::string>& settings = {}) {
+    std::ofstream(folder / "c.toml") << "[network]\narchitecture = \"unet\"\n[package]\n"
+                                     << package << "\n[data]\n"
+                                     << "scenes = [\"scene\"]\nexample = 48\npatch = 32\n[noise]\n"
+                                     << models << '\n';
+    const std::string line = testing::problem_of([&] {
+      load_training_config(folder / "c.toml", {.pairs = {}, .models = {}, .settings = settings});
+    });
+    const std::size_t name = line.find("c.toml:");
+    return name == line.npos ? line : line.substr(name);
+  };
+  const std::string layout = "layout = \"polar-mono\"", model = "models = [\"nikon-d850\"]";
+  EXPECT_EQ(problem(layout, model), "");
+  EXPECT_EQ(problem("layout = \"polar\"", model)
+                .find("c.toml:4: layout in [package]: layout "
+                      "\"polar\": not a known sensor layout"),
+            0u);
+  EXPECT_EQ(problem("target = \"rgb\"", model).find("c.toml:4: target in [package]: target = "),
+            0u);
+  EXPECT_EQ(problem(layout, "models = [\"nobody\"]").find("c.toml:10: models in [noise]: nobody: "),
+            0u);
+  EXPECT_EQ(problem(layout, "").find("c.toml:9: models in [noise] is missing"), 0u);
+  EXPECT_EQ(problem(layout, model, {"data.patch=63"})
+                .find("--set data.patch=63: patch in [data] = "
+                      "63 is not made of whole cells"),
+            0u);
+  EXPECT_EQ(problem(layout, model, {"data.example=16"}),
+            "c.toml:8: patch in [data] = 32 is larger than example = 16; make example as large, or "
+            "patch smaller");
+  EXPECT_EQ(problem(layout, model, {"network.levels=40"}).find("c.toml:2: architecture in "), 0u);
 }
 
 TEST(Config, TakesTheNamedSizesAndTheLossOfTheLayout) {

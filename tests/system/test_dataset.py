@@ -111,6 +111,12 @@ def test_dataset_refuses_bad_plans(malus, refused, tmp_path):
                             (f'"{MODEL}"', '"nothing"', "nothing"), ("ratios = [4, 20]", "ratios = []", "empty")):
         plan.write_text(text.replace(old, new))
         assert words in refused("dataset", plan, "-o", tmp_path / "new")
+    for old, new, words in (("patch = 64", "patch = 63", "plan.toml:6: patch in [dataset] = 63 is not made of whole cells of 4 x 4"),
+                            (f'"{MODEL}"', '"nothing"', "plan.toml:1: model in the data-set configuration: nothing: "),
+                            (f'model = "{MODEL}"\n', "", "plan.toml:1: model in the data-set configuration is missing; "),
+                            ("patch = 64", "patch = 64\ngains = [90]", "plan.toml:7: gains in [dataset]: ")):
+        plan.write_text(text.replace(old, new))
+        assert words in refused("dataset", plan, "-o", tmp_path / "new")
     np.save(tmp_path / "integers.npy", np.full((128, 128), 500, np.uint16))
     plan.write_text(text.replace("*_clean", "integers"))
     assert "black level is not known" in refused("dataset", plan, "-o", tmp_path / "new")

@@ -96,6 +96,14 @@ void ConfigSection::fail(std::string_view key, std::string_view problem,
                    fmt::format("{} in {} {}", key, table_->title, problem), remedy);
 }
 
+void ConfigSection::fail(std::string_view key, const InputError& error) const {
+  const toml::node* node = table_->at->get(key);
+  throw InputError(
+      table_->place(node ? node->source() : table_->at->source()),
+      fmt::format("{} in {}: {}: {}", key, table_->title, error.subject(), error.problem()),
+      error.remedy());
+}
+
 void ConfigSection::require_known(const std::vector<std::string>& known) const {
   for (const auto& [key, node] : *table_->at) {
     const std::string name(key.str());

@@ -31,6 +31,17 @@ class ConfigSection {
   void require_known(const std::vector<std::string>& known) const;
   [[noreturn]] void fail(std::string_view key, std::string_view problem,
                          std::string_view remedy) const;
+  /// The same for what something else found wrong with the key's value.
+  [[noreturn]] void fail(std::string_view key, const InputError& error) const;
+  /// What `use` makes of the key's value; its InputErrors are told as by fail.
+  template <class Use>
+  auto naming(std::string_view key, const Use& use) const {
+    try {
+      return use();
+    } catch (const InputError& error) {
+      fail(key, error);
+    }
+  }
 
   bool has(std::string_view key) const;
   std::vector<std::string> keys() const;

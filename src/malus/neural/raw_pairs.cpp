@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/pick.h"
+#include "malus/neural/named_source.h"
 #include "malus/neural/recorded_pairs.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -44,6 +45,7 @@ class SyntheticPairs final : public PairSource {
       if (noise_.jitter > 0 && (models_.back().physics.empty() || synthesis_.kind != "physics"))
         throw InputError(path.string(), "cannot be varied: jitter is for kind \"physics\"",
                          "use jitter = 0");
+      naming_source(config.source.string(), [&] { require_served(models_.back()); });
     }
   }
 
@@ -89,6 +91,13 @@ class SyntheticPairs final : public PairSource {
   }
 
  private:
+  // What no example could be drawn with fails here, where the configuration is known.
+  void require_served(const NoiseModel& model) const {
+    const Synthesizer of_this_kind(model, synthesis_);
+    for (const double gain : noise_.gains)
+      model.profile_at(Model(model).gain_setting(gain), gain_range(synthesis_.extrapolate_gain));
+  }
+
   CleanScenes scenes_;
   bool with_picture_;
   std::vector<NoiseModel> models_;

@@ -7,6 +7,7 @@
 #include "malus/neural/contents.h"
 #include "malus/neural/json_text.h"
 #include "malus/neural/named_networks.h"
+#include "malus/noise/model.h"
 #include "malus/synthesize/light_case.h"
 
 #include <algorithm>
@@ -113,6 +114,9 @@ void read_noise(const ConfigSection& section, const fs::path& folder, TrainingCo
   for (const std::string& name : section.texts("models")) {
     const fs::path beside = folder / name;
     config.models.push_back(fs::exists(beside) ? beside : fs::path(name));
+    // Files say themselves what is wrong with them, a name does not say where it is written.
+    if (!fs::exists(config.models.back()))
+      section.naming("models", [&] { return load_model(config.models.back()); });
   }
   if (config.models.empty()) section.fail("models", "is missing", "name one or more noise models");
 }
@@ -141,7 +145,10 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
       data.fail(name, fmt::format("= {} is not made of whole cells and row groups", size),
                 fmt::format("use a multiple of {}", cell));
   if (config.data.patch > config.data.example)
-    data.fail("patch", "is larger than example", "make example larger");
+    data.fail(
+        "patch",
+        fmt::format("= {} is larger than example = {}", config.data.patch, config.data.example),
+        "make example as large, or patch smaller");
   if (config.train.loss != "l1" && !layout.polarized())
     root.section("train")->fail(
         "loss", fmt::format("= \"{}\" needs polarizer angles", config.train.loss), "use \"l1\"");
@@ -182,9 +189,16 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
   if (!network) root.fail("network", "is missing", "add a [network] table");
   if (!data) root.fail("data", "is missing", "add a [data] table");
   if (!noise) root.fail("noise", "is missing", "add a [noise] table");
-  if (const auto section = root.section("package")) section->read(config.package.settings);
-  SensorLayout::named(config.package.settings.layout);
-  config.package.network = fitted_network(read_network(*network), config.package.settings);
+  const NetworkDescription described = read_network(*network);
+  const auto fit = [&] { return fitted_network(described, config.package.settings); };
+  if (const auto section = root.section("package")) {
+    section->read(config.package.settings);
+    section->naming("layout", [&] { return config.package.layout(); });
+    config.package.network = section->naming("target", fit);
+  } else {
+    config.package.network = fit();
+  }
+  network->naming("architecture", [&] { return full_settings(config.package.network); });
   data->read(config.data, {"pictures", "scenes", "shards", "pairs", "tone"});
   if (config.data.exposure_low > config.data.exposure_high)
     data->fail("exposure_low", "is above exposure_high", "exchange them");

@@ -37,16 +37,22 @@ void require_room(const std::string& source, int rows, int cols, const DatasetSe
         "use larger pictures or a smaller patch");
 }
 
+void require_patch_of_cells(const DatasetSettings& settings, const SensorLayout& layout,
+                            int row_group) {
+  const int step = std::lcm(std::lcm(layout.rows(), row_group), layout.cols());
+  if (settings.patch % step == 0) return;
+  throw InputError(fmt::format("patch = {}", settings.patch),
+                   fmt::format("is not made of whole cells of {} x {} and row groups of {}",
+                               layout.rows(), layout.cols(), row_group),
+                   fmt::format("use a multiple of {}", step));
+}
+
 SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& layout,
                            int row_group, const std::vector<std::pair<int, int>>& sizes,
                            std::uint64_t seed, std::uint32_t number) {
-  const int step_rows = std::lcm(layout.rows(), row_group), step_cols = layout.cols();
-  if (settings.patch % step_rows != 0 || settings.patch % step_cols != 0)
-    throw InputError(fmt::format("patch = {}", settings.patch),
-                     fmt::format("is not made of whole cells of {} x {} and row groups of {}",
-                                 layout.rows(), layout.cols(), row_group),
-                     fmt::format("use a multiple of {}", std::lcm(step_rows, step_cols)));
+  require_patch_of_cells(settings, layout, row_group);
   MALUS_REQUIRE(!sizes.empty() && !settings.ratios.empty());
+  const int step_rows = std::lcm(layout.rows(), row_group), step_cols = layout.cols();
   RandomSequence random(seed, number, Draw::kScene);
   SampleRecipe recipe;
   recipe.number = number;

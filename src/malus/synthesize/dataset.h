@@ -54,8 +54,12 @@ struct SampleRecipe {
 void require_room(const std::string& source, int rows, int cols, const DatasetSettings& settings,
                   const SensorLayout& layout);
 
-/// sizes: {rows, cols} of the clean sources. Throws InputError when the patch does not fit into a
-/// source or is not made of whole cells.
+/// Throws InputError where a patch is not made of whole cells and row groups.
+void require_patch_of_cells(const DatasetSettings& settings, const SensorLayout& layout,
+                            int row_group);
+
+/// sizes: {rows, cols} of the clean sources. Throws InputError as require_patch_of_cells, and as
+/// require_room.
 SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& layout,
                            int row_group, const std::vector<std::pair<int, int>>& sizes,
                            std::uint64_t seed, std::uint32_t number);
