@@ -84,6 +84,21 @@ std::filesystem::path name_of_the_dead(const std::filesystem::path& path) {
   return name;
 }
 
+TEST(AtomicFile, TakesAwayWhatAKilledRunLeftOfTheSameFile) {
+  const testing::TemporaryFolder folder;
+  const auto dead = name_of_the_dead(folder / "x.tif"), other = name_of_the_dead(folder / "y.tif"),
+             alive = unfinished_name(folder / "x.tif"), elsewhere = folder / ".elsewhere-1-0-x.tif";
+  for (const auto& path : {dead, other, alive, elsewhere}) std::ofstream(path) << "half";
+  std::filesystem::last_write_time(
+      elsewhere, std::filesystem::file_time_type::clock::now() - std::chrono::hours(25));
+  { AtomicFile file(folder / "x.tif", false); }
+  EXPECT_FALSE(std::filesystem::exists(dead));
+  for (const auto& path : {other, alive, elsewhere}) EXPECT_TRUE(std::filesystem::exists(path));
+  write_file(folder / "y.tif", "whole", false);
+  EXPECT_FALSE(std::filesystem::exists(other));
+  EXPECT_EQ(files_in(folder.path()), 3);
+}
+
 TEST(OutputFolder, GoesAgainWhereNothingWasWritten) {
   const testing::TemporaryFolder folder;
   { const OutputFolder made(folder / "a/b/c"); }

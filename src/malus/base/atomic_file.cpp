@@ -80,6 +80,7 @@ OutputFolder::~OutputFolder() {
 AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)) {
   check_output(path_, force);
   direct_ = is_device(path_);
+  if (!direct_) remove_unfinished_of(path_);
   temporary_ = direct_ ? path_ : unfinished_name(path_);
 }
 

@@ -31,7 +31,8 @@ class OutputFolder {
 };
 
 /// A file under construction. Without commit() nothing remains of it. An existing device or pipe
-/// (/dev/null, /dev/stdout) is written directly.
+/// (/dev/null, /dev/stdout) is written directly. What a killed run left of the same file goes
+/// (unfinished_files.h).
 class AtomicFile {
  public:
   /// As check_output.

@@ -6,6 +6,8 @@
 #include <charconv>
 #include <chrono>
 #include <fstream>
+#include <map>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <system_error>
@@ -56,11 +58,21 @@ std::optional<UnfinishedName> parsed(std::string_view file) {
   return found;
 }
 
+bool has_ended(pid_t process) { return ::kill(process, 0) != 0 && errno == ESRCH; }
+
 bool is_abandoned(const fs::path& path, const UnfinishedName& name) {
-  if (name.where == where()) return ::kill(name.process, 0) != 0 && errno == ESRCH;
+  if (name.where == where()) return has_ended(name.process);
   std::error_code error;
   const auto written = fs::last_write_time(path, error);
   return !error && fs::file_time_type::clock::now() - written > kAbandonedAfter;
+}
+
+std::vector<fs::path> unfinished_in(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> paths;
+  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error))
+    if (parsed(at->path().filename().string())) paths.push_back(at->path());
+  return paths;
 }
 
 }  // namespace
@@ -74,16 +86,30 @@ fs::path unfinished_name(const fs::path& path) {
 int remove_unfinished(const fs::path& folder,
                       const std::function<bool(std::string_view name)>& wanted) {
   std::error_code error;
-  std::vector<fs::path> abandoned;
-  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
-    const std::string file = at->path().filename().string();
-    const auto name = parsed(file);
-    if (name && wanted(name->name) && is_abandoned(at->path(), *name))
-      abandoned.push_back(at->path());
-  }
   int removed = 0;
-  for (const fs::path& path : abandoned) removed += fs::remove(path, error) ? 1 : 0;
+  for (const fs::path& path : unfinished_in(folder)) {
+    const std::string file = path.filename().string();
+    const auto name = parsed(file);
+    if (wanted(name->name) && is_abandoned(path, *name)) removed += fs::remove(path, error) ? 1 : 0;
+  }
   return removed;
+}
+
+void remove_unfinished_of(const fs::path& path) {
+  static std::mutex mutex;
+  static std::map<fs::path, std::vector<fs::path>> found;  // by folder
+  std::error_code error;
+  const fs::path folder = fs::absolute(path.parent_path() / ".", error);
+  if (error) return;
+  const std::lock_guard lock(mutex);
+  auto at = found.find(folder);
+  if (at == found.end()) at = found.emplace(folder, unfinished_in(folder)).first;
+  std::erase_if(at->second, [&](const fs::path& left) {
+    const std::string file = left.filename().string();
+    const auto name = parsed(file);
+    return name->where == where() && name->name == path.filename().string() &&
+           has_ended(name->process) && fs::remove(left, error);
+  });
 }
 
 }  // namespace malus

@@ -19,4 +19,10 @@ std::filesystem::path unfinished_name(const std::filesystem::path& path);
 int remove_unfinished(const std::filesystem::path& folder,
                       const std::function<bool(std::string_view name)>& wanted);
 
+/// Removes the unfinished files whose final name is path's and whose writers, processes of WHERE,
+/// have ended. Of others nothing is said by their age: the folder may be anybody's. What lies in a
+/// folder is read when a file of it is first asked for, and not again: a run may write ten
+/// thousand.
+void remove_unfinished_of(const std::filesystem::path& path);
+
 }  // namespace malus
