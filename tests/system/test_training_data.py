@@ -13,12 +13,12 @@ from training_files import CONFIG, clean, config  # noqa: F401 (fixtures)
 pytestmark = [pytest.mark.slow, needs_networks]
 
 
-def base_loss(malus, folder, data, *more):
+def base_loss(malus, folder, data, *more, text=CONFIG):
     """L1 distance of noisy and clean planes, in units of the stated noise, mean over some steps of no learning."""
-    text = CONFIG.replace('scenes = ["scene"]', data).replace("jitter = 0.2", "").replace("batch = 4", 'batch = 4\nloss = "l1"')
+    text = text.replace('scenes = ["scene"]', data).replace("jitter = 0.2", "").replace("batch = 4", 'batch = 4\nloss = "l1"')
     path = folder / "config.toml"
     path.write_text(text.format(steps=8, checkpoint_every=100).replace("1e-3", "0"))
-    malus("train", path, "-o", folder / "run", *more)
+    malus("train", path, "-o", folder / "run", "--force", *more)
     lines = (folder / "run" / "log.jsonl").read_text().splitlines()
     return np.mean([json.loads(line)["base_loss"] for line in lines])
 
@@ -60,6 +60,43 @@ def biased_camera(malus, tmp_path):
     (tmp_path / "session.toml").write_text(sensor + frames)
     malus("calibrate", tmp_path / "session.toml", "-o", tmp_path / "biased.h5")
     return "biased.h5"
+
+
+@pytest.fixture
+def biased_pairs(malus, biased_camera, tmp_path):
+    """What `malus pairs` makes of dim frames by that camera and a tenfold exposure."""
+    random = np.random.default_rng(2)
+    rows, cols = np.mgrid[0:128, 0:128]
+    scene = 300 + 200 * np.sin(rows / 31) * np.cos(cols / 23)
+    bias = np.tile([[-12.0, -4.0], [4.0, 12.0]], (64, 64))
+    text = '[sensor]\nlayout = "polar-mono"\nblack = 100\nwhite = 4095\nrow_group = 1\n'
+    for kind, light, seconds in (("reference", scene, 0.01), ("short", scene / 10, 0.001)):
+        for number in range(8):
+            shot = 100 + bias + 2 * random.poisson(light / 2) + random.normal(0, 3, bias.shape)
+            np.save(tmp_path / f"{kind}{number}.npy", np.round(shot).astype(np.uint16))
+        text += f'[[frames]]\nkind = "{kind}"\nlevel = 1\ngain_db = 12\nexposure_s = {seconds}\npaths = ["{kind}?.npy"]\n'
+    (tmp_path / "scenes.toml").write_text(text)
+    malus("pairs", tmp_path / "scenes.toml", "--model", tmp_path / biased_camera, "-o", tmp_path / "pairs")
+    return 'pairs = ["pairs/pairs.json"]'
+
+
+# The model lies beside the configuration, which names it. Its bias is taken out and its noise is the unit: 0.8, as above.
+def test_captured_pairs_are_taken_with_the_model_that_the_configuration_names(malus, biased_pairs, biased_camera, tmp_path):
+    def loss(model):
+        own = CONFIG.replace('["imx250mzr-simulated"]', f'["{model}"]').replace("gains = [6, 12]\n", "")
+        return base_loss(malus, tmp_path, biased_pairs, text=own)
+
+    assert abs(loss(biased_camera) - 0.8) < 0.06
+    assert loss("imx250mzr-simulated") > 1.2
+
+
+def test_captured_pairs_are_of_one_model(refused, biased_pairs, biased_camera, tmp_path):
+    text = CONFIG.replace('scenes = ["scene"]', biased_pairs).replace("jitter = 0.2", "")
+    both = f'["imx250mzr-simulated", "{biased_camera}"]'
+    (tmp_path / "config.toml").write_text(text.replace('["imx250mzr-simulated"]', both).format(steps=2, checkpoint_every=1))
+    line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
+    assert "config.toml: names 2 noise models; name the one that describes the recorded pairs" in line
+    assert not (tmp_path / "run").exists()
 
 
 NO_NOISE = {"shot": "false", "read": "false", "row": "false", "quantization": "false"}
