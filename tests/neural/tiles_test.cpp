@@ -18,13 +18,17 @@ TEST(TileSpans, WeightsSumToOneEverywhere) {
       const TileDemand demand{.multiple = 8, .overlap = 32, .exact = exact, .bytes_per_pixel = 1};
       for (const std::int64_t length : {5, 64, 129, 200}) {
         std::vector<double> sum(static_cast<std::size_t>(length));
+        std::int64_t covered = 0;
         for (const TileSpan& span : tile_spans(length, core, demand)) {
           ASSERT_EQ(std::ssize(span.weight), span.end - span.begin);
           EXPECT_EQ(span.begin % demand.multiple, 0);
+          EXPECT_EQ(span.core_begin, covered);
+          covered = span.core_end;
           for (std::int64_t at = span.begin; at < span.end; ++at)
             sum[static_cast<std::size_t>(at)] +=
                 static_cast<double>(span.weight[static_cast<std::size_t>(at - span.begin)]);
         }
+        EXPECT_EQ(covered, length);
         const auto [least, most] = std::minmax_element(sum.begin(), sum.end());
         EXPECT_NEAR(*least, 1, 1e-6) << length << ' ' << core;
         EXPECT_NEAR(*most, 1, 1e-6) << length << ' ' << core;

@@ -134,5 +134,26 @@ TEST(TrainedLight, AFrameThatIsBrighterIsNamed) {
   }
 }
 
+// The bright quarter lies in the middle, which most tiles see.
+TEST(TrainedLight, PlacesThatManyTilesSeeCountOnce) {
+  const testing::TemporaryFolder folder;
+  NetworkPackage package = package_with("none", "units");
+  package.brightest = 40;
+  const auto path = folder / "w.safetensors";
+  save_tensor_file(package_file(package, *make_network(package.network)), path);
+  RawFrame frame = even_frame(100, 128, 128);
+  for (int r = 32; r < 96; ++r)
+    for (int c = 32; c < 96; ++c) frame.dn(r, c) = 900;
+  for (const double memory_mib : {1000.0, 0.35}) {
+    DenoiseSettings settings;
+    settings.memory_mib = memory_mib;
+    Listening progress;
+    const Denoised result =
+        NetworkInference(path, {}).denoise(frame, photons(), settings, progress);
+    EXPECT_EQ(result.tiles > 4, memory_mib < 1) << result.tiles;
+    EXPECT_EQ(progress.warnings.rfind("even: 25 % of it", 0), 0u) << progress.warnings;
+  }
+}
+
 }  // namespace
 }  // namespace malus

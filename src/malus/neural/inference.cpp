@@ -156,7 +156,7 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
                                     cols, batch, state_->demand);
   prepared.report.times.push_back({"preparation", preparation.seconds()});
   const Stopwatch network;
-  std::int64_t seen = 0, brighter = 0;  // places of the network's planes
+  std::int64_t brighter = 0;  // places of the network's planes
   torch::Tensor planes = run_tiled(
       rows, cols, core, batch, state_->demand,
       [&](const TileSpan& r, const TileSpan& c) {
@@ -164,8 +164,10 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         const auto [row0, row1] = pixels_of(r, layout.rows(), phase.row, frame_rows);
         const auto [col0, col1] = pixels_of(c, layout.cols(), phase.col, frame_cols);
         torch::Tensor input = prepare_input(prepared, {row0, col0, row1 - row0, col1 - col0});
-        seen += input.size(2) * input.size(3);
-        brighter += count_brighter(package, input);
+        // Margins are other tiles' cores.
+        const torch::Tensor own = input.slice(2, r.core_begin - r.begin, r.core_end - r.begin)
+                                      .slice(3, c.core_begin - c.begin, c.core_end - c.begin);
+        brighter += count_brighter(package, own);
         return input;
       },
       [&](const torch::Tensor& input) {
@@ -175,7 +177,7 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
       progress, prepared.report.tiles);
-  if (const double share = static_cast<double>(brighter) / static_cast<double>(seen);
+  if (const double share = static_cast<double>(brighter) / static_cast<double>(rows * cols);
       share > kSmallShare)
     progress.warn(brighter_than_training(source, share, package));
   // In the network's domain; the inverse of a stabilised one has no place for anything else.

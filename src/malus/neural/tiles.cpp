@@ -103,6 +103,8 @@ std::vector<TileSpan> tile_spans(std::int64_t length, std::int64_t core, const T
     const std::int64_t end = std::min(begin + core, length);
     TileSpan span{std::max<std::int64_t>(begin - demand.overlap, 0),
                   std::min(end + demand.overlap, length),
+                  begin,
+                  end,
                   {}};
     for (std::int64_t at = span.begin; at < span.end; ++at)
       span.weight.push_back(share(at, begin, end, length, half));

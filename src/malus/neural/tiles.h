@@ -30,7 +30,8 @@ TileDemand tile_demand(const NetworkDescription& description, bool on_cpu);
 /// Part of a picture: a tile with its margins, and the weight of its results along each axis.
 struct TileSpan {
   std::int64_t begin = 0, end = 0;
-  std::vector<float> weight;  ///< sums to 1 over all spans at every position
+  std::int64_t core_begin = 0, core_end = 0;  ///< every position is in one span's core
+  std::vector<float> weight;                  ///< sums to 1 over all spans at every position
 };
 
 /// Covers [0, length) by spans of equal cores that begin at multiples.
