@@ -116,7 +116,8 @@ void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCal
 }
 
 // A few pixels with a hundred times the noise would be most of a variance that the list of defects
-// tells already.
+// tells already. Their means scatter as much: what is left out of the temporal variance is left out
+// of the spatial one, or DSNU keeps a tenth of it from ten frames.
 void leave_defects_out(const DarkPixels& dark, const std::vector<double>& temporal_dn2,
                        const std::vector<DefectPixel>& defects, const MosaicGeometry& geometry,
                        PhysicsCalibration& out) {
@@ -128,8 +129,8 @@ void leave_defects_out(const DarkPixels& dark, const std::vector<double>& tempor
     sd = std::sqrt(std::max(sd * sd - excess[c], 0.0));
     ordinary[c] -= excess[c];
   }
-  out.dsnu_dn = dsnu_dn(ordinary_pixels(out.dark_shading_dn, 0.0, geometry).variance_dn2, ordinary,
-                        dark.frames);
+  out.dsnu_dn = dsnu_dn(ordinary_pixels(out.dark_shading_dn, 0.0, geometry, defects).variance_dn2,
+                        ordinary, dark.frames);
 }
 
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,

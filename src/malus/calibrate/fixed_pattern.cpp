@@ -133,8 +133,15 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 }
 
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
-                               const MosaicGeometry& geometry) {
+                               const MosaicGeometry& geometry,
+                               const std::vector<DefectPixel>& listed) {
   OrdinaryPixels out;
+  auto next = listed.begin();
+  const auto is_listed = [&](int r, int c) {
+    const bool is = next != listed.end() && next->row == r && next->col == c;
+    if (is) ++next;
+    return is;
+  };
   const double least = least_deviation(quantization_dn);
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const Location level =
@@ -145,7 +152,8 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     Moments moments;
     for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
       for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-        if (std::abs(mosaic(r, c) - level.centre) <= bound) moments.add(mosaic(r, c));
+        if (!is_listed(r, c) && std::abs(mosaic(r, c) - level.centre) <= bound)
+          moments.add(mosaic(r, c));
     out.mean_dn.push_back(moments.mean());
     out.variance_dn2.push_back(moments.variance());
   }

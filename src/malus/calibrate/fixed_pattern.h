@@ -19,12 +19,13 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 /// kDefectDeviations robust deviations of the channel's median. A few hot pixels would lift a plain
 /// mean, and with it the bias that is taken off every other pixel. quantization_dn: step of a
 /// mosaic that is a single frame, where most pixels may have one value and hide a deviation of 0.74
-/// steps.
+/// steps. listed: further pixels to leave out, in the order of find_defects.
 struct OrdinaryPixels {
   std::vector<double> mean_dn, variance_dn2;
 };
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
-                               const MosaicGeometry& geometry);
+                               const MosaicGeometry& geometry,
+                               const std::vector<DefectPixel>& listed = {});
 
 /// Mosaic minus one level per channel, in place.
 void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
@@ -91,7 +92,8 @@ struct DarkPixels {
 /// by chance, others jump by a code, and most show no deviation: where constancy is likely, none is
 /// stuck, and what rounding alone can do makes none hot or noisy. A pixel that follows the light is
 /// not stuck.
-/// response may be empty. The list ends at kMostDefects.
+/// response may be empty. The list is in the order of the channels, rows and columns of each, and
+/// ends at kMostDefects.
 inline constexpr std::size_t kMostDefects = 100000;
 std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
                                       const MosaicGeometry& geometry);
