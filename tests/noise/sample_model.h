@@ -44,6 +44,7 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.temporal_sd_dark_stderr_dn = {0.01, 0.02};
   p.dsnu_dn = {0.3, 0.4};
   p.prnu = {0.01, 0.02};
+  p.prnu_stderr = {0.0001, 0.0002};
   p.row_correlation = matrix2(1.0, 0.9, 1.0);
   p.transfer = {{0, 0.01, 100.0, 40.0, 1.0, true, ""},
                 {1, 0.02, 3900.0, 40.0, 2.0, false, "above 70 % of saturation"}};

@@ -154,11 +154,12 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
         "be measured; take 20 or more");
     return out;
   }
-  if (plan.flats.empty())
-    out.warnings.push_back("no flat frames at this gain: K is not known");
-  else
-    measure_flats(plan.flats, plan.darks, first, dark, group, settings, progress, out);
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
+  if (plan.flats.empty()) {
+    out.warnings.push_back("no flat frames at this gain: K is not known");
+  } else {
+    measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
+  }
   DarkPixels pixels{out.dark_shading_dn,       dark.temporal.sum_of_squares(),
                     plan.bias->count,          {},
                     std::move(dark.constancy), quantization_dn};

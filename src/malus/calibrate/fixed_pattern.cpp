@@ -1,92 +1,19 @@
 #include "malus/calibrate/fixed_pattern.h"
 
 #include "malus/base/index.h"
-#include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/pixel_location.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
-#include <utility>
 
 namespace malus {
 namespace {
 
-constexpr int kLargestRadius = 7;
-
-// Means over square windows of one channel by sums over rectangles. The window shrinks towards the
-// border so that it stays centred (a slope in the light then cancels), but not below 3x3. Pixels
-// that are left out (by mosaic row and column) are in no window.
-class WindowMean {
- public:
-  template <class LeftOut>
-  WindowMean(View<const float> mosaic, const MosaicGeometry& geometry, int channel,
-             const LeftOut& left_out)
-      : rows_(geometry.channel_rows(channel)),
-        cols_(geometry.channel_cols(channel)),
-        // A small plane needs a small window, or the curve of the light shows in it.
-        largest_radius_(std::clamp(std::min(rows_, cols_) / 8, 1, kLargestRadius)) {
-    sums_.assign(as_index(rows_ + 1) * as_index(cols_ + 1), {});
-    for (int r = 0; r < rows_; ++r)
-      for (int c = 0; c < cols_; ++c) {
-        const int row = channel / geometry.cell_cols() + r * geometry.cell_rows(),
-                  col = channel % geometry.cell_cols() + c * geometry.cell_cols();
-        const bool used = !left_out(row, col);
-        Sum& own = sum(r + 1, c + 1);
-        own.value = (used ? double{mosaic(row, col)} : 0.0) + sum(r, c + 1).value +
-                    sum(r + 1, c).value - sum(r, c).value;
-        own.pixels =
-            (used ? 1 : 0) + sum(r, c + 1).pixels + sum(r + 1, c).pixels - sum(r, c).pixels;
-      }
-  }
-  struct Window {
-    double mean;  ///< 0 without pixels
-    int pixels;
-  };
-  Window around(int r, int c) {
-    const int room = std::min({r, c, rows_ - 1 - r, cols_ - 1 - c});
-    const int radius = std::clamp(room, 1, largest_radius_);
-    const int r0 = std::max(r - radius, 0), r1 = std::min(r + radius + 1, rows_);
-    const int c0 = std::max(c - radius, 0), c1 = std::min(c + radius + 1, cols_);
-    const Sum &a = sum(r0, c0), &b = sum(r0, c1), &d = sum(r1, c0), &e = sum(r1, c1);
-    const int pixels = e.pixels - b.pixels - d.pixels + a.pixels;
-    return {pixels > 0 ? (e.value - b.value - d.value + a.value) / pixels : 0.0, pixels};
-  }
-
- private:
-  struct Sum {
-    double value = 0;
-    int pixels = 0;
-  };
-  Sum& sum(int r, int c) { return sums_[as_index(r) * as_index(cols_ + 1) + as_index(c)]; }
-  int rows_, cols_, largest_radius_;
-  std::vector<Sum> sums_;
-};
-
 // The least that a median shows of values on a lattice.
 double least_deviation(double step_dn) { return 0.5 * step_dn / kMedianOfNormal; }
-
-// Median and robust deviation of a function of the pixels of one channel; every k-th pixel of a
-// large channel says as much as all. k shares no divisor with the number of columns, so that pixels
-// of all columns are among them.
-struct Location {
-  double centre = 0, deviation = 0;
-};
-
-template <class Value>
-Location location_of(const MosaicGeometry& geometry, int channel, const Value& value) {
-  constexpr std::int64_t kEnough = 100000;
-  auto step = static_cast<int>(1 + geometry.channel_pixels(channel) / kEnough);
-  while (std::gcd(step, geometry.channel_cols(channel)) > 1) ++step;
-  std::vector<double> values;
-  int index = 0;
-  for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-    for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-      if (index++ % step == 0) values.push_back(value(r, c));
-  return {median_of(values), robust_deviation_of(values)};
-}
 
 // Standard normal equivalent of a χ² variable over its degrees of freedom (Wilson and Hilferty).
 double chi_square_deviation(double ratio, double freedom) {
@@ -144,7 +71,7 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
   };
   const double least = least_deviation(quantization_dn);
   for (int channel = 0; channel < geometry.channels(); ++channel) {
-    const Location level =
+    const PixelLocation level =
         location_of(geometry, channel, [&](int r, int c) { return mosaic(r, c); });
     const double deviation = std::max(level.deviation, least);
     const double bound =
@@ -175,96 +102,11 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
   return spatial_variance_dn2;
 }
 
-ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry,
-                                         View<const float> shading_dn,
-                                         std::vector<double> shading_error_dn2)
-    : geometry_(geometry),
-      shading_dn_(shading_dn),
-      shading_error_dn2_(std::move(shading_error_dn2)) {}
-
-void ResponseAccumulator::add(TemporalAccumulator& flat) {
-  if (weight_.empty()) {
-    sum_ = Image(geometry_.rows(), geometry_.cols());
-    weight_.assign(as_index(geometry_.channels()), 0.0);
-    scale_ = weighted_error_ = weight_;
-  }
-  const std::vector<double> mean = flat.mean_dn(), variance = flat.variance_dn2();
-  std::vector<double> scale(mean.size());
-  for (std::size_t c = 0; c < mean.size(); ++c) {
-    const double relative_error = variance[c] / (flat.frames() * mean[c] * mean[c]);
-    const double weight = mean[c] > 0 && relative_error > 0 ? 1.0 / relative_error : 0.0;
-    scale[c] = weight > 0 ? weight / mean[c] : 0.0;
-    weight_[c] += weight;
-    scale_[c] += scale[c];
-    weighted_error_[c] += weight > 0 ? weight * weight * relative_error : 0.0;
-  }
-  const Image frame = flat.release_mean_frame_dn();
-  for (int r = 0; r < sum_.rows(); ++r)
-    for (int col = 0; col < sum_.cols(); ++col) {
-      const double dark = shading_dn_.empty() ? 0.0 : shading_dn_(r, col);
-      sum_(r, col) +=
-          static_cast<float>((frame(r, col) - dark) * scale[as_index(geometry_.channel(r, col))]);
-    }
-}
-
-// Writes one channel's relative response into the map and returns its mean square about one. A
-// defect would be a good part of its neighbours' window, at the border a ninth of it, and most of a
-// channel's variance: pixels that stand out of the map so far are no part of the next one's
-// windows, nor of the square. Two rounds: neighbours of a defect stand out of the first map
-// themselves.
-double ResponseAccumulator::relate(int channel, Image& map) const {
-  constexpr int kRounds = 2;
-  const auto for_pixels = [&](auto&& use) {
-    for (int r = 0; r < geometry_.channel_rows(channel); ++r)
-      for (int c = 0; c < geometry_.channel_cols(channel); ++c)
-        use(r, c, channel / geometry_.cell_cols() + r * geometry_.cell_rows(),
-            channel % geometry_.cell_cols() + c * geometry_.cell_cols());
-  };
-  Image before(map.rows(), map.cols(), 1.0F);  // of the round before
-  Location usual{1.0, 0.0};
-  const auto stands_out = [&](int row, int col) {
-    return usual.deviation > 0 &&
-           std::abs(before(row, col) - usual.centre) > kDefectDeviations * usual.deviation;
-  };
-  Moments square;
-  for (int round = 0; round <= kRounds; ++round) {
-    WindowMean ordinary(sum_, geometry_, channel, stands_out);
-    square = Moments();
-    for_pixels([&](int r, int c, int row, int col) {
-      const auto window = ordinary.around(r, c);
-      if (!(window.mean > 0)) return;
-      const double relative = sum_(row, col) / window.mean;
-      map(row, col) = static_cast<float>(relative);
-      // The window holds the pixel itself: the difference keeps 1 - 1/n of the variance.
-      if (!stands_out(row, col) && window.pixels > 1)
-        square.add((relative - 1.0) * (relative - 1.0) / (1.0 - 1.0 / window.pixels));
-    });
-    if (round == kRounds) break;
-    for_pixels([&](int, int, int row, int col) { before(row, col) = map(row, col); });
-    usual = location_of(geometry_, channel, [&](int r, int c) { return map(r, c); });
-  }
-  return square.mean();
-}
-
-Response ResponseAccumulator::response() const {
-  MALUS_REQUIRE(!empty());
-  Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}};
-  for (int channel = 0; channel < geometry_.channels(); ++channel) {
-    const auto i = as_index(channel);
-    const double square = relate(channel, out.map);
-    const double dark = shading_dn_.empty() ? 0.0 : shading_error_dn2_[i] * scale_[i] * scale_[i];
-    const double sampling =
-        weight_[i] > 0 ? (weighted_error_[i] + dark) / (weight_[i] * weight_[i]) : 0.0;
-    out.prnu.push_back(std::sqrt(std::max(square - sampling, 0.0)));
-  }
-  return out;
-}
-
 namespace {
 
 // What a channel's ordinary pixels show in the dark.
 struct UsualPixel {
-  Location level;
+  PixelLocation level;
   double squares;        // sum over the frames
   bool constancy_tells;  // a pixel that never changes is none of them
 };

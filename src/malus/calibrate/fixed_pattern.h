@@ -1,16 +1,13 @@
-// What stays the same from frame to frame: dark shading and DSNU, PRNU, defect pixels.
+// What stays the same from frame to frame in the dark: shading and DSNU; defect pixels.
 #pragma once
 
 #include "malus/calibrate/geometry.h"
-#include "malus/calibrate/temporal.h"
+#include "malus/calibrate/pixel_location.h"
 #include "malus/noise/calibration.h"
 
 #include <vector>
 
 namespace malus {
-
-/// Robust deviations beyond which a pixel counts as a defect.
-inline constexpr double kDefectDeviations = 8.0;
 
 /// Spatial variance of each channel about its mean, DN².
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry);
@@ -35,40 +32,6 @@ void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
 /// where sampling explains all of it.
 std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames);
-
-struct Response {
-  /// Relative to the surroundings (at most 15x15 pixels of the same channel), so that uneven light
-  /// and vignetting do not count; mean 1.
-  Image map;
-  /// Sd of the map per channel, sampling error removed, of the pixels within kDefectDeviations
-  /// robust deviations of the median: a few defects would be most of it.
-  std::vector<double> prnu;
-};
-
-/// Relative response of every pixel, from any number of flat levels weighted by their precision.
-class ResponseAccumulator {
- public:
-  /// shading_dn: the dark fixed pattern of this gain, taken off every flat; empty: none is. It is
-  /// kept by reference. shading_error_dn2: per channel, sampling variance of one of its pixels,
-  /// which all levels have in common.
-  ResponseAccumulator(const MosaicGeometry& geometry, View<const float> shading_dn,
-                      std::vector<double> shading_error_dn2);
-  /// Takes the flat's mean frame.
-  void add(TemporalAccumulator& flat);
-  bool empty() const { return weight_.empty(); }
-  /// Contract: not empty.
-  Response response() const;
-
- private:
-  double relate(int channel, Image& map) const;
-  MosaicGeometry geometry_;
-  View<const float> shading_dn_;
-  std::vector<double> shading_error_dn2_;
-  Image sum_;
-  std::vector<double> weight_;          ///< per channel
-  std::vector<double> scale_;           ///< per channel: sum of weight over mean
-  std::vector<double> weighted_error_;  ///< per channel: sum of weight² times relative variance
-};
 
 /// Read noise of a channel's ordinary pixels, to judge the others by.
 struct ReadTail {

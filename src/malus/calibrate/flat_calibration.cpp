@@ -4,7 +4,9 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/flat_checks.h"
+#include "malus/calibrate/matching_dark.h"
 #include "malus/calibrate/photon_transfer.h"
+#include "malus/calibrate/response.h"
 
 #include <algorithm>
 #include <cmath>
@@ -27,37 +29,6 @@ constexpr double kMostDarkZeros = 1e-2;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
 
-// Dark level and temporal variance that belong to flats of one exposure.
-struct MatchingDark {
-  std::vector<double> level_dn, variance_dn2;  ///< black included; per channel
-  int frames = 0;                              ///< 0: the common dark point
-  int set = 0;                                 ///< which of the dark sets
-};
-
-MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
-                           const RawFrame& first, const DarkPass& common, Progress& progress) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
-  MatchingDark out;
-  const auto take = [&](const TemporalAccumulator& source) {
-    out.level_dn = source.mean_dn();
-    for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
-    out.variance_dn2 = source.variance_dn2();
-  };
-  for (std::size_t i = 0; i < darks.size(); ++i) {
-    const FrameSet* set = darks[i];
-    if (!flat.exposure_s || !set->exposure_s || set->count < 2) continue;
-    if (std::abs(*set->exposure_s / *flat.exposure_s - 1.0) > 0.01) continue;
-    TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
-    for_each_frame(*set, &first, progress, [&](const RawFrame& frame, int) { own.add(frame.dn); });
-    out.frames = set->count;
-    out.set = static_cast<int>(i);
-    take(own);
-    return out;
-  }
-  take(common.temporal);
-  return out;
-}
-
 // One light level: its accumulator and the share of saturated pixels per channel.
 struct FlatLevel {
   TemporalAccumulator temporal;
@@ -65,15 +36,26 @@ struct FlatLevel {
   FlatObservation seen;
 };
 
-// A pixel that lies beyond half of the range without light is a defect. It is left out of the count
-// of saturated ones, of which a small frame bears no single one.
-bool is_defect(View<const float> shading_dn, const RawFrame& first, int row, int col) {
-  const auto c = as_index(first.layout.channel_at(row, col));
-  return !shading_dn.empty() && shading_dn(row, col) > 0.5 * (first.white_dn - first.black_dn[c]);
+// Pixels that are defects without light are left out of the count of saturated ones, of which a
+// small frame bears no single one.
+void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDark& dark,
+                  const MosaicGeometry& geometry, FlatLevel& level) {
+  const View<const float> shading_dn = dark.shading_dn();
+  level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
+  for (int r = 0; r < geometry.rows(); ++r)
+    for (int c = 0; c < geometry.cols(); ++c) {
+      const float dn = frame.dn(r, c);
+      if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
+      const auto channel = as_index(geometry.channel(r, c));
+      if (shading_dn(r, c) > dark.defect_above_dn[channel]) continue;
+      level.seen.codes.add(dn);
+      if (dn >= first.white_dn) level.saturated[channel] += 1.0;
+      if (dn > first.white_dn) ++level.seen.above_white;
+    }
 }
 
 FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
-                        View<const float> shading_dn, Progress& progress) {
+                        Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
                   std::vector<double>(dark.level_dn.size(), 0.0), FlatObservation()};
@@ -90,16 +72,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     }
     level.temporal.add(frame.dn);
     level.seen.sources.push_back(frame.source);
-    level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
-    for (int r = 0; r < geometry.rows(); ++r)
-      for (int c = 0; c < geometry.cols(); ++c) {
-        const float dn = frame.dn(r, c);
-        if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
-        if (is_defect(shading_dn, first, r, c)) continue;
-        level.seen.codes.add(dn);
-        if (dn >= first.white_dn) level.saturated[as_index(geometry.channel(r, c))] += 1.0;
-        if (dn > first.white_dn) ++level.seen.above_white;
-      }
+    count_bright(frame, first, dark, geometry, level);
   });
   for (const std::vector<double>& means : level.temporal.frame_means_dn())
     level.seen.signal_dn.push_back(mean_of(means));
@@ -207,6 +180,7 @@ struct FlatSeries {
   std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
   std::vector<double> exposures_s;
   ResponseAccumulator response;
+  double longest_without_dark_s = 0;  ///< exposure of a level of the response
   std::vector<FlatObservation> seen;
 };
 
@@ -235,7 +209,12 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
   series.seen.push_back(std::move(level.seen));
-  if (good_for_response) series.response.add(level.temporal);
+  if (!good_for_response) return;
+  series.response.add(level.temporal,
+                      {dark.shading_dn(), dark.shading_error_dn2, dark.frames ? dark.set : -1});
+  if (dark.frames == 0)
+    series.longest_without_dark_s =
+        std::max(series.longest_without_dark_s, flat.exposure_s.value_or(0.0));
 }
 
 // Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of
@@ -269,22 +248,22 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
 }  // namespace
 
 void measure_flats(const std::vector<const FrameSet*>& flats,
-                   const std::vector<const FrameSet*>& darks, const RawFrame& first,
-                   const DarkPass& dark, int row_group, const CalibrationSettings& settings,
-                   Progress& progress, PhysicsCalibration& out) {
+                   const std::vector<const FrameSet*>& darks, const FrameSet& bias,
+                   const RawFrame& first, const DarkPass& dark, int row_group,
+                   const CalibrationSettings& settings, Progress& progress,
+                   PhysicsCalibration& out) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
   const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();
-  std::vector<double> shading_error = dark_variance;
-  for (double& error : shading_error) error /= out.bias_frames;
   FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
                     {},
-                    ResponseAccumulator(geometry, out.dark_shading_dn, shading_error),
+                    ResponseAccumulator(geometry),
+                    0.0,
                     {}};
   for (const FrameSet* flat : flats) {
-    const MatchingDark own = matching_dark(*flat, darks, first, dark, progress);
-    add_level(*flat, measure_level(*flat, first, own, out.dark_shading_dn, progress), own, first,
-              frame_deviation, out.bias_frames, settings.saturation_limit, series);
+    const MatchingDark own = matching_dark(*flat, darks, first, dark, out, progress);
+    add_level(*flat, measure_level(*flat, first, own, progress), own, first, frame_deviation,
+              out.bias_frames, settings.saturation_limit, series);
   }
   out.flat_levels = static_cast<int>(flats.size());
   std::vector<Estimate<TransferFit>> fits;
@@ -312,6 +291,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     Response relative = series.response.response();
     out.prnu_map = std::move(relative.map);
     out.prnu = std::move(relative.prnu);
+    out.prnu_stderr = std::move(relative.prnu_stderr);
+    warn_of_dark_current(series.longest_without_dark_s, bias.exposure_s.value_or(0.0), out);
   }
 }
 

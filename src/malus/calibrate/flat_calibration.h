@@ -2,7 +2,6 @@
 #pragma once
 
 #include "malus/calibrate/bias_calibration.h"
-#include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/frame_set.h"
 
 #include <vector>
@@ -11,10 +10,12 @@ namespace malus {
 
 /// Fills K, its intercepts, transfer, flat_levels, prnu, prnu_map and warnings of `out`; sigma_row
 /// and dark_shading must be there. flats: sets of one gain, one light level each. darks: sets of
-/// dark frames of the flats' own exposures (may be empty); `dark` serves the others.
+/// dark frames of the flats' own exposures (may be empty); `dark`, of the set `bias`, serves the
+/// others.
 void measure_flats(const std::vector<const FrameSet*>& flats,
-                   const std::vector<const FrameSet*>& darks, const RawFrame& first,
-                   const DarkPass& dark, int row_group, const CalibrationSettings& settings,
-                   Progress& progress, PhysicsCalibration& out);
+                   const std::vector<const FrameSet*>& darks, const FrameSet& bias,
+                   const RawFrame& first, const DarkPass& dark, int row_group,
+                   const CalibrationSettings& settings, Progress& progress,
+                   PhysicsCalibration& out);
 
 }  // namespace malus

@@ -119,4 +119,15 @@ void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReferenc
   warn_of_high_white(flats, reference, out);
 }
 
+void warn_of_dark_current(double longest_exposure_s, double bias_exposure_s,
+                          PhysicsCalibration& out) {
+  constexpr double kLong_s = 1.0, kOfBias = 10.0;
+  if (!(longest_exposure_s >= std::max(kLong_s, kOfBias * bias_exposure_s))) return;
+  out.warnings.push_back(fmt::format(
+      "flats of up to {:.3g} s have no dark frames of their exposure: dark current that differs "
+      "from pixel to pixel counts as PRNU; add [[frames]] with kind = \"bias\" and each of the "
+      "flats' exposures",
+      longest_exposure_s));
+}
+
 }  // namespace malus

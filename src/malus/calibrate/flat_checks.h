@@ -62,4 +62,10 @@ struct FlatReference {
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out);
 
+/// Levels of the response of a second or more without dark frames of their exposure, and of ten
+/// times that of the bias frames: dark current that differs from pixel to pixel rises with the
+/// light of a longer exposure, and nothing tells the two apart.
+void warn_of_dark_current(double longest_exposure_s, double bias_exposure_s,
+                          PhysicsCalibration& out);
+
 }  // namespace malus

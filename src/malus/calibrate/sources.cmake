@@ -14,9 +14,11 @@ set(calibrate_SOURCES
   gaussian_calibration.cpp
   kinds.cpp
   level_histograms.cpp
+  matching_dark.cpp
   nonparametric_calibration.cpp
   photon_transfer.cpp
   residual_histogram.cpp
+  response.cpp
   row_drift_fit.cpp
   row_group.cpp
   row_offset.cpp

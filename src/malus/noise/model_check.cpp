@@ -114,6 +114,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   check_sized(findings, p.dark_zero_share, n, at + "dark_zero_share");
   check_sized(findings, p.dsnu_dn, n, at + "dsnu");
   check_sized(findings, p.prnu, n, at + "prnu");
+  check_sized(findings, p.prnu_stderr, n, at + "prnu standard error");
   check_values(findings, p.residual_cell_dn, n, at + "residual cells");
   for (const double cell : p.residual_cell_dn)
     findings.require(cell > 0, at + "residual cells", fmt::format("are {} DN wide", cell));

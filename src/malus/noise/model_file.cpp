@@ -149,6 +149,7 @@ void transfer_physics(Archive& archive, Calibration& p) {
       p.dsnu_dn);
   archive.numbers(
       {"prnu", "1", "relative sd of the response without defects, sampling error removed"}, p.prnu);
+  archive.numbers({"prnu_stderr", "1", "standard error of prnu"}, p.prnu_stderr);
   archive.matrix({"row_correlation", "1", "of row-group offsets, by channels"}, p.row_correlation);
   transfer_points(archive, p.transfer);
   archive.image({"dark_shading_dn", "DN", "mosaic: mean of the bias frames minus its channel's"},

@@ -1,0 +1,69 @@
+#include "malus/calibrate/matching_dark.h"
+
+#include "malus/base/index.h"
+#include "malus/calibrate/fixed_pattern.h"
+#include "malus/calibrate/pixel_location.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+std::vector<double> defect_limits(View<const float> shading_dn, const MosaicGeometry& geometry,
+                                  const RawFrame& first) {
+  std::vector<double> limits;
+  for (int c = 0; c < geometry.channels(); ++c) {
+    const PixelLocation usual =
+        location_of(geometry, c, [&](int row, int col) { return shading_dn(row, col); });
+    const double half = 0.5 * (first.white_dn - first.black_dn[as_index(c)]);
+    limits.push_back(usual.deviation > 0
+                         ? std::min(usual.centre + kDefectDeviations * usual.deviation, half)
+                         : half);
+  }
+  return limits;
+}
+
+void take_common_dark(const DarkPass& common, const PhysicsCalibration& bias, MatchingDark& out) {
+  out.level_dn = common.temporal.mean_dn();
+  out.variance_dn2 = out.shading_error_dn2 = common.temporal.variance_dn2();
+  for (double& error : out.shading_error_dn2) error /= bias.bias_frames;
+  out.bias_shading_dn = bias.dark_shading_dn;
+}
+
+// Dark current differs from pixel to pixel, and a bright flat holds as much of it as a dark frame
+// of the same exposure, which EMVA 1288 takes off for that.
+void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeometry& geometry,
+                   Progress& progress, MatchingDark& out) {
+  TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
+  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) { own.add(frame.dn); });
+  out.frames = set.count;
+  out.level_dn = own.mean_dn();
+  out.variance_dn2 = out.shading_error_dn2 = own.variance_dn2();
+  for (double& error : out.shading_error_dn2) error /= set.count;
+  out.own_shading_dn = own.release_mean_frame_dn();
+  subtract_levels(out.own_shading_dn, out.level_dn, geometry);
+}
+
+}  // namespace
+
+MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
+                           const RawFrame& first, const DarkPass& common,
+                           const PhysicsCalibration& bias, Progress& progress) {
+  constexpr double kSameExposure = 0.01;
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  MatchingDark out;
+  for (std::size_t i = 0; i < darks.size() && out.frames == 0; ++i) {
+    const FrameSet* set = darks[i];
+    if (!flat.exposure_s || !set->exposure_s || set->count < 2) continue;
+    if (std::abs(*set->exposure_s / *flat.exposure_s - 1.0) > kSameExposure) continue;
+    out.set = static_cast<int>(i);
+    take_own_dark(*set, first, geometry, progress, out);
+  }
+  if (out.frames == 0) take_common_dark(common, bias, out);
+  for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
+  out.defect_above_dn = defect_limits(out.shading_dn(), geometry, first);
+  return out;
+}
+
+}  // namespace malus

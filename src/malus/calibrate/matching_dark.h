@@ -1,0 +1,36 @@
+// What belongs to flats of one exposure without their light.
+#pragma once
+
+#include "malus/calibrate/bias_calibration.h"
+#include "malus/calibrate/frame_set.h"
+
+#include <vector>
+
+namespace malus {
+
+/// Of dark frames of the flats' own exposure, or of the bias frames.
+struct MatchingDark {
+  std::vector<double> level_dn, variance_dn2;  ///< black included; temporal; per channel
+  int frames = 0;                              ///< 0: the bias frames' is meant
+  int set = 0;                                 ///< which of the dark sets
+  Image own_shading_dn;                        ///< empty: the bias frames' is meant
+  View<const float> bias_shading_dn;
+  std::vector<double> shading_error_dn2;  ///< per channel, of one pixel
+  /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
+  /// without light, or lies beyond half of the range.
+  std::vector<double> defect_above_dn;
+
+  /// Mean dark frame minus its channels' level.
+  View<const float> shading_dn() const {
+    return own_shading_dn.empty() ? bias_shading_dn : View<const float>(own_shading_dn);
+  }
+};
+
+/// darks: the dark sets besides the bias frames. Those of two frames or more and an exposure within
+/// a hundredth of the flat's are its own. common: of the bias frames, whose shading `bias` holds
+/// and must keep.
+MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
+                           const RawFrame& first, const DarkPass& common,
+                           const PhysicsCalibration& bias, Progress& progress);
+
+}  // namespace malus

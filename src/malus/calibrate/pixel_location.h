@@ -1,0 +1,36 @@
+// Where a channel's ordinary pixels lie, whatever its defects are.
+#pragma once
+
+#include "malus/base/statistics.h"
+#include "malus/calibrate/geometry.h"
+
+#include <numeric>
+#include <vector>
+
+namespace malus {
+
+/// Robust deviations beyond which a pixel counts as a defect.
+inline constexpr double kDefectDeviations = 8.0;
+
+/// Median and robust deviation.
+struct PixelLocation {
+  double centre = 0, deviation = 0;
+};
+
+/// Of value(row, col) over the pixels of one channel; every k-th pixel of a large channel says as
+/// much as all. k shares no divisor with the number of columns, so that pixels of all columns are
+/// among them.
+template <class Value>
+PixelLocation location_of(const MosaicGeometry& geometry, int channel, const Value& value) {
+  constexpr std::int64_t kEnough = 100000;
+  auto step = static_cast<int>(1 + geometry.channel_pixels(channel) / kEnough);
+  while (std::gcd(step, geometry.channel_cols(channel)) > 1) ++step;
+  std::vector<double> values;
+  int index = 0;
+  for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
+    for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
+      if (index++ % step == 0) values.push_back(value(r, c));
+  return {median_of(values), robust_deviation_of(values)};
+}
+
+}  // namespace malus

@@ -1,0 +1,51 @@
+// Relative response of the pixels, PRNU (EMVA 1288, section 8), from flat frames.
+#pragma once
+
+#include "malus/calibrate/geometry.h"
+#include "malus/calibrate/temporal.h"
+#include "malus/image/view.h"
+
+#include <map>
+#include <vector>
+
+namespace malus {
+
+struct Response {
+  /// Relative to the light: a polynomial of the place, and the surroundings (at most 15x15 pixels
+  /// of the same channel) relative to that, so that uneven light and vignetting do not count;
+  /// mean 1.
+  Image map;
+  /// Sd of the map per channel, sampling error removed, of the pixels within kDefectDeviations
+  /// robust deviations of the median: a few defects would be most of it.
+  std::vector<double> prnu;
+  std::vector<double> prnu_stderr;
+};
+
+/// The dark frames that belong to a flat level.
+struct DarkReference {
+  View<const float> shading_dn;   ///< their mean frame minus its channels' means
+  std::vector<double> error_dn2;  ///< per channel, sampling variance of one of its pixels
+  int set = 0;                    ///< levels of one set have this error in common
+};
+
+/// Relative response of every pixel, from any number of flat levels weighted by their precision.
+class ResponseAccumulator {
+ public:
+  explicit ResponseAccumulator(const MosaicGeometry& geometry);
+  /// Takes the flat's mean frame. Contract: two frames or more.
+  void add(TemporalAccumulator& flat, const DarkReference& dark);
+  bool empty() const { return sum_.empty(); }
+  /// Contract: not empty.
+  Response response() const;
+
+ private:
+  struct SharedDark {
+    std::vector<double> scale, error_dn2;  ///< per channel; scale: sum over the levels
+  };
+  MosaicGeometry geometry_;
+  Image sum_;
+  Image error_;                      ///< sampling variance of sum_ that the flats make
+  std::map<int, SharedDark> darks_;  ///< by set
+};
+
+}  // namespace malus

@@ -1,0 +1,166 @@
+// PRNU and K beside dark current that differs from pixel to pixel, and in uneven light.
+#include "malus/base/statistics.h"
+#include "malus/calibrate/calibrate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "simulated_session.h"
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using testing::internal::normal_at;
+
+constexpr double kGain = 0.5;  // DN/e-
+
+// A camera with dark current, electrons per second and pixel; 128 x 128 pixels.
+struct DarkCurrent {
+  double mean = 40, deviation = 12;
+  int hot = 0;  ///< pixels of hot_rate and more
+  double hot_rate = 0;
+  double at(std::uint64_t pixel) const {
+    const double rate = std::max(mean + deviation * normal_at(9, pixel, 3), 0.0);
+    return pixel % 163 == 0 && pixel / 163 < static_cast<std::uint64_t>(hot)
+               ? rate + hot_rate * (1.0 + 0.01 * static_cast<double>(pixel % 97))
+               : rate;
+  }
+};
+
+testing::SimulatedCamera dark_current_camera(double prnu) {
+  testing::SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.bias_frames = 30;
+  camera.flat_levels = 8;
+  camera.prnu = prnu;
+  camera.gains.push_back(testing::polar_gain(0, "mono", 1));
+  camera.gains[0].noise.channels[0] = {
+      .gain_dn_per_e = kGain, .lambda = 0.14, .sigma_tl_dn = 1.36, .sigma_row_dn = 0.2};
+  return camera;
+}
+
+// Dark current of this exposure, with its shot noise. address: no other frame's.
+void add_dark_current(const DarkCurrent& current, double exposure_s, std::uint32_t address,
+                      RawFrame& frame) {
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const auto pixel = static_cast<std::uint64_t>(r * frame.dn.cols() + c);
+      const double electrons = current.at(pixel) * exposure_s;
+      const double drawn = electrons + std::sqrt(electrons) * normal_at(address, pixel, 4);
+      frame.dn(r, c) = static_cast<float>(
+          std::clamp(std::round(frame.dn(r, c) + kGain * drawn), 0.0, double{frame.white_dn}));
+    }
+}
+
+// Flats of 0.8 s and more, a second for every tenth of the range; dark sets of the same exposures
+// where they have frames.
+CalibrationInput dark_current_session(const testing::SimulatedCamera& camera,
+                                      const DarkCurrent& current, int dark_frames) {
+  CalibrationInput input = testing::simulated_session(camera);
+  std::vector<FrameSet> darks;
+  std::uint32_t address = 1;
+  for (FrameSet& set : input.sets) {
+    if (set.kind != FrameKind::kFlat) continue;
+    const double exposure_s = 0.8 * (*set.level + 1);
+    set.exposure_s = exposure_s;
+    testing::change_frames(set, [=](RawFrame& frame, int i) {
+      add_dark_current(current, exposure_s, 1000 * address + static_cast<std::uint32_t>(i), frame);
+    });
+    FrameSet dark = set;
+    dark.kind = FrameKind::kBias;
+    dark.level.reset();
+    dark.count = dark_frames;
+    const auto shared = std::make_shared<const testing::SimulatedCamera>(camera);
+    dark.load = [=](int i) {
+      const std::uint32_t own = 1000 * address + 500 + static_cast<std::uint32_t>(i);
+      RawFrame frame = testing::internal::simulated_frame(*shared, shared->gains[0], 0, own);
+      add_dark_current(current, exposure_s, own, frame);
+      return frame;
+    };
+    if (dark_frames > 0) darks.push_back(std::move(dark));
+    ++address;
+  }
+  input.sets.insert(input.sets.end(), darks.begin(), darks.end());
+  return input;
+}
+
+PhysicsCalibration measured(const CalibrationInput& input) {
+  return calibrate_physics(input, {}, silent_progress()).physics.at(0);
+}
+
+// Dark current of 40 ± 12 e-/s was 1.5 % of PRNU in flats of 0.5 % (EMVA 1288 subtracts the dark
+// frames of the same exposure). Four standard errors of 16384 pixels, half of whose variance is
+// sampling: 5 %.
+TEST(Response, DarkFramesOfTheSameExposureTakeDarkCurrentOut) {
+  for (const int dark_frames : {2, 8}) {
+    const auto p =
+        measured(dark_current_session(dark_current_camera(0.005), DarkCurrent{}, dark_frames));
+    EXPECT_NEAR(p.prnu.at(0), 0.005, 0.00025) << dark_frames;
+    EXPECT_NEAR(p.K.mean.at(0), kGain, 4 * p.K.standard_error.at(0));
+    EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("dark current")))) << dark_frames;
+  }
+}
+
+TEST(Response, LongFlatsWithoutTheirDarkFramesAreTold) {
+  const auto p = measured(dark_current_session(dark_current_camera(0.005), DarkCurrent{}, 0));
+  EXPECT_GT(p.prnu.at(0), 0.01);
+  EXPECT_THAT(p.warnings, Contains(HasSubstr("dark current")));
+}
+
+// A hundred pixels that fill up by themselves were the saturation of five levels of eight.
+TEST(Response, HotPixelsOfTheDarkFramesAreNoSaturation) {
+  const DarkCurrent current{.mean = 40, .deviation = 0, .hot = 100, .hot_rate = 500};
+  const auto p = measured(dark_current_session(dark_current_camera(0.005), current, 8));
+  int used = 0;
+  for (const PhotonTransferPoint& point : p.transfer) used += point.used;
+  EXPECT_EQ(used, 7);  // the eighth is above the limit of 70 % of the range
+  EXPECT_NEAR(p.K.mean.at(0), kGain, 3 * p.K.standard_error.at(0));
+  EXPECT_NEAR(p.prnu.at(0), 0.005, 0.00025);
+}
+
+// In light that falls to 40 % in the corners a window's mean is not the light in its middle: 6 % of
+// the PRNU, and more at the border, were the light's. Four standard errors.
+TEST(Response, LightThatFallsToTheCornersIsNoPrnu) {
+  for (const char* layout : {"mono", "polar-bayer-rggb"}) {
+    testing::SimulatedCamera camera;
+    camera.rows = camera.cols = 128;
+    camera.bias_frames = 20;
+    camera.flat_levels = 8;
+    camera.flat_frames = 6;
+    camera.shading = 0.6;
+    camera.prnu = 0.01;
+    camera.gains.push_back(testing::polar_gain(0, layout, 1));
+    const auto p = measured(testing::simulated_session(camera));
+    EXPECT_NEAR(mean_of(p.prnu), camera.prnu, 0.00025) << layout;
+  }
+}
+
+// Four sessions of 16 channels of 1024 pixels: 64 deviations from the truth in standard errors,
+// whose mean square is 1. Four of its standard errors.
+TEST(Response, PrnuHasItsStandardError) {
+  for (const double prnu : {0.01, 0.004}) {
+    double squares = 0;
+    for (const std::uint64_t seed : {0u, 1u, 2u, 3u}) {
+      testing::SimulatedCamera camera;
+      camera.rows = camera.cols = 128;
+      camera.bias_frames = 10;
+      camera.flat_levels = 5;
+      camera.prnu = prnu;
+      camera.seed = seed;
+      camera.gains.push_back(testing::polar_gain(0));
+      const auto p = measured(testing::simulated_session(camera));
+      ASSERT_EQ(p.prnu_stderr.size(), 16u);
+      for (std::size_t c = 0; c < 16; ++c)
+        squares += std::pow((p.prnu[c] - prnu) / p.prnu_stderr[c], 2);
+    }
+    EXPECT_NEAR(squares / 64, 1.0, 4 * std::sqrt(2.0 / 64)) << prnu;
+  }
+}
+
+}  // namespace
+}  // namespace malus
