@@ -241,5 +241,12 @@ TEST(ColumnNoise, IsToldForTheModelHasNone) {
   EXPECT_THAT(warnings_of(input), Contains(HasSubstr("its columns change from frame to frame by")));
 }
 
+// Rows in threes are none of the groups that are looked for; which they are must be declared.
+TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
+  SimulatedCamera camera = mono_camera();
+  camera.gains = {polar_gain(12, "mono", 3)};
+  EXPECT_THAT(warnings_of(simulated_session(camera)), Contains(HasSubstr("row_group = N")));
+}
+
 }  // namespace
 }  // namespace malus

@@ -73,7 +73,8 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_varia
         odd.text(), even.text())};
   return Undecided{fmt::format(
       "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; no pattern of 1, 2, 4 "
-      "or 8 rows is three standard errors away from {:.2f}",
+      "or 8 rows is three standard errors away from {:.2f}; where the camera is known to read "
+      "another number of rows together, give row_group = N in [sensor]",
       even.text(), odd.text(), even.above)};
 }
 
