@@ -241,6 +241,23 @@ TEST(ColumnNoise, IsToldForTheModelHasNone) {
   EXPECT_THAT(warnings_of(input), Contains(HasSubstr("its columns change from frame to frame by")));
 }
 
+// In-camera smoothing made K half of the truth without a word.
+TEST(Session, FramesThatTheCameraSmoothedAreTold) {
+  SimulatedCamera camera = mono_camera();
+  camera.rows = camera.cols = 128;
+  CalibrationInput input = simulated_session(camera);
+  EXPECT_THAT(warnings_of(input), Not(Contains(HasSubstr("noise reduction"))));
+  change_frames(input, [](RawFrame& frame, int) {
+    const Image sharp = frame.dn;
+    for (int r = 0; r < sharp.rows(); ++r)
+      for (int c = 1; c + 1 < sharp.cols(); ++c)
+        frame.dn(r, c) =
+            std::round(0.7F * sharp(r, c) + 0.15F * (sharp(r, c - 1) + sharp(r, c + 1)));
+  });
+  EXPECT_THAT(warnings_of(input), Contains(AllOf(HasSubstr("0.39"), HasSubstr("in a row"),
+                                                 HasSubstr("noise reduction"))));
+}
+
 // Rows in threes are none of the groups that are looked for; which they are must be declared.
 TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
   SimulatedCamera camera = mono_camera();

@@ -22,6 +22,7 @@ constexpr double kNormalLambda = 0.14;
 // Below: the mean of the other frames, whose error is taken for normal, has tails of its own where
 // the fixed pattern is strong enough to need it.
 constexpr int kFewFrames = 10;
+constexpr int kDarkPairs = 8;  // of frames, to compare neighbours
 constexpr double kHeavyLambda = 0.05;
 
 // All bias frames of one gain, one entry per frame: a few kilobytes each, whatever the frame's
@@ -298,12 +299,15 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
   DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
                 RowLagAccumulator(geometry),
                 std::vector<double>(first.black_dn.size(), 0.0),
-                {}};
+                {},
+                NeighbourCorrelation(geometry)};
   EqualValues equal(geometry);
+  FramePairs pairs(pass.neighbours, {}, kDarkPairs);
   bool cut_at_zero = true;  // not where black is subtracted already
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
     pass.temporal.add(frame.dn);
     equal.add(frame.dn);
+    pairs.add(frame.dn);
     pass.rows.add(frame.dn, channel_means(frame.dn, geometry));
     for (int r = 0; r < geometry.rows(); ++r)
       for (int c = 0; c < geometry.cols(); ++c) {

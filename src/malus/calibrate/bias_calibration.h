@@ -5,6 +5,7 @@
 #include "malus/calibrate/equal_values.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
+#include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/temporal.h"
 
 #include <optional>
@@ -18,6 +19,7 @@ struct DarkPass {
   RowLagAccumulator rows;
   std::vector<double> zero_share;  ///< per channel: share of pixels at DN 0, where the camera clips
   std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
+  NeighbourCorrelation neighbours;
 };
 
 /// `first` gives size, layout and black level.

@@ -157,6 +157,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
   if (plan.flats.empty()) {
     out.warnings.push_back("no flat frames at this gain: K is not known");
+    warn_of_alike_neighbours(dark.neighbours, NeighbourCorrelation(geometry), out);
   } else {
     measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
   }

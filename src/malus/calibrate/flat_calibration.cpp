@@ -5,6 +5,7 @@
 #include "malus/base/text.h"
 #include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/matching_dark.h"
+#include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/photon_transfer.h"
 #include "malus/calibrate/response.h"
 
@@ -28,10 +29,12 @@ constexpr std::size_t kFewLevels = 5;
 constexpr double kMostDarkZeros = 1e-2;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
+constexpr int kPairsPerLevel = 2;  // of frames, to compare neighbours
 
 // One light level: its accumulator and the share of saturated pixels per channel.
 struct FlatLevel {
   TemporalAccumulator temporal;
+  NeighbourCorrelation neighbours;
   std::vector<double> saturated;
   FlatObservation seen;
 };
@@ -58,8 +61,10 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
                         Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
-                  std::vector<double>(dark.level_dn.size(), 0.0), FlatObservation()};
+                  NeighbourCorrelation(geometry), std::vector<double>(dark.level_dn.size(), 0.0),
+                  FlatObservation()};
   level.seen.name = flat.name;
+  FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
       double signal = 0.0;
@@ -71,6 +76,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
             TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
     }
     level.temporal.add(frame.dn);
+    pairs.add(frame.dn);
     level.seen.sources.push_back(frame.source);
     count_bright(frame, first, dark, geometry, level);
   });
@@ -180,6 +186,7 @@ struct FlatSeries {
   std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
   std::vector<double> exposures_s;
   ResponseAccumulator response;
+  NeighbourCorrelation neighbours;
   double longest_without_dark_s = 0;  ///< exposure of a level of the response
   std::vector<FlatObservation> seen;
 };
@@ -190,7 +197,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   const std::vector<double> mean = level.temporal.mean_dn();
   const std::vector<double> variance =
       flat.count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(mean.size(), 0.0);
-  bool good_for_response = flat.count >= 2;
+  bool good = true, good_for_response = flat.count >= 2;
   for (std::size_t c = 0; c < mean.size(); ++c) {
     const double range = first.white_dn - first.black_dn[c];
     TransferLevel point;
@@ -204,11 +211,13 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
-    good_for_response &= point.refused.empty() && mean[c] > kResponseShare * range;
+    good &= point.refused.empty();
+    good_for_response &= good && mean[c] > kResponseShare * range;
     series.levels[c].push_back(std::move(point));
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
   series.seen.push_back(std::move(level.seen));
+  if (good) series.neighbours.merge(level.neighbours);
   if (!good_for_response) return;
   series.response.add(level.temporal,
                       {dark.shading_dn(), dark.shading_error_dn2, dark.frames ? dark.set : -1});
@@ -258,6 +267,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
                     {},
                     ResponseAccumulator(geometry),
+                    NeighbourCorrelation(geometry),
                     0.0,
                     {}};
   for (const FrameSet* flat : flats) {
@@ -287,6 +297,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
+  warn_of_alike_neighbours(dark.neighbours, series.neighbours, out);
   if (!series.response.empty()) {
     Response relative = series.response.response();
     out.prnu_map = std::move(relative.map);

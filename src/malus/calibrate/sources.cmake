@@ -15,6 +15,7 @@ set(calibrate_SOURCES
   kinds.cpp
   level_histograms.cpp
   matching_dark.cpp
+  neighbour_correlation.cpp
   nonparametric_calibration.cpp
   photon_transfer.cpp
   residual_histogram.cpp

@@ -1,0 +1,68 @@
+// Is the noise of neighbouring pixels alike? On a sensor it is not; in-camera smoothing,
+// sharpening, demosaicking and compression make it so, and K and the read noise wrong.
+#pragma once
+
+#include "malus/calibrate/geometry.h"
+#include "malus/image/view.h"
+#include "malus/noise/calibration.h"
+
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// Correlation of the temporal noise of two pixels of the mosaic that lie side by side.
+struct NeighbourLikeness {
+  std::string where;  ///< "in a row", "in a column of one channel", ...
+  double correlation = 0;
+  double standard_error = 0;  ///< from the products' own scatter: right for heavy tails, too
+};
+
+/// Sums over pairs of frames of one light level, of any number of levels. What rows and columns
+/// share is taken out: row and column noise is no likeness.
+class NeighbourCorrelation {
+ public:
+  explicit NeighbourCorrelation(const MosaicGeometry& geometry);
+  /// Takes the pair's frames. dark_dn: per channel, above which the second frame is scaled to the
+  /// first's light, by a tenth at most; empty: the frames are dark.
+  void add(View<const float> first, View<const float> second, const std::vector<double>& dark_dn);
+  /// Adds the sums of other frames of the same geometry.
+  void merge(const NeighbourCorrelation& other);
+  /// Next pixels and next ones of the same channel, in rows and columns; without pairs all 0.
+  std::vector<NeighbourLikeness> likeness() const;
+
+ private:
+  struct Lag {
+    int down = 0, right = 0;
+    std::string where;
+    double products = 0, squares = 0, count = 0;
+  };
+  Image difference(View<const float> first, View<const float> second,
+                   const std::vector<double>& dark_dn) const;
+  MosaicGeometry geometry_;
+  std::vector<Lag> lags_;
+};
+
+/// Pairs the frames of one set as they come, no more than `most` pairs; memory holds one frame.
+class FramePairs {
+ public:
+  /// dark_dn: as in NeighbourCorrelation::add. correlation must live as long.
+  FramePairs(NeighbourCorrelation& correlation, std::vector<double> dark_dn, int most)
+      : correlation_(correlation), dark_dn_(std::move(dark_dn)), left_(most) {}
+  void add(View<const float> dn);
+
+ private:
+  NeighbourCorrelation& correlation_;
+  std::vector<double> dark_dn_;
+  int left_;
+  Image waiting_;
+};
+
+/// Appends a warning where neighbours correlate by more than 0.03 in flat frames or 0.1 in dark
+/// ones, and by five standard errors; the frames that show it most are named. Shot noise is white
+/// on every sensor, but a read-out amplifier's own noise need not be: -0.04 along the rows of the
+/// EMVA 1288 sample camera in the dark, -0.01 in its light.
+void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourCorrelation& flat,
+                              PhysicsCalibration& out);
+
+}  // namespace malus

@@ -1,0 +1,99 @@
+// Likeness of neighbouring pixels' temporal noise.
+#include "malus/calibrate/neighbour_correlation.h"
+
+#include "malus/base/statistics.h"
+
+#include <cmath>
+
+#include "simulated_session.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// White noise of 1 DN over a fixed pattern and light that falls to one side; every row and column
+// of a frame has an offset of line_dn besides, shared by two rows.
+Image noisy_frame(int size, std::uint64_t frame, double light_dn, double line_dn) {
+  const auto normal = [frame](int r, int c, std::uint32_t stream) {
+    return testing::internal::normal_at(
+        frame, static_cast<std::uint64_t>(r) << 32 | static_cast<std::uint64_t>(c), stream);
+  };
+  Image out(size, size);
+  for (int r = 0; r < size; ++r)
+    for (int c = 0; c < size; ++c)
+      out(r, c) = static_cast<float>(
+          100 + 3 * std::sin(0.7 * r * c) + light_dn * (1 - 0.5 * r * c / (size * size)) +
+          normal(r, c, 5) + line_dn * (normal(r / 2, 0, 6) + normal(0, c, 7)));
+  return out;
+}
+
+NeighbourCorrelation of_frames(const MosaicGeometry& geometry, std::uint64_t first, int frames,
+                               double flicker, double line_dn) {
+  NeighbourCorrelation sums(geometry);
+  const std::vector<double> dark(static_cast<std::size_t>(geometry.channels()), 100.0);
+  FramePairs pairs(sums, flicker > 0 ? dark : std::vector<double>(), frames / 2);
+  for (int i = 0; i < frames; ++i)
+    pairs.add(noisy_frame(geometry.rows(), first + static_cast<std::uint64_t>(i),
+                          flicker > 0 ? 500 * (1 + flicker * (i % 2)) : 0, line_dn));
+  return sums;
+}
+
+// 300 sets of four frames, of channels of 8 x 8 and of 32 x 32 pixels: their correlations are 0
+// within their standard errors, whatever rows and columns share and the lamp does. Four standard
+// errors of the mean and of the mean square (level 1e-4 each).
+TEST(NeighbourCorrelation, OfWhiteNoiseIsNoneWithinItsStandardError) {
+  for (const char* layout : {"mono", "polar-bayer-rggb"})
+    for (const double flicker : {0.0, 0.03}) {
+      const MosaicGeometry geometry(SensorLayout::named(layout), 32, 32, 1);
+      Moments deviations;
+      double squares = 0;
+      for (std::uint64_t set = 0; set < 300; ++set)
+        for (const NeighbourLikeness& one :
+             of_frames(geometry, 4 * set, 4, flicker, 2.0).likeness()) {
+          deviations.add(one.correlation / one.standard_error);
+          squares += std::pow(one.correlation / one.standard_error, 2);
+        }
+      const auto count = static_cast<double>(deviations.count());
+      EXPECT_NEAR(deviations.mean(), 0, 4 / std::sqrt(count)) << layout << flicker;
+      EXPECT_NEAR(squares / count, 1, 4 * std::sqrt(2 / count) + 0.1) << layout << flicker;
+    }
+}
+
+// Less than once in 1000 sets of four frames of 128 x 128 pixels: five standard errors.
+TEST(NeighbourCorrelation, WhiteNoiseOfFourFramesIsNotWarnedOf) {
+  const MosaicGeometry geometry(SensorLayout::named("mono"), 128, 128, 1);
+  for (std::uint64_t set = 0; set < 40; ++set) {
+    PhysicsCalibration out;
+    const NeighbourCorrelation sums = of_frames(geometry, 4 * set, 4, 0, 1.0);
+    warn_of_alike_neighbours(sums, sums, out);
+    EXPECT_TRUE(out.warnings.empty()) << out.warnings.front();
+    for (const NeighbourLikeness& one : sums.likeness())
+      EXPECT_NEAR(one.standard_error, 1 / std::sqrt(2 * 128 * 128.0), 0.0005);
+  }
+}
+
+// Columns smoothed by (1 2 1) / 4 correlate by 4 / 6 with the next pixel.
+TEST(NeighbourCorrelation, OfSmoothedNoiseIsThatOfTheKernel) {
+  const MosaicGeometry geometry(SensorLayout::named("mono"), 128, 128, 1);
+  NeighbourCorrelation sums(geometry);
+  FramePairs pairs(sums, {}, 4);
+  for (std::uint64_t i = 0; i < 8; ++i) {
+    Image frame = noisy_frame(128, i, 0, 0);
+    const Image sharp = frame;
+    for (int r = 1; r < 127; ++r)
+      for (int c = 0; c < 128; ++c)
+        frame(r, c) = 0.5F * sharp(r, c) + 0.25F * (sharp(r - 1, c) + sharp(r + 1, c));
+    pairs.add(frame);
+  }
+  const auto likeness = sums.likeness();
+  EXPECT_NEAR(likeness.at(0).correlation, 0, 5 * likeness[0].standard_error);
+  EXPECT_NEAR(likeness.at(1).correlation, 4.0 / 6.0, 0.02);
+  PhysicsCalibration out;
+  warn_of_alike_neighbours(NeighbourCorrelation(geometry), sums, out);
+  ASSERT_EQ(out.warnings.size(), 1u);
+  EXPECT_NE(out.warnings[0].find("in a column"), std::string::npos) << out.warnings[0];
+  EXPECT_NE(out.warnings[0].find("flat frames"), std::string::npos) << out.warnings[0];
+}
+
+}  // namespace
+}  // namespace malus
