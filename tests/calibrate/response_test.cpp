@@ -112,6 +112,28 @@ TEST(Response, LongFlatsWithoutTheirDarkFramesAreTold) {
   EXPECT_THAT(p.warnings, Contains(HasSubstr("dark current")));
 }
 
+// A lamp that is turned up at 0.9 s: the more light, the less of it is dark current.
+TEST(Response, LevelsThatDisagreeForTheirDarkCurrentAreTold) {
+  for (const double deviation : {0.0, 25.0}) {
+    const DarkCurrent current{.mean = 60, .deviation = deviation};
+    CalibrationInput input = testing::simulated_session(dark_current_camera(0.005));
+    std::uint32_t address = 1;
+    for (FrameSet& set : input.sets) {
+      if (set.kind != FrameKind::kFlat) continue;
+      set.exposure_s = 0.9;
+      testing::change_frames(set, [=](RawFrame& frame, int i) {
+        add_dark_current(current, 0.9, 1000 * address + static_cast<std::uint32_t>(i), frame);
+      });
+      ++address;
+    }
+    const auto p = measured(input);
+    if (deviation > 0)
+      EXPECT_THAT(p.warnings, Contains(HasSubstr("dark current")));
+    else
+      EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("dark current"))));
+  }
+}
+
 // A hundred pixels that fill up by themselves were the saturation of five levels of eight.
 TEST(Response, HotPixelsOfTheDarkFramesAreNoSaturation) {
   const DarkCurrent current{.mean = 40, .deviation = 0, .hot = 100, .hot_rate = 500};

@@ -187,7 +187,7 @@ struct FlatSeries {
   std::vector<double> exposures_s;
   ResponseAccumulator response;
   NeighbourCorrelation neighbours;
-  double longest_without_dark_s = 0;  ///< exposure of a level of the response
+  std::vector<DarklessLevel> darkless;
   std::vector<FlatObservation> seen;
 };
 
@@ -219,11 +219,11 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   series.seen.push_back(std::move(level.seen));
   if (good) series.neighbours.merge(level.neighbours);
   if (!good_for_response) return;
-  series.response.add(level.temporal,
-                      {dark.shading_dn(), dark.shading_error_dn2, dark.frames ? dark.set : -1});
+  const LevelResponse response = series.response.add(
+      level.temporal, {dark.shading_dn(), dark.shading_error_dn2, dark.frames ? dark.set : -1});
   if (dark.frames == 0)
-    series.longest_without_dark_s =
-        std::max(series.longest_without_dark_s, flat.exposure_s.value_or(0.0));
+    series.darkless.push_back(
+        {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
 }
 
 // Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of
@@ -268,7 +268,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                     {},
                     ResponseAccumulator(geometry),
                     NeighbourCorrelation(geometry),
-                    0.0,
+                    {},
                     {}};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, out, progress);
@@ -303,7 +303,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     out.prnu_map = std::move(relative.map);
     out.prnu = std::move(relative.prnu);
     out.prnu_stderr = std::move(relative.prnu_stderr);
-    warn_of_dark_current(series.longest_without_dark_s, bias.exposure_s.value_or(0.0), out);
+    warn_of_dark_current(series.darkless, bias.exposure_s.value_or(0.0), out);
   }
 }
 

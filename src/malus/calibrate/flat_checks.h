@@ -62,10 +62,17 @@ struct FlatReference {
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out);
 
-/// Levels of the response of a second or more without dark frames of their exposure, and of ten
-/// times that of the bias frames: dark current that differs from pixel to pixel rises with the
-/// light of a longer exposure, and nothing tells the two apart.
-void warn_of_dark_current(double longest_exposure_s, double bias_exposure_s,
+/// A level of the response that has no dark frames of its own exposure.
+struct DarklessLevel {
+  double exposure_s = 0, signal_dn = 0;
+  double prnu2 = 0, prnu2_stderr = 0;  ///< square of the PRNU of this level alone
+};
+
+/// Appends a warning where dark current that differs from pixel to pixel may count as PRNU. Where
+/// light grows with the exposure nothing tells the two apart: exposures of a second or more, and of
+/// ten times that of the bias frames. Where it does not: a level with more exposure for its light
+/// than another (by a fifth) has a larger PRNU, by half of its square and five standard errors.
+void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_exposure_s,
                           PhysicsCalibration& out);
 
 }  // namespace malus

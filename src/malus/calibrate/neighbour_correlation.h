@@ -7,6 +7,7 @@
 #include "malus/noise/calibration.h"
 
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace malus {

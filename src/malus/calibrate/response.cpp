@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numeric>
 #include <utility>
 
@@ -196,11 +197,44 @@ void relate(const Image& sum, const MosaicGeometry& geometry, int channel,
   });
 }
 
+// Of disjoint pairs of next pixels in a row, which have the same light; defects left out.
+// error_per_square: per channel, sampling variance of a mean over its sum of squares.
+LevelResponse neighbour_response(const Image& frame, const TemporalAccumulator& flat,
+                                 const DarkReference& dark, const MosaicGeometry& geometry,
+                                 const std::vector<double>& error_per_square) {
+  const std::vector<double> mean = flat.mean_dn();
+  const View<const float> squares = flat.sum_of_squares();
+  const int step = geometry.cell_cols();
+  Moments variance;
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const auto i = as_index(channel);
+    const auto difference = [&](int row, int col) {
+      if (col + step >= frame.cols()) return 0.0;
+      return (double{frame(row, col)} - dark.shading_dn(row, col) - frame(row, col + step) +
+              dark.shading_dn(row, col + step)) /
+             mean[i];
+    };
+    const double bound = kDefectDeviations * location_of(geometry, channel, difference).deviation;
+    for_channel(geometry, channel, [&](int, int c, int row, int col) {
+      if (c % 2 != 0 || col + step >= frame.cols()) return;
+      const double d = difference(row, col);
+      if (std::abs(d) > bound) return;
+      const double sampling =
+          0.5 * error_per_square[i] * (double{squares(row, col)} + squares(row, col + step)) +
+          dark.error_dn2[i];
+      variance.add(0.5 * d * d - sampling / (mean[i] * mean[i]));
+    });
+  }
+  return {variance.mean(),
+          std::sqrt(variance.variance() /
+                    static_cast<double>(std::max<std::int64_t>(variance.count(), 1)))};
+}
+
 }  // namespace
 
 ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
 
-void ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& dark) {
+LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& dark) {
   MALUS_REQUIRE(flat.frames() >= 2);
   if (sum_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
@@ -211,12 +245,13 @@ void ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& da
   SharedDark& shared = darks_[dark.set];
   shared.error_dn2 = dark.error_dn2;
   shared.scale.resize(mean.size(), 0.0);
-  std::vector<double> scale(mean.size()), of_squares(mean.size());
+  std::vector<double> scale(mean.size()), of_squares(mean.size()), per_square(mean.size());
   for (std::size_t c = 0; c < mean.size(); ++c) {
     const double error_dn2 = variance[c] / flat.frames();
     const double weight = mean[c] > 0 && error_dn2 > 0 ? mean[c] * mean[c] / error_dn2 : 0.0;
     scale[c] = weight > 0 ? weight / mean[c] : 0.0;
-    of_squares[c] = squares[c] > 0 ? scale[c] * scale[c] * error_dn2 / squares[c] : 0.0;
+    per_square[c] = squares[c] > 0 ? error_dn2 / squares[c] : 0.0;
+    of_squares[c] = scale[c] * scale[c] * per_square[c];
     shared.scale[c] += scale[c];
   }
   const Image frame = flat.release_mean_frame_dn();
@@ -226,6 +261,7 @@ void ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& da
       sum_(r, col) += static_cast<float>((frame(r, col) - dark.shading_dn(r, col)) * scale[c]);
       error_(r, col) += static_cast<float>(flat.sum_of_squares()(r, col) * of_squares[c]);
     }
+  return neighbour_response(frame, flat, dark, geometry_, per_square);
 }
 
 // Sampling variance is taken off pixel by pixel: it is larger relative to dim light than to that of

@@ -28,12 +28,17 @@ struct DarkReference {
   int set = 0;                    ///< levels of one set have this error in common
 };
 
+/// Square of one level's PRNU, from differences of neighbours of one channel.
+struct LevelResponse {
+  double variance = 0, standard_error = 0;
+};
+
 /// Relative response of every pixel, from any number of flat levels weighted by their precision.
 class ResponseAccumulator {
  public:
   explicit ResponseAccumulator(const MosaicGeometry& geometry);
   /// Takes the flat's mean frame. Contract: two frames or more.
-  void add(TemporalAccumulator& flat, const DarkReference& dark);
+  LevelResponse add(TemporalAccumulator& flat, const DarkReference& dark);
   bool empty() const { return sum_.empty(); }
   /// Contract: not empty.
   Response response() const;
