@@ -43,6 +43,25 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   EXPECT_TRUE(std::isnan(named(sheet, "linearity_error").value[0]));
 }
 
+TEST(DataSheet, FullWellIsWhereTheVarianceFallsNotWhite) {
+  NoiseModel model;
+  model.black_dn = {95};
+  model.white_dn = 4095;
+  PhysicsCalibration p;
+  p.K.mean = {0.5};
+  p.K.standard_error = {0};
+  p.temporal_sd_dark_dn = {2.0};
+  p.transfer.resize(3);
+  p.transfer[0].mean_dn = 2400;
+  p.transfer[1].mean_dn = 2500;
+  p.transfer[2].mean_dn = 2501;
+  p.transfer[1].saturated = p.transfer[2].saturated = true;
+  const auto sheet = data_sheet(model, p);
+  EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[0], 5000);
+  EXPECT_NEAR(named(sheet, "dynamic_range").value[0],
+              20 * std::log10(5000 / (std::sqrt(16.25) + 0.5)), 1e-12);
+}
+
 // Rounded normal noise of 0.8 DN has a variance of 0.64 + 1/12 DN².
 TEST(DataSheet, DarkNoiseIsThatOfTheSensorAndNotOfTheStep) {
   NoiseModel model;

@@ -8,6 +8,7 @@
 #include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/photon_transfer.h"
 #include "malus/calibrate/response.h"
+#include "malus/calibrate/saturation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -115,6 +116,7 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
         fit ? fit->variance_stderr_dn2[i] : std::numeric_limits<double>::quiet_NaN();
     point.used = levels[i].refused.empty();
     point.why_not = levels[i].refused;
+    point.saturated = levels[i].saturated;
     out.transfer.push_back(std::move(point));
   }
 }
@@ -210,6 +212,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.dark_variance_dn2 = dark.variance_dn2[c];
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;
+    point.at_white = level.saturated[c] > kMostSaturated;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
     good &= point.refused.empty();
     good_for_response &= good && mean[c] > kResponseShare * range;
@@ -224,6 +227,39 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   if (dark.frames == 0)
     series.darkless.push_back(
         {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
+}
+
+void leave_out_saturated(const DarkPoint& dark, std::vector<TransferLevel>& levels) {
+  const std::vector<bool> saturated = saturated_levels(levels, dark);
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    levels[i].saturated = saturated[i];
+    if (saturated[i] && levels[i].refused.empty())
+      levels[i].refused = fmt::format(
+          "saturated at {:.4g} DN: the variance falls while the mean rises", levels[i].mean_dn);
+  }
+}
+
+void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
+                       PhysicsCalibration& out) {
+  std::string names;
+  double lowest = range_dn;
+  for (std::size_t i = 0; i < series.seen.size(); ++i) {
+    bool any = false;
+    for (const std::vector<TransferLevel>& channel : series.levels)
+      if (channel[i].saturated) {
+        any = true;
+        lowest = std::min(lowest, channel[i].mean_dn);
+      }
+    if (any) names += (names.empty() ? "" : ", ") + series.seen[i].name;
+  }
+  if (names.empty()) return;
+  // Shot noise meets the end a little below it.
+  const double advised = std::min(limit, 0.9 * lowest / range_dn);
+  out.warnings.push_back(fmt::format(
+      "the sensor saturates at {:.4g} DN above black, below white: there the variance falls while "
+      "the mean rises. Left out of K: {}. Full well and dynamic range count to there; use shorter "
+      "exposures, or --saturation-limit {:.2f}",
+      lowest, names, advised));
 }
 
 // Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of
@@ -283,10 +319,13 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     DarkPoint point = dark_point(c, geometry, dark_variance[as_index(c)], out);
     point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
     cut_off |= point.cut_off;
+    leave_out_saturated(point, series.levels[as_index(c)]);
     fits.push_back(fit_photon_transfer(levels, point));
     append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
   append_fits(fits, first.layout, out);
+  warn_of_full_well(series, settings.saturation_limit, first.white_dn - mean_of(first.black_dn),
+                    out);
   warn_of_flats(series.seen,
                 {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
                  .frame_sd_dn = mean_of(frame_deviation),

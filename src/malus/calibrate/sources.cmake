@@ -23,6 +23,7 @@ set(calibrate_SOURCES
   row_drift_fit.cpp
   row_group.cpp
   row_offset.cpp
+  saturation.cpp
   temporal.cpp
   tukey_fit.cpp
 )

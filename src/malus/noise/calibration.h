@@ -35,7 +35,8 @@ struct PhotonTransferPoint {
   double variance_dn2 = 0;  ///< temporal variance minus the dark pair's
   double variance_stderr_dn2 = 0;
   bool used = false;
-  std::string why_not;  ///< reason when not used, with numbers
+  std::string why_not;     ///< reason when not used, with numbers
+  bool saturated = false;  ///< past the maximum of the variance, below white (EMVA 1288)
   bool operator==(const PhotonTransferPoint&) const = default;
 };
 

@@ -47,6 +47,17 @@ double threshold_e(double dark_noise_e) {
   return std::sqrt(dark_noise_e * dark_noise_e + 0.25) + 0.5;
 }
 
+// EMVA 1288, "saturation capacity": where the variance has its maximum. The first level past it is
+// nearer to a hard end than the last one before. Above black.
+double saturation_dn(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                     double white_dn) {
+  double saturation = white_dn;
+  for (const PhotonTransferPoint& point : transfer)
+    if (point.channel == channel && point.saturated)
+      saturation = std::min(saturation, point.mean_dn);
+  return saturation;
+}
+
 std::vector<double> spectrum(int lines, int length, const std::function<float(int, int)>& value) {
   const auto bins = static_cast<std::size_t>(length / 2 + 1);
   using Sum = std::vector<double>;
@@ -110,7 +121,7 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
   Quantity bias{"dark_signal", "μ", "DN", "dark signal above black", {}, {}};
   Quantity dsnu{"dsnu", "DSNU", "e-", "dark signal non-uniformity, defects left out", {}, {}};
   Quantity prnu{"prnu", "PRNU", "%", "photo response non-uniformity, defects left out", {}, {}};
-  Quantity full{"saturation", "μ_sat", "e-", "saturation capacity (white level)", {}, {}};
+  Quantity full{"saturation", "μ_sat", "e-", "saturation capacity", {}, {}};
   Quantity least{"threshold", "μ_min", "e-", "absolute sensitivity threshold", {}, {}};
   Quantity range{"dynamic_range", "DR", "dB", "dynamic range", {}, {}};
   Quantity snr{"snr_max", "SNR_max", "dB", "largest signal-to-noise ratio", {}, {}};
@@ -118,7 +129,8 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
     const auto c = static_cast<std::size_t>(channel);
     const double gain = at(p.K.mean, c), gain_error = at(p.K.standard_error, c);
-    const double reach_dn = model.white_dn - at(model.black_dn, c);
+    const double reach_dn =
+        saturation_dn(p.transfer, channel, model.white_dn - at(model.black_dn, c));
     const double dark_dn = at(p.temporal_sd_dark_dn, c);
     const auto [dark_e, dark_error] = dark_noise_e(dark_dn, at(p.temporal_sd_dark_stderr_dn, c),
                                                    model.quantization_dn, gain, gain_error);

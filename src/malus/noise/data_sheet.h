@@ -19,7 +19,8 @@ namespace malus {
 /// no standard errors, read noise has none below 20 bias frames.
 /// DSNU and PRNU are of pixels within eight robust deviations of the channel's median; the standard
 /// takes all, and a few defects then are most of both.
-/// Saturation is the white level's, not the point where the photon-transfer curve bends.
+/// Saturation is the mean of the first level past the maximum of the variance, where flats show
+/// that below white (PhotonTransferPoint::saturated), else the white level.
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
 
 /// EMVA 1288, section "linearity": mean absolute deviation, in %, of the mean signal from the line

@@ -1,0 +1,92 @@
+#include "malus/calibrate/saturation.h"
+
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+constexpr double kOfGain = 5.0, kOfLargest = 4.0;  // standard errors
+constexpr double kShortfall = 0.25;
+
+// A level's variance beyond the dark one, with the error that it would have at this gain.
+struct Excess {
+  double signal_dn, variance_dn2, error_dn2;
+};
+
+Excess excess_of(const TransferLevel& level, const DarkPoint& dark, double gain) {
+  double error = variance_error_dn4(std::max(level.mean_dn, 0.0), level.frames, dark, gain);
+  error += level.dark_frames < 2 ? dark.variance_stderr_dn2 * dark.variance_stderr_dn2
+                                 : variance_error_dn4(0.0, level.dark_frames, dark, gain);
+  return {level.mean_dn, level.variance_dn2 - level.dark_variance_dn2, std::sqrt(error)};
+}
+
+// Gain and its error by a weighted median, which no single level decides.
+struct MedianGain {
+  double gain, error;
+};
+
+MedianGain median_gain(const std::vector<Excess>& levels) {
+  std::vector<std::pair<double, double>> gains;  // and weights
+  double total = 0.0, below = 0.0;
+  for (const Excess& level : levels) {
+    gains.emplace_back(level.variance_dn2 / level.signal_dn,
+                       std::pow(level.signal_dn / level.error_dn2, 2));
+    total += gains.back().second;
+  }
+  std::sort(gains.begin(), gains.end());
+  std::size_t i = 0;
+  while (i + 1 < gains.size() && below + gains[i].second < 0.5 * total) below += gains[i++].second;
+  constexpr double kOfMedian = 1.2533141373155003;  // error of a median over that of a mean
+  return {gains[i].first, kOfMedian / std::sqrt(total)};
+}
+
+bool is_past(const TransferLevel& level, const std::vector<Excess>& darker, const DarkPoint& dark) {
+  if (darker.size() < 2) return false;
+  const MedianGain median = median_gain(darker);
+  if (!(median.gain > 0)) return false;
+  const Excess own = excess_of(level, dark, median.gain);
+  const double expected = median.gain * own.signal_dn;
+  const double shortfall = expected - own.variance_dn2;
+  if (shortfall < kOfGain * std::hypot(own.error_dn2, median.error * own.signal_dn)) return false;
+  const auto largest = std::max_element(
+      darker.begin(), darker.end(),
+      [](const Excess& a, const Excess& b) { return a.variance_dn2 < b.variance_dn2; });
+  const double fall = largest->variance_dn2 - own.variance_dn2;
+  return shortfall > kShortfall * expected ||
+         fall > kOfLargest * std::hypot(own.error_dn2, largest->error_dn2);
+}
+
+}  // namespace
+
+std::vector<bool> saturated_levels(const std::vector<TransferLevel>& levels,
+                                   const DarkPoint& dark) {
+  std::vector<std::size_t> order;
+  std::vector<double> gains;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    const TransferLevel& level = levels[i];
+    if (level.frames < 2 || level.at_white || !(level.mean_dn > 0)) continue;
+    order.push_back(i);
+    gains.push_back((level.variance_dn2 - level.dark_variance_dn2) / level.mean_dn);
+  }
+  std::vector<bool> past(levels.size(), false);
+  if (order.size() < 3) return past;
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return levels[a].mean_dn < levels[b].mean_dn; });
+  const double rough = std::max(median_of(gains), 0.0);
+  std::vector<Excess> darker;
+  for (const std::size_t i : order) {
+    past[i] = is_past(levels[i], darker, dark);
+    if (!past[i]) darker.push_back(excess_of(levels[i], dark, rough));
+  }
+  bool brighter_too = true;
+  for (auto i = order.rbegin(); i != order.rend(); ++i) {
+    brighter_too = brighter_too && past[*i];
+    past[*i] = brighter_too;
+  }
+  return past;
+}
+
+}  // namespace malus
