@@ -142,6 +142,9 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].K.mean[0] = -1; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].mu.mean.pop_back(); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].lambda.mean[1] = -0.6; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].lambda.mean[1] = 132; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].sigma_tl.mean[1] = -0.1; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].sigma_row.mean[1] = -0.1; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { std::swap(m.physics[0], m.physics[1]); }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].gain = {{}, 100.0}; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].mu.covariance(0, 1) = 9; }), "");

@@ -179,6 +179,31 @@ void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
   out.residual_counts.push_back(std::move(counts));
 }
 
+// Where the likelihood is all but flat, one Newton step leads anywhere, and so does the mean of
+// many: λ of 132 or 6704 was stored. Not empty: why the frames' values say nothing.
+std::string runaway(const ChannelShapes& shapes, const TukeyFit& fit) {
+  constexpr double kOfFit = 0.05;  // they are the pooled fit but for rounding
+  const double lambda = mean_of(shapes.lambda), scale = mean_of(shapes.scale);
+  const double error =
+      std::sqrt(shapes.lambda_sampling / static_cast<double>(shapes.lambda.size()));
+  if (std::abs(lambda - fit.lambda) < kOfFit && std::abs(scale / fit.scale_dn - 1.0) < kOfFit &&
+      error < kLambdaHigh - kLambdaLow)
+    return {};
+  return fmt::format("the frames do not determine it: λ = {:.2f} ± {:.2g}", fit.lambda, error);
+}
+
+void append_nearly_normal(const std::string& channel, const std::string& reason,
+                          double read_variance_dn2, std::size_t frames, PhysicsCalibration& out) {
+  append_unknown(kNormalLambda,
+                 std::sqrt(std::max(read_variance_dn2, 0.0) / tukey_lambda_variance(kNormalLambda)),
+                 out);
+  out.warnings.push_back(
+      fmt::format("{}: shape of the read noise is not known ({}); taken as nearly normal, λ = {}",
+                  channel, reason, kNormalLambda));
+  append_frames({}, frames, out.lambda);
+  append_frames({}, frames, out.sigma_tl);
+}
+
 void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, double quantization_dn,
                     double kept, const CalibrationSettings& settings, const SensorLayout& layout,
                     PhysicsCalibration& out) {
@@ -191,21 +216,18 @@ void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, dou
     const ResidualBlur blur{quantization_dn,
                             analyzer.offset_variance_dn2(c, std::max(pixel[as_index(c)], 0.0))};
     const auto fit = fit_tukey_lambda(pooled, blur);
-    if (!fit) {
-      const double read = pixel[as_index(c)] - quantization_dn * quantization_dn / 12.0;
-      append_unknown(kNormalLambda,
-                     std::sqrt(std::max(read, 0.0) / tukey_lambda_variance(kNormalLambda)), out);
-      out.warnings.push_back(
-          fmt::format("{}: shape of the read noise is not known ({}); taken as "
-                      "nearly normal, λ = {}",
-                      layout.channel_name(c), fit.reason(), kNormalLambda));
-      append_frames({}, count, out.lambda);
-      append_frames({}, count, out.sigma_tl);
+    const bool ppcc = settings.shape == "ppcc";
+    ChannelShapes shapes;
+    if (fit)
+      shapes =
+          ppcc ? ppcc_shapes(frames, c, blur) : likelihood_shapes(frames, c, pooled, blur, *fit);
+    const std::string unknown = !fit ? fit.reason() : ppcc ? "" : runaway(shapes, *fit);
+    if (!unknown.empty()) {
+      append_nearly_normal(layout.channel_name(c), unknown,
+                           pixel[as_index(c)] - quantization_dn * quantization_dn / 12.0, count,
+                           out);
       continue;
     }
-    const ChannelShapes shapes = settings.shape == "ppcc"
-                                     ? ppcc_shapes(frames, c, blur)
-                                     : likelihood_shapes(frames, c, pooled, blur, *fit);
     append_frames(shapes.lambda, count, out.lambda);
     append_frames(shapes.scale, count, out.sigma_tl);
     if (std::none_of(shapes.lambda.begin(), shapes.lambda.end(),

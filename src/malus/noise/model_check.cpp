@@ -1,5 +1,6 @@
 // Contradictions inside a noise model: what a file may claim and no sensor can be.
 #include "malus/noise/model.h"
+#include "malus/noise/physics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -105,8 +106,14 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   for (double K : p.K.mean)
     findings.require(K > 0, at + "K", fmt::format("is {}, not positive", K));
   for (double lambda : p.lambda.mean)
-    findings.require(lambda > -0.5, at + "lambda",
-                     fmt::format("is {}: the read noise would have no variance", lambda));
+    findings.require(lambda > kNoVarianceLambda && lambda <= kHighestLambda, at + "lambda",
+                     fmt::format("is {}, not above {} (the read noise would have no variance) and "
+                                 "at most {}",
+                                 lambda, kNoVarianceLambda, kHighestLambda));
+  for (const double sigma : p.sigma_tl.mean)
+    findings.require(sigma >= 0, at + "sigma_tl", fmt::format("is {}: a negative scale", sigma));
+  for (const double sigma : p.sigma_row.mean)
+    findings.require(sigma >= 0, at + "sigma_row", fmt::format("is {}: a negative scale", sigma));
   check_sized(findings, p.K_intercept_dn2, n, at + "K_intercept");
   check_sized(findings, p.K_intercept_stderr_dn2, n, at + "K_intercept standard error");
   check_sized(findings, p.temporal_sd_dark_dn, n, at + "temporal_sd_dark");

@@ -17,6 +17,9 @@ struct PhysicsChannel {
   double sigma_row_dn = 0.0;   ///< σ_b, sd of the row groups' offsets
 };
 
+/// λ that a sampler draws with: below, read noise has no variance; above, none of a sensor's.
+inline constexpr double kNoVarianceLambda = -0.5, kHighestLambda = 8.0;
+
 /// Components that can be switched off: the rows of 000 Table 2.
 struct PhysicsParts {
   bool shot = true, read = true, row = true, quantization = true;

@@ -52,7 +52,8 @@ void check_channel(const PhysicsChannel& channel, const std::string& name) {
   };
   if (!(channel.gain_dn_per_e > 0 && std::isfinite(channel.gain_dn_per_e)))
     fail("K", channel.gain_dn_per_e);
-  if (!(channel.lambda > -0.5 && channel.lambda <= 8)) fail("lambda", channel.lambda);
+  if (!(channel.lambda > kNoVarianceLambda && channel.lambda <= kHighestLambda))
+    fail("lambda", channel.lambda);
   if (!std::isfinite(channel.mu_dn)) fail("mu", channel.mu_dn);
   if (!(channel.sigma_tl_dn >= 0 && std::isfinite(channel.sigma_tl_dn)))
     fail("sigma_tl", channel.sigma_tl_dn);
