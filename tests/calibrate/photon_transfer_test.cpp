@@ -2,6 +2,7 @@
 
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/response_bend.h"
 
 #include <cmath>
 
@@ -84,6 +85,67 @@ TEST(PhotonTransfer, ADarkPointThatIsCutOffDoesNotBendTheLine) {
   EXPECT_GT(fit_photon_transfer(levels, dark)->slope_dn_per_e, 1.001 * kGain);
   dark.cut_off = true;
   EXPECT_NEAR(fit_photon_transfer(levels, dark)->slope_dn_per_e, kGain, 1e-9);
+}
+
+// Levels of a sensor whose signal s is measured as s (1 - droop s / full), by simulation of their
+// variances' sampling errors; full is what the 12th level would reach without droop.
+std::vector<TransferLevel> drooping_levels(double droop, bool exposures_known,
+                                           RandomSequence& random) {
+  auto levels = exact_levels(12);
+  const double full = levels.back().mean_dn;
+  for (TransferLevel& level : levels) {
+    const double s = level.mean_dn;
+    level.exposure_s = exposures_known ? s : 0.0;
+    level.mean_dn = s * (1 - droop * s / full) * (1 + 1e-4 * random.normal());
+    level.variance_dn2 = kDarkVariance + kGain * s * std::pow(1 - 2 * droop * s / full, 2);
+    level.variance_dn2 *= 1 + std::sqrt(2.0 / 16384) * random.normal();
+  }
+  return levels;
+}
+
+// Root mean square of the distance from the truth over the stated error; 200 repeats know it to
+// 5 %. Without exposures the variances alone must show the bend, which these do from 2 % on.
+TEST(PhotonTransfer, ANonlinearSensorsErrorHoldsTheGainWithoutLight) {
+  DarkPoint dark = dark_point();
+  dark.pixels = 16384;
+  for (const bool known : {true, false})
+    for (const double droop : {0.01, 0.02, 0.03}) {
+      if (!known && droop < 0.02) continue;
+      RandomSequence random(5, 0, Draw::kUser);
+      double squares = 0.0;
+      constexpr int kRepeats = 200;
+      for (int i = 0; i < kRepeats; ++i) {
+        const auto fit = fit_photon_transfer(drooping_levels(droop, known, random), dark);
+        EXPECT_LT(fit->slope_dn_per_e, kGain);
+        squares += std::pow((fit->slope_dn_per_e - kGain) / fit->slope_stderr, 2) / kRepeats;
+      }
+      EXPECT_LT(std::sqrt(squares), 1.5) << droop << known;
+    }
+}
+
+// 3e-4 of chance by the means and 3.2e-4 by the variances: of 4000 curves 2.5, more than 9 once in
+// 2000.
+TEST(PhotonTransfer, ALinearSensorIsNotCalledNonlinear) {
+  DarkPoint dark = dark_point();
+  dark.pixels = 16384;
+  RandomSequence random(6, 0, Draw::kUser);
+  int found = 0;
+  for (int i = 0; i < 4000; ++i) {
+    auto levels = drooping_levels(0.0, true, random);
+    for (TransferLevel& level : levels) level.mean_dn *= 1 + 0.003 * random.normal();
+    found += fit_photon_transfer(levels, dark)->bend_dn_per_e != 0.0;
+  }
+  EXPECT_LE(found, 9);
+}
+
+// Published quantiles of Student's distribution.
+TEST(PhotonTransfer, TheChanceOfStudentsTIsThatOfTheTables) {
+  EXPECT_NEAR(student_chance(12.7062, 1), 0.05, 1e-6);
+  EXPECT_NEAR(student_chance(31.5991, 2), 0.001, 1e-7);
+  EXPECT_NEAR(student_chance(12.9240, 3), 0.001, 1e-7);
+  EXPECT_NEAR(student_chance(8.6103, 4), 0.001, 1e-7);
+  EXPECT_NEAR(student_chance(2.5706, 5), 0.05, 1e-5);
+  EXPECT_NEAR(student_chance(2.2281, 10), 0.05, 1e-5);
 }
 
 TEST(PhotonTransfer, ScatterFollowsTheStandardErrorAndTwoSeHoldTheTruth) {

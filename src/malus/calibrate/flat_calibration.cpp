@@ -146,8 +146,8 @@ std::string most_frequent_reason(int channel, const PhysicsCalibration& out) {
 // Fits of all channels into K; one warning for all channels that have the same trouble.
 void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLayout& layout,
                  PhysicsCalibration& out) {
-  std::vector<std::string> bent;
-  double largest = 0.0, widest = 0.0;
+  std::vector<std::string> bent, nonlinear;
+  double largest = 0.0, widest = 0.0, most = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const auto& fit = fits[as_index(c)];
     if (!fit) {
@@ -164,6 +164,12 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
     out.K.standard_error.push_back(fit->slope_stderr);
     out.K_intercept_dn2.push_back(fit->intercept_dn2);
     out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
+    if (fit->bend_dn_per_e != 0.0) {
+      nonlinear.push_back(layout.channel_name(c));
+      const double percent = 100 * fit->bend_dn_per_e / fit->slope_dn_per_e;
+      if (std::abs(percent) > std::abs(most)) most = percent;
+      continue;
+    }
     if (!(fit->excess_deviation_dn2 > 0)) continue;
     bent.push_back(layout.channel_name(c));
     largest = std::max(largest, fit->chi_square_per_level);
@@ -175,6 +181,13 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
     out.warnings.push_back(
         fmt::format("K rests on {} light levels; {} or more show whether the sensor is linear",
                     used, kFewLevels));
+  if (!nonlinear.empty())
+    out.warnings.push_back(
+        fmt::format("{}: the sensor is not linear: K of all levels differs by up to {:+.1f} % from "
+                    "that without "
+                    "light, which its standard error now holds; K is nearer to it with a lower "
+                    "--saturation-limit",
+                    joined(nonlinear), most));
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
@@ -209,6 +222,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.dark_mean_variance_dn2 = frame_variance / (dark.frames ? dark.frames : bias_frames);
     point.variance_dn2 = variance[c];
     point.frames = flat.count;
+    point.exposure_s = flat.exposure_s.value_or(0.0);
     point.dark_variance_dn2 = dark.variance_dn2[c];
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;

@@ -1,6 +1,7 @@
 #include "malus/calibrate/photon_transfer.h"
 
 #include "malus/base/statistics.h"
+#include "malus/calibrate/response_bend.h"
 
 #include <algorithm>
 #include <cmath>
@@ -83,13 +84,16 @@ LineFit line_of(const Sums& sums) {
   return line;
 }
 
+// A dark variance known perfectly would make it infinite.
+double dark_weight(const DarkPoint& dark) {
+  const double floor = 1e-6 * std::max(std::abs(dark.variance_dn2), 1e-12);
+  return 1.0 / std::pow(std::max(dark.variance_stderr_dn2, floor), 2);
+}
+
 // Line through the points plus the dark point, where that holds.
 LineFit line_with_dark(const Points& points, double excess_dn4, const DarkPoint& dark) {
-  // A dark variance known perfectly would make the weights infinite.
-  const double floor = 1e-6 * std::max(std::abs(dark.variance_dn2), 1e-12);
   Sums sums = merged(sums_of(points, excess_dn4), points.shared);
-  if (!dark.cut_off)
-    sums.add(1.0 / std::pow(std::max(dark.variance_stderr_dn2, floor), 2), 0.0, dark.variance_dn2);
+  if (!dark.cut_off) sums.add(dark_weight(dark), 0.0, dark.variance_dn2);
   return line_of(sums);
 }
 
@@ -178,6 +182,67 @@ LineFit free_line_of(Points points, const std::vector<const TransferLevel*>& use
   return line_of(merged(sums_of(points, excess_dn4), points.shared));
 }
 
+// The same points with other values y.
+Points with_values(Points points, std::vector<double> y) {
+  points.y = std::move(y);
+  return points;
+}
+
+// Slope of the line through c x² per c, at these weights.
+double slope_of_parabola(const Points& points, double excess_dn4, const DarkPoint& dark) {
+  std::vector<double> square;
+  for (const double x : points.x) square.push_back(x * x);
+  Sums sums = merged(sums_of(with_values(points, square), excess_dn4), points.shared);
+  if (!dark.cut_off) sums.add(dark_weight(dark), 0.0, 0.0);
+  return line_of(sums).slope;
+}
+
+// What a line leaves of the points, the dark point's last.
+std::vector<double> left_of(const std::vector<double>& y, const Points& points, double dark_y,
+                            const DarkPoint& dark) {
+  Sums sums = merged(sums_of(with_values(points, y), 0.0), points.shared);
+  if (!dark.cut_off) sums.add(dark_weight(dark), 0.0, dark_y);
+  const LineFit line = line_of(sums);
+  std::vector<double> left;
+  for (std::size_t i = 0; i < y.size(); ++i)
+    left.push_back(y[i] - line.intercept - line.slope * points.x[i]);
+  left.push_back(dark_y - line.intercept);
+  return left;
+}
+
+// c of variance = V0 + K x + c x² by the points' sampling errors alone, 0 unless it is significant.
+double parabola_of(Points points, const DarkPoint& dark) {
+  constexpr double kDeviations = 3.6;
+  constexpr double kFewestFreedom = 3.0;  // a parabola takes one, and two more show what it is
+  if (freedom_of(points, dark) < kFewestFreedom) return 0.0;
+  std::fill(points.huber.begin(), points.huber.end(), 1.0);
+  std::vector<double> square;
+  for (const double x : points.x) square.push_back(x * x);
+  const std::vector<double> x = left_of(square, points, 0.0, dark);
+  const std::vector<double> y = left_of(points.y, points, dark.variance_dn2, dark);
+  // Products under the inverse covariance from squares: a b = ((a + b)² - (a - b)²) / 4.
+  const auto squared = [&](double of_x, double of_y) {
+    std::vector<double> sum;
+    for (std::size_t i = 0; i < points.size(); ++i) sum.push_back(of_x * x[i] + of_y * y[i]);
+    double total = merged(sums_of(with_values(points, sum), 0.0), points.shared).yy;
+    if (!dark.cut_off) total += dark_weight(dark) * std::pow(of_x * x.back() + of_y * y.back(), 2);
+    return total;
+  };
+  const double xx = squared(1, 0), scale = std::sqrt(squared(0, 1) / xx);  // sums of like size
+  if (!(scale > 0)) return 0.0;
+  const double c = (squared(scale, 1) - squared(scale, -1)) / (4 * scale * xx);
+  return std::abs(c) * std::sqrt(xx) > kDeviations ? c : 0.0;
+}
+
+// Line's slope minus that without light, the larger of what means and variances show.
+double bend_of(const std::vector<TransferLevel>& levels, const Points& points, double excess_dn4,
+               const DarkPoint& dark, double gain) {
+  const double per_parabola = slope_of_parabola(points, excess_dn4, dark);
+  const double by_means = -3.0 * response_bend_per_dn(levels) * gain * per_parabola;
+  const double by_variances = parabola_of(points, dark) * per_parabola;
+  return std::abs(by_means) > std::abs(by_variances) ? by_means : by_variances;
+}
+
 }  // namespace
 
 double variance_error_dn4(double signal_dn, int frames, const DarkPoint& dark,
@@ -222,7 +287,8 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
                                  line.slope, line.slope_standard_error)};
   TransferFit fit;
   fit.slope_dn_per_e = line.slope;
-  fit.slope_stderr = line.slope_standard_error;
+  fit.bend_dn_per_e = bend_of(levels, points, excess, dark, line.slope);
+  fit.slope_stderr = std::hypot(line.slope_standard_error, fit.bend_dn_per_e);
   fit.excess_deviation_dn2 = std::sqrt(excess);
   fit.chi_square_per_level = chi_square(points, line_with_dark(points, 0.0, dark), 0.0) /
                              std::max(freedom_of(points, dark), 1.0);

@@ -16,6 +16,7 @@ struct TransferLevel {
   double mean_variance_dn2 = 0;  ///< error of the flats' share in mean_dn, squared
   double variance_dn2 = 0;       ///< temporal, dark part and all
   int frames = 0;
+  double exposure_s = 0;              ///< 0: not known
   double dark_variance_dn2 = 0;       ///< temporal variance of the matching dark frames
   int dark_frames = 0;                ///< their number; 0: the common dark point was used
   int dark_set = 0;                   ///< which: levels of one set share the error of its frames
@@ -44,6 +45,9 @@ double variance_error_dn4(double signal_dn, int frames, const DarkPoint& dark,
 
 struct TransferFit {
   double slope_dn_per_e = 0, slope_stderr = 0;
+  /// Line's slope minus that without light, where the levels show that the sensor is not linear: by
+  /// the mean against the exposure, or by the variance against the mean. In slope_stderr, too.
+  double bend_dn_per_e = 0;
   /// Of the line that the dark point does not hold, minus the dark variance; 0 within its error
   /// on a linear sensor.
   double intercept_dn2 = 0, intercept_stderr_dn2 = 0;
@@ -58,8 +62,10 @@ struct TransferFit {
 /// are weighted down (Huber). Levels with the same dark frames have those frames' error in common,
 /// which no number of levels averages out: generalised least squares. When the scatter is more than
 /// sampling explains (χ² at the level of 1e-4), a constant variance is added to every level until
-/// it is explained (Mandel and Paule, Anal. Chem. 42, 1970), so that the standard error stays
-/// honest on a nonlinear sensor. Undecided: fewer than two usable levels, or a variance that does
+/// it is explained (Mandel and Paule, Anal. Chem. 42, 1970). A nonlinear sensor has another slope
+/// without light: where the means' bend against the exposure (response_bend_per_dn) or that of the
+/// variances, by a parabola at 3.6 standard errors, shows one, the difference is added to the
+/// standard error in squares. Undecided: fewer than two usable levels, or a variance that does
 /// not rise with the light.
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,
                                           const DarkPoint& dark);

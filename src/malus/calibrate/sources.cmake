@@ -20,6 +20,7 @@ set(calibrate_SOURCES
   photon_transfer.cpp
   residual_histogram.cpp
   response.cpp
+  response_bend.cpp
   row_drift_fit.cpp
   row_group.cpp
   row_offset.cpp
