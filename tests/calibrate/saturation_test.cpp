@@ -11,7 +11,7 @@
 namespace malus {
 namespace {
 
-constexpr double kGain = 0.3;
+constexpr double kGainOfWell = 0.3;
 
 DarkPoint quiet_dark() {
   DarkPoint dark;
@@ -41,9 +41,9 @@ std::vector<TransferLevel> levels_of(const std::vector<double>& electrons, doubl
   for (const double e : electrons) {
     const CutOff cut = cut_off((well_e - e) / std::sqrt(e));
     TransferLevel level;
-    level.mean_dn = kGain * (e + std::sqrt(e) * cut.mean);
+    level.mean_dn = kGainOfWell * (e + std::sqrt(e) * cut.mean);
     level.dark_variance_dn2 = 1.5;
-    level.variance_dn2 = 1.5 + kGain * kGain * e * cut.variance;
+    level.variance_dn2 = 1.5 + kGainOfWell * kGainOfWell * e * cut.variance;
     if (random) level.variance_dn2 *= 1 + std::sqrt(2.0 / 16384) * random->normal();
     level.frames = 2;
     levels.push_back(level);

@@ -5,20 +5,18 @@
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/fixed_pattern.h"
+#include "malus/calibrate/read_noise_shape.h"
 #include "malus/calibrate/row_drift_fit.h"
-#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <span>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
 
-constexpr double kCellsPerDeviation = 24.0;
-constexpr double kNormalLambda = 0.14;
 // Below: the mean of the other frames, whose error is taken for normal, has tails of its own where
 // the fixed pattern is strong enough to need it.
 constexpr int kFewFrames = 10;
@@ -92,71 +90,6 @@ SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames&
   return e;
 }
 
-// Per-frame shape and scale of one channel.
-struct ChannelShapes {
-  std::vector<double> lambda, scale;
-  double lambda_sampling = 0, scale_sampling = 0;
-};
-
-ChannelShapes likelihood_shapes(const BiasFrames& frames, int channel,
-                                const ResidualHistogram& pooled, const ResidualBlur& blur,
-                                const TukeyFit& fit) {
-  ChannelShapes shapes;
-  const FrameShapes one_step(fit, pooled, blur);
-  for (const auto& frame : frames.residuals) {
-    const auto shape = one_step.of(frame[as_index(channel)]);
-    shapes.lambda.push_back(shape.lambda);
-    shapes.scale.push_back(fit.scale_dn * (1.0 + shape.log_scale - std::log(fit.scale_dn)));
-  }
-  const auto samples =
-      static_cast<double>(pooled.count()) / static_cast<double>(frames.residuals.size());
-  shapes.lambda_sampling = fit.unit_covariance[0] / samples;
-  shapes.scale_sampling = fit.scale_dn * fit.scale_dn * fit.unit_covariance[2] / samples;
-  return shapes;
-}
-
-ChannelShapes ppcc_shapes(const BiasFrames& frames, int channel, const ResidualBlur& blur) {
-  ChannelShapes shapes;
-  for (const auto& frame : frames.residuals) {
-    const auto fit = fit_tukey_lambda_ppcc(frame[as_index(channel)], blur);
-    const double nan = std::numeric_limits<double>::quiet_NaN();
-    shapes.lambda.push_back(fit ? fit->lambda : nan);
-    shapes.scale.push_back(fit ? fit->scale_dn : nan);
-  }
-  return shapes;
-}
-
-// One more channel; frames without an estimate have NaN.
-void append_frames(const std::vector<double>& values, std::size_t frames, ChannelStatistics& out) {
-  out.per_frame.resize(frames);
-  for (std::size_t f = 0; f < frames; ++f)
-    out.per_frame[f].push_back(f < values.size() ? values[f]
-                                                 : std::numeric_limits<double>::quiet_NaN());
-}
-
-void append_statistics(const std::vector<double>& values, double sampling, double kept,
-                       ChannelStatistics& out) {
-  FrameSeries series;
-  for (double value : values)
-    if (std::isfinite(value)) series.push_back({value});
-  SquareMatrix error(1);
-  error(0, 0) = sampling;
-  const ChannelStatistics one = frame_statistics(series, error, kept);
-  out.mean.push_back(one.mean[0]);
-  out.standard_error.push_back(one.standard_error[0]);
-  out.spread.push_back(one.spread[0]);
-}
-
-void append_unknown(double lambda, double scale, PhysicsCalibration& out) {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  out.lambda.mean.push_back(lambda);
-  out.sigma_tl.mean.push_back(scale);
-  for (ChannelStatistics* statistics : {&out.lambda, &out.sigma_tl}) {
-    statistics->standard_error.push_back(nan);
-    statistics->spread.push_back(0.0);
-  }
-}
-
 // The histogram's cells divide the converter's step, or are a whole number of steps wide. Where no
 // fixed pattern spreads the offsets, residuals lie on a lattice: beside cells of any other width it
 // makes a moiré that looks like another shape (λ by up to 0.005), and differs between sessions.
@@ -166,78 +99,6 @@ double cell_of(double deviation_dn, double step_dn) {
   if (!(step_dn > 0)) return width;
   return width < step_dn ? step_dn / std::ceil(step_dn / width)
                          : step_dn * std::floor(width / step_dn);
-}
-
-// For the report's distribution plot: twelve deviations are enough to see every tail that matters,
-// of cells that may be half as wide as they were meant.
-void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
-  constexpr std::size_t kCells = static_cast<std::size_t>(2 * 12 * kCellsPerDeviation);
-  std::vector<double> counts(kCells, 0.0);
-  for (const ResidualHistogram::Cell& cell : pooled.cells())
-    counts[std::min(as_index(cell.index), kCells - 1)] += cell.count;
-  out.residual_cell_dn.push_back(pooled.cell_dn());
-  out.residual_counts.push_back(std::move(counts));
-}
-
-// Where the likelihood is all but flat, one Newton step leads anywhere, and so does the mean of
-// many: λ of 132 or 6704 was stored. Not empty: why the frames' values say nothing.
-std::string runaway(const ChannelShapes& shapes, const TukeyFit& fit) {
-  constexpr double kOfFit = 0.05;  // they are the pooled fit but for rounding
-  const double lambda = mean_of(shapes.lambda), scale = mean_of(shapes.scale);
-  const double error =
-      std::sqrt(shapes.lambda_sampling / static_cast<double>(shapes.lambda.size()));
-  if (std::abs(lambda - fit.lambda) < kOfFit && std::abs(scale / fit.scale_dn - 1.0) < kOfFit &&
-      error < kLambdaHigh - kLambdaLow)
-    return {};
-  return fmt::format("the frames do not determine it: λ = {:.2f} ± {:.2g}", fit.lambda, error);
-}
-
-void append_nearly_normal(const std::string& channel, const std::string& reason,
-                          double read_variance_dn2, std::size_t frames, PhysicsCalibration& out) {
-  append_unknown(kNormalLambda,
-                 std::sqrt(std::max(read_variance_dn2, 0.0) / tukey_lambda_variance(kNormalLambda)),
-                 out);
-  out.warnings.push_back(
-      fmt::format("{}: shape of the read noise is not known ({}); taken as nearly normal, λ = {}",
-                  channel, reason, kNormalLambda));
-  append_frames({}, frames, out.lambda);
-  append_frames({}, frames, out.sigma_tl);
-}
-
-void measure_shapes(const BiasFrames& frames, const FrameAnalyzer& analyzer, double quantization_dn,
-                    double kept, const CalibrationSettings& settings, const SensorLayout& layout,
-                    PhysicsCalibration& out) {
-  const std::vector<double> pixel = mean_over_frames(frames.pixel);
-  const std::size_t count = frames.residuals.size();
-  for (int c = 0; c < layout.channels(); ++c) {
-    ResidualHistogram pooled(frames.residuals.front()[as_index(c)].cell_dn());
-    for (const auto& frame : frames.residuals) pooled.add(frame[as_index(c)]);
-    keep_residuals(pooled, out);
-    const ResidualBlur blur{quantization_dn,
-                            analyzer.offset_variance_dn2(c, std::max(pixel[as_index(c)], 0.0))};
-    const auto fit = fit_tukey_lambda(pooled, blur);
-    const bool ppcc = settings.shape == "ppcc";
-    ChannelShapes shapes;
-    if (fit)
-      shapes =
-          ppcc ? ppcc_shapes(frames, c, blur) : likelihood_shapes(frames, c, pooled, blur, *fit);
-    const std::string unknown = !fit ? fit.reason() : ppcc ? "" : runaway(shapes, *fit);
-    if (!unknown.empty()) {
-      append_nearly_normal(layout.channel_name(c), unknown,
-                           pixel[as_index(c)] - quantization_dn * quantization_dn / 12.0, count,
-                           out);
-      continue;
-    }
-    append_frames(shapes.lambda, count, out.lambda);
-    append_frames(shapes.scale, count, out.sigma_tl);
-    if (std::none_of(shapes.lambda.begin(), shapes.lambda.end(),
-                     [](double value) { return std::isfinite(value); })) {
-      append_unknown(fit->lambda, fit->scale_dn, out);
-      continue;
-    }
-    append_statistics(shapes.lambda, shapes.lambda_sampling, kept, out.lambda);
-    append_statistics(shapes.scale, shapes.scale_sampling, kept, out.sigma_tl);
-  }
 }
 
 void warn_of_few_frames(PhysicsCalibration& out) {
@@ -309,6 +170,15 @@ void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int fr
   analyzer.expect(spread);
 }
 
+// A frame of one code shows no step; of whole numbers it is one.
+double step_of(const RawFrame& first, double quantization_dn) {
+  if (quantization_dn > 0) return quantization_dn;
+  const std::span<const float> values = first.dn.values();
+  return std::all_of(values.begin(), values.end(), [](float v) { return v == std::floor(v); })
+             ? 1.0
+             : 0.0;
+}
+
 void add_black(const RawFrame& first, Image& dn) {
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
@@ -322,7 +192,8 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
                 RowLagAccumulator(geometry),
                 std::vector<double>(first.black_dn.size(), 0.0),
                 {},
-                NeighbourCorrelation(geometry)};
+                NeighbourCorrelation(geometry),
+                {}};
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
   bool cut_at_zero = true;  // not where black is subtracted already
@@ -362,8 +233,12 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
       ordinary_pixels(pattern, several ? 0.0 : quantization_dn, geometry);
   if (remove_pattern) expect_offsets(dark, ordinary, set.count, analyzer);
   BiasFrames frames;
-  for_each_frame(set, &first, progress,
-                 [&](const RawFrame& frame, int) { frames.add(analyzer.analyze(frame.dn)); });
+  const double step = several ? step_of(first, quantization_dn) : 0.0;
+  CodePairCounter pairs(geometry, step);
+  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
+    frames.add(analyzer.analyze(frame.dn));
+    pairs.add(frame.dn);
+  });
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
   // Hot pixels are as bright in every frame as in their mean.
@@ -371,7 +246,12 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   for (std::vector<double>& frame : frames.mean)
     for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
-  measure_shapes(frames, analyzer, quantization_dn, kept, settings, first.layout, out);
+  for (std::size_t c = 0; several && c < pairs.pairs().size(); ++c)
+    dark.hidden.push_back(
+        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step));
+  measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
+                  quantization_dn, kept, settings.shape == "ppcc"},
+                 first.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);

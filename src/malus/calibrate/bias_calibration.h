@@ -6,6 +6,7 @@
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/neighbour_correlation.h"
+#include "malus/calibrate/rounded_noise.h"
 #include "malus/calibrate/temporal.h"
 
 #include <optional>
@@ -20,6 +21,7 @@ struct DarkPass {
   std::vector<double> zero_share;  ///< per channel: share of pixels at DN 0, where the camera clips
   std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
   NeighbourCorrelation neighbours;
+  std::vector<HiddenNoise> hidden;  ///< per channel, by measure_bias; empty of a single frame
 };
 
 /// `first` gives size, layout and black level.

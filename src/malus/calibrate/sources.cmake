@@ -18,9 +18,11 @@ set(calibrate_SOURCES
   neighbour_correlation.cpp
   nonparametric_calibration.cpp
   photon_transfer.cpp
+  read_noise_shape.cpp
   residual_histogram.cpp
   response.cpp
   response_bend.cpp
+  rounded_noise.cpp
   row_drift_fit.cpp
   row_group.cpp
   row_offset.cpp

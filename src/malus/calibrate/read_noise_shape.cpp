@@ -1,0 +1,180 @@
+#include "malus/calibrate/read_noise_shape.h"
+
+#include "malus/base/index.h"
+#include "malus/base/statistics.h"
+#include "malus/calibrate/across_frames.h"
+#include "malus/calibrate/tukey_fit.h"
+#include "malus/noise/tukey_lambda.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr double kNormalLambda = 0.14;
+
+// Per-frame shape and scale of one channel.
+struct ChannelShapes {
+  std::vector<double> lambda, scale;
+  double lambda_sampling = 0, scale_sampling = 0;
+};
+
+ChannelShapes likelihood_shapes(const ShapeInput& in, int channel, const ResidualHistogram& pooled,
+                                const ResidualBlur& blur, const TukeyFit& fit) {
+  ChannelShapes shapes;
+  const FrameShapes one_step(fit, pooled, blur);
+  for (const auto& frame : in.residuals) {
+    const auto shape = one_step.of(frame[as_index(channel)]);
+    shapes.lambda.push_back(shape.lambda);
+    shapes.scale.push_back(fit.scale_dn * (1.0 + shape.log_scale - std::log(fit.scale_dn)));
+  }
+  const auto samples =
+      static_cast<double>(pooled.count()) / static_cast<double>(in.residuals.size());
+  shapes.lambda_sampling = fit.unit_covariance[0] / samples;
+  shapes.scale_sampling = fit.scale_dn * fit.scale_dn * fit.unit_covariance[2] / samples;
+  return shapes;
+}
+
+ChannelShapes ppcc_shapes(const ShapeInput& in, int channel, const ResidualBlur& blur) {
+  ChannelShapes shapes;
+  for (const auto& frame : in.residuals) {
+    const auto fit = fit_tukey_lambda_ppcc(frame[as_index(channel)], blur);
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    shapes.lambda.push_back(fit ? fit->lambda : nan);
+    shapes.scale.push_back(fit ? fit->scale_dn : nan);
+  }
+  return shapes;
+}
+
+// One more channel; frames without an estimate have NaN.
+void append_frames(const std::vector<double>& values, std::size_t frames, ChannelStatistics& out) {
+  out.per_frame.resize(frames);
+  for (std::size_t f = 0; f < frames; ++f)
+    out.per_frame[f].push_back(f < values.size() ? values[f]
+                                                 : std::numeric_limits<double>::quiet_NaN());
+}
+
+void append_statistics(const std::vector<double>& values, double sampling, double kept,
+                       ChannelStatistics& out) {
+  FrameSeries series;
+  for (double value : values)
+    if (std::isfinite(value)) series.push_back({value});
+  SquareMatrix error(1);
+  error(0, 0) = sampling;
+  const ChannelStatistics one = frame_statistics(series, error, kept);
+  out.mean.push_back(one.mean[0]);
+  out.standard_error.push_back(one.standard_error[0]);
+  out.spread.push_back(one.spread[0]);
+}
+
+void append_unknown(double lambda, double scale, PhysicsCalibration& out) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  out.lambda.mean.push_back(lambda);
+  out.sigma_tl.mean.push_back(scale);
+  for (ChannelStatistics* statistics : {&out.lambda, &out.sigma_tl}) {
+    statistics->standard_error.push_back(nan);
+    statistics->spread.push_back(0.0);
+  }
+}
+
+// For the report's distribution plot: twelve deviations are enough to see every tail that matters,
+// of cells that may be half as wide as they were meant.
+void keep_residuals(const ResidualHistogram& pooled, PhysicsCalibration& out) {
+  constexpr std::size_t kCells = static_cast<std::size_t>(2 * 12 * kCellsPerDeviation);
+  std::vector<double> counts(kCells, 0.0);
+  for (const ResidualHistogram::Cell& cell : pooled.cells())
+    counts[std::min(as_index(cell.index), kCells - 1)] += cell.count;
+  out.residual_cell_dn.push_back(pooled.cell_dn());
+  out.residual_counts.push_back(std::move(counts));
+}
+
+// Where the likelihood is all but flat, one Newton step leads anywhere, and so does the mean of
+// many: λ of 132 or 6704 was stored. Not empty: why the frames' values say nothing.
+std::string runaway(const ChannelShapes& shapes, const TukeyFit& fit) {
+  constexpr double kOfFit = 0.05;  // they are the pooled fit but for rounding
+  const double lambda = mean_of(shapes.lambda), scale = mean_of(shapes.scale);
+  const double error =
+      std::sqrt(shapes.lambda_sampling / static_cast<double>(shapes.lambda.size()));
+  if (std::abs(lambda - fit.lambda) < kOfFit && std::abs(scale / fit.scale_dn - 1.0) < kOfFit &&
+      error < kLambdaHigh - kLambdaLow)
+    return {};
+  return fmt::format("the frames do not determine it: λ = {:.2f} ± {:.2g}", fit.lambda, error);
+}
+
+void append_nearly_normal(double read_variance_dn2, std::size_t frames, PhysicsCalibration& out) {
+  append_unknown(kNormalLambda,
+                 std::sqrt(std::max(read_variance_dn2, 0.0) / tukey_lambda_variance(kNormalLambda)),
+                 out);
+  append_frames({}, frames, out.lambda);
+  append_frames({}, frames, out.sigma_tl);
+}
+
+// Not empty: what is said of noise that the step hides, of which this variance is kept.
+std::string hidden_words(const HiddenNoise& hidden) {
+  if (!hidden.hidden) return {};
+  if (hidden.unknown.empty())
+    return fmt::format(
+        "the dark noise is hidden by the converter's step; from how often pixels change their code "
+        "it is {:.3g} ± {:.2g} DN, taken as normal",
+        std::sqrt(hidden.variance_dn2),
+        0.5 * hidden.variance_stderr_dn2 / std::sqrt(hidden.variance_dn2));
+  return fmt::format(
+      "the dark noise is hidden by the converter's step and not known ({}); its upper limit, "
+      "{:.2g} "
+      "DN (EMVA 1288), is kept",
+      hidden.unknown, std::sqrt(hidden.limit_dn2));
+}
+
+double hidden_read_dn2(const HiddenNoise& hidden, double row_dn) {
+  return (hidden.unknown.empty() ? hidden.variance_dn2 : hidden.limit_dn2) - row_dn * row_dn;
+}
+
+void measure_shape(const ShapeInput& in, int c, const std::string& name, PhysicsCalibration& out) {
+  const double pixel = in.pixel_variance_dn2[as_index(c)];
+  const std::size_t count = in.residuals.size();
+  ResidualHistogram pooled(in.residuals.front()[as_index(c)].cell_dn());
+  for (const auto& frame : in.residuals) pooled.add(frame[as_index(c)]);
+  keep_residuals(pooled, out);
+  const HiddenNoise hidden = in.hidden.empty() ? HiddenNoise{} : in.hidden[as_index(c)];
+  if (hidden.hidden && pixel > 0) {
+    append_nearly_normal(hidden_read_dn2(hidden, out.sigma_row.mean[as_index(c)]), count, out);
+    out.warnings.push_back(fmt::format("{}: {}", name, hidden_words(hidden)));
+    return;
+  }
+  const ResidualBlur blur{in.quantization_dn,
+                          in.analyzer.offset_variance_dn2(c, std::max(pixel, 0.0))};
+  const auto fit = fit_tukey_lambda(pooled, blur);
+  ChannelShapes shapes;
+  if (fit)
+    shapes = in.ppcc ? ppcc_shapes(in, c, blur) : likelihood_shapes(in, c, pooled, blur, *fit);
+  const std::string unknown = !fit ? fit.reason() : in.ppcc ? "" : runaway(shapes, *fit);
+  if (!unknown.empty()) {
+    append_nearly_normal(pixel - in.quantization_dn * in.quantization_dn / 12.0, count, out);
+    out.warnings.push_back(
+        fmt::format("{}: shape of the read noise is not known ({}); taken as nearly normal, λ = {}",
+                    name, unknown, kNormalLambda));
+    return;
+  }
+  append_frames(shapes.lambda, count, out.lambda);
+  append_frames(shapes.scale, count, out.sigma_tl);
+  if (std::none_of(shapes.lambda.begin(), shapes.lambda.end(),
+                   [](double value) { return std::isfinite(value); })) {
+    append_unknown(fit->lambda, fit->scale_dn, out);
+    return;
+  }
+  append_statistics(shapes.lambda, shapes.lambda_sampling, in.kept, out.lambda);
+  append_statistics(shapes.scale, shapes.scale_sampling, in.kept, out.sigma_tl);
+}
+
+}  // namespace
+
+void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCalibration& out) {
+  for (int c = 0; c < layout.channels(); ++c) measure_shape(in, c, layout.channel_name(c), out);
+}
+
+}  // namespace malus

@@ -1,0 +1,253 @@
+#include "malus/calibrate/rounded_noise.h"
+
+#include "malus/base/index.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+
+#include <Eigen/Dense>
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kReach = CodePairs::kReach, kCodes = CodePairs::kCodes;
+// Pixels of no normal offset (hot ones): they keep their code, whichever it is.
+constexpr double kOddPixels = 1e-4;
+constexpr double kNarrowestPattern = 0.02, kNarrowestNoise = 0.02;  // codes
+constexpr double kMostError = 0.25, kFewestChanges = 40.0;
+
+// Mean offset in codes, logarithms of the offsets' and of the noise's deviation.
+using Parameters = Eigen::Vector3d;
+using PairChances = std::array<double, kCodes * kCodes>;
+
+double below(double x) { return 0.5 * std::erfc(-x / std::numbers::sqrt2); }
+
+// Chance of every pair of codes: the offsets by trapezoids, narrower than the noise.
+PairChances chances_of(const Parameters& p) {
+  constexpr double kWidest = 5.0, kPerNoise = 3.0;
+  const double pattern = std::exp(p[1]), noise = std::exp(p[2]);
+  const int nodes =
+      std::clamp(static_cast<int>(2 * kWidest * pattern * kPerNoise / noise), 20, 600);
+  PairChances chances{};
+  double total = 0.0;
+  for (int i = 0; i <= nodes; ++i) {
+    const double x = kWidest * (2.0 * i / nodes - 1.0), weight = std::exp(-0.5 * x * x);
+    total += weight;
+    std::array<double, kCodes> one{};
+    double last = 0.0;
+    for (int k = 0; k < kCodes; ++k) {
+      const double next = below((k - kReach + 0.5 - p[0] - pattern * x) / noise);
+      one[as_index(k)] = next - last;
+      last = next;
+    }
+    for (int a = 0; a < kCodes; ++a)
+      for (int b = 0; b < kCodes; ++b)
+        chances[as_index(a * kCodes + b)] += weight * one[as_index(a)] * one[as_index(b)];
+  }
+  for (int a = 0; a < kCodes; ++a)
+    for (int b = 0; b < kCodes; ++b) {
+      double& chance = chances[as_index(a * kCodes + b)];
+      chance = (1 - kOddPixels) * chance / total + (a == b ? kOddPixels / kCodes : 1e-15);
+    }
+  return chances;
+}
+
+double likelihood_of(const CodePairs& pairs, const Parameters& p) {
+  const PairChances chances = chances_of(p);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < chances.size(); ++i)
+    if (pairs.count[i] > 0) sum += pairs.count[i] * std::log(chances[i]);
+  return sum;
+}
+
+// Slope of the log-likelihood and its expected curvature (Fisher's information).
+struct Ascent {
+  Eigen::Vector3d slope = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+};
+
+Ascent ascent_at(const CodePairs& pairs, double total, const Parameters& p) {
+  constexpr double kDelta = 1e-4;
+  const PairChances here = chances_of(p);
+  std::array<PairChances, 3> slope;
+  for (int j = 0; j < 3; ++j) {
+    Parameters up = p, down = p;
+    up[j] += kDelta;
+    down[j] -= kDelta;
+    const PairChances high = chances_of(up), low = chances_of(down);
+    for (std::size_t i = 0; i < here.size(); ++i)
+      slope[as_index(j)][i] = (high[i] - low[i]) / (2 * kDelta);
+  }
+  Ascent out;
+  for (std::size_t i = 0; i < here.size(); ++i) {
+    const Eigen::Vector3d by(slope[0][i], slope[1][i], slope[2][i]);
+    out.slope += pairs.count[i] / here[i] * by;
+    out.information += total / here[i] * by * by.transpose();
+  }
+  return out;
+}
+
+Parameters within_bounds(Parameters p) {
+  p[0] = std::clamp(p[0], -static_cast<double>(kReach), static_cast<double>(kReach));
+  p[1] = std::clamp(p[1], std::log(kNarrowestPattern), std::log(static_cast<double>(kReach)));
+  p[2] = std::clamp(p[2], std::log(kNarrowestNoise), std::log(static_cast<double>(kReach)));
+  return p;
+}
+
+Parameters best_start(const CodePairs& pairs, double mean) {
+  Parameters best;
+  double most = -std::numeric_limits<double>::infinity();
+  for (const double noise : {0.08, 0.14, 0.22, 0.32, 0.5})
+    for (const double pattern : {0.03, 0.15, 0.4, 1.0, 2.0}) {
+      const Parameters start(mean, std::log(pattern), std::log(noise));
+      const double value = likelihood_of(pairs, start);
+      if (value > most) {
+        most = value;
+        best = start;
+      }
+    }
+  return best;
+}
+
+// Fisher scoring, damped where a step does not climb (Levenberg).
+Parameters climbed(const CodePairs& pairs, double total, Parameters p) {
+  double value = likelihood_of(pairs, p), damping = 1e-3;
+  for (int iteration = 0; iteration < 60; ++iteration) {
+    const Ascent at = ascent_at(pairs, total, p);
+    bool better = false;
+    double gained = 0.0;
+    for (int trial = 0; trial < 8 && !better; ++trial) {
+      Eigen::Matrix3d matrix = at.information;
+      matrix.diagonal() *= 1.0 + damping;
+      matrix.diagonal().array() += 1e-9 * matrix.trace();
+      const Eigen::Vector3d step = matrix.ldlt().solve(at.slope);
+      const Parameters next =
+          within_bounds(p + step / std::max(step.cwiseAbs().maxCoeff() / 0.3, 1.0));
+      const double found = likelihood_of(pairs, next);
+      better = found > value;
+      damping = better ? damping / 3 : damping * 10;
+      if (!better) continue;
+      gained = found - value;
+      value = found;
+      p = next;
+    }
+    if (!better || gained < 1e-4) break;
+  }
+  return p;
+}
+
+// Relative variance of the noise's deviation; without the pattern where there is none to speak of.
+double noise_error2(const Eigen::Matrix3d& information, const Parameters& p) {
+  if (std::exp(p[1]) > 2 * kNarrowestPattern) return information.inverse()(2, 2);
+  Eigen::Matrix2d two;
+  two << information(0, 0), information(0, 2), information(2, 0), information(2, 2);
+  return two.inverse()(1, 1);
+}
+
+// Changes across the boundary between two codes that is crossed second most often.
+double second_boundary(const CodePairs& pairs) {
+  std::array<double, kCodes - 1> crossed{};
+  for (int a = 0; a < kCodes; ++a)
+    for (int b = 0; b < kCodes; ++b)
+      for (int k = std::min(a, b); k < std::max(a, b); ++k)
+        crossed[as_index(k)] += pairs.count[as_index(a * kCodes + b)];
+  std::nth_element(crossed.begin(), crossed.begin() + 1, crossed.end(), std::greater<>());
+  return crossed[1];
+}
+
+}  // namespace
+
+CodePairCounter::CodePairCounter(const MosaicGeometry& geometry, double step_dn)
+    : geometry_(geometry), step_dn_(step_dn), pairs_(as_index(geometry.channels())) {}
+
+int CodePairCounter::code(float dn, int channel) const {
+  const double steps = (static_cast<double>(dn) - origin_dn_) / step_dn_;
+  constexpr double kFar = 1e6;
+  return static_cast<int>(std::lround(std::clamp(steps, -kFar, kFar))) - middle_[as_index(channel)];
+}
+
+void CodePairCounter::find_middle(View<const float> dn) {
+  origin_dn_ = static_cast<double>(dn(0, 0));
+  middle_.assign(as_index(geometry_.channels()), 0);
+  std::vector<std::vector<int>> codes(middle_.size());
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c)
+      codes[as_index(geometry_.channel(r, c))].push_back(code(dn(r, c), geometry_.channel(r, c)));
+  for (std::size_t c = 0; c < codes.size(); ++c) {
+    const auto middle = codes[c].begin() + static_cast<std::ptrdiff_t>(codes[c].size() / 2);
+    std::nth_element(codes[c].begin(), middle, codes[c].end());
+    middle_[c] = *middle;
+  }
+}
+
+void CodePairCounter::add(View<const float> dn) {
+  if (!(step_dn_ > 0)) return;
+  const bool first = previous_.empty();
+  for (CodePairs& pairs : pairs_) pairs.per_pixel += first ? 0.0 : 1.0;
+  if (first) {
+    find_middle(dn);
+    previous_ = Image(dn.rows(), dn.cols());
+  }
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) {
+      const int channel = geometry_.channel(r, c);
+      const int a = first ? kReach + 1 : code(previous_(r, c), channel),
+                b = code(dn(r, c), channel);
+      if (std::abs(a) <= kReach && std::abs(b) <= kReach) pairs_[as_index(channel)].at(a, b) += 1.0;
+      previous_(r, c) = dn(r, c);
+    }
+}
+
+HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn) {
+  // 0.24 q² less q²/12 is the limit; noise on a boundary has up to a quarter of q² however narrow.
+  constexpr double kMostOfCodes = 0.3, kLimit = 0.24 - 1.0 / 12.0;
+  const double step2 = step_dn * step_dn;
+  HiddenNoise out;
+  out.limit_dn2 = kLimit * step2;
+  out.rounding_dn2 = step2 / 12.0;
+  out.widest_codes_dn2 = kMostOfCodes * step2;
+  if (!(step_dn > 0) || !(codes_variance_dn2 < kMostOfCodes * step2)) return out;
+  const auto fit = fit_rounded_noise(pairs);
+  if (fit && fit->sd * fit->sd > kLimit) return out;
+  out.hidden = true;
+  if (fit) {
+    out.variance_dn2 = fit->sd * fit->sd * step2;
+    out.variance_stderr_dn2 = 2 * fit->sd * fit->stderr_of_sd * step2;
+    return out;
+  }
+  // Anywhere from 0 to the limit.
+  out.variance_dn2 = 0.5 * kLimit * step2;
+  out.variance_stderr_dn2 = kLimit / std::sqrt(12.0) * step2;
+  out.unknown = fit.reason();
+  return out;
+}
+
+Estimate<RoundedNoise> fit_rounded_noise(const CodePairs& pairs) {
+  double total = 0.0, mean = 0.0, equal = 0.0;
+  for (int a = 0; a < kCodes; ++a)
+    for (int b = 0; b < kCodes; ++b) {
+      const double count = pairs.count[as_index(a * kCodes + b)];
+      total += count;
+      mean += 0.5 * (a + b - 2 * kReach) * count;
+      if (a == b) equal += count;
+    }
+  if (!(total > equal)) return Undecided{"no pixel changes its code"};
+  if (const double second = second_boundary(pairs); second < kFewestChanges)
+    return Undecided{fmt::format(
+        "pixels change between two codes alone ({:.0f} of {:.0f} changes cross another boundary)",
+        second, total - equal)};
+  const Parameters best = climbed(pairs, total, best_start(pairs, mean / total));
+  // The pairs of one pixel share its offset and, in part, its frames: they count as one.
+  const double error =
+      std::sqrt(pairs.per_pixel * noise_error2(ascent_at(pairs, total, best).information, best));
+  const double noise = std::exp(best[2]);
+  if (!(error < kMostError))
+    return Undecided{fmt::format("{:.2g} codes ± {:.0f} %", noise, 100 * std::min(error, 9.99))};
+  return RoundedNoise{noise, noise * error};
+}
+
+}  // namespace malus

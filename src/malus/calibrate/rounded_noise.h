@@ -1,0 +1,69 @@
+// Noise that is narrower than the converter's step, from how often pixels change their code.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/calibrate/geometry.h"
+#include "malus/image/view.h"
+
+#include <array>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// Counts of (code of a pixel, its code one frame later), codes counted from a channel's usual one.
+struct CodePairs {
+  static constexpr int kReach = 8, kCodes = 2 * kReach + 1;
+  std::array<double, kCodes * kCodes> count{};
+  double per_pixel = 0;  ///< pairs that one pixel has
+  double& at(int first, int second) {
+    return count[static_cast<std::size_t>((first + kReach) * kCodes + second + kReach)];
+  }
+};
+
+/// Counts the pairs of a series of frames, per channel. Pixels more than kReach codes from the
+/// middle one of the first frame are not counted.
+class CodePairCounter {
+ public:
+  CodePairCounter(const MosaicGeometry& geometry, double step_dn);
+  void add(View<const float> dn);
+  const std::vector<CodePairs>& pairs() const { return pairs_; }
+
+ private:
+  void find_middle(View<const float> dn);
+  int code(float dn, int channel) const;
+  MosaicGeometry geometry_;
+  double step_dn_, origin_dn_ = 0;
+  std::vector<int> middle_;
+  Image previous_;
+  std::vector<CodePairs> pairs_;
+};
+
+/// Deviation of a pixel's noise from frame to frame, in codes, and its standard error.
+struct RoundedNoise {
+  double sd = 0, stderr_of_sd = 0;
+};
+
+/// Dark noise where the converter's step hides it: narrower than 0.4 steps, EMVA 1288's limit.
+struct HiddenNoise {
+  bool hidden = false;
+  double variance_dn2 = 0, variance_stderr_dn2 = 0;  ///< without rounding; row noise and all
+  double limit_dn2 = 0;                              ///< the standard's, of variance_dn2
+  double rounding_dn2 = 0;  ///< q²/12, which rounding adds once light's noise is wider than a step
+  double widest_codes_dn2 = 0;  ///< variance of codes below which the noise may be hidden
+  std::string unknown;          ///< not empty: why variance_dn2 is anything from 0 to the limit
+};
+
+/// codes_variance_dn2: temporal variance of the codes, which says whether it may be hidden.
+HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn);
+
+/// Maximum likelihood of three parameters: the pixels' offsets are normal (mean and deviation,
+/// which is the fixed pattern), the noise about them is normal, and what is seen is rounded. Both
+/// codes of a pair share the offset, so that the pattern and the noise are told apart ("polychoric
+/// correlation", Olsson, Psychometrika 44, 1979). Below half a step rounding adds no q²/12, and the
+/// variance of the codes tells nothing. The error takes the pairs of one pixel for one. Undecided:
+/// no pixel changes its code, all change between the same two (only the distance of the mean from
+/// their boundary over the noise shows then), or an error above a quarter.
+Estimate<RoundedNoise> fit_rounded_noise(const CodePairs& pairs);
+
+}  // namespace malus

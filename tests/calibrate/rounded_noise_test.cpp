@@ -1,0 +1,99 @@
+#include "malus/calibrate/rounded_noise.h"
+
+#include "malus/base/random.h"
+#include "malus/noise/physics.h"
+#include "malus/noise/tukey_lambda.h"
+
+#include <cmath>
+
+#include "simulated_session.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+// Rounded normal noise of 64 x 64 pixels about offsets with a fixed pattern, in steps of 1 DN.
+CodePairs pairs_of(double mean, double pattern, double noise, int frames, std::uint64_t seed) {
+  constexpr int kSize = 64;
+  RandomSequence random(seed, 0, Draw::kUser);
+  std::vector<double> offset;
+  for (int i = 0; i < kSize * kSize; ++i) offset.push_back(100 + mean + pattern * random.normal());
+  CodePairCounter counter(MosaicGeometry(SensorLayout::named("mono"), kSize, kSize, 1), 1.0);
+  Image dn(kSize, kSize);
+  for (int f = 0; f < frames; ++f) {
+    for (int i = 0; i < kSize * kSize; ++i)
+      dn(i / kSize, i % kSize) = static_cast<float>(
+          std::round(offset[static_cast<std::size_t>(i)] + noise * random.normal()));
+    counter.add(dn);
+  }
+  return counter.pairs()[0];
+}
+
+// Within four of the stated errors, which are below a tenth: once in 16000 by chance.
+TEST(RoundedNoise, TellsNoiseBelowHalfAStepFromTheFixedPattern) {
+  std::uint64_t seed = 1;
+  int decided = 0;
+  for (const double noise : {0.12, 0.23, 0.35})
+    for (const double pattern : {0.0, 0.1, 0.5, 2.0})
+      for (const double mean : {0.0, 0.3, 0.5}) {
+        const auto fit = fit_rounded_noise(pairs_of(mean, pattern, noise, 30, ++seed));
+        if (!fit) {  // pixels that change between two codes alone
+          EXPECT_LT(std::hypot(pattern, noise), 0.3) << noise << " " << pattern << " " << mean;
+          continue;
+        }
+        ++decided;
+        EXPECT_NEAR(fit->sd, noise, 4 * fit->stderr_of_sd)
+            << noise << " " << pattern << " " << mean;
+        EXPECT_NEAR(fit->sd, noise, 0.1 * noise) << noise << " " << pattern << " " << mean;
+      }
+  EXPECT_GE(decided, 25);
+}
+
+TEST(RoundedNoise, IsUndecidedWhereOneBoundaryIsCrossed) {
+  EXPECT_FALSE(fit_rounded_noise(pairs_of(0.5, 0.0, 0.1, 30, 1)).decided());
+  EXPECT_FALSE(fit_rounded_noise(pairs_of(0.0, 0.0, 0.02, 30, 1)).decided());
+}
+
+testing::SimulatedCamera narrow_camera(double read_dn, double dsnu_dn, std::uint64_t seed) {
+  testing::SimulatedCamera camera;
+  camera.gains = {testing::polar_gain(0, "mono", 1)};
+  PhysicsChannel& channel = camera.gains[0].noise.channels[0];
+  channel.gain_dn_per_e = 0.1;
+  channel.lambda = 0.1349;
+  channel.sigma_tl_dn = read_dn / std::sqrt(tukey_lambda_variance(channel.lambda));
+  channel.sigma_row_dn = 0;
+  channel.mu_dn = 0;
+  camera.dsnu_dn = dsnu_dn;
+  camera.rows = camera.cols = 96;
+  camera.bias_frames = 20;
+  camera.white_dn = 1023;
+  camera.seed = seed;
+  return camera;
+}
+
+// Dark frames that flicker were drawn constant, read noise was 0. A gain beyond four errors has a
+// chance of 6e-5.
+TEST(RoundedNoise, IsTheReadNoiseOfACameraWhoseStepHidesIt) {
+  for (const double dsnu : {0.0, 0.1, 0.4}) {
+    const PhysicsCalibration p = testing::calibrated(narrow_camera(0.23, dsnu, 3)).physics.at(0);
+    EXPECT_NEAR(read_noise_dn(p)[0], 0.23, 0.023) << dsnu;
+    EXPECT_NEAR(p.K.mean[0], 0.1, 4 * p.K.standard_error[0]) << dsnu;
+  }
+}
+
+// Dark pixels that change between two codes, or keep theirs: the dark variance is not known, and
+// the line must not be held by it. Of eight sessions the mean pull, whose deviation is 0.35.
+TEST(RoundedNoise, ADarkPointThatIsNotKnownDoesNotHoldTheLine) {
+  double pull = 0.0;
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    testing::SimulatedCamera camera = narrow_camera(0.05, 0.0, seed);
+    camera.flat_frames = 10;
+    camera.gains[0].noise.channels[0].gain_dn_per_e = 0.02;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    pull += (p.K.mean[0] - 0.02) / p.K.standard_error[0] / 8;
+  }
+  EXPECT_LT(std::abs(pull), 4 * 0.35);
+}
+
+}  // namespace
+}  // namespace malus
