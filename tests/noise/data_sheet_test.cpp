@@ -26,6 +26,7 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   p.temporal_sd_dark_stderr_dn = {0.03};
   p.dsnu_dn = {0.5};
   p.prnu = {0.012};
+  p.prnu_stderr = {0.0003};
   const auto sheet = data_sheet(model, p);
   // σ_q² = 1/12 DN² is no noise of the sensor.
   const double dark = std::sqrt(4 - 1.0 / 12) / 0.5;
@@ -36,6 +37,7 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[0], 8000);
   EXPECT_DOUBLE_EQ(named(sheet, "dsnu").value[0], 1);
   EXPECT_DOUBLE_EQ(named(sheet, "prnu").value[0], 1.2);
+  EXPECT_DOUBLE_EQ(named(sheet, "prnu").standard_error[0], 0.03);
   const double threshold = std::sqrt(16.25) + 0.5;
   EXPECT_DOUBLE_EQ(named(sheet, "threshold").value[0], threshold);
   EXPECT_NEAR(named(sheet, "dynamic_range").value[0], 20 * std::log10(8000 / threshold), 1e-12);

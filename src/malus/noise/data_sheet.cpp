@@ -146,6 +146,7 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     bias.standard_error.push_back(at(p.mu.standard_error, c));
     dsnu.value.push_back(at(p.dsnu_dn, c) / gain);
     prnu.value.push_back(100 * at(p.prnu, c));
+    if (!p.prnu_stderr.empty()) prnu.standard_error.push_back(100 * at(p.prnu_stderr, c));
     full.value.push_back(full_e);
     full.standard_error.push_back(full_error);
     least.value.push_back(limit_e);
