@@ -197,15 +197,22 @@ void warn_of_pair(const Json& pair) {
                     pair["name"].get<std::string>(), percent_text(clipped)));
 }
 
+// A reference is taken for what the light is: it has more of it than the short frames.
+void refuse_longer_shorts(const PairJob& job, const std::string& name, const FrameGroup& reference,
+                          const FrameGroup& group) {
+  constexpr double kRounding = 1.01;  // of the exposures that files tell
+  if (!reference.exposure_s || !group.exposure_s) return;
+  if (*group.exposure_s <= kRounding * *reference.exposure_s) return;
+  throw InputError(job.session.source.string(),
+                   fmt::format("{}: short frames of {:g} s, longer than their reference of {:g} s",
+                               name, *group.exposure_s, *reference.exposure_s),
+                   "the reference has the longer exposure: check kinds and exposures");
+}
+
 Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
                 const FrameGroup& reference_group, const FrameGroup& group) {
+  refuse_longer_shorts(job, name, reference_group, group);
   const double ratio = ratio_of(job, reference_group, group);
-  constexpr double kLeastRatio = 0.99;  // the same exposure, as the files round it
-  if (ratio < kLeastRatio)
-    throw InputError(
-        job.session.source.string(),
-        fmt::format("{}: the reference has {:g} times the light of the short frames", name, ratio),
-        "the reference is the brighter one: check kinds, exposures, gains and --ratio");
   const double top = 0.9 * white_above_black(reference.white_dn, reference.black_dn);
   std::vector<double> intensities;
   for (const fs::path& path : group.paths) {

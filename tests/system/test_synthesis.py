@@ -154,7 +154,7 @@ def test_pairs_name_references_that_white_cuts_off_and_shorts_that_are_longer(ma
     assert "of the reference's pixels are at white" in clipped.err
     assert clipped.json["pairs"][0]["reference_clipped_share"] == pytest.approx(0.25, abs=0.06)
     session.write_text(text.replace("exposure_s = 0.001", "exposure_s = 0.02"))
-    assert "the reference has 0.5 times the light of the short frames" in refused("pairs", session, "-o", tmp_path / "swapped")
+    assert "short frames of 0.02 s, longer than their reference of 0.01 s" in refused("pairs", session, "-o", tmp_path / "swapped")
 
 
 def test_pairs_name_what_is_missing(malus, refused, tmp_path):
