@@ -2,7 +2,6 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
-#include "malus/denoise/kept_points.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/gpu.h"
@@ -207,8 +206,7 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
       largest = std::max(largest, dn);
     }
   require_plausible(least, largest, frame_of_result.range_dn, state_->weights);
-  keep_points(frame_of_result, profile,
-              make_stabilizers(profile, frame_of_result.range_dn, settings.strength), result);
+  result.kept_pixels = 0;  // the guide's: what a network makes of them is its own
   complete_result(frame_of_result, result);
   result.times.push_back({"network", filtered.network.seconds()});
   return result;
