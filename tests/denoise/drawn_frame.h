@@ -15,6 +15,15 @@ struct TestLevels {
   double white_dn = 4095;
 };
 
+/// Noise of equal channels, without rounding.
+inline PhysicsNoise equal_channels(const char* layout, const PhysicsChannel& channel) {
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named(layout);
+  noise.quantization_dn = 0;
+  noise.channels.assign(static_cast<std::size_t>(noise.layout.channels()), channel);
+  return noise;
+}
+
 inline RawFrame drawn_frame(const Image& clean, const PhysicsNoise& noise, TestLevels levels,
                             std::uint64_t seed) {
   RawFrame frame;

@@ -22,13 +22,8 @@ constexpr float kGround = 20;  // e-, and DN
 constexpr double kRead = 2.5;
 
 PhysicsNoise camera_of(const char* layout, double lambda = 0.14) {
-  PhysicsNoise noise;
-  noise.layout = SensorLayout::named(layout);
-  noise.quantization_dn = 0;
   const double scale = kRead / std::sqrt(tukey_lambda_variance(lambda));
-  noise.channels.assign(static_cast<std::size_t>(noise.layout.channels()),
-                        PhysicsChannel{1.0, lambda, 0.0, scale, 0.0});
-  return noise;
+  return equal_channels(layout, {1.0, lambda, 0.0, scale, 0.0});
 }
 
 struct Point {

@@ -17,11 +17,7 @@ constexpr int kFrameSide = 256;
 
 // Of a camera whose converter makes steps of 1 DN.
 PhysicsNoise stepped_camera(double gain_dn_per_e) {
-  PhysicsNoise noise;
-  noise.layout = SensorLayout::named("polar-mono");
-  noise.quantization_dn = 0;  // rounded below
-  noise.channels.assign(4, PhysicsChannel{gain_dn_per_e, 0.14, 0.0, 1.5 * gain_dn_per_e, 0.0});
-  return noise;
+  return equal_channels("polar-mono", {gain_dn_per_e, 0.14, 0.0, 1.5 * gain_dn_per_e, 0.0});
 }
 
 NoiseProfile rounded_profile(PhysicsNoise noise) {

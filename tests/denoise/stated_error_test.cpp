@@ -19,11 +19,8 @@ namespace {
 constexpr int kSize = 192;
 
 PhysicsNoise camera_noise(double sigma_row_dn) {
-  PhysicsNoise noise;
-  noise.layout = SensorLayout::named("polar-mono");
+  PhysicsNoise noise = equal_channels("polar-mono", {0.5, 0.1, 0.0, 1.2, sigma_row_dn});
   noise.row_group = 2;
-  noise.quantization_dn = 0;
-  noise.channels.assign(4, PhysicsChannel{0.5, 0.1, 0.0, 1.2, sigma_row_dn});
   return noise;
 }
 

@@ -15,10 +15,15 @@ const Quantity& named(const std::vector<Quantity>& sheet, const std::string& nam
   throw std::logic_error("no " + name);
 }
 
-TEST(DataSheet, FollowsTheStandardsFormulas) {
+NoiseModel sensor_of_4000_dn() {
   NoiseModel model;
   model.black_dn = {95};
   model.white_dn = 4095;
+  return model;
+}
+
+TEST(DataSheet, FollowsTheStandardsFormulas) {
+  const NoiseModel model = sensor_of_4000_dn();
   PhysicsCalibration p;
   p.K.mean = {0.5};
   p.K.standard_error = {0.005};
@@ -46,9 +51,7 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
 }
 
 TEST(DataSheet, FullWellIsWhereTheVarianceFallsNotWhite) {
-  NoiseModel model;
-  model.black_dn = {95};
-  model.white_dn = 4095;
+  const NoiseModel model = sensor_of_4000_dn();
   PhysicsCalibration p;
   p.K.mean = {0.5};
   p.K.standard_error = {0};
@@ -66,9 +69,7 @@ TEST(DataSheet, FullWellIsWhereTheVarianceFallsNotWhite) {
 
 // Rounded normal noise of 0.8 DN has a variance of 0.64 + 1/12 DN².
 TEST(DataSheet, DarkNoiseIsThatOfTheSensorAndNotOfTheStep) {
-  NoiseModel model;
-  model.black_dn = {95};
-  model.white_dn = 4095;
+  NoiseModel model = sensor_of_4000_dn();
   PhysicsCalibration p;
   p.K.mean = {0.5};
   p.K.standard_error = {0};

@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/denoise/internal/noise_tails.h"
+#include "malus/denoise/internal/sampled_pixels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -33,13 +34,10 @@ class Residual {
     for (const FilledPixel& p : frame.filled) filled_[index(p.row, p.col)] = true;
     for (const NonfinitePixel& p : frame.nonfinite) filled_[index(p.row, p.col)] = true;
     std::vector<std::vector<double>> sizes(stabilizers.size());
-    const auto step = std::max<std::size_t>(frame.dn.size() / kSpreadSamples, 1) | 1;
     scale_.assign(stabilizers.size(), 1.0);
-    for (std::size_t i = 0; i < frame.dn.size(); i += step) {
-      const auto row = static_cast<int>(i / static_cast<std::size_t>(frame.dn.cols())),
-                 col = static_cast<int>(i % static_cast<std::size_t>(frame.dn.cols()));
+    internal::for_each_sampled(frame.dn, kSpreadSamples, [&](int row, int col) {
       if (is_measured(row, col)) sizes[channel(row, col)].push_back((*this)(row, col));
-    }
+    });
     for (std::size_t k = 0; k < sizes.size(); ++k)
       if (!sizes[k].empty()) scale_[k] = std::max(median_of(sizes[k]) / kMedianOfNormal, 1.0);
   }
@@ -131,14 +129,21 @@ double chance_of(double found, double expected) {
   return std::exp(found - expected + found * std::log(std::max(expected, 1e-300) / found));
 }
 
+double far_out(const Candidate& p) { return p.far(); }
+double standing_out(const Candidate& p) { return p.standing_out; }
+using Measure = double (*)(const Candidate&);
+
+double count_beyond(const std::vector<Candidate>& pixels, Measure measure, double bound) {
+  return static_cast<double>(
+      std::ranges::count_if(pixels, [&](const Candidate& p) { return measure(p) > bound; }));
+}
+
 // The least bound, from kBounds[first] on, beyond which a measure of the pixels lies in more of
 // them than the noise explains.
-template <class Measure>
 double unexplained_beyond(const std::vector<Candidate>& pixels, const std::vector<double>& expected,
-                          std::size_t first, const Measure& measure) {
+                          std::size_t first, Measure measure) {
   for (std::size_t t = first; t < expected.size(); ++t) {
-    const auto found = static_cast<double>(
-        std::ranges::count_if(pixels, [&](const Candidate& p) { return measure(p) > kBounds[t]; }));
+    const double found = count_beyond(pixels, measure, kBounds[t]);
     if (found > 0 && expected[t] <= kExplainedShare * found &&
         chance_of(found, expected[t]) < kByChance)
       return kBounds[t];
@@ -146,30 +151,25 @@ double unexplained_beyond(const std::vector<Candidate>& pixels, const std::vecto
   return std::numeric_limits<double>::infinity();
 }
 
+// Whether the filter took light from most of what stands out further.
+bool lost_light(const std::vector<Candidate>& pixels, double bound) {
+  std::vector<double> squares;
+  for (const Candidate& p : pixels)
+    if (p.standing_out > bound) squares.push_back(p.residual * p.residual);
+  return !squares.empty() && median_of(squares) > kTakenFrom;
+}
+
 // Those far out. Besides all that stands out as far, where most of it lost light to the filter, and
 // either a good part of it is far out or it stands out further than any error of the noise's
 // deviation could make it.
 std::vector<Candidate> points_among(const std::vector<Candidate>& pixels,
                                     const std::vector<double>& expected) {
-  const auto standing_out = [](const Candidate& p) { return p.standing_out; };
-  const double far = unexplained_beyond(pixels, expected, kLeastFar,
-                                        [](const Candidate&p) { return p.far(); }),
+  const double far = unexplained_beyond(pixels, expected, kLeastFar, far_out),
                high = unexplained_beyond(pixels, expected, kLeastHigh, standing_out);
-  const auto lost_light = [&](double bound) {
-    std::vector<double> squares;
-    for (const Candidate& p : pixels)
-      if (p.standing_out > bound) squares.push_back(p.residual * p.residual);
-    return !squares.empty() && median_of(squares) > kTakenFrom;
-  };
-  const auto count_beyond = [&](double bound, const auto& measure) {
-    return static_cast<double>(
-        std::ranges::count_if(pixels, [&](const Candidate& p) { return measure(p) > bound; }));
-  };
   double all_beyond = std::numeric_limits<double>::infinity();
-  if (lost_light(high)) all_beyond = high;
-  if (count_beyond(far, [](const Candidate& p) { return p.far(); }) >
-          kSurePart * count_beyond(far, standing_out) &&
-      lost_light(far))
+  if (lost_light(pixels, high)) all_beyond = high;
+  if (count_beyond(pixels, far_out, far) > kSurePart * count_beyond(pixels, standing_out, far) &&
+      lost_light(pixels, far))
     all_beyond = far;
   std::vector<Candidate> points;
   std::ranges::copy_if(pixels, std::back_inserter(points), [&](const Candidate& p) {

@@ -1,5 +1,7 @@
 #include "malus/denoise/internal/noise_tails.h"
 
+#include "malus/denoise/internal/sampled_pixels.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -38,16 +40,14 @@ double share_beyond(const ChannelProfile& channel, double signal_dn, double thre
 std::vector<double> expected_beyond(const PreparedFrame& frame, const NoiseProfile& profile,
                                     std::span<const double> thresholds) {
   std::vector<double> expected(thresholds.size());
-  const auto step = std::max<std::size_t>(frame.dn.size() / kSamples, 1) | 1;
   double sampled = 0;
-  for (std::size_t i = 0; i < frame.dn.size(); i += step, ++sampled) {
-    const auto row = static_cast<int>(i / static_cast<std::size_t>(frame.dn.cols())),
-               col = static_cast<int>(i % static_cast<std::size_t>(frame.dn.cols()));
+  for_each_sampled(frame.dn, kSamples, [&](int row, int col) {
     const auto& channel =
         profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
     for (std::size_t t = 0; t < thresholds.size(); ++t)
       expected[t] += share_beyond(channel, frame.dn(row, col), thresholds[t]);
-  }
+    ++sampled;
+  });
   for (double& count : expected) count *= static_cast<double>(frame.dn.size()) / sampled;
   return expected;
 }
