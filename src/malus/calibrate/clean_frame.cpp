@@ -210,10 +210,11 @@ void measure_range(const TemporalAccumulator& temporal, const MosaicGeometry& ge
     std::vector<std::pair<float, float>> light_and_squares;
     const std::int64_t step = 1 + geometry.channel_pixels(channel) / 50000;
     std::int64_t index = 0;
-    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-        if (index++ % step == 0)
-          light_and_squares.emplace_back(clean.light_dn(r, c), temporal.sum_of_squares()(r, c));
+    for_channel(geometry, channel, [&](int, int, int row, int col) {
+      if (index++ % step == 0)
+        light_and_squares.emplace_back(clean.light_dn(row, col),
+                                       temporal.sum_of_squares()(row, col));
+    });
     const auto darkest = static_cast<std::ptrdiff_t>(light_and_squares.size() / 20 + 1);
     std::nth_element(light_and_squares.begin(), light_and_squares.begin() + darkest - 1,
                      light_and_squares.end());

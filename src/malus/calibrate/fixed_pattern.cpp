@@ -77,10 +77,10 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     const double bound =
         deviation > 0 ? kDefectDeviations * deviation : std::numeric_limits<double>::infinity();
     Moments moments;
-    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-        if (!is_listed(r, c) && std::abs(mosaic(r, c) - level.centre) <= bound)
-          moments.add(mosaic(r, c));
+    for_channel(geometry, channel, [&](int, int, int row, int col) {
+      if (!is_listed(row, col) && std::abs(mosaic(row, col) - level.centre) <= bound)
+        moments.add(mosaic(row, col));
+    });
     out.mean_dn.push_back(moments.mean());
     out.variance_dn2.push_back(moments.variance());
   }

@@ -269,7 +269,7 @@ void leave_out_saturated(const DarkPoint& dark, std::vector<TransferLevel>& leve
 
 void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
                        PhysicsCalibration& out) {
-  std::string names;
+  std::vector<std::string> names;
   double lowest = range_dn;
   for (std::size_t i = 0; i < series.seen.size(); ++i) {
     bool any = false;
@@ -278,7 +278,7 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
         any = true;
         lowest = std::min(lowest, channel[i].mean_dn);
       }
-    if (any) names += (names.empty() ? "" : ", ") + series.seen[i].name;
+    if (any) names.push_back(series.seen[i].name);
   }
   if (names.empty()) return;
   // Shot noise meets the end a little below it.
@@ -287,7 +287,7 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
       "the sensor saturates at {:.4g} DN above black, below white: there the variance falls while "
       "the mean rises. Left out of K: {}. Full well and dynamic range count to there; use shorter "
       "exposures, or --saturation-limit {:.2f}",
-      lowest, names, advised));
+      lowest, joined(names), advised));
 }
 
 // Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of

@@ -73,6 +73,16 @@ class MosaicGeometry {
   std::vector<int> group_pixels_, channel_groups_;
 };
 
+/// use(r, c, row, col) for one channel's pixels, line by line: their place in the channel and in
+/// the mosaic.
+template <class Use>
+void for_channel(const MosaicGeometry& geometry, int channel, const Use& use) {
+  for (int r = 0; r < geometry.channel_rows(channel); ++r)
+    for (int c = 0; c < geometry.channel_cols(channel); ++c)
+      use(r, c, channel / geometry.cell_cols() + r * geometry.cell_rows(),
+          channel % geometry.cell_cols() + c * geometry.cell_cols());
+}
+
 /// Mean of every channel of a mosaic, summed in double.
 std::vector<double> channel_means(View<const float> mosaic, const MosaicGeometry& geometry);
 

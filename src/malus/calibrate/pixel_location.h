@@ -27,9 +27,9 @@ PixelLocation location_of(const MosaicGeometry& geometry, int channel, const Val
   while (std::gcd(step, geometry.channel_cols(channel)) > 1) ++step;
   std::vector<double> values;
   int index = 0;
-  for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-    for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols())
-      if (index++ % step == 0) values.push_back(value(r, c));
+  for_channel(geometry, channel, [&](int, int, int row, int col) {
+    if (index++ % step == 0) values.push_back(value(row, col));
+  });
   return {median_of(values), robust_deviation_of(values)};
 }
 

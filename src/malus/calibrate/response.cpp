@@ -47,17 +47,13 @@ class WindowMean {
         cols_(geometry.channel_cols(channel)),
         largest_radius_(largest_radius(geometry, channel)) {
     sums_.assign(as_index(rows_ + 1) * as_index(cols_ + 1), {});
-    for (int r = 0; r < rows_; ++r)
-      for (int c = 0; c < cols_; ++c) {
-        const int row = channel / geometry.cell_cols() + r * geometry.cell_rows(),
-                  col = channel % geometry.cell_cols() + c * geometry.cell_cols();
-        const bool used = !left_out(row, col);
-        Sum& own = sum(r + 1, c + 1);
-        own.value = (used ? double{mosaic(row, col)} : 0.0) + sum(r, c + 1).value +
-                    sum(r + 1, c).value - sum(r, c).value;
-        own.pixels =
-            (used ? 1 : 0) + sum(r, c + 1).pixels + sum(r + 1, c).pixels - sum(r, c).pixels;
-      }
+    for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+      const bool used = !left_out(row, col);
+      Sum& own = sum(r + 1, c + 1);
+      own.value = (used ? double{mosaic(row, col)} : 0.0) + sum(r, c + 1).value +
+                  sum(r + 1, c).value - sum(r, c).value;
+      own.pixels = (used ? 1 : 0) + sum(r, c + 1).pixels + sum(r + 1, c).pixels - sum(r, c).pixels;
+    });
   }
   struct Sum {
     double value = 0;
@@ -83,15 +79,6 @@ class WindowMean {
   int rows_, cols_, largest_radius_;
   std::vector<Sum> sums_;
 };
-
-// One channel's pixels: use(r, c, row, col) with their place in the channel and in the mosaic.
-template <class Use>
-void for_channel(const MosaicGeometry& geometry, int channel, const Use& use) {
-  for (int r = 0; r < geometry.channel_rows(channel); ++r)
-    for (int c = 0; c < geometry.channel_cols(channel); ++c)
-      use(r, c, channel / geometry.cell_cols() + r * geometry.cell_rows(),
-          channel % geometry.cell_cols() + c * geometry.cell_cols());
-}
 
 // Pixels that a first map shows to be none of the ordinary ones. A defect would be a good part of
 // its neighbours' window, at the border a third of it, and most of a channel's variance: such

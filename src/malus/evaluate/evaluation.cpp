@@ -27,24 +27,14 @@ View<const float> whole_cells(View<const float> mosaic, const SensorLayout& layo
                        mosaic.cols() / layout.cols() * layout.cols());
 }
 
-Image plane_of(View<const float> mosaic, const SensorLayout& layout, int channel) {
-  const int row0 = channel / layout.cols(), col0 = channel % layout.cols();
-  Image plane(mosaic.rows() / layout.rows(), mosaic.cols() / layout.cols());
-  for (int r = 0; r < plane.rows(); ++r) {
-    const float* from = mosaic.row(r * layout.rows() + row0) + col0;
-    for (int c = 0; c < plane.cols(); ++c) plane(r, c) = from[c * layout.cols()];
-  }
-  return plane;
-}
-
 // Of large frames neither all planes nor what is made of them are held beside the mosaics.
 Estimate<double> ssim_of_mosaics(View<const float> reference, View<const float> test,
                                  const SensorLayout& layout, double peak_dn) {
   if (layout.channels() == 1) return ssim(reference, test, peak_dn);
   double sum = 0;
   for (int k = 0; k < layout.channels(); ++k) {
-    const Estimate<double> value =
-        ssim(plane_of(reference, layout, k).view(), plane_of(test, layout, k).view(), peak_dn);
+    const Estimate<double> value = ssim(pack_channel(reference, layout, k).view(),
+                                        pack_channel(test, layout, k).view(), peak_dn);
     if (!value) return value;
     sum += *value;
   }

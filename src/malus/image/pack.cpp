@@ -19,6 +19,22 @@ int inside(int position, int size, int cell) {
   return position - cell >= 0 ? position - cell : size - 1;
 }
 
+void pack_row(View<const float> mosaic, const SensorLayout& layout, CellPhase phase, int channel,
+              int r, Image& plane) {
+  const int cell_rows = layout.rows(), cell_cols = layout.cols();
+  const int row = r * cell_rows + channel / cell_cols - phase.row;
+  const int col = channel % cell_cols - phase.col;  // of the plane's first sample
+  const float* from = mosaic.row(inside(row, mosaic.rows(), cell_rows));
+  float* to = plane.row(r);
+  const int begin = col < 0 ? 1 : 0;
+  const int end =
+      std::clamp((mosaic.cols() - col + cell_cols - 1) / cell_cols, begin, plane.cols());
+  for (int c = begin; c < end; ++c) to[c] = from[c * cell_cols + col];
+  if (begin > 0) to[0] = from[inside(col, mosaic.cols(), cell_cols)];
+  for (int c = end; c < plane.cols(); ++c)
+    to[c] = from[inside(c * cell_cols + col, mosaic.cols(), cell_cols)];
+}
+
 }  // namespace
 
 int packed_size(int mosaic_size, int cell_size) {
@@ -32,21 +48,16 @@ Planes pack(View<const float> mosaic, const SensorLayout& layout, CellPhase phas
   if (mosaic.empty()) return planes;
   parallel_for(0, planes.rows(), kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (int r = static_cast<int>(first); r < static_cast<int>(last); ++r)
-      for (int k = 0; k < planes.channels(); ++k) {
-        const int row = r * cell_rows + k / cell_cols - phase.row;
-        const int col = k % cell_cols - phase.col;  // of the plane's first sample
-        const float* from = mosaic.row(inside(row, mosaic.rows(), cell_rows));
-        float* to = planes[k].row(r);
-        const int begin = col < 0 ? 1 : 0;
-        const int end =
-            std::clamp((mosaic.cols() - col + cell_cols - 1) / cell_cols, begin, planes.cols());
-        for (int c = begin; c < end; ++c) to[c] = from[c * cell_cols + col];
-        if (begin > 0) to[0] = from[inside(col, mosaic.cols(), cell_cols)];
-        for (int c = end; c < planes.cols(); ++c)
-          to[c] = from[inside(c * cell_cols + col, mosaic.cols(), cell_cols)];
-      }
+      for (int k = 0; k < planes.channels(); ++k) pack_row(mosaic, layout, phase, k, r, planes[k]);
   });
   return planes;
+}
+
+Image pack_channel(View<const float> mosaic, const SensorLayout& layout, int channel) {
+  Image plane(packed_size(mosaic.rows(), layout.rows()), packed_size(mosaic.cols(), layout.cols()));
+  if (mosaic.empty()) return plane;
+  for (int r = 0; r < plane.rows(); ++r) pack_row(mosaic, layout, {}, channel, r, plane);
+  return plane;
 }
 
 void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic, CellPhase phase) {

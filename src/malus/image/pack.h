@@ -18,6 +18,9 @@ int packed_size(int mosaic_size, int cell_size);
 /// (a mosaic smaller than one cell) takes the mosaic's last row or column.
 Planes pack(View<const float> mosaic, const SensorLayout& layout, CellPhase phase = {});
 
+/// One of those planes, of a mosaic from the cell's first pixel on.
+Image pack_channel(View<const float> mosaic, const SensorLayout& layout, int channel);
+
 /// The inverse: writes every mosaic pixel from its channel's plane. Contract: the planes have the
 /// packed size.
 void unpack(const Planes& planes, const SensorLayout& layout, View<float> mosaic,
