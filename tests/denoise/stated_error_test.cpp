@@ -151,7 +151,7 @@ TEST_P(StatedError, RowNoiseThatStaysIsStated) {
 }
 
 // What is stated of smooth light, of edges, of points in the dark and of the border, each against
-// the truth. The limits are those that docs/denoising.md, "Uncertainty", states of such scenes.
+// the truth. The limits are those that docs/uncertainty.md states of such scenes.
 TEST_P(StatedError, IsTheErrorOfEverySortOfPlace) {
   const PhysicsNoise noise = camera_noise(0);
   Image clean(kSize, kSize);

@@ -1,5 +1,5 @@
 // Coverage by simulation: a polarized scene known without noise, noise from the generative law, and
-// how often two stated deviations hold the truth. The level that docs/denoising.md states is the
+// how often two stated deviations hold the truth. The level that docs/uncertainty.md states is the
 // one tested here.
 #include "malus/denoise/denoiser.h"
 #include "malus/evaluate/uncertainty_check.h"
@@ -64,7 +64,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, DenoisedUncertainty,
                                            Case{"nl-ridge", "normal", 0.4},
                                            Case{"nl-ridge", "fast", 0.4}));
 
-// The scene is smooth: more is stated than there is (docs/denoising.md, "Uncertainty").
+// The scene is smooth: more is stated than there is (docs/uncertainty.md).
 TEST_P(DenoisedUncertainty, TwoDeviationsHoldTheTruthAsOftenAsStated) {
   const auto [method, profile, least] = GetParam();
   for (const char* name : {"polar-mono", "polar-bayer-rggb"})

@@ -49,7 +49,7 @@ def test_stated_errors_are_compared_with_the_true_ones(malus, refused, scene):
     rows = malus(*run, "--json").json["rows"]
     assert [row["case"] for row in rows] == ["12:10", "24:10"]
     for row in rows:
-        # A small smooth picture is the hardest case there is: docs/denoising.md.
+        # A small smooth picture is the hardest case there is: docs/uncertainty.md.
         assert 0.2 < row["error_over_stated"]["pixel"] < 10
         assert set(row["coverage"]) == {"pixel", "s0", "s1", "s2", "dolp", "aolp"}
         assert all(0.3 < share <= 1 for share in row["coverage"].values())

@@ -40,7 +40,7 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
 }
 
 // What the filter does not see as an error. Of the noise that it is told is not there it lets
-// nearly all through, as it does with detail (docs/denoising.md has the measurement). Row offsets
+// nearly all through, as it does with detail (docs/uncertainty.md has the measurement). Row offsets
 // are the same in everything that it averages, and so is what rounding does to noise below a step.
 void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, double strength,
                        Denoised& result) {

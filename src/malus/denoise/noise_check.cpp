@@ -19,7 +19,7 @@ constexpr double kBelowDeviations = 6.0;
 // Noise of fewer steps may be rounded away: what is left in the middle of a step has less than
 // kFarBelow of noise and rounding together.
 constexpr double kFewSteps = 0.3;
-// docs/denoising.md says what they were measured on.
+// docs/noise-estimate.md says what they were measured on.
 constexpr double kFarBelow = 0.7, kFarAbove = 1.6, kMostTexture = 0.1, kMostBelowDark = 0.1;
 
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.

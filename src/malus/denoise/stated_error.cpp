@@ -12,7 +12,7 @@ namespace {
 
 // The error grows more slowly than what is known of it, by this power: where weights let little
 // noise through their stacks are wrong by more than by that. Measured, as all numbers here
-// (docs/denoising.md, "Uncertainty").
+// (docs/uncertainty.md).
 double grown(double known) { return std::cbrt(known * known); }
 // Of combinations and of Wiener filters: weights come from a pilot that knows the same samples.
 constexpr double kOfCombinations = 1.45, kOfWiener = 1.2;

@@ -19,7 +19,7 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
 // Correlation of a filter's errors between the angles, and between sites of one colour and angle as
 // of both greens: they are mostly of what all of these share, so they do not average out, neither
 // in S0 nor in the mean of sites, and partly cancel in S1 and S2, which are differences
-// (docs/denoising.md has the measurements).
+// (docs/uncertainty.md has the measurements).
 constexpr double kSharedError = 0.35;
 
 // Variance of the mean over the colours of the mean over each colour's sites.
@@ -45,7 +45,7 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
 }
 
 // Of the variance stated of a denoised (S1, S2), what lengthens it: it is uneven, and DoLP errs
-// least with less than all of it (docs/denoising.md has the measurement).
+// least with less than all of it (docs/uncertainty.md has the measurement).
 constexpr double kLengtheningShare = 0.3;
 
 // Mean length of a vector about one of `length`, with the variance of each of two components.

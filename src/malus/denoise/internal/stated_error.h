@@ -1,4 +1,4 @@
-// What the mosaic filter states of its own error (docs/denoising.md, "Uncertainty"): the noise that
+// What the mosaic filter states of its own error (docs/uncertainty.md): the noise that
 // its last pass let through, signal that it is likely to have lost beside the detail that it kept,
 // and signal that the samples show and the estimate lacks.
 #pragma once
