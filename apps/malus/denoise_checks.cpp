@@ -74,7 +74,7 @@ void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vect
   if (!origin.empty())
     cut_to_window(profile, {origin[0], origin[1]}, rows, cols, frame.source);
   else if (const std::string left_out = left_out_of_window(profile, rows, cols); !left_out.empty())
-    warn(fmt::format("{}: {}", frame.source, left_out));
+    warn_of(frame.source, left_out);
 }
 
 void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
@@ -82,8 +82,8 @@ void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, con
   const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
   if (!lowest.decibel()) return;  // the only gain there is, whatever it is called
   if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
-    warn(fmt::format("{}: extrapolated to {} from the calibrated range {} to {}", path.string(),
-                     gain.text(), lowest.text(), highest.text()));
+    warn_of(path.string(), fmt::format("extrapolated to {} from the calibrated range {} to {}",
+                                       gain.text(), lowest.text(), highest.text()));
 }
 
 void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
@@ -93,17 +93,18 @@ void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, cons
     const auto most = std::max_element(p.dark_zero_share.begin(), p.dark_zero_share.end());
     if (most == p.dark_zero_share.end() || *most < kMostZeros) continue;
     const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
-    warn(fmt::format(
-        "{}: {} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
-        "that of noise cut off at 0, and light comes out about as much too dark; raise the "
-        "camera's black level and calibrate again",
-        path.string(), percent_text(*most), bias_dn));
+    warn_of(path.string(),
+            fmt::format(
+                "{} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
+                "that of noise cut off at 0, and light comes out about as much too dark; raise the "
+                "camera's black level and calibrate again",
+                percent_text(*most), bias_dn));
   }
 }
 
 void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile) {
   const auto say = [&](const std::string& line) {
-    if (!line.empty()) warn(fmt::format("{}: {}", before.source, line));
+    if (!line.empty()) warn_of(before.source, line);
   };
   if (result.nonfinite_pixels > 0)
     say(fmt::format("{} pixels are NaN or infinite; they stay as they are",

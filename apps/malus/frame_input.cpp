@@ -52,12 +52,12 @@ FrameOptions options_for_file(const std::filesystem::path& path, const FrameOpti
       (float_black == FloatBlack::kHolds && !tells_above))
     return options;
   if (float_black == FloatBlack::kHolds)
-    warn(fmt::format("{}: says that it is above black; --black is not subtracted", path.string()));
+    warn_of(path.string(), "says that it is above black; --black is not subtracted");
   if (float_black == FloatBlack::kNotSaid && !tells_above && mean_of(options.black_dn) != 0)
-    warn(
-        fmt::format("{}: float pixels are taken as DN above black, give --black {:g} if they hold "
-                    "the camera's",
-                    path.string(), mean_of(options.black_dn)));
+    warn_of(path.string(),
+            fmt::format("float pixels are taken as DN above black, give --black {:g} if they hold "
+                        "the camera's",
+                        mean_of(options.black_dn)));
   if (above.white_dn) above.white_dn = white_above_black(*above.white_dn, options.black_dn);
   if (!tells_above) above.black_dn = {0.0};
   return above;
@@ -82,7 +82,7 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
   FrameOptions result = in_layout(options, model.layout, told);
   RawFrame filled = told;
   const std::string warning = take_levels_of_model(model, filled);
-  if (!warning.empty()) warn(warning);
+  if (!warning.empty()) warn_of(input.string(), warning);
   if (!told.black_known) result.black_dn = filled.black_dn;
   if (!told.white_known && filled.white_known) result.white_dn = filled.white_dn;
   return result;
@@ -139,28 +139,28 @@ std::int64_t warn_of_saturation(const RawFrame& above_black) {
 
 void warn_of_guesses(const RawFrame& frame) {
   if (!frame.layout_known)
-    warn(
-        fmt::format("{}: layout not known, taken as {}; a colour or polarization mosaic needs its "
-                    "own (--layout)",
-                    frame.source, frame.layout.name()));
+    warn_of(frame.source,
+            fmt::format("layout not known, taken as {}; a colour or polarization mosaic needs its "
+                        "own (--layout)",
+                        frame.layout.name()));
   const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
-  if (!complaint.empty()) warn(fmt::format("{}: {}", frame.source, complaint));
+  if (!complaint.empty()) warn_of(frame.source, complaint);
   if (const std::string wrong = level_complaint(frame); !wrong.empty())
-    warn(fmt::format("{}: {}", frame.source, wrong));
-  if (const std::string note = declaration_note(frame); !note.empty())
-    warn(fmt::format("{}: {}", frame.source, note));
+    warn_of(frame.source, wrong);
+  if (const std::string note = declaration_note(frame); !note.empty()) warn_of(frame.source, note);
   warn_of_unknown_black(frame);
   if (!frame.white_known && frame.bits > 0)
-    warn(
-        fmt::format("{}: white level not known, taken as {:g} DN above black; saturated pixels go "
-                    "unnoticed if it is lower (--white)",
-                    frame.source, white_above_black(frame.white_dn, frame.black_dn)));
+    warn_of(frame.source,
+            fmt::format("white level not known, taken as {:g} DN above black; saturated pixels go "
+                        "unnoticed if it is lower (--white)",
+                        white_above_black(frame.white_dn, frame.black_dn)));
 }
 
 void warn_of_unknown_black(const RawFrame& frame) {
   if (frame.black_known) return;
-  warn(fmt::format("{}: black level not known, taken as 0{} (--black)", frame.source,
-                   frame.layout.polarized() ? "; DoLP is too low if it is not" : ""));
+  warn_of(frame.source,
+          fmt::format("black level not known, taken as 0{} (--black)",
+                      frame.layout.polarized() ? "; DoLP is too low if it is not" : ""));
 }
 
 }  // namespace malus::app

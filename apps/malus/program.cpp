@@ -13,6 +13,7 @@
 #include <limits>
 #include <mutex>
 #include <new>
+#include <set>
 #include <system_error>
 #include <vector>
 
@@ -28,6 +29,19 @@ namespace {
 constexpr int kExitInput = 1, kExitUsage = 2, kExitStopped = 130;
 
 volatile std::sig_atomic_t g_stop_requested = 0;
+
+// What warn_of said, of which files; in its order.
+struct SaidOfFiles {
+  std::string text;
+  std::set<std::string> files;
+};
+std::vector<SaidOfFiles> g_said;
+
+void say_how_often() {
+  for (const SaidOfFiles& said : g_said)
+    if (const std::size_t more = said.files.size() - 1; more > 0)
+      warn(fmt::format("of {} more file{} too: {}", more, more == 1 ? "" : "s", said.text));
+}
 
 // The second Ctrl-C ends the program at once.
 void request_stop(int signal) {
@@ -186,6 +200,16 @@ void note(const Common& common, std::string_view line) {
 
 void warn(std::string_view line) { tell(fmt::format("warning: {}\n", line)); }
 
+void warn_of(const std::string& file, const std::string& text) {
+  const auto said = std::ranges::find(g_said, text, &SaidOfFiles::text);
+  if (said != g_said.end()) {
+    said->files.insert(file);
+    return;
+  }
+  g_said.push_back({text, {file}});
+  warn(fmt::format("{}: {}", file, text));
+}
+
 // fmt::print would throw where nothing can be written.
 void tell(std::string_view text) {
   std::fwrite(text.data(), 1, text.size(), stderr);
@@ -206,6 +230,7 @@ std::unique_ptr<Progress> make_live_progress(const Common& common,
 int run_program(CLI::App& app, int argc, char** argv) {
   try {
     app.parse(argc, argv);
+    say_how_often();
     return 0;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version

@@ -40,6 +40,9 @@ void print_result(const Common& common, const nlohmann::ordered_json& json, std:
 void note(const Common& common, std::string_view line);
 /// A warning on stderr, always.
 void warn(std::string_view line);
+/// A warning about a file. The same of further files is counted, and said once more when the
+/// command ends; of the same file it is said once.
+void warn_of(const std::string& file, const std::string& text);
 /// Text on stderr as it is. Where that cannot be written, it is lost and the work goes on.
 void tell(std::string_view text);
 

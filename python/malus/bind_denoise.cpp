@@ -84,7 +84,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   PythonProgress progress;
   if (model)
     if (const auto warning = take_levels_of_model(model->description(), frame); !warning.empty())
-      progress.warn(warning);
+      progress.warn(source + ": " + warning);
   NoiseProfile profile;
   Denoised result;
   std::string left_out;

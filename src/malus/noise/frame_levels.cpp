@@ -19,9 +19,9 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
       frame.black_dn.assign(model.black_dn.size(), 0.0);
       white_dn = white_above_black(white_dn, model.black_dn);
       warning = fmt::format(
-          "{}: black level not known; float pixels are taken as DN above black, give --black {:g} "
-          "if they hold the camera's",
-          frame.source, black);
+          "black level not known; float pixels are taken as DN above black, give --black {:g} if "
+          "they hold the camera's",
+          black);
     } else {
       frame.black_dn = model.black_dn;
     }
