@@ -5,6 +5,7 @@
 #include <thread>
 
 #include "program_start.h"
+#include <dlfcn.h>
 #include <malloc.h>
 #include <unistd.h>
 
@@ -78,6 +79,17 @@ void restart_with(const std::vector<EnvironmentSetting>& settings) {
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
   execv(program_start().file.c_str(), argv.data());
+}
+
+bool has_reference_blas(void* library) {
+  const void* const product = dlsym(library, "sgemm_");
+  Dl_info where{};
+  if (product == nullptr || dladdr(product, &where) == 0) return false;
+  // OpenBLAS and BLIS come under the same name, and say who they are.
+  const bool is_other =
+      dlsym(library, "openblas_get_config") || dlsym(library, "bli_info_get_version_str");
+  const std::string file = std::filesystem::path(where.dli_fname).filename();
+  return file.starts_with("libblas.so") && !is_other;
 }
 
 void keep_freed_memory() {

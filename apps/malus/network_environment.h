@@ -18,6 +18,10 @@ std::vector<EnvironmentSetting> missing_network_environment();
 /// cannot be done.
 void restart_with(const std::vector<EnvironmentSetting>& settings);
 
+/// Whether the products of matrices of an opened library come from the reference BLAS, which Debian
+/// installs where nobody asks for another.
+bool has_reference_blas(void* library);
+
 /// glibc keeps freed blocks instead of giving them back to the kernel after every layer.
 void keep_freed_memory();
 

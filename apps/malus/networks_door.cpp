@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 
 #include "network_environment.h"
+#include "program.h"
 #include "program_start.h"
 #include <dlfcn.h>
 #include <fmt/format.h>
@@ -40,6 +41,10 @@ const NetworkFunctions* open_module() {
   const NetworkFunctions* functions = entry ? entry() : nullptr;
   if (functions == nullptr || functions->interface != kNetworksInterface)
     throw InputError(path.string(), "is of another version than the program", "build both again");
+  if (has_reference_blas(module))
+    warn(
+        "networks: products of matrices are taken from the reference BLAS, training is up to five "
+        "times slower; install libopenblas0-openmp");
   return functions;
 }
 

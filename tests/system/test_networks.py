@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 import re
 import subprocess
 
@@ -243,6 +244,18 @@ def test_a_program_without_the_module_says_so(noisy, tmp_path):
 def test_the_program_itself_does_not_load_libtorch():
     libraries = subprocess.run(["ldd", PROGRAM], capture_output=True, text=True, check=True).stdout
     assert "torch" not in libraries
+
+
+def test_a_slow_blas_is_told(malus, noisy, tmp_path):
+    """Debian's reference BLAS in place of OpenBLAS: the same result, several times slower where layers are libtorch's."""
+    folders = sorted(pathlib.Path("/usr/lib").glob("*/blas")) + sorted(pathlib.Path("/usr/lib").glob("*/lapack"))
+    if len(folders) != 2:
+        pytest.skip("no reference BLAS and LAPACK beside OpenBLAS")
+    weights = unet_package(tmp_path / "w.safetensors")
+    command = ("denoise", noisy, "--method", weights, *MODEL, "--force", "-o", tmp_path / "out")
+    slow = dict(os.environ, MALUS_NETWORK_ENVIRONMENT="1", LD_LIBRARY_PATH=":".join(map(str, folders)))
+    assert "reference BLAS" in malus(*command, env=slow).err
+    assert "BLAS" not in malus(*command).err
 
 
 def test_without_proc_one_line_is_said(noisy, tmp_path):
