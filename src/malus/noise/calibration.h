@@ -52,8 +52,8 @@ struct PhysicsCalibration {
   MeasuredRowDrift row_drift;                                   ///< of the row groups' offsets
   ChannelStatistics sigma_tl;                                   ///< DN
   ChannelStatistics lambda;                                     ///< 1
-  ChannelStatistics sigma_column;                               ///< DN; reported, not synthesized
-  std::vector<double> temporal_sd_dark_dn;                      ///< rows, quantisation and all
+  ChannelStatistics sigma_column;           ///< DN; part of sigma_tl (column_noise.h)
+  std::vector<double> temporal_sd_dark_dn;  ///< rows, quantisation and all
   std::vector<double> temporal_sd_dark_stderr_dn;
   /// Per channel, share of the dark pixels at DN 0 where the camera cuts the noise off; empty where
   /// it does not.

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/noise/column_noise.h"
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/level_noise.h"
 
@@ -313,6 +314,22 @@ DefectList defects_of(const NoiseModel& model) {
   return list;
 }
 
+NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& gain,
+                                    GainRange range) {
+  PhysicsNoise noise = model.physics_at(gain, range);
+  const std::vector<double> shares = column_noise_shares_at(model, gain);
+  std::vector<double> sigma_column_dn;
+  for (std::size_t c = 0; c < shares.size(); ++c) {
+    PhysicsChannel& channel = noise.channels[c];
+    sigma_column_dn.push_back(std::sqrt(shares[c] * read_variance_dn2(channel)));
+    channel.sigma_tl_dn *= std::sqrt(1 - shares[c]);
+  }
+  NoiseProfile profile = profile_of(noise);
+  for (std::size_t c = 0; c < shares.size(); ++c)
+    profile.channels[c].sigma_column_dn = sigma_column_dn[c];
+  return profile;
+}
+
 NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, GainRange range) {
   if (!model.physics.empty()) return profile_of(model.physics_at(gain, range));
   if (!model.gaussian.empty()) return gaussian_profile(model, model.gaussian_at(gain));
@@ -324,8 +341,11 @@ NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, Ga
 
 }  // namespace
 
-NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range) const {
-  NoiseProfile profile = pixel_noise_at(*this, gain, range);
+NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
+                                    ColumnNoise columns) const {
+  NoiseProfile profile = columns == ColumnNoise::kApart && !physics.empty()
+                             ? profile_beside_columns(*this, gain, range)
+                             : pixel_noise_at(*this, gain, range);
   profile.defects = defects_of(*this);
   return profile;
 }

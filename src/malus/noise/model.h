@@ -27,6 +27,10 @@ constexpr GainRange gain_range(bool extrapolate) {
   return extrapolate ? GainRange::kAllowExtrapolation : GainRange::kCalibratedOnly;
 }
 
+/// What a profile makes of measured column noise (column_noise.h): part of the pixels' noise, as
+/// synthesis draws it, or offsets of columns beside it, as the camera's own frames show it.
+enum class ColumnNoise { kInPixels, kApart };
+
 struct NoiseModel {
   std::string sensor;
   SensorLayout layout;
@@ -82,9 +86,9 @@ struct NoiseModel {
 
   /// What a denoiser needs at a gain, from the physics part, else the Gaussian, else the
   /// non-parametric one (range concerns the first); and the defects, where the maps tell the
-  /// sensor's size.
-  NoiseProfile profile_at(const GainSetting& gain,
-                          GainRange range = GainRange::kCalibratedOnly) const;
+  /// sensor's size. Only the physics part tells column noise apart.
+  NoiseProfile profile_at(const GainSetting& gain, GainRange range = GainRange::kCalibratedOnly,
+                          ColumnNoise columns = ColumnNoise::kInPixels) const;
 
   bool operator==(const NoiseModel&) const = default;
 };

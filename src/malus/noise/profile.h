@@ -6,6 +6,7 @@
 #include "malus/noise/noise_law.h"
 #include "malus/noise/variance_curve.h"
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -14,9 +15,10 @@ namespace malus {
 
 struct ChannelProfile {
   VarianceCurve variance;
-  double bias_dn = 0;        ///< mean of dark pixels above the black level
-  double sigma_row_dn = 0;   ///< sd of the row groups' offsets
-  double gain_dn_per_e = 0;  ///< 0 when not known
+  double bias_dn = 0;          ///< mean of dark pixels above the black level
+  double sigma_row_dn = 0;     ///< sd of the row groups' offsets
+  double sigma_column_dn = 0;  ///< sd of the columns' offsets; 0 where the variance holds them
+  double gain_dn_per_e = 0;    ///< 0 when not known
   /// Distribution of the pixels about signal and bias; none: NoiseLaw::gaussian(variance).
   std::optional<NoiseLaw> law = std::nullopt;
 };
@@ -41,6 +43,11 @@ struct NoiseProfile {
   /// Taken out of frames of its size as far as they show it; null: none is known. Models give it
   /// where it is asked for (fixed_pattern_at), since it is as large as a frame.
   std::shared_ptr<const FixedPattern> pattern = nullptr;
+
+  bool has_column_noise() const {
+    return std::any_of(channels.begin(), channels.end(),
+                       [](const ChannelProfile& channel) { return channel.sigma_column_dn > 0; });
+  }
 
   /// For pixels that hold no bias, or shall keep it.
   void clear_bias() {
