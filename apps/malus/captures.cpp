@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/denoise/column_noise.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/evaluate/noise_comparison.h"
 #include "malus/image/middle.h"
@@ -165,7 +166,7 @@ const FrameDenoiser& DenoiserByRatio::at(double ratio) {
 void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,
                   const FrameDenoiser* denoiser) {
   LoadedCapture loaded = load_capture(capture, model);
-  const NoiseProfile profile = model.profile_at(capture.gain);
+  const NoiseProfile profile = denoising_profile(loaded.noisy, model, capture.gain);
   Planes reference = reference_colors(capture, loaded, model);
   double peak = white_above_black(model.white_dn, model.black_dn) / capture.ratio;
   Planes test;

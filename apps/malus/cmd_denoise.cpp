@@ -125,7 +125,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
     const GainRange range = gain_range(arguments.extrapolate_gain);
     ProfileChoice choice{
-        naming_model(arguments.model, [&] { return profile_for(frame, *model, range); }),
+        naming_model(arguments.model, [&] { return denoising_profile_for(frame, *model, range); }),
         fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
     fit_to_sensor(choice.profile, frame, arguments.origin, arguments.settings.defects);
@@ -152,6 +152,7 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
             {"sigma_dn", result.sigma_used_dn},
             {"row_noise_removed_dn", result.row_noise_removed_dn},
+            {"column_noise_removed_dn", result.column_noise_removed_dn},
             {"mean_dn", result.mean_dn},
             {"mean_shift_dn", result.mean_shift_dn},
             {"nonfinite_pixels", result.nonfinite_pixels},

@@ -2,6 +2,7 @@
 // S6).
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
@@ -49,7 +50,7 @@ PhysicsNoise target_physics(const NoiseModel& model, const GainSetting& gain, bo
 Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFrame& frame,
                const NoiseModel& model, const GainSetting& gain, Progress& progress) {
   if (arguments.guides.empty())
-    return denoise_frame(frame, model.profile_at(gain), {}, progress).dn_above_black;
+    return denoise_frame(frame, denoising_profile(frame, model, gain), {}, progress).dn_above_black;
   FrameOptions options = options_in_layout({}, model.layout, arguments.guides[index]);
   options.rows = frame.dn.rows();
   options.cols = frame.dn.cols();

@@ -39,6 +39,15 @@ std::string moved_mean(const RawFrame& frame, const Denoised& result, const Nois
           : "the frame's noise is not the model's; check --gain, --black and --model");
 }
 
+// The offsets that were taken out.
+std::string lines_text(const nlohmann::ordered_json& run) {
+  const auto rows = run["row_noise_removed_dn"].get<double>(),
+             columns = run["column_noise_removed_dn"].get<double>();
+  return columns > 0
+             ? fmt::format("row noise {:.2f} DN and column noise {:.2f} DN removed", rows, columns)
+             : fmt::format("row noise {:.2f} DN removed", rows);
+}
+
 // What else was taken out of the frame; empty where nothing was.
 std::string corrections_text(const nlohmann::ordered_json& run) {
   std::string text;
@@ -131,11 +140,11 @@ nlohmann::ordered_json noise_json(const Denoised& result) {
 }
 
 std::string run_text(const nlohmann::ordered_json& run, const std::string& method) {
-  return fmt::format("{}: {} x {} {}, {}, row noise {:.2f} DN removed{}, {:.1f} s -> {}\n",
-                     run["input"].get<std::string>(), run["cols"].get<int>(),
-                     run["rows"].get<int>(), run["layout"].get<std::string>(), method,
-                     run["row_noise_removed_dn"].get<double>(), corrections_text(run),
-                     run["seconds"].get<double>(), run["files"][0].get<std::string>()) +
+  return fmt::format("{}: {} x {} {}, {}, {}{}, {:.1f} s -> {}\n", run["input"].get<std::string>(),
+                     run["cols"].get<int>(), run["rows"].get<int>(),
+                     run["layout"].get<std::string>(), method, lines_text(run),
+                     corrections_text(run), run["seconds"].get<double>(),
+                     run["files"][0].get<std::string>()) +
          metrics_text(run);
 }
 

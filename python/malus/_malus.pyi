@@ -184,6 +184,7 @@ def denoise(
     memory: float = 1024.0,
     strength: float = 1.0,
     row_noise: bool = True,
+    column_noise: bool = True,
     defects: bool = True,
     fixed_pattern: bool = True,
 ) -> dict[str, Any]: ...

@@ -1,5 +1,6 @@
 // Denoising and polarization.
 #include "malus/base/error.h"
+#include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/image/black_levels.h"
@@ -92,7 +93,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
     const py::gil_scoped_release release;
     if (model) {
       const GainSetting setting = gain ? model->model().gain_setting(*gain) : frame.gain;
-      profile = model->description().profile_at(setting);
+      profile = denoising_profile(frame, model->description(), setting);
       if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model->description(), setting);
       left_out = fit_to_sensor(profile, frame, origin, settings.defects);
     } else {
@@ -113,6 +114,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
       result.variance_dn2 ? py::object(array_of(std::move(*result.variance_dn2))) : py::none();
   out["sigma_used_dn"] = result.sigma_used_dn;
   out["row_noise_removed_dn"] = result.row_noise_removed_dn;
+  out["column_noise_removed_dn"] = result.column_noise_removed_dn;
   out["defect_pixels"] = result.defect_pixels;
   out["impulse_pixels"] = result.impulse_pixels;
   out["kept_pixels"] = result.kept_pixels;
@@ -171,7 +173,8 @@ void bind_denoise(py::module_& m) {
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
        "sigma_used_dn (per channel), "
-       "row_noise_removed_dn, defect_pixels, impulse_pixels, kept_pixels, mean_dn, mean_shift_dn, "
+       "row_noise_removed_dn, column_noise_removed_dn, defect_pixels, impulse_pixels, kept_pixels, "
+       "mean_dn, mean_shift_dn, "
        "noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())
           .c_str());

@@ -13,10 +13,10 @@ namespace malus {
 namespace {
 
 using ::testing::AllOf;
+using testing::change_frames;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;
-using testing::change_frames;
 using testing::polar_gain;
 using testing::problem_of;
 using testing::simulated_session;
@@ -229,7 +229,7 @@ TEST(SessionChecks, NoSpreadIsZeroWithoutASign) {
   EXPECT_FALSE(std::signbit(s.spread[0]));
 }
 
-TEST(ColumnNoise, IsToldForTheModelHasNone) {
+TEST(ColumnNoise, IsToldForSynthesisDrawsNone) {
   CalibrationInput input = simulated_session(mono_camera());
   EXPECT_THAT(warnings_of(input), Not(Contains(HasSubstr("its columns change"))));
   change_frames(input, [](RawFrame& frame, int i) {

@@ -4,6 +4,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/noise/model.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>

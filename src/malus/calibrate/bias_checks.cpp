@@ -205,8 +205,8 @@ void warn_of_column_noise(PhysicsCalibration& out) {
   const auto channels = static_cast<double>(out.sigma_column.mean.size());
   out.warnings.push_back(
       fmt::format("its columns change from frame to frame by {:.3g} DN, {:.0f} % of the temporal "
-                  "noise: the model has no column noise, so synthesize draws it as noise of single "
-                  "pixels and denoise takes it for the picture's",
+                  "noise: denoise takes their offsets out, but synthesize draws them as noise of "
+                  "single pixels",
                   column / channels, 100 * column / temporal));
 }
 

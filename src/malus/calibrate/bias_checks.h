@@ -50,7 +50,7 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
 void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out);
 
 /// Columns whose offsets change from frame to frame by more than a tenth of the temporal noise and
-/// by more than five standard errors: the model draws that as noise of single pixels. Reads
+/// by more than five standard errors: synthesis draws that as noise of single pixels. Reads
 /// sigma_column and temporal_sd_dark_dn.
 void warn_of_column_noise(PhysicsCalibration& out);
 

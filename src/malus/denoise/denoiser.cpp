@@ -40,8 +40,9 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
 }
 
 // What the filter does not see as an error. Of the noise that it is told is not there it lets
-// nearly all through, as it does with detail (docs/uncertainty.md has the measurement). Row offsets
-// are the same in everything that it averages, and so is what rounding does to noise below a step.
+// nearly all through, as it does with detail (docs/uncertainty.md has the measurement). Row and
+// column offsets are the same in everything that it averages, and so is what rounding does to noise
+// below a step.
 void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, double strength,
                        Denoised& result) {
   Image& variance_dn2 = *result.variance_dn2;
@@ -54,7 +55,10 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
         const ChannelProfile& channel =
             profile.channels[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
         const double variance = channel.variance(result.dn_above_black(row, col));
-        double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn + left * variance +
+        const double columns = frame.column_variance[static_cast<std::size_t>(col)];
+        double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn +
+                        columns * channel.sigma_column_dn * channel.sigma_column_dn +
+                        left * variance +
                         undithered_variance(profile.step_dn, std::max(variance - rounding, 0.0));
         // How much brighter than white a saturated pixel is, nobody knows.
         if (frame.saturated(row, col)) unseen = std::numeric_limits<double>::quiet_NaN();
@@ -127,6 +131,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile,
                     {.remove_rows = settings.row_noise && method.on_mosaic,
+                     .remove_columns = settings.column_noise && method.on_mosaic,
                      .fill_defects = settings.defects,
                      .fill_impulses = settings.defects && method.on_mosaic,
                      .remove_pattern = settings.fixed_pattern},

@@ -1,7 +1,7 @@
 // Raw frame in, denoised raw frame out: the methods by name, and what every one of them tells about
 // its work.
-//   subtract black and bias -> take out fixed pattern and row noise -> stabilise the variance ->
-//   filter -> exact unbiased inverse -> mosaic
+//   subtract black and bias -> take out fixed pattern, row and column noise -> stabilise the
+//   variance -> filter -> exact unbiased inverse -> mosaic
 #pragma once
 
 #include "malus/base/parameter.h"
@@ -22,6 +22,7 @@ struct DenoiseSettings {
   double memory_mib = 1024;
   double strength = 1.0;
   bool row_noise = true;
+  bool column_noise = true;
   bool defects = true;
   bool fixed_pattern = true;
   /// What the caller holds besides while it denoises, in float32 values: it counts in memory_mib.
@@ -42,6 +43,9 @@ struct DenoiseSettings {
     field(self.row_noise,
           ParameterInfo{"row_noise", "",
                         "estimate and remove the row noise first (baselines never do)"});
+    field(self.column_noise,
+          ParameterInfo{"column_noise", "",
+                        "the same of the column noise, where the model's is significant"});
     field(self.defects,
           ParameterInfo{"defects", "",
                         "fill the model's defect pixels from their neighbours, in frames of the "
@@ -66,7 +70,8 @@ struct Denoised {
   std::optional<Image> variance_dn2;
   std::vector<double> sigma_used_dn;  ///< per channel: noise deviation at the channel's mean signal
   double row_noise_removed_dn = 0;    ///< root mean square over the row groups
-  std::vector<double> mean_dn;        ///< per channel, of the frame above black and bias
+  double column_noise_removed_dn = 0;  ///< over the columns
+  std::vector<double> mean_dn;         ///< per channel, of the frame above black and bias
   /// The result's mean minus that. Filters keep means: where it moves, the noise was not what the
   /// profile says.
   std::vector<double> mean_shift_dn;
@@ -85,7 +90,7 @@ struct Denoised {
 struct DenoiseMethod {
   std::string name;
   std::string description;  ///< one line
-  bool on_mosaic;           ///< takes out row noise and gives variances; baselines do neither
+  bool on_mosaic;           ///< takes out row and column noise, gives variances; baselines do not
 };
 /// The built-in methods, the default first.
 const std::vector<DenoiseMethod>& denoise_methods();

@@ -62,8 +62,10 @@ std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& pro
   std::vector<ChannelSums> sums(profile.channels.size());
   std::vector<double> lowest;
   for (const ChannelProfile& channel : profile.channels)
-    lowest.push_back(-kBelowDeviations * std::sqrt(std::max(channel.variance(0), 0.0) +
-                                                   channel.sigma_row_dn * channel.sigma_row_dn));
+    lowest.push_back(-kBelowDeviations *
+                     std::sqrt(std::max(channel.variance(0), 0.0) +
+                               channel.sigma_row_dn * channel.sigma_row_dn +
+                               channel.sigma_column_dn * channel.sigma_column_dn));
   for (int r = 0; r < sample.dn.rows(); ++r)
     for (int c = 0; c < sample.dn.cols(); ++c) {
       const auto k = static_cast<std::size_t>(sample.layout.channel_at(r, c));

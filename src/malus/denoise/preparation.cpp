@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/denoise/column_noise.h"
 #include "malus/denoise/impulses.h"
 #include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
@@ -97,6 +98,43 @@ void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile,
   if (shares.response.present()) report.response_pattern_share = shares.response.value;
 }
 
+// Variance of what is left of offsets, in units of their deviation's square.
+std::vector<double> variances_of(const RowNoise& lines) {
+  std::vector<double> variance;
+  for (const double deviation : lines.deviation) variance.push_back(deviation * deviation);
+  return variance;
+}
+
+// Root mean square of offsets that were taken out, for the channels' mean deviation.
+double removed_dn(const RowNoise& lines, const NoiseProfile& profile,
+                  double ChannelProfile::*sigma_dn) {
+  double sum = 0, sigma = 0;
+  for (const double offset : lines.offset) sum += offset * offset;
+  for (const ChannelProfile& channel : profile.channels) sigma += channel.*sigma_dn;
+  return std::sqrt(sum / static_cast<double>(lines.offset.size())) * sigma /
+         static_cast<double>(profile.channels.size());
+}
+
+void take_out_lines(PreparedFrame& frame, const NoiseProfile& profile,
+                    const std::vector<float>& saturated_dn, PreparationSteps steps,
+                    Denoised& report) {
+  const auto group = static_cast<std::size_t>(profile.row_group);
+  frame.row_variance.assign((static_cast<std::size_t>(frame.dn.rows()) + group - 1) / group, 1.0);
+  frame.column_variance.assign(static_cast<std::size_t>(frame.dn.cols()), 1.0);
+  if (steps.remove_rows) {
+    const RowNoise rows = estimate_row_noise(frame.dn, profile, saturated_dn);
+    remove_row_noise(frame.dn, profile, rows, frame.saturated);
+    frame.row_variance = variances_of(rows);
+    report.row_noise_removed_dn = removed_dn(rows, profile, &ChannelProfile::sigma_row_dn);
+  }
+  if (steps.remove_columns && profile.has_column_noise()) {
+    const RowNoise columns = estimate_column_noise(frame.dn, profile, saturated_dn);
+    remove_column_noise(frame.dn, profile, columns, frame.saturated);
+    frame.column_variance = variances_of(columns);
+    report.column_noise_removed_dn = removed_dn(columns, profile, &ChannelProfile::sigma_column_dn);
+  }
+}
+
 std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout) {
   std::vector<double> sum(static_cast<std::size_t>(layout.channels())), count(sum);
   for (int r = 0; r < dn.rows(); ++r)
@@ -142,20 +180,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
   prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
   if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
-  const auto group = static_cast<std::size_t>(profile.row_group);
-  prepared.row_variance.assign((static_cast<std::size_t>(prepared.dn.rows()) + group - 1) / group,
-                               1.0);
-  if (steps.remove_rows) {
-    const RowNoise rows = estimate_row_noise(prepared.dn, profile, saturated_dn);
-    remove_row_noise(prepared.dn, profile, rows, prepared.saturated);
-    for (std::size_t g = 0; g < rows.deviation.size(); ++g)
-      prepared.row_variance[g] = rows.deviation[g] * rows.deviation[g];
-    double sum = 0, sigma = 0;
-    for (const double offset : rows.offset) sum += offset * offset;
-    for (const ChannelProfile& channel : profile.channels) sigma += channel.sigma_row_dn;
-    report.row_noise_removed_dn = std::sqrt(sum / static_cast<double>(rows.offset.size())) * sigma /
-                                  static_cast<double>(profile.channels.size());
-  }
+  take_out_lines(prepared, profile, saturated_dn, steps, report);
   if (steps.fill_impulses) {
     const auto pixels = replace(prepared.dn, prepared.layout, find_impulses(prepared, profile));
     report.impulse_pixels = std::ssize(pixels);

@@ -1,6 +1,6 @@
 // What every denoiser, classical or network, does before and after its filter: black and bias
-// subtracted, pixels that are not numbers filled, row noise removed; and the default filter for
-// frames that are prepared already.
+// subtracted, pixels that are not numbers filled, row and column noise removed; and the default
+// filter for frames that are prepared already.
 #pragma once
 
 #include "malus/denoise/denoiser.h"
@@ -26,7 +26,7 @@ struct FilledPixel {
 };
 
 struct PreparedFrame {
-  Image dn;  ///< above black and bias, row noise removed, every pixel finite
+  Image dn;  ///< above black and bias, row and column noise removed, every pixel finite
   SensorLayout layout;
   double range_dn = 0;        ///< white above the highest black level
   SaturatedPixels saturated;  ///< as bright as white or brighter
@@ -34,7 +34,8 @@ struct PreparedFrame {
   std::vector<FilledPixel> filled;
   /// Per row group: variance of what is left of its offset, in units of the channels' sigma_row².
   std::vector<double> row_variance;
-  std::vector<double> mean_dn;  ///< per channel
+  std::vector<double> column_variance;  ///< the same per column, of sigma_column²
+  std::vector<double> mean_dn;          ///< per channel
 };
 
 /// Throws InputError on a frame without pixels or with another layout than the profile's.
@@ -42,7 +43,8 @@ void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 
 /// What is done to a frame besides the profile's bias and stabilisation.
 struct PreparationSteps {
-  bool remove_rows = true, fill_defects = true, fill_impulses = true, remove_pattern = true;
+  bool remove_rows = true, remove_columns = true, fill_defects = true, fill_impulses = true,
+       remove_pattern = true;
 };
 
 /// Fills the report's fields about the input. Contract: check_frame has passed.

@@ -94,6 +94,35 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
                      std::max(1.0 / weight, between)};
 }
 
+// Second differences of neighbouring rows, what pixel noise and picture explain of their variance,
+// and how the differences of rows 2k, 2k+1 and of rows 2k+1, 2k+2 differ.
+struct DifferencesOfRows {
+  std::vector<double> value, explained, within, across;
+};
+
+DifferencesOfRows differences_of_rows(View<const float> dn, const NoiseProfile& profile,
+                                      const std::vector<float>& saturated_dn) {
+  std::vector<std::optional<RowEvidence>> rows;
+  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r, 1));
+  DifferencesOfRows out;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    if (!rows[r]) continue;
+    out.value.push_back(rows[r]->value);
+    out.explained.push_back(rows[r]->variance);
+    if (r > 0 && rows[r - 1])
+      (r % 2 ? out.within : out.across).push_back(rows[r]->value - rows[r - 1]->value);
+  }
+  return out;
+}
+
+ShownRowVariance variance_beyond(const DifferencesOfRows& rows) {
+  constexpr double kOfDifference = 1.5;  // of an offset less half of two others
+  const double spread = std::pow(robust_deviation_of(rows.value), 2);
+  // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
+  const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(rows.value.size()));
+  return {(spread - median_of(rows.explained)) / kOfDifference, error / kOfDifference};
+}
+
 // Of the pixel noise at the frame's mean signal, mean over the channels.
 double pixel_deviation(View<const float> dn, const NoiseProfile& profile) {
   Moments signal;
@@ -250,6 +279,14 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
   });
 }
 
+std::optional<ShownRowVariance> shown_row_variance(View<const float> dn,
+                                                   const NoiseProfile& profile,
+                                                   const std::vector<float>& saturated_dn) {
+  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn);
+  if (rows.value.size() < kLeastRows) return std::nullopt;
+  return variance_beyond(rows);
+}
+
 void estimate_row_deviation(View<const float> dn, const std::vector<float>& saturated_dn,
                             NoiseProfile& profile) {
   MALUS_REQUIRE(saturated_dn.size() == profile.channels.size());
@@ -257,25 +294,13 @@ void estimate_row_deviation(View<const float> dn, const std::vector<float>& satu
   const double pixel = pixel_deviation(dn, profile), unit_dn = kEvidenceUnit * pixel;
   for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = unit_dn;
   profile.row_group = 1;
-  std::vector<std::optional<RowEvidence>> rows;
-  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r, 1));
-  std::vector<double> values, explained, within, across;
-  for (std::size_t r = 0; r < rows.size(); ++r) {
-    if (!rows[r]) continue;
-    values.push_back(rows[r]->value);
-    explained.push_back(rows[r]->variance);
-    if (r > 0 && rows[r - 1])
-      (r % 2 ? within : across).push_back(rows[r]->value - rows[r - 1]->value);
-  }
+  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn);
   double sigma = 0;
-  if (values.size() >= kLeastRows) {
-    const double spread = std::pow(robust_deviation_of(values), 2);
-    const double excess = spread - median_of(explained);
-    // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
-    const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(values.size()));
-    if (excess > 3 * error) sigma = unit_dn * std::sqrt(excess / 1.5);
-    if (sigma > kMostRowDeviation * pixel || (sigma > 0 && repeat(values))) sigma = 0;
-    if (robust_deviation_of(within) < kPairedRows * robust_deviation_of(across))
+  if (rows.value.size() >= kLeastRows) {
+    const ShownRowVariance shown = variance_beyond(rows);
+    if (shown.value > 3 * shown.error) sigma = unit_dn * std::sqrt(shown.value);
+    if (sigma > kMostRowDeviation * pixel || (sigma > 0 && repeat(rows.value))) sigma = 0;
+    if (robust_deviation_of(rows.within) < kPairedRows * robust_deviation_of(rows.across))
       profile.row_group = 2;
   }
   for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = sigma;

@@ -10,6 +10,7 @@
 #include "malus/image/view.h"
 #include "malus/noise/profile.h"
 
+#include <optional>
 #include <vector>
 
 namespace malus {
@@ -28,6 +29,16 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
 /// Subtracts sigma_row * offset from every pixel that is not saturated.
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
                       const SaturatedPixels& saturated);
+
+/// Variance of the row groups' offsets as the frame shows it, in units of the channels' sigma_row²:
+/// the spread of second differences beyond what pixel noise and the picture explain; may be
+/// negative. Too few rows: nothing is shown.
+struct ShownRowVariance {
+  double value = 0, error = 0;
+};
+std::optional<ShownRowVariance> shown_row_variance(View<const float> dn,
+                                                   const NoiseProfile& profile,
+                                                   const std::vector<float>& saturated_dn);
 
 /// Fills sigma_row_dn (equal for all channels) and row_group (1 or 2) of a profile that knows only
 /// the pixel noise, from the picture's rows: the spread of their second differences beyond what

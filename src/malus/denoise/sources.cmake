@@ -8,6 +8,7 @@ set(denoise_SOURCES
     bm3d_steps.cpp
     block_mix.cpp
     coarse_scale.cpp
+    column_noise.cpp
     denoiser.cpp
     detail_kernel.cpp
     detail_shrinkage.cpp

@@ -190,6 +190,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
   Denoised report;
   PreparedFrame prepared = prepare_frame(std::move(frame), profile,
                                          {.remove_rows = settings.row_noise,
+                                          .remove_columns = classical.column_noise,
                                           .fill_defects = classical.defects,
                                           .fill_impulses = classical.defects,
                                           .remove_pattern = classical.fixed_pattern},

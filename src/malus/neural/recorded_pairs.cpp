@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/pick.h"
+#include "malus/denoise/column_noise.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
@@ -194,7 +195,7 @@ class CapturedPairs final : public PairSource {
       pair.clean_rgb_dn[k] = window(clean[static_cast<std::size_t>(k) + 1], part);
       require_finite(pair.clean_rgb_dn[k], recorded.picture.string());
     }
-    pair.profile = model_.profile_at(recorded.gain, gains_);
+    pair.profile = denoising_profile(pair.noisy, model_, recorded.gain, gains_);
     pair.ratio = recorded.ratio;
     return pair;
   }

@@ -1,0 +1,142 @@
+#include "malus/denoise/column_noise.h"
+
+#include "malus/base/parallel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace malus {
+namespace {
+
+// By blocks: whole columns would fetch a cache line for every pixel.
+Image with_axes_exchanged(View<const float> dn) {
+  constexpr int kBlock = 32;
+  Image out(dn.cols(), dn.rows());
+  parallel_for(0, (dn.cols() + kBlock - 1) / kBlock, 1,
+               [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+                 for (int first = 0; first < dn.rows(); first += kBlock)
+                   for (int c = static_cast<int>(begin) * kBlock;
+                        c < std::min(static_cast<int>(end) * kBlock, dn.cols()); ++c)
+                     for (int r = first; r < std::min(first + kBlock, dn.rows()); ++r)
+                       out(c, r) = dn(r, c);
+               });
+  return out;
+}
+
+SensorLayout with_axes_exchanged(const SensorLayout& layout) {
+  std::vector<std::vector<std::string>> sites(static_cast<std::size_t>(layout.cols()));
+  for (int c = 0; c < layout.cols(); ++c)
+    for (int r = 0; r < layout.rows(); ++r)
+      sites[static_cast<std::size_t>(c)].push_back(layout.channel_name(layout.channel_at(r, c)));
+  return SensorLayout::from_sites(sites);
+}
+
+// What the estimator of rows asks for, of the exchanged frame.
+struct ExchangedProfile {
+  NoiseProfile profile;
+  std::vector<float> saturated_dn;
+};
+
+ExchangedProfile with_axes_exchanged(const NoiseProfile& profile,
+                                     const std::vector<float>& saturated_dn) {
+  ExchangedProfile out;
+  out.profile.layout = with_axes_exchanged(profile.layout);
+  for (int c = 0; c < profile.layout.cols(); ++c)
+    for (int r = 0; r < profile.layout.rows(); ++r) {
+      const auto k = static_cast<std::size_t>(profile.layout.channel_at(r, c));
+      out.profile.channels.push_back(profile.channels[k]);
+      out.profile.channels.back().sigma_row_dn = profile.channels[k].sigma_column_dn;
+      out.saturated_dn.push_back(saturated_dn[k]);
+    }
+  return out;
+}
+
+// Edges and faint stripes down the whole picture lift whole columns by no more than a camera does,
+// but neighbours alike, where a camera draws every column's offset anew. What columns share with
+// those so far away, further than two that a converter serves together, is the picture's. Their
+// offsets come from other differences: multiples of the layout's period away.
+constexpr std::size_t kLag = 3;
+constexpr double kChance = 3.0;  // in standard errors of a white sequence's autocovariance
+
+// Of a sum of the camera's offsets and the picture's, in these shares of its variance, the former
+// are expected to be their share of it, and to be missed by the product of the shares (Wiener).
+void leave_what_columns_share(RowNoise& columns) {
+  const std::vector<double>& offset = columns.offset;
+  if (offset.size() <= kLag) return;
+  double square = 0, product = 0;
+  for (const double o : offset) square += o * o;
+  for (std::size_t c = kLag; c < offset.size(); ++c) product += offset[c] * offset[c - kLag];
+  const auto count = static_cast<double>(offset.size());
+  const double picture = product / square;
+  if (!(picture > kChance / std::sqrt(count))) return;
+  const double camera = 1 - std::min(picture, 1.0), missed = camera * picture * square / count;
+  for (double& o : columns.offset) o *= camera;
+  for (double& deviation : columns.deviation)
+    deviation = std::min(std::sqrt(deviation * deviation + missed), 1.0);
+}
+
+// Above black and bias, as preparation makes it, and what is saturated of that.
+struct FrameAboveBias {
+  Image dn;
+  std::vector<float> saturated_dn;
+};
+
+FrameAboveBias above_bias(const RawFrame& frame, const NoiseProfile& profile) {
+  FrameAboveBias out{frame.dn, {}};
+  std::vector<float> zero_dn;
+  for (std::size_t k = 0; k < profile.channels.size(); ++k) {
+    zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
+    out.saturated_dn.push_back(static_cast<float>(frame.white_dn) - zero_dn[k]);
+  }
+  for (int r = 0; r < out.dn.rows(); ++r)
+    for (int c = 0; c < out.dn.cols(); ++c)
+      out.dn(r, c) -= zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
+  return out;
+}
+
+// Clearly so: by three errors.
+bool shows_less_than_half(const RawFrame& frame, const NoiseProfile& profile) {
+  constexpr double kHalf = 0.5, kErrors = 3.0;
+  const FrameAboveBias above = above_bias(frame, profile);
+  const ExchangedProfile exchanged = with_axes_exchanged(profile, above.saturated_dn);
+  const auto shown =
+      shown_row_variance(with_axes_exchanged(above.dn), exchanged.profile, exchanged.saturated_dn);
+  return shown && shown->value + kErrors * shown->error < kHalf * kHalf;
+}
+
+}  // namespace
+
+RowNoise estimate_column_noise(View<const float> dn, const NoiseProfile& profile,
+                               const std::vector<float>& saturated_dn) {
+  MALUS_REQUIRE(saturated_dn.size() == profile.channels.size());
+  const ExchangedProfile exchanged = with_axes_exchanged(profile, saturated_dn);
+  RowNoise columns =
+      estimate_row_noise(with_axes_exchanged(dn), exchanged.profile, exchanged.saturated_dn);
+  leave_what_columns_share(columns);
+  return columns;
+}
+
+void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& columns,
+                         const SaturatedPixels& saturated) {
+  parallel_for(0, dn.rows(), 32, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+      for (int c = 0; c < dn.cols(); ++c) {
+        const auto k = static_cast<std::size_t>(profile.layout.channel_at(r, c));
+        if (!saturated(r, c))
+          dn(r, c) -= static_cast<float>(columns.offset[static_cast<std::size_t>(c)] *
+                                         profile.channels[k].sigma_column_dn);
+      }
+  });
+}
+
+NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
+                               const GainSetting& gain, GainRange range) {
+  NoiseProfile apart = model.profile_at(gain, range, ColumnNoise::kApart);
+  if (!apart.has_column_noise() || !(frame.layout == apart.layout) ||
+      !shows_less_than_half(frame, apart))
+    return apart;
+  return model.profile_at(gain, range);
+}
+
+}  // namespace malus
