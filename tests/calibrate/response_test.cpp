@@ -17,7 +17,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using testing::internal::normal_at;
 
-constexpr double kGain = 0.5;  // DN/e-
+constexpr double kGainOfResponse = 0.5;  // DN/e-
 
 // A camera with dark current, electrons per second and pixel; 128 x 128 pixels.
 struct DarkCurrent {
@@ -40,7 +40,7 @@ testing::SimulatedCamera dark_current_camera(double prnu) {
   camera.prnu = prnu;
   camera.gains.push_back(testing::polar_gain(0, "mono", 1));
   camera.gains[0].noise.channels[0] = {
-      .gain_dn_per_e = kGain, .lambda = 0.14, .sigma_tl_dn = 1.36, .sigma_row_dn = 0.2};
+      .gain_dn_per_e = kGainOfResponse, .lambda = 0.14, .sigma_tl_dn = 1.36, .sigma_row_dn = 0.2};
   return camera;
 }
 
@@ -52,8 +52,8 @@ void add_dark_current(const DarkCurrent& current, double exposure_s, std::uint32
       const auto pixel = static_cast<std::uint64_t>(r * frame.dn.cols() + c);
       const double electrons = current.at(pixel) * exposure_s;
       const double drawn = electrons + std::sqrt(electrons) * normal_at(address, pixel, 4);
-      frame.dn(r, c) = static_cast<float>(
-          std::clamp(std::round(frame.dn(r, c) + kGain * drawn), 0.0, double{frame.white_dn}));
+      frame.dn(r, c) = static_cast<float>(std::clamp(
+          std::round(frame.dn(r, c) + kGainOfResponse * drawn), 0.0, double{frame.white_dn}));
     }
 }
 
@@ -101,7 +101,7 @@ TEST(Response, DarkFramesOfTheSameExposureTakeDarkCurrentOut) {
     const auto p =
         measured(dark_current_session(dark_current_camera(0.005), DarkCurrent{}, dark_frames));
     EXPECT_NEAR(p.prnu.at(0), 0.005, 0.00025) << dark_frames;
-    EXPECT_NEAR(p.K.mean.at(0), kGain, 4 * p.K.standard_error.at(0));
+    EXPECT_NEAR(p.K.mean.at(0), kGainOfResponse, 4 * p.K.standard_error.at(0));
     EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("dark current")))) << dark_frames;
   }
 }
@@ -141,7 +141,7 @@ TEST(Response, HotPixelsOfTheDarkFramesAreNoSaturation) {
   int used = 0;
   for (const PhotonTransferPoint& point : p.transfer) used += point.used;
   EXPECT_EQ(used, 7);  // the eighth is above the limit of 70 % of the range
-  EXPECT_NEAR(p.K.mean.at(0), kGain, 3 * p.K.standard_error.at(0));
+  EXPECT_NEAR(p.K.mean.at(0), kGainOfResponse, 3 * p.K.standard_error.at(0));
   EXPECT_NEAR(p.prnu.at(0), 0.005, 0.00025);
 }
 

@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/flat_checks.h"
+#include "malus/calibrate/flat_level.h"
 #include "malus/calibrate/matching_dark.h"
 #include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/photon_transfer.h"
@@ -20,9 +21,6 @@
 namespace malus {
 namespace {
 
-// Below this share of the range light adds so little that a drifting black level would be mistaken
-// for a flickering lamp.
-constexpr double kLampShare = 0.05;
 constexpr double kMostSaturated = 1e-3;
 constexpr std::size_t kFewLevels = 5;
 // Of a channel's dark pixels at zero: with more the cut-off noise moves the dark point by as much
@@ -30,63 +28,6 @@ constexpr std::size_t kFewLevels = 5;
 constexpr double kMostDarkZeros = 1e-2;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
-constexpr int kPairsPerLevel = 2;  // of frames, to compare neighbours
-
-// One light level: its accumulator and the share of saturated pixels per channel.
-struct FlatLevel {
-  TemporalAccumulator temporal;
-  NeighbourCorrelation neighbours;
-  std::vector<double> saturated;
-  FlatObservation seen;
-};
-
-// Pixels that are defects without light are left out of the count of saturated ones, of which a
-// small frame bears no single one.
-void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDark& dark,
-                  const MosaicGeometry& geometry, FlatLevel& level) {
-  const View<const float> shading_dn = dark.shading_dn();
-  level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
-  for (int r = 0; r < geometry.rows(); ++r)
-    for (int c = 0; c < geometry.cols(); ++c) {
-      const float dn = frame.dn(r, c);
-      if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
-      const auto channel = as_index(geometry.channel(r, c));
-      if (shading_dn(r, c) > dark.defect_above_dn[channel]) continue;
-      level.seen.codes.add(dn);
-      if (dn >= first.white_dn) level.saturated[channel] += 1.0;
-      if (dn > first.white_dn) ++level.seen.above_white;
-    }
-}
-
-FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
-                        Progress& progress) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
-  FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
-                  NeighbourCorrelation(geometry), std::vector<double>(dark.level_dn.size(), 0.0),
-                  FlatObservation()};
-  level.seen.name = flat.name;
-  FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
-  for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
-    if (i == 0) {
-      double signal = 0.0;
-      const std::vector<double> mean = channel_means(frame.dn, geometry);
-      for (std::size_t c = 0; c < mean.size(); ++c)
-        signal += (mean[c] - dark.level_dn[c]) / static_cast<double>(mean.size());
-      if (signal > kLampShare * (first.white_dn - mean_of(first.black_dn)))
-        level.temporal =
-            TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
-    }
-    level.temporal.add(frame.dn);
-    pairs.add(frame.dn);
-    level.seen.sources.push_back(frame.source);
-    count_bright(frame, first, dark, geometry, level);
-  });
-  for (const std::vector<double>& means : level.temporal.frame_means_dn())
-    level.seen.signal_dn.push_back(mean_of(means));
-  for (int c = 0; c < geometry.channels(); ++c)
-    level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
-  return level;
-}
 
 std::string reason_against(const TransferLevel& level, double saturated, double range_dn,
                            double limit) {
@@ -196,15 +137,37 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
         joined(bent), largest, widest));
 }
 
+// What the pixels of the good levels show.
+struct FlatPatterns {
+  explicit FlatPatterns(const MosaicGeometry& geometry)
+      : response(geometry), neighbours(geometry) {}
+  ResponseAccumulator response;
+  NeighbourCorrelation neighbours;
+  std::vector<DarklessLevel> darkless;
+};
+
 // The flat levels of one gain as they are measured one after the other.
 struct FlatSeries {
   std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
   std::vector<double> exposures_s;
-  ResponseAccumulator response;
-  NeighbourCorrelation neighbours;
-  std::vector<DarklessLevel> darkless;
+  FlatPatterns patterns;
+  std::vector<bool> in_patterns;  ///< per level
   std::vector<FlatObservation> seen;
 };
+
+// A level that no channel refuses.
+void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& dark,
+                  const RawFrame& first, FlatPatterns& patterns) {
+  patterns.neighbours.merge(level.neighbours);
+  const std::vector<double> mean = level.temporal.mean_dn();
+  for (std::size_t c = 0; c < mean.size(); ++c)
+    if (!(mean[c] > kResponseShare * (first.white_dn - first.black_dn[c]))) return;
+  const LevelResponse response = patterns.response.add(
+      level.temporal, {dark.shading_dn(), dark.shading_error_dn2, dark.frames ? dark.set : -1});
+  if (dark.frames == 0)
+    patterns.darkless.push_back(
+        {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
+}
 
 void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                const RawFrame& first, const std::vector<double>& frame_deviation_dn,
@@ -212,7 +175,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   const std::vector<double> mean = level.temporal.mean_dn();
   const std::vector<double> variance =
       flat.count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(mean.size(), 0.0);
-  bool good = true, good_for_response = flat.count >= 2;
+  bool good = true;
   for (std::size_t c = 0; c < mean.size(); ++c) {
     const double range = first.white_dn - first.black_dn[c];
     TransferLevel point;
@@ -229,18 +192,12 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.at_white = level.saturated[c] > kMostSaturated;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
     good &= point.refused.empty();
-    good_for_response &= good && mean[c] > kResponseShare * range;
     series.levels[c].push_back(std::move(point));
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
   series.seen.push_back(std::move(level.seen));
-  if (good) series.neighbours.merge(level.neighbours);
-  if (!good_for_response) return;
-  const LevelResponse response = series.response.add(
-      level.temporal, {dark.shading_dn(), dark.shading_error_dn2, dark.frames ? dark.set : -1});
-  if (dark.frames == 0)
-    series.darkless.push_back(
-        {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
+  series.in_patterns.push_back(good);
+  if (good) add_patterns(flat, level, dark, first, series.patterns);
 }
 
 // Rounding gives narrow noise any variance from 0 to a quarter of q², and wide noise q²/12 more
@@ -267,25 +224,56 @@ void leave_out_saturated(const DarkPoint& dark, std::vector<TransferLevel>& leve
   }
 }
 
+bool saturated_in_any(const FlatSeries& series, std::size_t level) {
+  return std::any_of(
+      series.levels.begin(), series.levels.end(),
+      [&](const std::vector<TransferLevel>& channel) { return channel[level].saturated; });
+}
+
+// Which levels are saturated is known when all are measured. Keeping each one's mean frame until
+// then would take memory without bound, and taking a sum back loses digits (a saturated level has
+// next to no noise, hence most of the weight): the good ones are read again.
+void take_saturated_out_of_patterns(const std::vector<const FrameSet*>& flats,
+                                    const std::vector<const FrameSet*>& darks,
+                                    const RawFrame& first, const DarkPass& dark,
+                                    const MosaicGeometry& geometry, Progress& progress,
+                                    const PhysicsCalibration& bias, FlatSeries& series) {
+  std::vector<std::size_t> kept;
+  std::int64_t frames = 0;
+  for (std::size_t i = 0; i < flats.size(); ++i)
+    if (series.in_patterns[i] && !saturated_in_any(series, i)) {
+      kept.push_back(i);
+      frames += flats[i]->count;
+    }
+  if (as_index(std::count(series.in_patterns.begin(), series.in_patterns.end(), true)) ==
+      kept.size())
+    return;
+  series.patterns = FlatPatterns(geometry);
+  progress.begin("calibrating, saturated flats left out", frames);
+  for (const std::size_t i : kept) {
+    const MatchingDark own = matching_dark(*flats[i], darks, first, dark, bias, progress);
+    FlatLevel level = measure_level(*flats[i], first, own, progress);
+    add_patterns(*flats[i], level, own, first, series.patterns);
+  }
+}
+
 void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
                        PhysicsCalibration& out) {
   std::vector<std::string> names;
   double lowest = range_dn;
   for (std::size_t i = 0; i < series.seen.size(); ++i) {
-    bool any = false;
+    if (!saturated_in_any(series, i)) continue;
+    names.push_back(series.seen[i].name);
     for (const std::vector<TransferLevel>& channel : series.levels)
-      if (channel[i].saturated) {
-        any = true;
-        lowest = std::min(lowest, channel[i].mean_dn);
-      }
-    if (any) names.push_back(series.seen[i].name);
+      if (channel[i].saturated) lowest = std::min(lowest, channel[i].mean_dn);
   }
   if (names.empty()) return;
   // Shot noise meets the end a little below it.
   const double advised = std::min(limit, 0.9 * lowest / range_dn);
   out.warnings.push_back(fmt::format(
       "the sensor saturates at {:.4g} DN above black, below white: there the variance falls while "
-      "the mean rises. Left out of K: {}. Full well and dynamic range count to there; use shorter "
+      "the mean rises. Left out of K and PRNU: {}. Full well and dynamic range count to there; use "
+      "shorter "
       "exposures, or --saturation-limit {:.2f}",
       lowest, joined(names), advised));
 }
@@ -330,8 +318,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();
   FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
                     {},
-                    ResponseAccumulator(geometry),
-                    NeighbourCorrelation(geometry),
+                    FlatPatterns(geometry),
                     {},
                     {}};
   for (const FrameSet* flat : flats) {
@@ -353,6 +340,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
   append_fits(fits, first.layout, out);
+  take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
   warn_of_full_well(series, settings.saturation_limit, first.white_dn - mean_of(first.black_dn),
                     out);
   warn_of_flats(series.seen,
@@ -365,13 +353,13 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
-  warn_of_alike_neighbours(dark.neighbours, series.neighbours, out);
-  if (!series.response.empty()) {
-    Response relative = series.response.response();
+  warn_of_alike_neighbours(dark.neighbours, series.patterns.neighbours, out);
+  if (!series.patterns.response.empty()) {
+    Response relative = series.patterns.response.response();
     out.prnu_map = std::move(relative.map);
     out.prnu = std::move(relative.prnu);
     out.prnu_stderr = std::move(relative.prnu_stderr);
-    warn_of_dark_current(series.darkless, bias.exposure_s.value_or(0.0), out);
+    warn_of_dark_current(series.patterns.darkless, bias.exposure_s.value_or(0.0), out);
   }
 }
 

@@ -9,6 +9,7 @@ set(calibrate_SOURCES
   fixed_pattern.cpp
   flat_calibration.cpp
   flat_checks.cpp
+  flat_level.cpp
   frame_components.cpp
   frame_set.cpp
   gaussian_calibration.cpp

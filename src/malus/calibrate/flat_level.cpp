@@ -1,0 +1,66 @@
+#include "malus/calibrate/flat_level.h"
+
+#include "malus/base/index.h"
+#include "malus/base/statistics.h"
+
+#include <cstdint>
+
+namespace malus {
+namespace {
+
+// Below this share of the range light adds so little that a drifting black level would be mistaken
+// for a flickering lamp.
+constexpr double kLampShare = 0.05;
+constexpr int kPairsPerLevel = 2;  // of frames, to compare neighbours
+
+// Pixels that are defects without light are left out of the count of saturated ones, of which a
+// small frame bears no single one.
+void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDark& dark,
+                  const MosaicGeometry& geometry, FlatLevel& level) {
+  const View<const float> shading_dn = dark.shading_dn();
+  level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
+  for (int r = 0; r < geometry.rows(); ++r)
+    for (int c = 0; c < geometry.cols(); ++c) {
+      const float dn = frame.dn(r, c);
+      if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
+      const auto channel = as_index(geometry.channel(r, c));
+      if (shading_dn(r, c) > dark.defect_above_dn[channel]) continue;
+      level.seen.codes.add(dn);
+      if (dn >= first.white_dn) level.saturated[channel] += 1.0;
+      if (dn > first.white_dn) ++level.seen.above_white;
+    }
+}
+
+}  // namespace
+
+FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
+                        Progress& progress) {
+  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+  FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
+                  NeighbourCorrelation(geometry), std::vector<double>(dark.level_dn.size(), 0.0),
+                  FlatObservation()};
+  level.seen.name = flat.name;
+  FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
+  for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
+    if (i == 0) {
+      double signal = 0.0;
+      const std::vector<double> mean = channel_means(frame.dn, geometry);
+      for (std::size_t c = 0; c < mean.size(); ++c)
+        signal += (mean[c] - dark.level_dn[c]) / static_cast<double>(mean.size());
+      if (signal > kLampShare * (first.white_dn - mean_of(first.black_dn)))
+        level.temporal =
+            TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
+    }
+    level.temporal.add(frame.dn);
+    pairs.add(frame.dn);
+    level.seen.sources.push_back(frame.source);
+    count_bright(frame, first, dark, geometry, level);
+  });
+  for (const std::vector<double>& means : level.temporal.frame_means_dn())
+    level.seen.signal_dn.push_back(mean_of(means));
+  for (int c = 0; c < geometry.channels(); ++c)
+    level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
+  return level;
+}
+
+}  // namespace malus

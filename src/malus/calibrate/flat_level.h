@@ -1,0 +1,25 @@
+// What the frames of one light level show, in one pass over them.
+#pragma once
+
+#include "malus/calibrate/flat_checks.h"
+#include "malus/calibrate/matching_dark.h"
+#include "malus/calibrate/neighbour_correlation.h"
+#include "malus/calibrate/temporal.h"
+
+#include <vector>
+
+namespace malus {
+
+struct FlatLevel {
+  TemporalAccumulator temporal;
+  NeighbourCorrelation neighbours;
+  std::vector<double> saturated;  ///< share of the pixels at white, per channel
+  FlatObservation seen;
+};
+
+/// first: tells layout, size, black and white; dark: what belongs to these flats without light.
+/// Errors as for_each_frame.
+FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
+                        Progress& progress);
+
+}  // namespace malus
