@@ -52,15 +52,15 @@ void calibrate_session(const Common& common, const CalibrateArguments& arguments
       calibrate(calibration_input(session), arguments.settings, arguments.kinds, *progress);
   save_model(model, arguments.output, common.force);
   if (!arguments.report.empty()) write_calibration_report(model, arguments.report, common.force);
-  if (common.json) {  // the text shows them itself
-    warn_of(model.physics);
-    warn_of(model.gaussian);
-    warn_of(model.nonparametric);
-  }
+  warn_of(model.physics);
+  warn_of(model.gaussian);
+  warn_of(model.nonparametric);
   nlohmann::ordered_json json = model_json(model);
   json["model"] = arguments.output.string();
   json["settings"] = settings_json(arguments.settings);
-  print_result(common, json, fmt::format("{}\n{}", arguments.output.string(), model_text(model)));
+  print_result(common, json,
+               fmt::format("{}\n{}", arguments.output.string(),
+                           model_text(model, StoredWarnings::kLeftOut)));
 }
 
 }  // namespace

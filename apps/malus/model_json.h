@@ -13,8 +13,11 @@ namespace malus::app {
 /// are null.
 nlohmann::ordered_json model_json(const NoiseModel& model);
 
+/// What calibration warned about is part of a model, but warnings of the run that measured it.
+enum class StoredWarnings { kShown, kLeftOut };
+
 /// Tables for people: one line per gain, then per gain a line per channel, then the laws over gain.
-std::string model_text(const NoiseModel& model);
+std::string model_text(const NoiseModel& model, StoredWarnings warnings = StoredWarnings::kShown);
 
 /// The model reduced to one gain: the measured entry, or one made from the joint model (frames 0).
 /// The other kinds are interpolated, too (dark frames are not); beside physics those that do not

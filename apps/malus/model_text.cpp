@@ -91,7 +91,13 @@ void add_summary(Lines& lines, const NoiseModel& m) {
                kWidth));
 }
 
-void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p) {
+void add_warnings(Lines& lines, const std::vector<std::string>& warnings, StoredWarnings shown) {
+  if (shown == StoredWarnings::kLeftOut) return;
+  for (const std::string& warning : warnings) lines.add("  warning: {}", warning);
+}
+
+void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p,
+                  StoredWarnings warnings) {
   constexpr std::size_t kWidth = 15;
   lines.add("\n{}: {} bias frames, {} flat levels; value ± standard error", p.gain.text(),
             p.bias_frames, p.flat_levels);
@@ -109,7 +115,7 @@ void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p
                      kWidth));
   }
   if (!p.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(p.row_drift));
-  for (const auto& warning : p.warnings) lines.add("  warning: {}", warning);
+  add_warnings(lines, p.warnings, warnings);
 }
 
 double mean_member(const std::vector<LogLinear>& laws, double LogLinear::*member) {
@@ -142,11 +148,11 @@ void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
   for (const auto& note : joint.notes) lines.add("  note: {}", note);
 }
 
-void add_other_kinds(Lines& lines, const NoiseModel& m) {
+void add_other_kinds(Lines& lines, const NoiseModel& m, StoredWarnings warnings) {
   for (const auto& g : m.gaussian) {
     lines.add("\nGaussian, {}: variance = {} DN x signal + {} DN^2 (means over the channels)",
               g.gain.text(), mean_cell(g.slope_dn, 4), mean_cell(g.offset_dn2, 3));
-    for (const auto& warning : g.warnings) lines.add("  warning: {}", warning);
+    add_warnings(lines, g.warnings, warnings);
   }
   for (const auto& n : m.nonparametric) {
     lines.add(
@@ -154,7 +160,7 @@ void add_other_kinds(Lines& lines, const NoiseModel& m) {
         n.gain.text(), n.frames, n.channels[0].level_dn.size(),
         n.channels[0].bin_edges_dn.size() - 1, mean_cell(n.sigma_row_dn, 3));
     if (!n.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(n.row_drift));
-    for (const auto& warning : n.warnings) lines.add("  warning: {}", warning);
+    add_warnings(lines, n.warnings, warnings);
   }
   for (const auto& bank : m.dark_frames)
     lines.add("\nDark frames, {}: {} of {} x {}", bank.gain.text(), bank.frames_dn.size(),
@@ -163,18 +169,18 @@ void add_other_kinds(Lines& lines, const NoiseModel& m) {
 
 }  // namespace
 
-std::string model_text(const NoiseModel& model) {
+std::string model_text(const NoiseModel& model, StoredWarnings warnings) {
   Lines lines;
   add_sensor(lines, model);
   if (!model.physics.empty()) {
     if (model.physics.size() > 1) add_summary(lines, model);
     if (model.physics.size() <= kMaxChannelTables)
-      for (const PhysicsCalibration& p : model.physics) add_channels(lines, model, p);
+      for (const PhysicsCalibration& p : model.physics) add_channels(lines, model, p, warnings);
     else
       lines.add("\nOne gain by channel: --gain or --iso");
   }
   if (model.joint) add_joint(lines, *model.joint, model.physics[0].gain.iso.has_value());
-  add_other_kinds(lines, model);
+  add_other_kinds(lines, model, warnings);
   return lines.text();
 }
 

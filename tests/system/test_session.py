@@ -29,7 +29,7 @@ def test_a_black_level_that_differs_between_gains_is_counted_once(malus, tmp_pat
         save(rng, tmp_path / f"scene{gain}.tif", gain, 50)
     (tmp_path / "s.toml").write_text(text)
     run = malus("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5")
-    assert "its files tell a black level of 80 DN" in run.out
+    assert "its files tell a black level of 80 DN" in run.err
     for gain in CAMERA:
         malus("denoise", tmp_path / f"scene{gain}.tif", "--model", tmp_path / "m.h5", "-o", tmp_path)
         # The pixels' own scatter, √(50 K + 9) / 96, and the bias's error.
