@@ -9,7 +9,9 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <memory>
+#include <system_error>
 
 #include "frame_input.h"
 #include "networks_door.h"
@@ -25,6 +27,33 @@ NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& op
   return {static_cast<int>(paths.size()), [paths, options](int k) {
             return load_above_black(paths[static_cast<std::size_t>(k)], options).dn;
           }};
+}
+
+// Noise compared with itself is the same, and a frame that counts twice, or is the clean one,
+// makes two samples of one.
+void require_each_once(const NoiseArguments& arguments) {
+  std::map<fs::path, std::string> seen;  // by file, links followed
+  const auto take = [&](const fs::path& path, const char* what) {
+    std::error_code unknown;
+    const auto [first, is_new] = seen.emplace(fs::weakly_canonical(path, unknown), what);
+    if (!is_new)
+      throw InputError(path.string(),
+                       fmt::format("is given twice, as {} and as {}: its noise would be compared "
+                                   "with itself",
+                                   first->second, what),
+                       "name every file once");
+  };
+  for (const fs::path& path : arguments.reference) take(path, "a frame of --reference");
+  for (const fs::path& path : arguments.test) take(path, "a frame of --test");
+  if (!arguments.clean.empty()) take(arguments.clean, "--clean");
+}
+
+// Not by chance: two samples of one distribution differ by the floor.
+void warn_of_copies(const NoiseComparison& comparison, const NoiseArguments& arguments) {
+  if (arguments.test.empty() || comparison.pooled.jsd_bits > 0) return;
+  warn(fmt::format(
+      "{}: its frames' noise has the very histogram of the reference's: are they copies of {}?",
+      arguments.test.front().string(), arguments.reference.front().string()));
 }
 
 // What stands in place of a camera: frames in DN above black, rounded and clipped as the camera's
@@ -224,6 +253,7 @@ std::string comparison_text(const NoiseComparison& c, int bins) {
 
 void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw,
                           const Common& common) {
+  require_each_once(arguments);
   FrameOptions options = raw.resolve();
   std::optional<StandIn> stand_in;
   if (!arguments.model.empty()) {
@@ -241,6 +271,7 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
   const auto progress = make_progress(common);
   const NoiseComparison comparison =
       compare_noise(reference, test, clean, layout, arguments.settings, *progress);
+  warn_of_copies(comparison, arguments);
   print_result(common, comparison_json(comparison, arguments.settings, layout),
                comparison_text(comparison, arguments.settings.bins));
 }

@@ -230,6 +230,23 @@ def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
     assert not list(tmp_path.iterdir())
 
 
+def test_noise_is_not_compared_with_itself(malus, refused, tmp_path):
+    rng = np.random.default_rng(7)
+    for name in "ab":
+        np.save(tmp_path / f"{name}.npy", rng.normal(100, 5, (64, 64)).astype(np.float32))
+    (tmp_path / "link.npy").symlink_to("a.npy")
+    shutil.copy(tmp_path / "a.npy", tmp_path / "copy.npy")
+    a, b, link, copy = (tmp_path / f"{name}.npy" for name in ("a", "b", "link", "copy"))
+    for same in (a, link):
+        line = refused("evaluate", "--noise", "--reference", a, "--test", b, same)
+        assert same.name in line and "--reference" in line and "--test" in line
+    assert "b.npy" in refused("evaluate", "--noise", "--reference", a, "--test", b, b)
+    assert "a.npy" in refused("evaluate", "--noise", "--reference", a, "--test", b, "--clean", a)
+    told = malus("evaluate", "--noise", "--reference", a, "--test", copy)
+    assert "copy.npy" in told.err and "copies of" in told.err
+    assert "copies" not in malus("evaluate", "--noise", "--reference", a, "--test", b).err
+
+
 def test_pictures_of_several_channels_have_no_black_level(malus, tmp_path):
     Image.fromarray(np.zeros((16, 16, 3), np.uint8)).save(tmp_path / "p.png")
     found = malus("evaluate", "--reference", tmp_path / "p.png", "--test", tmp_path / "p.png", "--black", 4, code=2)
