@@ -26,7 +26,7 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
       ->check(finite_number())
       ->group(group);
   command.add_option("--white", white_dn_, "saturation, black level included [DN]")
-      ->check(finite_number())
+      ->check(positive_number())
       ->group(group);
   if (with_gain) {
     auto* gain = command.add_option("--gain", gain_db_, "camera gain [dB]")

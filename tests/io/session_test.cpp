@@ -109,6 +109,10 @@ TEST(Session, WrongValuesAreRefusedWithTheirPlace) {
   expect_refused(replaced(kGood, "exposure_s = 0.5", "exposure_s = 0"), "exposure");
   expect_refused(replaced(kGood, "exposure_s = 0.01", "exposure_s = -1"), "exposure");
   expect_refused(replaced(kGood, "iso = 1600", "iso = 0"), "ISO is positive");
+  expect_refused(replaced(kGood, "iso = 1600", "gain_db = 240"), "gain_db", "240 dB");
+  expect_refused(replaced(replaced(kGood, "82.0", "-82.0"), "row_group = 2",
+                          "raw_format = \"mono12p\"\nsize = \"8x8\""),
+                 "black in [sensor] is -82 DN");
   expect_refused(replaced(kGood, "iso = 1600", "iso = 100\ngain_db = 3"), "stands beside gain_db");
   expect_refused(replaced(kGood, "level = 3", "level = -3"), "level");
   expect_refused(replaced(kGood, "kind = \"bias\"", ""), "kind", "is missing");

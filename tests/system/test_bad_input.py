@@ -64,6 +64,21 @@ def test_black_above_white(refused, frame, tmp_path):
     assert "black" in line
 
 
+def test_negative_black(malus, refused, tmp_path):
+    """Refused where the codes have no sign, by session and by flag; dark may lie below 0 where they have one."""
+    for name, kind in (("plain", np.uint16), ("signed", np.int16), ("float", np.float32)):
+        for i in range(3):
+            np.save(tmp_path / f"{name}{i}.npy", np.random.default_rng(i).normal(50, 3, (32, 32)).astype(kind))
+        session = write(tmp_path / f"{name}.toml", '[sensor]\nlayout = "mono"\nblack = -100\nwhite = 4095\n[[frames]]\n'
+                        f'kind = "bias"\ngain_db = 0\npaths = ["{name}*.npy"]\n')
+        if name == "plain":
+            line = refused("calibrate", session, "-o", tmp_path / "m.h5")
+            assert "plain0.npy: black -100 DN" in line
+            assert "black -100 DN" in refused("info", tmp_path / "plain0.npy", "--black=-100")
+        else:
+            malus("calibrate", session, "-o", tmp_path / "m.h5", "--force")
+
+
 def test_unknown_layout_names_the_nearest(refused, frame):
     assert "polar-mono" in refused("info", frame, "--layout", "polar-mona")
 

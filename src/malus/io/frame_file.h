@@ -44,9 +44,9 @@ struct FrameInfo {
 };
 
 /// Throws InputError: missing, empty, a folder, truncated, not a mosaic, of an unknown type, too
-/// large (2^31 pixels), of another size than asked for, black >= white. NaN and infinite pixels of
-/// float files are kept: commands decide. Integer data above 24 bits are refused (not exact in
-/// float).
+/// large (2^31 pixels), of another size than asked for, black >= white, a
+/// negative black of unsigned integers. NaN and infinite pixels of float files are kept: commands
+/// decide. Integer data above 24 bits are refused (not exact in float).
 RawFrame load_frame(const std::filesystem::path& path, const FrameOptions& options = {});
 
 /// The same with the facts of the file beside the pixels.

@@ -47,6 +47,11 @@ void parse_levels(const ConfigSection& section, SensorDescription& sensor) {
   sensor.white_dn = section.number("white");
   if (sensor.white_dn && *sensor.white_dn <= 0)
     section.fail("white", fmt::format("is {:g}", *sensor.white_dn), "white is a positive DN");
+  if (sensor.raw_format)
+    for (const double black : sensor.black_dn)
+      if (black < 0)
+        section.fail("black", fmt::format("is {:g} DN, codes of raw_format begin at 0", black),
+                     "correct the sign");
   if (sensor.white_dn)
     for (const double black : sensor.black_dn)
       if (black >= *sensor.white_dn)
@@ -147,6 +152,11 @@ FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, boo
   group.kind = parse_frame_kind(section);
   group.gain.gain_db = section.number("gain_db");
   group.gain.iso = section.number("iso");
+  // Cameras that count in tenths of a decibel, or an ISO under the wrong key.
+  constexpr double kMostDecibel = 100.0;
+  if (group.gain.gain_db && std::abs(*group.gain.gain_db) > kMostDecibel)
+    section.fail("gain_db", fmt::format("is {:g} dB, beyond any camera's", *group.gain.gain_db),
+                 "give decibels, a factor of 10 per 20 dB; ISO goes under iso");
   if (group.gain.gain_db && group.gain.iso)
     section.fail("iso", "stands beside gain_db", "keep the one that the camera uses");
   if (group.gain.iso && *group.gain.iso <= 0)
@@ -215,7 +225,6 @@ SensorDescription parse_sensor(const ConfigSection& section) {
     }
   }
   if (const auto cell = section.section("cell")) sensor.layout = parse_cell(*cell);
-  parse_levels(section, sensor);
   sensor.row_group = section.whole_number("row_group", 1, 64);
   if (const auto format = section.text("raw_format")) {
     try {
@@ -225,6 +234,7 @@ SensorDescription parse_sensor(const ConfigSection& section) {
                    error.remedy());
     }
   }
+  parse_levels(section, sensor);
   if (const auto size = section.text("size")) {
     try {
       std::tie(sensor.rows, sensor.cols) = parse_frame_size(*size);

@@ -55,8 +55,9 @@ struct Session {
 /// Reads and checks everything that can be checked without opening frames; globs (* ? [..] in any
 /// part of a path) are sorted by number ("f2" before "f10"). Throws InputError that names the key
 /// or pattern: unknown keys and names (with the nearest), wrong types, non-positive or non-finite
-/// numbers, black >= white, both gain_db and iso, no [[frames]], a pattern without a match, a file
-/// that is named twice (links followed) in sets that cannot share it.
+/// numbers, black >= white, a negative black of headerless frames, a gain beyond 100 dB, both
+/// gain_db and iso, no [[frames]], a pattern without a match, a file that is named twice (links
+/// followed) in sets that cannot share it.
 Session load_session(const std::filesystem::path& path);
 
 /// Its [sensor] section alone: the file may have no [[frames]], and theirs need not exist.
