@@ -378,7 +378,8 @@ void add_denoise(CLI::App& app, Common& common) {
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->settings);
   command->get_option("--method")
-      ->description("nl-ridge (the default), bm3d, a baseline, or a network's file");
+      ->description("nl-ridge (the default), bm3d, a baseline, or a network's file")
+      ->check(accepted_by(require_method));
   add_flags(*command, arguments->inference);
 }
 

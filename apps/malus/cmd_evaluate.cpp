@@ -4,6 +4,7 @@
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
+#include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <array>
@@ -232,7 +233,9 @@ void add_evaluate(CLI::App& app, Common& common) {
       "--model", noise.model,
       "noise model in place of --test: a file, a built-in name, or a trained Noise Flow "
       "(.safetensors)");
-  command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")->needs(model);
+  command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")
+      ->check(CLI::IsMember(choices_of<SynthesisSettings>("kind")))
+      ->needs(model);
   command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
       ->check(in_range(0, 1000000))
       ->needs(model);

@@ -9,13 +9,21 @@
 
 namespace malus::app {
 
+namespace {
+
+bool is_weight_file(const std::string& method) { return method.ends_with(".safetensors"); }
+
+}  // namespace
+
+void require_method(const std::string& name) {
+  if (!is_weight_file(name)) denoise_method(name, ", and networks' weight files (.safetensors)");
+}
+
 FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
                              bool uncertainty)
     : settings_(settings), uncertainty_(uncertainty) {
-  if (!settings.method.ends_with(".safetensors")) {
-    denoise_method(settings.method, ", and networks' weight files (.safetensors)");
-    return;
-  }
+  require_method(settings.method);
+  if (!is_weight_file(settings.method)) return;
   if (uncertainty)
     throw CLI::ValidationError("--uncertainty",
                                "a network gives none: leave it out, or use --method nl-ridge");

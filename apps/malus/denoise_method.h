@@ -14,6 +14,9 @@ namespace malus::app {
 
 class NetworkDenoiser;
 
+/// Throws InputError unless name is a classical method's or ends like a weight file's.
+void require_method(const std::string& name);
+
 class FrameDenoiser {
  public:
   /// Opens the weight file where settings.method ends in .safetensors; inference holds its

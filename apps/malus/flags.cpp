@@ -1,5 +1,7 @@
 #include "flags.h"
 
+#include "malus/base/error.h"
+
 #include <charconv>
 #include <limits>
 #include <string_view>
@@ -80,6 +82,17 @@ CLI::Validator counting_number(std::uint64_t maximum) {
     const auto value = plain_digits<std::uint64_t>(text);
     return value && *value <= maximum ? std::string()
                                       : whole_number_wanted(std::uint64_t{0}, maximum, text);
+  });
+}
+
+CLI::Validator accepted_by(std::function<void(const std::string&)> read) {
+  return CLI::Validator("").operation([read = std::move(read)](std::string& text) {
+    try {
+      read(text);
+      return std::string();
+    } catch (const InputError& error) {
+      return fmt::format("\"{}\" {}; {}", text, error.problem(), error.remedy());
+    }
   });
 }
 

@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -35,6 +37,21 @@ CLI::Validator counting_number(std::uint64_t maximum);
 
 /// The number of a frame or scene.
 CLI::Validator frame_number();
+
+/// A text that `read` takes; its InputErrors are told as wrong usage: no file can make such a value
+/// right.
+CLI::Validator accepted_by(std::function<void(const std::string&)> read);
+
+/// The values that Settings allows for its field of this name.
+template <class Settings>
+std::vector<std::string> choices_of(std::string_view name) {
+  std::vector<std::string> choices;
+  const Settings settings;
+  Settings::describe(settings, [&](const auto&, const ParameterInfo& info) {
+    if (info.name == name) choices.assign(info.choices.begin(), info.choices.end());
+  });
+  return choices;
+}
 
 inline std::string flag_name(std::string name) {
   std::replace(name.begin(), name.end(), '_', '-');

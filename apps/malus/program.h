@@ -50,7 +50,7 @@ void tell(std::string_view text);
 std::unique_ptr<Progress> make_progress(const Common& common);
 
 /// Runs the parsed program; returns the exit code: 0 done, 1 input or environment at fault, 2 wrong
-/// usage, 130 stopped.
+/// usage (flags that do not go together, and a value that no file could make right), 130 stopped.
 int run_program(CLI::App& app, int argc, char** argv);
 
 }  // namespace malus::app

@@ -17,6 +17,7 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
   command
       .add_option("--layout", layout_,
                   fmt::format("sensor layout: {}", joined(SensorLayout::known_names())))
+      ->check(accepted_by([](const std::string& name) { SensorLayout::named(name); }))
       ->group(group);
   command
       .add_option("--black", black_dn_,
@@ -43,8 +44,11 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
   command
       .add_option("--raw-format", raw_format_,
                   fmt::format("headerless input: {}", joined(raw_format_names())))
+      ->check(accepted_by([](const std::string& name) { raw_format_named(name); }))
       ->group(group);
-  command.add_option("--size", size_, "WIDTHxHEIGHT; required for headerless input")->group(group);
+  command.add_option("--size", size_, "WIDTHxHEIGHT; required for headerless input")
+      ->check(accepted_by([](const std::string& size) { parse_frame_size(size); }))
+      ->group(group);
   command.add_option("--session", session_, "session file whose [sensor] describes the frames")
       ->group(group);
 }

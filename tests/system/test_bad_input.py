@@ -79,8 +79,16 @@ def test_negative_black(malus, refused, tmp_path):
             malus("calibrate", session, "-o", tmp_path / "m.h5", "--force")
 
 
-def test_unknown_layout_names_the_nearest(refused, frame):
-    assert "polar-mono" in refused("info", frame, "--layout", "polar-mona")
+@pytest.mark.parametrize("command,flag,words", [
+    ("info", "--layout polar-mona", "did you mean polar-mono"), ("info", "--size 9by9", "is not WIDTHxHEIGHT"),
+    ("info", "--raw-format mono9", "did you mean mono8"), ("denoise -o out", "--method bm3e", "did you mean bm3d"),
+    ("evaluate --noise --reference f.npy --model imx250myr-simulated", "--kind gausian", "gaussian")])
+def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, command, flag, words):
+    """Exit code 2, as of a number out of range, before any file is looked for."""
+    file = () if "f.npy" in command else ("f.npy",)
+    told = malus(*command.split(), *file, *flag.split(), code=2, cwd=tmp_path).err
+    assert flag.split()[0] + ": " in told and words in told
+    assert not list(tmp_path.iterdir())
 
 
 def test_unknown_key_in_a_session_names_the_nearest(refused, tmp_path):
