@@ -91,7 +91,7 @@ Json physics_json(const PhysicsCalibration& p) {
   json["temporal_sd_dark"] = value_json(p.temporal_sd_dark_dn, p.temporal_sd_dark_stderr_dn, "DN");
   json["K_intercept"] = value_json(p.K_intercept_dn2, p.K_intercept_stderr_dn2, "DN^2");
   json["sigma_column"] = statistics_json(p.sigma_column, "DN", false);
-  json["dsnu"] = value_json(p.dsnu_dn, {}, "DN");
+  json["dsnu"] = value_json(p.dsnu_dn, p.dsnu_stderr_dn, "DN");
   json["prnu"] = value_json(p.prnu, p.prnu_stderr, "1");
   json["row_correlation"] = matrix_json(p.row_correlation);
   json["photon_transfer"] = transfer_json(p.transfer);

@@ -51,6 +51,13 @@ std::string error_cell(const ChannelStatistics& s, std::size_t c, int digits) {
   return fmt::format("{} ±{:.{}f}", value, s.standard_error[c], digits);
 }
 
+// Means over the channels, of the values and of their standard errors where there are any.
+std::string mean_with_error(const Values& values, const Values& errors, double factor) {
+  if (errors.empty()) return fmt::format("{:.3g}", factor * mean_of(values));
+  const ChannelStatistics means{{factor * mean_of(values)}, {factor * mean_of(errors)}, {}, {}, {}};
+  return error_cell(means, 0, 3);
+}
+
 // fmt pads by code points, and ± is one.
 std::string padded(const std::string& text, std::size_t width) {
   std::size_t points = 0;
@@ -114,6 +121,11 @@ void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p
                       error_cell(p.sigma_row, c, 4), value_cell(p.temporal_sd_dark_dn, c, 3)},
                      kWidth));
   }
+  if (!p.dsnu_dn.empty())
+    lines.add("  fixed pattern: DSNU {} DN{}", mean_with_error(p.dsnu_dn, p.dsnu_stderr_dn, 1),
+              p.prnu.empty()
+                  ? ""
+                  : fmt::format(", PRNU {} %", mean_with_error(p.prnu, p.prnu_stderr, 100)));
   if (!p.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(p.row_drift));
   add_warnings(lines, p.warnings, warnings);
 }

@@ -30,6 +30,7 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   p.temporal_sd_dark_dn = {2.0};
   p.temporal_sd_dark_stderr_dn = {0.03};
   p.dsnu_dn = {0.5};
+  p.dsnu_stderr_dn = {0.02};
   p.prnu = {0.012};
   p.prnu_stderr = {0.0003};
   const auto sheet = data_sheet(model, p);
@@ -41,6 +42,7 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
               dark * std::hypot(2 * 0.03 / (4 - 1.0 / 12), 0.01), 1e-12);
   EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[0], 8000);
   EXPECT_DOUBLE_EQ(named(sheet, "dsnu").value[0], 1);
+  EXPECT_NEAR(named(sheet, "dsnu").standard_error[0], std::hypot(0.02 / 0.5, 0.01), 1e-12);
   EXPECT_DOUBLE_EQ(named(sheet, "prnu").value[0], 1.2);
   EXPECT_DOUBLE_EQ(named(sheet, "prnu").standard_error[0], 0.03);
   const double threshold = std::sqrt(16.25) + 0.5;

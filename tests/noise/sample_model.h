@@ -43,6 +43,7 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.temporal_sd_dark_dn = {2.5 * K, 2.6 * K};
   p.temporal_sd_dark_stderr_dn = {0.01, 0.02};
   p.dsnu_dn = {0.3, 0.4};
+  p.dsnu_stderr_dn = {0.01, 0.02};
   p.prnu = {0.01, 0.02};
   p.prnu_stderr = {0.0001, 0.0002};
   p.row_correlation = matrix2(1.0, 0.9, 1.0);

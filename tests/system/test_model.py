@@ -125,3 +125,27 @@ def test_warnings_of_every_kind_are_shown(malus, tmp_path):
         assert len(told) == 1 and told[0].startswith("warning: 0 dB: ")
         assert flags or warning not in done.out
     assert warning in malus("model", "show", tmp_path / "a.h5").out
+
+
+def test_dsnu_has_a_standard_error_that_older_files_lack(malus, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    rng = np.random.default_rng(7)
+    pattern = rng.normal(0, 2, (64, 64))
+    for frame in range(6):
+        np.save(tmp_path / f"bias_{frame}.npy", np.rint(64 + pattern + rng.normal(0, 3, (64, 64))).astype(np.uint16))
+    (tmp_path / "s.toml").write_text('[sensor]\nlayout = "mono"\nblack = 64\nwhite = 4095\n[[frames]]\nkind = "bias"\n'
+                                     'gain_db = 0\npaths = ["bias_*.npy"]\n')
+    malus("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5")
+    show = ("model", "show", tmp_path / "m.h5")
+    dsnu = malus(*show, "--json").json["gains"][0]["dsnu"]
+    # 4096 pixels of 2² + 3²/6 DN²; four standard errors.
+    assert dsnu["stderr"][0] == pytest.approx(np.sqrt(2 / 4096) * 5.5 / 4, rel=0.15)
+    assert abs(dsnu["value"][0] - 2) < 4 * dsnu["stderr"][0]
+    assert "DSNU 2.0" in malus(*show).out or "DSNU 1.9" in malus(*show).out
+    with h5py.File(tmp_path / "m.h5", "a") as file:
+        gain, = file["physics"]
+        assert file[f"physics/{gain}/dsnu_stderr_dn"].attrs["unit"] in ("DN", b"DN")
+        del file[f"physics/{gain}/dsnu_stderr_dn"]
+    older = malus(*show, "--json").json["gains"][0]["dsnu"]
+    assert older["value"] == dsnu["value"] and not older.get("stderr")
+    assert "DSNU" in malus(*show).out

@@ -56,6 +56,11 @@ double Moments::variance_standard_error() const {
   return std::sqrt(std::max(0.0, m4_ / n - variance_ * variance_ * (n - 3) / (n - 1)) / n);
 }
 
+double root_standard_error(double square, double error) {
+  const double positive = std::max(square, 0.0);
+  return error / (std::sqrt(positive) + std::sqrt(positive + error));
+}
+
 double mean_of(std::span<const double> values) {
   Moments m;
   for (double v : values) m.add(v);

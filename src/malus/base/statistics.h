@@ -26,6 +26,10 @@ class Moments {
   double mean_ = 0, m2_ = 0, m3_ = 0, m4_ = 0;
 };
 
+/// Standard error of the root of a square that is known to `error`, of 0 where it came out
+/// negative: to first order far from zero, and no more than the range of the root near it.
+double root_standard_error(double square, double error);
+
 double mean_of(std::span<const double> values);
 double standard_deviation_of(
     std::span<const double> values);  ///< unbiased variance's root; NaN below two

@@ -263,7 +263,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_column_noise(out);
   if (!several) return;
   const std::vector<double> temporal = dark.temporal.variance_dn2();
-  out.dsnu_dn = dsnu_dn(ordinary.variance_dn2, temporal, set.count);
+  measure_dsnu(ordinary, temporal, geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
   // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.

@@ -129,8 +129,8 @@ void leave_defects_out(const DarkPixels& dark, const std::vector<double>& tempor
     sd = std::sqrt(std::max(sd * sd - excess[c], 0.0));
     ordinary[c] -= excess[c];
   }
-  out.dsnu_dn = dsnu_dn(ordinary_pixels(out.dark_shading_dn, 0.0, geometry, defects).variance_dn2,
-                        ordinary, dark.frames);
+  measure_dsnu(ordinary_pixels(out.dark_shading_dn, 0.0, geometry, defects), ordinary, geometry,
+               out);
 }
 
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,

@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/pixel_location.h"
+#include "malus/noise/row_drift.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -83,6 +84,7 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     });
     out.mean_dn.push_back(moments.mean());
     out.variance_dn2.push_back(moments.variance());
+    out.variance_stderr_dn2.push_back(moments.variance_standard_error());
   }
   return out;
 }
@@ -100,6 +102,41 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
     spatial_variance_dn2[c] =
         std::sqrt(std::max(spatial_variance_dn2[c] - temporal_variance_dn2[c] / frames, 0.0));
   return spatial_variance_dn2;
+}
+
+namespace {
+
+// Sampling variance that the rows and columns of a mean frame add to the spatial variance of a
+// channel's pixels: there are fewer of them than of pixels.
+double line_error_dn4(const MosaicGeometry& geometry, int channel, const PhysicsCalibration& out) {
+  const auto c = as_index(channel);
+  const int groups = geometry.channel_groups(channel);
+  const double row = std::pow(out.sigma_row.mean[c], 2) / out.bias_frames,
+               column = std::pow(out.sigma_column.mean[c], 2) / out.bias_frames;
+  const double drift =
+      drift_of_variances(out.row_drift.drift, groups, geometry.group_stride(channel), 0);
+  return 2.0 * row * row * (1.0 + drift) / (groups - 1.0) +
+         2.0 * column * column / (geometry.channel_cols(channel) - 1.0);
+}
+
+}  // namespace
+
+void measure_dsnu(const OrdinaryPixels& mean_frame,
+                  const std::vector<double>& temporal_variance_dn2, const MosaicGeometry& geometry,
+                  PhysicsCalibration& out) {
+  const int frames = out.bias_frames;
+  out.dsnu_dn = dsnu_dn(mean_frame.variance_dn2, temporal_variance_dn2, frames);
+  out.dsnu_stderr_dn.clear();
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const auto c = as_index(channel);
+    const double temporal_error_dn2 =
+        2.0 * out.temporal_sd_dark_dn[c] * out.temporal_sd_dark_stderr_dn[c] / frames;
+    const double error_dn4 = std::pow(mean_frame.variance_stderr_dn2[c], 2) +
+                             line_error_dn4(geometry, channel, out) +
+                             temporal_error_dn2 * temporal_error_dn2;
+    out.dsnu_stderr_dn.push_back(root_standard_error(
+        mean_frame.variance_dn2[c] - temporal_variance_dn2[c] / frames, std::sqrt(error_dn4)));
+  }
 }
 
 namespace {

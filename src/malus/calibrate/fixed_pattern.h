@@ -19,6 +19,7 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 /// steps. listed: further pixels to leave out, in the order of find_defects.
 struct OrdinaryPixels {
   std::vector<double> mean_dn, variance_dn2;
+  std::vector<double> variance_stderr_dn2;  ///< of pixels that are independent
 };
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
                                const MosaicGeometry& geometry,
@@ -32,6 +33,13 @@ void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
 /// where sampling explains all of it.
 std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames);
+
+/// dsnu_dn and its standard error, that of a sensor's DSNU of which these pixels are a sample, into
+/// `out`, whose bias_frames, row and column noise and temporal noise are known. mean_frame: its
+/// ordinary pixels; temporal_variance_dn2: of the pixels that count.
+void measure_dsnu(const OrdinaryPixels& mean_frame,
+                  const std::vector<double>& temporal_variance_dn2, const MosaicGeometry& geometry,
+                  PhysicsCalibration& out);
 
 /// Read noise of a channel's ordinary pixels, to judge the others by.
 struct ReadTail {

@@ -280,8 +280,7 @@ Response ResponseAccumulator::response() const {
     const double variance = square.count() > 0 ? std::max(square.mean(), 0.0) : 0.0;
     const double error = std::sqrt(square.variance() / static_cast<double>(square.count()));
     out.prnu.push_back(std::sqrt(variance));
-    // To first order far from zero, and no more than the range of the root near it.
-    out.prnu_stderr.push_back(error / (out.prnu.back() + std::sqrt(variance + error)));
+    out.prnu_stderr.push_back(root_standard_error(variance, error));
   }
   return out;
 }

@@ -60,8 +60,8 @@ struct PhysicsCalibration {
   std::vector<double> dark_zero_share;
   std::vector<double> dsnu_dn,
       prnu;  ///< sd of the fixed pattern (DN; relative), no defects, no sampling error
-  std::vector<double> prnu_stderr;  ///< may be empty
-  SquareMatrix row_correlation;     ///< between the channels' row-group offsets inside a frame
+  std::vector<double> dsnu_stderr_dn, prnu_stderr;  ///< may be empty
+  SquareMatrix row_correlation;  ///< between the channels' row-group offsets inside a frame
   std::vector<PhotonTransferPoint> transfer;
   Image dark_shading_dn;  ///< mosaic: per-pixel mean of the bias frames minus the channel's mean;
                           ///< may be empty

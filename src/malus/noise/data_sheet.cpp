@@ -145,6 +145,11 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     bias.value.push_back(at(p.mu.mean, c));
     bias.standard_error.push_back(at(p.mu.standard_error, c));
     dsnu.value.push_back(at(p.dsnu_dn, c) / gain);
+    if (!p.dsnu_stderr_dn.empty()) {
+      const auto [dsnu_e, error] =
+          in_electrons(at(p.dsnu_dn, c), at(p.dsnu_stderr_dn, c), gain, gain_error);
+      dsnu.standard_error.push_back(error);
+    }
     prnu.value.push_back(100 * at(p.prnu, c));
     if (!p.prnu_stderr.empty()) prnu.standard_error.push_back(100 * at(p.prnu_stderr, c));
     full.value.push_back(full_e);

@@ -15,8 +15,9 @@ namespace malus {
 /// measured here), dynamic range, largest SNR, linearity error. What the calibration lacks is NaN.
 /// Temporal dark noise is without the converter's quantization, q²/12, as in the standard; below
 /// 0.24 q² it is the standard's limit, 0.40 q, whose error is NaN. Threshold and dynamic range are
-/// of the whole noise. DSNU, PRNU, threshold, dynamic range, largest SNR and linearity error have
-/// no standard errors, read noise has none below 20 bias frames.
+/// of the whole noise. Threshold, dynamic range, largest SNR and linearity error have no standard
+/// errors, nor have DSNU and PRNU of models that hold none; read noise has none below 20 bias
+/// frames.
 /// DSNU and PRNU are of pixels within eight robust deviations of the channel's median; the standard
 /// takes all, and a few defects then are most of both.
 /// Saturation is the mean of the first level past the maximum of the variance, where flats show

@@ -120,6 +120,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   check_sized(findings, p.temporal_sd_dark_stderr_dn, n, at + "temporal_sd_dark standard error");
   check_sized(findings, p.dark_zero_share, n, at + "dark_zero_share");
   check_sized(findings, p.dsnu_dn, n, at + "dsnu");
+  check_sized(findings, p.dsnu_stderr_dn, n, at + "dsnu standard error");
   check_sized(findings, p.prnu, n, at + "prnu");
   check_sized(findings, p.prnu_stderr, n, at + "prnu standard error");
   check_values(findings, p.residual_cell_dn, n, at + "residual cells");

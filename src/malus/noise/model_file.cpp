@@ -157,6 +157,7 @@ void transfer_physics(Archive& archive, Calibration& p) {
   archive.numbers(
       {"dsnu_dn", "DN", "sd of the dark pattern without defects, sampling error removed"},
       p.dsnu_dn);
+  archive.numbers({"dsnu_stderr_dn", "DN", "standard error of dsnu_dn"}, p.dsnu_stderr_dn);
   archive.numbers(
       {"prnu", "1", "relative sd of the response without defects, sampling error removed"}, p.prnu);
   archive.numbers({"prnu_stderr", "1", "standard error of prnu"}, p.prnu_stderr);
