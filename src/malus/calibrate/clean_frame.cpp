@@ -19,10 +19,6 @@ void for_pixels(const MosaicGeometry& geometry, int channel, int begin, int end,
       use(r, c);
   }
 }
-template <class Use>
-void for_pixels(const MosaicGeometry& geometry, int channel, const Use& use) {
-  for_pixels(geometry, channel, 0, geometry.rows(), use);
-}
 // use(row group, its first row, the row after its last, the channel's pixels in it), where there
 // are two or more.
 template <class Use>
@@ -83,7 +79,7 @@ struct ReferenceLine {
 ReferenceLine reference_line(const Image& reference_dn, const Image& mean_dn,
                              const MosaicGeometry& geometry, int channel) {
   double n = 0, x = 0, y = 0, xx = 0, xy = 0;
-  for_pixels(geometry, channel, [&](int r, int c) {
+  for_channel(geometry, channel, [&](int, int, int r, int c) {
     const double u = reference_dn(r, c), v = mean_dn(r, c);
     n += 1;
     x += u;
@@ -104,7 +100,7 @@ class SignalClasses {
     const std::int64_t pixels = geometry.channel_pixels(channel), step = 1 + pixels / 50000;
     std::vector<float> light;
     std::int64_t index = 0;
-    for_pixels(geometry, channel, [&](int r, int c) {
+    for_channel(geometry, channel, [&](int, int, int r, int c) {
       if (index++ % step == 0) light.push_back(light_dn(r, c));
     });
     std::sort(light.begin(), light.end());
@@ -176,7 +172,7 @@ void add_reference(const Image& reference_dn, const TemporalAccumulator& tempora
     // The intercept is dark bias that black subtraction left: the frames', which belongs to the
     // noise, unless that is known; then it is the reference's.
     const double bias = dark_measured ? 0.0 : line.intercept;
-    for_pixels(geometry, channel, [&](int r, int c) {
+    for_channel(geometry, channel, [&](int, int, int r, int c) {
       difference.dn(r, c) =
           static_cast<float>(line.slope * reference_dn(r, c) + line.intercept) - light(r, c);
       light(r, c) -= static_cast<float>(bias);
@@ -186,14 +182,14 @@ void add_reference(const Image& reference_dn, const TemporalAccumulator& tempora
     // Sums of squares are about a mean with the first frame's lamp.
     const double first = temporal.frame_means_dn().front()[i], mean = clean.frame_mean_dn[i];
     const double lamp = first > 0 && mean > 0 ? std::pow(mean / first, 2) : 1.0;
-    for_pixels(geometry, channel, [&](int r, int c) {
+    for_channel(geometry, channel, [&](int, int, int r, int c) {
       SignalClasses::Class& like = classes.at(light(r, c));
       like.pixels += 1;
       like.temporal_dn2 += lamp * temporal.sum_of_squares()(r, c) / (temporal.frames() - 1);
       like.difference_dn2 += difference.square_dn2(r, c);
     });
     classes.weigh(lamp * rows.row_variance_dn2(channel, variance[i] / lamp), temporal.frames());
-    for_pixels(geometry, channel, [&](int r, int c) {
+    for_channel(geometry, channel, [&](int, int, int r, int c) {
       const SignalClasses::Class& like = classes.at(light(r, c));
       clean.pixel_kept(r, c) = static_cast<float>(like.kept);
       light(r, c) += static_cast<float>(like.weight * difference.dn(r, c));

@@ -177,26 +177,25 @@ std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> 
     const double chance = kExpectedByChance / static_cast<double>(geometry.channel_pixels(channel));
     const UsualPixel usual = usual_pixel(dark, geometry, channel, chance);
     const SingleValue single(dark.tails[as_index(channel)], frames);
-    for (int r = channel / geometry.cell_cols(); r < geometry.rows(); r += geometry.cell_rows())
-      for (int c = channel % geometry.cell_cols(); c < geometry.cols(); c += geometry.cell_cols()) {
-        if (defects.size() >= kMostDefects) return defects;
-        const double above = dark.shading_dn(r, c) - usual.level.centre;
-        const double squares = dark.sum_of_squares(r, c);
-        const double hot = usual.level.deviation > 0 ? above / usual.level.deviation : 0.0;
-        const double ratio = usual.squares > 0 ? squares / usual.squares : 1.0;
-        const double noisy = frames >= 2 ? chi_square_deviation(ratio, frames - 1.0) : 0.0;
-        const bool dead = !response.empty() && response(r, c) < kDeadBelow;
-        if (frames >= kStuckNeedsFrames && usual.constancy_tells && ratio < kStuckRatio &&
-            (dead || response.empty()))
-          defects.push_back({r, c, "stuck", noisy});
-        else if (dead)
-          defects.push_back({r, c, "dead", response(r, c)});
-        else if (hot > kDefectDeviations && single.above_mean(above) < chance)
-          defects.push_back({r, c, "hot", hot});
-        else if (noisy > kDefectDeviations && ratio > kNoisyRatio &&
-                 single.above_squares(squares - usual.squares) < chance)
-          defects.push_back({r, c, "noisy", noisy});
-      }
+    for_channel(geometry, channel, [&](int, int, int r, int c) {
+      if (defects.size() >= kMostDefects) return;
+      const double above = dark.shading_dn(r, c) - usual.level.centre;
+      const double squares = dark.sum_of_squares(r, c);
+      const double hot = usual.level.deviation > 0 ? above / usual.level.deviation : 0.0;
+      const double ratio = usual.squares > 0 ? squares / usual.squares : 1.0;
+      const double noisy = frames >= 2 ? chi_square_deviation(ratio, frames - 1.0) : 0.0;
+      const bool dead = !response.empty() && response(r, c) < kDeadBelow;
+      if (frames >= kStuckNeedsFrames && usual.constancy_tells && ratio < kStuckRatio &&
+          (dead || response.empty()))
+        defects.push_back({r, c, "stuck", noisy});
+      else if (dead)
+        defects.push_back({r, c, "dead", response(r, c)});
+      else if (hot > kDefectDeviations && single.above_mean(above) < chance)
+        defects.push_back({r, c, "hot", hot});
+      else if (noisy > kDefectDeviations && ratio > kNoisyRatio &&
+               single.above_squares(squares - usual.squares) < chance)
+        defects.push_back({r, c, "noisy", noisy});
+    });
   }
   return defects;
 }
