@@ -1,6 +1,7 @@
 #include "malus/calibrate/level_histograms.h"
 
 #include "malus/base/random.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -81,8 +82,28 @@ TEST(LevelHistograms, KeepMomentsAndMeanSignal) {
     const double variance = 1 + 0.8 * static_cast<double>(l);
     const LevelMoments moments = level_moments(result.channel, l);
     EXPECT_NEAR(moments.mean_dn, 0, 5 * std::sqrt(variance / 20000));
-    // Four sampling errors, and the width of the bins squared over 12.
-    EXPECT_NEAR(moments.variance_dn2, variance, variance * (4 * std::sqrt(2.0 / 20000) + 0.01));
+    // Four sampling errors, and the width of the bins, a third, squared over 4.
+    EXPECT_NEAR(moments.variance_dn2, variance, variance * (4 * std::sqrt(2.0 / 20000)) + 0.03);
+  }
+}
+
+// Differences of two rounded frames about their mean, over the root of what that mean leaves of
+// them. Against the same residuals' own variance: no sampling error.
+TEST(LevelHistograms, KeepTheVarianceOfResidualsOnALattice) {
+  for (const double sd_dn : {0.3, 0.4, 0.5, 0.6, 0.8, 1.0}) {
+    LevelHistograms histograms(noise_bin_edges(sd_dn, 10.0, 240, 0.1, {1.0, 0.0}), 16.0, 64.0);
+    RandomSequence random(5, 0, Draw::kUser);
+    Moments own;
+    for (int i = 0; i < 20000; ++i) {
+      const double half = 0.5 * (std::round(sd_dn * random.normal() + 0.3) -
+                                 std::round(sd_dn * random.normal() + 0.3));
+      own.add(half / std::sqrt(0.5));
+      histograms.add(32.0, half / std::sqrt(0.5));
+    }
+    const LevelMoments kept = level_moments(histograms.result(1000).channel, 0);
+    // A quarter of a bin's width squared is 0.7 % of the variance.
+    EXPECT_NEAR(kept.variance_dn2 / own.variance(), 1.0, 0.015) << sd_dn;
+    EXPECT_NEAR(kept.mean_dn, own.mean(), 0.01 * sd_dn) << sd_dn;
   }
 }
 

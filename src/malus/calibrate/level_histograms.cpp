@@ -116,11 +116,27 @@ std::size_t LevelHistograms::level_of(double signal_dn) const {
       std::clamp(signal_dn / step_dn_ + 0.5, 0.0, static_cast<double>(levels_.size()) - 0.5));
 }
 
+// Residuals of narrow noise lie on a lattice, of half codes over sqrt(1/2) from two frames, and in
+// bins of another width each of its values would be moved to a bin's middle: the variance was off
+// by up to 9 %. By the distances to two middles the mean is kept, and the variance grows by a sixth
+// of the width squared or less.
+std::ptrdiff_t LevelHistograms::bin_of(double noise_dn, double share) const {
+  const auto last = static_cast<std::ptrdiff_t>(edges_.size()) - 2;
+  const auto above = std::upper_bound(edges_.begin(), edges_.end(), noise_dn);
+  const auto bin = std::clamp<std::ptrdiff_t>(above - edges_.begin() - 1, 0, last);
+  const auto middle = [&](std::ptrdiff_t i) {
+    return 0.5 * (edges_[as_index(i)] + edges_[as_index(i + 1)]);
+  };
+  const auto next = noise_dn < middle(bin) ? bin - 1 : bin + 1;
+  if (next < 0 || next > last) return bin;
+  return share < (noise_dn - middle(bin)) / (middle(next) - middle(bin)) ? next : bin;
+}
+
 void LevelHistograms::add(double signal_dn, double noise_dn) {
   const std::size_t level = level_of(signal_dn);
-  const auto above = std::upper_bound(edges_.begin(), edges_.end(), noise_dn);
-  const auto bin = std::clamp<std::ptrdiff_t>(above - edges_.begin() - 1, 0,
-                                              static_cast<std::ptrdiff_t>(edges_.size()) - 2);
+  constexpr double kGolden = 0.6180339887498949;  // multiples of it fill 0 to 1 evenly
+  const double turns = kGolden * static_cast<double>(levels_[level].count + 1);
+  const std::ptrdiff_t bin = bin_of(noise_dn, turns - std::floor(turns));
   ++counts_[level * (edges_.size() - 1) + as_index(bin)];
   ++levels_[level].count;
   levels_[level].signal_sum += signal_dn;

@@ -74,6 +74,9 @@ class LevelHistograms {
     std::int64_t count = 0;
   };
   std::size_t level_of(double signal_dn) const;
+  /// Of the two bins whose middles are around it, the farther one for shares (0 to 1) below its
+  /// part.
+  std::ptrdiff_t bin_of(double noise_dn, double share) const;
   std::vector<double> edges_;
   std::vector<Level> levels_;
   std::vector<Squares> squares_;       ///< [level]
