@@ -258,6 +258,49 @@ TEST(Session, FramesThatTheCameraSmoothedAreTold) {
                                                  HasSubstr("noise reduction"))));
 }
 
+// K was 4 % too large at 20 standard errors without a word.
+TEST(Session, CompandedCodesAreTold) {
+  SimulatedCamera camera = mono_camera();
+  camera.rows = camera.cols = 128;
+  camera.shading = 0.05;
+  camera.gains = {polar_gain(0, "mono", 1)};
+  CalibrationInput input = simulated_session(camera);
+  EXPECT_THAT(warnings_of(input), Not(Contains(HasSubstr("companded"))));
+  change_frames(input, [](RawFrame& frame, int) {
+    for (float& v : frame.dn.values()) {
+      const double root = std::round(4 * std::sqrt(static_cast<double>(v))) / 4;
+      v = static_cast<float>(std::round(root * root));
+    }
+  });
+  EXPECT_THAT(warnings_of(input), Contains(HasSubstr("companded")));
+}
+
+TEST(Session, GainsThatKDoesNotFollowAreTold) {
+  SimulatedCamera camera = mono_camera();
+  camera.gains = {polar_gain(0, "mono", 1), polar_gain(12, "mono", 1)};
+  const auto told = [&](double low_db, double high_db) {
+    CalibrationInput input = simulated_session(camera);
+    for (FrameSet& set : input.sets) set.gain.gain_db = *set.gain.gain_db == 0 ? low_db : high_db;
+    change_frames(input, [=](RawFrame& frame, int) {
+      frame.gain.gain_db = *frame.gain.gain_db == 0 ? low_db : high_db;
+    });
+    return calibrate_physics(input, {}, silent_progress()).physics.back().warnings;
+  };
+  EXPECT_THAT(told(0, 12), Not(Contains(HasSubstr("K "))));
+  EXPECT_THAT(told(12, 0), Contains(HasSubstr("exchanged")));
+  EXPECT_THAT(told(0, 40), Contains(HasSubstr("is gain_db in decibels")));
+}
+
+// White of 12 bits for 10: nothing saturates, and PRNU was missing without a word.
+TEST(Session, PrnuThatIsNotKnownIsTold) {
+  SimulatedCamera camera = mono_camera();
+  CalibrationInput input = simulated_session(camera);
+  EXPECT_THAT(warnings_of(input), Not(Contains(HasSubstr("PRNU is not known"))));
+  change_frames(input, [](RawFrame& frame, int) { frame.white_dn = 16383; });
+  const auto told = warnings_of(input);
+  EXPECT_THAT(told, Contains(AllOf(HasSubstr("PRNU is not known"), HasSubstr("white = 16383"))));
+}
+
 // Rows in threes are none of the groups that are looked for; which they are must be declared.
 TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
   SimulatedCamera camera = mono_camera();

@@ -20,5 +20,15 @@ TEST(QuantizationStep, IsTheGreatestCommonDivisorOfTheDifferences) {
   }
 }
 
+TEST(CodeSpacing, IsOfTheCodesInUse) {
+  std::vector<float> pixels;
+  for (int i = 0; i < 4000; ++i) pixels.push_back(static_cast<float>(3 * (i % 40)));
+  EXPECT_NEAR(code_spacing(pixels), 3.0, 1e-6);
+  pixels.resize(400);  // 5 per code of the middle half: some would be missed
+  EXPECT_EQ(code_spacing(pixels), 0.0);
+  EXPECT_EQ(code_spacing(std::vector<float>(1000, 7.0F)), 0.0);
+  EXPECT_EQ(code_spacing({}), 0.0);
+}
+
 }  // namespace
 }  // namespace malus

@@ -223,6 +223,34 @@ void settle_step(const std::vector<double>& steps_dn, NoiseModel& model) {
                       steps_dn[i], model.quantization_dn));
 }
 
+// More gain makes more DN of an electron. A change of conversion gain adds to what is told; nothing
+// takes from it but gains that are exchanged or written in another unit.
+void warn_of_gains(std::vector<PhysicsCalibration>& rising) {
+  constexpr double kErrors = 4.0, kLeastOfTold = 0.5, kLeastStepDb = 2.0;
+  const PhysicsCalibration* before = nullptr;
+  for (PhysicsCalibration& p : rising) {
+    if (p.K.mean.empty() || !p.gain.decibel()) continue;
+    if (before) {
+      const double low = mean_of(before->K.mean), high = mean_of(p.K.mean);
+      const double error =
+          std::hypot(mean_of(before->K.standard_error), mean_of(p.K.standard_error));
+      const double told_db = *p.gain.decibel() - *before->gain.decibel();
+      const double found_db = 20.0 * std::log10(high / low);
+      if (high < low - kErrors * error)
+        p.warnings.push_back(
+            fmt::format("K falls to {:.4g} DN/e- from {:.4g} at {}: are the gains of their frames "
+                        "exchanged?",
+                        high, low, before->gain.text()));
+      else if (p.gain.gain_db && told_db > kLeastStepDb && found_db < kLeastOfTold * told_db)
+        p.warnings.push_back(
+            fmt::format("K rises by {:.3g} dB from that at {}: is gain_db in decibels, a factor of "
+                        "10 per 20 dB?",
+                        found_db, before->gain.text()));
+    }
+    before = &p;
+  }
+}
+
 }  // namespace
 
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
@@ -268,6 +296,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
   model.row_group_origin = row_group.origin();
   std::reverse(model.physics.begin(), model.physics.end());
   if (model.physics.size() >= 2) {
+    warn_of_gains(model.physics);
     if (const auto joint = fit_joint_model(model.physics))
       model.joint = *joint;
     else

@@ -360,6 +360,11 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     out.prnu = std::move(relative.prnu);
     out.prnu_stderr = std::move(relative.prnu_stderr);
     warn_of_dark_current(series.patterns.darkless, bias.exposure_s.value_or(0.0), out);
+  } else if (!out.K.mean.empty()) {
+    out.warnings.push_back(fmt::format(
+        "PRNU is not known: no flats that count for K lie above {:.0f} % of the range in every "
+        "channel; take brighter ones, or correct white = {:g}",
+        100 * kResponseShare, first.white_dn));
   }
 }
 

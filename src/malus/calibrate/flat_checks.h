@@ -44,6 +44,8 @@ struct FlatObservation {
   TopCodes codes;                    ///< of the pixels that are no defects
   std::int64_t pixels = 0;           ///< of all frames
   std::int64_t above_white = 0;      ///< of these, beyond the white level
+  double code_spacing_dn = 0;        ///< code_spacing of the first channel; 0: not known
+  double variance_dn2 = 0;           ///< temporal, of the first channel; 0: not known
 };
 
 /// What they are judged by.
@@ -58,7 +60,8 @@ struct FlatReference {
 /// eight standard errors; levels whose frames' light differs by more than 10 % (and by more than
 /// the dark level does); levels of which more than a thousandth lies above white; flats whose
 /// largest code is below white and holds more than 1 % of a level's pixels and ten times as many as
-/// the next lower code.
+/// the next lower code; codes that lie farther apart in bright levels than in others, where the
+/// rounding that this makes is more than 1 % of a level's variance.
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out);
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/image/quantization.h"
 
 #include <cstdint>
 
@@ -31,6 +32,18 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
     }
 }
 
+// Some of its pixels: enough to use every code about the median.
+std::vector<float> first_channel(View<const float> dn, const MosaicGeometry& geometry) {
+  constexpr std::int64_t kMost = 1 << 17;
+  const std::int64_t step = 1 + geometry.channel_pixels(0) / kMost;
+  std::vector<float> pixels;
+  std::int64_t index = 0;
+  for_channel(geometry, 0, [&](int, int, int row, int col) {
+    if (index++ % step == 0) pixels.push_back(dn(row, col));
+  });
+  return pixels;
+}
+
 }  // namespace
 
 FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
@@ -43,6 +56,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
+      level.seen.code_spacing_dn = code_spacing(first_channel(frame.dn, geometry));
       double signal = 0.0;
       const std::vector<double> mean = channel_means(frame.dn, geometry);
       for (std::size_t c = 0; c < mean.size(); ++c)
@@ -58,6 +72,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   });
   for (const std::vector<double>& means : level.temporal.frame_means_dn())
     level.seen.signal_dn.push_back(mean_of(means));
+  if (flat.count >= 2) level.seen.variance_dn2 = level.temporal.variance_dn2().front();
   for (int c = 0; c < geometry.channels(); ++c)
     level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
   return level;

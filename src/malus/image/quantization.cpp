@@ -1,6 +1,8 @@
 #include "malus/image/quantization.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <numeric>
 
@@ -19,6 +21,19 @@ double quantization_step(View<const float> dn) {
       if (step == 1) return 1.0;
     }
   return static_cast<double>(step);
+}
+
+double code_spacing(std::vector<float> pixels_dn) {
+  constexpr double kPixelsPerCode = 20.0;
+  std::sort(pixels_dn.begin(), pixels_dn.end());
+  const auto quarter = static_cast<std::ptrdiff_t>(pixels_dn.size() / 4);
+  const auto begin = pixels_dn.begin() + quarter, end = pixels_dn.end() - quarter;
+  if (end - begin < 2) return 0.0;
+  const double extent = double{*(end - 1)} - *begin;
+  if (!(extent > 0) || static_cast<double>(end - begin) < kPixelsPerCode * extent) return 0.0;
+  std::ptrdiff_t steps = 0;
+  for (auto next = begin + 1; next != end; ++next) steps += *next != *(next - 1);
+  return extent / static_cast<double>(steps);
 }
 
 }  // namespace malus

@@ -3,10 +3,17 @@
 
 #include "malus/image/view.h"
 
+#include <vector>
+
 namespace malus {
 
 /// The converter's step: greatest common divisor of the differences between a frame's values (16
 /// for 12 bits stored in the upper part of 16); 0 for fractional values and where all are equal.
 double quantization_step(View<const float> dn);
+
+/// Mean distance of the codes in use among the middle half of these pixels of one channel: above
+/// the step where a camera compands (square-root coding, lossy raw). 0 where the half holds one
+/// code, or fewer than 20 pixels per unit of its extent: too few to use every code.
+double code_spacing(std::vector<float> pixels_dn);
 
 }  // namespace malus
