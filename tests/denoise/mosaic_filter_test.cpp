@@ -61,18 +61,20 @@ TEST(MosaicFilter, AxesPriorHasTheStatedEnergies) {
     }
 }
 
-TEST(MosaicPlan, CombinesWhereACellIsThePeriodAndThePilotHasBeenFiltered) {
-  const auto combines = [](const char* method, const char* profile, const char* layout) {
-    const auto plan = mosaic_filter_plan(method, profile, SensorLayout::named(layout));
+TEST(MosaicPlan, CombinesWhereCellsAreAlikeAndThePilotHasBeenFiltered) {
+  const auto combines = [](const char* method, const char* profile, const SensorLayout& layout) {
+    const auto plan = mosaic_filter_plan(method, profile, layout);
     return plan.guided.back().filter == internal::StackFilter::ridge;
   };
   for (const char* profile : {"normal", "high"}) {
-    EXPECT_TRUE(combines("nl-ridge", profile, "polar-bayer-grbg"));
-    EXPECT_FALSE(combines("bm3d", profile, "polar-bayer-grbg"));
-    for (const char* layout : {"mono", "bayer-rggb", "polar-mono"})
-      EXPECT_FALSE(combines("nl-ridge", profile, layout)) << layout;
+    for (const char* name : {"mono", "bayer-rggb", "polar-mono", "polar-bayer-grbg"}) {
+      EXPECT_TRUE(combines("nl-ridge", profile, SensorLayout::named(name))) << name;
+      EXPECT_FALSE(combines("bm3d", profile, SensorLayout::named(name))) << name;
+    }
+    // Three pixels: every cell of four begins elsewhere in the period.
+    EXPECT_FALSE(combines("nl-ridge", profile, SensorLayout::from_sites({{"0", "45", "90"}})));
   }
-  EXPECT_FALSE(combines("nl-ridge", "fast", "polar-bayer-grbg"));
+  EXPECT_FALSE(combines("nl-ridge", "fast", SensorLayout::named("polar-bayer-grbg")));
 }
 
 class MosaicMethods : public testing::TestWithParam<const char*> {};

@@ -155,13 +155,16 @@ TEST_P(StatedError, RowNoiseThatStaysIsStated) {
 TEST_P(StatedError, IsTheErrorOfEverySortOfPlace) {
   const PhysicsNoise noise = camera_noise(0);
   Image clean(kSize, kSize);
-  const auto point = [](int r, int c) { return r / 8 % 4 == 1 && c / 8 % 4 == 2 && r % 8 == 3; };
+  const auto point = [](int r, int c) {  // not on a grid: what repeats is told better
+    const int i = r / 32, k = c / 32;
+    return r % 32 == 8 + (5 * i + 3 * k) % 9 && c % 32 == 16 + (4 * i + 7 * k) % 9;
+  };
   const auto disc = [](int r, int c) { return std::hypot(r - 60, c - 130) < 41; };
   for (int r = 0; r < kSize; ++r)
     for (int c = 0; c < kSize; ++c) {
       const double waves = 300 + 100 * std::sin(0.06 * r) * std::cos(0.05 * c);
       clean(r, c) = static_cast<float>(disc(r, c) ? 900 : waves);
-      if (r >= 128 && c < 96) clean(r, c) = point(r, c) && c % 8 == 4 ? 400.0f : 20.0f;
+      if (r >= 128 && c < 96) clean(r, c) = point(r, c) ? 400.0f : 20.0f;
     }
   const Denoised result =
       with_errors(noisy_frame(clean, noise), profile_of(noise), {.method = GetParam()});
@@ -177,8 +180,8 @@ TEST_P(StatedError, IsTheErrorOfEverySortOfPlace) {
       {"smooth", smooth}, {"edge", near}, {"border", at_border}, {"points", dark}};
   for (const auto& [name, where] : places) {
     const Comparison here = compare(result, clean, where);
-    EXPECT_GT(here.ratio(), 0.5) << name;
-    EXPECT_LT(here.ratio(), 1.45) << name;  // of the squares: 0.25 to 2.1
+    EXPECT_GT(here.ratio(), 0.45) << name;
+    EXPECT_LT(here.ratio(), 1.45) << name;  // of the squares: 0.2 to 2.1
     EXPECT_GT(here.covered, 0.85) << name;
   }
 }

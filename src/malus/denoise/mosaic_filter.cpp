@@ -28,7 +28,7 @@ constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
 int reach_of(const internal::StackStage& stage, int period) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
   // far again.
-  return 2 * (stage.search * period + stage.block());
+  return 2 * (stage.search_reach() * period + stage.block());
 }
 
 // rotation * diag(s / (s + 1)) * rotation^T with s the signal's variance per component.
@@ -188,26 +188,31 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   using internal::StackFilter;
   using internal::StackStage;
   MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
-  // Where a cell holds the layout's period several times, four components do not tell signal from
-  // noise as well, and combinations lose in the dark (docs/denoising.md).
-  const bool ridge = method == "nl-ridge" && layout.rows() == kCell && layout.cols() == kCell;
   const bool periods = kCell % layout.rows() == 0 && kCell % layout.cols() == 0;
+  const bool ridge = method == "nl-ridge" && periods;  // cells of one layout are alike
+  // Ten short periods reach no further than a block is wide: of what repeats they hold too little.
+  const int far_step = periods ? kCell / std::max(layout.rows(), layout.cols()) : 1;
   const auto detail = [&](StackFilter filter) {
-    if (method != "nl-ridge" || !periods) return 0.0f;
+    if (!ridge) return 0.0f;
     return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
   };
-  const auto hard = [](int side, int step, int search, int stack, float threshold,
-                       float axes_prior = internal::kFrameAxes) {
+  const auto hard = [far_step](int side, int step, int search, int stack, float threshold,
+                               float axes_prior = internal::kFrameAxes) {
     return StackStage{.block_cells = side,
                       .step = step,
                       .search = search,
+                      .far_step = far_step,
                       .stack = stack,
                       .threshold = threshold,
                       .axes_prior = axes_prior};
   };
-  const auto guided = [](StackFilter filter, int step, int search, int stack) {
-    return StackStage{
-        .filter = filter, .block_cells = 2, .step = step, .search = search, .stack = stack};
+  const auto guided = [far_step](StackFilter filter, int step, int search, int stack) {
+    return StackStage{.filter = filter,
+                      .block_cells = 2,
+                      .step = step,
+                      .search = search,
+                      .far_step = far_step,
+                      .stack = stack};
   };
   // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
   // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").

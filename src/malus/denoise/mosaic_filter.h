@@ -29,7 +29,7 @@ struct MosaicFilterPlan {
   /// (coarse_scale.h): one plan, or none for no such correction.
   std::vector<MosaicFilterPlan> coarse;
 };
-/// method: "bm3d" or "nl-ridge", which differs for colour and polarization together alone; profile:
+/// method: "bm3d" or "nl-ridge", which are one for layouts whose period divides no cell; profile:
 /// "fast", "normal" or "high". Throws InputError on another profile.
 MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
                                     const SensorLayout& layout);

@@ -95,6 +95,7 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   job.block_cells = stage.block_cells;
   job.step = stage.step;
   job.search = stage.search;
+  job.far_step = stage.far_step;
   job.stack = stage.stack;
   job.threshold = stage.threshold;
   job.axes_prior = stage.axes_prior;
@@ -121,8 +122,8 @@ PassedNoise reference_grid(const StackJob& job) {
 // the sums have one order whatever the number of threads.
 void filter_all(const StackJob& job, const StageInput& input, const StackStage& stage,
                 Progress& progress) {
-  const int reach_rows = stage.search * job.period_rows,
-            reach_cols = stage.search * job.period_cols;
+  const int reach_rows = stage.search_reach() * job.period_rows,
+            reach_cols = stage.search_reach() * job.period_cols;
   const int size_rows = 2 * reach_rows + stage.block() + 1;
   const int size_cols = 2 * reach_cols + stage.block() + 1;
   const int first_row = floor_div(job.row0, size_rows);

@@ -28,7 +28,7 @@ struct StackJob {
   int rows, cols;
   int row0, col0;  ///< frame position of the tile, for the alignment
   StackFilter filter;
-  int block_cells, step, search, stack;
+  int block_cells, step, search, far_step, stack;
   float threshold;
   float axes_prior;
   int period_rows, period_cols;

@@ -26,15 +26,22 @@ struct Candidates {
   }
 };
 
-/// How far the search window reaches from a reference, in periods of the layout.
+/// Pixels between the blocks of a search: a period of the layout, or job.far_step of them.
+struct Spacing {
+  int rows, cols;
+  Spacing(const StackJob& job, int periods)
+      : rows(job.period_rows * periods), cols(job.period_cols * periods) {}
+};
+
+/// How far the search window reaches from a reference, in steps of its spacing.
 struct Window {
   int up, down, left, right;
-  Window(const StackJob& job, int block, int row, int col) {
-    const auto steps = [&](int room, int period) { return std::min(job.search, room / period); };
-    up = steps(row, job.period_rows);
-    left = steps(col, job.period_cols);
-    down = steps(job.rows - block - row, job.period_rows);
-    right = steps(job.cols - block - col, job.period_cols);
+  Window(const StackJob& job, const Spacing& spacing, int block, int row, int col) {
+    const auto steps = [&](int room, int step) { return std::min(job.search, room / step); };
+    up = steps(row, spacing.rows);
+    left = steps(col, spacing.cols);
+    down = steps(job.rows - block - row, spacing.rows);
+    right = steps(job.cols - block - col, spacing.cols);
   }
   int rows() const { return up + down + 1; }
   int cols() const { return left + right + 1; }
@@ -42,39 +49,40 @@ struct Window {
   int slots() const { return (cols() + 7) / 8 * 8; }
 };
 
-/// The guide around some references, pixels that are a period of the layout apart side by side: so
-/// are the pixels that one pixel of a reference is compared with.
+/// The guide around some references, pixels that are a search's spacing apart side by side: so are
+/// the pixels that one pixel of a reference is compared with.
 class Lattices {
  public:
-  Lattices(const StackJob& job, const ReferenceBlock& block, int side)
-      : job_(job),
-        row_(std::max(block.row_begin - job.search * job.period_rows, 0)),
-        col_(std::max(block.col_begin - job.search * job.period_cols, 0)) {
-    const int rows = std::min(block.row_end + side + job.search * job.period_rows, job.rows) - row_;
-    const int cols = std::min(block.col_end + side + job.search * job.period_cols, job.cols) - col_;
-    pitch_ = (cols + job.period_cols - 1) / job.period_cols;
-    size_ = pitch_ * ((rows + job.period_rows - 1) / job.period_rows);
-    values_.resize(static_cast<std::size_t>(size_ * job.period_rows * job.period_cols) + kLanes);
+  Lattices(const StackJob& job, const Spacing& spacing, const ReferenceBlock& block, int side)
+      : spacing_(spacing),
+        row_(std::max(block.row_begin - job.search * spacing.rows, 0)),
+        col_(std::max(block.col_begin - job.search * spacing.cols, 0)) {
+    const int rows = std::min(block.row_end + side + job.search * spacing.rows, job.rows) - row_;
+    const int cols = std::min(block.col_end + side + job.search * spacing.cols, job.cols) - col_;
+    pitch_ = (cols + spacing.cols - 1) / spacing.cols;
+    size_ = pitch_ * ((rows + spacing.rows - 1) / spacing.rows);
+    values_.resize(static_cast<std::size_t>(size_ * spacing.rows * spacing.cols) + kLanes);
     for (int r = 0; r < rows; ++r) {
       const float* from = job.guide + (row_ + r) * job.stride + col_;
       float* to = values_.data() + row_part(row_ + r);
-      for (int phase = 0; phase < job.period_cols; ++phase, to += size_)
-        for (int c = phase, i = 0; c < cols; c += job.period_cols, ++i) to[i] = from[c];
+      for (int phase = 0; phase < spacing.cols; ++phase, to += size_)
+        for (int c = phase, i = 0; c < cols; c += spacing.cols, ++i) to[i] = from[c];
     }
   }
   /// Where a pixel of the tile is: at values() + row_part(row) + col_part(col).
   std::ptrdiff_t row_part(int row) const {
     const int r = row - row_;
-    return r % job_.period_rows * job_.period_cols * size_ + r / job_.period_rows * pitch_;
+    return r % spacing_.rows * spacing_.cols * size_ + r / spacing_.rows * pitch_;
   }
   std::ptrdiff_t col_part(int col) const {
-    return (col - col_) % job_.period_cols * size_ + (col - col_) / job_.period_cols;
+    return (col - col_) % spacing_.cols * size_ + (col - col_) / spacing_.cols;
   }
   const float* values() const { return values_.data(); }
   std::ptrdiff_t pitch() const { return pitch_; }
+  const Spacing& spacing() const { return spacing_; }
 
  private:
-  const StackJob& job_;
+  Spacing spacing_;
   int row_, col_;
   std::ptrdiff_t pitch_, size_;
   std::vector<float> values_;
@@ -87,10 +95,11 @@ struct Reference {
   std::ptrdiff_t stride, row_part[kBlock], col_part[kBlock];
 };
 
-/// Squared distances of as many candidates of each row as a vector holds, seven rows at a time.
+/// Squared distances of as many candidates of each row as a vector holds, times a factor, seven
+/// rows at a time.
 template <class Vector, class Keys, int kBlock>
 HWY_INLINE void measure_strip(const Reference<kBlock>& reference, const Lattices& lattices,
-                              const Window& window, int first, Candidates& found) {
+                              const Window& window, int first, float factor, std::int32_t* found) {
   constexpr int kRows = 7, kWidth = sizeof(Vector) / sizeof(float);
   std::int32_t numbers[kWidth];
   std::iota(numbers, numbers + kWidth, first);
@@ -115,39 +124,66 @@ HWY_INLINE void measure_strip(const Reference<kBlock>& reference, const Lattices
       }
     for (int i = 0; i < kRows; ++i) {
       if (top + i >= window.rows()) continue;  // the loop's bounds are fixed: sums stay registers
+      sums[i] *= all<Vector>(factor);
       Keys keys, none{};
       std::memcpy(&keys, &sums[i], sizeof(keys));
       keys &= std::numeric_limits<std::int32_t>::max();  // what is no number has a sign
       store(choose(there, keys, none + (kFarthest + 1)),
-            &found.keys[static_cast<std::size_t>((top + i) * window.slots() + first)]);
+            found + (top + i) * window.slots() + first);
     }
   }
 }
 
-/// Squared distances of all blocks in the window.
+/// Adds all blocks in the window with their squared distances times a factor; returns the window.
 template <int kBlock>
-HWY_INLINE void measure(const StackJob& job, int row, int col, const Lattices& lattices,
-                        Candidates& found) {
-  const Window window(job, kBlock, row, col);
+HWY_INLINE Window measure(const StackJob& job, int row, int col, const Lattices& lattices,
+                          float factor, Candidates& found) {
+  const Spacing& spacing = lattices.spacing();
+  const Window window(job, spacing, kBlock, row, col);
+  std::int32_t* const keys = &found.keys[static_cast<std::size_t>(found.slots)];
   Reference<kBlock> reference;
   reference.pixels = job.guide + row * job.stride + col;
   reference.stride = job.stride;
   for (int i = 0; i < kBlock; ++i) {
-    reference.row_part[i] = lattices.row_part(row - window.up * job.period_rows + i);
-    reference.col_part[i] = lattices.col_part(col - window.left * job.period_cols + i);
+    reference.row_part[i] = lattices.row_part(row - window.up * spacing.rows + i);
+    reference.col_part[i] = lattices.col_part(col - window.left * spacing.cols + i);
   }
   int first = 0;
   for (; first + 8 < window.slots(); first += 16)
-    measure_strip<Floats, Ints>(reference, lattices, window, first, found);
+    measure_strip<Floats, Ints>(reference, lattices, window, first, factor, keys);
   if (first < window.slots())
-    measure_strip<Floats8, Ints8>(reference, lattices, window, first, found);
-  for (int y = 0, slot = 0; y < window.rows(); ++y)
+    measure_strip<Floats8, Ints8>(reference, lattices, window, first, factor, keys);
+  for (int y = 0, slot = found.slots; y < window.rows(); ++y)
     for (int x = 0; x < window.slots(); ++x, ++slot)
       found.places[static_cast<std::size_t>(slot)] =
-          static_cast<std::int32_t>((y - window.up) * job.period_rows * job.stride) +
-          (x - window.left) * job.period_cols;
+          static_cast<std::int32_t>((y - window.up) * spacing.rows * job.stride) +
+          (x - window.left) * spacing.cols;
+  found.set_count(found.count + window.rows() * window.cols(),
+                  found.slots + window.rows() * window.slots());
+  return window;
+}
+
+/// Distances count for so much in the wide search: a picture's far blocks are alike by chance,
+/// those of what repeats are by more than that (docs/denoising-experiments.md, "A wider search").
+constexpr float kFarFactor = 1.25f;
+
+/// Every block that the two searches hold, once.
+template <int kBlock>
+HWY_INLINE void measure_all(const StackJob& job, int row, int col, const Lattices& near,
+                            const std::optional<Lattices>& far, Candidates& found) {
+  found.set_count(0, 0);
+  const Window window = measure<kBlock>(job, row, col, near, 1.0f, found);
   found.keys[static_cast<std::size_t>(window.up * window.slots() + window.left)] = kReference;
-  found.set_count(window.rows() * window.cols(), window.rows() * window.slots());
+  if (!far) return;
+  const int first = found.slots;
+  const Window wide = measure<kBlock>(job, row, col, *far, kFarFactor, found);
+  const int known = job.search / job.far_step;  // steps of the wide search within the near one
+  const int up = std::min(known, wide.up), down = std::min(known, wide.down);
+  const int left = std::min(known, wide.left), right = std::min(known, wide.right);
+  for (int y = wide.up - up; y <= wide.up + down; ++y)
+    std::fill_n(&found.keys[static_cast<std::size_t>(first + y * wide.slots() + wide.left - left)],
+                left + right + 1, kFarthest + 1);
+  found.set_count(found.count - (up + down + 1) * (left + right + 1), found.slots);
 }
 
 /// Sums of lanes 4 apart: a quarter of the vector.
@@ -259,14 +295,17 @@ HWY_INLINE void sort(const Candidates& from, std::ptrdiff_t home, std::ptrdiff_t
 /// What the search for one block needs, for all references of a thread.
 struct Search {
   Lattices lattices;
+  std::optional<Lattices> far;
   Candidates all, near, rest, nearest;
   std::vector<std::ptrdiff_t> matches;  ///< offsets of the blocks' first pixels
   Search(const StackJob& job, const ReferenceBlock& block, int side)
-      : lattices(job, block, side),
-        all((2 * job.search + 1) * (2 * job.search + 8)),
+      : lattices(job, {job, 1}, block, side),
+        all((job.far_step > 1 ? 2 : 1) * (2 * job.search + 1) * (2 * job.search + 8)),
         near(all.most()),
         rest(all.most()),
-        nearest(all.most()) {}
+        nearest(all.most()) {
+    if (job.far_step > 1) far.emplace(job, Spacing(job, job.far_step), block, side);
+  }
 };
 
 /// The blocks most similar to one reference, the nearest first, in search.matches; returns how many
@@ -274,7 +313,7 @@ struct Search {
 /// are so many.
 template <int kBlock>
 HWY_INLINE int match(const StackJob& job, int row, int col, Search& search) {
-  measure<kBlock>(job, row, col, search.lattices, search.all);
+  measure_all<kBlock>(job, row, col, search.lattices, search.far, search.all);
   int count = 1;
   while (2 * count <= std::min(job.stack, search.all.count)) count *= 2;
   const int wide = std::min(2 * count, search.all.count);
