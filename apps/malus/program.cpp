@@ -146,6 +146,16 @@ std::string usage_problem(const CLI::App& program, const CLI::ParseError& error)
                      nearest_name(words.front(), commands), joined(commands));
 }
 
+// An empty value is what a shell makes of a variable that is not set. Taken as a path it would be
+// the current folder, or the same as no flag at all.
+void refuse_empty_values(const CLI::App& command) {
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& value : option->results())
+      if (value.empty())
+        throw InputError(option->get_name(), "is given without a value, an empty text",
+                         "name one, or leave it out");
+}
+
 }  // namespace
 
 std::unique_ptr<CLI::App> make_program() {
@@ -167,7 +177,8 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
       ->check(in_range(0, 1024));
   command->add_option("--seed", common.seed, "seed of all random numbers")
       ->check(counting_number(std::numeric_limits<std::uint64_t>::max()));
-  command->callback([&common, run = std::move(run)] {
+  command->callback([&common, command, run = std::move(run)] {
+    refuse_empty_values(*command);
     set_thread_count(common.threads);
     run();
   });

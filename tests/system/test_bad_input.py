@@ -302,6 +302,21 @@ def test_numbers_of_flags_are_checked(malus, command, flag, words):
     assert flag.split()[0] in line and words in line and len(line) < 150
 
 
+@pytest.mark.parametrize("command,flag", [
+    ("stokes f.npy", "-o"), ("denoise f.npy", "-o"), ("calibrate s.toml", "-o"), ("report f.json", "-o"),
+    ("normals f.npy", "-o"), ("synthesize f.npy -m imx250mzr-simulated", "-o"), ("train c.toml", "-o"),
+    ("experiment table1 t.toml --scenes s", "-o"), ("model from-dng f.dng", "-o"), ("manual", "-o"),
+    ("denoise f.npy -o out", "--model"), ("denoise f.npy -o out", "--report"), ("evaluate --test f.npy", "--reference"),
+])
+def test_an_empty_value_is_refused_before_anything_is_done(refused, tmp_path, command, flag):
+    """As of a shell's variable that is not set: the current folder is no place for results."""
+    np.save(tmp_path / "f.npy", np.full((16, 16), 300, np.uint16))
+    words = [tmp_path / word if word == "f.npy" else word for word in command.split()]
+    line = refused(*words, flag, "", cwd=tmp_path)
+    assert line == f"malus: {'--output' if flag == '-o' else flag}: is given without a value, an empty text; name one, or leave it out"
+    assert [path.name for path in tmp_path.iterdir()] == ["f.npy"]
+
+
 def test_seeds_are_decimal_digits(malus, frame, tmp_path):
     assert "--seed" in malus("info", frame, "--seed", "", code=2).err
     np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))
