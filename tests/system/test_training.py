@@ -292,7 +292,8 @@ def test_a_bad_configuration_is_one_line(refused, config, tmp_path, old, new, wo
 def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
     out = tmp_path / "run"
     malus("train", config(2), "-o", out)
-    assert "exists" in refused("train", config(2), "-o", out)
+    held = refused("train", config(2), "-o", out)
+    assert "exists" in held and "--resume" in held and "--force" in held
     assert "steps" in refused("train", config(4), "-o", out, "--resume")
     malus("train", config(2), "-o", out, "--force")
     (out / "checkpoint.safetensors").write_bytes((out / "checkpoint.safetensors").read_bytes()[:-100])

@@ -1,6 +1,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include "malus/base/error.h"
+#include "malus/base/unreadable_file.h"
 #include "malus/io/internal/decoded.h"
 
 #include <cerrno>
@@ -30,10 +31,7 @@ OpenFile open_file(const fs::path& path) {
 std::uintmax_t require_file(const fs::path& path) {
   std::error_code error;
   const auto status = fs::status(path, error);
-  if (!fs::exists(status))
-    throw InputError(path.string(), "does not exist", "check the name and the folder");
-  if (fs::is_directory(status))
-    throw InputError(path.string(), "is a folder, not a file", "name the files in it");
+  if (!fs::exists(status) || fs::is_directory(status)) throw unreadable_file(path);
   if (!fs::is_regular_file(status))
     throw InputError(path.string(), "is not a regular file", "copy it to a file first");
   const std::uintmax_t size = fs::file_size(path, error);

@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/unreadable_file.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 
@@ -38,7 +39,7 @@ std::string RecordedPair::scene() const { return name.substr(0, name.rfind('_'))
 
 std::vector<RecordedPair> load_pair_list(const fs::path& list) {
   std::ifstream in(list);
-  if (!in) throw InputError(list.string(), "cannot be read", "check the name and the rights");
+  if (!in) throw unreadable_file(list);
   try {
     const Json json = Json::parse(in);
     std::vector<RecordedPair> pairs;

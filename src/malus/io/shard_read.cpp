@@ -1,6 +1,7 @@
 #include "malus/io/shard_read.h"
 
 #include "malus/base/error.h"
+#include "malus/base/unreadable_file.h"
 #include "malus/io/internal/npy.h"
 #include "malus/io/internal/tar.h"
 
@@ -41,8 +42,7 @@ void check_header(const std::string& header, const std::filesystem::path& path) 
 
 std::vector<ShardEntry> shard_entries(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary | std::ios::ate);
-  if (!in || std::filesystem::is_directory(path))
-    throw InputError(path.string(), "cannot be read", "check the name and the rights");
+  if (!in || std::filesystem::is_directory(path)) throw unreadable_file(path);
   const auto total = static_cast<std::uint64_t>(in.tellg());
   std::vector<ShardEntry> entries;
   std::string header(kTarBlock, '\0');

@@ -1,6 +1,7 @@
 #include "malus/neural/contents.h"
 
 #include "malus/base/error.h"
+#include "malus/base/unreadable_file.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/io/pair_list.h"
 
@@ -47,9 +48,7 @@ class Hash {
   std::string text() const { return fmt::format("{:016x}", value_); }
 
  private:
-  [[noreturn]] static void refuse(const fs::path& path) {
-    throw InputError(path.string(), "cannot be read", "check the name and the rights");
-  }
+  [[noreturn]] static void refuse(const fs::path& path) { throw unreadable_file(path); }
   void add_next(std::ifstream& in, std::uint64_t bytes) {
     for (std::string part; bytes > 0 && in; bytes -= part.size()) {
       part.resize(std::min(bytes, kEnd));

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/pick.h"
+#include "malus/base/unreadable_file.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
@@ -34,7 +35,7 @@ NoiseModel only_model(const TrainingConfig& config) {
 
 Json load_json(const fs::path& path) {
   std::ifstream in(path);
-  if (!in) throw InputError(path.string(), "cannot be read", "check the name and the rights");
+  if (!in) throw unreadable_file(path);
   try {
     return Json::parse(in);
   } catch (const Json::exception& error) {

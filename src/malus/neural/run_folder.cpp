@@ -28,6 +28,10 @@ RunFolder::RunFolder(const fs::path& folder, bool resume, bool force)
   remove_unfinished(folder, [](std::string_view name) {
     return name == "log.jsonl" || name.ends_with(".safetensors");
   });
+  if (const fs::path checkpoint = file("checkpoint.safetensors");
+      !force && !resume && fs::exists(checkpoint))
+    throw InputError(checkpoint.string(), "exists already",
+                     "use --resume to go on from it, or --force to train anew");
   for (const char* name : {"checkpoint.safetensors", "weights.safetensors", "best.safetensors"})
     check_output(file(name), force || goes_on_);
   check_output(file("log.jsonl"), force || resume);

@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/unreadable_file.h"
 
 #include <algorithm>
 #include <cstring>
@@ -119,9 +120,7 @@ TensorFile parse_tensor_file(std::span<const std::byte> bytes, const std::string
 
 std::vector<std::byte> read_weight_file(const std::filesystem::path& path) {
   std::error_code error;
-  const auto fail = [&] {
-    throw InputError(path.string(), "cannot be read", "check the name and the rights");
-  };
+  const auto fail = [&] { throw unreadable_file(path); };
   if (!std::filesystem::is_regular_file(path, error)) fail();
   std::ifstream in(path, std::ios::binary);
   const std::uintmax_t size = std::filesystem::file_size(path, error);

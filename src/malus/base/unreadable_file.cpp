@@ -1,0 +1,17 @@
+#include "malus/base/unreadable_file.h"
+
+#include <system_error>
+
+namespace malus {
+
+InputError unreadable_file(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (status.type() == std::filesystem::file_type::not_found)
+    return {path.string(), "does not exist", "check the name and the folder"};
+  if (std::filesystem::is_directory(status))
+    return {path.string(), "is a folder, not a file", "name the files in it"};
+  return {path.string(), "cannot be read", "check its permissions"};
+}
+
+}  // namespace malus
