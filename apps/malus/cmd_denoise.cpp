@@ -254,10 +254,11 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   Denoised result = denoiser(std::move(opened.frame), choice.profile, progress, held);
   choice.profile.pattern = nullptr;
   const double seconds = stopwatch.seconds();
-  warn_of_result(kept.before, result, choice.profile);
+  const Json network = denoiser.description();
+  warn_of_result(kept.before, result, choice.profile,
+                 network.is_null() ? "" : arguments.settings.method);
   kept.run = run_json(kept.before, result, choice, arguments, seconds);
-  if (const Json network = denoiser.description(); !network.is_null())
-    kept.run["network"] = network;
+  if (!network.is_null()) kept.run["network"] = network;
   for (const fs::path& path : job.stale) fs::remove(path);
   kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force);
   kept.after_dn = std::move(result.dn_above_black);

@@ -18,7 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 
 // A filter keeps means unless the noise it was told of is not the frame's.
-std::string moved_mean(const RawFrame& frame, const Denoised& result, const NoiseProfile& profile) {
+std::string moved_mean(const RawFrame& frame, const Denoised& result, const NoiseProfile& profile,
+                       const std::string& network) {
   constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
   if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
     return {};  // nothing had a mean
@@ -32,8 +33,9 @@ std::string moved_mean(const RawFrame& frame, const Denoised& result, const Nois
   if (!worst) return {};
   const double before = result.mean_dn[*worst], after = before + result.mean_shift_dn[*worst];
   return fmt::format(
-      "denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}",
+      "denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}{}",
       frame.layout.channel_names()[*worst], before, after,
+      network.empty() ? "" : network + " does not suit the frame (see with --method nl-ridge), or ",
       profile.estimated_from_picture
           ? "texture was taken for noise; give the camera's model with --model"
           : "the frame's noise is not the model's; check --gain, --black and --model");
@@ -111,7 +113,8 @@ void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, cons
   }
 }
 
-void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile) {
+void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile,
+                    const std::string& network) {
   const auto say = [&](const std::string& line) {
     if (!line.empty()) warn_of(before.source, line);
   };
@@ -127,7 +130,7 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
                     result.defect_pixels, percent_text(share)));
   // One cause, one line: a mean moves because the noise is another.
   const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
-  say(noise.empty() ? moved_mean(before, result, profile) : noise);
+  say(noise.empty() ? moved_mean(before, result, profile, network) : noise);
 }
 
 nlohmann::ordered_json noise_json(const Denoised& result) {

@@ -28,8 +28,10 @@ void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain,
 void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain,
                           const std::filesystem::path& path);
 
-/// Says what a result tells against its frame or its profile. `before` needs no pixels.
-void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile);
+/// Says what a result tells against its frame, its profile or the network that made it; `network`
+/// is that one's file, empty where a filter did. `before` needs no pixels.
+void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile,
+                    const std::string& network = "");
 
 /// The comparison of the frame's noise with the profile's, for the record; null where none is.
 nlohmann::ordered_json noise_json(const Denoised& result);

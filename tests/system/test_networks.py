@@ -202,6 +202,12 @@ def test_weight_files_that_do_not_fit_are_refused(refused, noisy, tmp_path, chan
     assert not list(tmp_path.glob("out/*"))
 
 
+def test_a_network_that_moves_means_is_named_as_a_cause(malus, noisy, tmp_path):
+    weights = unet_package(tmp_path / "w.safetensors", scale=1.0)
+    told = malus("denoise", noisy, "--method", weights, *MODEL, "--black", "82", "--white", "4095", "-o", tmp_path).err
+    assert "moved the mean of channel" in told and f"{weights} does not suit the frame" in told and "--model" in told, told
+
+
 def test_truncated_and_missing_weight_files_are_refused(refused, noisy, tmp_path):
     weights = unet_package(tmp_path / "w.safetensors")
     whole = weights.read_bytes()
