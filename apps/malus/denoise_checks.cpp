@@ -121,9 +121,16 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
   if (result.nonfinite_pixels > 0)
     say(fmt::format("{} pixels are NaN or infinite; they stay as they are",
                     result.nonfinite_pixels));
-  const double share =
-      static_cast<double>(result.defect_pixels) / static_cast<double>(result.dn_above_black.size());
-  if (share > kManyDefects)
+  const auto share_of_frame = [&](std::int64_t pixels) {
+    return static_cast<double>(pixels) / static_cast<double>(result.dn_above_black.size());
+  };
+  constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
+  if (const double share = share_of_frame(result.saturated_pixels); share > kManySaturated)
+    say(
+        fmt::format("{} pixels, {} % of the frame, are saturated: they are brighter than they say, "
+                    "by how much is not known; expose less",
+                    result.saturated_pixels, percent_text(share)));
+  if (const double share = share_of_frame(result.defect_pixels); share > kManyDefects)
     say(
         fmt::format("{} pixels, {} % of the frame, are defects by the model's list and were "
                     "filled from their neighbours; --no-defects keeps them",

@@ -64,6 +64,18 @@ def test_a_frame_of_zeros_lies_below_the_dark_level(malus, tmp_path):
     assert noise["below_dark_share"] == 1 and noise["frame_sd_dn"] is None and "dark level" in noise["complaint"]
 
 
+def test_largely_saturated_frames_are_told(malus, tmp_path):
+    """A hundredth of the frame and more: lamps and their reflections are no news."""
+    rng = np.random.default_rng(2)
+    for name, rows, told in (("lamp", 2, None), ("window", 16, "4096 pixels, 6.2 % of the frame, are saturated"),
+                             ("all", 256, "65536 pixels, 100 % of the frame, are saturated")):
+        pixels = np.rint(rng.normal(300, 5, (256, 256))).astype(np.uint16)
+        pixels[:rows] = WHITE
+        np.save(tmp_path / f"{name}.npy", pixels)
+        done = denoise(malus, tmp_path / f"{name}.npy", tmp_path, "--gain", 12, "--layout", LAYOUT, "--black", BLACK, "--white", WHITE)
+        assert (told in done.err) if told else ("saturated" not in done.err), done.err
+
+
 def test_frames_that_were_finished_before_an_error_are_said(malus, frames, tmp_path):
     """As is their JSON, in the form of several frames; nothing is where none was."""
     good = [tmp_path / "a.tif", tmp_path / "b.tif"]
