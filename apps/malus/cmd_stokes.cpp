@@ -105,19 +105,30 @@ std::vector<Product> product_pictures(const StokesPicture& picture, const Stokes
           [&] { return render_aolp(aolp_deg_of(mean), dolp_of(mean), settings); }};
 }
 
-// Mean over the defined pixels, and the share of the others.
+// Mean over the defined pixels, the share of the others, and that of pixels above 1: those are of
+// noise, for light has none, and count as 1 here as in evaluate. A few of them, where S0 is hardly
+// above 0, would be most of the mean.
 Json summary_of(const Planes& dolp) {
   double sum = 0;
-  std::size_t defined = 0, all = 0;
+  std::size_t defined = 0, above_one = 0, all = 0;
   for (const Image& plane : dolp)
     for (float v : plane.values()) {
       ++all;
-      if (std::isfinite(v)) sum += v, ++defined;
+      if (!std::isfinite(v)) continue;
+      sum += std::min(v, 1.0f);
+      above_one += v > 1.0f;
+      ++defined;
     }
-  Json json;
-  json["mean_dolp"] = defined > 0 ? Json(sum / static_cast<double>(defined)) : Json();
-  json["undefined"] = all > 0 ? static_cast<double>(all - defined) / static_cast<double>(all) : 0.0;
-  return json;
+  const auto share = [all](std::size_t pixels) {
+    return all > 0 ? static_cast<double>(pixels) / static_cast<double>(all) : 0.0;
+  };
+  return {{"mean_dolp", defined > 0 ? Json(sum / static_cast<double>(defined)) : Json()},
+          {"undefined", share(all - defined)},
+          {"dolp_above_one", share(above_one)}};
+}
+
+std::string above_one_text(double share) {
+  return share > 0 ? fmt::format(", above 1 (noise) {:.2g} %", 100 * share) : "";
 }
 
 // One value per cell, or one per pixel with --full.
@@ -219,11 +230,12 @@ void run_stokes(const StokesArguments& arguments, const Common& common) {
     results.push_back(stokes_of_file(arguments, model, i, options, plans[i], common.force));
     const Json& last = results.back();
     text += fmt::format(
-        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %, {} files in {}\n",
+        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, {} files in {}\n",
         arguments.inputs[i].string(), last["cols"].get<int>(), last["rows"].get<int>(),
         last["layout"].get<std::string>(),
         last["mean_dolp"].is_null() ? std::nan("") : last["mean_dolp"].get<double>(),
-        100 * last["undefined"].get<double>(), last["files"].size(), arguments.folder.string());
+        100 * last["undefined"].get<double>(), above_one_text(last["dolp_above_one"].get<double>()),
+        last["files"].size(), arguments.folder.string());
     progress->advance(1);
   }
   print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);

@@ -107,6 +107,15 @@ TEST(Uncertainty, UndefinedAndUnpolarizedPixels) {
   EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 1e-6, 0}, v), 2700) << "no more than an unknown angle";
 }
 
+// Light has a DoLP of 0 to 1, so one of 3 errs by 3 at most, and one of .2 by 1.
+TEST(Uncertainty, OfDolpIsNoMoreThanCanBe) {
+  const StokesCovariance v = stokes_covariance(100, 100, 100, 100);
+  EXPECT_DOUBLE_EQ(dolp_variance({1, 3, 0}, v), 9);
+  EXPECT_DOUBLE_EQ(dolp_variance({1, 0.2, 0}, v), 1);
+  EXPECT_DOUBLE_EQ(dolp_variance({1, 0, 0}, v), 1);
+  EXPECT_LT(dolp_variance({100, 20, 0}, v), 0.03) << "and as before where there is light";
+}
+
 TEST(Uncertainty, PlanesFollowThePixelFormulasAndSharedSitesHalveTheVariance) {
   const auto layout =
       SensorLayout::from_sites({{"0", "45", "0", "45"}, {"135", "90", "135", "90"}});

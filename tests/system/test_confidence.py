@@ -59,6 +59,26 @@ def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp
         assert "50 cells" in plain.err and plain.json["saturated_cells"] == 50
 
 
+def test_dolp_of_noise_alone_does_not_run_away(malus, tmp_path):
+    """Independent Gaussians around 0: DoLP is above 1 with probability 1/2 sqrt(2/3), S0 below 0 with 1/2. 65536 cells: 4 standard errors."""
+    random = np.random.default_rng(6)
+    dn = random.normal(0, 5, (512, 512)).astype(np.float32)
+    np.save(tmp_path / "dark.npy", dn)
+    frame = ("stokes", tmp_path / "dark.npy", "--layout", "polar-mono", "--black", 0, "--white", WHITE, "--force", "--format", "npy", "--no-pictures")
+    found = malus(*frame, "-o", tmp_path, "--json").json
+    i90, i45, i135, i0 = dn[::2, ::2], dn[::2, 1::2], dn[1::2, ::2], dn[1::2, 1::2]
+    s0 = (i0 + i45 + i90 + i135) / 2
+    truth = np.minimum(np.hypot(i0 - i90, i45 - i135)[s0 > 0] / s0[s0 > 0], 1).mean()
+    assert found["mean_dolp"] == pytest.approx(truth, abs=1e-4) and found["mean_dolp"] < 1
+    assert found["dolp_above_one"] == pytest.approx(np.sqrt(2 / 3) / 2, abs=4 * 0.5 / 256)
+    assert found["undefined"] == pytest.approx(0.5, abs=4 * 0.5 / 256)
+    assert "above 1 (noise) 41 %" in malus(*frame, "-o", tmp_path).out
+    malus(*frame, *MODEL, "--gain", GAIN_DB, "-o", tmp_path)
+    dolp, sd = planes(tmp_path, "dark", "dolp", "dolp_sd")
+    assert np.nanmax(dolp) > 100  # as the formula gives it
+    assert np.nanmax(sd / np.maximum(dolp, 1)) < 1 + 1e-5  # an unpolarized truth lies no further
+
+
 def test_a_frame_of_nothing_but_saturated_cells_is_a_hundred_percent(malus, tmp_path):
     Image.fromarray(np.full((64, 64), WHITE, np.uint16)).save(tmp_path / "white.png")
     said = malus("stokes", tmp_path / "white.png", "--layout", "polar-mono", "--black", 0, "--white", WHITE, "-o", tmp_path).err

@@ -62,11 +62,12 @@ bool without_direction(const Stokes& s) { return s.s1 == 0 && s.s2 == 0; }
 
 double dolp_variance(const Stokes& s, const StokesCovariance& v) {
   if (!(s.s0 > 0)) return kUnknown;
-  if (without_direction(s)) return 0.5 * (v.s1s1 + v.s2s2) / (s.s0 * s.s0);
-  const double p = std::hypot(s.s1, s.s2);
+  if (without_direction(s)) return std::min(0.5 * (v.s1s1 + v.s2s2) / (s.s0 * s.s0), 1.0);
+  const double p = std::hypot(s.s1, s.s2), most = std::max(p / s.s0, 1.0);
   const double d0 = -p / (s.s0 * s.s0), d1 = s.s1 / (p * s.s0), d2 = s.s2 / (p * s.s0);
-  return d0 * d0 * v.s0s0 + d1 * d1 * v.s1s1 + d2 * d2 * v.s2s2 +
-         2 * (d0 * d1 * v.s0s1 + d0 * d2 * v.s0s2 + d1 * d2 * v.s1s2);
+  const double first_order = d0 * d0 * v.s0s0 + d1 * d1 * v.s1s1 + d2 * d2 * v.s2s2 +
+                             2 * (d0 * d1 * v.s0s1 + d0 * d2 * v.s0s2 + d1 * d2 * v.s1s2);
+  return std::min(first_order, most * most);
 }
 
 double aolp_variance_deg2(const Stokes& s, const StokesCovariance& v) {

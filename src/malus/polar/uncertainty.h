@@ -21,8 +21,10 @@ inline StokesCovariance stokes_covariance(double v0, double v45, double v90, dou
           0};
 }
 
-/// First-order variance of DoLP; NaN where DoLP is undefined. Where S1 = S2 = 0 it has no
-/// gradient: there the mean over all directions, (Var S1 + Var S2) / (2 S0²).
+/// Variance of DoLP, to first order and never more than the square of the largest error there can
+/// be: light has a DoLP of 0 to 1, so that is 1, or DoLP itself where noise makes it more. NaN
+/// where DoLP is undefined. Where S1 = S2 = 0 it has no gradient: there the mean over all
+/// directions, (Var S1 + Var S2) / (2 S0²).
 double dolp_variance(const Stokes& s, const StokesCovariance& covariance);
 
 /// Variance of AoLP in deg², to first order and never more than that of an angle that nothing is
