@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
+#include "malus/denoise/censored_error.h"
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/kept_points.h"
@@ -66,6 +67,7 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
       }
     }
   });
+  add_censoring_error(frame, profile, result.dn_above_black.view(), variance_dn2);
   for (const FilledPixel& p : frame.filled) variance_dn2(p.row, p.col) += p.variance_dn2;
 }
 

@@ -162,7 +162,8 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
   if (steps.fill_defects) prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects);
   report.defect_pixels = std::ssize(prepared.filled);
-  std::vector<float> zero_dn, saturated_dn;  // saturated_dn: as the pixels without zero_dn
+  std::vector<float> zero_dn;
+  std::vector<float>& saturated_dn = prepared.saturated_dn;
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
     // In single precision, as the pixels: those at white are found again.

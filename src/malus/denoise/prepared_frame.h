@@ -28,8 +28,9 @@ struct FilledPixel {
 struct PreparedFrame {
   Image dn;  ///< above black and bias, row and column noise removed, every pixel finite
   SensorLayout layout;
-  double range_dn = 0;        ///< white above the highest black level
-  SaturatedPixels saturated;  ///< as bright as white or brighter
+  double range_dn = 0;              ///< white above the highest black level
+  SaturatedPixels saturated;        ///< as bright as white or brighter
+  std::vector<float> saturated_dn;  ///< per channel: white, as dn
   std::vector<NonfinitePixel> nonfinite;
   std::vector<FilledPixel> filled;
   /// Per row group: variance of what is left of its offset, in units of the channels' sigma_row².
