@@ -141,10 +141,10 @@ TEST(Uncertainty, PlanesFollowThePixelFormulasAndSharedSitesHalveTheVariance) {
 }
 
 // A filter that gives the mean of the truth given the samples: a normal truth, normal noise. Its
-// estimates are too short by the posterior variance, of which the share in uncertainty.cpp (0.3)
+// estimates are too short by the posterior variance, of which the share in uncertainty.cpp (0.15)
 // is stated here, so that all of it is put back. Standard error of the means: 0.0006.
 TEST(Uncertainty, WhatAFilterTookFromDolpIsPutBackOnAverage) {
-  constexpr double kS0 = 10, kSignal = 2, kNoise = 3, kShare = 0.3;
+  constexpr double kS0 = 10, kSignal = 2, kNoise = 3, kShare = 0.15;
   constexpr double kGain = kSignal * kSignal / (kSignal * kSignal + kNoise * kNoise);
   const double variance = kGain * kNoise * kNoise / kShare;
   RandomSequence random(3, 0, Draw::kUser);
@@ -166,7 +166,7 @@ TEST(Uncertainty, WhatAFilterTookFromDolpIsPutBackOnAverage) {
 
 TEST(Uncertainty, ExpectedDolpAtItsLimits) {
   const StokesCovariance v{.s1s1 = 8, .s2s2 = 12};
-  const double b = std::sqrt(0.3 * 10);
+  const double b = std::sqrt(0.15 * 10);
   EXPECT_NEAR(expected_dolp({100, 0, 0}, v), b * std::sqrt(std::numbers::pi / 2) / 100, 1e-12);
   EXPECT_TRUE(std::isnan(expected_dolp({0, 1, 1}, v)));
   EXPECT_DOUBLE_EQ(expected_dolp({100, 30, 40}, {}), 0.5);

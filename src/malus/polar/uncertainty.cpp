@@ -45,8 +45,10 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
 }
 
 // Of the variance stated of a denoised (S1, S2), what lengthens it: it is uneven, and DoLP errs
-// least with less than all of it (docs/uncertainty.md has the measurement).
-constexpr double kLengtheningShare = 0.3;
+// least with less than all of it. Twice as much would bring the mean of pictures up to the truth,
+// and carry that of scenes that lost no polarization as far beyond it (docs/uncertainty.md has the
+// measurement).
+constexpr double kLengtheningShare = 0.15;
 
 // Mean length of a vector about one of `length`, with the variance of each of two components.
 double rice_mean(double length, double variance) {
