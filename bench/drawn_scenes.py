@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Polarized scenes drawn from formulas, without noise or 8-bit steps of their own, for `malus experiment denoise`.
 
-    /usr/bin/python3 bench/drawn_scenes.py FOLDER [--size 384]
+    /usr/bin/python3 bench/drawn_scenes.py FOLDER [--size 384] [--charts]
 
-Writes FOLDER/NAME/I0.png, I45.png, I90.png, I135.png (16 bits, RGB) for every NAME of SCENES.
+Writes FOLDER/NAME/I0.png, I45.png, I90.png, I135.png (16 bits, RGB) for every NAME of SCENES; with --charts of CHARTS:
+checkerboards of light and, in even light, of polarization, by the size of their squares in pixels.
 """
 import argparse
 import pathlib
@@ -34,6 +35,13 @@ def scene(name, size):
             dolp, aolp = random.uniform(0, 0.6), random.uniform(0, np.pi)
             s1, s2 = s1 + hill * dolp * np.cos(2 * aolp), s2 + hill * dolp * np.sin(2 * aolp)
         return np.minimum(light, 0.95), np.minimum(np.hypot(s1, s2), 0.8), np.arctan2(s2, s1) / 2
+    if name in CHARTS:
+        side = int(name.rpartition("_")[2])
+        row, col = np.mgrid[0:size, 0:size] // side
+        bright = (row + col) % 2 == 0
+        if name.startswith("board"):
+            return colour(np.where(bright, 0.7, 0.2), (0.9, 1.0, 0.8)), np.full_like(x, 0.3), np.full_like(x, 0.5)
+        return colour(np.full_like(x, 0.45), (0.9, 1.0, 0.8)), np.where(bright, 0.4, 0.1), np.full_like(x, 0.5)
     # Discs one over the other: edges, even or shaded areas, one polarization each.
     light, dolp, aolp = colour(0.3 + 0.2 * y, (1.0, 0.9, 0.8)), np.full_like(x, 0.1), np.full_like(x, 0.3)
     for _ in range(40):
@@ -46,6 +54,7 @@ def scene(name, size):
 
 
 SCENES = ("flat", "ramp", "waves", "blobs", "discs")
+CHARTS = ("board_8", "board_12", "board_16", "polboard_8", "polboard_16")
 
 
 def write_png(path, picture):
@@ -61,8 +70,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--size", type=int, default=384)
+    parser.add_argument("--charts", action="store_true")
     arguments = parser.parse_args()
-    for name in SCENES:
+    for name in CHARTS if arguments.charts else SCENES:
         light, dolp, aolp = scene(name, arguments.size)
         folder = arguments.folder / name
         folder.mkdir(parents=True, exist_ok=True)

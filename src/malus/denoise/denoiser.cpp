@@ -96,7 +96,7 @@ const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
       {"nl-ridge", "calibrated, joint over all channels, adaptive to local colour and polarization",
        true},
-      {"bm3d", "the same; for colour-polarization too the last pass is a Wiener filter", true},
+      {"bm3d", "the same with a Wiener filter in the last pass and one coarse scale", true},
       {"vst-pfcd", "baseline: vst-pca-bm3d on every alignment of cell and mosaic, averaged (PFCD)",
        false},
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
