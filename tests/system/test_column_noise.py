@@ -35,7 +35,7 @@ def calibrated(malus, folder, column_dn):
 def camera(malus, tmp_path_factory):
     """Its model, and a frame of even light with the offsets of its columns."""
     folder = tmp_path_factory.mktemp("camera")
-    assert "denoise takes their offsets out" in calibrated(malus, folder, COLUMN).out
+    assert "denoise takes their offsets out" in calibrated(malus, folder, COLUMN).err
     dn, offsets = taken(np.random.default_rng(8), np.full((ROWS, COLS), LIGHT), COLUMN)
     Image.fromarray(dn).save(folder / "raw.png")
     return folder, offsets

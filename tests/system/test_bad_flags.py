@@ -1,0 +1,81 @@
+"""Flags and their values that no file could make right: one line, nothing written; exit code 2, or 1 of an empty value."""
+
+import numpy as np
+import pytest
+
+
+
+@pytest.mark.parametrize("command,flag,words", [
+    ("info", "--layout polar-mona", "did you mean polar-mono"), ("info", "--size 9by9", "is not WIDTHxHEIGHT"),
+    ("info", "--raw-format mono9", "did you mean mono8"), ("denoise -o out", "--method bm3e", "did you mean bm3d"),
+    ("evaluate --noise --reference f.npy --model imx250myr-simulated", "--kind gausian", "gaussian")])
+def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, command, flag, words):
+    """Exit code 2, as of a number out of range, before any file is looked for."""
+    file = () if "f.npy" in command else ("f.npy",)
+    told = malus(*command.split(), *file, *flag.split(), code=2, cwd=tmp_path).err
+    assert flag.split()[0] + ": " in told and words in told
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("arguments", [["denois"], ["denoise"], ["info", "--wat"], ["synthesize", "--gain", "x"], []])
+def test_wrong_usage_exits_2(malus, arguments):
+    malus(*arguments, code=2)
+
+
+@pytest.mark.parametrize("arguments", [
+    ["stokes", "f.npy", "-o", "out", "--variance", "a.exr", "b.exr"],
+    ["denoise", "f.npy", "-o", "out", "--reference", "a.npy", "b.npy"],
+    ["denoise", "f.npy", "-o", "out", "--method", "w.safetensors", "--uncertainty"],
+    ["denoise", "f.npy", "-o", "out", "--extrapolate-gain"],
+    ["denoise", "f.npy", "-o", "out", "--reference-ratio", "2"],
+    *(["evaluate", "--reference", "f.npy", "--test", "f.npy", "--noise", *flags]
+      for flags in (["--ratio", "2"], ["--peak", "9"], ["--report", "r.html"], ["--kind", "gaussian"], ["--frames", "3"])),
+    *(["evaluate", "--reference", "f.npy", "--test", "f.npy", *flags]
+      for flags in (["--clean", "c.npy"], ["--frames", "3"], ["--kind", "gaussian"], ["--bins", "64"], ["--levels", "8"],
+                    ["--no-remove-fixed-pattern"], ["--model", "m"])),
+    ["renoise", "f.npy", "-m", "m", "--from", "1", "--to", "2", "-o", "out", "--guide", "a.npy", "b.npy"],
+    ["synthesize", "f.npy", "-m", "m", "-o", "out", "--gain", "loud"]])
+def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
+    malus(*arguments, code=2, cwd=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command,flag,words", [
+    ("pairs s.toml -o out", "--ratio nan", "finite number above 0"),
+    ("synthesize f.npy -m m -o out", "--ratio nan", "between 1e-06 and 1000000000"),
+    ("synthesize f.npy -m m -o out", "--iso nan", "finite number above 0"),
+    ("synthesize f.npy -m m -o out", "--white inf", "finite number"),
+    ("synthesize f.npy -m m -o out", "--frames 1.5", "whole number between 1 and 1000000"),
+    ("synthesize f.npy -m m -o out", "--origin 0,nan", "whole number"),
+    ("simulate p.png -o out", "--exposure nan", "between 1e-06 and 1000000"),
+    ("simulate p.png -o out", "--white-balance nan 1 1", "between 0.01 and 100"),
+    ("simulate p.png -o out", "--color-matrix 1 0 0 0 1 0 0 0 nan", "finite number"),
+    ("denoise f.npy -o out", "--exposure 0", "finite number above 0, not 0"),
+    ("denoise f.npy -o out", "--black 1,nan", "finite number"),
+    ("denoise f.npy -o out", "--strength nan", "between 0.1 and 4"),
+    ("info f.npy", "--threads -1", "whole number between 0 and 1024 in plain digits, not -1"),
+    ("info f.npy", "--seed -1", "whole number"),
+    ("info f.npy", "--seed 18446744073709551616", "between 0 and 18446744073709551615"),
+    ("info f.npy", "--seed 0x10", "whole number"),
+    ("info f.npy", "--seed 010", "in plain digits, not 010"),
+    ("synthesize f.npy -m m -o out", "--frames 010", "in plain digits, not 010"),
+    ("info f.npy", "--seed 1e3", "whole number"),
+])
+def test_numbers_of_flags_are_checked(malus, command, flag, words):
+    line = malus(*command.split(), *flag.split(), code=2).err.splitlines()[0]
+    assert flag.split()[0] in line and words in line and len(line) < 150
+
+
+@pytest.mark.parametrize("command,flag", [
+    ("stokes f.npy", "-o"), ("denoise f.npy", "-o"), ("calibrate s.toml", "-o"), ("report f.json", "-o"),
+    ("normals f.npy", "-o"), ("synthesize f.npy -m imx250mzr-simulated", "-o"), ("train c.toml", "-o"),
+    ("experiment table1 t.toml --scenes s", "-o"), ("model from-dng f.dng", "-o"), ("manual", "-o"),
+    ("denoise f.npy -o out", "--model"), ("denoise f.npy -o out", "--report"), ("evaluate --test f.npy", "--reference"),
+])
+def test_an_empty_value_is_refused_before_anything_is_done(refused, tmp_path, command, flag):
+    """As of a shell's variable that is not set: the current folder is no place for results."""
+    np.save(tmp_path / "f.npy", np.full((16, 16), 300, np.uint16))
+    words = [tmp_path / word if word == "f.npy" else word for word in command.split()]
+    line = refused(*words, flag, "", cwd=tmp_path)
+    assert line == f"malus: {'--output' if flag == '-o' else flag}: is given without a value, an empty text; name one, or leave it out"
+    assert [path.name for path in tmp_path.iterdir()] == ["f.npy"]
