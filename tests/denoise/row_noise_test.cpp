@@ -145,8 +145,6 @@ TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
   EXPECT_LT(rms_error(rows.offset, drawn_dn), 0.6);
 }
 
-// Stripes of three and a half of the model's deviations, equal along each row: nothing but their
-// size tells them from row noise.
 // Lines of two rows every 28, five deviations of the rows' noise high.
 TEST(RowNoise, LinesThatNoNoiseExplainsAreLeftInThePicture) {
   const NoiseProfile profile = profile_with(3.0, 0.5);
@@ -240,6 +238,57 @@ TEST(RowNoise, DeviationAndGroupFromThePicture) {
   estimate_row_deviation(truth.dn, kSaturatedDn, unknown);
   EXPECT_EQ(unknown.row_group, 2);
   EXPECT_NEAR(unknown.channels[0].sigma_row_dn, 1.5, 0.25);
+}
+
+// A page of marks 3 columns wide in lines of 4 to 14 rows: they cover a third of their rows'
+// pixels, the paper between them lies level.
+Image page_of_marks(const NoiseProfile& profile, double light, std::uint32_t seed) {
+  RandomSequence marks(9, seed, Draw::kUser), noise(10, seed, Draw::kPixel);
+  Image dn(512, 384, static_cast<float>(light));
+  const auto rows_up_to = [&](int most) {
+    return 4 + static_cast<int>((most - 3) * marks.uniform());
+  };
+  for (int top = 3, height = 0; top + 14 < dn.rows(); top += height + rows_up_to(9)) {
+    height = rows_up_to(14);
+    for (int left = 0; left + 3 < dn.cols(); left += 3)
+      if (marks.uniform() < 0.35)
+        for (int r = top; r < top + height; ++r)
+          for (int c = left; c < left + 3; ++c) dn(r, c) = static_cast<float>(0.15 * light);
+  }
+  for (float& v : dn.values())
+    v += static_cast<float>(std::sqrt(profile.channels[0].variance(v)) * noise.normal());
+  return dn;
+}
+
+TEST(RowNoise, LinesOfTextAreNoRowNoise) {
+  for (const double light : {40.0, 200.0})
+    for (std::uint32_t seed = 0; seed < 10; ++seed) {
+      NoiseProfile unknown = profile_with(0.0, 0.4);
+      estimate_row_deviation(page_of_marks(unknown, light, seed), kSaturatedDn, unknown);
+      EXPECT_EQ(unknown.channels[0].sigma_row_dn, 0) << light << ", page " << seed;
+    }
+}
+
+// Bars of random heights and levels, equal along each row and weaker than the pixels' noise:
+// nothing but that rows resemble those beside them tells them from a camera's.
+TEST(RowNoise, BarsThatSpanSeveralRowsAreNoRowNoise) {
+  int found = 0;
+  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+    NoiseProfile unknown = profile_with(0.0, 1.5);
+    RandomSequence bars(12, seed, Draw::kUser);
+    Image dn = simulate(unknown, 512, 256, false, seed).dn;
+    double lift = 0;
+    for (int r = 0, next = 0; r < dn.rows(); ++r) {
+      if (r == next) {
+        lift = 7 * bars.normal();
+        next = r + 6 + static_cast<int>(12 * bars.uniform());
+      }
+      for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(lift);
+    }
+    estimate_row_deviation(dn, kSaturatedDn, unknown);
+    found += unknown.channels[0].sigma_row_dn > 0;
+  }
+  EXPECT_LE(found, 3);  // of 20
 }
 
 // Text or bricks: the same lines every so many rows, no stronger than a camera's.

@@ -2,7 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
-#include "malus/denoise/row_posterior.h"
+#include "malus/denoise/row_evidence.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,8 +14,6 @@
 namespace malus {
 namespace {
 
-constexpr int kSegments = 16;          // a row's own spread is judged between so many parts of it
-constexpr double kInfluenceEnd = 3.0;  // deviations at which a pixel's influence ends
 constexpr double kOutlierFreedom =
     4.0;  // of Student's law for rows that the picture explains better
 constexpr int kReweightings = 4;
@@ -24,7 +22,6 @@ constexpr int kReweightings = 4;
 constexpr int kDistances[] = {1, 2, 4};
 // The comparisons of one row share its noise: together they are worth less than their number.
 constexpr double kShared = 2.0;
-constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated from a picture
 // Offsets that deviate by more than this, in units of the model's, are not the camera's alone: a
 // warmer camera's rows may well be half as strong again. Only so many groups tell.
 constexpr double kTooWide = 2.0;
@@ -32,109 +29,6 @@ constexpr std::size_t kLeastGroups = 32;
 // Of the groups that are taken for lines of the picture so many, on average, may be noise.
 constexpr double kFalseLines = 0.05;
 constexpr int kLineRounds = 3;  // without the lines that are found their neighbours tell of others
-// A camera's rows differ by no more than this many deviations of its pixels: blinds and stripes do.
-constexpr double kMostRowDeviation = 2.0;
-// The unit, in deviations of the pixels, that a picture's own row noise is measured in.
-constexpr double kEvidenceUnit = 0.25;
-// Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
-constexpr double kPairedRows = 0.8;
-
-// Offsets that repeat after so many rows or more agree by this over the root of their number: five
-// deviations of what chance gives, for neighbouring comparisons share rows (Bartlett, 1946).
-constexpr std::size_t kLeastPeriod = 9;
-constexpr double kRepeats = 7.0;
-
-// Weighted sums over one part of a row.
-struct SegmentSum {
-  double weighted = 0, weight = 0;
-};
-
-std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile& profile,
-                                        const std::vector<float>& saturated_dn, int row,
-                                        int periods) {
-  const SensorLayout& layout = profile.layout;
-  const int distance = periods * layout.rows();
-  if (row - distance < 0 || row + distance >= dn.rows()) return std::nullopt;
-  const float *above = dn.row(row - distance), *here = dn.row(row), *below = dn.row(row + distance);
-  SegmentSum parts[kSegments];
-  for (int c = 0; c < dn.cols(); ++c) {
-    const auto k = static_cast<std::size_t>(layout.channel_at(row, c));
-    const ChannelProfile& channel = profile.channels[k];
-    const double sigma = channel.sigma_row_dn;
-    const float top = std::max({above[c], here[c], below[c]});
-    if (!(sigma > 0) || !(top < saturated_dn[k]) || !std::isfinite(above[c] + here[c] + below[c]))
-      continue;
-    const double mean = (static_cast<double>(above[c]) + here[c] + below[c]) / 3.0;
-    const double variance = 1.5 * (channel.variance(mean) + sigma * sigma);
-    const double bound = kInfluenceEnd * std::sqrt(variance);
-    const double difference =
-        std::clamp(here[c] - 0.5 * (static_cast<double>(above[c]) + below[c]), -bound, bound);
-    SegmentSum& part = parts[static_cast<std::ptrdiff_t>(c) * kSegments / dn.cols()];
-    part.weighted += sigma * difference / variance;
-    part.weight += sigma * sigma / variance;
-  }
-  double weighted = 0, weight = 0;
-  int used = 0;
-  for (const SegmentSum& part : parts)
-    if (part.weight > 0) {
-      weighted += part.weighted;
-      weight += part.weight;
-      ++used;
-    }
-  if (used == 0) return std::nullopt;
-  const double value = weighted / weight;
-  double spread = 0;
-  for (const SegmentSum& part : parts)
-    if (part.weight > 0)
-      spread += part.weight * part.weight * std::pow(part.weighted / part.weight - value, 2);
-  // The pixel noise alone explains 1/weight; texture makes the parts of the row differ by more.
-  const double between = used > 1 ? spread / (weight * weight) * used / (used - 1) : 0;
-  const int group = profile.row_group;
-  return RowEvidence{row / group, (row - distance) / group, (row + distance) / group, value,
-                     std::max(1.0 / weight, between)};
-}
-
-// Second differences of neighbouring rows, what pixel noise and picture explain of their variance,
-// and how the differences of rows 2k, 2k+1 and of rows 2k+1, 2k+2 differ.
-struct DifferencesOfRows {
-  std::vector<double> value, explained, within, across;
-};
-
-DifferencesOfRows differences_of_rows(View<const float> dn, const NoiseProfile& profile,
-                                      const std::vector<float>& saturated_dn) {
-  std::vector<std::optional<RowEvidence>> rows;
-  for (int r = 0; r < dn.rows(); ++r) rows.push_back(row_evidence(dn, profile, saturated_dn, r, 1));
-  DifferencesOfRows out;
-  for (std::size_t r = 0; r < rows.size(); ++r) {
-    if (!rows[r]) continue;
-    out.value.push_back(rows[r]->value);
-    out.explained.push_back(rows[r]->variance);
-    if (r > 0 && rows[r - 1])
-      (r % 2 ? out.within : out.across).push_back(rows[r]->value - rows[r - 1]->value);
-  }
-  return out;
-}
-
-ShownRowVariance variance_beyond(const DifferencesOfRows& rows) {
-  constexpr double kOfDifference = 1.5;  // of an offset less half of two others
-  const double spread = std::pow(robust_deviation_of(rows.value), 2);
-  // A robust variance of n values has a relative error of 1.65 sqrt(2/n).
-  const double error = spread * 1.65 * std::sqrt(2.0 / static_cast<double>(rows.value.size()));
-  return {(spread - median_of(rows.explained)) / kOfDifference, error / kOfDifference};
-}
-
-// Of the pixel noise at the frame's mean signal, mean over the channels.
-double pixel_deviation(View<const float> dn, const NoiseProfile& profile) {
-  Moments signal;
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c)
-      if (std::isfinite(dn(r, c))) signal.add(dn(r, c));
-  double sum = 0;
-  for (const ChannelProfile& channel : profile.channels)
-    sum += std::sqrt(std::max(channel.variance(signal.mean()), 0.0));
-  return sum / static_cast<double>(profile.channels.size());
-}
-
 // Level stripes of the picture look like rows that are lifted, but by more than the model's offsets
 // are wide. Of a sum of deviation d the offsets, of deviation 1, are expected to be 1/d² (Wiener).
 void leave_stripes(RowNoise& rows, double wide) {
@@ -214,31 +108,6 @@ RowNoise solved_without_lines(std::vector<RowEvidence> evidence, int groups) {
   return rows;
 }
 
-// Text, bricks, steps: a picture's lines come again at the same distance, a camera's offsets do
-// not. Slow ones agree with their neighbours more than with those further away.
-bool repeat(std::vector<double> values) {
-  const double bound = 3 * robust_deviation_of(values);
-  double energy = 0;
-  for (double& v : values) {
-    v = std::clamp(v, -bound, bound);
-    energy += v * v;
-  }
-  const std::size_t n = values.size();
-  const auto agreement = [&](std::size_t lag) {
-    double sum = 0;
-    for (std::size_t i = lag; i < n; ++i) sum += values[i] * values[i - lag];
-    return sum / energy * static_cast<double>(n) / static_cast<double>(n - lag);
-  };
-  std::vector<double> at = {1.0};
-  for (std::size_t lag = 1; energy > 0 && lag <= n / 3; ++lag) {
-    at.push_back(agreement(lag));
-    if (lag >= kLeastPeriod &&
-        at[lag] - std::max(at[lag / 2], 0.0) > kRepeats / std::sqrt(static_cast<double>(n - lag)))
-      return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
@@ -277,33 +146,6 @@ void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNois
       }
     }
   });
-}
-
-std::optional<ShownRowVariance> shown_row_variance(View<const float> dn,
-                                                   const NoiseProfile& profile,
-                                                   const std::vector<float>& saturated_dn) {
-  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn);
-  if (rows.value.size() < kLeastRows) return std::nullopt;
-  return variance_beyond(rows);
-}
-
-void estimate_row_deviation(View<const float> dn, const std::vector<float>& saturated_dn,
-                            NoiseProfile& profile) {
-  MALUS_REQUIRE(saturated_dn.size() == profile.channels.size());
-  // Evidence comes in units of it; small beside the pixels' own, of whose unit all else follows.
-  const double pixel = pixel_deviation(dn, profile), unit_dn = kEvidenceUnit * pixel;
-  for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = unit_dn;
-  profile.row_group = 1;
-  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn);
-  double sigma = 0;
-  if (rows.value.size() >= kLeastRows) {
-    const ShownRowVariance shown = variance_beyond(rows);
-    if (shown.value > 3 * shown.error) sigma = unit_dn * std::sqrt(shown.value);
-    if (sigma > kMostRowDeviation * pixel || (sigma > 0 && repeat(rows.value))) sigma = 0;
-    if (robust_deviation_of(rows.within) < kPairedRows * robust_deviation_of(rows.across))
-      profile.row_group = 2;
-  }
-  for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = sigma;
 }
 
 }  // namespace malus

@@ -42,8 +42,10 @@ std::optional<ShownRowVariance> shown_row_variance(View<const float> dn,
 
 /// Fills sigma_row_dn (equal for all channels) and row_group (1 or 2) of a profile that knows only
 /// the pixel noise, from the picture's rows: the spread of their second differences beyond what
-/// pixel noise and the picture explain. 0 when that is less than three times its own error, or more
-/// than twice the pixels' deviation: then it is the picture's.
+/// pixel noise and the picture explain, in most pixels of the rows alike. 0 where in doubt, for a
+/// picture's lines that are taken out cost far more than offsets that stay: when that is less than
+/// three times its own error or more than twice the pixels' deviation, and where the rows repeat or
+/// resemble their neighbours as a camera's do not.
 void estimate_row_deviation(View<const float> dn, const std::vector<float>& saturated_dn,
                             NoiseProfile& profile);
 

@@ -8,10 +8,12 @@
 namespace malus {
 
 /// How a row's mean second difference stands to the groups' offsets: offset[group] minus half of
-/// offset[above] and offset[below], in units of the channels' sigma_row.
+/// offset[above] and offset[below], in units of the channels' sigma_row. texture: the part of the
+/// variance that is not the pixels' noise.
 struct RowEvidence {
   int group, above, below;
   double value, variance;
+  double texture = 0;
 };
 
 /// Mean and deviations of offsets that are each drawn from N(0, 1), given the evidence with these

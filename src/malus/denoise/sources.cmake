@@ -24,6 +24,8 @@ set(denoise_SOURCES
     noise_tails.cpp
     pattern_removal.cpp
     preparation.cpp
+    row_deviation.cpp
+    row_evidence.cpp
     row_noise.cpp
     row_posterior.cpp
     stack_kernel.cpp

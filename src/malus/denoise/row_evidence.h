@@ -1,0 +1,24 @@
+// What one row of the mosaic tells of the row groups' offsets: its mean second difference to the
+// rows of the same channels above and below, and how far that is to be trusted.
+#pragma once
+
+#include "malus/denoise/row_posterior.h"
+#include "malus/image/view.h"
+#include "malus/noise/profile.h"
+
+#include <optional>
+#include <vector>
+
+namespace malus {
+
+/// The row against those so many periods of the layout away; dn and saturated_dn as in
+/// estimate_row_noise. Nothing where those lie outside of the frame, or no pixel can be compared.
+std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile& profile,
+                                        const std::vector<float>& saturated_dn, int row,
+                                        int periods);
+
+/// Where most pixels of such a row lie, without those far off them; mean: the evidence's value.
+double most_of_row(View<const float> dn, const NoiseProfile& profile,
+                   const std::vector<float>& saturated_dn, int row, int periods, double mean);
+
+}  // namespace malus
