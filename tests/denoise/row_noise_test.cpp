@@ -196,6 +196,33 @@ TEST(RowNoise, LevelStripesAreLeftInThePicture) {
   EXPECT_LT(std::abs(taken), 1.0);
 }
 
+// In the lower half alone, so that most rows of the frame stand out by no more than a camera's.
+TEST(RowNoise, StripesOfAPartOfTheFrameStayAndWhatTheyHideIsStated) {
+  const NoiseProfile profile = profile_with(4.0, 1.5);
+  for (const int half_period : {6, 16}) {
+    Simulated frame = simulate(profile, 512, 512, false, 5);
+    const auto stripe = [&](int row) {
+      return row < 272 ? 0.0 : (row / half_period) % 2 ? -1.0 : 1.0;
+    };
+    for (int r = 0; r < 512; ++r)
+      for (int c = 0; c < 512; ++c) frame.dn(r, c) += static_cast<float>(6.5 * stripe(r));
+    const RowNoise rows = estimate_row_noise(frame.dn, profile, kSaturatedDn);
+    double taken = 0, error = 0, stated = 0, above = 0;
+    for (int r = 0; r < 512; ++r) {
+      const auto g = static_cast<std::size_t>(r / 2);
+      const double missed = rows.offset[g] - frame.offset[g];
+      if (r < 240) above += missed * missed / 240;
+      if (r < 272) continue;
+      taken += 4.0 * rows.offset[g] * stripe(r) / 240;
+      error += missed * missed / 240;
+      stated += rows.deviation[g] * rows.deviation[g] / 240;
+    }
+    EXPECT_LT(std::abs(taken), 1.3) << half_period;  // of 6.5
+    EXPECT_LT(error / stated, 2) << half_period;
+    EXPECT_LT(above, 0.2) << half_period;  // the other half loses its offsets as before
+  }
+}
+
 TEST(RowNoise, StripesThatDwarfTheNoiseAreNoRowNoise) {
   NoiseProfile profile = profile_with(0.0, 1.5);
   Simulated frame = simulate(profile, 600, 600, false);

@@ -57,7 +57,7 @@ ExchangedProfile with_axes_exchanged(const NoiseProfile& profile,
 // those so far away, further than two that a converter serves together, is the picture's. Their
 // offsets come from other differences: multiples of the layout's period away.
 constexpr std::size_t kLag = 3;
-constexpr double kChance = 3.0;  // in standard errors of a white sequence's autocovariance
+constexpr double kColumnChance = 3.0;  // in standard errors of a white sequence's autocovariance
 
 // Of a sum of the camera's offsets and the picture's, in these shares of its variance, the former
 // are expected to be their share of it, and to be missed by the product of the shares (Wiener).
@@ -69,7 +69,7 @@ void leave_what_columns_share(RowNoise& columns) {
   for (std::size_t c = kLag; c < offset.size(); ++c) product += offset[c] * offset[c - kLag];
   const auto count = static_cast<double>(offset.size());
   const double picture = product / square;
-  if (!(picture > kChance / std::sqrt(count))) return;
+  if (!(picture > kColumnChance / std::sqrt(count))) return;
   const double camera = 1 - std::min(picture, 1.0), missed = camera * picture * square / count;
   for (double& o : columns.offset) o *= camera;
   for (double& deviation : columns.deviation)

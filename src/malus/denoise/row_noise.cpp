@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/denoise/row_evidence.h"
+#include "malus/denoise/row_stripes.h"
 
 #include <algorithm>
 #include <cmath>
@@ -130,7 +131,9 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
       evidence.back().variance *= kShared;
     }
   if (evidence.empty()) return rows;
-  return solved_without_lines(std::move(evidence), groups);
+  rows = solved_without_lines(std::move(evidence), groups);
+  leave_stripes_in(rows);
+  return rows;
 }
 
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,

@@ -3,7 +3,9 @@
 // large they can be, vertical second differences between rows of the same channels say how a row
 // stands out from its neighbours, and the spread of that along the row says how much of it is the
 // picture. Rows that stand out by more than the model allows are taken for picture and left alone;
-// where rows do so all over the frame (level stripes, blinds), all offsets are held back.
+// where rows do so all over the frame (level stripes, blinds), all offsets are held back; where
+// they follow each other as a picture's do, in a part of the frame too, what they follow is
+// (row_stripes.h).
 #pragma once
 
 #include "malus/denoise/saturated_pixels.h"

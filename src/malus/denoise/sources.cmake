@@ -28,6 +28,7 @@ set(denoise_SOURCES
     row_evidence.cpp
     row_noise.cpp
     row_posterior.cpp
+    row_stripes.cpp
     stack_kernel.cpp
     stack_stage.cpp
     stated_error.cpp
