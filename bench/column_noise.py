@@ -38,14 +38,14 @@ def group_of(layout):
     return 2 if layout.startswith("polar-bayer") else 1
 
 
-def calibrated(layout, ratio, folder):
+def calibrated(layout, ratio, folder, columns=1):
     random = np.random.default_rng(1)
     text = f'[sensor]\nlayout = "{layout}"\nblack = {BLACK}\nwhite = {WHITE}\nrow_group = {group_of(layout)}\n'
     for level in range(6):
         names = [f"{level}_{i}.npy" for i in range(2 if level else 30)]
         for name in names:
             light = np.full((ROWS, COLS), 450.0 * level)
-            np.save(folder / name, frame(light, ratio * READ, ratio * READ, group_of(layout), random))
+            np.save(folder / name, frame(light, ratio * READ, columns * ratio * READ, group_of(layout), random))
         text += f'[[frames]]\nkind = "{"flat" if level else "bias"}"\ngain_db = 0\n' + (f"level = {level}\n" if level else "")
         text += f"paths = {names}\n".replace("'", '"')
     (folder / "session.toml").write_text(text)
