@@ -1,6 +1,7 @@
 #include "malus/denoise/column_noise.h"
 
 #include "malus/base/parallel.h"
+#include "malus/denoise/internal/channel_levels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -76,32 +77,17 @@ void leave_what_columns_share(RowNoise& columns) {
     deviation = std::min(std::sqrt(deviation * deviation + missed), 1.0);
 }
 
-// Above black and bias, as preparation makes it, and what is saturated of that.
-struct FrameAboveBias {
-  Image dn;
-  std::vector<float> saturated_dn;
-};
-
-FrameAboveBias above_bias(const RawFrame& frame, const NoiseProfile& profile) {
-  FrameAboveBias out{frame.dn, {}};
-  std::vector<float> zero_dn;
-  for (std::size_t k = 0; k < profile.channels.size(); ++k) {
-    zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
-    out.saturated_dn.push_back(static_cast<float>(frame.white_dn) - zero_dn[k]);
-  }
-  for (int r = 0; r < out.dn.rows(); ++r)
-    for (int c = 0; c < out.dn.cols(); ++c)
-      out.dn(r, c) -= zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
-  return out;
-}
-
 // Clearly so: by three errors.
 bool shows_less_than_half(const RawFrame& frame, const NoiseProfile& profile) {
   constexpr double kHalf = 0.5, kErrors = 3.0;
-  const FrameAboveBias above = above_bias(frame, profile);
-  const ExchangedProfile exchanged = with_axes_exchanged(profile, above.saturated_dn);
+  const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
+  Image above_dn = frame.dn;
+  for (int r = 0; r < above_dn.rows(); ++r)
+    for (int c = 0; c < above_dn.cols(); ++c)
+      above_dn(r, c) -= levels.zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
+  const ExchangedProfile exchanged = with_axes_exchanged(profile, levels.saturated_dn);
   const auto shown =
-      shown_row_variance(with_axes_exchanged(above.dn), exchanged.profile, exchanged.saturated_dn);
+      shown_row_variance(with_axes_exchanged(above_dn), exchanged.profile, exchanged.saturated_dn);
   return shown && shown->value + kErrors * shown->error < kHalf * kHalf;
 }
 

@@ -2,6 +2,7 @@
 #include "malus/base/statistics.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/impulses.h"
+#include "malus/denoise/internal/channel_levels.h"
 #include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
@@ -162,19 +163,14 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
   if (steps.fill_defects) prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects);
   report.defect_pixels = std::ssize(prepared.filled);
-  std::vector<float> zero_dn;
-  std::vector<float>& saturated_dn = prepared.saturated_dn;
-  for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
-    zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
-    // In single precision, as the pixels: those at white are found again.
-    saturated_dn.push_back(static_cast<float>(frame.white_dn) - zero_dn[k]);
-  }
+  const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
+  const std::vector<float>& saturated_dn = prepared.saturated_dn = levels.saturated_dn;
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {
       const auto k = static_cast<std::size_t>(frame.layout.channel_at(r, c));
       float& pixel = frame.dn(r, c);
       if (pixel >= frame.white_dn) ++report.saturated_pixels;
-      pixel -= zero_dn[k];
+      pixel -= levels.zero_dn[k];
     }
   prepared.dn = std::move(frame.dn);
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
