@@ -109,7 +109,8 @@ void bind_frames(py::module_& m) {
 
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(),
-        "Reads TIFF, PNG, EXR, FITS, .npy or camera raw into a Frame: DN exactly as stored. "
+        "Reads TIFF, PNG, BMP, PGM, EXR, FITS, .npy or camera raw into a Frame: DN exactly as "
+        "stored. "
         "layout, black (one number, or one per channel), white [DN] win over what the file says.");
 }
 

@@ -19,8 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kReadable =
-    "read are TIFF, PNG, EXR, FITS, .npy, camera raw, and headerless files with --raw-format and "
-    "--size";
+    "read are TIFF, PNG, BMP, PGM, EXR, FITS, .npy, camera raw, and headerless files with "
+    "--raw-format and --size";
 
 // LibRaw moves the corner of a DNG's ActiveArea to even rows and columns, and its colours with it,
 // but not its black levels, which count from that corner (DNG 1.4, BlackLevel). Only a reader that

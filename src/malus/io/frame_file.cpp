@@ -7,6 +7,7 @@
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
 #include "malus/io/internal/frame_tags.h"
+#include "malus/io/internal/netpbm.h"
 #include "malus/io/internal/npy.h"
 #include "malus/io/internal/picture_codec.h"
 #include "malus/io/internal/read_any.h"
@@ -155,6 +156,8 @@ internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
     decoded = read_npy(path, pixels);
   else if (begins("SIMPLE"))
     decoded = read_fits(path, pixels);
+  else if (begins("P5") || begins("P6"))
+    decoded = read_netpbm(path, pixels);
   else
     decoded = read_camera_raw(path, pixels);
   apply_frame_tags(decoded);

@@ -1,5 +1,5 @@
-// One raw mosaic from a file: TIFF, PNG, EXR, FITS, .npy, camera raw (LibRaw) or headerless. Pixels
-// are DN exactly as stored: no gamma, no scaling, no black subtraction.
+// One raw mosaic from a file: TIFF, PNG, BMP, PGM, EXR, FITS, .npy, camera raw (LibRaw) or
+// headerless. Pixels are DN exactly as stored: no gamma, no scaling, no black subtraction.
 #pragma once
 
 #include "malus/image/raw_frame.h"
@@ -37,7 +37,8 @@ std::pair<int, int> parse_frame_size(std::string_view text);
 struct FrameInfo {
   RawFrame frame;  ///< dn is empty after probe_frame
   int rows = 0, cols = 0;
-  std::string format;  ///< "png", "tiff", "openexr", "fits", "npy", "camera raw", "mono12p", ...
+  std::string format;  ///< "png", "bmp", "tiff", "openexr", "pgm", "fits", "npy", "camera raw",
+                       ///< "mono12p", ...
   std::string camera;  ///< maker and model, where the file tells
   std::string sample;  ///< "uint8", "uint16", "half", "float", ...
   std::string holds;   ///< SaveOptions::holds of the writer; empty where none is kept

@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/io/internal/bmp_check.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/png_check.h"
@@ -78,6 +79,7 @@ void check_before_opening(const fs::path& path, const std::string& codec,
                           std::uintmax_t file_bytes) {
   if (codec == "png") check_png(read_bytes(path), path);
   if (codec == "tiff") check_tiff(path, file_bytes);
+  if (codec == "bmp") check_bmp(read_bytes(path, kBmpHead), file_bytes, path);
   if (codec != "jpeg") return;
   const JpegSize size = check_jpeg(read_bytes(path), path);
   check_plausible(path, OIIO::ImageSpec(size.cols, size.rows, size.channels, TypeDesc::UINT8),
@@ -93,7 +95,7 @@ void check_single(const fs::path& path, OIIO::ImageInput& input, const OIIO::Ima
     return;
   }
   throw InputError(path.string(), "it holds several pictures (pages or parts)",
-                   "split it into one file per frame");
+                   "split it into one file per frame (of TIFF pages: tiffsplit of libtiff-tools)");
 }
 
 // A cut-off TIFF "succeeds" with black strips and leaves only a message behind.
@@ -150,6 +152,7 @@ std::string picture_codec(const fs::path& path) {
   };
   if (begins({0x89, 'P', 'N', 'G'})) return "png";
   if (begins({0x76, 0x2f, 0x31, 0x01})) return "openexr";
+  if (begins({'B', 'M'})) return "bmp";
   const std::string ending = lower_case(path.extension().string());
   if (ending != ".tif" && ending != ".tiff") return {};
   if (begins({'I', 'I', 42, 0}) || begins({'M', 'M', 0, 42}) || begins({'I', 'I', 43, 0}) ||

@@ -1,5 +1,6 @@
 set(io_SOURCES
   angle_pictures.cpp
+  bmp_check.cpp
   config_section.cpp
   camera_raw.cpp
   dng_noise.cpp
@@ -10,6 +11,7 @@ set(io_SOURCES
   frame_tags.cpp
   glob.cpp
   jpeg_check.cpp
+  netpbm.cpp
   npy.cpp
   pair_list.cpp
   picture_codec.cpp

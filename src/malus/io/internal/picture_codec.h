@@ -1,4 +1,4 @@
-// TIFF, PNG, EXR and JPEG through OpenImageIO, values as stored.
+// TIFF, PNG, BMP, EXR and JPEG through OpenImageIO, values as stored.
 #pragma once
 
 #include "malus/image/view.h"
