@@ -155,6 +155,9 @@ def load_frame(
     layout: str | None = None,
     black: float | Sequence[float] | None = None,
     white: float | None = None,
+    *,
+    raw_format: str | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Frame: ...
 def calibrate(
     session: Session | str | PathLike[str],
@@ -188,7 +191,9 @@ def denoise(
     defects: bool = True,
     fixed_pattern: bool = True,
 ) -> dict[str, Any]: ...
-def stokes(dn_above_black: Arrays, layout: str) -> dict[str, Floats]: ...
+def stokes(
+    dn_above_black: Arrays, layout: str, *, demosaick: str | None = None
+) -> dict[str, Floats]: ...
 def evaluate(reference: Arrays, test: Arrays, layout: str, peak: float) -> dict[str, float]: ...
 def compare_noise(
     reference: Arrays,

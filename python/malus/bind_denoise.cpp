@@ -7,8 +7,10 @@
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/sensor_window.h"
+#include "malus/polar/demosaick.h"
 #include "malus/polar/stokes.h"
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <utility>
@@ -17,6 +19,7 @@
 #include "model_with_sampler.h"
 #include "settings.h"
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <pybind11/stl.h>
 
 namespace malus::python {
@@ -126,16 +129,29 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   return out;
 }
 
-py::dict stokes(const py::object& dn_above_black, const std::string& layout_name) {
+Demosaicking demosaicking_named(const std::string& name) {
+  const auto found = std::find(kDemosaickingNames.begin(), kDemosaickingNames.end(), name);
+  if (found == kDemosaickingNames.end())
+    throw InputError("demosaick", fmt::format("\"{}\" is not known", name),
+                     fmt::format("give {}, or None for one value per cell",
+                                 fmt::join(kDemosaickingNames, " or ")));
+  return static_cast<Demosaicking>(found - kDemosaickingNames.begin());
+}
+
+py::dict stokes(const py::object& dn_above_black, const std::string& layout_name,
+                const std::optional<std::string>& demosaick_name) {
   const auto layout = SensorLayout::named(layout_name);
   require_polarized(layout, "array");
   const Array mosaic = input_from(dn_above_black, "dn_above_black");
   const auto view = view_of(mosaic);
   require_whole_cell(view, layout, "dn_above_black");
+  std::optional<Demosaicking> method;
+  if (demosaick_name) method = demosaicking_named(*demosaick_name);
   std::optional<StokesPicture> picture;
   {
     const py::gil_scoped_release release;
-    picture = merge_greens(stokes_per_color(pack(view, layout), layout), layout);
+    picture = method ? demosaick(view, layout, *method, "dn_above_black")
+                     : merge_greens(stokes_per_color(pack(view, layout), layout), layout);
   }
   const auto stacked = [&](auto&& plane_of) {
     py::list planes;
@@ -178,10 +194,12 @@ void bind_denoise(py::module_& m) {
        "noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())
           .c_str());
-  m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"),
+  m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"), py::kw_only(),
+        py::arg("demosaick") = py::none(),
         "Stokes parameters of a raw mosaic [row, column] in DN above black: dict of s0, s1, s2 "
-        "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column] at one "
-        "value per cell of the layout.");
+        "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at one "
+        "value per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") at one per "
+        "pixel.");
 }
 
 }  // namespace malus::python

@@ -6,10 +6,13 @@
 #include <algorithm>
 #include <optional>
 #include <string>
+#include <tuple>
+#include <utility>
 #include <variant>
 
 #include "arrays.h"
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
@@ -17,13 +20,46 @@ namespace malus::python {
 namespace {
 
 RawFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
-              const Black& black, const std::optional<double>& white) {
+              const Black& black, const std::optional<double>& white,
+              const std::optional<std::string>& raw_format,
+              const std::optional<std::pair<int, int>>& size) {
   FrameOptions options;
+  if (raw_format) options.raw_format = raw_format_named(*raw_format);
+  if (size) std::tie(options.cols, options.rows) = *size;
   if (layout) options.layout = SensorLayout::named(*layout);
   options.black_dn = levels_of(black);
   options.white_dn = white;
   const py::gil_scoped_release release;
   return load_frame(path, options);
+}
+
+std::string exposure_text(const std::optional<double>& exposure_s) {
+  return exposure_s ? fmt::format(", {:g} s", *exposure_s) : "";
+}
+
+std::string gain_text(const GainSetting& gain) {
+  return gain == GainSetting() ? "" : ", " + gain.text();
+}
+
+std::string summary_of(const RawFrame& f) {
+  const auto [low, high] = std::minmax_element(f.black_dn.begin(), f.black_dn.end());
+  return fmt::format("<malus.Frame {}: {}x{} {}, black {:g}{}, white {:g} DN{}{}>", f.source,
+                     f.dn.cols(), f.dn.rows(), f.layout.name(), *low,
+                     *low < *high ? fmt::format(" to {:g}", *high) : "", f.white_dn,
+                     gain_text(f.gain), exposure_text(f.exposure_s));
+}
+
+std::string summary_of(const FrameGroup& g) {
+  return fmt::format("<malus.FrameGroup {}: {} frames{}{}{}>", frame_kind_name(g.kind),
+                     g.paths.size(), gain_text(g.gain), exposure_text(g.exposure_s),
+                     g.level ? fmt::format(", level {}", *g.level) : "");
+}
+
+std::string summary_of(const Session& s) {
+  std::size_t frames = 0;
+  for (const FrameGroup& g : s.groups) frames += g.paths.size();
+  return fmt::format("<malus.Session {}: {} frames in {} groups>", s.source.string(), frames,
+                     s.groups.size());
 }
 
 // Its number, or one of session.groups, which are copies in Python's list and known by their files.
@@ -73,7 +109,8 @@ void bind_frames(py::module_& m) {
       .def_readonly("exposure_s", &RawFrame::exposure_s, "exposure time, s, or None")
       .def_property_readonly(
           "source", [](const RawFrame& f) { return text_of_path(f.source); },
-          "the file it came from");
+          "the file it came from")
+      .def("__repr__", [](const RawFrame& f) { return text_of(summary_of(f)); });
 
   py::class_<FrameGroup>(m, "FrameGroup", "Frames of a session that were taken alike.")
       .def_property_readonly(
@@ -85,7 +122,8 @@ void bind_frames(py::module_& m) {
           "iso", [](const FrameGroup& g) { return g.gain.iso; }, "gain as ISO, or None")
       .def_readonly("exposure_s", &FrameGroup::exposure_s, "exposure time, s, or None")
       .def_readonly("level", &FrameGroup::level, "light level, or None")
-      .def_readonly("paths", &FrameGroup::paths, "files in order");
+      .def_readonly("paths", &FrameGroup::paths, "files in order")
+      .def("__repr__", [](const FrameGroup& g) { return summary_of(g); });
 
   py::class_<Session>(m, "Session", "A session file: which frames were taken how.")
       .def(py::init([](const std::filesystem::path& path) {
@@ -105,13 +143,16 @@ void bind_frames(py::module_& m) {
       .def("load", &load_of_session, py::arg("group"), py::arg("index"),
            "Frame `index` of group `group` (its number, or one of `groups`), read with the "
            "session's black, white, layout, gain and exposure. InputError where the file tells "
-           "another gain or exposure than the session or the group's first file.");
+           "another gain or exposure than the session or the group's first file.")
+      .def("__repr__", [](const Session& s) { return text_of(summary_of(s)); });
 
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
-        py::arg("black") = py::none(), py::arg("white") = py::none(),
+        py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
+        py::arg("raw_format") = py::none(), py::arg("size") = py::none(),
         "Reads TIFF, PNG, BMP, PGM, EXR, FITS, .npy or camera raw into a Frame: DN exactly as "
-        "stored. "
-        "layout, black (one number, or one per channel), white [DN] win over what the file says.");
+        "stored. layout, black (one number, or one per channel), white [DN] win over what the file "
+        "says. A headerless file needs raw_format (mono8, mono10p, mono12p, mono12packed, mono16) "
+        "and size=(width, height).");
 }
 
 }  // namespace malus::python

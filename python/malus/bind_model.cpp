@@ -18,6 +18,7 @@
 #include "model_with_sampler.h"
 #include "settings.h"
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
@@ -226,6 +227,11 @@ void add_file(ModelClass& model_class) {
           "Writes HDF5; an existing file needs force=True.");
 }
 
+std::string summary_of(const NoiseModel& model) {
+  return fmt::format("<malus.Model {}: {}, {}>", model.sensor.empty() ? "unnamed" : model.sensor,
+                     model.layout.name(), fmt::join(model.kinds(), ", "));
+}
+
 void add_description(ModelClass& model_class) {
   model_class
       .def(
@@ -234,6 +240,8 @@ void add_description(ModelClass& model_class) {
             return python_of(app::model_json(model.description()));
           },
           "What `malus model show --json` prints: every parameter with unit and standard error.")
+      .def("__repr__",
+           [](const ModelWithSampler& model) { return text_of(summary_of(model.description())); })
       .def_property_readonly(
           "sensor", [](const ModelWithSampler& model) { return model.description().sensor; },
           "Name of the sensor.")

@@ -113,6 +113,27 @@ def test_denoise_stokes_and_metrics(model, method):
     truth = malus.stokes(clean, model.layout)
     assert truth["dolp"].shape == (3, 64, 64)
     assert np.allclose(truth["dolp"], 0.5, atol=0.02)
+    for method in ("residual", "bilinear"):
+        full = malus.stokes(clean, model.layout, demosaick=method)
+        assert full["dolp"].shape == (3, 256, 256)
+        assert np.allclose(full["dolp"][:, 8:-8, 8:-8], 0.5, atol=0.02)
+        assert np.allclose(full["aolp_deg"][:, 8:-8, 8:-8], 30, atol=1)
+    with pytest.raises(malus.InputError, match='demosaick: "best" is not known; give bilinear or residual, or None'):
+        malus.stokes(clean, model.layout, demosaick="best")
+
+
+def test_headerless_frames_and_what_a_notebook_shows(tmp_path):
+    values = np.arange(48, dtype="<u2").reshape(6, 8) + 4000
+    values.tofile(tmp_path / "frame.raw")
+    frame = malus.load_frame(tmp_path / "frame.raw", "polar-mono", [80, 81, 82, 83], 4095, raw_format="mono16", size=(8, 6))
+    assert (frame.dn == values).all()
+    assert repr(frame) == f"<malus.Frame {tmp_path}/frame.raw: 8x6 polar-mono, black 80 to 83, white 4095 DN>"
+    session = malus.Session(ROOT / "examples/emva/session.toml")
+    assert repr(session).endswith(f"examples/emva/session.toml: {sum(len(g.paths) for g in session.groups)} frames in {len(session.groups)} groups>")
+    assert repr(session.groups[0]) == "<malus.FrameGroup flat: 2 frames, 4e-05 s, level 1>"
+    assert repr(malus.Model("imx250mzr-simulated")) == "<malus.Model Sony IMX250MZR (simulated): polar-mono, physics>"
+    with pytest.raises(malus.InputError, match="a headerless file needs its size"):
+        malus.load_frame(tmp_path / "frame.raw", raw_format="mono16")
 
 
 def test_calibrates_the_shipped_session():
