@@ -116,7 +116,9 @@ Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixe
   if (decoded.channels != 1)
     throw InputError(path.string(),
                      fmt::format("it has {} channels, a raw mosaic has one", decoded.channels),
-                     "give the camera's raw frame; pictures go through malus simulate");
+                     decoded.channels > 4  // no picture's
+                         ? "save every frame of a stack in a file of its own"
+                         : "give the camera's raw frame; pictures go through malus simulate");
   if ((options.rows > 0 && decoded.rows != options.rows) ||
       (options.cols > 0 && decoded.cols != options.cols))
     throw InputError(path.string(),
