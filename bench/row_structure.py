@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What row noise removal does to a picture's own rows: the table of docs/denoising.md, "Row noise".
+"""What row noise removal does to a picture's own rows: the table of docs/row-noise.md.
 
     PYTHONPATH=build/release/python /usr/bin/python3 bench/row_structure.py
 

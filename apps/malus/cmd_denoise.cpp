@@ -40,6 +40,7 @@ struct DenoiseArguments {
   std::vector<fs::path> inputs;
   std::vector<fs::path> references;
   double reference_ratio = 1;
+  std::optional<double> reference_black_dn;
   std::vector<int> origin;  ///< row, column on the sensor; empty: not told
   fs::path model, folder, report;
   std::string format = "tif";
@@ -130,7 +131,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
     fit_to_sensor(choice.profile, frame, arguments.origin, arguments.settings.defects);
     warn_of_extrapolation(*model, gain, arguments.model);
-    warn_of_clipped_dark(*model, gain, arguments.model);
+    warn_of_clipped_dark(*model, gain, arguments.model, !is_weight_file(arguments.settings.method));
     return choice;
   }
   PictureNoise noise = require_estimate(
@@ -157,6 +158,8 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"mean_shift_dn", result.mean_shift_dn},
             {"nonfinite_pixels", result.nonfinite_pixels},
             {"saturated_pixels", result.saturated_pixels},
+            {"cut_off_share", result.cut_off_share},
+            {"cut_off_undone", result.cut_off_undone},
             {"defect_pixels", result.defect_pixels},
             {"impulse_pixels", result.impulse_pixels},
             {"kept_pixels", result.kept_pixels},
@@ -182,7 +185,8 @@ void write_record(const fs::path& path, const Json& record, bool force) {
 
 // One frame's part of the job.
 struct FrameJob {
-  fs::path input, reference;  ///< the reference may be empty
+  fs::path input;
+  Reference reference;  ///< its path may be empty
   OutputNames names;
   std::vector<fs::path> stale;  ///< to be removed as the result is replaced
   bool last = false;            ///< no other needs the model's maps
@@ -235,15 +239,14 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                     std::vector<DenoisedFrame>* report) {
   OpenedFrame opened = open_frame(arguments, model, job, options);
   ProfileChoice& choice = opened.choice;
-  const bool compared = !job.reference.empty();
+  const bool compared = !job.reference.path.empty();
   DenoisedFrame kept;
   kept.profile = choice.profile;
   kept.profile.pattern = nullptr;  // as large as a frame, and no part of what is reported
   kept.before = std::move(opened.described);
   kept.before.dn = std::move(opened.frame.dn);
   if (compared) {
-    add_reference(kept, job.reference, arguments.reference_ratio,
-                  arguments.raw.float_black() == FloatBlack::kHolds);
+    add_reference(kept, job.reference, arguments.raw.float_black() == FloatBlack::kHolds);
     measure_before(kept);
   }
   // A copy of the pixels is kept only where somebody looks at it.
@@ -269,7 +272,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   }
   Json record = run_record(kept.before, choice.profile, job.input, options.raw_format,
                            job.names.mosaic, kept.run);
-  if (compared) name_reference(record, job.reference, arguments.reference_ratio, job.names.mosaic);
+  if (compared) name_reference(record, job.reference, job.names.mosaic);
   write_record(job.names.record, record, force);
   const Json run = kept.run;
   if (report) report->push_back(std::move(kept));
@@ -310,7 +313,8 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const auto process = [&](std::size_t i) {
     check_stop(*progress);
     const FrameJob job{arguments.inputs[i],
-                       arguments.references.empty() ? fs::path() : arguments.references[i],
+                       {arguments.references.empty() ? fs::path() : arguments.references[i],
+                        arguments.reference_ratio, arguments.reference_black_dn},
                        names[i],
                        common.force ? stale_files(arguments, names[i], arguments.inputs[i])
                                     : std::vector<fs::path>(),
@@ -363,6 +367,10 @@ void add_denoise(CLI::App& app, Common& common) {
                    "how much more light the references had")
       ->check(positive_number())
       ->capture_default_str()
+      ->needs(references);
+  command
+      ->add_option("--reference-black", arguments->reference_black_dn,
+                   "their black level [DN] where their files tell none (else the frames')")
       ->needs(references);
   command
       ->add_option("--origin", arguments->origin,

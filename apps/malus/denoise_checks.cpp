@@ -1,6 +1,7 @@
 #include "denoise_checks.h"
 
 #include "malus/base/text.h"
+#include "malus/denoise/frame_complaints.h"
 #include "malus/noise/sensor_window.h"
 
 #include <algorithm>
@@ -22,7 +23,8 @@ std::string moved_mean(const RawFrame& frame, const Denoised& result, const Nois
                        const std::string& network) {
   constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
   if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
-    return {};  // nothing had a mean
+    return {};                           // nothing had a mean
+  if (result.cut_off_undone) return {};  // dark places are meant to come out darker
   std::optional<std::size_t> worst;
   for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
     const double shift = std::abs(result.mean_shift_dn[k]);
@@ -91,25 +93,31 @@ void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vect
 void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
   if (model.physics.empty()) return;
   const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
-  if (!lowest.decibel()) return;  // the only gain there is, whatever it is called
+  if (!lowest.decibel()) {  // the only gain there is, whatever it is called
+    if (gain.decibel())
+      warn_of(path.string(), fmt::format("does not say its gain; it is taken for {}", gain.text()));
+    return;
+  }
   if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
     warn_of(path.string(), fmt::format("extrapolated to {} from the calibrated range {} to {}",
                                        gain.text(), lowest.text(), highest.text()));
 }
 
-void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
-  constexpr double kMostZeros = 0.02;  // with fewer the mean of what is left is true
+void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, const fs::path& path,
+                          bool undone) {
   for (const PhysicsCalibration& p : model.physics) {
     if (model.physics.size() > 1 && p.gain != gain) continue;
+    if (!p.dark_was_cut_off()) continue;
     const auto most = std::max_element(p.dark_zero_share.begin(), p.dark_zero_share.end());
-    if (most == p.dark_zero_share.end() || *most < kMostZeros) continue;
     const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
     warn_of(path.string(),
             fmt::format(
                 "{} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
-                "that of noise cut off at 0, and light comes out about as much too dark; raise the "
-                "camera's black level and calibrate again",
-                percent_text(*most), bias_dn));
+                "that of noise cut off at 0, and {}; raise the camera's black level and calibrate "
+                "again",
+                percent_text(*most), bias_dn,
+                undone ? "what it was before is worked out as of normal noise"
+                       : "light comes out about as much too dark"));
   }
 }
 
@@ -118,19 +126,10 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
   const auto say = [&](const std::string& line) {
     if (!line.empty()) warn_of(before.source, line);
   };
-  if (result.nonfinite_pixels > 0)
-    say(fmt::format("{} pixels are NaN or infinite; they stay as they are",
-                    result.nonfinite_pixels));
-  const auto share_of_frame = [&](std::int64_t pixels) {
-    return static_cast<double>(pixels) / static_cast<double>(result.dn_above_black.size());
-  };
-  constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
-  if (const double share = share_of_frame(result.saturated_pixels); share > kManySaturated)
-    say(
-        fmt::format("{} pixels, {} % of the frame, are saturated: they are brighter than they say, "
-                    "by how much is not known; expose less",
-                    result.saturated_pixels, percent_text(share)));
-  if (const double share = share_of_frame(result.defect_pixels); share > kManyDefects)
+  for (const std::string& line : frame_complaints(result)) say(line);
+  if (const double share = static_cast<double>(result.defect_pixels) /
+                           static_cast<double>(result.dn_above_black.size());
+      share > kManyDefects)
     say(
         fmt::format("{} pixels, {} % of the frame, are defects by the model's list and were "
                     "filled from their neighbours; --no-defects keeps them",

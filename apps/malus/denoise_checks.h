@@ -19,14 +19,15 @@ namespace malus::app {
 void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
                    bool fill_defects);
 
-/// Says that the gain lies outside the calibrated range. profile_at refuses such a gain unless
-/// --extrapolate-gain asks for it.
+/// Says that the gain lies outside the calibrated range, or that the model does not tell its own.
+/// profile_at refuses a gain outside unless --extrapolate-gain asks for it.
 void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain,
                            const std::filesystem::path& path);
 
-/// Says where the model's bias at this gain is that of dark frames that the camera cut off at 0.
+/// Says where the model's bias at this gain is that of dark frames that the camera cut off at 0;
+/// undone: whether the caller works with what it was before.
 void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain,
-                          const std::filesystem::path& path);
+                          const std::filesystem::path& path, bool undone);
 
 /// Says what a result tells against its frame, its profile or the network that made it; `network`
 /// is that one's file, empty where a filter did. `before` needs no pixels.

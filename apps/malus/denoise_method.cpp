@@ -9,11 +9,9 @@
 
 namespace malus::app {
 
-namespace {
+namespace {}  // namespace
 
 bool is_weight_file(const std::string& method) { return method.ends_with(".safetensors"); }
-
-}  // namespace
 
 void require_method(const std::string& name) {
   if (!is_weight_file(name)) denoise_method(name, ", and networks' weight files (.safetensors)");

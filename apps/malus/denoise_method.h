@@ -14,6 +14,9 @@ namespace malus::app {
 
 class NetworkDenoiser;
 
+/// Whether a method is named by a network's weight file.
+bool is_weight_file(const std::string& method);
+
 /// Throws InputError unless name is a classical method's or ends like a weight file's.
 void require_method(const std::string& name);
 

@@ -84,8 +84,9 @@ Json run_record(const RawFrame& before, const NoiseProfile& profile, const fs::p
   return record;
 }
 
-void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio, bool black_stated) {
+void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_stated) {
   const RawFrame& before = frame.before;
+  const fs::path& path = reference.path;
   FrameOptions options;
   const RawFrame known = probe_frame(path, options).frame;
   if (known.layout_known && !(known.layout == before.layout))
@@ -94,25 +95,27 @@ void add_reference(DenoisedFrame& frame, const fs::path& path, double ratio, boo
         fmt::format("has the layout {}, the frame {}", known.layout.name(), before.layout.name()),
         "give the same scene's clean mosaic");
   options.layout = before.layout;
-  if (!known.black_known) {
+  if (!known.black_known && reference.black_dn) {
+    options.black_dn = {*reference.black_dn};
+  } else if (!known.black_known) {
     options.black_dn = before.black_dn;
     const double black = mean_of(before.black_dn);
     if (known.bits > 0 && black != 0 && !black_stated)
       warn(
-          fmt::format("{}: black level not known, taken as the frame's, {:g} DN; if black is "
-                      "subtracted already, compare by malus evaluate --black 0",
+          fmt::format("{}: black level not known, taken as the frame's, {:g} DN; give its own by "
+                      "--reference-black (0 where black is subtracted already)",
                       path.string(), black));
   }
-  RawFrame reference = load_above_black(path, options);
-  if (reference.dn.rows() != before.dn.rows() || reference.dn.cols() != before.dn.cols())
+  RawFrame clean = load_above_black(path, options);
+  if (clean.dn.rows() != before.dn.rows() || clean.dn.cols() != before.dn.cols())
     throw InputError(path.string(),
-                     fmt::format("has {} x {} pixels, the frame {} x {}", reference.dn.cols(),
-                                 reference.dn.rows(), before.dn.cols(), before.dn.rows()),
+                     fmt::format("has {} x {} pixels, the frame {} x {}", clean.dn.cols(),
+                                 clean.dn.rows(), before.dn.cols(), before.dn.rows()),
                      "give the same scene's clean mosaic");
-  require_whole_cell(reference.dn, reference.layout, path.string());
-  for (float& value : reference.dn.values()) value = static_cast<float>(value / ratio);
-  frame.reference_dn = std::move(reference.dn);
-  frame.reference_peak_dn = white_above_black(before.white_dn, before.black_dn) / ratio;
+  require_whole_cell(clean.dn, clean.layout, path.string());
+  for (float& value : clean.dn.values()) value = static_cast<float>(value / reference.ratio);
+  frame.reference_dn = std::move(clean.dn);
+  frame.reference_peak_dn = white_above_black(before.white_dn, before.black_dn) / reference.ratio;
 }
 
 fs::path check_inputs(const std::vector<fs::path>& frames, const std::vector<fs::path>& references,
@@ -147,9 +150,10 @@ Json metrics_json(const DenoisedFrame& frame) {
   return {{"before", values(frame.metrics_before)}, {"after", values(frame.metrics_after)}};
 }
 
-void name_reference(Json& record, const fs::path& path, double ratio, const fs::path& result) {
-  record["reference_file"] = relative_to(path, result.parent_path());
-  record["reference_ratio"] = ratio;
+void name_reference(Json& record, const Reference& reference, const fs::path& result) {
+  record["reference_file"] = relative_to(reference.path, result.parent_path());
+  record["reference_ratio"] = reference.ratio;
+  if (reference.black_dn) record["reference_black_dn"] = *reference.black_dn;
 }
 
 DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
@@ -176,8 +180,12 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.profile = profile_of_record(record, *options.layout);
     frame.run = record.at("run");
     if (record.contains("reference_file")) {
-      add_reference(frame, folder / record.at("reference_file").get<std::string>(),
-                    record.at("reference_ratio").get<double>(), true);
+      Reference reference{folder / record.at("reference_file").get<std::string>(),
+                          record.at("reference_ratio").get<double>(),
+                          {}};
+      if (record.contains("reference_black_dn"))
+        reference.black_dn = record.at("reference_black_dn").get<double>();
+      add_reference(frame, reference, true);
       measure_before(frame);
       measure_after(frame);
     }

@@ -20,11 +20,17 @@ nlohmann::ordered_json run_record(const RawFrame& before, const NoiseProfile& pr
                                   std::optional<RawFormat> raw_format,
                                   const std::filesystem::path& result, nlohmann::ordered_json run);
 
-/// Puts the clean scene `path` into `frame`, divided by `ratio` (how much more light it had).
-/// A file without a black level of its own has the frame's, which is warned of unless that is
-/// stated to be everybody's. Throws InputError, also where it is not of the frame's size.
-void add_reference(DenoisedFrame& frame, const std::filesystem::path& path, double ratio,
-                   bool black_stated);
+/// The clean scene of a frame.
+struct Reference {
+  std::filesystem::path path;
+  double ratio = 1;                ///< how much more light it had
+  std::optional<double> black_dn;  ///< where its file tells none; unset: the frame's
+};
+
+/// Puts the scene into `frame`, divided by its ratio. That a file has the frame's black level for
+/// want of its own is warned of unless that is stated to be everybody's. Throws InputError, also
+/// where it is not of the frame's size.
+void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_stated);
 
 /// Opens every file before anything is done: throws InputError for one that is missing or no
 /// mosaic. Returns the first whose layout neither it nor the options tell; empty where there is
@@ -40,7 +46,7 @@ void measure_after(DenoisedFrame& frame);
 nlohmann::ordered_json metrics_json(const DenoisedFrame& frame);
 
 /// Notes in a record what add_reference was given.
-void name_reference(nlohmann::ordered_json& record, const std::filesystem::path& path, double ratio,
+void name_reference(nlohmann::ordered_json& record, const Reference& reference,
                     const std::filesystem::path& result);
 
 /// Loads input and result of a record. Throws InputError.

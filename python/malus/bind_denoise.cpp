@@ -3,6 +3,7 @@
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/denoise/frame_complaints.h"
 #include "malus/image/black_levels.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
@@ -14,6 +15,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "arrays.h"
 #include "model_with_sampler.h"
@@ -91,7 +93,7 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
       progress.warn(source + ": " + warning);
   NoiseProfile profile;
   Denoised result;
-  std::string left_out;
+  std::string left_out, estimated;
   {
     const py::gil_scoped_release release;
     if (model) {
@@ -100,16 +102,17 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
       if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model->description(), setting);
       left_out = fit_to_sensor(profile, frame, origin, settings.defects);
     } else {
-      profile = require_estimate(frame, "give a model").profile;
+      PictureNoise picture = require_estimate(frame, "give a model");
+      profile = std::move(picture.profile);
+      estimated = std::move(picture.trust);
     }
     result = denoise_frame(std::move(frame), profile, settings, progress, variance);
   }
   const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
-  for (const std::string& complaint : {left_out, noise})
+  std::vector<std::string> complaints = frame_complaints(result);
+  complaints.insert(complaints.begin(), {estimated, left_out, noise});
+  for (const std::string& complaint : complaints)
     if (!complaint.empty()) progress.warn(source + ": " + complaint);
-  if (result.nonfinite_pixels > 0)
-    progress.warn(fmt::format("{}: {} pixels are NaN or infinite; they stay as they are", source,
-                              result.nonfinite_pixels));
   progress.give_warnings();
   py::dict out;
   out["dn"] = array_of(std::move(result.dn_above_black));
@@ -118,6 +121,10 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   out["sigma_used_dn"] = result.sigma_used_dn;
   out["row_noise_removed_dn"] = result.row_noise_removed_dn;
   out["column_noise_removed_dn"] = result.column_noise_removed_dn;
+  out["nonfinite_pixels"] = result.nonfinite_pixels;
+  out["saturated_pixels"] = result.saturated_pixels;
+  out["cut_off_share"] = result.cut_off_share;
+  out["cut_off_undone"] = result.cut_off_undone;
   out["defect_pixels"] = result.defect_pixels;
   out["impulse_pixels"] = result.impulse_pixels;
   out["kept_pixels"] = result.kept_pixels;

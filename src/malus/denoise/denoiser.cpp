@@ -4,6 +4,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
 #include "malus/denoise/censored_error.h"
+#include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/kept_points.h"
@@ -122,14 +123,21 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
                    "there are " + joined(names) + also);
 }
 
-Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
+Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseSettings& settings,
                        Progress& progress, bool want_variance) {
   const DenoiseMethod& method = denoise_method(settings.method);
-  check_frame(frame, profile);
+  check_frame(frame, given);
   if (want_variance && !method.on_mosaic)
     throw InputError("--method " + method.name, "gives no uncertainty", "use nl-ridge or bm3d");
   Denoised result;
   const Stopwatch preparation;
+  const CutOff cut_off = measure_cut_off(frame);
+  const NoiseProfile before = before_cut_off(given, frame),
+                     profile = as_shown(before, frame, cut_off);
+  result.cut_off_share = cut_off.mean_share();
+  result.cut_off_undone = std::any_of(
+      profile.channels.begin(), profile.channels.end(),
+      [](const ChannelProfile& channel) { return channel.law && channel.law->is_clipped(); });
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile,
                     {.remove_rows = settings.row_noise && method.on_mosaic,
@@ -146,6 +154,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const Denois
   else
     result.dn_above_black =
         internal::run_baseline(method.name, prepared, profile, settings, progress);
+  if (result.cut_off_undone) keep_voids(cut_off, result.dn_above_black);
   complete_result(prepared, result);
   result.times = {{"preparation and row noise", preparation_s}, {"filter", filter.seconds()}};
   return result;

@@ -77,6 +77,10 @@ struct Denoised {
   std::vector<double> mean_shift_dn;
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
+  /// Of the pixels, those at 0 that noise took there (cut_off.h), and whether its law was taken
+  /// back, which needs noise of half a step or more; networks do not.
+  double cut_off_share = 0;
+  bool cut_off_undone = false;
   std::int64_t defect_pixels = 0;   ///< of the model's list, filled from their neighbours
   std::int64_t impulse_pixels = 0;  ///< of the read noise's tails (impulses.h), filled too
   std::int64_t kept_pixels = 0;     ///< that the noise does not explain (kept_points.h), put back

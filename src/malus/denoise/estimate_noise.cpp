@@ -1,10 +1,13 @@
 #include "malus/denoise/estimate_noise.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
+#include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/image/pack.h"
 #include "malus/image/quantization.h"
+#include "malus/noise/clipped_noise.h"
 
 #include <algorithm>
 #include <cmath>
@@ -132,6 +135,21 @@ std::vector<VarianceLevel> measure_levels(std::vector<Block> blocks) {
   return result;
 }
 
+// What the levels of a channel would be if its noise were not cut off at floor_dn: they are smooth,
+// so noise is all that spreads their pixels. Noise of less than half a step is not that of a normal
+// deviate any more.
+void undo_cut_off(double floor_dn, double step_dn, std::vector<VarianceLevel>& levels) {
+  const double least_dn2 = step_dn * step_dn * (0.25 + 1.0 / 12);
+  for (VarianceLevel& level : levels) {
+    const MeanAndVariance before =
+        moments_before_clipping({level.signal, level.variance}, {floor_dn, step_dn});
+    if (before.variance_dn2 < least_dn2) continue;
+    level.relative_error *= std::sqrt(before.variance_dn2 / level.variance);
+    level.signal = before.mean_dn;
+    level.variance = before.variance_dn2;
+  }
+}
+
 double mean_signal(const std::vector<Block>& blocks) {
   double sum = 0;
   for (const Block& b : blocks) sum += b.mean;
@@ -148,6 +166,21 @@ std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
       noise.levels);
 }
 
+// A white level in the wrong scale is the usual cause.
+std::string too_few_blocks(std::size_t blocks, const Image& plane, double range_dn) {
+  constexpr double kManyWhite = 0.2;
+  const auto& values = plane.values();
+  const auto white =
+      std::count_if(values.begin(), values.end(), [&](float v) { return v >= range_dn; });
+  const double share = static_cast<double>(white) / static_cast<double>(values.size());
+  return fmt::format("{} unsaturated blocks of {} x {} pixels per channel, {} are needed", blocks,
+                     kBlock, kBlock, kLeastBlocks) +
+         (share > kManyWhite ? fmt::format("; {} % of the pixels are at white or above it: is the "
+                                           "white level right (--white)?",
+                                           percent_text(share))
+                             : "");
+}
+
 }  // namespace
 
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
@@ -159,6 +192,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   VarianceLines channels;
   const double step_dn = quantization_step(frame.dn);
   channels.rounding_dn2 = step_dn * step_dn / 12;
+  const CutOff cut_off = measure_cut_off(frame);
   std::vector<double> means;
   std::vector<float> saturated_dn;
   PictureNoise noise;
@@ -167,12 +201,15 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
     saturated_dn.push_back(saturation_of(plane, range_dn));
     const std::vector<Block> blocks = measure_blocks(plane, saturated_dn.back());
     if (blocks.size() < kLeastBlocks)
-      return Undecided{
-          fmt::format("{} unsaturated blocks of {} x {} pixels per channel; {} are needed",
-                      blocks.size(), kBlock, kBlock, kLeastBlocks)};
+      return Undecided{too_few_blocks(blocks.size(), plane, range_dn)};
     usable += kSmoothShare * static_cast<double>(blocks.size());
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
-    channels.add(measure_levels(blocks), frame.black_known);
+    std::vector<VarianceLevel> levels = measure_levels(blocks);
+    const std::size_t k = channels.levels.size();
+    channels.floor_dn.push_back(cut_off.share[k] > 0 ? -frame.black_dn[k]
+                                                     : -std::numeric_limits<double>::infinity());
+    if (cut_off.share[k] > 0) undo_cut_off(channels.floor_dn[k], step_dn, levels);
+    channels.add(std::move(levels), frame.black_known);
     means.push_back(mean_signal(blocks));
     noise.levels += static_cast<int>(channels.levels.back().size());
   }

@@ -10,10 +10,12 @@ set(denoise_SOURCES
     censored_error.cpp
     coarse_scale.cpp
     column_noise.cpp
+    cut_off.cpp
     denoiser.cpp
     detail_kernel.cpp
     detail_shrinkage.cpp
     estimate_noise.cpp
+    frame_complaints.cpp
     frame_filter.cpp
     impulses.cpp
     kept_points.cpp

@@ -247,9 +247,15 @@ std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
 double take_texture_off(const Image& dn, const SensorLayout& layout,
                         const std::vector<float>& saturated_dn, VarianceLines& lines) {
   const std::vector<VarianceCurve> most = lines.curves(1.0);
+  // What is cut off has less variance than the lines say.
+  constexpr double kFarFromFloor = 2.5;  // deviations
   std::vector<double> dark_dn;
-  for (const VarianceLine& line : lines.lines)
-    dark_dn.push_back(signal_at(line, kRoundings * lines.rounding_dn2));
+  for (std::size_t k = 0; k < lines.lines.size(); ++k) {
+    dark_dn.push_back(signal_at(lines.lines[k], kRoundings * lines.rounding_dn2));
+    if (!lines.floor_dn.empty() && std::isfinite(lines.floor_dn[k]))
+      dark_dn.back() =
+          std::max(dark_dn.back(), lines.floor_dn[k] + kFarFromFloor * std::sqrt(most[k](0)));
+  }
   double noise_share = 1;
   for (int pass = 0; pass < kFloorPasses; ++pass) {
     const double kept = std::clamp(1.0 - (1.0 - noise_share) / kTexture, 0.0, 1.0);

@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/denoise/cut_off.h"
 #include "malus/image/pack.h"
 #include "malus/neural/package.h"
 #include "malus/polar/color_map.h"
@@ -188,6 +189,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
   NoiseProfile profile = measured;
   if (!settings.remove_bias) profile.clear_bias();
   Denoised report;
+  report.cut_off_share = measure_cut_off(frame).mean_share();
   PreparedFrame prepared = prepare_frame(std::move(frame), profile,
                                          {.remove_rows = settings.row_noise,
                                           .remove_columns = classical.column_noise,

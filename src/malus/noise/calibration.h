@@ -6,6 +6,7 @@
 #include "malus/noise/matrix.h"
 #include "malus/noise/row_drift.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -58,6 +59,11 @@ struct PhysicsCalibration {
   /// Per channel, share of the dark pixels at DN 0 where the camera cuts the noise off; empty where
   /// it does not.
   std::vector<double> dark_zero_share;
+  /// So many that mean and variance of the others are not those of the dark (more than 2 %).
+  bool dark_was_cut_off() const {
+    return std::any_of(dark_zero_share.begin(), dark_zero_share.end(),
+                       [](double share) { return share > 0.02; });
+  }
   std::vector<double> dsnu_dn,
       prnu;  ///< sd of the fixed pattern (DN; relative), no defects, no sampling error
   std::vector<double> dsnu_stderr_dn, prnu_stderr;  ///< may be empty

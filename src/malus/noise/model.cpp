@@ -347,6 +347,9 @@ NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
                              ? profile_beside_columns(*this, gain, range)
                              : pixel_noise_at(*this, gain, range);
   profile.defects = defects_of(*this);
+  profile.dark_was_cut_off =
+      std::any_of(physics.begin(), physics.end(),
+                  [](const PhysicsCalibration& p) { return p.dark_was_cut_off(); });
   return profile;
 }
 

@@ -86,12 +86,48 @@ NoiseLaw NoiseLaw::measured(const NonparametricChannel& channel, double bias_dn,
   return law;
 }
 
+NoiseLaw NoiseLaw::clipped(const VarianceCurve& variance, double floor_dn, double step_dn) {
+  NoiseLaw law = gaussian(variance);
+  law.floor_dn_ = floor_dn;
+  law.step_dn_ = step_dn;
+  const double dark_dn2 = variance(0) - step_dn * step_dn / 12;
+  MALUS_REQUIRE(dark_dn2 > 0);
+  law.dark_deviation_dn_ = std::sqrt(dark_dn2);
+  return law;
+}
+
+// Over the codes that a normal deviate of this deviation about the signal is rounded to.
+double NoiseLaw::mean_over_codes(const std::function<double(double)>& f, double signal_dn,
+                                 double deviation_dn) const {
+  const auto below = [&](double dn) {
+    return 0.5 * std::erfc((signal_dn - dn) / (deviation_dn * std::numbers::sqrt2));
+  };
+  constexpr double kReach = 8.0;
+  double sum = 0, before = 0;
+  for (double code = floor_dn_; before < 1; code += step_dn_) {
+    const bool last = code > signal_dn + kReach * deviation_dn;
+    const double up_to = last ? 1.0 : below(code + 0.5 * step_dn_);
+    sum += f(code) * (up_to - before);
+    before = up_to;
+  }
+  return sum;
+}
+
 double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_dn) const {
   const auto over = [&](std::size_t level, double scale) {
     double sum = 0;
-    for (const Node& node : nodes_[level]) sum += node.weight * f(signal_dn + scale * node.x_dn);
+    for (const Node& node : nodes_[level])
+      sum += node.weight * f(std::max(signal_dn + scale * node.x_dn, floor_dn_));
     return sum;
   };
+  if (is_clipped()) {
+    constexpr double kFar = 8.0, kFineStep = 0.1;  // deviations: not cut off; not seen
+    const double rounding_dn2 = step_dn_ * step_dn_ / 12;
+    const double deviation =
+        deviation_ ? std::sqrt((*deviation_)(signal_dn)-rounding_dn2) : dark_deviation_dn_;
+    if (step_dn_ > kFineStep * deviation && signal_dn - floor_dn_ < kFar * deviation)
+      return mean_over_codes(f, signal_dn, deviation);
+  }
   if (deviation_) return over(0, std::sqrt((*deviation_)(signal_dn)));
   if (level_dn_.empty() || signal_dn <= level_dn_.front()) return over(0, 1.0);
   if (signal_dn >= level_dn_.back())

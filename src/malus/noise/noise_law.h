@@ -8,6 +8,7 @@
 #include "malus/noise/variance_curve.h"
 
 #include <functional>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -27,6 +28,12 @@ class NoiseLaw {
   static NoiseLaw measured(const NonparametricChannel& channel, double bias_dn,
                            double gain_dn_per_e = 0);
 
+  /// Of pixels that end at the lowest code floor_dn: as gaussian(variance), cut off and rounded to
+  /// multiples of step_dn above it (0: not rounded), whose variance step_dn^2 / 12 the given one
+  /// holds. Contract: more than that.
+  static NoiseLaw clipped(const VarianceCurve& variance, double floor_dn, double step_dn);
+  bool is_clipped() const { return floor_dn_ > -std::numeric_limits<double>::infinity(); }
+
   /// E f(pixel) for clean signals in DN above black and bias; f continuous. Error for functions
   /// with the curvature of a variance stabilisation: below 1e-3 of the local deviation.
   std::vector<double> expectations(const std::function<double(double)>& f,
@@ -44,6 +51,8 @@ class NoiseLaw {
   using Nodes = std::vector<Node>;
   static Nodes normal_nodes(double deviation);
   double mean_at(const std::function<double(double)>& f, double signal_dn) const;
+  double mean_over_codes(const std::function<double(double)>& f, double signal_dn,
+                         double deviation_dn) const;
 
   double lambda_ = 0, sigma_tl_dn_ = 0;  ///< of the read noise; sigma 0: none is known
   double shot_dn_per_e_ = 0;             ///< 0: no Poisson part
@@ -51,6 +60,8 @@ class NoiseLaw {
   std::vector<Nodes> nodes_;      ///< per level
   double brightest_variance_dn2_ = 0, gain_above_dn_per_e_ = 0;  ///< of levels
   std::optional<VarianceCurve> deviation_;  ///< squared, for nodes of a normal deviate
+  double floor_dn_ = -std::numeric_limits<double>::infinity(), step_dn_ = 0;  ///< of the codes
+  double dark_deviation_dn_ = 0;  ///< of a clipped law, before it is rounded
 };
 
 }  // namespace malus

@@ -13,7 +13,9 @@ constexpr double kMarginDeviations = 9.0;  // of the tables beyond the signals t
 // Least deviation, of the highest signal: stabilised values stay below 2^18, which float32 holds to
 // a 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
 constexpr double kNoiseFloor = 4e-6;
-constexpr int kForwardKnots = 8192;
+// Of the forward table: so many at least, and more where steps would be wider than half a dark
+// deviation (a white level nobody knows makes signals of 16 bits of them).
+constexpr double kLeastKnots = 8192, kMostKnots = 65536, kKnotsPerDeviation = 2;
 
 }  // namespace
 
@@ -38,15 +40,18 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const N
 
 void Stabilizer::build_forward_table(double highest_dn) {
   const double top = highest_dn + kMarginDeviations * std::sqrt(variance_(highest_dn));
-  signal_step_dn_ = top / kForwardKnots;
+  const double dark_dn = std::sqrt(std::max(variance_(0.0), floor_dn2_));
+  const auto knots =
+      static_cast<int>(std::clamp(kKnotsPerDeviation * top / dark_dn, kLeastKnots, kMostKnots));
+  signal_step_dn_ = top / knots;
   const auto rate = [&](double s) {
     const double slope = (variance_(s + signal_step_dn_) - variance_(s)) / signal_step_dn_;
     return 1.0 / std::sqrt(std::max(variance_(s), floor_dn2_) + 0.375 * slope * slope);
   };
   dark_deviation_dn_ = 1.0 / rate(0.0);
-  negative_deviation_dn_ = std::sqrt(std::max(variance_(0.0), floor_dn2_));
+  negative_deviation_dn_ = dark_dn;
   integral_.assign(1, 0.0);
-  for (int i = 0; i < kForwardKnots; ++i)
+  for (int i = 0; i < knots; ++i)
     integral_.push_back(integral_.back() +
                         signal_step_dn_ * rate((static_cast<double>(i) + 0.5) * signal_step_dn_));
 }
@@ -79,7 +84,14 @@ void Stabilizer::build_inverse_table(double highest_dn, const NoiseLaw& law) {
     const double deviation = std::sqrt(std::max(variance_(s), floor_dn2_));
     s += kInverseStep * std::max(deviation, dark_deviation_dn_);
   }
-  const std::vector<double> expected = expectations_at(knots, law);
+  std::vector<double> expected = expectations_at(knots, law);
+  // Nothing is darker than no light. Of what is cut off the mean hardly falls below that, so means
+  // that came out lower by chance would be far too dark: the inverse goes on straight.
+  if (law.is_clipped())
+    for (int i = 0; i < kBelow; ++i)
+      expected[static_cast<std::size_t>(i)] =
+          expected[kBelow] + knots[static_cast<std::size_t>(i)] / knots[kBelow + 1] *
+                                 (expected[kBelow + 1] - expected[kBelow]);
   std::vector<double> mean, signal;
   for (std::size_t i = 0; i < knots.size(); ++i)
     if (mean.empty() || expected[i] > mean.back()) {  // rounding must not break the order

@@ -27,6 +27,8 @@ struct VarianceLines {
   bool black_is_known = false;  ///< then no channel's noise falls below zero at no light
   double rounding_dn2 = 0;      ///< variance of the converter's rounding: no curve falls below it
   double highest_variance = 0;  ///< of all levels, as they came
+  /// [channel] the lowest code above black, where noise is cut off (cut_off.h); else below all.
+  std::vector<double> floor_dn;
 
   /// A channel more, with a line through its own levels alone.
   void add(std::vector<VarianceLevel> of_channel, bool black_known);

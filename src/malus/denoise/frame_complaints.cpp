@@ -1,0 +1,33 @@
+#include "malus/denoise/frame_complaints.h"
+
+#include "malus/base/text.h"
+
+#include <fmt/format.h>
+
+namespace malus {
+
+std::vector<std::string> frame_complaints(const Denoised& result) {
+  constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
+  constexpr double kMuchCutOff = 0.01;
+  std::vector<std::string> lines;
+  if (result.nonfinite_pixels > 0)
+    lines.push_back(fmt::format("{} pixels are NaN or infinite; they stay as they are",
+                                result.nonfinite_pixels));
+  const double saturated = static_cast<double>(result.saturated_pixels) /
+                           static_cast<double>(result.dn_above_black.size());
+  if (saturated > kManySaturated)
+    lines.push_back(
+        fmt::format("{} pixels, {} % of the frame, are saturated: they are brighter than they say, "
+                    "by how much is not known; expose less",
+                    result.saturated_pixels, percent_text(saturated)));
+  if (result.cut_off_share > kMuchCutOff)
+    lines.push_back(fmt::format(
+        "{} % of its pixels are 0, where the camera cut the noise of dark places off: {}; raise "
+        "the camera's black level by a few deviations of the noise",
+        percent_text(result.cut_off_share),
+        result.cut_off_undone ? "their light is worked out as far as the noise is known"
+                              : "they come out too bright, and their DoLP too low"));
+  return lines;
+}
+
+}  // namespace malus
