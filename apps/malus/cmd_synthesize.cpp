@@ -221,8 +221,9 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
     warn(complaint);
   std::string text;
   for (const Json& f : frames)
-    text += fmt::format("{} <- {} (frame {}{})\n", f["output"].get<std::string>(),
+    text += fmt::format("{} <- {} (frame {}, {}{})\n", f["output"].get<std::string>(),
                         f["input"].get<std::string>(), f["frame"].get<std::uint32_t>(),
+                        gain_from(f).text(),
                         arguments.settings.amplify && !arguments.as_float
                             ? ", black " + black_text(f["black_dn"].get<std::vector<double>>())
                             : "");

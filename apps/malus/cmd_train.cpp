@@ -41,9 +41,45 @@ Json validation_curve(const Json& log, const char* metric, const char* name) {
   return {{"name", name}, {"x", x}, {"y", y}};
 }
 
-Json validation_row(const char* name, const Json& score) {
-  return {{"name", name},
-          {"cells", {score["image_psnr_db"], score["dolp_psnr_db"], score["aolp_circular_deg"]}}};
+// The metrics of a validation, those of polarization where the layout has them.
+struct ValidationMetric {
+  const char* key;
+  const char* name;
+  const char* unit;
+};
+constexpr ValidationMetric kValidationMetrics[] = {
+    {"image_psnr_db", "image PSNR", "dB"},
+    {"dolp_psnr_db", "DoLP PSNR", "dB"},
+    {"aolp_circular_deg", "AoLP circular error", "deg"}};
+
+Json validation_table(const Json& run, const Json& last) {
+  Json table{{"title", "Last validation"},
+             {"head", "frames"},
+             {"columns", Json::array()},
+             {"rows", Json::array()}};
+  const auto add_row = [&](const char* name, const Json& score) {
+    Json cells = Json::array();
+    for (const auto& [key, metric, unit] : kValidationMetrics)
+      if (last.contains(key)) cells.push_back(score[key]);
+    table["rows"].push_back({{"name", name}, {"cells", cells}});
+  };
+  for (const auto& [key, metric, unit] : kValidationMetrics)
+    if (last.contains(key)) table["columns"].push_back({{"name", metric}, {"unit", unit}});
+  add_row("noisy", run["noisy"]);
+  if (run.contains("guide")) add_row("guide", run["guide"]);
+  add_row("network", last);
+  return table;
+}
+
+std::string validation_text(const Json& line) {
+  const Json& score = line["validation"];
+  std::string text = fmt::format("step {}: image {:.2f} dB", line["step"].get<std::int64_t>(),
+                                 score["image_psnr_db"].get<double>());
+  if (score.contains("dolp_psnr_db"))
+    text += fmt::format(", DoLP {:.2f} dB", score["dolp_psnr_db"].get<double>());
+  if (score.contains("aolp_circular_deg"))
+    text += fmt::format(", AoLP {:.2f} deg", score["aolp_circular_deg"].get<double>());
+  return text + '\n';
 }
 
 // Curves, the last validation and a sample of it, as a record that a report shows (docs/report.md).
@@ -70,19 +106,12 @@ Json record_of(const Json& run) {
   for (const Json& line : log)
     if (line.contains("validation")) last = line["validation"];
   if (last.is_null()) return record;
-  chart("Validation", "dB",
-        Json::array({validation_curve(log, "image_psnr_db", "image PSNR"),
-                     validation_curve(log, "dolp_psnr_db", "DoLP PSNR")}));
-  Json table{{"title", "Last validation"},
-             {"head", "frames"},
-             {"columns",
-              {{{"name", "image PSNR"}, {"unit", "dB"}},
-               {{"name", "DoLP PSNR"}, {"unit", "dB"}},
-               {{"name", "AoLP circular error"}, {"unit", "deg"}}}},
-             {"rows", Json::array({validation_row("noisy", run["noisy"])})}};
-  if (run.contains("guide")) table["rows"].push_back(validation_row("guide", run["guide"]));
-  table["rows"].push_back(validation_row("network", last));
-  record["tables"].push_back(std::move(table));
+  Json curves = Json::array();
+  for (const auto& [key, name, unit] : kValidationMetrics)
+    if (last.contains(key) && unit == std::string_view("dB"))
+      curves.push_back(validation_curve(log, key, name));
+  chart("Validation", "dB", std::move(curves));
+  record["tables"].push_back(validation_table(run, last));
   return record;
 }
 
@@ -131,12 +160,7 @@ void run_train(const TrainArguments& arguments, const Common& common) {
                                  run["steps"].get<std::int64_t>(), run["seconds"].get<double>());
   text += loss_text(run["log"]);
   for (const Json& line : run["log"])
-    if (line.contains("validation"))
-      text += fmt::format("step {}: image {:.2f} dB, DoLP {:.2f} dB, AoLP {:.2f} deg\n",
-                          line["step"].get<std::int64_t>(),
-                          line["validation"]["image_psnr_db"].get<double>(),
-                          line["validation"]["dolp_psnr_db"].get<double>(),
-                          line["validation"]["aolp_circular_deg"].get<double>());
+    if (line.contains("validation")) text += validation_text(line);
   print_result(common, run, text);
 }
 

@@ -145,9 +145,8 @@ std::int64_t warn_of_saturation(const RawFrame& above_black) {
                          [&](const Image& plane) { return plane.values()[i] >= limit_dn; });
   if (cells > 0)
     warn(fmt::format(
-        "{}: {} cells ({} %) hold saturated pixels; what is said of their light "
-        "and its polarization is not true",
-        above_black.source, cells,
+        "{}: {} {} ({} %) with saturated pixels: S0, DoLP and AoLP are wrong there",
+        above_black.source, cells, cells == 1 ? "cell" : "cells",
         percent_text(static_cast<double>(cells) / static_cast<double>(packed[0].size()))));
   return cells;
 }

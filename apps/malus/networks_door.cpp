@@ -7,6 +7,7 @@
 #include "program_start.h"
 #include <dlfcn.h>
 #include <fmt/format.h>
+#include <malus_networks_interface.h>
 
 namespace malus::app {
 namespace {

@@ -6,6 +6,7 @@
 
 #include "networks.h"
 #include "train.h"
+#include <malus_networks_interface.h>
 
 namespace malus::app {
 namespace {

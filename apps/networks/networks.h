@@ -22,9 +22,6 @@
 
 namespace malus::app {
 
-/// Both sides must have been built from the same header: counted up with every change of it.
-inline constexpr int kNetworksInterface = 7;
-
 /// A network with its weights, ready for many frames.
 class NetworkDenoiser {
  public:
@@ -71,7 +68,7 @@ class FlowSampler {
 
 /// The module's functions. Threads were set before it was opened. They throw InputError, Cancelled.
 struct NetworkFunctions {
-  int interface;  ///< kNetworksInterface of the module
+  std::uint64_t interface;  ///< kNetworksInterface of the module (cmake/NetworksInterface.cmake)
   std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
   nlohmann::ordered_json (*train)(const TrainCall& call, Progress& progress);
   /// What train would refuse in the configuration before its first step, without the data.

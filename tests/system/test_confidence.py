@@ -43,7 +43,7 @@ def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp
     common = ("--format", "npy", "--no-pictures", "--json", "-o", tmp_path)
 
     def check(found, stem):
-        assert found.err.count("50 cells (1.2 %) hold saturated pixels") == 1
+        assert found.err.count("50 cells (1.2 %) with saturated pixels") == 1
         assert found.json["saturated_cells"] == 50 and found.json["undefined"] == 0
         dolp, *stated = planes(tmp_path, stem, "dolp", "dolp_sd", "aolp_sd", "dolp_corrected")
         assert np.isfinite(dolp).all()  # marked, not taken away
@@ -82,7 +82,7 @@ def test_dolp_of_noise_alone_does_not_run_away(malus, tmp_path):
 def test_a_frame_of_nothing_but_saturated_cells_is_a_hundred_percent(malus, tmp_path):
     Image.fromarray(np.full((64, 64), WHITE, np.uint16)).save(tmp_path / "white.png")
     said = malus("stokes", tmp_path / "white.png", "--layout", "polar-mono", "--black", 0, "--white", WHITE, "-o", tmp_path).err
-    assert "1024 cells (100 %) hold saturated pixels" in said
+    assert "1024 cells (100 %) with saturated pixels" in said
 
 
 @pytest.mark.parametrize("bias_dn", [6.0, -6.0])

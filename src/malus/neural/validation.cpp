@@ -14,15 +14,17 @@
 namespace malus {
 
 nlohmann::ordered_json json_of(const ValidationScore& score) {
-  return {{"image_psnr_db", score.image_psnr_db},
-          {"dolp_psnr_db", score.dolp_psnr_db},
-          {"aolp_circular_deg", score.aolp_circular_deg}};
+  nlohmann::ordered_json json{{"image_psnr_db", score.image_psnr_db}};
+  if (score.dolp_psnr_db) json["dolp_psnr_db"] = *score.dolp_psnr_db;
+  if (score.aolp_circular_deg) json["aolp_circular_deg"] = *score.aolp_circular_deg;
+  return json;
 }
 
 double summed_db(const nlohmann::ordered_json& score) {
   double sum = 0;
   for (const char* metric : {"image_psnr_db", "dolp_psnr_db"})
-    sum += score[metric].is_number() ? score[metric].get<double>() : std::nan("");
+    if (score.contains(metric))
+      sum += score[metric].is_number() ? score[metric].get<double>() : std::nan("");
   return sum;
 }
 
@@ -154,6 +156,9 @@ ValidationScore Validation::mean_score(const std::vector<Image>& mosaics) const 
     return picture_score(pictures);
   }
   ValidationScore score;
+  const auto add = [](std::optional<double>& sum, const Estimate<double>& value, double n) {
+    if (value) sum = sum.value_or(0) + *value / n;
+  };
   for (std::size_t i = 0; i < mosaics.size(); ++i) {
     Image test = mosaics[i];
     for (float& v : test.values()) v *= static_cast<float>(frames_[i].ratio);
@@ -161,8 +166,8 @@ ValidationScore Validation::mean_score(const std::vector<Image>& mosaics) const 
                                           frames_[i].noisy.frame.layout, frames_[i].peak_dn);
     const auto n = static_cast<double>(mosaics.size());
     score.image_psnr_db += e.image_psnr_db.value_or(0) / n;
-    score.dolp_psnr_db += e.dolp_psnr_db.value_or(0) / n;
-    score.aolp_circular_deg += e.aolp_circular_deg.value_or(0) / n;
+    add(score.dolp_psnr_db, e.dolp_psnr_db, n);
+    add(score.aolp_circular_deg, e.aolp_circular_deg, n);
   }
   return score;
 }

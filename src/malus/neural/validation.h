@@ -7,6 +7,7 @@
 #include "malus/neural/training_config.h"
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,10 +19,11 @@ inline constexpr const char* kSampleNames[] = {"noisy", "guide", "network", "cle
 struct ValidationScore {
   /// Means over the frames. Of pictures the image alone, as the network's target has it; "noisy"
   /// and "guide" are then demosaicked.
-  double image_psnr_db = 0, dolp_psnr_db = 0, aolp_circular_deg = 0;
+  double image_psnr_db = 0;
+  std::optional<double> dolp_psnr_db, aolp_circular_deg;  ///< of polarized layouts alone
 };
 
-/// As the log holds it; and what the best one is chosen by, NaN where a metric is none.
+/// As the log holds it; and what the best one is chosen by, NaN where a metric in it is none.
 nlohmann::ordered_json json_of(const ValidationScore& score);
 double summed_db(const nlohmann::ordered_json& score);
 
