@@ -21,10 +21,13 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
                              bool uncertainty)
     : settings_(settings), uncertainty_(uncertainty) {
   require_method(settings.method);
-  if (!is_weight_file(settings.method)) return;
-  if (uncertainty)
+  const bool network = is_weight_file(settings.method);
+  // No file could make these two go together: wrong usage, whatever the method.
+  if (uncertainty && (network || !denoise_method(settings.method).on_mosaic))
     throw CLI::ValidationError("--uncertainty",
-                               "a network gives none: leave it out, or use --method nl-ridge");
+                               fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d",
+                                           network ? "a network" : settings.method));
+  if (!network) return;
   network_ = networks().open_denoiser({settings.method, inference});
   if (const auto taken = network_->description().at("precision").get<std::string>();
       taken != inference.precision)

@@ -24,7 +24,7 @@ class FrameDenoiser {
  public:
   /// Opens the weight file where settings.method ends in .safetensors; inference holds its
   /// settings; warns where the precision that they ask for is not taken. Throws InputError on an
-  /// unknown method, and where uncertainty is asked of one that gives none.
+  /// unknown method, CLI::ValidationError where uncertainty is asked of one that gives none.
   FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
                 bool uncertainty);
   ~FrameDenoiser();

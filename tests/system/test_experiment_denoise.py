@@ -59,7 +59,7 @@ def test_stated_errors_are_compared_with_the_true_ones(malus, refused, scene):
         (case, method) for case in ("12:10", "24:10") for method in ("bm3d", "nl-ridge")]
     assert both[1::2] == rows  # the default
     assert 0.2 < both[1]["error_over_stated"]["pixel"] < 10
-    assert "gives no uncertainty" in refused(*run, "--methods", "vst-bm3d")
+    assert "vst-bm3d gives none" in malus(*run, "--methods", "vst-bm3d", code=2).err
     assert "no profile" in refused(*run, "--profile", "fine")
 
 
