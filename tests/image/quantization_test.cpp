@@ -30,5 +30,24 @@ TEST(CodeSpacing, IsOfTheCodesInUse) {
   EXPECT_EQ(code_spacing({}), 0.0);
 }
 
+// Narrow noise on codes 64 apart; a dead row and hot pixels are no codes in use.
+TEST(OccupiedSpacing, IsOfTheCodesThatManyPixelsHave) {
+  std::vector<float> pixels;
+  const auto add = [&](int count, float dn) {
+    pixels.insert(pixels.end(), std::size_t(count), dn);
+  };
+  add(900, 1025);
+  add(700, 1089);
+  add(300, 961);
+  add(40, 0);
+  for (int i = 0; i < 30; ++i) add(1, static_cast<float>(1500 + 7 * i));
+  EXPECT_EQ(occupied_spacing(pixels), 64.0);
+  add(400, 1000);
+  add(10, 1050);
+  EXPECT_EQ(occupied_spacing(pixels), 128.0 / 4);
+  EXPECT_EQ(occupied_spacing(std::vector<float>(1000, 7.0F)), 0.0);
+  EXPECT_EQ(occupied_spacing({}), 0.0);
+}
+
 }  // namespace
 }  // namespace malus

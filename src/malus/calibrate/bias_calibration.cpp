@@ -7,6 +7,7 @@
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/read_noise_shape.h"
 #include "malus/calibrate/row_drift_fit.h"
+#include "malus/image/quantization.h"
 
 #include <algorithm>
 #include <cmath>
@@ -193,12 +194,18 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
                 std::vector<double>(first.black_dn.size(), 0.0),
                 {},
                 NeighbourCorrelation(geometry),
-                {}};
+                {},
+                SuccessiveFrames(geometry)};
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
   bool cut_at_zero = true;  // not where black is subtracted already
-  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
+  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
+    if (i == 0) {
+      pass.step_dn = quantization_step(frame.dn);
+      pass.code_spacing_dn = occupied_spacing(first_channel(frame.dn, geometry));
+    }
     pass.temporal.add(frame.dn);
+    pass.successive.add(frame.dn);
     equal.add(frame.dn);
     pairs.add(frame.dn);
     pass.rows.add(frame.dn, channel_means(frame.dn, geometry));

@@ -8,6 +8,7 @@
 #include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/rounded_noise.h"
 #include "malus/calibrate/temporal.h"
+#include "malus/calibrate/temporal_filter.h"
 
 #include <optional>
 #include <vector>
@@ -22,6 +23,9 @@ struct DarkPass {
   std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
   NeighbourCorrelation neighbours;
   std::vector<HiddenNoise> hidden;  ///< per channel, by measure_bias; empty of a single frame
+  SuccessiveFrames successive;
+  double step_dn = 0;          ///< quantization_step of the first frame
+  double code_spacing_dn = 0;  ///< occupied_spacing of its first channel
 };
 
 /// `first` gives size, layout and black level.

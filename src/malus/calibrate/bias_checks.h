@@ -28,14 +28,20 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
 void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
                             PhysicsCalibration& out);
 
-/// A dark level more than a tenth of the range above black, or a tenth of black (1 DN at least)
-/// below it. Reads mu.
+/// A dark level more than a tenth of the range above black; or, where black is declared, more than
+/// twenty deviations of the dark noise; or a tenth of black (1 DN at least) below it. Reads mu and
+/// temporal_sd_dark_dn.
 void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out);
 
 /// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
 /// noise: light, or amplifier glow.
 void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                    double temporal_sd_dn, PhysicsCalibration& out);
+
+/// A dark level more than four deviations of the dark noise above a declared black, of which the
+/// shot noise of as much light would make from 0.6 to 1.15 of the variance. Reads mu, K and
+/// temporal_sd_dark_dn.
+void warn_of_lit_darkness(const RawFrame& first, PhysicsCalibration& out);
 
 /// Channels with more than a thousandth of the dark pixels at zero: the camera cuts the noise off.
 /// Fills dark_zero_share then.

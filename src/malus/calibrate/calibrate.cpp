@@ -6,6 +6,7 @@
 #include "malus/calibrate/bias_calibration.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"
+#include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/row_group.h"
 #include "malus/image/quantization.h"
 #include "malus/noise/same_sensor.h"
@@ -154,10 +155,16 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
         "be measured; take 20 or more");
     return out;
   }
+  warn_of_temporal_filter(dark.successive, out);
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
   if (plan.flats.empty()) {
     out.warnings.push_back("no flat frames at this gain: K is not known");
     warn_of_alike_neighbours(dark.neighbours, NeighbourCorrelation(geometry), out);
+    warn_of_scaled_codes({},
+                         {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
+                          .step_dn = dark.step_dn,
+                          .dark_code_spacing_dn = dark.code_spacing_dn},
+                         out);
   } else {
     measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
   }

@@ -3,18 +3,22 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/flat_level.h"
+#include "malus/calibrate/gain_map.h"
 #include "malus/calibrate/matching_dark.h"
 #include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/photon_transfer.h"
 #include "malus/calibrate/response.h"
+#include "malus/calibrate/response_checks.h"
 #include "malus/calibrate/saturation.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -124,7 +128,8 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
                     used, kFewLevels));
   if (!nonlinear.empty())
     out.warnings.push_back(
-        fmt::format("{}: the sensor is not linear: K of all levels differs by up to {:+.1f} % from "
+        fmt::format("{}: the sensor is not linear (or its light or dark frames are not as told): K "
+                    "of all levels differs by up to {:+.1f} % from "
                     "that without "
                     "light, which its standard error now holds; K is nearer to it with a lower "
                     "--saturation-limit",
@@ -135,6 +140,11 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
         "level up to {:.1f}); K's standard error is widened by a scatter of up to {:.3g} DN² per "
         "level",
         joined(bent), largest, widest));
+}
+
+double mean_square(const std::vector<double>& values) {
+  return std::inner_product(values.begin(), values.end(), values.begin(), 0.0) /
+         static_cast<double>(values.size());
 }
 
 // What the pixels of the good levels show.
@@ -153,6 +163,8 @@ struct FlatSeries {
   FlatPatterns patterns;
   std::vector<bool> in_patterns;  ///< per level
   std::vector<FlatObservation> seen;
+  std::vector<GainBlocks> gains;              ///< per level
+  std::vector<std::vector<double>> light_dn;  ///< of the levels that count, per channel
 };
 
 // A level that no channel refuses.
@@ -197,7 +209,10 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
   series.seen.push_back(std::move(level.seen));
   series.in_patterns.push_back(good);
-  if (good) add_patterns(flat, level, dark, first, series.patterns);
+  series.gains.push_back(good ? std::move(level.gains) : GainBlocks());
+  if (!good) return;
+  series.light_dn.push_back(mean);
+  add_patterns(flat, level, dark, first, series.patterns);
 }
 
 // Rounding gives narrow noise any variance from 0 to a quarter of q², and wide noise q²/12 more
@@ -320,6 +335,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                     {},
                     FlatPatterns(geometry),
                     {},
+                    {},
+                    {},
                     {}};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, out, progress);
@@ -343,19 +360,30 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
   warn_of_full_well(series, settings.saturation_limit, first.white_dn - mean_of(first.black_dn),
                     out);
+  for (std::size_t i = 0; i < series.gains.size(); ++i)
+    if (saturated_in_any(series, i)) series.gains[i] = {};
+  const std::size_t said = out.warnings.size();  // other light explains another variance
   warn_of_flats(series.seen,
                 {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
                  .frame_sd_dn = mean_of(frame_deviation),
                  .bias_frames = out.bias_frames,
+                 .row_variance_dn2 = mean_square(out.sigma_row.mean),
+                 .column_variance_dn2 = mean_square(out.sigma_column.mean),
+                 .step_dn = dark.step_dn,
+                 .dark_code_spacing_dn = dark.code_spacing_dn,
                  .black_dn = mean_of(first.black_dn),
                  .white_dn = first.white_dn},
                 out);
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
+  if (out.warnings.size() == said) warn_of_gain_map(series.gains, out);
+  warn_of_colors(first.layout, series.light_dn, out);
+  warn_of_lit_darkness(first, out);
   warn_of_alike_neighbours(dark.neighbours, series.patterns.neighbours, out);
   if (!series.patterns.response.empty()) {
     Response relative = series.patterns.response.response();
+    warn_of_response(response_pattern(relative, geometry), first.layout, out);
     out.prnu_map = std::move(relative.map);
     out.prnu = std::move(relative.prnu);
     out.prnu_stderr = std::move(relative.prnu_stderr);

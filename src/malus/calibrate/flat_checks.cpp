@@ -1,6 +1,7 @@
 #include "malus/calibrate/flat_checks.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -134,7 +135,57 @@ void warn_of_companding(const std::vector<FlatObservation>& flats, PhysicsCalibr
       mean_of(finest->signal_dn), 100 * share(*worst)));
 }
 
+void warn_of_changing_light(const std::vector<FlatObservation>& flats,
+                            const FlatReference& reference, PhysicsCalibration& out) {
+  constexpr double kOfVariance = 0.01, kErrors = 6.0;
+  const FlatObservation* worst = nullptr;
+  double most = 0;
+  const char* direction = "";
+  const auto judge = [&](const FlatObservation& flat, double change, double error,
+                         const char* way) {
+    const double share = change / flat.mean_variance_dn2;
+    if (!(share > std::max(kOfVariance, most)) || !(change > kErrors * error)) return;
+    worst = &flat;
+    most = share;
+    direction = way;
+  };
+  for (const FlatObservation& flat : flats) {
+    if (!(flat.mean_variance_dn2 > 0)) continue;
+    judge(flat, flat.light.rows_dn2 - reference.row_variance_dn2, flat.light.rows_stderr_dn2,
+          "down");
+    judge(flat, flat.light.columns_dn2 - reference.column_variance_dn2,
+          flat.light.columns_stderr_dn2, "across");
+  }
+  if (!worst) return;
+  const double light = mean_of(worst->signal_dn);
+  const double relative = std::sqrt(most * worst->mean_variance_dn2) / light;
+  out.warnings.push_back(fmt::format(
+      "{}: the light changes by {} % {} the frame, from frame to frame, which is {} % of the "
+      "temporal variance and counts in K: mains flicker under a rolling shutter, a lamp that "
+      "moves, "
+      "or frames with lost parts",
+      worst->name, percent_text(relative), direction, percent_text(std::min(most, 1.0))));
+}
+
 }  // namespace
+
+void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                          PhysicsCalibration& out) {
+  constexpr double kWider = 1.02, kOfVariance = 0.02;
+  double spacing = reference.dark_code_spacing_dn;
+  for (const FlatObservation& flat : flats)
+    if (flat.code_spacing_dn > 0 && (!(spacing > 0) || flat.code_spacing_dn < spacing))
+      spacing = flat.code_spacing_dn;
+  const double step = reference.step_dn, dark = reference.dark_sd_dn * reference.dark_sd_dn;
+  if (!(step > 0) || !(spacing > kWider * step)) return;
+  const double hidden = (spacing * spacing - step * step) / 12.0;
+  if (!(hidden > kOfVariance * dark)) return;
+  out.warnings.push_back(fmt::format(
+      "its codes lie {:.4g} DN apart, but are no multiples of it: values were multiplied after the "
+      "conversion (few bits stretched to 16, a digital gain). Such steps are {} % of the dark "
+      "variance, in the read noise and its shape; record values that are not scaled, or undo it",
+      spacing, percent_text(std::min(spacing * spacing / 12.0 / dark, 1.0))));
+}
 
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out) {
@@ -143,6 +194,8 @@ void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReferenc
   warn_of_low_white(flats, reference, out);
   warn_of_high_white(flats, reference, out);
   warn_of_companding(flats, out);
+  warn_of_scaled_codes(flats, reference, out);
+  warn_of_changing_light(flats, reference, out);
 }
 
 void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_exposure_s,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/calibrate/frame_set.h"
+#include "malus/calibrate/light_profile.h"
 #include "malus/noise/calibration.h"
 
 #include <cstdint>
@@ -46,6 +47,8 @@ struct FlatObservation {
   std::int64_t above_white = 0;      ///< of these, beyond the white level
   double code_spacing_dn = 0;        ///< code_spacing of the first channel; 0: not known
   double variance_dn2 = 0;           ///< temporal, of the first channel; 0: not known
+  double mean_variance_dn2 = 0;      ///< of all channels
+  LightChange light;                 ///< inside the frame
 };
 
 /// What they are judged by.
@@ -53,6 +56,9 @@ struct FlatReference {
   double dark_sd_dn = 0;   ///< temporal noise without light
   double frame_sd_dn = 0;  ///< of a frame's mean from frame to frame, without light
   int bias_frames = 0;
+  double row_variance_dn2 = 0, column_variance_dn2 = 0;  ///< of rows and columns, without light
+  double step_dn = 0;                                    ///< of the codes; 0: not whole numbers
+  double dark_code_spacing_dn = 0;                       ///< occupied_spacing; 0: not known
   double black_dn = 0, white_dn = 0;
 };
 
@@ -61,9 +67,17 @@ struct FlatReference {
 /// the dark level does); levels of which more than a thousandth lies above white; flats whose
 /// largest code is below white and holds more than 1 % of a level's pixels and ten times as many as
 /// the next lower code; codes that lie farther apart in bright levels than in others, where the
-/// rounding that this makes is more than 1 % of a level's variance.
+/// rounding that this makes is more than 1 % of a level's variance; codes that lie farther apart
+/// than their step everywhere, where that is more than 2 % of the dark variance; light that changes
+/// inside the frames of a level by more than 1 % of its variance and six standard errors.
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out);
+
+/// Appends a warning where codes lie farther apart than the step of which all are multiples, in the
+/// dark frames and in the level where they are finest, and the rounding that this hides is more
+/// than 2 % of the dark variance: values were multiplied after the conversion.
+void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+                          PhysicsCalibration& out);
 
 /// A level of the response that has no dark frames of its own exposure.
 struct DarklessLevel {

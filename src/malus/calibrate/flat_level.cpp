@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/light_profile.h"
 #include "malus/image/quantization.h"
 
 #include <cstdint>
@@ -32,18 +33,6 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
     }
 }
 
-// Some of its pixels: enough to use every code about the median.
-std::vector<float> first_channel(View<const float> dn, const MosaicGeometry& geometry) {
-  constexpr std::int64_t kMost = 1 << 17;
-  const std::int64_t step = 1 + geometry.channel_pixels(0) / kMost;
-  std::vector<float> pixels;
-  std::int64_t index = 0;
-  for_channel(geometry, 0, [&](int, int, int row, int col) {
-    if (index++ % step == 0) pixels.push_back(dn(row, col));
-  });
-  return pixels;
-}
-
 }  // namespace
 
 FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
@@ -51,11 +40,14 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
                   NeighbourCorrelation(geometry), std::vector<double>(dark.level_dn.size(), 0.0),
-                  FlatObservation()};
+                  FlatObservation(), GainBlocks()};
   level.seen.name = flat.name;
   FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
+  LightProfile profile(geometry, dark.level_dn);
+  double step_dn = 0;
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
+      step_dn = quantization_step(frame.dn);
       level.seen.code_spacing_dn = code_spacing(first_channel(frame.dn, geometry));
       double signal = 0.0;
       const std::vector<double> mean = channel_means(frame.dn, geometry);
@@ -67,12 +59,19 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     }
     level.temporal.add(frame.dn);
     pairs.add(frame.dn);
+    profile.add(frame.dn);
     level.seen.sources.push_back(frame.source);
     count_bright(frame, first, dark, geometry, level);
   });
   for (const std::vector<double>& means : level.temporal.frame_means_dn())
     level.seen.signal_dn.push_back(mean_of(means));
-  if (flat.count >= 2) level.seen.variance_dn2 = level.temporal.variance_dn2().front();
+  if (flat.count >= 2) {
+    const std::vector<double> variance = level.temporal.variance_dn2();
+    level.seen.variance_dn2 = variance.front();
+    level.seen.mean_variance_dn2 = mean_of(variance);
+    level.seen.light = profile.change(level.seen.mean_variance_dn2);
+    level.gains = gain_blocks(level.temporal, geometry, dark.variance_dn2, step_dn);
+  }
   for (int c = 0; c < geometry.channels(); ++c)
     level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
   return level;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/calibrate/flat_checks.h"
+#include "malus/calibrate/gain_map.h"
 #include "malus/calibrate/matching_dark.h"
 #include "malus/calibrate/neighbour_correlation.h"
 #include "malus/calibrate/temporal.h"
@@ -15,6 +16,7 @@ struct FlatLevel {
   NeighbourCorrelation neighbours;
   std::vector<double> saturated;  ///< share of the pixels at white, per channel
   FlatObservation seen;
+  GainBlocks gains;
 };
 
 /// first: tells layout, size, black and white; dark: what belongs to these flats without light.

@@ -12,9 +12,11 @@ set(calibrate_SOURCES
   flat_level.cpp
   frame_components.cpp
   frame_set.cpp
+  gain_map.cpp
   gaussian_calibration.cpp
   kinds.cpp
   level_histograms.cpp
+  light_profile.cpp
   matching_dark.cpp
   neighbour_correlation.cpp
   nonparametric_calibration.cpp
@@ -23,11 +25,13 @@ set(calibrate_SOURCES
   residual_histogram.cpp
   response.cpp
   response_bend.cpp
+  response_checks.cpp
   rounded_noise.cpp
   row_drift_fit.cpp
   row_group.cpp
   row_offset.cpp
   saturation.cpp
   temporal.cpp
+  temporal_filter.cpp
   tukey_fit.cpp
 )

@@ -48,6 +48,17 @@ std::vector<double> channel_means(View<const float> mosaic, const MosaicGeometry
   return total;
 }
 
+std::vector<float> first_channel(View<const float> dn, const MosaicGeometry& geometry) {
+  constexpr std::int64_t kMost = 1 << 17;
+  const std::int64_t step = 1 + geometry.channel_pixels(0) / kMost;
+  std::vector<float> pixels;
+  std::int64_t index = 0;
+  for_channel(geometry, 0, [&](int, int, int row, int col) {
+    if (index++ % step == 0) pixels.push_back(dn(row, col));
+  });
+  return pixels;
+}
+
 TemporalAccumulator::TemporalAccumulator(const MosaicGeometry& geometry,
                                          std::vector<double> dark_dn, FrameAlignment alignment)
     : geometry_(geometry),

@@ -32,6 +32,8 @@ class TemporalAccumulator {
   std::vector<double> variance_dn2() const;
   /// Sum of squares of one pixel about its mean; the variance is this / (frames - 1).
   View<const float> sum_of_squares() const { return m2_; }
+  /// Mean frame above dark, aligned to the first.
+  View<const float> aligned_mean_dn() const { return mean_; }
   /// Gives the mean frame in DN above dark away: a large sensor's planes are not copied. Nothing
   /// may be added afterwards; means, variances and sums of squares stay.
   Image release_mean_frame_dn();

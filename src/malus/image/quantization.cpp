@@ -36,4 +36,28 @@ double code_spacing(std::vector<float> pixels_dn) {
   return extent / static_cast<double>(steps);
 }
 
+double occupied_spacing(std::vector<float> pixels_dn) {
+  constexpr std::ptrdiff_t kPixels = 20;
+  std::sort(pixels_dn.begin(), pixels_dn.end());
+  const auto outer = static_cast<std::ptrdiff_t>(pixels_dn.size() / 20);
+  const auto end = pixels_dn.end() - outer;
+  std::ptrdiff_t common = 0, codes = 0, last_common = 0;
+  float first = 0, last = 0;
+  for (auto at = pixels_dn.begin() + outer; at != end;) {
+    const auto next = std::upper_bound(at, end, *at);
+    ++codes;
+    if (next - at >= kPixels) {
+      if (common++ == 0) {
+        first = *at;
+        codes = 1;
+      }
+      last = *at;
+      last_common = codes;
+    }
+    at = next;
+  }
+  if (common < 3) return 0.0;
+  return (double{last} - first) / static_cast<double>(last_common - 1);
+}
+
 }  // namespace malus

@@ -16,4 +16,9 @@ double quantization_step(View<const float> dn);
 /// code, or fewer than 20 pixels per unit of its extent: too few to use every code.
 double code_spacing(std::vector<float> pixels_dn);
 
+/// The same of narrow noise, which most of the pixels' few codes hold: mean distance of the codes
+/// in use from the first to the last that 20 of these pixels have, the outer twentieths left out. 0
+/// from fewer than three such codes.
+double occupied_spacing(std::vector<float> pixels_dn);
+
 }  // namespace malus

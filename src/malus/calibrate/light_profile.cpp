@@ -1,0 +1,86 @@
+#include "malus/calibrate/light_profile.h"
+
+#include "malus/base/index.h"
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace malus {
+namespace {
+
+constexpr int kMostBands = 32;
+
+// Whole cells, so that every band holds all channels alike.
+int band_of(int at, int length, int cell) {
+  const int cells = length / cell, bands = std::min(cells, kMostBands);
+  return std::min(at / cell, cells - 1) * bands / cells;
+}
+
+}  // namespace
+
+LightProfile::LightProfile(const MosaicGeometry& geometry, std::vector<double> dark_dn)
+    : geometry_(geometry), dark_dn_(std::move(dark_dn)) {
+  const auto count = [](int length, int cell, int across, std::vector<double>& pixels) {
+    pixels.assign(as_index(std::min(length / cell, kMostBands)), 0.0);
+    for (int i = 0; i < length; ++i) pixels[as_index(band_of(i, length, cell))] += across;
+  };
+  count(geometry.rows(), geometry.cell_rows(), geometry.cols(), rows_.pixels);
+  count(geometry.cols(), geometry.cell_cols(), geometry.rows(), columns_.pixels);
+}
+
+void LightProfile::add(View<const float> dn) {
+  std::vector<double> rows(rows_.pixels.size(), 0.0), of_column(as_index(geometry_.cols()), 0.0),
+      columns(columns_.pixels.size(), 0.0);
+  double all = 0;
+  for (int r = 0; r < geometry_.rows(); ++r) {
+    double row = 0;
+    for (int c = 0; c < geometry_.cols(); ++c) {
+      const double light = dn(r, c) - dark_dn_[as_index(geometry_.channel(r, c))];
+      row += light;
+      of_column[as_index(c)] += light;
+    }
+    rows[as_index(band_of(r, geometry_.rows(), geometry_.cell_rows()))] += row;
+    all += row;
+  }
+  for (int c = 0; c < geometry_.cols(); ++c)
+    columns[as_index(band_of(c, geometry_.cols(), geometry_.cell_cols()))] +=
+        of_column[as_index(c)];
+  light_ += all;
+  for (double& band : rows) band /= all;
+  for (double& band : columns) band /= all;
+  rows_.shares.push_back(std::move(rows));
+  columns_.shares.push_back(std::move(columns));
+}
+
+// A band's share scatters by its n pixels' noise, which the frame's N pixels' takes a part of:
+// σ² (1/n - 1/N) of the square of the mean light.
+double LightProfile::excess_dn2(const Bands& bands, double variance_dn2,
+                                double& standard_error_dn2) const {
+  const auto frames = static_cast<double>(bands.shares.size());
+  const double all = static_cast<double>(geometry_.rows()) * geometry_.cols();
+  const double mean_dn = light_ / (frames * all);
+  double excess = 0, squares = 0;
+  for (std::size_t b = 0; b < bands.pixels.size(); ++b) {
+    Moments share;
+    for (const std::vector<double>& frame : bands.shares) share.add(frame[b]);
+    const double relative = share.variance() / (share.mean() * share.mean());
+    const double noise = variance_dn2 * (1.0 / bands.pixels[b] - 1.0 / all);
+    excess += relative * mean_dn * mean_dn - noise;
+    squares += noise * noise;
+  }
+  const auto count = static_cast<double>(bands.pixels.size());
+  standard_error_dn2 = std::sqrt(2.0 * squares / (frames - 1.0)) / count;
+  return excess / count;
+}
+
+LightChange LightProfile::change(double variance_dn2) const {
+  LightChange out;
+  if (rows_.shares.size() < 2 || !(light_ > 0)) return out;
+  out.rows_dn2 = excess_dn2(rows_, variance_dn2, out.rows_stderr_dn2);
+  out.columns_dn2 = excess_dn2(columns_, variance_dn2, out.columns_stderr_dn2);
+  return out;
+}
+
+}  // namespace malus

@@ -1,0 +1,41 @@
+// Whether the light of a flat changes inside the frame from frame to frame. Mains flicker under a
+// rolling shutter makes it, and a lamp that moves; frames are scaled to one mean, so what changes
+// inside them stays in the pixels' temporal variance, and counts in K.
+#pragma once
+
+#include "malus/calibrate/geometry.h"
+#include "malus/image/view.h"
+
+#include <vector>
+
+namespace malus {
+
+/// What light that changes from frame to frame adds to a pixel's temporal variance.
+struct LightChange {
+  double rows_dn2 = 0, rows_stderr_dn2 = 0;        ///< light that changes down the frame
+  double columns_dn2 = 0, columns_stderr_dn2 = 0;  ///< and across it; row and column noise included
+};
+
+/// Shares of the frame's light in bands of rows and of columns, frame by frame: kilobytes.
+class LightProfile {
+ public:
+  /// dark_dn: per channel, black included.
+  LightProfile(const MosaicGeometry& geometry, std::vector<double> dark_dn);
+  void add(View<const float> dn);
+  /// variance_dn2: temporal, mean over the channels: what of the bands' scatter is that of their
+  /// pixels. All 0 from fewer than two frames, and without light.
+  LightChange change(double variance_dn2) const;
+
+ private:
+  struct Bands {
+    std::vector<double> pixels;               ///< of each
+    std::vector<std::vector<double>> shares;  ///< [frame][band], of the frame's light
+  };
+  double excess_dn2(const Bands& bands, double variance_dn2, double& standard_error_dn2) const;
+  const MosaicGeometry geometry_;
+  std::vector<double> dark_dn_;
+  Bands rows_, columns_;
+  double light_ = 0;  ///< sum over the frames
+};
+
+}  // namespace malus

@@ -1,0 +1,166 @@
+#include "malus/calibrate/response_checks.h"
+
+#include "malus/base/index.h"
+#include "malus/base/statistics.h"
+#include "malus/calibrate/pixel_location.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr int kPeriod = 4;  // the largest cell of pixels
+constexpr std::size_t kClasses = kPeriod * kPeriod;
+
+struct ColorLight {
+  Color color;
+  double light = 0;  ///< mean over the levels, relative to the mean of all colours
+};
+
+std::vector<ColorLight> light_of_colors(const SensorLayout& layout,
+                                        const std::vector<std::vector<double>>& light_dn) {
+  std::vector<ColorLight> out;
+  for (const Color color : layout.colors()) {
+    Moments light;
+    for (const std::vector<double>& level : light_dn)
+      for (int c = 0; c < layout.channels(); ++c)
+        if (layout.site(c).color == color) light.add(level[as_index(c)] / mean_of(level));
+    out.push_back({color, light.mean()});
+  }
+  return out;
+}
+
+// Means of the classes of ordinary pixels whose place in the channel is the same modulo kPeriod.
+struct Classes {
+  std::array<double, kClasses> mean{};
+  std::array<double, kClasses> pixels{};
+  double variance = 0;  ///< of the map, about 1
+
+  static std::size_t at(int r, int c) { return as_index(r % kPeriod * kPeriod + c % kPeriod); }
+  // Between the classes of a smaller period; what chance makes is taken off.
+  double between(int period) const {
+    double sum = 0;
+    for (int i = 0; i < period; ++i)
+      for (int j = 0; j < period; ++j) {
+        double total = 0, count = 0;
+        for (int r = i; r < kPeriod; r += period)
+          for (int c = j; c < kPeriod; c += period) {
+            total += mean[at(r, c)] * pixels[at(r, c)];
+            count += pixels[at(r, c)];
+          }
+        if (count > 0) sum += std::pow(total / count - 1.0, 2) - variance / count;
+      }
+    return sum / (period * period);
+  }
+};
+
+Classes classes_of(const Image& map, const MosaicGeometry& geometry, int channel) {
+  Classes out;
+  Moments square;
+  const PixelLocation usual =
+      location_of(geometry, channel, [&](int row, int col) { return map(row, col); });
+  for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+    if (std::abs(map(row, col) - usual.centre) > kDefectDeviations * usual.deviation) return;
+    out.mean[Classes::at(r, c)] += map(row, col);
+    out.pixels[Classes::at(r, c)] += 1;
+    square.add(std::pow(double{map(row, col)} - 1.0, 2));
+  });
+  for (std::size_t i = 0; i < kClasses; ++i)
+    if (out.pixels[i] > 0) out.mean[i] /= out.pixels[i];
+  out.variance = square.mean();
+  return out;
+}
+
+// Products of next pixels of a channel, without the classes' means; far ones are cut, for a defect
+// is no picture.
+void add_products(const Image& map, const MosaicGeometry& geometry, int channel,
+                  const Classes& classes, Moments& products) {
+  const double rest = std::max(classes.variance - classes.between(kPeriod), 0.0);
+  const double most = 4.0 * std::sqrt(rest);
+  const int down = geometry.cell_rows(), right = geometry.cell_cols();
+  const auto value = [&](int r, int c, int row, int col) {
+    return std::clamp(map(row, col) - classes.mean[Classes::at(r, c)], -most, most);
+  };
+  for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+    const double own = value(r, c, row, col);
+    if (row + down < map.rows()) products.add(own * value(r + 1, c, row + down, col));
+    if (col + right < map.cols()) products.add(own * value(r, c + 1, row, col + right));
+  });
+}
+
+}  // namespace
+
+void warn_of_colors(const SensorLayout& layout, const std::vector<std::vector<double>>& light_dn,
+                    PhysicsCalibration& out) {
+  constexpr std::size_t kFewest = 3;
+  constexpr double kAlike = 0.003, kGreens = 0.03, kOfOthers = 3.0;
+  if (!layout.colored() || light_dn.size() < kFewest) return;
+  const std::vector<ColorLight> colors = light_of_colors(layout, light_dn);
+  const auto dimmer = [](const ColorLight& a, const ColorLight& b) { return a.light < b.light; };
+  const auto [low, high] = std::minmax_element(colors.begin(), colors.end(), dimmer);
+  if (high->light - low->light < kAlike) {
+    out.warnings.push_back(fmt::format(
+        "all colours of {} see the same light, to {:.2g} %: has the sensor colour filters? One "
+        "without needs the layout mono or polar-mono",
+        layout.name(), 100 * (high->light - low->light)));
+    return;
+  }
+  const auto of = [&](Color color) {
+    return std::find_if(colors.begin(), colors.end(),
+                        [=](const ColorLight& one) { return one.color == color; });
+  };
+  const auto first = of(Color::kGreen1), second = of(Color::kGreen2), red = of(Color::kRed),
+             blue = of(Color::kBlue);
+  for (const auto& color : {first, second, red, blue})
+    if (color == colors.end()) return;
+  const double greens = std::abs(first->light - second->light),
+               others = std::abs(red->light - blue->light);
+  if (greens > kGreens && greens > kOfOthers * others)
+    out.warnings.push_back(fmt::format(
+        "the two greens of {} differ by {:.2g} % of the light, red and blue by {:.2g} %: is it "
+        "another order of the colours?",
+        layout.name(), 100 * greens, 100 * others));
+}
+
+ResponsePattern response_pattern(const Response& response, const MosaicGeometry& geometry) {
+  constexpr double kSame = 0.9;
+  ResponsePattern out;
+  double two = 0, four = 0;
+  Moments products;
+  for (int c = 0; c < geometry.channels(); ++c) {
+    const Classes classes = classes_of(response.map, geometry, c);
+    two += classes.between(2) / geometry.channels();
+    four += classes.between(kPeriod) / geometry.channels();
+    out.variance += response.prnu[as_index(c)] * response.prnu[as_index(c)] / geometry.channels();
+    add_products(response.map, geometry, c, classes, products);
+  }
+  out.period = two > kSame * four ? 2 : kPeriod;
+  out.periodic = std::max(two, four);
+  out.neighbours = products.mean();
+  out.neighbours_stderr = std::sqrt(products.variance() / static_cast<double>(products.count()));
+  return out;
+}
+
+void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout,
+                      PhysicsCalibration& out) {
+  constexpr double kPeriodic = 0.25, kLeast = 0.003, kAlike = 0.1, kErrors = 8.0;
+  const double rest = pattern.variance - pattern.periodic;
+  if (pattern.periodic > std::max(kPeriodic * pattern.variance, kLeast * kLeast))
+    out.warnings.push_back(fmt::format(
+        "of a PRNU of {:.3g} %, {:.3g} % repeat every {} rows or columns of a channel: is the "
+        "layout {} right? Pixels of one channel have one colour and one polarizer (columns with "
+        "gains of their own show so, too)",
+        100 * std::sqrt(pattern.variance), 100 * std::sqrt(pattern.periodic), pattern.period,
+        layout.name()));
+  else if (pattern.neighbours > std::max(kAlike * rest, kErrors * pattern.neighbours_stderr))
+    out.warnings.push_back(fmt::format(
+        "the response of next pixels is alike, {:.2g} of its square of {:.3g} %: PRNU holds a "
+        "picture of the lit surface, or dust; defocus, or use a diffuser",
+        pattern.neighbours / rest, 100 * std::sqrt(pattern.variance)));
+}
+
+}  // namespace malus
