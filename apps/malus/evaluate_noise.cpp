@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/image/pack.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/synthesizer.h"
@@ -187,7 +188,8 @@ Json structure_json(const NoiseStructure& s) {
           {"sigma_column_dn", s.column_sd_dn},
           {"row_power_dn2", s.row_power_dn2},
           {"correlation_along_row", s.along_row},
-          {"correlation_along_column", s.along_column}};
+          {"correlation_along_column", s.along_column},
+          {"correlation_between_frames", s.between_frames}};
 }
 
 Json comparison_json(const NoiseComparison& c, const NoiseComparisonSettings& settings,
@@ -246,7 +248,21 @@ std::string comparison_text(const NoiseComparison& c, int bins) {
                         fmt::format("correlation, {} along the column", i + 1),
                         c.reference.along_column[i], c.test.along_column[i]);
   }
+  row("correlation, frame to frame", {c.reference.between_frames}, {c.test.between_frames});
   return text;
+}
+
+// Shading and fixed pattern of one side alone are no noise, and were most of the distance.
+void warn_of_fixed_pattern(const NoiseComparison& c, const NoiseArguments& arguments) {
+  constexpr double kOfVariance = 0.1;
+  if (arguments.settings.remove_fixed_pattern) return;
+  const double reference = c.reference.between_frames, test = c.test.between_frames;
+  if (!(std::abs(reference - test) > kOfVariance)) return;
+  warn(fmt::format(
+      "{} % of the variance of the {} is alike from frame to frame, shading or a fixed pattern "
+      "that the {} have not: --remove-fixed-pattern compares the temporal noise",
+      percent_text(std::max(reference, test)), reference > test ? "reference" : "tests",
+      reference > test ? "tests" : "reference"));
 }
 
 }  // namespace
@@ -272,6 +288,7 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
   const NoiseComparison comparison =
       compare_noise(reference, test, clean, layout, arguments.settings, *progress);
   warn_of_copies(comparison, arguments);
+  warn_of_fixed_pattern(comparison, arguments);
   print_result(common, comparison_json(comparison, arguments.settings, layout),
                comparison_text(comparison, arguments.settings.bins));
 }

@@ -54,6 +54,20 @@ NoiseFrames frames_of(const Image& clean, const Noise& noise, int count, std::ui
           }};
 }
 
+// A ramp of 0 to 1270 DN in every frame, of which uniform noise knows nothing; and none.
+TEST(CompareNoise, WhatFramesHaveInCommonIsTheirCorrelation) {
+  const Noise noise{.sd = 200};
+  const auto result =
+      compare_noise(frames_of(ramp(), noise, 12, 1), frames_of(ramp(true), noise, 12, 2),
+                    std::nullopt, SensorLayout(), {});
+  const double ramp_variance = 100.0 * (kCols * kCols - 1) / 12;  // of 10 c, c = 0 ... kCols - 1
+  EXPECT_NEAR(result.reference.between_frames, ramp_variance / (ramp_variance + 200.0 * 200), 0.01);
+  EXPECT_NEAR(result.test.between_frames, 0, 4 / std::sqrt(11.0 * kRows * kCols));
+  const auto one = compare_noise(frames_of(ramp(), noise, 1, 1), frames_of(ramp(), noise, 1, 2),
+                                 std::nullopt, SensorLayout(), {});
+  EXPECT_EQ(one.reference.between_frames, 0);
+}
+
 TEST(CompareNoise, TheSameNoiseIsAtTheSamplingFloor) {
   const Image clean = ramp();
   const Noise noise{.sd = 3, .slope = 0.5};

@@ -282,6 +282,8 @@ std::vector<Quantity> quantities_of(const NoiseComparison& c) {
                        "correlation of pixels 1, 2, ... apart in a row", s->along_row));
     all.push_back(list("correlation_along_column" + suffix, "ρ", "1",
                        "correlation of pixels 1, 2, ... apart in a column", s->along_column));
+    all.push_back(list("correlation_between_frames" + suffix, "ρ", "1",
+                       "correlation of a pixel in a frame and in the next", {s->between_frames}));
   }
   return all;
 }

@@ -62,6 +62,10 @@ struct NoiseStructure {
   std::vector<double> row_power_dn2;
   /// Correlation of mosaic neighbours, channels scaled to one variance; lags 1, 2, ... kLags.
   std::vector<double> along_row, along_column;
+  /// Correlation of a pixel in a frame and in the next, about its channel's mean: the share of the
+  /// variance that all frames have in common (shading, a fixed pattern), or a camera's temporal
+  /// filter; 0 for one frame. Removing the mean of n frames leaves -1/(n - 1).
+  double between_frames = 0;
 };
 inline constexpr int kLags = 4;
 inline constexpr int kRowBands = 8;

@@ -9,6 +9,7 @@
 #include <complex>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -87,15 +88,15 @@ std::vector<double> row_power(const std::vector<double>& means) {
   return power;
 }
 
-// Mean product of pixels (row, col) and (row + down, col + right).
-double lagged_product(const Image& image, int down, int right) {
+// Mean product of pixels (row, col) of one image and (row + down, col + right) of the other.
+double lagged_product(const Image& image, const Image& other, int down, int right) {
   if (image.rows() <= down || image.cols() <= right) return 0;
   const double sum = parallel_reduce(
       0, image.rows() - down, kRowsPerTask, 0.0,
       [&](std::ptrdiff_t first, std::ptrdiff_t last) {
         double part = 0;
         for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
-          const float *a = image.row(r), *b = image.row(r + down) + right;
+          const float *a = image.row(r), *b = other.row(r + down) + right;
           for (int c = 0; c < image.cols() - right; ++c) part += double{a[c]} * double{b[c]};
         }
         return part;
@@ -132,9 +133,11 @@ void StructureSums::add(const Image& noise) {
   Image scaled(noise.rows(), noise.cols());
   unpack(planes, layout_, scaled);
   for (int lag = 1; lag <= kLags; ++lag) {
-    along_row_[static_cast<std::size_t>(lag - 1)] += lagged_product(scaled, 0, lag);
-    along_column_[static_cast<std::size_t>(lag - 1)] += lagged_product(scaled, lag, 0);
+    along_row_[static_cast<std::size_t>(lag - 1)] += lagged_product(scaled, scaled, 0, lag);
+    along_column_[static_cast<std::size_t>(lag - 1)] += lagged_product(scaled, scaled, lag, 0);
   }
+  if (!before_.empty()) between_frames_ += lagged_product(before_, scaled, 0, 0);
+  before_ = std::move(scaled);
   ++frames_;
 }
 
@@ -150,6 +153,7 @@ NoiseStructure StructureSums::result() const {
     structure.row_sd_dn.push_back(deviation(sums.row_variance));
     structure.column_sd_dn.push_back(deviation(sums.column_variance));
   }
+  structure.between_frames = between_frames_ / std::max(frames_ - 1, 1);
   structure.along_row = along_row_;
   structure.along_column = along_column_;
   structure.row_power_dn2 = row_power_;

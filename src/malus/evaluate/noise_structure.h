@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/evaluate/noise_comparison.h"
+#include "malus/image/view.h"
 
 namespace malus {
 
@@ -22,6 +23,8 @@ class StructureSums {
   int frames_ = 0;
   std::vector<ChannelSums> channels_;
   std::vector<double> along_row_, along_column_, row_power_;
+  Image before_;  ///< the last frame, channels scaled to mean 0 and variance 1
+  double between_frames_ = 0;
 };
 
 }  // namespace malus
