@@ -149,6 +149,27 @@ TEST(GainMap, OfAFlatFieldCorrectionIsTold) {
                                            HasSubstr("flat-field or shading correction"))));
 }
 
+// A Gaussian or non-parametric model alone had the wrong gain, too, and none of these words.
+TEST(SessionFaults, AreToldWhateverTheKind) {
+  SimulatedCamera camera = faultless_camera();
+  CalibrationInput input = simulated_session(camera);
+  change_frames(input, [&](RawFrame& frame, int) {
+    for (int r = 0; r < camera.rows; ++r)
+      for (int c = 0; c < camera.cols; ++c) multiply_light(frame, r, c, 1 - 0.2 * c / camera.cols);
+  });
+  const auto told = Contains(HasSubstr("over the frame, the light by"));
+  CalibrationSettings settings;
+  settings.level_samples = 1000;
+  const auto model_of = [&](const std::vector<std::string>& kinds) {
+    return calibrate(input, settings, kinds, silent_progress());
+  };
+  EXPECT_THAT(model_of({"gaussian"}).gaussian.at(0).warnings, told);
+  EXPECT_THAT(model_of({"nonparametric"}).nonparametric.at(0).warnings, told);
+  const NoiseModel both = model_of({"physics", "gaussian"});
+  EXPECT_THAT(both.physics.at(0).warnings, told);
+  EXPECT_THAT(both.gaussian.at(0).warnings, Not(told));
+}
+
 // A bent response makes the gain of dim corners another, too, but more so the brighter the level.
 TEST(GainMap, OfABentResponseIsNone) {
   SimulatedCamera camera = faultless_camera();

@@ -156,6 +156,22 @@ void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& s
   }
 }
 
+// What the physics results said of the frames is true of every kind that is made of the same
+// frames. To the first kind that has the gain: once is enough.
+void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
+  const auto given = [](auto& kinds, const PhysicsCalibration& from) {
+    const auto kind = std::find_if(kinds.begin(), kinds.end(),
+                                   [&](const auto& one) { return one.gain == from.gain; });
+    if (kind == kinds.end()) return false;
+    kind->warnings.insert(kind->warnings.begin(), from.warnings.begin(), from.warnings.end());
+    return true;
+  };
+  for (const PhysicsCalibration& physics : model.physics)
+    if (!given(model.gaussian, physics) && !given(model.nonparametric, physics))
+      for (const std::string& warning : physics.warnings)
+        progress.warn(fmt::format("{}: {}", physics.gain.text(), warning));
+}
+
 }  // namespace
 
 std::vector<std::string> calibrated_kinds() {
@@ -185,6 +201,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
       model.nonparametric.push_back(std::move(levels.distributions));
   if (contains(kinds, "dark-frames")) add_dark_frames(input, settings, progress, model);
   if (!contains(kinds, "physics")) {
+    keep_warnings_of_physics(model, progress);
     model.physics.clear();
     model.joint.reset();
   }
