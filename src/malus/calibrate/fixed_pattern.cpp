@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/pixel_location.h"
+#include "malus/calibrate/row_drift_fit.h"
 #include "malus/noise/row_drift.h"
 #include "malus/noise/tukey_lambda.h"
 

@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/bias_checks.h"
+#include "malus/calibrate/dark_point.h"
 #include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/flat_level.h"
 #include "malus/calibrate/gain_map.h"
@@ -293,32 +294,31 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
       lowest, joined(names), advised));
 }
 
-// Fourth moment over the squared second, minus the 3 of a normal distribution, of the residuals of
-// dark pixels; those beyond the kept cells count as the last one. 0 where none are kept.
-double dark_excess_kurtosis(int channel, const PhysicsCalibration& bias) {
-  if (bias.residual_counts.size() <= as_index(channel)) return 0.0;
-  const std::vector<double>& counts = bias.residual_counts[as_index(channel)];
-  double samples = 0, second = 0, fourth = 0;
-  for (std::size_t i = 0; i < counts.size(); ++i) {
-    const double square = std::pow(static_cast<double>(i) + 0.5, 2);
-    samples += counts[i];
-    second += counts[i] * square;
-    fourth += counts[i] * square * square;
-  }
-  return second > 0 ? samples * fourth / (second * second) - 3.0 : 0.0;
-}
-
-DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
-                     const PhysicsCalibration& bias) {
-  DarkPoint point;
-  point.variance_dn2 = variance_dn2;
-  point.row_variance_dn2 = std::pow(bias.sigma_row.mean[as_index(channel)], 2);
-  point.pixels = geometry.channel_pixels(channel);
-  point.row_groups = geometry.channel_groups(channel);
-  const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
-  point.fourth_cumulant_dn4 = dark_excess_kurtosis(channel, bias) * pixel * pixel;
-  point.variance_stderr_dn2 = std::sqrt(variance_error_dn4(0.0, bias.bias_frames, point, 0.0));
-  return point;
+// What the levels say against themselves, the session and the sensor.
+void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark,
+                 double saturation_limit, bool cut_off, PhysicsCalibration& out) {
+  warn_of_full_well(series, saturation_limit, first.white_dn - mean_of(first.black_dn), out);
+  for (std::size_t i = 0; i < series.gains.size(); ++i)
+    if (saturated_in_any(series, i)) series.gains[i] = {};
+  const std::size_t said = out.warnings.size();  // other light explains another variance
+  warn_of_flats(series.seen,
+                {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
+                 .frame_sd_dn = mean_of(dark.temporal.frame_deviation_dn()),
+                 .bias_frames = out.bias_frames,
+                 .row_variance_dn2 = mean_square(out.sigma_row.mean),
+                 .column_variance_dn2 = mean_square(out.sigma_column.mean),
+                 .step_dn = dark.step_dn,
+                 .dark_code_spacing_dn = dark.code_spacing_dn,
+                 .black_dn = mean_of(first.black_dn),
+                 .white_dn = first.white_dn},
+                out);
+  if (cut_off && !out.K.mean.empty())
+    out.warnings.push_back(
+        "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
+  if (out.warnings.size() == said) warn_of_gain_map(series.gains, out);
+  warn_of_colors(first.layout, series.light_dn, out);
+  warn_of_lit_darkness(first, out);
+  warn_of_alike_neighbours(dark.neighbours, series.patterns.neighbours, out);
 }
 
 }  // namespace
@@ -358,29 +358,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   }
   append_fits(fits, first.layout, out);
   take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
-  warn_of_full_well(series, settings.saturation_limit, first.white_dn - mean_of(first.black_dn),
-                    out);
-  for (std::size_t i = 0; i < series.gains.size(); ++i)
-    if (saturated_in_any(series, i)) series.gains[i] = {};
-  const std::size_t said = out.warnings.size();  // other light explains another variance
-  warn_of_flats(series.seen,
-                {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
-                 .frame_sd_dn = mean_of(frame_deviation),
-                 .bias_frames = out.bias_frames,
-                 .row_variance_dn2 = mean_square(out.sigma_row.mean),
-                 .column_variance_dn2 = mean_square(out.sigma_column.mean),
-                 .step_dn = dark.step_dn,
-                 .dark_code_spacing_dn = dark.code_spacing_dn,
-                 .black_dn = mean_of(first.black_dn),
-                 .white_dn = first.white_dn},
-                out);
-  if (cut_off && !out.K.mean.empty())
-    out.warnings.push_back(
-        "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
-  if (out.warnings.size() == said) warn_of_gain_map(series.gains, out);
-  warn_of_colors(first.layout, series.light_dn, out);
-  warn_of_lit_darkness(first, out);
-  warn_of_alike_neighbours(dark.neighbours, series.patterns.neighbours, out);
+  judge_flats(series, first, dark, settings.saturation_limit, cut_off, out);
   if (!series.patterns.response.empty()) {
     Response relative = series.patterns.response.response();
     warn_of_response(response_pattern(relative, geometry), first.layout, out);

@@ -5,6 +5,7 @@ set(calibrate_SOURCES
   calibrate.cpp
   clean_frame.cpp
   dark_codes.cpp
+  dark_point.cpp
   equal_values.cpp
   fixed_pattern.cpp
   flat_calibration.cpp
