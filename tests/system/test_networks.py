@@ -4,12 +4,13 @@ import json
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 
 import numpy as np
 import pytest
 
-from conftest import PROGRAM, ROOT, needs_networks
+from conftest import BUILD, PROGRAM, ROOT, needs_networks
 from weight_files import unet_package
 
 MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]
@@ -274,3 +275,31 @@ def test_without_proc_one_line_is_said(noisy, tmp_path):
     if done.returncode != 0:
         assert done.returncode == 1 and re.findall("^malus: .*", done.stderr, re.M)[0].count("; ") >= 1
         assert done.stderr.splitlines()[-1].startswith("malus: libtorch")
+
+
+def test_a_module_of_other_headers_is_refused(tmp_path, malus):
+    """Program and module share objects: one that was built before a header changed must not be called."""
+    digest = re.search(r"0x([0-9a-f]{16});", (BUILD / "generated/malus_networks_interface.h").read_text()).group(1)
+    module, stamp = (BUILD / "malus_networks.so").read_bytes(), bytes.fromhex(digest)[::-1]
+    assert stamp in module
+    (tmp_path / "malus_networks.so").write_bytes(module.replace(stamp, bytes(8)))
+    shutil.copy2(PROGRAM, tmp_path / "malus")
+    np.save(tmp_path / "x.npy", np.full((64, 64), 500, np.uint16))
+    done = subprocess.run([tmp_path / "malus", "denoise", tmp_path / "x.npy", "--layout", "bayer-rggb", "--method", ROOT / "models/bayer.safetensors",
+                           "--model", "sony-a7s2", "--gain", "1600", "-o", tmp_path / "out"], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 1 and "is of another version than the program; build both again" in done.stderr
+
+
+def test_the_digest_follows_the_headers(tmp_path):
+    for name in "ab":
+        (tmp_path / f"{name}.h").write_text(f"struct {name} {{}};")
+
+    def digest():
+        subprocess.run(["cmake", f"-DHEADERS={tmp_path}/a.h;{tmp_path}/b.h", f"-DOUTPUT={tmp_path}/out.h", "-P", ROOT / "cmake/NetworksInterface.cmake"],
+                       check=True, timeout=60)
+        return (tmp_path / "out.h").read_text()
+
+    first = digest()
+    assert digest() == first
+    (tmp_path / "b.h").write_text("struct b { int more; };")
+    assert digest() != first
