@@ -1,16 +1,59 @@
 #!/usr/bin/env python3
 """Polarized scenes drawn from formulas, without noise or 8-bit steps of their own, for `malus experiment denoise`.
 
-    /usr/bin/python3 bench/drawn_scenes.py FOLDER [--size 384] [--charts]
+    /usr/bin/python3 bench/drawn_scenes.py FOLDER [--size 384] [--charts] [--patterns]
 
 Writes FOLDER/NAME/I0.png, I45.png, I90.png, I135.png (16 bits, RGB) for every NAME of SCENES; with --charts of CHARTS:
-checkerboards of light and, in even light, of polarization, by the size of their squares in pixels.
+checkerboards of light and, in even light, of polarization, by the size of their squares in pixels; with --patterns of
+PATTERNS: weaves by their period, one word over and over, a page of letters, checkerboards of AoLP alone, slanted bars.
 """
 import argparse
 import pathlib
 import subprocess
 
 import numpy as np
+
+
+GLYPHS = {  # 5 x 7, rows from the top
+    "A": "0e11111f111111", "E": "1f10101e10101f", "K": "11121418141211", "L": "1010101010101f", "M": "111b1515111111",
+    "N": "11191513111111", "O": "0e11111111110e", "S": "0f10100e01011e", "T": "1f040404040404", "U": "1111111111110e"}
+
+
+def text(lines, pixels):
+    """Ink (rows, cols) of lines of letters, so many pixels per dot, one dot between letters, three between lines."""
+    dots = np.zeros((10 * len(lines), 6 * max(map(len, lines))))
+    for i, line in enumerate(lines):
+        for k, letter in enumerate(line):
+            if letter != " ":
+                rows = bytes.fromhex(GLYPHS[letter])
+                dots[10 * i:10 * i + 7, 6 * k:6 * k + 5] = [[row >> bit & 1 for bit in (4, 3, 2, 1, 0)] for row in rows]
+    return dots.repeat(pixels, 0).repeat(pixels, 1)
+
+
+def pattern(name, size):
+    y, x = np.mgrid[0:size, 0:size].astype(float)
+    colour = lambda light, rgb: light[..., None] * np.array(rgb)
+    even = np.ones_like(x)
+    if name.startswith("weave"):  # threads over and under each other, each direction with its own polarization
+        period = float(name.rpartition("_")[2])
+        warp, weft = np.cos(np.pi * x / period) ** 2, np.cos(np.pi * y / period) ** 2
+        over = 0.5 + 0.5 * np.sin(np.pi * x / period) * np.sin(np.pi * y / period)
+        light = 0.1 + 0.8 * (over * warp + (1 - over) * weft)
+        return colour(light, (0.9, 1.0, 0.7)), 0.1 + 0.3 * over, 0.3 + 0.8 * over
+    if name.startswith("aolboard"):
+        side = int(name.rpartition("_")[2])
+        bright = (y // side + x // side) % 2 == 0
+        return colour(0.45 * even, (0.9, 1.0, 0.8)), 0.3 * even, np.where(bright, 0.3, 1.5)
+    if name == "bars":  # 11 pixels wide, slanted by one in eight
+        light = np.where((x + y // 8) // 11 % 2 == 0, 0.7, 0.15)
+        return colour(light, (0.9, 1.0, 0.8)), np.where(light > 0.5, 0.1, 0.4), 0.5 * even
+    random = np.random.default_rng(11)
+    across, down = size // 12 + 1, size // 20 + 1
+    lines = ["MALUS " * (across // 6 + 1)] * down
+    if name == "page":
+        lines = ["".join(random.choice(list("AEKLMNOSTU   "), across)) for _ in range(down)]
+    ink = text(lines, 2)[:size, :size]
+    return colour(0.8 - 0.7 * ink, (0.95, 1.0, 0.85)), 0.1 + 0.3 * ink, 0.4 + 0.5 * ink
 
 
 def scene(name, size):
@@ -42,6 +85,8 @@ def scene(name, size):
         if name.startswith("board"):
             return colour(np.where(bright, 0.7, 0.2), (0.9, 1.0, 0.8)), np.full_like(x, 0.3), np.full_like(x, 0.5)
         return colour(np.full_like(x, 0.45), (0.9, 1.0, 0.8)), np.where(bright, 0.4, 0.1), np.full_like(x, 0.5)
+    if name in PATTERNS:
+        return pattern(name, size)
     # Discs one over the other: edges, even or shaded areas, one polarization each.
     light, dolp, aolp = colour(0.3 + 0.2 * y, (1.0, 0.9, 0.8)), np.full_like(x, 0.1), np.full_like(x, 0.3)
     for _ in range(40):
@@ -55,6 +100,7 @@ def scene(name, size):
 
 SCENES = ("flat", "ramp", "waves", "blobs", "discs")
 CHARTS = ("board_8", "board_12", "board_16", "polboard_8", "polboard_16")
+PATTERNS = ("weave_9", "weave_17", "word", "page", "aolboard_16", "bars")
 
 
 def write_png(path, picture):
@@ -71,8 +117,10 @@ def main():
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--size", type=int, default=384)
     parser.add_argument("--charts", action="store_true")
+    parser.add_argument("--patterns", action="store_true")
     arguments = parser.parse_args()
-    for name in CHARTS if arguments.charts else SCENES:
+    names = CHARTS * arguments.charts + PATTERNS * arguments.patterns
+    for name in names or SCENES:
         light, dolp, aolp = scene(name, arguments.size)
         folder = arguments.folder / name
         folder.mkdir(parents=True, exist_ok=True)

@@ -80,22 +80,59 @@ TEST(MosaicPlan, CombinesWhereCellsAreAlikeAndThePilotHasBeenFiltered) {
 class MosaicMethods : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Both, MosaicMethods, testing::Values("bm3d", "nl-ridge"));
 
-// Clean light with noise of deviation 1 (one draw for every plan), filtered.
-Image filtered(const Image& clean, const MosaicFilterPlan& plan, const SensorLayout& layout) {
+// Clean light with noise of deviation 1 (one draw for every plan), filtered. beyond: so much more
+// of the surroundings than a tile has to have.
+Image filtered(const Image& clean, const MosaicFilterPlan& plan, const SensorLayout& layout,
+               int beyond = 0) {
   const int rows = clean.rows(), cols = clean.cols();
   Image noisy = clean;
   RandomSequence random(11, 0, Draw::kUser);
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
-  const int reach = mosaic_filter_reach(plan, layout);
+  const int edge = mosaic_filter_border(plan, layout) + beyond;
   const internal::StackTile tile =
-      cut_tile(pixel, rows, cols, -reach, -reach, rows + 2 * reach, cols + 2 * reach, layout);
+      cut_tile(pixel, rows, cols, -edge, -edge, rows + 2 * edge, cols + 2 * edge, layout);
   const Image whole = filter_mosaic(tile, rows, cols, statistics, plan, silent_progress());
   Image result(rows, cols);
   for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < cols; ++c) result(r, c) = whole(reach + r, reach + c);
+    for (int c = 0; c < cols; ++c) result(r, c) = whole(edge + r, edge + c);
   return result;
+}
+
+TEST_P(MosaicMethods, NeedNoMoreThanTheBorderBeyondTheFrame) {
+  for (const char* name : {"polar-bayer-rggb", "polar-mono", "mono"}) {
+    const SensorLayout layout = SensorLayout::named(name);
+    Image clean(70, 93, 20);
+    for (int r = 0; r < 70; ++r)
+      for (int c = 0; c < 93; ++c) clean(r, c) += 8 * std::sin(0.31f * static_cast<float>(r + c));
+    const MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "normal", layout);
+    const Image little = filtered(clean, plan, layout), more = filtered(clean, plan, layout, 200);
+    for (std::size_t i = 0; i < clean.size(); ++i)
+      ASSERT_EQ(little.values()[i], more.values()[i]) << name << ' ' << i;
+  }
+}
+
+// Squares of 16 pixels that differ in polarization alone, by less than the noise: ten cells around
+// a block hold 12 of its copies.
+TEST_P(MosaicMethods, WhatRepeatsFarAwayHelpsColourPolarization) {
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  Image clean(288, 288);
+  for (int r = 0; r < 288; ++r)
+    for (int c = 0; c < 288; ++c) {
+      const double turn = 2 * (*layout.site(layout.channel_at(r, c)).angle_deg * 0.0174533 - 0.5);
+      const double dolp = (r / 16 + c / 16) % 2 ? 0.1 : 0.4;
+      clean(r, c) = static_cast<float>(8 * (1 + dolp * std::cos(turn)));
+    }
+  MosaicFilterPlan plan = mosaic_filter_plan(GetParam(), "normal", layout);
+  ASSERT_EQ(plan.hard.front().far_step, 2);
+  EXPECT_EQ(plan.coarse.front().hard.front().far_step, 1);
+  const auto error = [&] { return polarization_error(filtered(clean, plan, layout), clean); };
+  const double wide = error();
+  for (internal::StackStage& stage : plan.hard) stage.far_step = 1;
+  for (internal::StackStage& stage : plan.guided) stage.far_step = 1;
+  if (plan.large) plan.large->far_step = 1;
+  EXPECT_LT(wide, 0.7 * error());
 }
 
 // What the pilot cannot tell from noise, weak polarization above all, is found along the frame's

@@ -17,21 +17,34 @@ struct TileSize {
   int rows, cols;
 };
 
-TileSize plan_tiles(int rows, int cols, int reach, double memory_mib, double resident_values) {
+TileSize plan_tiles(int rows, int cols, int reach, int border, double memory_mib,
+                    double resident_values) {
   const double pixels = (pixel_budget_bytes(memory_mib) - 4 * resident_values) / kBytesPerTilePixel;
-  if ((rows + 2.0 * reach) * (cols + 2.0 * reach) <= pixels) return {rows, cols};
+  if ((rows + 2.0 * border) * (cols + 2.0 * border) <= pixels) return {rows, cols};
   const double side = std::sqrt(std::max(pixels, 0.0)) - 2.0 * reach;
-  const double least = (kLeastCore + 2.0 * reach) * (kLeastCore + 2.0 * reach);
+  const double least = std::min((kLeastCore + 2.0 * reach) * (kLeastCore + 2.0 * reach),
+                                (rows + 2.0 * border) * (cols + 2.0 * border));
   if (side < kLeastCore)
     refuse_memory(memory_mib, least * kBytesPerTilePixel + 4 * resident_values, rows, cols);
   const int core = static_cast<int>(side) / 2 * 2;  // tiles begin at even pixels
   return {core, core};
 }
 
-void copy_core(const Image& tile, int margin, Image& frame, int row0, int col0, int rows,
-               int cols) {
-  for (int r = 0; r < rows; ++r)
-    std::copy_n(tile.row(margin + r) + margin, cols, frame.row(row0 + r) + col0);
+// [begin, end) of the frame along one side, and what a tile holds of it with its surroundings.
+struct Span {
+  int begin, end, tile_begin, tile_end;
+  Span(int tile, int size, int frame, int reach, int border)
+      : begin(tile * size),
+        end(std::min(begin + size, frame)),
+        tile_begin(std::max(begin - reach, -border)),
+        tile_end(std::min(end + reach, frame + border)) {}
+  int tile_size() const { return tile_end - tile_begin; }
+};
+
+void copy_core(const Image& tile, const Span& down, const Span& across, Image& frame) {
+  for (int r = down.begin; r < down.end; ++r)
+    std::copy_n(tile.row(r - down.tile_begin) + (across.begin - across.tile_begin),
+                across.end - across.begin, frame.row(r) + across.begin);
 }
 
 }  // namespace
@@ -41,22 +54,22 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const Mos
                  Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols();
   const int reach = mosaic_filter_reach(plan, layout, error != nullptr);
-  const TileSize size = plan_tiles(rows, cols, reach, memory_mib, resident_values);
+  const int border = std::min(mosaic_filter_border(plan, layout), reach);
+  const TileSize size = plan_tiles(rows, cols, reach, border, memory_mib, resident_values);
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
   const int down = (rows + size.rows - 1) / size.rows;
   const int across = (cols + size.cols - 1) / size.cols;
   progress.begin("denoising", down * across);
   for (int t = 0; t < down * across; ++t) {
-    const int row0 = t / across * size.rows, col0 = t % across * size.cols;
-    const int core_rows = std::min(size.rows, rows - row0);
-    const int core_cols = std::min(size.cols, cols - col0);
-    const StackTile tile = cut_tile(pixel, rows, cols, row0 - reach, col0 - reach,
-                                    core_rows + 2 * reach, core_cols + 2 * reach, layout);
+    const Span v(t / across, size.rows, rows, reach, border);
+    const Span h(t % across, size.cols, cols, reach, border);
+    const StackTile tile = cut_tile(pixel, rows, cols, v.tile_begin, h.tile_begin, v.tile_size(),
+                                    h.tile_size(), layout);
     Image tile_error;
     const Image filtered =
         filter_mosaic(tile, rows, cols, statistics, plan, progress, error ? &tile_error : nullptr);
-    copy_core(filtered, reach, estimate, row0, col0, core_rows, core_cols);
-    if (error) copy_core(tile_error, reach, *error, row0, col0, core_rows, core_cols);
+    copy_core(filtered, v, h, estimate);
+    if (error) copy_core(tile_error, v, h, *error);
     progress.advance(1);
   }
   if (!plan.coarse.empty() && has_coarse_scale(rows, cols, layout)) {

@@ -181,6 +181,11 @@ Image mixed_pass(const internal::StageInput& input, const internal::StackStage& 
   return std::move(by_small.pixels);
 }
 
+void search_near_alone(MosaicFilterPlan& plan) {
+  for (internal::StackStage& stage : plan.hard) stage.far_step = 1;
+  for (internal::StackStage& stage : plan.guided) stage.far_step = 1;
+}
+
 }  // namespace
 
 MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
@@ -190,8 +195,8 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
   const bool periods = kCell % layout.rows() == 0 && kCell % layout.cols() == 0;
   const bool ridge = method == "nl-ridge" && periods;  // cells of one layout are alike
-  // Ten short periods reach no further than a block is wide: of what repeats they hold too little.
-  const int far_step = periods ? kCell / std::max(layout.rows(), layout.cols()) : 1;
+  // Ten periods hold too little of what repeats, short ones reach no further than a block is wide.
+  const int far_step = !periods ? 1 : std::max(kCell / std::max(layout.rows(), layout.cols()), 2);
   const auto detail = [&](StackFilter filter) {
     if (!ridge) return 0.0f;
     return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
@@ -226,8 +231,11 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   // A pilot of the hard threshold alone is none to combine by.
   if (profile == "fast") return quick(StackFilter::wiener);
   MosaicFilterPlan coarse = quick(last);
+  // Eight periods are twice as far there, and beyond is nothing to gain.
+  if (std::max(layout.rows(), layout.cols()) == kCell) search_near_alone(coarse);
   if (ridge) {
     coarse.guided.push_back(guided(last, 7, 8, 64));
+    coarse.guided.back().far_step = coarse.guided.front().far_step;
     // A quarter and an eighth of the size too: even light and slow ramps come out up to 2 dB
     // better, the rest as it was (docs/denoising-experiments.md, "Coarser scales").
     MosaicFilterPlan quarter = coarse;
@@ -268,6 +276,18 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
              internal::kMixReach;
   if (with_error) reach += internal::stated_error_reach(period);
   return reach + (plan.detail_threshold > 0 ? internal::kDetailBlock : 0);
+}
+
+int mosaic_filter_border(const MosaicFilterPlan& plan, const SensorLayout& layout) {
+  const int period = std::max(layout.rows(), layout.cols());
+  int seen = 0;
+  const auto add = [&](const internal::StackStage& stage) {
+    seen = std::max(seen, stage.search * period + 2 * stage.block());
+  };
+  for (const internal::StackStage& stage : plan.hard) add(stage);
+  for (const internal::StackStage& stage : plan.guided) add(stage);
+  if (plan.large) add(*plan.large);
+  return (seen + internal::kMixReach + internal::kDetailBlock + 1) / 2 * 2;
 }
 
 int folded(int position, int size, int period) {

@@ -39,6 +39,10 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout,
                         bool with_error = false);
 
+/// Nor on any pixel this far beyond the frame's border: references touch the frame, and only blocks
+/// near them may lie outside. Even.
+int mosaic_filter_border(const MosaicFilterPlan& plan, const SensorLayout& layout);
+
 /// What the filter must know of the whole frame before it can work on a part of it.
 struct CellStatistics {
   int period_rows = 1, period_cols = 1;

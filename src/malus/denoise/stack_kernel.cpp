@@ -4,6 +4,7 @@
 #include "malus/denoise/internal/stack_kernel.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -106,6 +107,8 @@ HWY_INLINE int gather_half(const StackJob& job, const float* from, const std::pt
 }
 
 #include "malus/denoise/internal/stack_axes-inl.h"
+#include "malus/denoise/internal/stack_select-inl.h"
+// After the selection.
 #include "malus/denoise/internal/stack_match-inl.h"
 #include "malus/denoise/internal/stack_shrink-inl.h"
 // After the shrinkage.

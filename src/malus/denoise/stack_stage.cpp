@@ -91,6 +91,8 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   job.cols = pixels.cols();
   job.row0 = input.noisy->row0;
   job.col0 = input.noisy->col0;
+  job.frame_rows = input.frame_rows;
+  job.frame_cols = input.frame_cols;
   job.filter = stage.filter;
   job.block_cells = stage.block_cells;
   job.step = stage.step;

@@ -27,6 +27,7 @@ struct StackJob {
   std::ptrdiff_t stride;
   int rows, cols;
   int row0, col0;  ///< frame position of the tile, for the alignment
+  int frame_rows, frame_cols;
   StackFilter filter;
   int block_cells, step, search, far_step, stack;
   float threshold;
@@ -52,7 +53,7 @@ void filter_references(const StackJob& job, const ReferenceBlock& block);
 
 /// The blocks most similar to the one at (row, col), as filter_references stacks them: offsets of
 /// their first pixels, the nearest first, of equal ones the earlier in the window. Returns how many
-/// (a power of two); as many again follow where the window has them, the next nearest in its order.
+/// (a power of two); as many again follow where the windows have them, the next nearest.
 int match_reference(const StackJob& job, int row, int col, std::vector<std::ptrdiff_t>& matches);
 
 /// What principal_axes gives, of the upper triangles of up to kLanes matrices at once.

@@ -1,30 +1,5 @@
 // Which blocks are most similar to a reference block. No include guard: stack_kernel.cpp includes
-// it once per instruction set, inside that set's namespace, after the vectors it is written in.
-//
-// Distances are compared as whole numbers: bits of floats that are not negative have their order.
-
-constexpr std::int32_t kReference = -1;  ///< the reference's own key: it always leads
-constexpr std::int32_t kFarthest = std::numeric_limits<std::int32_t>::max() - 1;
-
-/// Blocks in the order of the search window; keys are readable to the end of their last vector and
-/// there, and where a slot holds no block, greater than any distance.
-struct Candidates {
-  std::vector<std::int32_t> keys, places;  ///< places: offsets from the reference
-  int slots = 0, count = 0;                ///< count: blocks
-
-  explicit Candidates(int most)
-      : keys(static_cast<std::size_t>(most + 2 * kLanes)), places(keys.size()) {}
-  int most() const { return static_cast<int>(keys.size()) - 2 * kLanes; }
-  void put(int at, std::int32_t key, std::int32_t place) {
-    keys[static_cast<std::size_t>(at)] = key;
-    places[static_cast<std::size_t>(at)] = place;
-  }
-  void set_count(int n, int all_slots) {
-    count = n;
-    slots = all_slots;
-    std::fill_n(keys.begin() + all_slots, kLanes, kFarthest + 1);
-  }
-};
+// it once per instruction set, inside that set's namespace, after the selection.
 
 /// Pixels between the blocks of a search: a period of the layout, or job.far_step of them.
 struct Spacing {
@@ -33,15 +8,28 @@ struct Spacing {
       : rows(job.period_rows * periods), cols(job.period_cols * periods) {}
 };
 
+/// Where a search may find blocks, in pixels of the tile. Beyond the frame tiles hold no more than
+/// the near search can reach.
+struct Area {
+  int top, left, bottom, right;
+  static Area tile(const StackJob& job) { return {0, 0, job.rows, job.cols}; }
+  static Area frame(const StackJob& job) {
+    return {std::max(-job.row0, 0), std::max(-job.col0, 0),
+            std::min(job.frame_rows - job.row0, job.rows),
+            std::min(job.frame_cols - job.col0, job.cols)};
+  }
+};
+
 /// How far the search window reaches from a reference, in steps of its spacing.
 struct Window {
   int up, down, left, right;
-  Window(const StackJob& job, const Spacing& spacing, int block, int row, int col) {
-    const auto steps = [&](int room, int step) { return std::min(job.search, room / step); };
-    up = steps(row, spacing.rows);
-    left = steps(col, spacing.cols);
-    down = steps(job.rows - block - row, spacing.rows);
-    right = steps(job.cols - block - col, spacing.cols);
+  Window(const StackJob& job, const Spacing& spacing, const Area& area, int block, int row,
+         int col) {
+    const auto steps = [&](int room, int step) { return std::clamp(room / step, 0, job.search); };
+    up = steps(row - area.top, spacing.rows);
+    left = steps(col - area.left, spacing.cols);
+    down = steps(area.bottom - block - row, spacing.rows);
+    right = steps(area.right - block - col, spacing.cols);
   }
   int rows() const { return up + down + 1; }
   int cols() const { return left + right + 1; }
@@ -95,9 +83,20 @@ struct Reference {
   std::ptrdiff_t stride, row_part[kBlock], col_part[kBlock];
 };
 
+/// The pixels of a block that the wide search compares: half of 8x8, a quarter of 16x16. Cells
+/// differ in theirs, so that every channel is among them.
+template <int kBlock>
+constexpr bool is_sampled(int r, int c) {
+  const int cell_row = r / kCell, cell_col = c / kCell;
+  if (kBlock == 2 * kCell) return (r + c + cell_row + cell_col) % 2 == 0;
+  return (r + cell_row) % 2 == 0 && (c + cell_col) % 2 == 0;
+}
+template <int kBlock>
+constexpr float kSampledPart = kBlock == 2 * kCell ? 0.5f : 0.25f;
+
 /// Squared distances of as many candidates of each row as a vector holds, times a factor, seven
 /// rows at a time.
-template <class Vector, class Keys, int kBlock>
+template <class Vector, class Keys, int kBlock, bool kSampled>
 HWY_INLINE void measure_strip(const Reference<kBlock>& reference, const Lattices& lattices,
                               const Window& window, int first, float factor, std::int32_t* found) {
   constexpr int kRows = 7, kWidth = sizeof(Vector) / sizeof(float);
@@ -113,6 +112,7 @@ HWY_INLINE void measure_strip(const Reference<kBlock>& reference, const Lattices
       at[i] = std::min(top + i, window.rows() - 1) * lattices.pitch() + first;
     for (int r = 0; r < kBlock; ++r)
       for (int c = 0; c < kBlock; ++c) {
+        if (kSampled && !is_sampled<kBlock>(r, c)) continue;
         const Vector pixel = all<Vector>(reference.pixels[r * reference.stride + c]);
         const float* lattice = lattices.values() + reference.row_part[r] + reference.col_part[c];
         for (int i = 0; i < kRows; ++i) {
@@ -134,13 +134,12 @@ HWY_INLINE void measure_strip(const Reference<kBlock>& reference, const Lattices
   }
 }
 
-/// Adds all blocks in the window with their squared distances times a factor; returns the window.
-template <int kBlock>
+/// All blocks in the window with their squared distances times a factor; returns the window.
+template <int kBlock, bool kSampled>
 HWY_INLINE Window measure(const StackJob& job, int row, int col, const Lattices& lattices,
-                          float factor, Candidates& found) {
+                          const Area& area, float factor, Candidates& found) {
   const Spacing& spacing = lattices.spacing();
-  const Window window(job, spacing, kBlock, row, col);
-  std::int32_t* const keys = &found.keys[static_cast<std::size_t>(found.slots)];
+  const Window window(job, spacing, area, kBlock, row, col);
   Reference<kBlock> reference;
   reference.pixels = job.guide + row * job.stride + col;
   reference.stride = job.stride;
@@ -150,16 +149,17 @@ HWY_INLINE Window measure(const StackJob& job, int row, int col, const Lattices&
   }
   int first = 0;
   for (; first + 8 < window.slots(); first += 16)
-    measure_strip<Floats, Ints>(reference, lattices, window, first, factor, keys);
+    measure_strip<Floats, Ints, kBlock, kSampled>(reference, lattices, window, first, factor,
+                                                  found.keys.data());
   if (first < window.slots())
-    measure_strip<Floats8, Ints8>(reference, lattices, window, first, factor, keys);
-  for (int y = 0, slot = found.slots; y < window.rows(); ++y)
+    measure_strip<Floats8, Ints8, kBlock, kSampled>(reference, lattices, window, first, factor,
+                                                    found.keys.data());
+  for (int y = 0, slot = 0; y < window.rows(); ++y)
     for (int x = 0; x < window.slots(); ++x, ++slot)
       found.places[static_cast<std::size_t>(slot)] =
           static_cast<std::int32_t>((y - window.up) * spacing.rows * job.stride) +
           (x - window.left) * spacing.cols;
-  found.set_count(found.count + window.rows() * window.cols(),
-                  found.slots + window.rows() * window.slots());
+  found.set_count(window.rows() * window.cols(), window.rows() * window.slots());
   return window;
 }
 
@@ -167,161 +167,109 @@ HWY_INLINE Window measure(const StackJob& job, int row, int col, const Lattices&
 /// those of what repeats are by more than that (docs/denoising-experiments.md, "A wider search").
 constexpr float kFarFactor = 1.25f;
 
-/// Every block that the two searches hold, once.
+/// All blocks of the near search; the reference leads.
 template <int kBlock>
-HWY_INLINE void measure_all(const StackJob& job, int row, int col, const Lattices& near,
-                            const std::optional<Lattices>& far, Candidates& found) {
-  found.set_count(0, 0);
-  const Window window = measure<kBlock>(job, row, col, near, 1.0f, found);
+HWY_INLINE void measure_near(const StackJob& job, int row, int col, const Lattices& near,
+                             Candidates& found) {
+  const Window window = measure<kBlock, false>(job, row, col, near, Area::tile(job), 1.0f, found);
   found.keys[static_cast<std::size_t>(window.up * window.slots() + window.left)] = kReference;
-  if (!far) return;
-  const int first = found.slots;
-  const Window wide = measure<kBlock>(job, row, col, *far, kFarFactor, found);
+}
+
+/// All blocks of the wide search that the near one does not hold.
+template <int kBlock>
+HWY_INLINE void measure_far(const StackJob& job, int row, int col, const Lattices& far,
+                            Candidates& found) {
+  const Window wide = measure<kBlock, true>(job, row, col, far, Area::frame(job),
+                                            kFarFactor / kSampledPart<kBlock>, found);
   const int known = job.search / job.far_step;  // steps of the wide search within the near one
   const int up = std::min(known, wide.up), down = std::min(known, wide.down);
   const int left = std::min(known, wide.left), right = std::min(known, wide.right);
   for (int y = wide.up - up; y <= wide.up + down; ++y)
-    std::fill_n(&found.keys[static_cast<std::size_t>(first + y * wide.slots() + wide.left - left)],
+    std::fill_n(&found.keys[static_cast<std::size_t>(y * wide.slots() + wide.left - left)],
                 left + right + 1, kFarthest + 1);
   found.set_count(found.count - (up + down + 1) * (left + right + 1), found.slots);
-}
-
-/// Sums of lanes 4 apart: a quarter of the vector.
-template <class Vector>
-HWY_INLINE auto quarter_sums(const Vector& v) {
-  if constexpr (sizeof(v) == sizeof(Floats4))
-    return v;
-  else
-    return quarter_sums(low_half(v) + high_half(v));
-}
-
-/// How many keys are at most `limit`.
-HWY_INLINE int count_up_to(const Candidates& from, std::int32_t limit) {
-  Ints sum{};
-  for (int i = 0; i < from.slots; i += kLanes) {
-    Ints keys;
-    load(&from.keys[static_cast<std::size_t>(i)], keys);
-    sum -= keys <= limit;  // true is -1
-  }
-  const Ints4 quarter = quarter_sums(sum);
-  return quarter[0] + quarter[1] + quarter[2] + quarter[3];
-}
-
-/// Moves blocks whose keys are at most `limit` to `near` and, where asked for, the others to
-/// `rest`; returns how many are near.
-template <bool kWithRest>
-HWY_INLINE int split_at(const Candidates& from, std::int32_t limit, Candidates& near,
-                        Candidates& rest) {
-  std::size_t nearest = 0, others = 0;
-  if constexpr (HWY_MAX_BYTES == sizeof(Ints)) {
-    namespace hn = hwy::HWY_NAMESPACE;
-    const hn::CappedTag<std::int32_t, kLanes> tag;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); i += hn::Lanes(tag)) {
-      const auto keys = hn::LoadU(tag, &from.keys[i]), places = hn::LoadU(tag, &from.places[i]);
-      const auto leave = hn::Gt(keys, hn::Set(tag, limit)), take = hn::Not(leave);
-      hn::StoreU(hn::Compress(keys, take), tag, &near.keys[nearest]);
-      hn::StoreU(hn::Compress(places, take), tag, &near.places[nearest]);
-      const std::size_t taken = hn::CountTrue(tag, take);
-      if constexpr (kWithRest) {
-        hn::StoreU(hn::Compress(keys, leave), tag, &rest.keys[others]);
-        hn::StoreU(hn::Compress(places, leave), tag, &rest.places[others]);
-      }
-      nearest += taken;
-      others += hn::Lanes(tag) - taken;
-    }
-  } else {  // one by one is faster than what replaces an instruction for it
-    for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); ++i) {
-      const bool take = from.keys[i] <= limit;
-      near.keys[nearest] = from.keys[i];
-      near.places[nearest] = from.places[i];
-      nearest += take;
-      if constexpr (kWithRest) {
-        rest.keys[others] = from.keys[i];
-        rest.places[others] = from.places[i];
-        others += !take;
-      }
-    }
-  }
-  return static_cast<int>(nearest);
-}
-
-/// Moves the `wanted` nearest to `near` and, where asked for, the others to `rest`, both in the
-/// order of the window; the others only of candidates without empty slots. Of equal distances the
-/// earlier block is the nearer.
-template <bool kWithRest>
-HWY_INLINE void split(const Candidates& from, int wanted, Candidates& near, Candidates& rest) {
-  // Fewer than wanted keys are up to low, `below`; at least as many are up to high.
-  std::int32_t low = kReference - 1, high = kFarthest;
-  int below = 0, up_to = from.count;
-  while (low + 1 < high && up_to != wanted) {
-    const std::int32_t middle = std::midpoint(low, high);  // does not overflow
-    const int many = count_up_to(from, middle);
-    (many < wanted ? low : high) = middle;
-    (many < wanted ? below : up_to) = many;
-  }
-  int nearest = 0;
-  if (up_to == wanted) {
-    nearest = split_at<kWithRest>(from, high, near, rest);
-  } else {
-    int room = wanted - below, others = 0;  // room: for those at high, all equally far
-    for (std::size_t i = 0; i < static_cast<std::size_t>(from.slots); ++i) {
-      const std::int32_t key = from.keys[i];
-      if (key <= low || (key == high && room-- > 0))
-        near.put(nearest++, key, from.places[i]);
-      else if constexpr (kWithRest)
-        rest.put(others++, key, from.places[i]);
-    }
-  }
-  near.set_count(nearest, nearest);
-  if constexpr (kWithRest) rest.set_count(from.count - nearest, from.count - nearest);
-}
-
-/// Writes the offsets, the nearest first.
-HWY_INLINE void sort(const Candidates& from, std::ptrdiff_t home, std::ptrdiff_t* sorted) {
-  constexpr std::ptrdiff_t kFree = std::numeric_limits<std::ptrdiff_t>::min();
-  std::fill_n(sorted, from.count, kFree);
-  for (int first = 0; first < from.count; first += kLanes) {
-    Ints keys, rank{};
-    load(&from.keys[static_cast<std::size_t>(first)], keys);
-    for (int k = 0; k < from.count; ++k) rank -= from.keys[static_cast<std::size_t>(k)] < keys;
-    for (int i = 0; i < std::min(kLanes, from.count - first); ++i) {
-      int place = lane(rank, i);
-      while (sorted[place] != kFree) ++place;  // of equal ones the earlier leads
-      sorted[place] = home + from.places[static_cast<std::size_t>(first + i)];
-    }
-  }
 }
 
 /// What the search for one block needs, for all references of a thread.
 struct Search {
   Lattices lattices;
   std::optional<Lattices> far;
-  Candidates all, near, rest, nearest;
+  Candidates all, wide, near, rest, nearest;
   std::vector<std::ptrdiff_t> matches;  ///< offsets of the blocks' first pixels
   Search(const StackJob& job, const ReferenceBlock& block, int side)
       : lattices(job, {job, 1}, block, side),
-        all((job.far_step > 1 ? 2 : 1) * (2 * job.search + 1) * (2 * job.search + 8)),
-        near(all.most()),
-        rest(all.most()),
-        nearest(all.most()) {
+        all((2 * job.search + 1) * (2 * job.search + 8)),
+        wide(all.most()),
+        near(2 * all.most()),
+        rest(2 * all.most()),
+        nearest(2 * all.most()) {
     if (job.far_step > 1) far.emplace(job, Spacing(job, job.far_step), block, side);
   }
 };
 
+/// Twice the stack's nearest blocks of both searches, or as many as there are, in the order of the
+/// windows: to search.nearest. Returns how many both hold.
+template <int kBlock>
+HWY_INLINE int find_nearest(const StackJob& job, int row, int col, Search& search) {
+  const int wanted = 2 * job.stack;
+  measure_near<kBlock>(job, row, col, search.lattices, search.all);
+  const int near = std::min(wanted, search.all.count);
+  split<false>(search.all, near, search.nearest, search.rest);
+  if (!search.far) return search.all.count;
+  measure_far<kBlock>(job, row, col, *search.far, search.wide);
+  // Of equal distances the near block comes first, so far ones must be nearer than all of them.
+  std::int32_t limit = kFarthest;
+  if (near == wanted)
+    limit = *std::max_element(search.nearest.keys.begin(), search.nearest.keys.begin() + near) - 1;
+  const int both = split_at<false>(search.wide, limit, search.nearest, search.rest);
+  search.nearest.set_count(both, both);
+  if (both > near) {
+    split<false>(search.nearest, std::min(wanted, both), search.near, search.rest);
+    std::swap(search.nearest, search.near);
+  }
+  return search.all.count + search.wide.count;
+}
+
+// A stack ends where twice as many blocks would be so many times as far, and that further than what
+// noise in the guide makes of equal blocks [noise variances per pixel]: what repeats has few true
+// copies, and the rest of a full stack is unlike them. On a slope, where blocks of one height lie
+// along a line, twice as many are 4 times as far. Measured (docs/denoising-experiments.md, "A wider
+// search").
+constexpr float kUnlike = 4.5f, kLeastDistance = 0.3f;
+constexpr int kLeastStack = 8;
+
+/// How many of a stack's blocks, the nearest first, are alike: a power of two.
+template <int kBlock>
+HWY_INLINE int alike(const std::int32_t* keys, int count) {
+  const auto distance = [&](int place) { return std::bit_cast<float>(std::max(keys[place], 0)); };
+  for (int n = kLeastStack; n < count; n *= 2)
+    if (distance(2 * n - 1) > kUnlike * std::max(distance(n - 1), kLeastDistance * kBlock * kBlock))
+      return n;
+  return count;
+}
+
 /// The blocks most similar to one reference, the nearest first, in search.matches; returns how many
-/// (a power of two). As many again follow, the next nearest in the order of the window, where there
-/// are so many.
+/// (a power of two). As many again follow, the next nearest, where there are so many.
 template <int kBlock>
 HWY_INLINE int match(const StackJob& job, int row, int col, Search& search) {
-  measure_all<kBlock>(job, row, col, search.lattices, search.far, search.all);
+  const int there = find_nearest<kBlock>(job, row, col, search);
   int count = 1;
-  while (2 * count <= std::min(job.stack, search.all.count)) count *= 2;
-  const int wide = std::min(2 * count, search.all.count);
-  split<false>(search.all, wide, search.near, search.rest);
-  split<true>(search.near, count, search.nearest, search.rest);
+  while (2 * count <= std::min(job.stack, there)) count *= 2;
+  const int wide = std::min(2 * count, there);
+  if (search.nearest.count > wide) {
+    split<false>(search.nearest, wide, search.near, search.rest);
+    std::swap(search.nearest, search.near);
+  }
+  split<true>(search.nearest, count, search.near, search.rest);
   search.matches.resize(static_cast<std::size_t>(wide));
   const std::ptrdiff_t home = row * job.stride + col;
-  sort(search.nearest, home, search.matches.data());
+  std::int32_t keys[kMaxStack];
+  sort(search.near, home, search.matches.data(), keys);
+  const int members = alike<kBlock>(keys, count);
+  if (members < count) {
+    search.matches.resize(static_cast<std::size_t>(2 * members));
+    return members;
+  }
   std::transform(search.rest.places.begin(), search.rest.places.begin() + (wide - count),
                  search.matches.begin() + count,
                  [home](std::int32_t place) { return home + place; });

@@ -38,7 +38,7 @@ struct StackStage {
   int step = 4;         ///< mosaic pixels between reference blocks; not a multiple of the cell, so
                         ///< that all alignments of cells and mosaic are averaged
   int search = 13;      ///< blocks are compared up to this many layout cells away,
-  int far_step = 1;     ///< and every far_step-th up to far_step times as far, if above 1
+  int far_step = 1;     ///< and in the frame every far_step-th, far_step times as far, if above 1
   int stack = 32;       ///< blocks per stack, a power of two
   float threshold = 2.7f;  ///< of the hard filter, in deviations of the noise
   /// Components are the principal axes of the guide in the stack itself plus the frame's axes with
