@@ -108,6 +108,20 @@ test("divider, zoom, planes, side by side and saving change what they should", {
   assert.deepEqual(await accessibilityFaults(page), []);
 });
 
+test("of two pictures alike the histogram shows both curves: one is dashed over the other", { skip: noBrowser }, async (t) => {
+  const page = await open(t, smallReport(t));
+  await ready(page);
+  const plot = page.locator(".viewer details svg").first();
+  await plot.waitFor();
+  const curves = await plot.evaluate((svg) => {
+    const strokes = ["#d55e00", "#0072b2"];  // before, after
+    return strokes.map((color) => [...svg.querySelectorAll(`path[stroke="${color}"]`)].map((path) => {
+      return { long: path.getTotalLength() > 300, dashed: path.hasAttribute("stroke-dasharray") };
+    }).filter(({ long }) => long));
+  });
+  assert.deepEqual(curves.map((list) => list.map(({ dashed }) => dashed)), [[false], [true]]);
+});
+
 test("the wheel zooms only a picture that was chosen, and drags move it", { skip: noBrowser }, async (t) => {
   const page = await open(t, smallReport(t));
   await ready(page);

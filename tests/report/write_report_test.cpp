@@ -14,6 +14,7 @@
 namespace malus {
 namespace {
 
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -149,6 +150,40 @@ TEST(WriteFigures, OneSvgPerVariantWithSafeNames) {
   for (const auto& path : written) EXPECT_EQ(path.parent_path(), folder.path());
   EXPECT_NE(written[0], written[1]);
   EXPECT_THAT(text_of(written[0]), HasSubstr("<title>../&lt;Boxes&gt; &amp; more</title>"));
+}
+
+TEST(WriteFigures, NamesSpellLettersAndSayTheGainOnce) {
+  const testing::TemporaryFolder folder;
+  Chart low = box_chart(), high = box_chart();
+  low.title = "Correlation of μ between channels at 0 dB";
+  high.title = "Correlation of σ_b and λ, χ² at 24 dB";
+  const auto written = write_figures(
+      report_of(ChartsBlock{"Gain", {{"0 dB", low}, {"24 dB", high}}}), folder.path(), false);
+  ASSERT_EQ(written.size(), 2U);
+  EXPECT_THAT(written[0].filename().string(),
+              EndsWith("Correlation_of_mu_between_channels_at_0_dB.svg"));
+  EXPECT_THAT(written[1].filename().string(),
+              EndsWith("Correlation_of_sigma_b_and_lambda_chi2_at_24_dB.svg"));
+}
+
+TEST(WriteFigures, BarsStandOnZero) {
+  const testing::TemporaryFolder folder;
+  PointSeries bars{.name = "dB", .mark = Mark::kBars};
+  bars.x = {0, 1};
+  bars.y = {10, -5};
+  const Chart chart{"Bars", "", {"p", "1", AxisScale::kCategory, {"a", "b"}}, {"dB"}, {bars}};
+  const auto written =
+      write_figures(report_of(ChartsBlock{"", {{"", chart}}}), folder.path(), false);
+  const std::string svg = text_of(written.at(0));
+  const std::size_t at = svg.find("fill-opacity=\"0.55\"");
+  ASSERT_NE(at, std::string::npos);
+  const std::string path = svg.substr(svg.rfind("d=\"", at));
+  double x[2], top[2], width[2], base[2];
+  ASSERT_EQ(std::sscanf(path.c_str(), "d=\"M%lf %lfh%lfV%lfh-%*fzM%lf %lfh%lfV%lf", x, top, width,
+                        base, x + 1, top + 1, width + 1, base + 1),
+            8);
+  EXPECT_DOUBLE_EQ(base[0], base[1]);
+  EXPECT_NEAR(base[0] - top[0], 2 * (top[1] - base[1]), 0.2);  // y goes down
 }
 
 TEST(WriteFigures, PointsLieWhereTheAxesSay) {

@@ -13,15 +13,27 @@ export interface Colors {
 
 const kSymbols = { circle: "circle", triangle: "triangle", square: "rect", diamond: "diamond" };
 
-const kManyCategories = 8;
+const kManyCategories = 8, kMostLetters = 24, kLetterPx = 7, kSlantDeg = 60;
 
-function nameGap(axis: Axis, horizontal: boolean): number {
-  if (axis.scale !== "category") return horizontal ? 28 : 60;
-  return horizontal && axis.categories.length <= kManyCategories ? 28 : 62;
+const longest = (names: string[]) => Math.min(Math.max(0, ...names.map((name) => name.length)), kMostLetters);
+
+/** Whether the names below a plot are too many or too long to stand side by side in half a page. */
+function slanted(axis: Axis): boolean {
+  return axis.scale === "category" && (axis.categories.length > kManyCategories || longest(axis.categories) * axis.categories.length > 64);
 }
 
-function axis(from: Axis, colors: Colors, horizontal: boolean): object {
-  const log = from.scale === "log";
+/** How far slanted names reach down. */
+function slantedPx(axis: Axis): number {
+  return Math.max(40, Math.sin((kSlantDeg * Math.PI) / 180) * kLetterPx * longest(axis.categories) + 12);
+}
+
+function nameGap(axis: Axis, horizontal: boolean): number {
+  if (horizontal) return slanted(axis) ? slantedPx(axis) + 10 : 28;
+  return axis.scale === "category" ? 62 : 60;
+}
+
+function axis(from: Axis, colors: Colors, horizontal: boolean, fromZero = false): object {
+  const log = from.scale === "log", few = from.scale === "category" && from.categories.length <= kManyCategories;
   return {
     type: from.scale === "linear" ? "value" : from.scale,
     name: withUnit(from.name, from.unit),
@@ -30,14 +42,16 @@ function axis(from: Axis, colors: Colors, horizontal: boolean): object {
     nameTextStyle: { color: colors.text },
     data: from.scale === "category" ? from.categories : undefined,
     inverse: !horizontal && from.scale === "category",
-    scale: true,
+    scale: !fromZero,
     min: from.low ?? undefined,
     max: from.high ?? undefined,
     axisLabel: {
       color: colors.text,
-      rotate: horizontal && from.scale === "category" && from.categories.length > kManyCategories ? 60 : 0,
+      rotate: horizontal && slanted(from) ? kSlantDeg : 0,
       formatter: from.scale === "category" ? undefined : (value: number) => number(value),
-      hideOverlap: true,
+      ...(from.scale === "category" && { width: kMostLetters * kLetterPx, overflow: "truncate" }),
+      // A bar without its name says nothing.
+      ...(few ? { interval: 0 } : { hideOverlap: true }),
     },
     axisLine: { onZero: false, lineStyle: { color: colors.faint } },
     splitLine: { show: from.scale !== "category", lineStyle: { color: colors.grid } },
@@ -45,7 +59,7 @@ function axis(from: Axis, colors: Colors, horizontal: boolean): object {
   };
 }
 
-function pointSeries(series: PointSeries): object[] {
+function pointSeries(series: PointSeries, onCategories: boolean): object[] {
   const color = series.color;
   const data = series.x.map((x, i) => [x, series.y[i]]);
   if (series.mark === "line" || series.mark === "dashed")
@@ -56,7 +70,7 @@ function pointSeries(series: PointSeries): object[] {
       },
     ];
   if (series.mark === "bars")
-    return [bars(series)];
+    return [bars(series, onCategories)];
   const crosses = series.mark === "crosses";
   const points = {
     type: "scatter", name: series.name, data, color,
@@ -70,22 +84,24 @@ function pointSeries(series: PointSeries): object[] {
 interface Api {
   value(i: number): number;
   coord(point: number[]): number[];
+  size(extent: number[]): number[];
 }
 
-/** Bars from the bottom of the plot, on logarithmic axes too. */
-function bars(series: PointSeries): object {
+/** Bars of categories from 0; those of densities from the bottom of the plot, on logarithmic axes too. */
+function bars(series: PointSeries, onCategories: boolean): object {
   const gaps = series.x.slice(1).map((x, i) => Math.abs((x ?? NaN) - (series.x[i] ?? NaN)));
   const width = 0.9 * Math.min(...gaps.filter((gap) => gap > 0), gaps.length ? Infinity : 1);
   return {
     type: "custom", name: series.name, color: series.color, data: series.x.map((x, i) => [x, series.y[i]]),
     renderItem: (params: { coordSys: { y: number; height: number } }, api: Api) => {
-      const [x, y] = [api.value(0), api.value(1)];
-      const left = api.coord([x - width / 2, y]), right = api.coord([x + width / 2, y]);
-      const bottom = params.coordSys.y + params.coordSys.height;
-      if (!Number.isFinite(left[1])) return undefined;
+      const [x, y] = api.coord([api.value(0), api.value(1)]);
+      const from = onCategories ? api.coord([api.value(0), 0])[1] : params.coordSys.y + params.coordSys.height;
+      if (!Number.isFinite(y)) return undefined;
+      // Between categories there are no coordinates: a category axis tells only the size of a whole one.
+      const wide = onCategories ? width * api.size([1, 0])[0] : api.size([width, 0])[0];
       return {
         type: "rect",
-        shape: { x: left[0], y: left[1], width: right[0] - left[0], height: Math.max(bottom - left[1], 0) },
+        shape: { x: x - wide / 2, y: Math.min(y, from), width: wide, height: onCategories ? Math.abs(from - y) : Math.max(from - y, 0) },
         style: { fill: series.color, opacity: 0.45 },
       };
     },
@@ -138,10 +154,15 @@ function visualMap(heat: HeatSeries, colors: Colors): object {
   };
 }
 
-function seriesOptions(series: Series, colors: Colors): object[] {
+function seriesOptions(series: Series, chart: Chart, colors: Colors): object[] {
   if (series.mark === "boxes") return boxSeries(series, colors);
   if (series.mark === "heat") return [heatSeries(series)];
-  return pointSeries(series);
+  return pointSeries(series, chart.x.scale === "category");
+}
+
+/** The length of a bar is its value: such a plot begins at 0. */
+function showsLengths(chart: Chart): boolean {
+  return chart.x.scale === "category" && chart.series.some(({ mark }) => mark === "bars");
 }
 
 /** What a pointer shows: the series, both coordinates with units, and why a point was left out. */
@@ -173,13 +194,13 @@ export function chartOption(chart: Chart, colors: Colors): Record<string, unknow
     textStyle: { fontFamily: "system-ui, sans-serif", color: colors.text },
     grid: {
       left: chart.y.scale === "category" ? 88 : 76, right: heat ? 76 : 18, top: legend ? 40 : 16,
-      bottom: chart.x.categories.length > kManyCategories ? 84 : 48,
+      bottom: slanted(chart.x) ? slantedPx(chart.x) + 32 : 48,
     },
     legend: legend ? { type: "scroll", top: 4, textStyle: { color: colors.text }, data: names, pageIconColor: colors.text, pageTextStyle: { color: colors.text } } : undefined,
     tooltip: tooltip(chart),
     xAxis: axis(chart.x, colors, true),
-    yAxis: axis(chart.y, colors, false),
+    yAxis: axis(chart.y, colors, false, showsLengths(chart)),
     visualMap: heat ? visualMap(heat, colors) : undefined,
-    series: chart.series.flatMap((s) => seriesOptions(s, colors)),
+    series: chart.series.flatMap((s) => seriesOptions(s, chart, colors)),
   };
 }

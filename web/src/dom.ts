@@ -42,6 +42,9 @@ export function save(name: string, content: Blob): void {
 }
 
 /** A file name from a title. */
+/** As src/malus/report/write_report.cpp names figures. */
+const kGreek: Record<string, string> = { "μ": "mu", "σ": "sigma", "λ": "lambda", "χ": "chi" };
+
 export function fileStem(title: string): string {
-  return title.normalize("NFKD").replace(/[^\w.-]+/g, "_").replace(/^_+|_+$/g, "").slice(0, 80) || "malus";
+  return title.normalize("NFKD").replace(/[μσλχ]/g, (letter) => kGreek[letter]).replace(/[^\w.-]+/g, "_").replace(/^_+|_+$/g, "").slice(0, 80) || "malus";
 }

@@ -79,7 +79,8 @@ export function showReport(report: Report, page: HTMLElement): void {
       element("div", {}, element("h1", {}, report.title), element("p", {}, report.subtitle)),
       themeSwitch(),
     ),
-    element("nav", { "aria-label": "Sections" }, list),
+    // One section is no choice, and its title stands right below.
+    ...(sections.length > 1 ? [element("nav", { "aria-label": "Sections" }, list)] : []),
     element("main", { id: "content", tabindex: -1 }, ...sections),
     element("footer", {}, `Made by ${report.program}. Everything shown is inside this file; it loads nothing.`),
   );

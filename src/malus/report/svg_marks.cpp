@@ -80,12 +80,13 @@ std::string bars(const PointSeries& series, const std::string& color, const Plot
   if (series.x.size() > 1) width = std::abs(area.x.to() - area.x.from());
   for (std::size_t i = 1; i < series.x.size(); ++i)
     width = std::min(width, std::abs(area.x.place(series.x[i]) - area.x.place(series.x[i - 1])));
+  const double base = area.y.shows(0) ? area.y.place(0) : area.y.from();
   std::string steps;
   for (std::size_t i = 0; i < series.x.size(); ++i)
     if (area.x.shows(series.x[i]) && area.y.shows(series.y[i]))
       steps += fmt::format("M{:.1f} {:.1f}h{:.1f}V{:.1f}h{:.1f}z",
                            area.x.place(series.x[i]) - 0.45 * width, area.y.place(series.y[i]),
-                           0.9 * width, area.y.from(), -0.9 * width);
+                           0.9 * width, base, -0.9 * width);
   return fmt::format(R"(<path d="{}" fill="{}" fill-opacity="0.55"/>)"
                      "\n",
                      steps, color);

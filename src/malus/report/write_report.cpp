@@ -7,6 +7,8 @@
 #include "malus/report/svg.h"
 
 #include <cctype>
+#include <set>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -28,9 +30,19 @@ std::string script_safe(std::string json) {
   return safe;
 }
 
-std::string file_stem(std::string_view text) {
+// The letters that plots' titles have, for file names that every system and LaTeX take.
+std::string spelled_out(std::string text) {
+  static constexpr std::pair<std::string_view, std::string_view> kLetters[] = {
+      {"μ", "mu"}, {"σ", "sigma"}, {"λ", "lambda"}, {"χ", "chi"}, {"²", "2"}};
+  for (const auto& [letter, word] : kLetters)
+    for (std::size_t at = 0; (at = text.find(letter, at)) != std::string::npos; at += word.size())
+      text.replace(at, letter.size(), word);
+  return text;
+}
+
+std::string file_stem(const std::string& text) {
   std::string stem;
-  for (const char character : text) {
+  for (const char character : spelled_out(text)) {
     const bool plain = std::isalnum(static_cast<unsigned char>(character)) != 0 || character == '.';
     if (plain)
       stem += character;
@@ -39,6 +51,13 @@ std::string file_stem(std::string_view text) {
   }
   while (!stem.empty() && stem.back() == '_') stem.pop_back();
   return stem;
+}
+
+// Titles that name the choice ("Bias at 12 dB") need no second "12 dB" behind them.
+bool titles_tell_apart(const ChartsBlock& block) {
+  std::set<std::string> stems;
+  for (const auto& [name, chart] : block.charts) stems.insert(file_stem(chart.title));
+  return stems.size() == block.charts.size();
 }
 
 }  // namespace
@@ -77,7 +96,7 @@ std::vector<std::filesystem::path> write_figures(const Report& report,
       const auto* charts = std::get_if<ChartsBlock>(&block);
       if (charts == nullptr) continue;
       for (const auto& [name, chart] : charts->charts) {
-        const std::string variant = charts->charts.size() > 1 ? name : "";
+        const std::string variant = titles_tell_apart(*charts) ? "" : name;
         const std::string stem =
             file_stem(fmt::format("{}_{}_{}", section.id, chart.title, variant));
         written.push_back(folder / (stem + ".svg"));

@@ -57,7 +57,8 @@ export function histogram(view: View, pictures: { name: string; planes: Plane[] 
   const x = Array.from({ length: bins }, (_, i) => low + (i + 0.5) * width);
   const series = pictures.map(
     ({ name }, i): PointSeries => ({
-      name, mark: "line", color: kColors[i % kColors.length], symbol: "circle", x, y: shares[i], error: [], notes: [],
+      // Two pictures alike have one curve: dashes on a line show both.
+      name, mark: i === 0 ? "line" : "dashed", color: kColors[i % kColors.length], symbol: "circle", x, y: shares[i], error: [], notes: [],
     }),
   );
   return {
