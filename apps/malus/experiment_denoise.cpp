@@ -71,9 +71,9 @@ void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const C
                   {"estimate_noise", arguments.estimate_noise},
                   {"methods", score_json(scores)}};
   if (!arguments.report.empty())
-    write_record_report(score_record("Experiment: denoising methods", arguments.runs.cases,
-                                     arguments.runs.model, scores),
-                        arguments.report, common.force);
+    write_record_report(
+        score_record("Experiment: denoising methods", arguments.runs, model, scores),
+        arguments.report, common.force);
   print_result(common, json, score_text(scores));
 }
 

@@ -65,8 +65,8 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
                   {"crop", arguments.runs.crop},
                   {"rows", score_json(scores)}};
   if (!arguments.report.empty())
-    write_record_report(score_record(title, arguments.runs.cases, arguments.runs.model, scores),
-                        arguments.report, common.force);
+    write_record_report(score_record(title, arguments.runs, model, scores), arguments.report,
+                        common.force);
   print_result(common, json, score_text(scores));
 }
 

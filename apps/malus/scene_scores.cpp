@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/angle_pictures.h"
@@ -51,6 +52,11 @@ double light_at(const std::vector<Planes>& angles, const Site& site, int row, in
   return (value(0) + value(1) + value(2) + value(3)) / 4;
 }
 
+// Of "scenes/holiday/", too.
+std::string name_of_scene(const fs::path& path) {
+  return (path.has_filename() ? path : path.parent_path()).filename().string();
+}
+
 }  // namespace
 
 CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
@@ -65,7 +71,7 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
       const double white = model.white_dn - model.black_dn[static_cast<std::size_t>(channel)];
       whole(r, c) = static_cast<float>(white * light_at(angles, model.layout.site(channel), r, c));
     }
-  CleanScene scene{path.filename().string(), middle_of(whole, model.layout, crop)};
+  CleanScene scene{name_of_scene(path), middle_of(whole, model.layout, crop)};
   if (scene.clean_dn.values().empty())
     throw InputError(path.string(), "is smaller than one cell of the sensor's mosaic",
                      "give a larger picture");
@@ -214,31 +220,58 @@ std::string score_text(const std::vector<SceneScore>& scores) {
     const auto where_polarized = [&](double sum) {
       return score.polarized ? fmt::format("{:.2f}", sum / n) : std::string("-");
     };
-    table += fmt::format("| {} | {:.2f} | {} | {} | {:.2f} |\n", score.name,
-                         score.image_psnr_db / n, where_polarized(score.dolp_psnr_db),
-                         where_polarized(score.aolp_deg), score.seconds / n);
+    table += fmt::format("| {} | {:.2f} | {} | {} | {} |\n", score.name, score.image_psnr_db / n,
+                         where_polarized(score.dolp_psnr_db), where_polarized(score.aolp_deg),
+                         score.seconds > 0 ? fmt::format("{:.2f}", score.seconds / n) : "-");
   }
   return table;
 }
 
-Json score_record(const std::string& title, const std::vector<std::string>& cases,
-                  const std::string& model, const std::vector<SceneScore>& scores) {
-  Json table = {{"title", "Means over scenes and cases"},
-                {"note", fmt::format("Means over the scenes and over the cases (gain : low-light "
-                                     "ratio) {}; noise of {}.",
-                                     Json(cases).dump(), model)},
-                {"head", "method"},
-                {"columns",
-                 {{{"name", "image PSNR"}, {"unit", "dB"}},
-                  {{"name", "DoLP PSNR"}, {"unit", "dB"}},
-                  {{"name", "AoLP circular error"}, {"unit", "deg"}},
-                  {{"name", "time per frame"}, {"unit", "s"}}}},
-                {"rows", Json::array()}};
-  for (const Json& method : score_json(scores))
+std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model) {
+  const Model door(model);
+  std::vector<std::pair<std::string, std::vector<std::string>>> lights_of_gain;
+  for (const std::string& text : cases) {
+    const LightCase light = light_case_of(text);
+    const std::string gain = door.gain_setting(light.gain).text();
+    if (lights_of_gain.empty() || lights_of_gain.back().first != gain)
+      lights_of_gain.push_back({gain, {}});
+    lights_of_gain.back().second.push_back(light.ratio == 1 ? "all"
+                                                            : fmt::format("1/{:g}", light.ratio));
+  }
+  std::string words;
+  for (const auto& [gain, lights] : lights_of_gain) {
+    std::string list;
+    for (std::size_t i = 0; i < lights.size(); ++i)
+      list += (i == 0 ? "" : i + 1 == lights.size() ? " and " : ", ") + lights[i];
+    words += fmt::format("{}{} at {} of the light", words.empty() ? "" : "; ", gain, list);
+  }
+  return words;
+}
+
+Json score_record(const std::string& title, const SceneRuns& runs, const NoiseModel& model,
+                  const std::vector<SceneScore>& scores) {
+  std::vector<std::string> scenes;
+  for (const fs::path& scene : runs.scenes) scenes.push_back(name_of_scene(scene));
+  Json table = {
+      {"title", "Means over scenes and cases"},
+      {"note",
+       fmt::format("Scenes: {}, of each at most the middle {} x {} pixels. {}; noise of {}.",
+                   joined(scenes), runs.crop, runs.crop, cases_text(runs.cases, model),
+                   runs.model)},
+      {"head", "method"},
+      {"columns",
+       {{{"name", "image PSNR"}, {"unit", "dB"}},
+        {{"name", "DoLP PSNR"}, {"unit", "dB"}},
+        {{"name", "AoLP circular error"}, {"unit", "deg"}},
+        {{"name", "time per frame"}, {"unit", "s"}}}},
+      {"rows", Json::array()}};
+  for (const Json& method : score_json(scores)) {
+    const bool timed = method["seconds"].get<double>() > 0;  // nothing is done to the noisy frame
     table["rows"].push_back({{"name", method["name"]},
                              {"cells",
                               {method["image_psnr_db"], method["dolp_psnr_db"],
-                               method["aolp_circular_deg"], method["seconds"]}}});
+                               method["aolp_circular_deg"], timed ? method["seconds"] : Json()}}});
+  }
   return {{"title", title}, {"tables", Json::array({table})}};
 }
 

@@ -74,9 +74,11 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoise
 /// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md).
 nlohmann::ordered_json score_json(const std::vector<SceneScore>& scores);
 std::string score_text(const std::vector<SceneScore>& scores);
-nlohmann::ordered_json score_record(const std::string& title, const std::vector<std::string>& cases,
-                                    const std::string& model,
-                                    const std::vector<SceneScore>& scores);
+nlohmann::ordered_json score_record(const std::string& title, const SceneRuns& runs,
+                                    const NoiseModel& model, const std::vector<SceneScore>& scores);
+
+/// "12 dB at 1/10 and 1/60 of the light; 24 dB at 1/10 of the light" of light_case_of's texts.
+std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model);
 
 /// "bm3d", "bm3d/fast", "bm3d/normal/no-row-noise", "folder/weights.safetensors"
 DenoiseSettings method_settings_of(const std::string& text);
