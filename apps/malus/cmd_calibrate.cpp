@@ -23,8 +23,7 @@ namespace {
 template <class Calibration>
 void warn_of(const std::vector<Calibration>& gains) {
   for (const Calibration& gain : gains)
-    for (const std::string& warning : gain.warnings)
-      warn(fmt::format("{}: {}", gain.gain.text(), warning));
+    for (const std::string& warning : gain.warnings) warn(gain_prefix(gain.gain) + warning);
 }
 
 struct CalibrateArguments {

@@ -230,6 +230,7 @@ Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& den
   run["scale_dn"] = result.scale_dn;
   save_result_picture(job.names.picture, std::move(result.picture), denoiser.target(), force);
   run["files"] = {job.names.picture.string()};
+  run["warnings"] = take_warnings();
   return run;
 }
 
@@ -270,6 +271,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
     measure_after(kept);
     kept.run["against_reference"] = metrics_json(kept);
   }
+  kept.run["warnings"] = take_warnings();
   Json record = run_record(kept.before, choice.profile, job.input, options.raw_format,
                            job.names.mosaic, kept.run);
   if (compared) name_reference(record, job.reference, job.names.mosaic);

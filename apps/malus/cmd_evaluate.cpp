@@ -182,7 +182,8 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     results.push_back(std::move(json));
     text += table_line(path.string(), width, cells_of(e));
   }
-  const Json json = results.size() == 1 ? results[0] : Json{{"results", results}};
+  Json json = results.size() == 1 ? results[0] : Json{{"results", results}};
+  json["warnings"] = take_warnings();
   if (!arguments.report.empty()) write_evaluation_report(json, arguments.report, common.force);
   print_result(common, json, text);
 }

@@ -81,12 +81,17 @@ Page page_of(const fs::path& path, const std::string& prefix) {
           calibration_sections(model, prefix)};
 }
 
+struct ReportInput {
+  fs::path path;
+  bool of_folder = false;  ///< nobody named it: what cannot be shown is left out
+};
+
 // Folders give what is in them, in order of their names.
-std::vector<fs::path> all_inputs(const std::vector<fs::path>& given) {
-  std::vector<fs::path> inputs;
+std::vector<ReportInput> all_inputs(const std::vector<fs::path>& given) {
+  std::vector<ReportInput> inputs;
   for (const fs::path& path : given) {
     if (!fs::is_directory(path)) {
-      inputs.push_back(path);
+      inputs.push_back({path});
       continue;
     }
     std::vector<fs::path> inside;
@@ -95,30 +100,60 @@ std::vector<fs::path> all_inputs(const std::vector<fs::path>& given) {
         inside.push_back(entry.path());
     if (inside.empty())
       throw InputError(path.string(), "holds no model (.h5) and no JSON",
-                       "give a folder that calibrate, evaluate or denoise wrote to");
+                       "give a folder that calibrate, evaluate or denoise wrote to; a training's "
+                       "page: malus train CONFIG --resume --report FILE");
     std::sort(inside.begin(), inside.end());
-    inputs.insert(inputs.end(), inside.begin(), inside.end());
+    for (fs::path& file : inside) inputs.push_back({std::move(file), true});
   }
   return inputs;
 }
 
+std::vector<fs::path> paths_of(const std::vector<ReportInput>& inputs) {
+  std::vector<fs::path> paths;
+  for (const ReportInput& input : inputs) paths.push_back(input.path);
+  return paths;
+}
+
+// Some errors are of the file itself, others of one that it names.
+std::string left_out_line(const fs::path& path, const std::string& error) {
+  return "left out: " + (error.starts_with(path.string()) ? "" : path.string() + ": ") + error;
+}
+
+// What a folder held and the report does not.
+Section left_out_section(const std::vector<std::string>& lines) {
+  NoticesBlock notices;
+  for (const std::string& line : lines) notices.items.push_back({NoticeLevel::kWarning, line});
+  return {"left-out", "Left out", "Files of the folder that could not be shown.", {notices}};
+}
+
 Report report_of(const ReportArguments& arguments) {
-  const std::vector<fs::path> inputs = all_inputs(arguments.inputs);
+  const std::vector<ReportInput> inputs = all_inputs(arguments.inputs);
   std::string title, subtitle;
   std::vector<Section> sections;
+  std::vector<std::string> left_out;
   for (std::size_t i = 0; i < inputs.size(); ++i) {
-    Page page = page_of(inputs[i], inputs.size() == 1 ? "" : fmt::format("{}-", i + 1));
+    Page page;
+    try {
+      page = page_of(inputs[i].path, inputs.size() == 1 ? "" : fmt::format("{}-", i + 1));
+    } catch (const InputError& error) {
+      left_out.push_back(left_out_line(inputs[i].path, error.what()));
+      if (!inputs[i].of_folder || left_out.size() == inputs.size()) throw;
+      warn(left_out.back());
+      continue;
+    }
     for (Section& section : page.sections) {
-      if (inputs.size() > 1) section.title += ", " + inputs[i].filename().string();
+      if (inputs.size() > 1) section.title += ", " + inputs[i].path.filename().string();
       sections.push_back(std::move(section));
     }
     title = std::move(page.title);
     subtitle = std::move(page.subtitle);
   }
   if (inputs.size() > 1) {
-    title = fmt::format("Report of {} files", inputs.size());
+    const std::size_t shown = inputs.size() - left_out.size();
+    title = fmt::format("Report of {} file{}", shown, shown == 1 ? "" : "s");
     subtitle.clear();
   }
+  if (!left_out.empty()) sections.push_back(left_out_section(left_out));
   return make_report(arguments.title.empty() ? title : arguments.title, subtitle,
                      std::move(sections));
 }
@@ -126,7 +161,8 @@ Report report_of(const ReportArguments& arguments) {
 void run_report(const ReportArguments& arguments, const Common& common) {
   if (arguments.output.empty() && arguments.figures.empty())
     throw CLI::RequiredError("one of --output and --figures");
-  check_output_apart("--output", arguments.output, all_inputs(arguments.inputs), {}, common.force);
+  check_output_apart("--output", arguments.output, paths_of(all_inputs(arguments.inputs)), {},
+                     common.force);
   const Report report = report_of(arguments);
   Json files = Json::array();
   if (!arguments.output.empty()) {

@@ -40,6 +40,13 @@ Json value_json(const Values& value, const Values& standard_error, const char* u
       {"value", array_or_null(value)}, {"stderr", array_or_null(standard_error)}, {"unit", unit}};
 }
 
+// None rather than a list of unknown ones.
+Values known_errors(Values errors) {
+  const bool any =
+      std::any_of(errors.begin(), errors.end(), [](double error) { return std::isfinite(error); });
+  return any ? errors : Values{};
+}
+
 Json drift_json(const MeasuredRowDrift& measured) {
   if (measured.drift.white()) return nullptr;
   return {{"share",
@@ -87,7 +94,7 @@ Json physics_json(const PhysicsCalibration& p) {
   json["row_drift"] = drift_json(p.row_drift);
   json["sigma_tl"] = statistics_json(p.sigma_tl, "DN", false);
   json["lambda"] = statistics_json(p.lambda, "1", false);
-  json["read_noise"] = value_json(read_noise_e(p), {}, "e-");
+  json["read_noise"] = value_json(read_noise_e(p), known_errors(read_noise_stderr_e(p)), "e-");
   json["temporal_sd_dark"] = value_json(p.temporal_sd_dark_dn, p.temporal_sd_dark_stderr_dn, "DN");
   json["K_intercept"] = value_json(p.K_intercept_dn2, p.K_intercept_stderr_dn2, "DN^2");
   json["sigma_column"] = statistics_json(p.sigma_column, "DN", false);
@@ -227,16 +234,19 @@ PhysicsCalibration interpolated_entry(const NoiseModel& model, const GainParamet
 }  // namespace
 
 Json model_json(const NoiseModel& model) {
-  Json json = {{"sensor", model.sensor},
-               {"layout", model.layout.name()},
-               {"channels", model.layout.channel_names()},
-               {"row_group", model.row_group},
-               {"row_group_origin", model.row_group_origin},
-               {"kinds", model.kinds()},
-               {"origin", model.origin},
-               {"black", {{"value", model.black_dn}, {"unit", "DN"}}},
-               {"white", {{"value", model.white_dn}, {"unit", "DN"}}},
-               {"quantization", {{"value", model.quantization_dn}, {"unit", "DN"}}}};
+  Json json = {
+      {"sensor", model.sensor},
+      {"layout", model.layout.name()},
+      {"channels", model.layout.channel_names()},
+      {"row_group", model.row_group},
+      {"row_group_origin", model.row_group_origin},
+      {"kinds", model.kinds()},
+      {"origin", model.origin},
+      {"saturation_limit", model.saturation_limit > 0 ? Json(model.saturation_limit) : Json()},
+      {"warnings", model.warnings},
+      {"black", {{"value", model.black_dn}, {"unit", "DN"}}},
+      {"white", {{"value", model.white_dn}, {"unit", "DN"}}},
+      {"quantization", {{"value", model.quantization_dn}, {"unit", "DN"}}}};
   json["gains"] = Json::array();
   for (const auto& p : model.physics) json["gains"].push_back(physics_json(p));
   json["joint"] = model.joint ? joint_json(*model.joint) : Json();

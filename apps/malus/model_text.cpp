@@ -112,11 +112,11 @@ void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p
       "{:>10}{}", "channel",
       row_of({"K", "read noise", "lambda", "sigma_TL", "mu", "sigma_row", "dark sd"}, kWidth));
   lines.add("{:>10}{}", "", row_of({"DN/e-", "e-", "", "DN", "DN", "DN", "DN"}, kWidth));
-  const Values read = read_noise_e(p);
+  const ChannelStatistics read{read_noise_e(p), read_noise_stderr_e(p), {}, {}, {}};
   for (int channel = 0; channel < m.layout.channels(); ++channel) {
     const auto c = static_cast<std::size_t>(channel);
     lines.add("{:>10}{}", m.layout.channel_name(channel),
-              row_of({error_cell(p.K, c, 4), value_cell(read, c, 3), error_cell(p.lambda, c, 3),
+              row_of({error_cell(p.K, c, 4), error_cell(read, c, 3), error_cell(p.lambda, c, 3),
                       error_cell(p.sigma_tl, c, 4), error_cell(p.mu, c, 4),
                       error_cell(p.sigma_row, c, 4), value_cell(p.temporal_sd_dark_dn, c, 3)},
                      kWidth));
@@ -184,6 +184,7 @@ void add_other_kinds(Lines& lines, const NoiseModel& m, StoredWarnings warnings)
 std::string model_text(const NoiseModel& model, StoredWarnings warnings) {
   Lines lines;
   add_sensor(lines, model);
+  add_warnings(lines, model.warnings, warnings);
   if (!model.physics.empty()) {
     if (model.physics.size() > 1) add_summary(lines, model);
     if (model.physics.size() <= kMaxChannelTables)

@@ -37,10 +37,23 @@ struct SaidOfFiles {
 };
 std::vector<SaidOfFiles> g_said;
 
+// Lines for take_warnings. Workers warn, too.
+std::mutex g_warnings_mutex;
+std::vector<std::string> g_warnings;
+
+void keep_warning(std::string line) {
+  const std::lock_guard lock(g_warnings_mutex);
+  if (std::ranges::find(g_warnings, line) == g_warnings.end())
+    g_warnings.push_back(std::move(line));
+}
+
+void print_warning(std::string_view line) { tell(fmt::format("warning: {}\n", line)); }
+
 void say_how_often() {
   for (const SaidOfFiles& said : g_said)
     if (const std::size_t more = said.files.size() - 1; more > 0)
-      warn(fmt::format("of {} more file{} too: {}", more, more == 1 ? "" : "s", said.text));
+      print_warning(
+          fmt::format("of {} more file{} too: {}", more, more == 1 ? "" : "s", said.text));
 }
 
 // The second Ctrl-C ends the program at once.
@@ -209,16 +222,25 @@ void note(const Common& common, std::string_view line) {
   if (!common.quiet) tell(fmt::format("{}\n", line));
 }
 
-void warn(std::string_view line) { tell(fmt::format("warning: {}\n", line)); }
+void warn(std::string_view line) {
+  keep_warning(std::string(line));
+  print_warning(line);
+}
 
 void warn_of(const std::string& file, const std::string& text) {
+  keep_warning(fmt::format("{}: {}", file, text));
   const auto said = std::ranges::find(g_said, text, &SaidOfFiles::text);
   if (said != g_said.end()) {
     said->files.insert(file);
     return;
   }
   g_said.push_back({text, {file}});
-  warn(fmt::format("{}: {}", file, text));
+  print_warning(fmt::format("{}: {}", file, text));
+}
+
+std::vector<std::string> take_warnings() {
+  const std::lock_guard lock(g_warnings_mutex);
+  return std::exchange(g_warnings, {});
 }
 
 // fmt::print would throw where nothing can be written.

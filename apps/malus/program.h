@@ -43,6 +43,9 @@ void warn(std::string_view line);
 /// A warning about a file. The same of further files is counted, and said once more when the
 /// command ends; of the same file it is said once.
 void warn_of(const std::string& file, const std::string& text);
+/// The lines of warn and warn_of since the last call, each once; those that warn_of only counted
+/// are among them. For what a run writes about itself: its record, its report.
+std::vector<std::string> take_warnings();
 /// Text on stderr as it is. Where that cannot be written, it is lost and the work goes on.
 void tell(std::string_view text);
 

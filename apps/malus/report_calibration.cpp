@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <string_view>
 
 #include "report_pages.h"
 #include "report_plots.h"
@@ -12,21 +14,48 @@
 namespace malus::app {
 namespace {
 
-NoticesBlock findings(const NoiseModel& model) {
+// A built-in model that no camera stands behind says so in its origin.
+bool is_invented(const NoiseModel& model) { return model.origin.starts_with("SIMULATED"); }
+
+bool is_measured(const NoiseModel& model) {
+  return !model.dark_frames.empty() ||
+         std::any_of(model.physics.begin(), model.physics.end(),
+                     [](const PhysicsCalibration& p) { return p.bias_frames > 0; }) ||
+         std::any_of(model.gaussian.begin(), model.gaussian.end(),
+                     [](const GaussianCalibration& g) { return g.levels > 0; }) ||
+         std::any_of(model.nonparametric.begin(), model.nonparametric.end(),
+                     [](const NonparametricCalibration& n) { return n.frames > 0; });
+}
+
+// What the calibration warned about, or that there was nothing.
+NoticesBlock calibration_warnings(const NoiseModel& model) {
   NoticesBlock notices;
+  const auto add = [&](const std::string& place, const std::vector<std::string>& warnings) {
+    for (const std::string& warning : warnings)
+      notices.items.push_back({NoticeLevel::kWarning, place + warning});
+  };
+  if (is_invented(model)) add("", {"Invented to be plausible, measured on no camera."});
+  add("", model.warnings);
+  for (const PhysicsCalibration& p : model.physics) add(gain_prefix(p.gain), p.warnings);
+  for (const GaussianCalibration& g : model.gaussian)
+    add(gain_prefix(g.gain, "Gaussian"), g.warnings);
+  for (const NonparametricCalibration& n : model.nonparametric)
+    add(gain_prefix(n.gain, "non-parametric"), n.warnings);
+  if (!notices.items.empty()) return notices;
+  if (is_measured(model))
+    notices.items.push_back({NoticeLevel::kGood, "The calibration has nothing to warn about."});
+  else
+    notices.items.push_back(
+        {NoticeLevel::kNote,
+         "Nothing here was measured from frames: the numbers are published or computed ones."});
+  return notices;
+}
+
+NoticesBlock findings(const NoiseModel& model) {
+  NoticesBlock notices = calibration_warnings(model);
   const auto add = [&](NoticeLevel level, const std::string& text) {
     notices.items.push_back({level, text});
   };
-  for (const PhysicsCalibration& p : model.physics)
-    for (const std::string& warning : p.warnings)
-      add(NoticeLevel::kWarning, p.gain.text() + ": " + warning);
-  for (const GaussianCalibration& g : model.gaussian)
-    for (const std::string& warning : g.warnings)
-      add(NoticeLevel::kWarning, g.gain.text() + ", Gaussian: " + warning);
-  for (const NonparametricCalibration& n : model.nonparametric)
-    for (const std::string& warning : n.warnings)
-      add(NoticeLevel::kWarning, n.gain.text() + ", non-parametric: " + warning);
-  if (notices.items.empty()) add(NoticeLevel::kGood, "The calibration has nothing to warn about.");
   if (model.joint)
     for (const std::string& text : model.joint->notes) add(NoticeLevel::kNote, text);
   add(NoticeLevel::kNote, model.row_group == 1
@@ -37,7 +66,7 @@ NoticesBlock findings(const NoiseModel& model) {
   for (const PhysicsCalibration& p : model.physics)
     if (!p.row_drift.drift.white())
       add(NoticeLevel::kNote,
-          fmt::format("{}: rows drift slowly, {}.", p.gain.text(), text_of(p.row_drift)));
+          fmt::format("{}rows drift slowly, {}.", gain_prefix(p.gain), text_of(p.row_drift)));
   if (!model.defects.empty())
     add(NoticeLevel::kNote,
         fmt::format("{} defect pixels are listed in the model.", model.defects.size()));
@@ -61,8 +90,9 @@ Measured channel_mean(const Quantity& quantity) {
 FiguresBlock key_figures(const NoiseModel& model) {
   FiguresBlock figures;
   const PhysicsCalibration& p = model.physics.front();
-  const std::string note = fmt::format("{}{}", p.gain.text(),
-                                       model.layout.channels() > 1 ? ", mean of the channels" : "");
+  const std::string note =
+      fmt::format("{}{}", p.gain.decibel() ? p.gain.text() : "camera gain not told",
+                  model.layout.channels() > 1 ? ", mean of the channels" : "");
   for (const Quantity& quantity : data_sheet(model, p))
     if (quantity.name == "overall_gain" || quantity.name == "read_noise" ||
         quantity.name == "saturation" || quantity.name == "dynamic_range")
@@ -114,14 +144,63 @@ std::string sensor_name(const NoiseModel& model) {
   return model.sensor.empty() ? "an unnamed sensor" : model.sensor;
 }
 
-Section summary(const NoiseModel& model) {
+// "Lucid Phoenix, mono, one gain, from session.toml"
+std::string summary_lead(const NoiseModel& model) {
   const std::size_t gains = std::max({model.physics.size(), model.gaussian.size(),
                                       model.nonparametric.size(), model.dark_frames.size()});
-  Section section{"summary",
-                  "Summary",
-                  fmt::format("{}, {}, {} gain{}. {}", sensor_name(model), model.layout.name(),
-                              gains, gains == 1 ? "" : "s", model.origin),
-                  {}};
+  std::string lead = model.sensor.empty() ? "" : model.sensor + ", ";
+  lead += model.layout.name() + (gains == 1 ? ", one gain" : fmt::format(", {} gains", gains));
+  constexpr std::string_view kSession = "session ";
+  if (model.origin.starts_with(kSession))
+    lead += ", from " + model.origin.substr(kSession.size());
+  else if (!model.origin.empty())
+    lead += ". " + model.origin;
+  return lead;
+}
+
+// "20", or "8 to 20" where the gains differ.
+std::string count_range(const std::vector<int>& counts) {
+  const auto [low, high] = std::minmax_element(counts.begin(), counts.end());
+  return *low == *high ? std::to_string(*low) : fmt::format("{} to {}", *low, *high);
+}
+
+// ", exposures 0.1 to 50 ms"; empty where none is known.
+std::string exposures_text(const NoiseModel& model) {
+  double low_s = std::numeric_limits<double>::infinity(), high_s = 0;
+  for (const PhysicsCalibration& p : model.physics)
+    for (const PhotonTransferPoint& point : p.transfer)
+      if (point.exposure_s > 0) {
+        low_s = std::min(low_s, point.exposure_s);
+        high_s = std::max(high_s, point.exposure_s);
+      }
+  if (high_s == 0) return "";
+  const double factor = high_s < 1 ? 1000 : 1;
+  const char* unit = high_s < 1 ? "ms" : "s";
+  return low_s == high_s
+             ? fmt::format(" of {:.4g} {}", factor * low_s, unit)
+             : fmt::format(" of {:.4g} to {:.4g} {}", factor * low_s, factor * high_s, unit);
+}
+
+// What K and the read noise were measured from: ", 20 bias frames and 12 flat levels of 1 to 50 ms,
+// flats used up to 70 % of white"; empty for a model that is not measured.
+std::string conditions_text(const NoiseModel& model) {
+  std::vector<int> bias, flats;
+  for (const PhysicsCalibration& p : model.physics) {
+    bias.push_back(p.bias_frames);
+    flats.push_back(p.flat_levels);
+  }
+  if (bias.empty() || *std::max_element(bias.begin(), bias.end()) == 0) return "";
+  std::string text = fmt::format(", {} bias frames{}", count_range(bias),
+                                 model.physics.size() > 1 ? " per gain" : "");
+  if (*std::max_element(flats.begin(), flats.end()) == 0) return text + ", no flat frames";
+  text += fmt::format(", {} flat levels{}", count_range(flats), exposures_text(model));
+  if (model.saturation_limit > 0)
+    text += fmt::format(", levels used up to {:.3g} % of the range", 100 * model.saturation_limit);
+  return text;
+}
+
+Section summary(const NoiseModel& model) {
+  Section section{"summary", "Summary", summary_lead(model), {}};
   section.blocks.emplace_back(findings(model));
   if (model.physics.empty()) return section;
   section.blocks.emplace_back(key_figures(model));
@@ -154,6 +233,8 @@ std::vector<Section> calibration_sections(const NoiseModel& model, const std::st
       {"transfer", "Photon transfer",
        "The gain of every channel from the growth of temporal variance with the signal.",
        transfer_plots(model)},
+      {"response", "Signal to noise and linearity",
+       "What the light becomes: how far above the noise, and how straight.", response_plots(model)},
       {"bias", "Bias frames", "How the parameters vary from frame to frame.", box_plots(model)},
       {"correlation", "Correlations", "Which channels vary together.", correlation_plots(model)},
       {"laws", "Over gain", "The joint model that gives parameters at gains in between.",
@@ -168,13 +249,20 @@ std::vector<Section> calibration_sections(const NoiseModel& model, const std::st
   return sections;
 }
 
+std::string gain_prefix(const GainSetting& gain, const std::string& kind) {
+  std::string place = gain.decibel() ? gain.text() : "";
+  if (!kind.empty()) place += place.empty() ? kind : ", " + kind;
+  return place.empty() ? place : place + ": ";
+}
+
 std::string calibration_title(const NoiseModel& model) {
   return "Calibration of " + sensor_name(model);
 }
 
 std::string calibration_subtitle(const NoiseModel& model) {
   const int channels = model.layout.channels();
-  return fmt::format("{}, {} channel{}", model.layout.name(), channels, channels == 1 ? "" : "s");
+  return fmt::format("{}, {} channel{}{}", model.layout.name(), channels, channels == 1 ? "" : "s",
+                     conditions_text(model));
 }
 
 void write_calibration_report(const NoiseModel& model, const std::filesystem::path& path,

@@ -119,11 +119,10 @@ void flatten(const nlohmann::ordered_json& json, const std::string& name, TableB
   }
 }
 
-}  // namespace
-
-std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::string& prefix) {
-  const std::string name = std::filesystem::path(frame.before.source).filename().string();
-  Section pictures_section{prefix + "pictures", name, {}, {}};
+// What the run said, as its record keeps it; of a record that keeps none (earlier versions), what
+// can be told.
+NoticesBlock run_warnings(const DenoisedFrame& frame) {
+  if (frame.run.contains("warnings")) return warning_notices(frame.run);
   NoticesBlock notices;
   if (frame.profile.estimated_from_picture)
     notices.items.push_back({NoticeLevel::kWarning,
@@ -132,6 +131,15 @@ std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::str
   if (!frame.before.black_known)
     notices.items.push_back(
         {NoticeLevel::kWarning, "The black level is not known and taken as 0."});
+  return notices;
+}
+
+}  // namespace
+
+std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::string& prefix) {
+  const std::string name = std::filesystem::path(frame.before.source).filename().string();
+  Section pictures_section{prefix + "pictures", name, {}, {}};
+  NoticesBlock notices = run_warnings(frame);
   if (!notices.items.empty()) pictures_section.blocks.emplace_back(std::move(notices));
   if (!frame.reference_dn.empty()) pictures_section.blocks.emplace_back(metrics(frame));
   pictures_section.blocks.emplace_back(pictures(frame));
@@ -140,7 +148,9 @@ std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::str
                  .head = "setting",
                  .columns = {{"value", "1"}},
                  .rows = {}};
-  flatten(frame.run, "", run);
+  nlohmann::ordered_json settings = frame.run;
+  settings.erase("warnings");
+  flatten(settings, "", run);
   if (!run.rows.empty()) pictures_section.blocks.emplace_back(std::move(run));
   return {pictures_section};
 }

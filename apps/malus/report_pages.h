@@ -20,7 +20,11 @@ namespace malus::app {
 /// data sheet of a model (000 Fig. 2-5). prefix tells sections of several models apart.
 std::vector<Section> calibration_sections(const NoiseModel& model, const std::string& prefix = "");
 
-/// "Calibration of <sensor>"; layout and number of channels.
+/// What goes before a warning of one gain: "12 dB, Gaussian: "; empty for the only gain of a camera
+/// that tells none.
+std::string gain_prefix(const GainSetting& gain, const std::string& kind = "");
+
+/// "Calibration of <sensor>"; layout, number of channels, and what it was measured from.
 std::string calibration_title(const NoiseModel& model);
 std::string calibration_subtitle(const NoiseModel& model);
 
@@ -39,15 +43,19 @@ struct DenoisedFrame {
 /// Pictures before and after, what was done, metrics where there is a reference.
 std::vector<Section> denoise_sections(const DenoisedFrame& frame, const std::string& prefix = "");
 
-/// `evaluate --json`, of one or several tests.
+/// `evaluate --json`, of one or several tests. Without a prefix as record_sections.
 std::vector<Section> evaluation_sections(const nlohmann::ordered_json& evaluation,
                                          const std::string& prefix = "");
 
 /// Curves, tables and sample pictures of a training or an experiment; docs/report.md has the
-/// format. folder: what the pictures' file names are relative to.
+/// format. folder: what the pictures' file names are relative to. Without a prefix the section is
+/// the page's only one, whose title has said what it is of.
 std::vector<Section> record_sections(const nlohmann::ordered_json& record,
                                      const std::filesystem::path& folder = {},
                                      const std::string& prefix = "");
+
+/// What a run's JSON lists under "warnings".
+NoticesBlock warning_notices(const nlohmann::ordered_json& run);
 
 /// A report of sections, with this program's name.
 Report make_report(const std::string& title, const std::string& subtitle,

@@ -1,6 +1,7 @@
 #include "report_plots.h"
 
 #include "malus/base/index.h"
+#include "malus/noise/data_sheet.h"
 
 #include <algorithm>
 #include <cmath>
@@ -22,22 +23,11 @@ Axis channel_axis(const SensorLayout& layout) {
   return {"channel", "1", AxisScale::kCategory, layout.channel_names()};
 }
 
-// Points of one channel: fitted ones, and those left out with the reason.
-struct TransferSeries {
-  PointSeries used, left_out;
-};
-TransferSeries transfer_series(const PhysicsCalibration& p, const std::string& name, int channel) {
-  TransferSeries s{{.name = name, .mark = Mark::kPoints, .tone = name},
-                   {.name = name + ", left out", .mark = Mark::kCrosses, .tone = name}};
-  for (const PhotonTransferPoint& point : p.transfer) {
-    if (point.channel != channel) continue;
-    PointSeries& series = point.used ? s.used : s.left_out;
-    series.x.push_back(point.mean_dn);
-    series.y.push_back(point.variance_dn2);
-    series.error.push_back(point.variance_stderr_dn2);
-    series.notes.push_back(point.why_not);
-  }
-  return s;
+// Mean and variance of one channel's flat levels.
+FlatSeries transfer_series(const PhysicsCalibration& p, const SensorLayout& layout, int channel) {
+  return flat_series(p, layout, channel, [](const PhotonTransferPoint& point) {
+    return FlatPoint{point.mean_dn, point.variance_dn2, point.variance_stderr_dn2};
+  });
 }
 
 PointSeries fitted_line(const PhysicsCalibration& p, const std::string& name, int channel,
@@ -47,7 +37,7 @@ PointSeries fitted_line(const PhysicsCalibration& p, const std::string& name, in
   for (int i = 0; i <= kPoints; ++i) {
     const double x = low * std::pow(high / low, static_cast<double>(i) / kPoints);
     line.x.push_back(x);
-    line.y.push_back(value_at(p.K_intercept_dn2, channel) + value_at(p.K.mean, channel) * x);
+    line.y.push_back(transfer_intercept_dn2(p, channel) + value_at(p.K.mean, channel) * x);
   }
   return line;
 }
@@ -74,7 +64,7 @@ Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
   const auto [low, high] = used_range(p);
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
     const std::string name = model.layout.channel_name(channel);
-    TransferSeries series = transfer_series(p, name, channel);
+    FlatSeries series = transfer_series(p, model.layout, channel);
     if (!series.used.x.empty()) chart.series.emplace_back(std::move(series.used));
     if (!series.left_out.x.empty()) chart.series.emplace_back(std::move(series.left_out));
     if (high > low && as_index(channel) < p.K.mean.size())
@@ -83,18 +73,42 @@ Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
   return chart;
 }
 
+// "χ² = 41.2 with 38 degrees of freedom": over all channels, and the channel that departs most.
+std::string misfit_text(const NoiseModel& model, const PhysicsCalibration& p) {
+  TransferMisfit all;
+  int worst = -1;
+  double most = 0;
+  for (int channel = 0; channel < static_cast<int>(p.K.mean.size()); ++channel) {
+    const TransferMisfit misfit = transfer_misfit(p, channel);
+    all.chi_square += misfit.chi_square;
+    all.degrees_of_freedom += misfit.degrees_of_freedom;
+    const double per_degree = misfit.chi_square / std::max(misfit.degrees_of_freedom, 1);
+    if (misfit.degrees_of_freedom > 0 && per_degree > most) {
+      most = per_degree;
+      worst = channel;
+    }
+  }
+  if (all.degrees_of_freedom == 0) return "";
+  std::string text = fmt::format(" χ² = {:.4g} with {} degrees of freedom", all.chi_square,
+                                 all.degrees_of_freedom);
+  if (p.K.mean.size() > 1 && worst >= 0)
+    text += fmt::format(", most in {}: {:.2g} per degree", model.layout.channel_name(worst), most);
+  return text + " (1 per degree is what sampling alone leaves).";
+}
+
 Chart residual_chart(const NoiseModel& model, const PhysicsCalibration& p) {
   Chart chart{title_at("Photon transfer, residuals", p.gain),
-              "Variance minus the fitted line, over the line; bars are standard errors.",
+              "Variance minus the fitted line, over the line; bars are standard errors." +
+                  misfit_text(model, p),
               {"mean signal", "DN", AxisScale::kLogarithmic},
               {"residual", "%"},
               {}};
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
     if (as_index(channel) >= p.K.mean.size()) break;
-    PointSeries series = transfer_series(p, model.layout.channel_name(channel), channel).used;
+    PointSeries series = transfer_series(p, model.layout, channel).used;
     for (std::size_t i = 0; i < series.x.size(); ++i) {
       const double line =
-          value_at(p.K_intercept_dn2, channel) + value_at(p.K.mean, channel) * series.x[i];
+          transfer_intercept_dn2(p, channel) + value_at(p.K.mean, channel) * series.x[i];
       series.y[i] = 100 * (series.y[i] - line) / line;
       series.error[i] *= 100 / line;
     }
@@ -180,6 +194,23 @@ Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, in
 
 std::string title_at(const std::string& what, const GainSetting& gain) {
   return gain.decibel() ? fmt::format("{} at {}", what, gain.text()) : what;
+}
+
+FlatSeries flat_series(const PhysicsCalibration& p, const SensorLayout& layout, int channel,
+                       const std::function<FlatPoint(const PhotonTransferPoint&)>& place) {
+  const std::string name = layout.channel_name(channel);
+  FlatSeries made{{.name = name, .mark = Mark::kPoints, .tone = name},
+                  {.name = name + ", left out", .mark = Mark::kCrosses, .tone = name}};
+  for (const PhotonTransferPoint& point : p.transfer) {
+    if (point.channel != channel) continue;
+    PointSeries& series = point.used ? made.used : made.left_out;
+    const FlatPoint at = place(point);
+    series.x.push_back(at.x);
+    series.y.push_back(at.y);
+    series.error.push_back(at.error);
+    series.notes.push_back(point.why_not);
+  }
+  return made;
 }
 
 std::vector<Block> transfer_plots(const NoiseModel& model) {

@@ -7,6 +7,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "program.h"
 #include "report_pages.h"
 #include <fmt/format.h>
 
@@ -145,6 +146,14 @@ ChartsBlock bars_of(const Metric& metric, const std::vector<Json>& results,
 
 }  // namespace
 
+NoticesBlock warning_notices(const Json& run) {
+  NoticesBlock notices;
+  if (run.contains("warnings"))
+    for (const Json& warning : run.at("warnings"))
+      notices.items.push_back({NoticeLevel::kWarning, warning.get<std::string>()});
+  return notices;
+}
+
 std::vector<Section> evaluation_sections(const Json& evaluation, const std::string& prefix) {
   std::vector<Json> results;
   if (evaluation.contains("results"))
@@ -168,7 +177,13 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
       row.cells.emplace_back(Measured{metric_of(result, metric), Measured::kNone});
     table.rows.push_back(std::move(row));
   }
-  Section section{prefix + "evaluation", "Evaluation", text_at(evaluation, "reference"), {table}};
+  Section section{prefix + "evaluation",
+                  prefix.empty() ? "Results" : "Evaluation",
+                  text_at(evaluation, "reference"),
+                  {}};
+  NoticesBlock warnings = warning_notices(evaluation);
+  if (!warnings.items.empty()) section.blocks.emplace_back(std::move(warnings));
+  section.blocks.emplace_back(std::move(table));
   if (results.size() > 1)
     for (const Metric& metric : metrics)
       if (has_metric(results, metric)) section.blocks.emplace_back(bars_of(metric, results, names));
@@ -177,13 +192,16 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
 
 std::vector<Section> record_sections(const Json& record, const std::filesystem::path& folder,
                                      const std::string& prefix) {
-  Section section{prefix + "record", text_at(record, "title"), text_at(record, "text"), {}};
+  Section section{prefix + "record",
+                  prefix.empty() ? "Results" : text_at(record, "title"),
+                  text_at(record, "text"),
+                  {}};
   try {
-    if (record.contains("notes")) {
-      NoticesBlock notices;
-      for (const Json& note : record.at("notes"))
+    if (record.contains("warnings") || record.contains("notes")) {
+      NoticesBlock notices = warning_notices(record);
+      for (const Json& note : record.value("notes", Json::array()))
         notices.items.push_back({NoticeLevel::kNote, note.get<std::string>()});
-      section.blocks.emplace_back(std::move(notices));
+      if (!notices.items.empty()) section.blocks.emplace_back(std::move(notices));
     }
     if (record.contains("tables"))
       for (const Json& table : record.at("tables")) section.blocks.emplace_back(table_block(table));
@@ -209,7 +227,9 @@ void write_evaluation_report(const Json& evaluation, const std::filesystem::path
 
 void write_record_report(const Json& record, const std::filesystem::path& path, bool force,
                          const std::filesystem::path& folder) {
-  write_report(make_report(text_at(record, "title"), {}, record_sections(record, folder)), path,
+  Json whole = record;
+  for (const std::string& line : take_warnings()) whole["warnings"].push_back(line);
+  write_report(make_report(text_at(record, "title"), {}, record_sections(whole, folder)), path,
                {.force = force});
 }
 

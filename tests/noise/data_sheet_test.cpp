@@ -112,6 +112,42 @@ TEST(LinearityError, IsZeroForALineAndKnownForAnAlternatingDeviation) {
   EXPECT_NEAR(linearity_error_percent(alternating, 0, 4000), 2, 0.15);
 }
 
+TEST(LinearityLine, IsTheOneThatTheErrorIsMeasuredFrom) {
+  const auto line = linearity_line(ladder([](double t) { return 5 + 3000 * t; }), 0, 4000);
+  ASSERT_TRUE(line);
+  EXPECT_NEAR(line->slope, 3000, 1e-6);
+  EXPECT_NEAR(line->intercept, 5, 1e-6);
+}
+
+TEST(SignalToNoise, IsLightsOwnNoiseAndTheDarkOne) {
+  EXPECT_DOUBLE_EQ(signal_to_noise(10000, 0), 100);
+  EXPECT_DOUBLE_EQ(signal_to_noise(16, 3), 16.0 / 5);
+}
+
+// Three points one standard error off the line have a chi square of 3; K is the line's parameter,
+// and where the dark noise is cut off so is the intercept.
+TEST(TransferMisfit, CountsThePointsThatTheFitUsed) {
+  PhysicsCalibration p;
+  p.K.mean = {2.0};
+  p.K_intercept_dn2 = {7.0};
+  for (int i = 1; i <= 5; ++i) {
+    PhotonTransferPoint point;
+    point.mean_dn = 100 * i;
+    point.variance_stderr_dn2 = i;
+    point.variance_dn2 = 200 * i + (i % 2 == 0 ? i : -i);
+    point.used = i <= 3;
+    p.transfer.push_back(point);
+  }
+  EXPECT_DOUBLE_EQ(transfer_misfit(p, 0).chi_square, 3);
+  EXPECT_EQ(transfer_misfit(p, 0).degrees_of_freedom, 2);
+  EXPECT_EQ(transfer_misfit(p, 1).degrees_of_freedom, 0);
+  p.dark_zero_share = {0.5};
+  EXPECT_DOUBLE_EQ(transfer_intercept_dn2(p, 0), 7);
+  for (PhotonTransferPoint& point : p.transfer) point.variance_dn2 += 7;
+  EXPECT_NEAR(transfer_misfit(p, 0).chi_square, 3, 1e-9);
+  EXPECT_EQ(transfer_misfit(p, 0).degrees_of_freedom, 1);
+}
+
 TEST(LinearityError, NeedsThreeExposuresInsideTheRange) {
   EXPECT_TRUE(
       std::isnan(linearity_error_percent(ladder([](double t) { return 40000 * t; }), 1, 4000)));

@@ -156,6 +156,7 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[1].transfer[0].channel = 2; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[0].sigma_tl.mean[0] = NAN; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.black_dn[0] = 5000; }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.saturation_limit = NAN; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.row_group = 0; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.physics[0].row_drift.drift.share = 1.2; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].row_drift.length_stderr = -1; }),

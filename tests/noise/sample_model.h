@@ -68,6 +68,8 @@ inline NoiseModel full_model() {
   m.row_group = 2;
   m.row_group_origin = "detected";
   m.origin = "tests";
+  m.saturation_limit = 0.65;
+  m.warnings = {"the black level is not given", "nor is white"};
   for (double gain_db : {0.0, 6.0, 12.0}) m.physics.push_back(physics2(gain_db));
   m.joint = fit_joint_model(m.physics).value();
   m.joint->notes = {"a note"};

@@ -183,13 +183,21 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   return out;
 }
 
+// What concerns the whole calibration is said at once, and kept for who reads the model later.
+void warn_of_calibration(const std::string& text, NoiseModel& model, Progress& progress) {
+  progress.warn(text);
+  model.warnings.push_back(text);
+}
+
 // Black and white when neither the session nor the files tell them: said, because μ then holds the
 // whole dark level, and saturated flats are known by the largest values alone.
-void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, Progress& progress) {
+void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, NoiseModel& model,
+                   Progress& progress) {
+  const auto say = [&](const std::string& text) { warn_of_calibration(text, model, progress); };
   if (const std::string note = declaration_note(first); !note.empty())
-    progress.warn(fmt::format("{}: {}", first.source, note));
+    say(fmt::format("{}: {}", first.source, note));
   if (!first.black_known)
-    progress.warn(
+    say(
         fmt::format("the black level is not given, taken as {:g}: mu holds the rest of "
                     "the dark level; give black in [sensor]",
                     first.black_dn.front()));
@@ -197,7 +205,7 @@ void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, Progress
   for (const GainPlan& plan : plans)
     for (const FrameSet* flat : plan.flats)
       first.white_dn = std::max(first.white_dn, flat->load(0).white_dn);
-  progress.warn(
+  say(
       fmt::format("the white level is not given, taken as {:g}: saturated flats may be "
                   "missed; give white in [sensor]",
                   first.white_dn));
@@ -269,13 +277,16 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
   NoiseModel model;
   model.sensor = input.sensor;
   model.origin = input.origin;
+  if (std::any_of(plans.begin(), plans.end(), [](const GainPlan& p) { return !p.flats.empty(); }))
+    model.saturation_limit = settings.saturation_limit;
   RowGroupDecision row_group(input.row_group);
   RawFrame first;
   std::vector<double> steps_dn;
   for (const GainPlan& plan : plans) {
     if (!plan.bias) {
-      progress.warn(
-          fmt::format("{}: flat frames without bias frames are left out", plan.gain.text()));
+      warn_of_calibration(
+          fmt::format("{}: flat frames without bias frames are left out", plan.gain.text()), model,
+          progress);
       continue;
     }
     const RawFrame own_first = load_first(*plan.bias);
@@ -283,7 +294,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
     steps_dn.push_back(quantization_step(own_first.dn));
     if (model.physics.empty()) {
       first = own_first;
-      settle_levels(plans, first, progress);
+      settle_levels(plans, first, model, progress);
       model.layout = first.layout;
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;
@@ -307,7 +318,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
     if (const auto joint = fit_joint_model(model.physics))
       model.joint = *joint;
     else
-      progress.warn("no joint model over gain: " + joint.reason());
+      warn_of_calibration("no joint model over gain: " + joint.reason(), model, progress);
   }
   return model;
 }

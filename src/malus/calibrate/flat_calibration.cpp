@@ -28,9 +28,6 @@ namespace {
 
 constexpr double kMostSaturated = 1e-3;
 constexpr std::size_t kFewLevels = 5;
-// Of a channel's dark pixels at zero: with more the cut-off noise moves the dark point by as much
-// as its error.
-constexpr double kMostDarkZeros = 1e-2;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
 

@@ -139,6 +139,10 @@ struct DefectPixel {
   bool operator==(const DefectPixel&) const = default;
 };
 
+/// Share of a channel's dark pixels at DN 0: with more the cut-off noise moves the dark point by as
+/// much as its error, and K rests on the flats alone.
+inline constexpr double kMostDarkZeros = 1e-2;
+
 /// Share of a sensor's pixels; with more defects the list is hardly true, and filling them harms.
 inline constexpr double kManyDefects = 0.01;
 

@@ -47,17 +47,6 @@ double threshold_e(double dark_noise_e) {
   return std::sqrt(dark_noise_e * dark_noise_e + 0.25) + 0.5;
 }
 
-// EMVA 1288, "saturation capacity": where the variance has its maximum. The first level past it is
-// nearer to a hard end than the last one before. Above black.
-double saturation_dn(const std::vector<PhotonTransferPoint>& transfer, int channel,
-                     double white_dn) {
-  double saturation = white_dn;
-  for (const PhotonTransferPoint& point : transfer)
-    if (point.channel == channel && point.saturated)
-      saturation = std::min(saturation, point.mean_dn);
-  return saturation;
-}
-
 std::vector<double> spectrum(int lines, int length, const std::function<float(int, int)>& value) {
   const auto bins = static_cast<std::size_t>(length / 2 + 1);
   using Sum = std::vector<double>;
@@ -89,12 +78,27 @@ std::vector<double> spectrum(int lines, int length, const std::function<float(in
 
 }  // namespace
 
-double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer, int channel,
-                               double saturation_dn) {
+// EMVA 1288, "saturation capacity": where the variance has its maximum. The first level past it is
+// nearer to a hard end than the last one before. Above black.
+double saturation_level_dn(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                           double white_dn) {
+  double saturation = white_dn;
+  for (const PhotonTransferPoint& point : transfer)
+    if (point.channel == channel && point.saturated)
+      saturation = std::min(saturation, point.mean_dn);
+  return saturation;
+}
+
+bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn) {
+  return point.exposure_s > 0 && point.mean_dn >= 0.05 * saturation_dn &&
+         point.mean_dn <= 0.95 * saturation_dn;
+}
+
+std::optional<LineFit> linearity_line(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                                      double saturation_dn) {
   std::vector<double> exposure, signal, weight;
   for (const PhotonTransferPoint& point : transfer) {
-    if (point.channel != channel || !(point.exposure_s > 0)) continue;
-    if (point.mean_dn < 0.05 * saturation_dn || point.mean_dn > 0.95 * saturation_dn) continue;
+    if (point.channel != channel || !counts_for_linearity(point, saturation_dn)) continue;
     exposure.push_back(point.exposure_s);
     signal.push_back(point.mean_dn);
     weight.push_back(1 / (point.mean_dn * point.mean_dn));
@@ -102,14 +106,47 @@ double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer,
   std::vector<double> distinct = exposure;
   std::sort(distinct.begin(), distinct.end());
   distinct.erase(std::unique(distinct.begin(), distinct.end()), distinct.end());
-  if (distinct.size() < 3) return kNone;
-  const LineFit line = fit_line(exposure, signal, weight);
-  double deviation = 0;
-  for (std::size_t i = 0; i < signal.size(); ++i) {
-    const double expected = line.intercept + line.slope * exposure[i];
-    deviation += std::abs(signal[i] - expected) / expected;
+  if (distinct.size() < 3) return std::nullopt;
+  return fit_line(exposure, signal, weight);
+}
+
+double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                               double saturation_dn) {
+  const std::optional<LineFit> line = linearity_line(transfer, channel, saturation_dn);
+  if (!line) return kNone;
+  double deviation = 0, count = 0;
+  for (const PhotonTransferPoint& point : transfer) {
+    if (point.channel != channel || !counts_for_linearity(point, saturation_dn)) continue;
+    const double expected = line->intercept + line->slope * point.exposure_s;
+    deviation += std::abs(point.mean_dn - expected) / expected;
+    ++count;
   }
-  return 100 * deviation / static_cast<double>(signal.size());
+  return 100 * deviation / count;
+}
+
+double transfer_intercept_dn2(const PhysicsCalibration& p, int channel) {
+  const auto c = static_cast<std::size_t>(channel);
+  const bool cut_off = c < p.dark_zero_share.size() && p.dark_zero_share[c] > kMostDarkZeros;
+  return cut_off ? at(p.K_intercept_dn2, c) : 0;
+}
+
+TransferMisfit transfer_misfit(const PhysicsCalibration& p, int channel) {
+  TransferMisfit misfit;
+  const double intercept = transfer_intercept_dn2(p, channel);
+  const double K = at(p.K.mean, static_cast<std::size_t>(channel));
+  for (const PhotonTransferPoint& point : p.transfer) {
+    if (point.channel != channel || !point.used || !(point.variance_stderr_dn2 > 0)) continue;
+    const double off_dn2 = point.variance_dn2 - intercept - K * point.mean_dn;
+    misfit.chi_square += std::pow(off_dn2 / point.variance_stderr_dn2, 2);
+    ++misfit.degrees_of_freedom;
+  }
+  const int parameters = intercept != 0 ? 2 : 1;
+  misfit.degrees_of_freedom = std::max(misfit.degrees_of_freedom - parameters, 0);
+  return misfit;
+}
+
+double signal_to_noise(double signal, double dark_noise) {
+  return signal / std::sqrt(dark_noise * dark_noise + signal);
 }
 
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& p) {
@@ -130,7 +167,7 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     const auto c = static_cast<std::size_t>(channel);
     const double gain = at(p.K.mean, c), gain_error = at(p.K.standard_error, c);
     const double reach_dn =
-        saturation_dn(p.transfer, channel, model.white_dn - at(model.black_dn, c));
+        saturation_level_dn(p.transfer, channel, model.white_dn - at(model.black_dn, c));
     const double dark_dn = at(p.temporal_sd_dark_dn, c);
     const auto [dark_e, dark_error] = dark_noise_e(dark_dn, at(p.temporal_sd_dark_stderr_dn, c),
                                                    model.quantization_dn, gain, gain_error);

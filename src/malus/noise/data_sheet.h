@@ -3,9 +3,11 @@
 #pragma once
 
 #include "malus/base/quantity.h"
+#include "malus/base/statistics.h"
 #include "malus/image/view.h"
 #include "malus/noise/model.h"
 
+#include <optional>
 #include <vector>
 
 namespace malus {
@@ -24,11 +26,41 @@ namespace malus {
 /// that below white (PhotonTransferPoint::saturated), else the white level.
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
 
-/// EMVA 1288, section "linearity": mean absolute deviation, in %, of the mean signal from the line
-/// through signal against exposure that weighs relative deviations equally, over levels between 5
-/// and 95 % of saturation_dn (above black). NaN with fewer than three exposures there.
+/// Signal above black [DN] that a channel saturates at, as data_sheet says; white_dn above black.
+double saturation_level_dn(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                           double white_dn);
+
+/// Whether a point's exposure is known and its signal lies between 5 and 95 % of saturation_dn
+/// (above black), where EMVA 1288 judges linearity.
+bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn);
+
+/// EMVA 1288, section "linearity": the line through signal above dark [DN] against exposure [s]
+/// that weighs relative deviations equally, over levels between 5 and 95 % of saturation_dn (above
+/// black). None with fewer than three exposures there.
+std::optional<LineFit> linearity_line(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                                      double saturation_dn);
+
+/// EMVA 1288, section "linearity": mean absolute deviation, in %, of the mean signal from
+/// linearity_line over its levels. NaN where there is no line.
 double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer, int channel,
                                double saturation_dn);
+
+/// Intercept [DN^2] above the dark variance of the line whose slope is K: 0, as the dark point
+/// holds it, and K_intercept_dn2 where the dark noise is cut off (kMostDarkZeros).
+double transfer_intercept_dn2(const PhysicsCalibration& at_gain, int channel);
+
+/// How far the used points of the photon-transfer curve lie from that line: the sum of their
+/// squared distances over their own variances, and the degrees of freedom, per channel one less
+/// than points (two where the dark noise is cut off). Points without a standard error are left out.
+struct TransferMisfit {
+  double chi_square = 0;
+  int degrees_of_freedom = 0;
+};
+TransferMisfit transfer_misfit(const PhysicsCalibration& at_gain, int channel);
+
+/// EMVA 1288, "signal-to-noise ratio", of the temporal noise alone: s / sqrt(d² + s), signal s and
+/// dark noise d (rows and quantization in it) in electrons.
+double signal_to_noise(double signal, double dark_noise);
 
 /// Mean of every row (column) of a map.
 std::vector<double> row_profile(View<const float> map);

@@ -40,6 +40,8 @@ struct NoiseModel {
   int row_group = 1;
   std::string row_group_origin = "declared";  ///< or "detected"
   std::string origin;  ///< where the numbers come from: session file, publication, simulation
+  double saturation_limit = 0;  ///< flats up to this share of black to white told K; 0: not known
+  std::vector<std::string> warnings;  ///< of the whole calibration; each gain has its own, too
   std::vector<PhysicsCalibration> physics;  ///< rising gain
   std::optional<JointGainModel> joint;
   std::vector<GaussianCalibration> gaussian;            ///< rising gain

@@ -286,6 +286,8 @@ void check_sensor(Findings& findings, const NoiseModel& m) {
   const auto n = static_cast<std::size_t>(m.layout.channels());
   check_values(findings, m.black_dn, n, "black level", Need::kRequired);
   findings.require(std::isfinite(m.white_dn), "white level", "is not finite");
+  findings.require(m.saturation_limit >= 0 && m.saturation_limit <= 1, "saturation limit",
+                   fmt::format("is {}, no share of the range", m.saturation_limit));
   for (double black : m.black_dn)
     findings.require(black < m.white_dn, "black level",
                      fmt::format("{} is not below the white level {}", black, m.white_dn));

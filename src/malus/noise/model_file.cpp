@@ -300,6 +300,10 @@ template <class Archive, class Model>
 void transfer_model(Archive& archive, Model& m) {
   auto sensor = archive.group("sensor");
   transfer_sensor(sensor, m);
+  archive.texts({"warnings", "", "what the calibration warned about"}, m.warnings);
+  if (Archive::kReading || m.saturation_limit > 0)
+    archive.number({"saturation_limit", "1", "flats above this share of the range were not used"},
+                   m.saturation_limit);
   archive.list("physics", m.physics, [](auto& child, auto& p) { transfer_physics(child, p); });
   if constexpr (Archive::kReading) {
     if (archive.holds("joint")) m.joint.emplace();
