@@ -2,11 +2,14 @@
 #include "malus/neural/package.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/inference.h"
+#include "malus/neural/internal/kernels.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <cmath>
 #include <filesystem>
+#include <tuple>
 
 #include "support.h"
 #include <gtest/gtest.h>
@@ -255,6 +258,23 @@ TEST(FrameInDomain, AsksForTheRatioWhereItNeedsIt) {
   settings.layout = "bayer-rggb";
   EXPECT_THROW(prepare_network_frame(camera.noisy(), camera.profile, settings, {}, 10.0),
                InputError);
+}
+
+// Layers of libtorch round nothing, and an Uformer of this width has no kernels.
+TEST(Package, WhatHasNoKernelsIsNotCalledBfloat16) {
+  const testing::TemporaryFolder folder;
+  for (const auto& [architecture, width, kernels] :
+       {std::tuple{"nafnet", "width", true}, {"uformer", "embed_dim", false}}) {
+    NetworkPackage package;
+    package.network = fitted_network({architecture, {{width, 8}}}, package.settings);
+    const auto path = folder / "w.safetensors";
+    save_tensor_file(package_file(package, *make_network(package.network)), path);
+    InferenceSettings settings;
+    settings.precision = "bfloat16";
+    const std::string taken = NetworkInference(path, settings).description().at("precision");
+    EXPECT_EQ(taken, kernels && internal::rounded_products_pay() ? "bfloat16" : "float32")
+        << architecture;
+  }
 }
 
 }  // namespace

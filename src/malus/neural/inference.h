@@ -43,8 +43,8 @@ class NetworkInference {
  public:
   /// Reads and checks the weight file (package.h). Throws InputError, also where the device is not
   /// there or, on a GPU, the precision not offered for this architecture. bfloat16 stays
-  /// float32 on a CPU that is no faster with it, and for widths that are no whole vectors:
-  /// description() tells.
+  /// float32 on a CPU that is no faster with it, and for widths that its kernels
+  /// do not take: description() tells.
   NetworkInference(const std::filesystem::path& weights, const InferenceSettings& settings);
   ~NetworkInference();
 

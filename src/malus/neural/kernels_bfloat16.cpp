@@ -122,8 +122,9 @@ Bfloat16 rounded_to_bfloat16(float value) {
 }
 
 void pack_pairs(const float* b, std::ptrdiff_t taps, std::ptrdiff_t inner, std::ptrdiff_t cols,
-                std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, Bfloat16* to) {
-  const std::ptrdiff_t panel_cols = panel_of(cols);
+                std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, Bfloat16* to,
+                std::ptrdiff_t panel_cols) {
+  if (panel_cols == 0) panel_cols = panel_of(cols);
   for (std::ptrdiff_t panel = 0; panel < cols; panel += panel_cols) {
     const std::ptrdiff_t count = std::min(panel_cols, cols - panel), width = whole_lanes(count);
     for (std::ptrdiff_t tap = 0; tap < taps; ++tap)

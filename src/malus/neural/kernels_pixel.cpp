@@ -6,6 +6,7 @@
 #define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
+#include <algorithm>
 #include <cmath>
 
 #include <hwy/contrib/math/math-inl.h>
@@ -99,12 +100,22 @@ void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count) {
     hn::StoreU(hn::MulAdd(factor, hn::LoadU(d, x + i), hn::LoadU(d, y + i)), d, y + i);
 }
 
+// Deviations from the mean, without channels that only fill up the last vector.
+HWY_INLINE Vec centred_part(const RowNorm& norm, Vec x, Vec mean, std::ptrdiff_t channels_left) {
+  const Tag d;
+  const Vec centred = hn::Sub(x, mean);
+  if (HWY_LIKELY(channels_left - norm.filling >= kWidth)) return centred;
+  return hn::IfThenElseZero(hn::FirstN(d, static_cast<std::size_t>(std::max<std::ptrdiff_t>(
+                                              channels_left - norm.filling, 0))),
+                            centred);
+}
+
 // kRows rows at a time: their sums across vectors wait for one another, not for the next row.
 template <int kRows>
 HWY_INLINE void normalize_some(const RowNorm& norm, const float* x, std::ptrdiff_t x_row,
                                std::ptrdiff_t channels, float* y) {
   const Tag d;
-  const float per_channel = 1.0F / static_cast<float>(channels);
+  const float per_channel = 1.0F / static_cast<float>(channels - norm.filling);
   Vec sum[kRows], squares[kRows], mean[kRows], inverse[kRows];
   for (int r = 0; r < kRows; ++r) sum[r] = squares[r] = hn::Zero(d);
   for (std::ptrdiff_t c = 0; c < channels; c += kWidth)
@@ -113,7 +124,8 @@ HWY_INLINE void normalize_some(const RowNorm& norm, const float* x, std::ptrdiff
     mean[r] = hn::Mul(hn::SumOfLanes(d, sum[r]), hn::Set(d, per_channel));
   for (std::ptrdiff_t c = 0; c < channels; c += kWidth)
     for (int r = 0; r < kRows; ++r) {
-      const Vec centred = hn::Sub(hn::LoadU(d, x + r * x_row + c), mean[r]);
+      const Vec centred =
+          centred_part(norm, hn::LoadU(d, x + r * x_row + c), mean[r], channels - c);
       squares[r] = hn::MulAdd(centred, centred, squares[r]);
     }
   for (int r = 0; r < kRows; ++r) {
@@ -138,6 +150,47 @@ void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, s
   for (; r + 4 <= rows; r += 4)
     normalize_some<4>(norm, x + r * x_row, x_row, channels, y + r * channels);
   for (; r < rows; ++r) normalize_some<1>(norm, x + r * x_row, x_row, channels, y + r * channels);
+}
+
+// Sums across the lanes of kWidth vectors, one to a lane: every step adds neighbours of two vectors
+// and joins them.
+HWY_INLINE Vec sums_of_lanes(Vec (&v)[kWidth]) {
+#if HWY_TARGET != HWY_SCALAR
+  const Tag d;
+  for (std::ptrdiff_t n = kWidth / 2; n > 0; n /= 2)
+    for (std::ptrdiff_t i = 0; i < n; ++i)
+      v[i] = hn::Add(hn::ConcatEven(d, v[2 * i + 1], v[2 * i]),
+                     hn::ConcatOdd(d, v[2 * i + 1], v[2 * i]));
+#endif
+  return v[0];
+}
+
+// kWidth rows at a time, the last ones again where there are fewer.
+void inverse_deviations(const RowNorm& norm, const float* x, std::ptrdiff_t x_row,
+                        std::ptrdiff_t rows, std::ptrdiff_t channels, float* y) {
+  const Tag d;
+  const Vec per_channel = hn::Set(d, 1.0F / static_cast<float>(channels - norm.filling)),
+            epsilon = hn::Set(d, norm.epsilon), one = hn::Set(d, 1.0F);
+  HWY_ALIGN float mean[kWidth];
+  for (std::ptrdiff_t r = 0; r < rows; r += kWidth) {
+    const float* row[kWidth];
+    for (std::ptrdiff_t i = 0; i < kWidth; ++i) row[i] = x + std::min(r + i, rows - 1) * x_row;
+    Vec sum[kWidth];
+    for (std::ptrdiff_t i = 0; i < kWidth; ++i) sum[i] = hn::LoadU(d, row[i]);
+    for (std::ptrdiff_t c = kWidth; c < channels; c += kWidth)
+      for (std::ptrdiff_t i = 0; i < kWidth; ++i)
+        sum[i] = hn::Add(sum[i], hn::LoadU(d, row[i] + c));
+    hn::Store(hn::Mul(sums_of_lanes(sum), per_channel), d, mean);
+    for (std::ptrdiff_t i = 0; i < kWidth; ++i) sum[i] = hn::Zero(d);
+    for (std::ptrdiff_t c = 0; c < channels; c += kWidth)
+      for (std::ptrdiff_t i = 0; i < kWidth; ++i) {
+        const Vec centred =
+            centred_part(norm, hn::LoadU(d, row[i] + c), hn::Set(d, mean[i]), channels - c);
+        sum[i] = hn::MulAdd(centred, centred, sum[i]);
+      }
+    const Vec variance = hn::Mul(sums_of_lanes(sum), per_channel);
+    hn::StoreU(hn::Div(one, hn::Sqrt(hn::Add(variance, epsilon))), d, y + r);
+  }
 }
 
 // kPixels pixels: what three rows give to them. Channels are taken in the order of memory: one
@@ -172,6 +225,52 @@ void depthwise_row(const float* const rows[3], const float* weight, const float*
     depthwise_pixels<kPixels>(rows, weight, bias, pixel * channels, channels, y);
   for (; pixel < cols; ++pixel)
     depthwise_pixels<1>(rows, weight, bias, pixel * channels, channels, y);
+}
+
+// The same of two halves of channels, which are multiplied.
+template <int kPixels>
+HWY_INLINE void depthwise_gate_pixels(const float* const rows[3], const float* weight,
+                                      const float* bias, std::ptrdiff_t pixel, std::ptrdiff_t width,
+                                      float* y, std::ptrdiff_t y_row, float* sums) {
+  const Tag d;
+  const std::ptrdiff_t channels = 2 * width, at = pixel * channels;
+  for (std::ptrdiff_t c = 0; c < width; c += kWidth) {
+    Vec half[2][kPixels];
+    for (int h = 0; h < 2; ++h)
+      for (int i = 0; i < kPixels; ++i)
+        half[h][i] = bias == nullptr ? hn::Zero(d) : hn::LoadU(d, bias + h * width + c);
+    for (int r = 0; r < 3; ++r)
+      for (int h = 0; h < 2; ++h) {
+        const float* from = rows[r] + at + h * width + c;
+        Vec tap[3];
+        for (int t = 0; t < 3; ++t)
+          tap[t] = hn::LoadU(d, weight + (3 * r + t) * channels + h * width + c);
+        for (int i = 0; i < kPixels + 2; ++i) {
+          const Vec value = hn::LoadU(d, from + i * channels);
+          for (int t = 0; t < 3; ++t)
+            if (i >= t && i - t < kPixels)
+              half[h][i - t] = hn::MulAdd(value, tap[t], half[h][i - t]);
+        }
+      }
+    Vec sum = hn::LoadU(d, sums + c);
+    for (int i = 0; i < kPixels; ++i) {
+      const Vec gated = hn::Mul(half[0][i], half[1][i]);
+      hn::StoreU(gated, d, y + (pixel + i) * width + c);
+      __builtin_prefetch(y + y_row + (pixel + i) * width + c, 1, 2);  // the row that comes next
+      sum = hn::Add(sum, gated);
+    }
+    hn::StoreU(sum, d, sums + c);
+  }
+}
+
+void depthwise_gate_row(const float* const rows[3], const float* weight, const float* bias,
+                        std::ptrdiff_t cols, std::ptrdiff_t width, float* y, float* sums) {
+  constexpr int kPixels = kWidth == kLane ? 8 : 4;
+  std::ptrdiff_t pixel = 0;
+  for (; pixel + kPixels <= cols; pixel += kPixels)
+    depthwise_gate_pixels<kPixels>(rows, weight, bias, pixel, width, y, cols * width, sums);
+  for (; pixel < cols; ++pixel)
+    depthwise_gate_pixels<1>(rows, weight, bias, pixel, width, y, cols * width, sums);
 }
 
 void softmax_rows(float* x, std::ptrdiff_t rows, std::ptrdiff_t cols, float scale,
@@ -216,7 +315,9 @@ HWY_EXPORT(add_columns);
 HWY_EXPORT(scale_columns);
 HWY_EXPORT(add_scaled);
 HWY_EXPORT(normalize_rows);
+HWY_EXPORT(inverse_deviations);
 HWY_EXPORT(depthwise_row);
+HWY_EXPORT(depthwise_gate_row);
 HWY_EXPORT(softmax_rows);
 
 void gelu(float* x, std::ptrdiff_t count) { HWY_DYNAMIC_DISPATCH(gelu)(x, count); }
@@ -238,6 +339,14 @@ void add_scaled(float* y, const float* x, float scale, std::ptrdiff_t count) {
 void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
                     std::ptrdiff_t channels, float* y) {
   HWY_DYNAMIC_DISPATCH(normalize_rows)(norm, x, x_row, rows, channels, y);
+}
+void inverse_deviations(const RowNorm& norm, const float* x, std::ptrdiff_t x_row,
+                        std::ptrdiff_t rows, std::ptrdiff_t channels, float* y) {
+  HWY_DYNAMIC_DISPATCH(inverse_deviations)(norm, x, x_row, rows, channels, y);
+}
+void depthwise_gate_row(const float* const rows[3], const float* weight, const float* bias,
+                        std::ptrdiff_t cols, std::ptrdiff_t width, float* y, float* sums) {
+  HWY_DYNAMIC_DISPATCH(depthwise_gate_row)(rows, weight, bias, cols, width, y, sums);
 }
 void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
                    std::ptrdiff_t cols, std::ptrdiff_t channels, float* y) {

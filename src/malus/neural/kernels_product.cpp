@@ -37,6 +37,7 @@ struct Arithmetic {
 
 void multiply_floats(const MatrixProduct& p) { multiply_parts(p, p.a, p.b); }
 std::ptrdiff_t panel_of_floats(std::ptrdiff_t cols) { return panel_cols_of(cols); }
+std::ptrdiff_t gate_panel_of_floats() { return kTileCols; }
 
 }  // namespace malus::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -46,6 +47,7 @@ namespace malus::internal {
 
 HWY_EXPORT(multiply_floats);
 HWY_EXPORT(panel_of_floats);
+HWY_EXPORT(gate_panel_of_floats);
 void multiply(const MatrixProduct& product) {
   if (product.pairs != nullptr)
     multiply_rounded(product);
@@ -54,14 +56,29 @@ void multiply(const MatrixProduct& product) {
 }
 
 void pack_columns(const float* b, std::ptrdiff_t inner, std::ptrdiff_t cols,
-                  std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to) {
-  const std::ptrdiff_t panel_cols = HWY_DYNAMIC_DISPATCH(panel_of_floats)(cols);
+                  std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to,
+                  std::ptrdiff_t panel_cols) {
+  if (panel_cols == 0) panel_cols = HWY_DYNAMIC_DISPATCH(panel_of_floats)(cols);
   for (std::ptrdiff_t panel = 0; panel < cols; panel += panel_cols) {
     const std::ptrdiff_t count = std::min(panel_cols, cols - panel), width = whole_lanes(count);
     for (std::ptrdiff_t k = 0; k < inner; ++k, to += width)
       for (std::ptrdiff_t n = 0; n < width; ++n)
         to[n] = n < count ? b[k * inner_stride + (panel + n) * col_stride] : 0.0F;
   }
+}
+
+void scale_packed_rows(const float* packed, std::ptrdiff_t inner, std::ptrdiff_t cols,
+                       const float* factors, float* to) {
+  const std::ptrdiff_t panel_cols = HWY_DYNAMIC_DISPATCH(panel_of_floats)(cols);
+  for (std::ptrdiff_t panel = 0; panel < cols; panel += panel_cols) {
+    const std::ptrdiff_t width = whole_lanes(std::min(panel_cols, cols - panel));
+    for (std::ptrdiff_t k = 0; k < inner; ++k, packed += width, to += width)
+      for (std::ptrdiff_t n = 0; n < width; ++n) to[n] = packed[n] * factors[k];
+  }
+}
+
+std::ptrdiff_t gate_panel(bool rounded) {
+  return rounded ? 4 * kLane : HWY_DYNAMIC_DISPATCH(gate_panel_of_floats)();
 }
 
 }  // namespace malus::internal

@@ -146,7 +146,7 @@ torch::Tensor LeFFImpl::forward(const torch::Tensor& x) {
 internal::StripLayer LeFFImpl::packed(const torch::nn::LayerNorm& norm) const {
   const auto& wide = *linear1_->ptr(0)->as<torch::nn::Linear>();
   const auto& depthwise = *dwconv_->ptr(0)->as<torch::nn::Conv2d>();
-  return {packed_norm(norm), {wide.weight, wide.bias}, true, {depthwise.weight, depthwise.bias}};
+  return {{packed_norm(norm), wide.weight, wide.bias}, true, {depthwise.weight, depthwise.bias}};
 }
 
 internal::PackedLinear LeFFImpl::packed_project() const {

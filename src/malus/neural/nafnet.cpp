@@ -1,6 +1,5 @@
 #include "malus/neural/internal/convolution.h"
-#include "malus/neural/internal/strips.h"
-#include "malus/neural/internal/tasks.h"
+#include "malus/neural/internal/gated_block.h"
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
@@ -11,6 +10,39 @@ using namespace torch::nn;
 
 Conv2d conv1x1(std::int64_t from, std::int64_t to, bool bias = true) {
   return Conv2d(Conv2dOptions(from, to, 1).bias(bias));
+}
+
+// For the kernels: every one of `parts` equal parts along a dimension is filled up to whole vectors
+// by zeros, which stay zeros through all layers.
+torch::Tensor whole_vectors(const torch::Tensor& t, std::int64_t dimension,
+                            std::int64_t parts = 1) {
+  if (!t.defined()) return t;
+  const auto length = t.size(dimension) / parts, whole = internal::whole_lanes(length);
+  if (whole == length) return t;
+  auto shape = t.sizes().vec();
+  shape[static_cast<std::size_t>(dimension)] = whole - length;
+  std::vector<torch::Tensor> pieces;
+  for (const auto& part : t.chunk(parts, dimension)) {
+    pieces.push_back(part);
+    pieces.push_back(torch::zeros(shape));
+  }
+  return torch::cat(pieces, dimension);
+}
+// A convolution whose channels are filled up, those of the result only where said.
+Conv2d whole_vectors(const Conv2d& layer, std::int64_t in, std::int64_t out) {
+  const auto weight = layer->weight;
+  if (weight.size(0) == out && weight.size(1) == in) return layer;
+  const auto& options = layer->options;
+  Conv2d filled(Conv2dOptions(in, out, options.kernel_size())
+                    .stride(options.stride())
+                    .padding(options.padding())
+                    .bias(options.bias()));
+  filled->weight.zero_();
+  filled->weight.slice(0, 0, weight.size(0)).slice(1, 0, weight.size(1)).copy_(weight);
+  if (!layer->bias.defined()) return filled;
+  filled->bias.zero_();
+  filled->bias.slice(0, 0, weight.size(0)).copy_(layer->bias);
+  return filled;
 }
 
 // Normalisation over the channels of every pixel (LayerNorm2d), eps 1e-6.
@@ -26,7 +58,9 @@ class PixelNormImpl : public Module {
     return torch::layer_norm(y, {x.size(1)}, weight_, bias_, 1e-6).permute({0, 3, 1, 2});
   }
   internal::RowNorm packed() const {
-    return {weight_.data_ptr<float>(), bias_.data_ptr<float>(), 1e-6F};
+    const auto channels = weight_.size(0);
+    return {weight_.data_ptr<float>(), bias_.data_ptr<float>(), 1e-6F, false,
+            internal::whole_lanes(channels) - channels};
   }
 
  private:
@@ -61,70 +95,33 @@ class NAFBlockImpl : public Module {
     return y + conv5_(simple_gate(conv4_(norm2_(y)))) * gamma_;
   }
 
-  // The same on [batch, rows, cols, channels], contiguous, in place.
-  void with_kernels(const torch::Tensor& x) {
-    const Packed& layers = packed_.of(*this, [&] { return packed(); });
-    const auto b = x.size(0), c = x.size(3), pixels = x.size(1) * x.size(2);
-    const auto gated = torch::empty_like(x), sums = torch::zeros({internal::strip_tasks(x), c});
-    internal::for_each_strip(x, layers.wide, [&](const internal::StripPiece& piece) {
-      float* to = gated.data_ptr<float>() + piece.pixel * c;
-      internal::gate_halves(piece.wide, piece.pixels, c, false, to);
-      internal::add_columns(to, c, piece.pixels, c, false, sums.data_ptr<float>() + piece.task * c);
-    });
-    const auto mean = sums.view({b, -1, c}).sum(1, false, torch::kDouble) / pixels;
-    const auto means = mean.to(torch::kFloat).contiguous(), factors = torch::empty({b, c});
-    layers.sca.run(means.data_ptr<float>(), b, factors.data_ptr<float>(), c);
-    second_half(layers, x, gated, factors);
+  internal::GatedBlock packed() const {
+    const auto square = [](const torch::Tensor& t) {
+      return whole_vectors(whole_vectors(t.flatten(1), 0), 1);
+    };
+    const auto scaled = [&](const Conv2d& layer, const torch::Tensor& scale) {
+      return internal::PackedLinear(square(layer->weight * scale.view({-1, 1, 1, 1})),
+                                    whole_vectors(layer->bias * scale.view(-1), 0));
+    };
+    const auto widening = [&](const PixelNorm& norm, const Conv2d& layer, bool gated) {
+      return internal::NormedLinear(norm->packed(),
+                                    whole_vectors(whole_vectors(layer->weight.flatten(1), 0, 2), 1),
+                                    whole_vectors(layer->bias, 0, 2), gated);
+    };
+    const auto exact = [&](const Conv2dImpl& layer) {
+      const internal::RoundedProducts float32(false);
+      return internal::PackedLinear(square(layer.weight), whole_vectors(layer.bias, 0));
+    };
+    return {{widening(norm1_, conv1_, false),
+             false,
+             {whole_vectors(conv2_->weight, 0, 2), whole_vectors(conv2_->bias, 0, 2)}},
+            exact(*sca_->ptr(1)->as<Conv2d>()),
+            scaled(conv3_, beta_),
+            widening(norm2_, conv4_, true),
+            scaled(conv5_, gamma_)};
   }
 
  private:
-  struct Packed {
-    internal::StripLayer wide;
-    internal::RowNorm norm;
-    internal::PackedLinear sca, conv3, conv4, conv5;  ///< the third and fifth with beta and gamma
-  };
-  Packed packed() const {
-    const auto scaled = [](const Conv2d& layer, const torch::Tensor& scale) {
-      return internal::PackedLinear(layer->weight * scale.view({-1, 1, 1, 1}),
-                                    layer->bias * scale.view(-1));
-    };
-    const auto exact = [](const Conv2dImpl& layer) {  // few values that scale all others
-      const internal::RoundedProducts float32(false);
-      return internal::PackedLinear(layer.weight, layer.bias);
-    };
-    return {
-        {norm1_->packed(), {conv1_->weight, conv1_->bias}, false, {conv2_->weight, conv2_->bias}},
-        norm2_->packed(),
-        exact(*sca_->ptr(1)->as<Conv2d>()),
-        scaled(conv3_, beta_),
-        {conv4_->weight, conv4_->bias},
-        scaled(conv5_, gamma_)};
-  }
-  // Everything after the pooled attention, a few pixels at a time.
-  static void second_half(const Packed& layers, const torch::Tensor& x, const torch::Tensor& gated,
-                          const torch::Tensor& factors) {
-    // In whole tiles of products: 6 rows, or 12.
-    constexpr std::ptrdiff_t kPixels = 132;
-    const std::ptrdiff_t c = x.size(3), image_pixels = x.size(1) * x.size(2),
-                         pieces = (image_pixels + kPixels - 1) / kPixels;
-    internal::for_each_task(x.size(0) * pieces, [&](std::ptrdiff_t task) {
-      const std::ptrdiff_t image = task / pieces, first = task % pieces * kPixels,
-                           count = std::min(kPixels, image_pixels - first),
-                           pixel = image * image_pixels + first;
-      internal::Scratch scratch(3 * kPixels * c);
-      float *narrow = scratch.take(kPixels * c), *wide = scratch.take(2 * kPixels * c),
-            *out = x.data_ptr<float>() + pixel * c;
-      internal::scale_columns(gated.data_ptr<float>() + pixel * c, c, count, c,
-                              factors.data_ptr<float>() + image * c, narrow, c);
-      layers.conv3.run(narrow, count, out, c, true);
-      internal::normalize_rows(layers.norm, out, c, count, c, narrow);
-      layers.conv4.run(narrow, count, wide, 2 * c);
-      internal::gate_halves(wide, count, c, false, narrow);
-      layers.conv5.run(narrow, count, out, c, true);
-    });
-  }
-
-  internal::Cached<Packed> packed_;
   Conv2d conv1_{nullptr}, conv2_{nullptr}, conv3_{nullptr}, conv4_{nullptr}, conv5_{nullptr};
   Sequential sca_{nullptr};
   PixelNorm norm1_{nullptr}, norm2_{nullptr};
@@ -165,9 +162,7 @@ class NAFNet final : public Network {
   torch::Tensor forward(torch::Tensor input) override {
     const auto rows = input.size(2), cols = input.size(3);
     input = zero_pad_to_multiple(input, std::int64_t{1} << encoders_->size());
-    const bool whole_vectors = intro_->weight.size(0) % internal::kLane == 0;
-    const auto y =
-        internal::kernels_apply(input) && whole_vectors ? with_kernels(input) : with_layers(input);
+    const auto y = internal::kernels_apply(input) ? with_kernels(input) : with_layers(input);
     return y.slice(2, 0, rows).slice(3, 0, cols);
   }
 
@@ -196,19 +191,37 @@ class NAFNet final : public Network {
     internal::PackedConvolution intro, ending;
     std::vector<internal::PackedConvolution> downs;
     std::vector<internal::PackedDoubling> ups;
+    std::vector<std::vector<internal::GatedBlock>> encoders, decoders;
+    std::vector<internal::GatedBlock> middle;
   };
   Packed packed() const {
-    Packed made{internal::PackedConvolution(intro_), internal::PackedConvolution(ending_), {}, {}};
-    for (const auto& layer : *downs_) made.downs.emplace_back(convolution(layer));
-    for (const auto& layer : *ups_)
-      made.ups.emplace_back(convolution(layer->as<Sequential>()->ptr(0)));
+    const auto whole = [](std::int64_t channels) { return internal::whole_lanes(channels); };
+    const std::int64_t planes = intro_->weight.size(1), width = whole(intro_->weight.size(0));
+    Packed made;
+    made.intro = internal::PackedConvolution(whole_vectors(intro_, planes, width));
+    made.ending = internal::PackedConvolution(whole_vectors(ending_, width, planes));
+    for (const auto& layer : *downs_) {
+      const auto down = convolution(layer);
+      made.downs.emplace_back(
+          whole_vectors(down, whole(down->weight.size(1)), whole(down->weight.size(0))));
+    }
+    for (const auto& layer : *ups_) {
+      const auto up = convolution(layer->as<Sequential>()->ptr(0));
+      made.ups.emplace_back(
+          whole_vectors(up, whole(up->weight.size(1)), 4 * whole(up->weight.size(0) / 4)));
+    }
+    for (const auto& stage : *encoders_) made.encoders.push_back(packed_blocks(*stage));
+    for (const auto& stage : *decoders_) made.decoders.push_back(packed_blocks(*stage));
+    made.middle = packed_blocks(*middle_);
     return made;
+  }
+  static std::vector<internal::GatedBlock> packed_blocks(const Module& stage) {
+    std::vector<internal::GatedBlock> blocks;
+    for (const auto& block : stage.children()) blocks.push_back(block->as<NAFBlock>()->packed());
+    return blocks;
   }
   static Conv2d convolution(const std::shared_ptr<Module>& layer) {
     return Conv2d(std::dynamic_pointer_cast<Conv2dImpl>(layer));
-  }
-  static void filter(const std::shared_ptr<Module>& blocks, const torch::Tensor& x) {
-    for (const auto& block : *blocks->as<Sequential>()) block.get<NAFBlock>()->with_kernels(x);
   }
   torch::Tensor with_kernels(const torch::Tensor& planes) {
     const Packed& layers = packed_.of(*this, [&] { return packed(); });
@@ -216,14 +229,14 @@ class NAFNet final : public Network {
     auto x = convolve(layers.intro, input);
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_->size(); ++i) {
-      filter(encoders_->ptr(i), x);
+      for (const auto& block : layers.encoders[i]) block.filter(x);
       skips.push_back(x);
       x = convolve(layers.downs[i], x);
     }
-    filter(middle_.ptr(), x);
+    for (const auto& block : layers.middle) block.filter(x);
     for (std::size_t i = 0; i < decoders_->size(); ++i) {
       x = double_size(layers.ups[i], x, skips[skips.size() - 1 - i]);
-      filter(decoders_->ptr(i), x);
+      for (const auto& block : layers.decoders[i]) block.filter(x);
     }
     return internal::channels_first(convolve(layers.ending, x).add_(input));
   }

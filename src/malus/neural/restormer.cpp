@@ -76,8 +76,7 @@ class TransposedAttentionImpl : public Module {
     return project_out_(torch::matmul(attention, v).reshape({b, c, h, w}));
   }
   internal::StripLayer packed(const ChannelNorm& norm) const {
-    return {norm->packed(),
-            {qkv_->weight, qkv_->bias},
+    return {{norm->packed(), qkv_->weight, qkv_->bias},
             false,
             {qkv_dwconv_->weight, qkv_dwconv_->bias}};
   }
@@ -148,8 +147,7 @@ class GatedFeedForwardImpl : public Module {
   }
   // For the kernels each half is filled up to whole vectors by channels of zeros.
   internal::StripLayer packed(const ChannelNorm& norm) const {
-    return {norm->packed(),
-            {filled(project_in_->weight, 2), filled(project_in_->bias, 2)},
+    return {{norm->packed(), filled(project_in_->weight, 2), filled(project_in_->bias, 2)},
             false,
             {filled(dwconv_->weight, 2), filled(dwconv_->bias, 2)}};
   }

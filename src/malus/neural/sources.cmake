@@ -7,6 +7,7 @@ set(neural_SOURCES
   example_pool.cpp
   failures.cpp
   frame_domain.cpp
+  gated_block.cpp
   gpu.cpp
   hybrid.cpp
   inference.cpp

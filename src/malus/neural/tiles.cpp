@@ -81,9 +81,13 @@ TileDemand tile_demand(const NetworkDescription& description, bool on_cpu) {
         {lowest, rounded_up(2 * (2 * lowest - 1) + 2 * (lowest - 1) + lowest - 1, lowest), true},
         on_cpu, number("width"), {60, 40});
   }
-  if (description.architecture == "nafnet")
-    return faded(std::int64_t{1} << s.at("enc_blk_nums").size(), "width", number("width"),
-                 {120, 20});
+  if (description.architecture == "nafnet") {
+    // Its kernels fill any width up to whole vectors.
+    const std::int64_t multiple = std::int64_t{1} << s.at("enc_blk_nums").size(),
+                       width = number("width");
+    return with_memory({multiple, rounded_up(kFadedOverlap, multiple), false}, on_cpu,
+                       on_cpu ? internal::whole_lanes(width) : width, {120, 20});
+  }
   if (description.architecture == "restormer")
     return faded(8, "dim", per_head("dim", "heads"), {200, 115});
   if (description.architecture == "uformer")

@@ -21,7 +21,8 @@ struct TileDemand {
   bool exact = true;
   double bytes_per_pixel = 0;  ///< peak of a forward pass in float32, measured
   /// The pass takes the kernels of docs/networks.md, which need less memory than libtorch's layers
-  /// and round their products where asked to: on a CPU, if the widths are whole vectors.
+  /// and round their products where asked to: on a CPU, if the widths are whole vectors
+  /// or can be filled up to them (unet, nafnet).
   bool own_kernels = false;
 };
 /// on_cpu: where the pass runs.

@@ -44,9 +44,29 @@ struct MatrixProduct {
   /// The same for several groups of rows, whose corners lie so far apart.
   std::ptrdiff_t groups = 1, a_group = 0, c_group = 0;
   bool add = false;  ///< to what c holds
-  float leak = 1;    ///< at last y -> max(y, leak · y): a leaky ReLU where below 1
+  /// Where not null: one for every row, group after group; c = factor · (a · b) + bias. Not with
+  /// add.
+  const float* row_factors = nullptr;
+  float leak = 1;  ///< at last y -> max(y, leak · y): a leaky ReLU where below 1
+  /// The columns are two halves, each in multiples of kLane, packed in the order of gate_columns
+  /// and with its panels; c gets first half · second half. Not with add, nor with b_inner.
+  bool gate = false;
+  /// Where not null: ahead_row values for every row, group after group ahead_group apart, that are
+  /// wanted next; they are brought nearer while the processor multiplies.
+  const float* ahead = nullptr;
+  std::ptrdiff_t ahead_row = 0, ahead_group = 0;
 };
 void multiply(const MatrixProduct& product);
+
+/// Columns of a panel for gated products, whose first half is columns of the first half.
+std::ptrdiff_t gate_panel(bool rounded);
+/// Which column lies at column n of `cols` that are packed for a gate.
+constexpr std::ptrdiff_t gate_column(std::ptrdiff_t n, std::ptrdiff_t cols,
+                                     std::ptrdiff_t panel_cols) {
+  const std::ptrdiff_t panel = n / panel_cols * panel_cols, at = n - panel,
+                       half = (cols - panel < panel_cols ? cols - panel : panel_cols) / 2;
+  return panel / 2 + (at < half ? at : cols / 2 + at - half);
+}
 
 /// Whether this processor multiplies bfloat16 (x86's AVX512_BF16).
 bool can_round_products();
@@ -59,16 +79,21 @@ void multiply_rounded(const MatrixProduct& product);
 void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to);
 
 /// Packs b[k · inner_stride + n · col_stride], k < inner, n < cols into panels of columns; `to`
-/// takes inner · whole_lanes(cols) values.
+/// takes inner · whole_lanes(cols) values. panel_cols 0: those of a product without a gate.
 void pack_columns(const float* b, std::ptrdiff_t inner, std::ptrdiff_t cols,
-                  std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to);
+                  std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, float* to,
+                  std::ptrdiff_t panel_cols = 0);
+/// Packed columns (without a gate) with row k multiplied by factors[k].
+void scale_packed_rows(const float* packed, std::ptrdiff_t inner, std::ptrdiff_t cols,
+                       const float* factors, float* to);
 
 /// The same for pairs: inner values of each of `taps` windows, rounded to bfloat16, two rows of
 /// them interleaved; `to` takes taps · whole_pairs(inner) · whole_lanes(cols) values. inner_stride
 /// counts from tap to tap too.
 constexpr std::ptrdiff_t whole_pairs(std::ptrdiff_t inner) { return (inner + 1) / 2 * 2; }
 void pack_pairs(const float* b, std::ptrdiff_t taps, std::ptrdiff_t inner, std::ptrdiff_t cols,
-                std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, Bfloat16* to);
+                std::ptrdiff_t inner_stride, std::ptrdiff_t col_stride, Bfloat16* to,
+                std::ptrdiff_t panel_cols = 0);
 /// To nearest even; not for values that are not numbers.
 Bfloat16 rounded_to_bfloat16(float value);
 
@@ -94,14 +119,25 @@ struct RowNorm {
   const float *weight = nullptr, *bias = nullptr;
   float epsilon = 1e-5F;
   bool bias_free = false;
+  /// So many of the last channels (fewer than kLane) only fill up a vector: zeros that do not
+  /// count.
+  std::ptrdiff_t filling = 0;
 };
 void normalize_rows(const RowNorm& norm, const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
                     std::ptrdiff_t channels, float* y);
+/// What rows are divided by, inverted: 1 / sqrt(variance + epsilon). Of y whole_lanes(rows) values
+/// may be written.
+void inverse_deviations(const RowNorm& norm, const float* x, std::ptrdiff_t x_row,
+                        std::ptrdiff_t rows, std::ptrdiff_t channels, float* y);
 
 /// One row of a depth-wise 3x3 convolution: rows[] are three rows of cols + 2 pixels, weight [9]
 /// [channels] and bias (null: none); y has cols pixels.
 void depthwise_row(const float* const rows[3], const float* weight, const float* bias,
                    std::ptrdiff_t cols, std::ptrdiff_t channels, float* y);
+/// The same of 2 · width channels, whose halves are multiplied: y [cols, width]; and sums [width]
+/// += the columns of y.
+void depthwise_gate_row(const float* const rows[3], const float* weight, const float* bias,
+                        std::ptrdiff_t cols, std::ptrdiff_t width, float* y, float* sums);
 
 /// Winograd's F(4x4, 3x3) on one tile. Input: 6x6 pixels of x, whose rows lie x_row apart, become
 /// 36 elements [channels] of v, v_element apart.

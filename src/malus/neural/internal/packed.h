@@ -46,17 +46,43 @@ class PackedLinear {
   PackedLinear() = default;
   /// weight [outputs, inputs], or [outputs, inputs, rows, cols] of a convolution, whose taps are
   /// then packed row by row; bias [outputs] or undefined.
-  PackedLinear(const torch::Tensor& weight, const torch::Tensor& bias);
+  /// gated: the outputs are two halves (in multiples of kLane) and what is given is first · second.
+  PackedLinear(const torch::Tensor& weight, const torch::Tensor& bias, bool gated = false);
   std::ptrdiff_t inner() const { return inner_; }
-  std::ptrdiff_t cols() const { return cols_; }
+  std::ptrdiff_t cols() const { return cols_; }  ///< outputs before the gate
+  bool rounded() const { return packed_.scalar_type() == torch::kBFloat16; }
   /// The product without its matrices a and c.
   MatrixProduct product() const;
-  void run(const float* a, std::ptrdiff_t rows, float* c, std::ptrdiff_t c_row,
-           bool add = false) const;
+  void run(const float* a, std::ptrdiff_t rows, float* c, std::ptrdiff_t c_row, bool add = false,
+           const float* ahead = nullptr) const;
+  /// The layer of inputs that are multiplied by factors [inner]; neither gated nor rounded.
+  PackedLinear with_inputs_scaled(const float* factors) const;
 
  private:
   std::ptrdiff_t inner_ = 0, cols_ = 0;
+  bool gated_ = false;
   torch::Tensor packed_, bias_;  ///< packed_ by pack_columns or, in bfloat16, by pack_pairs
+};
+
+/// y = W norm(x) + b of every row. In float32 the norm lies in the product: its weights in W, from
+/// whose rows their means are taken so that they see no mean of x, its division as a factor of the
+/// sums. Where products are rounded the rows are normalised before: a mean would take the digits.
+class NormedLinear {
+ public:
+  NormedLinear() = default;
+  /// norm's pointers are read here only, inputs - filling values each.
+  NormedLinear(const RowNorm& norm, const torch::Tensor& weight, const torch::Tensor& bias,
+               bool gated = false);
+  std::ptrdiff_t cols() const { return linear_.cols(); }
+  /// Values of memory that run takes for so many rows in so many groups.
+  std::ptrdiff_t memory(std::ptrdiff_t rows, std::ptrdiff_t groups) const;
+  /// p says where the rows are and where they go: rows, a, a_row, c, c_row and groups.
+  void run(const MatrixProduct& p, float* memory) const;
+
+ private:
+  RowNorm norm_;
+  torch::Tensor weight_, bias_;  ///< the norm's, where it is not in the product
+  PackedLinear linear_;
 };
 
 /// Weight of a depth-wise 3x3 convolution [channels, 1, 3, 3] and its bias (or undefined) as

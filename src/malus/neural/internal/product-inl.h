@@ -29,8 +29,9 @@ constexpr std::ptrdiff_t panel_cols_of(std::ptrdiff_t cols) {
 }
 // Rows that columns which end inside a vector pass at a time.
 constexpr std::ptrdiff_t kRaggedRows = 24;
-// Rows of b that stay in the second-level cache while all rows of a pass by.
-constexpr std::ptrdiff_t kInnerBlock = 384 * kDepth;
+// Rows of b that stay in the second-level cache while all rows of a pass by; a panel of a narrow
+// tile stays in the first level's.
+constexpr std::ptrdiff_t kInnerBlock = (kWidth == kLane ? 1280 : 384) * kDepth;
 
 // A part of the inner dimension: values [k0, k1) of each tap in [tap0, tap1).
 struct InnerPart {
@@ -38,13 +39,14 @@ struct InnerPart {
   bool first, last;
 };
 
-// Where a tile lies: its corner of a, its columns of b and c.
+// Where a tile lies: its corner of a, its columns of b and c, its rows' factors (or null).
 struct TilePlace {
   const Value *a, *b;
   std::ptrdiff_t b_inner;
-  const float* bias;
+  const float *bias, *factors;
   float* c;
   std::ptrdiff_t c_row;
+  const float* ahead = nullptr;  // of the first row, or null
 };
 
 constexpr std::ptrdiff_t whole_depth(std::ptrdiff_t inner) {
@@ -57,7 +59,7 @@ template <int kHeight, int kVectors>
 HWY_INLINE void start_sums(const MatrixProduct& p, const InnerPart& part, const TilePlace& at,
                            Vec (&sum)[kHeight][kVectors]) {
   using A = Arithmetic;
-  const bool biased = part.first && at.bias != nullptr;
+  const bool biased = part.first && at.bias != nullptr && at.factors == nullptr;
   for (int j = 0; j < kVectors; ++j) {
     const Vec bias = biased ? A::load(at.bias + j * kWidth) : A::zero();
     for (int i = 0; i < kHeight; ++i) sum[i][j] = bias;
@@ -66,6 +68,43 @@ HWY_INLINE void start_sums(const MatrixProduct& p, const InnerPart& part, const 
   for (int i = 0; i < kHeight; ++i)
     for (int j = 0; j < kVectors; ++j)
       sum[i][j] = A::add(sum[i][j], A::load(at.c + i * at.c_row + j * kWidth));
+}
+
+// What becomes of a tile's sums once they are whole.
+template <int kHeight, int kVectors>
+HWY_INLINE void finish_sums(const MatrixProduct& p, const TilePlace& at,
+                            Vec (&sum)[kHeight][kVectors]) {
+  using A = Arithmetic;
+  if (at.factors != nullptr)
+    for (int j = 0; j < kVectors; ++j) {
+      const Vec bias = at.bias == nullptr ? A::zero() : A::load(at.bias + j * kWidth);
+      for (int i = 0; i < kHeight; ++i)
+        sum[i][j] = A::add(A::multiply(sum[i][j], A::fill(at.factors[i])), bias);
+    }
+  if (p.leak < 1) {
+    const Vec leak = A::fill(p.leak);
+    for (int i = 0; i < kHeight; ++i)
+      for (int j = 0; j < kVectors; ++j)
+        sum[i][j] = A::max(sum[i][j], A::multiply(leak, sum[i][j]));
+  }
+}
+
+template <int kHeight, int kVectors>
+HWY_INLINE void store_sums(const MatrixProduct& p, const InnerPart& part, const TilePlace& at,
+                           Vec (&sum)[kHeight][kVectors]) {
+  using A = Arithmetic;
+  if (part.last && (at.factors != nullptr || p.leak < 1)) finish_sums(p, at, sum);
+  if constexpr (kVectors % 2 == 0) {
+    constexpr int kHalf = kVectors / 2;
+    if (p.gate) {
+      for (int i = 0; i < kHeight; ++i)
+        for (int j = 0; j < kHalf; ++j)
+          A::store(A::multiply(sum[i][j], sum[i][kHalf + j]), at.c + i * at.c_row + j * kWidth);
+      return;
+    }
+  }
+  for (int i = 0; i < kHeight; ++i)
+    for (int j = 0; j < kVectors; ++j) A::store(sum[i][j], at.c + i * at.c_row + j * kWidth);
 }
 
 template <int kHeight, int kVectors>
@@ -86,15 +125,13 @@ HWY_INLINE void tile(const MatrixProduct& p, const InnerPart& part, const TilePl
       }
     }
   }
-  if (part.last && p.leak < 1) {
-    const Vec leak = A::fill(p.leak);
-    for (int i = 0; i < kHeight; ++i)
-      for (int j = 0; j < kVectors; ++j)
-        A::store(A::max(sum[i][j], A::multiply(leak, sum[i][j])), at.c + i * at.c_row + j * kWidth);
-  } else {
-    for (int i = 0; i < kHeight; ++i)
-      for (int j = 0; j < kVectors; ++j) A::store(sum[i][j], at.c + i * at.c_row + j * kWidth);
-  }
+  store_sums(p, part, at, sum);
+}
+
+// Into the second-level cache.
+HWY_INLINE void fetch(const float* from, std::ptrdiff_t values) {
+  constexpr std::ptrdiff_t kLine = 16;
+  for (std::ptrdiff_t i = 0; i < values; i += kLine) __builtin_prefetch(from + i, 0, 2);
 }
 
 // Rows from `row` on in tiles, the rest in tiles of 4, 2 and 1.
@@ -105,6 +142,8 @@ HWY_INLINE void tiles_of(std::ptrdiff_t row, const MatrixProduct& p, const Inner
   for (; row + kHeight <= p.rows; row += kHeight) {
     at.a = corner.a + row * p.a_row;
     at.c = corner.c + row * at.c_row;
+    if (corner.factors != nullptr) at.factors = corner.factors + row;
+    if (corner.ahead != nullptr) fetch(corner.ahead + row * p.ahead_row, kHeight * p.ahead_row);
     tile<kHeight, kVectors>(p, part, at);
   }
   constexpr int kLess = kHeight > 4 ? 4 : kHeight / 2;
@@ -135,7 +174,8 @@ inline void ragged_columns(std::ptrdiff_t cols, const MatrixProduct& p, const In
     for (std::ptrdiff_t i = 0; i < few.rows; ++i)
       std::copy_n(at.c + (row + i) * p.c_row, cols, c.data() + i * kTileCols);
     rows_of(whole_lanes(cols), few, part,
-            {at.a + row * p.a_row, at.b, at.b_inner, bias.data(), c.data(), kTileCols});
+            {at.a + row * p.a_row, at.b, at.b_inner, bias.data(),
+             at.factors == nullptr ? nullptr : at.factors + row, c.data(), kTileCols});
     for (std::ptrdiff_t i = 0; i < few.rows; ++i)
       std::copy_n(c.data() + i * kTileCols, cols, at.c + (row + i) * p.c_row);
   }
@@ -152,8 +192,10 @@ inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b
                b + (plain ? n : panel * taps * whole_depth(p.inner) + col * kDepth),
                plain ? p.b_inner : whole_lanes(panel_cols),
                p.bias == nullptr ? nullptr : p.bias + n,
-               p.c + n,
-               p.c_row};
+               p.row_factors,
+               p.c + (p.gate ? n / 2 : n),
+               p.c_row,
+               n == 0 && part.first ? p.ahead : nullptr};
   for (std::ptrdiff_t group = 0; group < p.groups; ++group) {
     if (cols % kLane == 0)
       rows_of(cols, p, part, at);
@@ -161,6 +203,8 @@ inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b
       ragged_columns(cols, p, part, at);
     at.a += p.a_group;
     at.c += p.c_group;
+    if (at.factors != nullptr) at.factors += p.rows;
+    if (at.ahead != nullptr) at.ahead += p.ahead_group;
   }
 }
 
@@ -168,6 +212,7 @@ inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b
 template <class Use>
 HWY_INLINE void for_inner_parts(const MatrixProduct& p, const Use& use) {
   const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
+  if (p.gate) return use(InnerPart{0, taps, 0, p.inner, true, true});
   if (p.inner > kInnerBlock / 2) {
     const std::ptrdiff_t parts = (p.inner + kInnerBlock - 1) / kInnerBlock,
                          size = whole_depth((p.inner + parts - 1) / parts);
@@ -184,7 +229,7 @@ HWY_INLINE void for_inner_parts(const MatrixProduct& p, const Use& use) {
 
 // The whole product p with a and b in place of its own.
 inline void multiply_parts(const MatrixProduct& p, const Value* a, const Value* b) {
-  const std::ptrdiff_t most = panel_cols_of(p.cols);
+  const std::ptrdiff_t most = p.gate ? kTileCols : panel_cols_of(p.cols);
   for (std::ptrdiff_t panel = 0; panel < p.cols; panel += most) {
     const std::ptrdiff_t panel_cols = std::min(most, p.cols - panel);
     for (std::ptrdiff_t col = 0; col < panel_cols; col += kTileCols)

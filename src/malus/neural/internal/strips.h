@@ -9,10 +9,9 @@
 
 namespace malus::internal {
 
-/// normal -> expand -> (gelu) -> depth-wise 3x3.
+/// norm and expand -> (gelu) -> depth-wise 3x3.
 struct StripLayer {
-  RowNorm norm;
-  PackedLinear expand;  ///< outputs in multiples of kLane
+  NormedLinear expand;  ///< outputs in multiples of kLane
   bool gelu = false;
   PackedDepthwise depthwise;
 };
@@ -32,6 +31,11 @@ std::ptrdiff_t strip_tasks(const torch::Tensor& x);
 /// overwrite the wide values.
 void for_each_strip(const torch::Tensor& x, const StripLayer& layer,
                     const std::function<void(const StripPiece&)>& use);
+
+/// gated (of x's size) = first half · second half of the wide values; returns the means of its
+/// channels [batch, channels], the same for any number of threads. Not with gelu.
+torch::Tensor strip_gate(const torch::Tensor& x, const StripLayer& layer,
+                         const torch::Tensor& gated);
 
 /// x + project(activation(strip)), where the activation is gelu, or halves the values by gating.
 enum class StripActivation { kGelu, kGateWithGelu };
