@@ -15,7 +15,7 @@ namespace {
 
 using internal::MatrixProduct;
 
-double largest_difference(const torch::Tensor& a, const torch::Tensor& b) {
+double farthest_apart(const torch::Tensor& a, const torch::Tensor& b) {
   return (a - b).abs().max().item<double>();
 }
 
@@ -48,7 +48,7 @@ TEST(GatedKernels, GiveWhatTheLayersGiveForAnyWidth) {
       const auto x = torch::rand({batch, 5, rows, cols});
       const auto plain = nafnet_by_layers(*network, x), fast = network->forward(x);
       ASSERT_EQ(fast.sizes(), plain.sizes());
-      EXPECT_LT(largest_difference(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+      EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
           << width << ": " << rows << " x " << cols;
       EXPECT_FALSE(torch::equal(fast, plain)) << width << " took the layers twice";
     }
@@ -64,7 +64,7 @@ TEST(GatedKernels, AgreeWithTheLayersOnEveryInstructionSet) {
     const auto network = scattered_nafnet(24);
     hwy::SetSupportedTargetsForTest(rest & -rest);
     const auto plain = nafnet_by_layers(*network, x), fast = network->forward(x);
-    EXPECT_LT(largest_difference(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+    EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
         << hwy::TargetName(rest & -rest);
     ++tried;
   }
@@ -84,7 +84,7 @@ TEST(GatedKernels, GiveTheSameForAnyNumberOfThreads) {
     at::set_num_threads(3);
     const auto three = network->forward(x);
     at::set_num_threads(threads);
-    EXPECT_LT(largest_difference(three, one), 1e-5 * (1 + one.abs().max().item<double>())) << width;
+    EXPECT_LT(farthest_apart(three, one), 1e-5 * (1 + one.abs().max().item<double>())) << width;
   }
 }
 
@@ -147,7 +147,7 @@ TEST(GatedKernels, NormsInsideProductsAgreeWithPlainSums) {
     p.c_row = y.size(1);
     layer.run(p, memory.data_ptr<float>());
     // Rounding of float32 sums whose terms are 40 deviations large.
-    EXPECT_LT(largest_difference(y.to(torch::kDouble), expected),
+    EXPECT_LT(farthest_apart(y.to(torch::kDouble), expected),
               2e-5 * (1 + expected.abs().max().item<double>()))
         << s.inner << " - " << s.filling << " -> " << s.cols;
   }
@@ -174,8 +174,8 @@ TEST(GatedKernels, GatedStripsAgreeWithTheLayers) {
         depthwise(plain(torch::layer_norm(x, {width}, {}, {}, 1e-6)).permute({0, 3, 1, 2}))
             .chunk(2, 1);
     const auto expected = (halves[0] * halves[1]).permute({0, 2, 3, 1});
-    EXPECT_LT(largest_difference(gated, expected), 1e-5) << rows << " x " << cols;
-    EXPECT_LT(largest_difference(means, expected.mean({1, 2})), 1e-5) << rows << " x " << cols;
+    EXPECT_LT(farthest_apart(gated, expected), 1e-5) << rows << " x " << cols;
+    EXPECT_LT(farthest_apart(means, expected.mean({1, 2})), 1e-5) << rows << " x " << cols;
   }
 }
 
