@@ -14,6 +14,7 @@ import pathlib
 import subprocess
 import tempfile
 import warnings
+import warnings
 
 import malus
 import numpy as np

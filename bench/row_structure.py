@@ -11,6 +11,7 @@ of the results without a model, by default and with row_noise=False. One draw of
 import argparse
 import pathlib
 import tempfile
+import warnings
 
 import column_noise as camera
 import malus
@@ -49,6 +50,7 @@ def shown(layout, clean, white, raw, settings):
 
 
 def main():
+    warnings.simplefilter("ignore")  # of noise estimated from a picture
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--layouts", nargs="+", default=["polar-bayer-rggb", "bayer-rggb"])
     parser.add_argument("--ratios", nargs="+", type=float, default=[0, 0.5, 1])

@@ -164,7 +164,7 @@ HWY_INLINE Window measure(const StackJob& job, int row, int col, const Lattices&
 }
 
 /// Distances count for so much in the wide search: a picture's far blocks are alike by chance,
-/// those of what repeats are by more than that (docs/denoising-experiments.md, "A wider search").
+/// those of what repeats are by more than that (docs/repeating-structure.md).
 constexpr float kFarFactor = 1.25f;
 
 /// All blocks of the near search; the reference leads.
@@ -233,8 +233,7 @@ HWY_INLINE int find_nearest(const StackJob& job, int row, int col, Search& searc
 // A stack ends where twice as many blocks would be so many times as far, and that further than what
 // noise in the guide makes of equal blocks [noise variances per pixel]: what repeats has few true
 // copies, and the rest of a full stack is unlike them. On a slope, where blocks of one height lie
-// along a line, twice as many are 4 times as far. Measured (docs/denoising-experiments.md, "A wider
-// search").
+// along a line, twice as many are 4 times as far. Measured (docs/repeating-structure.md).
 constexpr float kUnlike = 4.5f, kLeastDistance = 0.3f;
 constexpr int kLeastStack = 8;
 
