@@ -14,7 +14,6 @@ import pathlib
 import subprocess
 import tempfile
 import warnings
-import warnings
 
 import malus
 import numpy as np
