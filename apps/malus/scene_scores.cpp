@@ -69,7 +69,9 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
     for (int c = 0; c < whole.cols(); ++c) {
       const int channel = model.layout.channel_at(r, c);
       const double white = model.white_dn - model.black_dn[static_cast<std::size_t>(channel)];
-      whole(r, c) = static_cast<float>(white * light_at(angles, model.layout.site(channel), r, c));
+      // No sensor tells how much brighter than white light is: there the truth ends, too.
+      const double light = std::min(light_at(angles, model.layout.site(channel), r, c), 1.0);
+      whole(r, c) = static_cast<float>(white * light);
     }
   CleanScene scene{name_of_scene(path), middle_of(whole, model.layout, crop)};
   if (scene.clean_dn.values().empty())

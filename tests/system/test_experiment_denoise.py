@@ -36,6 +36,19 @@ def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_p
     assert "one picture" in refused("experiment", "denoise", tmp_path / f"picture.{ending}", "--methods", "bm3d/fast")
 
 
+def test_light_above_white_is_white(malus, tmp_path):
+    """A linear picture may be brighter than the sensor's white: the truth ends there, or no result could reach it."""
+    rows, cols = np.mgrid[0:64, 0:96]
+    light = np.stack([0.4 + 0.2 * np.sin(cols / 9 + k) for k in range(3)], 2)
+    scores = []
+    for name, lamp in (("dim", 1.0), ("lamp", 9.0)):
+        lit = np.where(((rows - 30) ** 2 + (cols - 40) ** 2 < 100)[..., None], lamp, light)
+        np.save(tmp_path / f"{name}.npy", lit.astype(np.float32))
+        scored = malus("experiment", "denoise", tmp_path / f"{name}.npy", "--model", "sony-a7s2", "--methods", "bm3d/fast", "--cases", "1600:1", "--json").json
+        scores.append([row["image_psnr_db"] for row in scored["methods"]])
+    assert scores[0] == scores[1]
+
+
 def test_row_noise_can_be_set(malus, scene):
     run = ["experiment", "denoise", scene, "--methods", "bm3d/fast", "--cases", "12:10"]
     psnr = [[row["image_psnr_db"] for row in malus(*run, "--row-noise", noise, "--json").json["methods"]] for noise in (0, 2)]
