@@ -201,7 +201,7 @@ TEST(FrameFile, BadFilesAreRefusedInOneLine) {
   expect_frame_refused(folder / "tiny", "is not a picture of a known type");
   save_picture(folder / "rgb.png", Planes(3, 4, 4), {});
   expect_frame_refused(folder / "rgb.png", "3 channels, a raw mosaic has one");
-  save_picture(folder / "stack.npy", Planes(5, 4, 4), {});
+  save_picture(folder / "stack.npy", Planes(5, 6, 7), {});
   expect_frame_refused(folder / "stack.npy", "save every frame of a stack in a file of its own");
   save_picture(folder / "ok.png", Image(4, 6));
   FrameOptions options;
