@@ -124,6 +124,7 @@ class Parser {
     auto& sensor = result_.session.sensor;
     sensor.white_dn = std::ldexp(1.0, static_cast<int>(bits)) - 1.0;
     sensor.layout = SensorLayout::named("mono");
+    sensor.black_dn = {0.0};  // none is described: all of the dark signal counts as measured
     sensor.cols = static_cast<int>(width);
     sensor.rows = static_cast<int>(height);
     has_sensor_ = true;
