@@ -2,9 +2,12 @@
 
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/denoise/frame_complaints.h"
 
 #include <cmath>
 #include <random>
+#include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -126,6 +129,20 @@ TEST(CutOff, PlacesWithoutNoiseStayAtZero) {
   for (int r = 0; r < 100; ++r)
     for (int c = 0; c < both.dn.cols(); ++c)
       ASSERT_NEAR(result.dn_above_black(r, c), 0.0f, 0.05f) << r << " " << c;
+}
+
+// Noise of a fifth of a step is rounded to 0, not cut off there: nothing is undone, and it is said.
+TEST(CutOff, RoundedNoiseIsLeftAndSaid) {
+  NoiseProfile profile = uncut_profile();
+  for (ChannelProfile& channel : profile.channels)
+    channel.variance = VarianceCurve::affine(0, 0.04 + 1.0 / 12);
+  Denoised result = denoise_frame(cut_off_frame(0, 8), profile, {.profile = "fast"});
+  EXPECT_FALSE(result.cut_off_undone);
+  result.saturated_pixels = result.nonfinite_pixels = 0;
+  const std::vector<std::string> said = frame_complaints(result);
+  ASSERT_EQ(said.size(), 1u);
+  EXPECT_NE(said[0].find("the light there and its DoLP come out wrong; raise the camera's black"),
+            std::string::npos);
 }
 
 TEST(CutOff, FloatsAndSignedCodesAreNotCutOff) {

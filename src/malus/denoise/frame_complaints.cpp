@@ -26,7 +26,7 @@ std::vector<std::string> frame_complaints(const Denoised& result) {
         "the camera's black level by a few deviations of the noise",
         percent_text(result.cut_off_share),
         result.cut_off_undone ? "their light is worked out as far as the noise is known"
-                              : "they come out too bright, and their DoLP too low"));
+                              : "the light there and its DoLP come out wrong"));
   return lines;
 }
 
