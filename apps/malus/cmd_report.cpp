@@ -126,8 +126,7 @@ Section left_out_section(const std::vector<std::string>& lines) {
   return {"left-out", "Left out", "Files of the folder that could not be shown.", {notices}};
 }
 
-Report report_of(const ReportArguments& arguments) {
-  const std::vector<ReportInput> inputs = all_inputs(arguments.inputs);
+Report report_of(const ReportArguments& arguments, const std::vector<ReportInput>& inputs) {
   std::string title, subtitle;
   std::vector<Section> sections;
   std::vector<std::string> left_out;
@@ -161,9 +160,9 @@ Report report_of(const ReportArguments& arguments) {
 void run_report(const ReportArguments& arguments, const Common& common) {
   if (arguments.output.empty() && arguments.figures.empty())
     throw CLI::RequiredError("one of --output and --figures");
-  check_output_apart("--output", arguments.output, paths_of(all_inputs(arguments.inputs)), {},
-                     common.force);
-  const Report report = report_of(arguments);
+  const std::vector<ReportInput> inputs = all_inputs(arguments.inputs);
+  check_output_apart("--output", arguments.output, paths_of(inputs), {}, common.force);
+  const Report report = report_of(arguments, inputs);
   Json files = Json::array();
   if (!arguments.output.empty()) {
     write_report(report, arguments.output,

@@ -15,10 +15,6 @@ double value_at(const std::vector<double>& values, int channel) {
   return as_index(channel) < values.size() ? values[as_index(channel)] : Measured::kNone;
 }
 
-void add_charts(std::vector<Block>& blocks, Variants variants, bool wide = false) {
-  if (!variants.empty()) blocks.emplace_back(ChartsBlock{"Gain", std::move(variants), wide});
-}
-
 Axis channel_axis(const SensorLayout& layout) {
   return {"channel", "1", AxisScale::kCategory, layout.channel_names()};
 }
@@ -64,9 +60,7 @@ Chart transfer_chart(const NoiseModel& model, const PhysicsCalibration& p) {
   const auto [low, high] = used_range(p);
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
     const std::string name = model.layout.channel_name(channel);
-    FlatSeries series = transfer_series(p, model.layout, channel);
-    if (!series.used.x.empty()) chart.series.emplace_back(std::move(series.used));
-    if (!series.left_out.x.empty()) chart.series.emplace_back(std::move(series.left_out));
+    add_series(transfer_series(p, model.layout, channel), chart);
     if (high > low && as_index(channel) < p.K.mean.size())
       chart.series.emplace_back(fitted_line(p, name, channel, low, high));
   }
@@ -211,6 +205,15 @@ FlatSeries flat_series(const PhysicsCalibration& p, const SensorLayout& layout, 
     series.notes.push_back(point.why_not);
   }
   return made;
+}
+
+void add_charts(std::vector<Block>& blocks, Variants variants, bool wide) {
+  if (!variants.empty()) blocks.emplace_back(ChartsBlock{"Gain", std::move(variants), wide});
+}
+
+void add_series(FlatSeries series, Chart& chart) {
+  for (PointSeries* points : {&series.used, &series.left_out})
+    if (!points->x.empty()) chart.series.emplace_back(std::move(*points));
 }
 
 std::vector<Block> transfer_plots(const NoiseModel& model) {

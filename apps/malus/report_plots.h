@@ -25,6 +25,10 @@ struct FlatSeries {
 };
 FlatSeries flat_series(const PhysicsCalibration& p, const SensorLayout& layout, int channel,
                        const std::function<FlatPoint(const PhotonTransferPoint&)>& place);
+/// A block of charts to choose from by gain, where there are any.
+void add_charts(std::vector<Block>& blocks, Variants variants, bool wide = false);
+/// Those that have points.
+void add_series(FlatSeries series, Chart& chart);
 
 /// Variance against mean with the fitted lines, and what is left of it (000 Fig. 2).
 std::vector<Block> transfer_plots(const NoiseModel& model);

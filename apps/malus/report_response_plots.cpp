@@ -42,11 +42,11 @@ Chart signal_to_noise_chart(const NoiseModel& model, const PhysicsCalibration& p
   double full_e = 0;
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
     full_e = std::max(full_e, saturation_of(model, p, channel) / p.K.mean[as_index(channel)]);
-    FlatSeries series = flat_series(
-        p, model.layout, channel,
-        [&](const PhotonTransferPoint& point) { return signal_to_noise_point(p, point); });
-    if (!series.used.x.empty()) chart.series.emplace_back(std::move(series.used));
-    if (!series.left_out.x.empty()) chart.series.emplace_back(std::move(series.left_out));
+    add_series(flat_series(p, model.layout, channel,
+                           [&](const PhotonTransferPoint& point) {
+                             return signal_to_noise_point(p, point);
+                           }),
+               chart);
   }
   PointSeries camera{.name = "K and dark noise", .mark = Mark::kLine},
       light{.name = "light's own noise", .mark = Mark::kDashed};
@@ -109,10 +109,9 @@ LinearityCharts linearity_charts(const NoiseModel& model, const PhysicsCalibrati
       deviation.y.push_back(100 * (point.mean_dn - expected_dn) / expected_dn);
     }
     charts.signal.series.emplace_back(line_over(*line, deviation, deviation.name));
-    for (PointSeries* points : {&series.used, &series.left_out}) {
-      points->error.clear();
-      if (!points->x.empty()) charts.signal.series.emplace_back(std::move(*points));
-    }
+    series.used.error.clear();
+    series.left_out.error.clear();
+    add_series(std::move(series), charts.signal);
     charts.deviation.series.emplace_back(std::move(deviation));
   }
   return charts;
@@ -130,9 +129,9 @@ std::vector<Block> response_plots(const NoiseModel& model) {
     deviations.push_back({p.gain.text(), std::move(linearity.deviation)});
   }
   std::vector<Block> blocks;
-  for (Variants* variants : {&ratios, &signals, &deviations})
-    if (!variants->empty())
-      blocks.emplace_back(ChartsBlock{"Gain", std::move(*variants), variants == &ratios});
+  add_charts(blocks, std::move(ratios), true);
+  add_charts(blocks, std::move(signals));
+  add_charts(blocks, std::move(deviations));
   return blocks;
 }
 

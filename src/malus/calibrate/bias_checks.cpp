@@ -158,8 +158,7 @@ void warn_of_lit_darkness(const RawFrame& first, PhysicsCalibration& out) {
   if (!(level > kOfNoise * noise) || share < kFewest || share > kMost) return;
   out.warnings.push_back(fmt::format(
       "the dark level lies {:.4g} DN above black, and the shot noise of as much light is {:.0f} % "
-      "of "
-      "the dark variance: were the dark frames dark? Read noise and dark noise hold it (long "
+      "of the dark variance: were the dark frames dark? Read noise and dark noise hold it (long "
       "exposures: dark current)",
       level, 100 * share));
 }

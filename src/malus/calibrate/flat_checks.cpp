@@ -162,8 +162,7 @@ void warn_of_changing_light(const std::vector<FlatObservation>& flats,
   out.warnings.push_back(fmt::format(
       "{}: the light changes by {} % {} the frame, from frame to frame, which is {} % of the "
       "temporal variance and counts in K: mains flicker under a rolling shutter, a lamp that "
-      "moves, "
-      "or frames with lost parts",
+      "moves, or frames with lost parts",
       worst->name, percent_text(relative), direction, percent_text(std::min(most, 1.0))));
 }
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/index.h"
+#include "malus/base/normal_distribution.h"
 
 #include <algorithm>
 #include <cmath>
@@ -72,11 +73,7 @@ std::vector<double> without_row_noise(const std::vector<double>& counts, double 
   const double s = sigma_row_dn / step_dn;
   if (s < 1e-3) return observed;
   // Uniform plus normal, rounded: second difference of the integral of the normal distribution.
-  const auto integral = [s](double x) {
-    const double z = x / s;
-    return s * (z * 0.5 * std::erfc(-z / std::numbers::sqrt2) +
-                std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::numbers::pi));
-  };
+  const auto integral = [s](double x) { return s * mean_above_zero(x / s); };
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1;
   std::vector<double> kernel;
   for (std::ptrdiff_t j = -reach; j <= reach; ++j) {

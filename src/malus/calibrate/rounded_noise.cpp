@@ -1,6 +1,7 @@
 #include "malus/calibrate/rounded_noise.h"
 
 #include "malus/base/index.h"
+#include "malus/base/normal_distribution.h"
 
 #include <algorithm>
 #include <cmath>
@@ -24,8 +25,6 @@ constexpr double kMostError = 0.25, kFewestChanges = 40.0;
 using Parameters = Eigen::Vector3d;
 using PairChances = std::array<double, kCodes * kCodes>;
 
-double below(double x) { return 0.5 * std::erfc(-x / std::numbers::sqrt2); }
-
 // Chance of every pair of codes: the offsets by trapezoids, narrower than the noise.
 PairChances chances_of(const Parameters& p) {
   constexpr double kWidest = 5.0, kPerNoise = 3.0;
@@ -40,7 +39,7 @@ PairChances chances_of(const Parameters& p) {
     std::array<double, kCodes> one{};
     double last = 0.0;
     for (int k = 0; k < kCodes; ++k) {
-      const double next = below((k - kReach + 0.5 - p[0] - pattern * x) / noise);
+      const double next = normal_cdf((k - kReach + 0.5 - p[0] - pattern * x) / noise);
       one[as_index(k)] = next - last;
       last = next;
     }

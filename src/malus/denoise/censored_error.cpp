@@ -1,5 +1,6 @@
 #include "malus/denoise/censored_error.h"
 
+#include "malus/base/normal_distribution.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
 
@@ -55,8 +56,7 @@ int for_neighbours(int at, int period, int size, const Function& add) {
 // Continuous Univariate Distributions 1, 1994, 13.10).
 double censoring_bias(double share_above_white) {
   const double z = -normal_quantile(share_above_white);
-  const double density = std::exp(-0.5 * z * z) / std::sqrt(2 * std::numbers::pi);
-  return density - z * share_above_white;
+  return normal_density(z) - z * share_above_white;
 }
 
 void add_censoring_error(const PreparedFrame& frame, const NoiseProfile& profile,

@@ -51,7 +51,10 @@ double CutOff::mean_share() const { return share.empty() ? 0.0 : mean_of(share);
 CutOff measure_cut_off(const RawFrame& frame) {
   CutOff cut_off;
   cut_off.share.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
-  if (frame.bits == 0) return cut_off;
+  const auto at_most_zero = [](float dn) { return dn <= 0; };
+  if (frame.bits == 0 ||
+      std::none_of(frame.dn.values().begin(), frame.dn.values().end(), at_most_zero))
+    return cut_off;
   std::vector<double> at_zero = cut_off.share, pixels = at_zero;
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {

@@ -1,10 +1,10 @@
 #include "malus/noise/clipped_noise.h"
 
 #include "malus/base/error.h"
+#include "malus/base/normal_distribution.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 #include <vector>
 
@@ -16,20 +16,17 @@ constexpr double kLeastShown = -1.0;  // deviations: a sixth of the noise lies a
 constexpr double kCurveStep = 0.05;   // deviations
 constexpr double kFineStep = 0.1;     // deviations: rounding adds a twelfth of its square, no more
 
-double normal_above(double z) { return 0.5 * std::erfc(z / std::numbers::sqrt2); }
-
 // Of max(0, z + a standard normal deviate), rounded to multiples of a step.
 MeanAndVariance clipped_standard(double z, double step) {
   double mean = 0, square = 0;
   if (step < kFineStep) {
-    const double density = std::exp(-0.5 * z * z) / std::sqrt(2 * std::numbers::pi);
-    mean = z * normal_above(-z) + density;
-    square = (z * z + 1 + step * step / 12) * normal_above(-z) + z * density;
+    mean = mean_above_zero(z);
+    square = (z * z + 1 + step * step / 12) * normal_cdf(z) + z * normal_density(z);
   } else {
     // Sums over the codes k of P(code >= k), and of that times (2k - 1).
     constexpr double kNone = 8.0;
     for (double at = 0.5 * step; at < z + kNone; at += step) {
-      const double above = normal_above(at - z);
+      const double above = normal_cdf(z - at);
       mean += step * above;
       square += 2 * at * step * above;
     }

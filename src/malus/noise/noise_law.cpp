@@ -1,6 +1,7 @@
 #include "malus/noise/noise_law.h"
 
 #include "malus/base/error.h"
+#include "malus/base/normal_distribution.h"
 #include "malus/noise/distribution.h"
 #include "malus/noise/level_noise.h"
 #include "malus/noise/tukey_lambda.h"
@@ -99,9 +100,7 @@ NoiseLaw NoiseLaw::clipped(const VarianceCurve& variance, double floor_dn, doubl
 // Over the codes that a normal deviate of this deviation about the signal is rounded to.
 double NoiseLaw::mean_over_codes(const std::function<double(double)>& f, double signal_dn,
                                  double deviation_dn) const {
-  const auto below = [&](double dn) {
-    return 0.5 * std::erfc((signal_dn - dn) / (deviation_dn * std::numbers::sqrt2));
-  };
+  const auto below = [&](double dn) { return normal_cdf((dn - signal_dn) / deviation_dn); };
   constexpr double kReach = 8.0;
   double sum = 0, before = 0;
   for (double code = floor_dn_; before < 1; code += step_dn_) {
