@@ -175,7 +175,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   Planes variance;
   if (arguments.confidence()) variance = variance_of(arguments, model, index, frame);
   const StokesPicture picture = stokes_picture(arguments, frame);
-  std::array<Planes, 3> confidence;
+  Confidence confidence;
   if (arguments.confidence())
     confidence = confidence_of(picture, variance, frame.layout,
                                model ? Intensities::kMeasured : Intensities::kDenoised);
@@ -197,7 +197,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   if (!arguments.pictures) return json;
   const StokesPlanes mean = mean_stokes(picture.planes);
   std::vector<Product> pictures = product_pictures(picture, mean, arguments.render);
-  std::array<Planes, 3> shown;
+  Confidence shown;
   if (arguments.confidence()) {
     shown = confidence_pictures(confidence, arguments.render);
     for (const Planes& planes : shown) pictures.push_back([&planes] { return planes; });
@@ -254,7 +254,8 @@ void add_stokes(CLI::App& app, Common& common) {
       ->check(CLI::IsMember({"exr", "tif", "npy", "fits"}))
       ->capture_default_str();
   command->add_flag("!--no-pictures", arguments->pictures, "data files only");
-  const std::string confidence = "Confidence: <stem>_dolp_sd, _aolp_sd [deg], _dolp_corrected";
+  const std::string confidence =
+      "Confidence: <stem>_s0_sd, _s1_sd, _s2_sd [DN], _dolp_sd, _aolp_sd [deg], _dolp_corrected";
   auto* model =
       command->add_option("--model", arguments->model,
                           "noise model of these raw frames; needs their gain. Its bias is "

@@ -9,6 +9,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
+#include <utility>
 
 #include "frame_input.h"
 #include "program.h"
@@ -25,6 +27,21 @@ void forget_saturated(Planes& variance, const RawFrame& above_black) {
     for (std::size_t i = 0; i < packed[k].size(); ++i)
       if (packed[k].values()[i] >= limit_dn)
         variance[k].values()[i] = std::numeric_limits<float>::quiet_NaN();
+}
+
+constexpr std::size_t kStokesDeviations = 3;  // the first of the products
+
+Image deviation_of(Image variance) {
+  for (float& v : variance.values()) v = std::sqrt(v);
+  return variance;
+}
+
+Image mean_over_channels(const Planes& planes) {
+  Image mean = planes[0];
+  for (int k = 1; k < planes.channels(); ++k)
+    for (std::size_t i = 0; i < mean.size(); ++i) mean.values()[i] += planes[k].values()[i];
+  for (float& v : mean.values()) v /= static_cast<float>(planes.channels());
+  return mean;
 }
 
 }  // namespace
@@ -94,33 +111,36 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
         input.string()));
 }
 
-std::array<Planes, 3> confidence_of(const StokesPicture& picture, const Planes& packed_variance,
-                                    const SensorLayout& layout, Intensities intensities) {
+Confidence confidence_of(const StokesPicture& picture, const Planes& packed_variance,
+                         const SensorLayout& layout, Intensities intensities) {
   const auto uncertainty = uncertainty_of(picture, packed_variance, layout, intensities);
   const auto channels = static_cast<int>(uncertainty.size());
-  std::array<Planes, 3> data = {Planes(channels, 0, 0), Planes(channels, 0, 0),
-                                Planes(channels, 0, 0)};
+  Confidence data;
+  data.fill(Planes(channels, 0, 0));
   for (int k = 0; k < channels; ++k) {
     const StokesUncertainty& u = uncertainty[static_cast<std::size_t>(k)];
-    data[0][k] = u.dolp_sd;
-    data[1][k] = u.aolp_sd_deg;
-    data[2][k] = u.dolp_corrected;
+    data[0][k] = deviation_of(u.s0_variance);
+    data[1][k] = deviation_of(u.s1_variance);
+    data[2][k] = deviation_of(u.s2_variance);
+    data[3][k] = u.dolp_sd;
+    data[4][k] = u.aolp_sd_deg;
+    data[5][k] = u.dolp_corrected;
   }
   return data;
 }
 
-std::array<Planes, 3> confidence_pictures(const std::array<Planes, 3>& data,
-                                          const RenderSettings& settings) {
-  const std::array<double, 3> highest = {settings.dolp_max, std::sqrt(kUnknownAngleVarianceDeg2),
-                                         settings.dolp_max};
-  std::array<Planes, 3> pictures;
-  for (std::size_t p = 0; p < data.size(); ++p) {
-    Image mean = data[p][0];
-    for (int k = 1; k < data[p].channels(); ++k)
-      for (std::size_t i = 0; i < mean.size(); ++i) mean.values()[i] += data[p][k].values()[i];
-    for (float& v : mean.values()) v /= static_cast<float>(data[p].channels());
-    pictures[p] = render_rising(mean, highest[p], settings.legend);
-  }
+Confidence confidence_pictures(const Confidence& data, const RenderSettings& settings) {
+  std::array<Image, kConfidenceProducts.size()> means;
+  for (std::size_t p = 0; p < data.size(); ++p) means[p] = mean_over_channels(data[p]);
+  Confidence pictures;
+  std::vector<Planes> stokes =
+      render_on_one_scale(std::span(means).first<kStokesDeviations>(), settings.legend);
+  std::move(stokes.begin(), stokes.end(), pictures.begin());
+  const std::array highest = {settings.dolp_max, std::sqrt(kUnknownAngleVarianceDeg2),
+                              settings.dolp_max};
+  for (std::size_t p = 0; p < highest.size(); ++p)
+    pictures[kStokesDeviations + p] =
+        render_rising(means[kStokesDeviations + p], highest[p], settings.legend);
   return pictures;
 }
 

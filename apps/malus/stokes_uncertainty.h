@@ -1,4 +1,5 @@
-// The confidence outputs of malus stokes: standard deviations of DoLP and AoLP, corrected DoLP.
+// The confidence outputs of malus stokes: standard deviations of S0, S1, S2, DoLP and AoLP,
+// corrected DoLP.
 #pragma once
 
 #include "malus/image/raw_frame.h"
@@ -16,8 +17,10 @@
 
 namespace malus::app {
 
-inline constexpr std::array<const char*, 3> kConfidenceProducts = {"dolp_sd", "aolp_sd",
-                                                                   "dolp_corrected"};
+inline constexpr std::array kConfidenceProducts = {"s0_sd",   "s1_sd",   "s2_sd",
+                                                   "dolp_sd", "aolp_sd", "dolp_corrected"};
+/// One entry per product, in their order.
+using Confidence = std::array<Planes, kConfidenceProducts.size()>;
 
 /// Takes the model's bias at the frame's gain off a noisy frame above black, but for saturated
 /// pixels. Returns the variance of every packed pixel: the variance curve at the pixel itself, row
@@ -35,11 +38,10 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
                         bool by_model);
 
 /// kConfidenceProducts, one image per display channel each.
-std::array<Planes, 3> confidence_of(const StokesPicture& picture, const Planes& packed_variance,
-                                    const SensorLayout& layout, Intensities intensities);
+Confidence confidence_of(const StokesPicture& picture, const Planes& packed_variance,
+                         const SensorLayout& layout, Intensities intensities);
 
-/// Their pictures: means over the display channels.
-std::array<Planes, 3> confidence_pictures(const std::array<Planes, 3>& data,
-                                          const RenderSettings& settings);
+/// Their pictures: means over the display channels; those of S0, S1 and S2 on one scale.
+Confidence confidence_pictures(const Confidence& data, const RenderSettings& settings);
 
 }  // namespace malus::app

@@ -192,7 +192,12 @@ def denoise(
     fixed_pattern: bool = True,
 ) -> dict[str, Any]: ...
 def stokes(
-    dn_above_black: Arrays, layout: str, *, demosaick: str | None = None
+    dn_above_black: Arrays,
+    layout: str,
+    *,
+    demosaick: str | None = None,
+    variance: Arrays | None = None,
+    denoised: bool = True,
 ) -> dict[str, Floats]: ...
 def evaluate(reference: Arrays, test: Arrays, layout: str, peak: float) -> dict[str, float]: ...
 def compare_noise(

@@ -10,6 +10,7 @@
 #include "malus/noise/sensor_window.h"
 #include "malus/polar/demosaick.h"
 #include "malus/polar/stokes.h"
+#include "malus/polar/uncertainty.h"
 
 #include <algorithm>
 #include <optional>
@@ -145,8 +146,47 @@ Demosaicking demosaicking_named(const std::string& name) {
   return static_cast<Demosaicking>(found - kDemosaickingNames.begin());
 }
 
+// [colour, row, column]
+template <class Colors, class PlaneOf>
+py::object stacked(const Colors& colors, const PlaneOf& plane_of) {
+  py::list planes;
+  for (const auto& color : colors) planes.append(array_of(plane_of(color)));
+  return py::module_::import("numpy").attr("stack")(planes);
+}
+
+void add_uncertainty(py::dict& out, const std::vector<StokesUncertainty>& colors) {
+  const auto numpy = py::module_::import("numpy");
+  for (const auto& [name, variance] : {std::pair{"s0_sd", &StokesUncertainty::s0_variance},
+                                       {"s1_sd", &StokesUncertainty::s1_variance},
+                                       {"s2_sd", &StokesUncertainty::s2_variance}})
+    out[name] = numpy.attr("sqrt")(
+        stacked(colors, [&](const StokesUncertainty& u) { return u.*variance; }));
+  for (const auto& [name, plane] : {std::pair{"dolp_sd", &StokesUncertainty::dolp_sd},
+                                    {"aolp_sd_deg", &StokesUncertainty::aolp_sd_deg},
+                                    {"dolp_corrected", &StokesUncertainty::dolp_corrected}})
+    out[name] = stacked(colors, [&](const StokesUncertainty& u) { return u.*plane; });
+}
+
+// Per colour of the picture, from the variance of every pixel of the mosaic.
+std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
+                                                const StokesPicture& picture,
+                                                View<const float> mosaic,
+                                                const SensorLayout& layout, bool denoised) {
+  const Array variance = input_from(given, "variance");
+  const auto view = view_of(variance);
+  if (view.rows() != mosaic.rows() || view.cols() != mosaic.cols())
+    throw InputError("variance",
+                     fmt::format("{} x {}, the mosaic {} x {}", view.cols(), view.rows(),
+                                 mosaic.cols(), mosaic.rows()),
+                     "give what denoise(variance=True) returned beside the mosaic");
+  const py::gil_scoped_release release;
+  return uncertainty_of(picture, pack(view, layout), layout,
+                        denoised ? Intensities::kDenoised : Intensities::kMeasured);
+}
+
 py::dict stokes(const py::object& dn_above_black, const std::string& layout_name,
-                const std::optional<std::string>& demosaick_name) {
+                const std::optional<std::string>& demosaick_name,
+                const std::optional<py::object>& variance, bool denoised) {
   const auto layout = SensorLayout::named(layout_name);
   require_polarized(layout, "array");
   const Array mosaic = input_from(dn_above_black, "dn_above_black");
@@ -154,23 +194,22 @@ py::dict stokes(const py::object& dn_above_black, const std::string& layout_name
   require_whole_cell(view, layout, "dn_above_black");
   std::optional<Demosaicking> method;
   if (demosaick_name) method = demosaicking_named(*demosaick_name);
+  if (method && variance)
+    throw InputError("demosaick", "errors are known per cell only", "leave it or variance out");
   std::optional<StokesPicture> picture;
   {
     const py::gil_scoped_release release;
     picture = method ? demosaick(view, layout, *method, "dn_above_black")
                      : merge_greens(stokes_per_color(pack(view, layout), layout), layout);
   }
-  const auto stacked = [&](auto&& plane_of) {
-    py::list planes;
-    for (const auto& s : picture->planes) planes.append(array_of(plane_of(s)));
-    return py::module_::import("numpy").attr("stack")(planes);
-  };
   py::dict out;
-  out["s0"] = stacked([](const StokesPlanes& s) { return s.s0; });
-  out["s1"] = stacked([](const StokesPlanes& s) { return s.s1; });
-  out["s2"] = stacked([](const StokesPlanes& s) { return s.s2; });
-  out["dolp"] = stacked([](const StokesPlanes& s) { return dolp_of(s); });
-  out["aolp_deg"] = stacked([](const StokesPlanes& s) { return aolp_deg_of(s); });
+  const std::vector<StokesPlanes>& colors = picture->planes;
+  out["s0"] = stacked(colors, [](const StokesPlanes& s) { return s.s0; });
+  out["s1"] = stacked(colors, [](const StokesPlanes& s) { return s.s1; });
+  out["s2"] = stacked(colors, [](const StokesPlanes& s) { return s.s2; });
+  out["dolp"] = stacked(colors, [](const StokesPlanes& s) { return dolp_of(s); });
+  out["aolp_deg"] = stacked(colors, [](const StokesPlanes& s) { return aolp_deg_of(s); });
+  if (variance) add_uncertainty(out, uncertainty_from(*variance, *picture, view, layout, denoised));
   return out;
 }
 
@@ -202,11 +241,15 @@ void bind_denoise(py::module_& m) {
        settings_help<DenoiseSettings>())
           .c_str());
   m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"), py::kw_only(),
-        py::arg("demosaick") = py::none(),
+        py::arg("demosaick") = py::none(), py::arg("variance") = py::none(),
+        py::arg("denoised") = true,
         "Stokes parameters of a raw mosaic [row, column] in DN above black: dict of s0, s1, s2 "
         "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at one "
         "value per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") at one per "
-        "pixel.");
+        "pixel.\n\n"
+        "variance: of every pixel of the mosaic [DN^2], as denoise(variance=True) gives it: adds "
+        "the standard deviations s0_sd, s1_sd, s2_sd [DN], dolp_sd, aolp_sd_deg, and "
+        "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent.");
 }
 
 }  // namespace malus::python

@@ -113,6 +113,21 @@ def test_denoise_stokes_and_metrics(model, method):
     truth = malus.stokes(clean, model.layout)
     assert truth["dolp"].shape == (3, 64, 64)
     assert np.allclose(truth["dolp"], 0.5, atol=0.02)
+    # With the bias left in, which denoise takes out: two stated deviations hold the truth in 95 % (docs/uncertainty.md).
+    result = malus.denoise(model.synthesize(clean, gain=24, seed=2), layout=model.layout, white=4000, model=model, gain=24,
+                           variance=True, method=method)
+    stated = malus.stokes(result["dn"], model.layout, variance=result["variance"])
+    for name in ("s0", "s1", "s2", "dolp"):
+        assert stated[f"{name}_sd"].shape == (3, 64, 64) and stated[f"{name}_sd"].min() > 0
+        assert np.mean(np.abs(stated[name] - truth[name]) < 2 * stated[f"{name}_sd"]) > 0.9, name
+    # The angles' errors are shared: more of them in S0, less in S1 and S2.
+    raw = malus.stokes(result["dn"], model.layout, variance=result["variance"], denoised=False)
+    assert np.allclose(stated["s0_sd"][0] ** 2, 2.05 * raw["s0_sd"][0] ** 2, rtol=1e-4)
+    assert np.allclose(stated["s1_sd"][0] ** 2, 0.65 * raw["s1_sd"][0] ** 2, rtol=1e-4)
+    with pytest.raises(malus.InputError, match="variance: 255 x 256, the mosaic 256 x 256"):
+        malus.stokes(clean, model.layout, variance=result["variance"][:, :255])
+    with pytest.raises(malus.InputError, match="per cell only"):
+        malus.stokes(clean, model.layout, variance=result["variance"], demosaick="residual")
     for method in ("residual", "bilinear"):
         full = malus.stokes(clean, model.layout, demosaick=method)
         assert full["dolp"].shape == (3, 256, 256)

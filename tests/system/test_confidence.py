@@ -45,7 +45,7 @@ def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp
     def check(found, stem):
         assert found.err.count("50 cells (1.2 %) with saturated pixels") == 1
         assert found.json["saturated_cells"] == 50 and found.json["undefined"] == 0
-        dolp, *stated = planes(tmp_path, stem, "dolp", "dolp_sd", "aolp_sd", "dolp_corrected")
+        dolp, *stated = planes(tmp_path, stem, "dolp", "s0_sd", "dolp_sd", "aolp_sd", "dolp_corrected")
         assert np.isfinite(dolp).all()  # marked, not taken away
         for plane in stated:
             assert (np.isnan(plane) == cells).all()
@@ -111,6 +111,24 @@ def test_the_models_bias_is_taken_out(malus, camera, tmp_path):
     s0, s1, s2 = (plane.mean() for plane in planes(tmp_path, "raw", "s0", "s1", "s2"))
     assert s0 == pytest.approx(100, abs=0.8)
     assert np.hypot(s1, s2) / s0 == pytest.approx(0.5, abs=0.01)
+
+
+def test_deviations_of_stokes_parameters_are_those_of_their_intensities(malus, tmp_path):
+    """Raw frames: the noise of the four angles is independent, its variance the model's line at each pixel."""
+    dn = np.random.default_rng(2).uniform(50, 900, (64, 64)).astype(np.float32)
+    np.save(tmp_path / "raw.npy", dn)
+    malus("stokes", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--format", "npy", "-o", tmp_path)
+    s0, s1, s2, dolp, s0_sd, s1_sd, s2_sd, dolp_sd = planes(tmp_path, "raw", "s0", "s1", "s2", "dolp", "s0_sd", "s1_sd", "s2_sd", "dolp_sd")
+    # S0 = (I0 + I45 + I90 + I135) / 2, S1 = I0 - I90, S2 = I45 - I135.
+    assert np.allclose(4 * s0_sd ** 2, s1_sd ** 2 + s2_sd ** 2, rtol=1e-4)
+    gain = malus("model", "show", "imx250mzr-simulated", "--gain", 12, "--json").json["gains"][0]
+    slope = np.mean(gain["K"]["value"])
+    # Where I0 + I90 is larger by one DN, the variance of S1 is larger by K.
+    i0_and_i90 = np.squeeze(dn[0::2, 0::2] + dn[1::2, 1::2])
+    fit = np.polyfit(i0_and_i90.ravel(), np.squeeze(s1_sd).ravel() ** 2, 1)
+    assert fit[0] == pytest.approx(slope, rel=0.05)
+    for name in ("s0_sd", "s1_sd", "s2_sd"):
+        assert (tmp_path / f"raw_{name}.png").stat().st_size > 100
 
 
 def test_every_site_has_its_own_variance_where_names_repeat(malus, tmp_path):

@@ -39,6 +39,9 @@ double percentile(std::vector<float> values, double percent) {
   return values[static_cast<std::size_t>(rank)];
 }
 
+// Of the values that share a scale, how many lie on it.
+constexpr double kScalePercentile = 99.5;
+
 double finite_mean(const Image& image) {
   double sum = 0;
   std::size_t count = 0;
@@ -113,7 +116,6 @@ Planes render_s0(const StokesPicture& picture, const RenderSettings& settings) {
 }
 
 SignedPictures render_s1_s2(const StokesPlanes& stokes, const RenderSettings& settings) {
-  constexpr double kScalePercentile = 99.5;
   std::vector<float> magnitudes = stokes.s1.values();
   magnitudes.insert(magnitudes.end(), stokes.s2.values().begin(), stokes.s2.values().end());
   for (float& v : magnitudes) v = std::abs(v);
@@ -131,6 +133,16 @@ Planes render_rising(const Image& values, double highest, bool legend) {
     draw_bar(picture, rising_color,
              {"0", fmt::format("{:.3g}", highest / 2), fmt::format("{:.3g}", highest)});
   return picture;
+}
+
+std::vector<Planes> render_on_one_scale(std::span<const Image> images, bool legend) {
+  std::vector<float> values;
+  for (const Image& image : images)
+    values.insert(values.end(), image.values().begin(), image.values().end());
+  const double highest = std::max(percentile(std::move(values), kScalePercentile), 1e-30);
+  std::vector<Planes> pictures;
+  for (const Image& image : images) pictures.push_back(render_rising(image, highest, legend));
+  return pictures;
 }
 
 Planes render_dolp(const Image& dolp, const RenderSettings& settings) {

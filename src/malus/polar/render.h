@@ -51,6 +51,8 @@ SignedPictures render_s1_s2(const StokesPlanes& stokes, const RenderSettings& se
 
 /// Values from 0 to highest in rising brightness; the bar shows the scale.
 Planes render_rising(const Image& values, double highest, bool legend);
+/// Values from 0 on one scale, whose end is the 99.5th percentile of all of them together.
+std::vector<Planes> render_on_one_scale(std::span<const Image> images, bool legend);
 Planes render_dolp(const Image& dolp, const RenderSettings& settings);
 /// dolp: for aolp_by_dolp; sizes equal.
 Planes render_aolp(const Image& aolp_deg, const Image& dolp, const RenderSettings& settings);
