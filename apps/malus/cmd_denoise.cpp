@@ -53,6 +53,7 @@ void check_result_flags(const DenoiseArguments& arguments, const std::string& ta
   if (target != "mosaic")
     for (const auto& [given, flag] : {std::pair{arguments.planes, "--planes"},
                                       {arguments.u16, "--u16"},
+                                      {arguments.uncertainty, "--uncertainty"},
                                       {!arguments.references.empty(), "--reference"},
                                       {!arguments.report.empty(), "--report"}})
       if (given)

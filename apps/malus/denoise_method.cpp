@@ -9,8 +9,6 @@
 
 namespace malus::app {
 
-namespace {}  // namespace
-
 bool is_weight_file(const std::string& method) { return method.ends_with(".safetensors"); }
 
 void require_method(const std::string& name) {
@@ -22,11 +20,11 @@ FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSet
     : settings_(settings), uncertainty_(uncertainty) {
   require_method(settings.method);
   const bool network = is_weight_file(settings.method);
-  // No file could make these two go together: wrong usage, whatever the method.
-  if (uncertainty && (network || !denoise_method(settings.method).on_mosaic))
-    throw CLI::ValidationError("--uncertainty",
-                               fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d",
-                                           network ? "a network" : settings.method));
+  // No file could make these two go together: wrong usage.
+  if (uncertainty && !network && !denoise_method(settings.method).on_mosaic)
+    throw CLI::ValidationError(
+        "--uncertainty",
+        fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", settings.method));
   if (!network) return;
   network_ = networks().open_denoiser({settings.method, inference});
   if (const auto taken = network_->description().at("precision").get<std::string>();
@@ -41,7 +39,8 @@ Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile, 
                                    double held_values) const {
   DenoiseSettings settings = settings_;
   settings.held_values = held_values;
-  if (network_) return network_->denoise(std::move(frame), profile, settings, progress);
+  if (network_)
+    return network_->denoise(std::move(frame), profile, settings, progress, uncertainty_);
   return denoise_frame(std::move(frame), profile, settings, progress, uncertainty_);
 }
 

@@ -27,9 +27,10 @@ class PackageDenoiser final : public NetworkDenoiser {
   explicit PackageDenoiser(const NetworkDenoiserOptions& options)
       : inference_(options.weights, options.settings) {}
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
-                   Progress& progress) override {
-    return guarded(
-        [&] { return inference_.denoise(std::move(frame), profile, settings, progress); });
+                   Progress& progress, bool want_variance) override {
+    return guarded([&] {
+      return inference_.denoise(std::move(frame), profile, settings, progress, want_variance);
+    });
   }
   const std::string& target() const override { return inference_.target(); }
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,

@@ -28,7 +28,8 @@ class NetworkDenoiser {
   virtual ~NetworkDenoiser() = default;
   /// As denoise_frame (malus/denoise/denoiser.h); settings.method is not looked at.
   virtual Denoised denoise(RawFrame frame, const NoiseProfile& profile,
-                           const DenoiseSettings& settings, Progress& progress) = 0;
+                           const DenoiseSettings& settings, Progress& progress,
+                           bool want_variance) = 0;
   /// "mosaic", or what pictures it gives: "rgb", "srgb" (malus/neural/inference.h).
   virtual const std::string& target() const = 0;
   /// In place of denoise, of networks that give pictures.

@@ -95,3 +95,14 @@ def test_shipped_weights_do_no_harm(malus, scene, weights, camera, case):
                  "--methods", "nl-ridge", ROOT / f"models/{weights}.safetensors").json["methods"]
     noisy, classical, network = (row["image_psnr_db"] for row in done)
     assert network > noisy + 3 and network > classical - 0.1
+
+
+@pytest.mark.slow
+@needs_networks
+def test_a_shipped_network_knows_its_error(malus, scene):
+    """As the classical default that it corrects: two stated deviations hold the truth as often, within 2 of 100 pixels."""
+    rows = malus("experiment", "uncertainty", scene, "--cases", "12:10", "12:60", "--json",
+                 "--methods", "nl-ridge", ROOT / "models/polar-bayer.safetensors").json["rows"]
+    for classical, network in zip(rows[::2], rows[1::2]):
+        for quantity in ("pixel", "s0", "dolp"):
+            assert network["coverage"][quantity] > classical["coverage"][quantity] - 0.02, (quantity, network, classical)

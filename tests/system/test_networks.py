@@ -107,6 +107,30 @@ def test_a_guided_network_without_correction_equals_the_classical_method(malus, 
     assert np.abs(out - classical).max() < 0.05
 
 
+def test_a_guided_network_states_its_guides_error_and_more_where_it_changes_more(malus, noisy, tmp_path):
+    def stated(weights):
+        """The result, and what is stated of the squared error of S0 [DN^2]: planes R, G, B."""
+        folder = tmp_path / "out"
+        out, _ = denoised(malus, noisy, folder, weights, "--uncertainty", "--force")
+        malus("stokes", folder / "clean_000_denoised.npy", "--variance", folder / "clean_000_variance.exr", "--layout",
+              "polar-bayer-rggb", "--black", "0", "--white", "4013", "--format", "npy", "--no-pictures", "--force", "-o", folder)
+        deviation = np.load(folder / "clean_000_denoised_s0_sd.npy")
+        return out, (deviation if deviation.shape[0] == 3 else np.moveaxis(deviation, -1, 0)) ** 2
+
+    guided = {"domain": "stabilised", "noise_input": "level", "guide": "nl-ridge", "guide_profile": "normal", "row_noise": True}
+    classical, variance = stated("nl-ridge")
+    _, same = stated(unet_package(tmp_path / "zero.safetensors", **guided))
+    np.testing.assert_allclose(same, variance, rtol=1e-3)
+    wild, more = stated(unet_package(tmp_path / "wild.safetensors", scale=1.0, **guided))
+    assert np.all(more > variance * 0.999)
+    # S0 is half the sum of four angles, whose errors share 0.35 of their variance, as those of both greens do (docs/uncertainty.md).
+    red, green, blue = more.mean(axis=(1, 2)) / (1 + 3 * 0.35)
+    of_a_pixel = (red + 2 * green / ((1 + 0.35) / 2) + blue) / 4
+    correction = np.mean((wild - classical) ** 2)
+    assert correction > 10 * np.mean(variance)
+    assert 0.8 < of_a_pixel / correction < 1.25
+
+
 def test_the_shipped_network_runs_on_kernels(malus, noisy, tmp_path):
     """models/polar-bayer is 40 values wide, no whole number of vectors: its channels are filled up."""
     taken = [malus("denoise", noisy, *MODEL, "--black", "82", "--method", weights, "--precision", "bfloat16", "--json",
@@ -227,8 +251,7 @@ def test_another_layout_too_little_memory_and_what_networks_do_not_do(malus, ref
     np.save(tmp_path / "mono.npy", np.full((64, 64), 500, np.uint16))
     assert "layout" in refused("denoise", tmp_path / "mono.npy", "--layout", "polar-mono", "--method", weights, *raw)
     raw += ["--layout", "polar-bayer-rggb"]
-    usage = malus("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty", code=2)
-    assert "--uncertainty" in usage.err
+    assert "corrects no classical result" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--uncertainty")
     assert "--strength" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--strength", "2")
     assert "--ratio: " in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--ratio", "10")
     assert "--profile" in refused("denoise", noisy, "--method", weights, *MODEL, *raw, "--profile", "fast")

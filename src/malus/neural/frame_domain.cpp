@@ -178,7 +178,8 @@ Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols,
 NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                    const PackageSettings& settings,
                                    const DenoiseSettings& classical, std::optional<double> ratio,
-                                   Progress& progress) {
+                                   Progress& progress, bool want_variance) {
+  MALUS_REQUIRE(!want_variance || settings.guide != "none");
   check_frame(frame, measured);
   if (const SensorLayout wanted = SensorLayout::named(settings.layout);
       !frame.layout.phase_in(wanted))
@@ -202,6 +203,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
     DenoiseSettings guide = classical;
     guide.method = settings.guide;
     guide.profile = settings.guide_profile;
+    if (want_variance) report.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
     filter_prepared(prepared, profile, guide, progress, report);
     guide_dn = std::move(report.dn_above_black);
   }

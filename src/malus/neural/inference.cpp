@@ -4,6 +4,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
+#include "malus/neural/correction_error.h"
 #include "malus/neural/gpu.h"
 #include "malus/neural/internal/packed.h"
 #include "malus/neural/package.h"
@@ -129,7 +130,7 @@ struct NetworkInference::Filtered {
 
 NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseProfile& profile,
                                                     const DenoiseSettings& settings,
-                                                    Progress& progress) {
+                                                    Progress& progress, bool want_variance) {
   if (settings.strength != 1)
     throw InputError("--strength", "a network takes out what it was trained to",
                      "leave it out, or use --method nl-ridge");
@@ -142,14 +143,15 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   PackageSettings wanted = package.settings;
   wanted.row_noise = wanted.row_noise && settings.row_noise;
   NetworkFrame prepared = prepare_network_frame(std::move(frame), profile, wanted, settings,
-                                                state_->settings.ratio, progress);
+                                                state_->settings.ratio, progress, want_variance);
   const SensorLayout& layout = prepared.domain.layout();
   const CellPhase phase = prepared.domain.phase_at(0, 0);
   const int frame_rows = prepared.frame.dn.rows(), frame_cols = prepared.frame.dn.cols();
   const std::int64_t rows = packed_size(phase.row + frame_rows, layout.rows()),
                      cols = packed_size(phase.col + frame_cols, layout.cols());
-  const double frames = (package.gives_picture() ? kPictureFrames : kMosaicFrames) *
-                        static_cast<double>(prepared.frame.dn.size());
+  const double frames =
+      ((package.gives_picture() ? kPictureFrames : kMosaicFrames) + (want_variance ? 1.0 : 0.0)) *
+      static_cast<double>(prepared.frame.dn.size());
   const int batch = state_->settings.tile_batch;
   const TileCore core = core_within(settings.memory_mib, 4 * (frames + settings.held_values), rows,
                                     cols, batch, state_->demand);
@@ -187,12 +189,18 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
 }
 
 Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
-                                   const DenoiseSettings& settings, Progress& progress) {
+                                   const DenoiseSettings& settings, Progress& progress,
+                                   bool want_variance) {
   if (target() != "mosaic")
     throw InputError("--method", "this network gives pictures, not denoised mosaics",
                      "give a network trained with target = \"mosaic\"");
+  if (want_variance && !state_->loaded.package.corrects_guide())
+    throw InputError(
+        "--uncertainty",
+        state_->weights.string() + " corrects no classical result, whose error could be stated",
+        "leave it out, or use --method nl-ridge");
   const torch::InferenceMode no_gradients;
-  Filtered filtered = filter(std::move(frame), profile, settings, progress);
+  Filtered filtered = filter(std::move(frame), profile, settings, progress, want_variance);
   Denoised result = std::move(filtered.prepared.report);
   result.dn_above_black =
       restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
@@ -207,6 +215,8 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
     }
   require_plausible(least, largest, frame_of_result.range_dn, state_->weights);
   result.kept_pixels = 0;  // the guide's: what a network makes of them is its own
+  if (result.variance_dn2)
+    add_correction_error(filtered.prepared.guide_dn, result.dn_above_black, *result.variance_dn2);
   complete_result(frame_of_result, result);
   result.times.push_back({"network", filtered.network.seconds()});
   return result;
@@ -217,7 +227,7 @@ NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseP
                                                     Progress& progress) {
   MALUS_REQUIRE(target() != "mosaic");
   const torch::InferenceMode no_gradients;
-  Filtered filtered = filter(std::move(frame), profile, settings, progress);
+  Filtered filtered = filter(std::move(frame), profile, settings, progress, false);
   Planes picture = picture_of(state_->loaded.package.settings, filtered.prepared.domain,
                               filtered.planes, filtered.rows, filtered.cols);
   for (const Image& plane : picture) {

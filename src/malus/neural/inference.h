@@ -51,9 +51,11 @@ class NetworkInference {
   /// As denoise_frame: settings' memory_mib bounds frame and tiles together, row_noise can be
   /// switched off; its method is not looked at. Throws InputError as denoise_frame, on a layout
   /// that is not the package's, but for the Bayer order, on a strength or profile of its own, and
-  /// on a network that gives pictures; Cancelled.
+  /// on a network that gives pictures, or where want_variance is asked of one that corrects no
+  /// guide; Cancelled. The variance is the guide's, and more where the correction is larger than
+  /// that (correction_error.h).
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
-                   Progress& progress);
+                   Progress& progress, bool want_variance = false);
 
   /// What the network gives (package.h): "mosaic", or a picture, "rgb" or "srgb".
   const std::string& target() const;
@@ -76,7 +78,7 @@ class NetworkInference {
  private:
   struct Filtered;
   Filtered filter(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
-                  Progress& progress);
+                  Progress& progress, bool want_variance);
 
   struct State;
   std::unique_ptr<State> state_;

@@ -156,18 +156,19 @@ struct NetworkFrame {
   PreparedFrame frame;
   Image guide_dn;  ///< empty without a guide
   FrameDomain domain;
-  Denoised report;  ///< facts about the input; guide's tiles and times
+  Denoised report;  ///< facts about the input; guide's tiles, times and stated variance
 };
 
 /// Prepares a frame as the classical method does, and runs the guide where the package wants one
-/// (classical: profile and memory; its method and row_noise are not used). Throws InputError as
-/// denoise_frame, on another sensor's layout than the package's, and where a needed ratio is not
-/// given.
+/// (classical: profile and memory; its method and row_noise are not used; want_variance: it states
+/// its error). Throws InputError as denoise_frame, on another sensor's layout than the package's,
+/// and where a needed ratio is not given. Contract: want_variance only with a guide.
 NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
                                    const PackageSettings& settings,
                                    const DenoiseSettings& classical = {},
                                    std::optional<double> ratio = {},
-                                   Progress& progress = silent_progress());
+                                   Progress& progress = silent_progress(),
+                                   bool want_variance = false);
 
 /// A window of the mosaic.
 struct MosaicWindow {

@@ -3,6 +3,7 @@ set(neural_SOURCES
   clean_scenes.cpp
   contents.cpp
   convolution.cpp
+  correction_error.cpp
   device_speed.cpp
   example_pool.cpp
   failures.cpp
