@@ -86,9 +86,7 @@ RawFrame load_of_session(const Session& session, const WhichGroup& which, std::s
   return load_session_frame(settled, frames, frames.paths[index]);
 }
 
-}  // namespace
-
-void bind_frames(py::module_& m) {
+void bind_frame(py::module_& m) {
   py::class_<RawFrame>(m, "Frame",
                        "One raw mosaic with its black and white level, gain and exposure.")
       .def_property_readonly(
@@ -111,7 +109,9 @@ void bind_frames(py::module_& m) {
           "source", [](const RawFrame& f) { return text_of_path(f.source); },
           "the file it came from")
       .def("__repr__", [](const RawFrame& f) { return text_of(summary_of(f)); });
+}
 
+void bind_session(py::module_& m) {
   py::class_<FrameGroup>(m, "FrameGroup", "Frames of a session that were taken alike.")
       .def_property_readonly(
           "kind", [](const FrameGroup& g) { return std::string(frame_kind_name(g.kind)); },
@@ -145,7 +145,13 @@ void bind_frames(py::module_& m) {
            "session's black, white, layout, gain and exposure. InputError where the file tells "
            "another gain or exposure than the session or the group's first file.")
       .def("__repr__", [](const Session& s) { return text_of(summary_of(s)); });
+}
 
+}  // namespace
+
+void bind_frames(py::module_& m) {
+  bind_frame(m);
+  bind_session(m);
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),

@@ -5,7 +5,7 @@
 #include "malus/base/statistics.h"
 #include "malus/calibrate/dark_codes.h"
 #include "malus/calibrate/geometry.h"
-#include "malus/calibrate/row_offset.h"
+#include "malus/calibrate/level_pass.h"
 #include "malus/image/quantization.h"
 
 #include <algorithm>
@@ -18,17 +18,6 @@
 
 namespace malus {
 namespace {
-
-// Variance to expect of a channel's pixels before their levels are measured.
-struct ExpectedVariance {
-  double dark_dn2 = 0, slope_dn = 0;  ///< rows and all
-  double rows_dn2 = 0;                ///< where they are known
-  double at(double light_dn) const { return dark_dn2 + slope_dn * std::max(light_dn, 0.0); }
-  double of_pixel(double light_dn) const {
-    constexpr double kLeastOfDark = 0.05;
-    return std::max(at(light_dn) - rows_dn2, kLeastOfDark * dark_dn2);
-  }
-};
 
 std::vector<ExpectedVariance> expected_variance(const CleanFrame& clean,
                                                 const PhysicsCalibration* physics) {
@@ -52,95 +41,6 @@ std::vector<double> row_prior_dn2(const PhysicsCalibration* physics, std::size_t
     out[c] = std::pow(physics->sigma_row.mean[c], 2) + std::pow(physics->mu.spread[c], 2);
   return out;
 }
-
-// Noise of one frame, row by row of groups, into the channels' histograms.
-class LevelPass {
- public:
-  LevelPass(const MosaicGeometry& geometry, const std::vector<double>& dark_level_dn,
-            const std::vector<double>& bias_dn, const std::vector<double>& row_prior_dn2,
-            std::vector<LevelHistograms>& histograms)
-      : geometry_(geometry),
-        dark_(dark_level_dn),
-        bias_(bias_dn),
-        row_prior_(row_prior_dn2),
-        histograms_(histograms) {}
-
-  void add(View<const float> dn, const CleanFrame& clean) {
-    std::vector<double> lamp(dark_.size(), 1.0);
-    if (!clean.frame_mean_dn.empty()) {
-      const std::vector<double> mean = channel_means(dn, geometry_);
-      for (std::size_t c = 0; c < lamp.size(); ++c)
-        if (clean.frame_mean_dn[c] > 0) lamp[c] = (mean[c] - dark_[c]) / clean.frame_mean_dn[c];
-    }
-    for (int group = 0; group < geometry_.groups(); ++group) add_group(dn, clean, lamp, group);
-  }
-  /// Variance of the group means seen minus what pixels explain: σ_b²; and its standard error.
-  double row_variance_dn2(int channel) const {
-    return rows_[as_index(channel)].variance() - explained_[as_index(channel)].mean();
-  }
-  double row_variance_error_dn2(int channel) const {
-    // Offsets about their own mean over the frames tell as much as `kept` of their number.
-    return rows_[as_index(channel)].variance_standard_error() / std::sqrt(kept_);
-  }
-  void begin(const CleanFrame& clean, std::vector<ExpectedVariance> expected) {
-    expected_ = std::move(expected);
-    kept_ = clean.rows_kept;
-    rows_.assign(dark_.size(), Moments());
-    explained_ = rows_;
-  }
-
- private:
-  void add_group(View<const float> dn, const CleanFrame& clean, const std::vector<double>& lamp,
-                 int group) {
-    const int begin = group * geometry_.row_group();
-    const int end = std::min(begin + geometry_.row_group(), geometry_.rows());
-    const bool bias_frame = clean.frame_mean_dn.empty();
-    for (int channel = 0; channel < geometry_.channels(); ++channel) {
-      const auto c = as_index(channel);
-      const int n = geometry_.group_pixels(group, channel);
-      if (n < 2) continue;
-      signal_.clear();
-      noise_.clear();
-      pixel_kept_.clear();
-      variance_.clear();
-      double sum = 0, square = 0, kept = 0;
-      for (int r = begin; r < end; ++r) {
-        if (r % geometry_.cell_rows() != channel / geometry_.cell_cols()) continue;
-        for (int col = channel % geometry_.cell_cols(); col < geometry_.cols();
-             col += geometry_.cell_cols()) {
-          const double light = lamp[c] * clean.light_dn(r, col);
-          const double noise = dn(r, col) - dark_[c] - light;
-          signal_.push_back(bias_frame ? 0.0 : light);
-          noise_.push_back(noise);
-          pixel_kept_.push_back(clean.kept(r, col));
-          variance_.push_back(pixel_kept_.back() * expected_[c].of_pixel(light));
-          kept += pixel_kept_.back() / n;
-          sum += noise;
-          square += noise * noise;
-        }
-      }
-      const double mean = sum / n, pixel = (square - n * mean * mean) / (n - 1);
-      rows_[c].add(mean / std::sqrt(clean.rows_kept));
-      explained_[c].add(pixel / n / kept);
-      RowOffset offset(row_prior_[c] * clean.rows_kept);
-      offset.fit(noise_, variance_);
-      for (std::size_t i = 0; i < noise_.size(); ++i) {
-        const double own_kept = pixel_kept_[i];
-        histograms_[c].add(signal_[i], offset.residual_dn(i) / std::sqrt(own_kept) + bias_[c]);
-        histograms_[c].add_square(signal_[i], offset.raw_dn(i), offset.square_dn2(i) / own_kept,
-                                  offset.freedom(i) * own_kept);
-      }
-    }
-  }
-
-  const MosaicGeometry& geometry_;
-  const std::vector<double>&dark_, &bias_, &row_prior_;
-  std::vector<LevelHistograms>& histograms_;
-  std::vector<ExpectedVariance> expected_;
-  double kept_ = 1.0;
-  std::vector<Moments> rows_, explained_;
-  std::vector<double> signal_, noise_, pixel_kept_, variance_;
-};
 
 // Levels times bins of all channels, four bytes each.
 void require_room(double levels, std::size_t channels, const CalibrationSettings& settings) {
@@ -292,74 +192,126 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
   warn_of_missing_light(first, refused, settings.level_samples, out);
 }
 
+// One gain's noise, source by source.
+class GainLevels {
+ public:
+  GainLevels(const RawFrame& first, const PhysicsCalibration* physics, int row_group,
+             const CalibrationSettings& settings)
+      : first_(first),
+        physics_(physics),
+        settings_(settings),
+        geometry_(first.layout, first.dn.rows(), first.dn.cols(), row_group),
+        bias_dn_(physics ? physics->mu.mean : std::vector<double>(first.black_dn.size(), 0.0)),
+        dark_{first.black_dn, physics != nullptr},
+        step_dn_(quantization_step(first.dn)),
+        codes_(geometry_, first, by_code() ? step_dn_ : 1.0),
+        row_prior_dn2_(row_prior_dn2(physics, bias_dn_.size())),
+        pass_(geometry_, dark_.dn, bias_dn_, row_prior_dn2_, histograms_),
+        row_variance_dn2_(bias_dn_.size()),
+        row_error_dn2_(bias_dn_.size()) {
+    for (std::size_t c = 0; c < bias_dn_.size(); ++c) dark_.dn[c] += bias_dn_[c];
+  }
+  // pass_ refers to its neighbours.
+  GainLevels(const GainLevels&) = delete;
+  GainLevels& operator=(const GainLevels&) = delete;
+
+  void add(const NoiseSource& source, Progress& progress) {
+    frames_ += source.frames->count;
+    if (by_code() && source.frames->kind == FrameKind::kBias) {
+      for_each_frame(*source.frames, &first_, progress,
+                     [&](const RawFrame& frame, int) { codes_.add(frame.dn); });
+      progress.advance(source.frames->count);  // one pass was enough
+      return;
+    }
+    const CleanFrame clean = measure_clean(source, first_, geometry_, dark_, progress);
+    const std::vector<ExpectedVariance> expected = expected_variance(clean, physics_);
+    if (histograms_.empty())
+      histograms_ = make_histograms(first_, expected, bias_dn_, step_dn_, settings_);
+    pass_.begin(clean, expected);
+    for_each_frame(*source.frames, &first_, progress,
+                   [&](const RawFrame& frame, int) { pass_.add(frame.dn, clean); });
+    keep_rows_of_darkest(clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn));
+  }
+
+  MeasuredLevels result(const GainSetting& gain) {
+    MeasuredLevels measured;
+    NonparametricCalibration& out = measured.distributions;
+    out.gain = gain;
+    out.frames = frames_;
+    if (physics_) out.K = physics_->K.mean;
+    if (physics_) out.row_drift = physics_->row_drift;
+    if (histograms_.empty())
+      throw InputError(out.gain.text(), "has no set of two frames or more of one scene",
+                       "noise is told from the scene by repeating the frame");
+    if (codes_.frames() > 0)
+      add_dark_codes(codes_, first_, physics_->sigma_row.mean, step_dn_, histograms_);
+    finish_channels(histograms_, first_, settings_, out);
+    for (const LevelHistograms& channel : histograms_) measured.noise.push_back(channel.noise());
+    fill_rows(measured);
+    measured.bias_dn = bias_dn_;
+    return measured;
+  }
+
+ private:
+  // Integer dark frames have their own way, where row noise is known.
+  bool by_code() const { return physics_ && step_dn_ > 0; }
+
+  void keep_rows_of_darkest(double light_dn) {
+    if (light_dn >= darkest_dn_) return;
+    darkest_dn_ = light_dn;
+    for (int c = 0; c < geometry_.channels(); ++c) {
+      row_variance_dn2_[as_index(c)] = pass_.row_variance_dn2(c);
+      row_error_dn2_[as_index(c)] = pass_.row_variance_error_dn2(c);
+    }
+  }
+
+  void fill_rows(MeasuredLevels& measured) const {
+    NonparametricCalibration& out = measured.distributions;
+    if (physics_) {
+      out.sigma_row_dn = physics_->sigma_row.mean;
+      out.sigma_row_stderr_dn = physics_->sigma_row.standard_error;
+      for (std::size_t c = 0; c < bias_dn_.size(); ++c) {
+        measured.row_variance_dn2.push_back(std::pow(out.sigma_row_dn[c], 2));
+        measured.row_variance_stderr_dn2.push_back(2.0 * out.sigma_row_dn[c] *
+                                                   out.sigma_row_stderr_dn[c]);
+      }
+      return;
+    }
+    measured.row_variance_dn2 = row_variance_dn2_;
+    measured.row_variance_stderr_dn2 = row_error_dn2_;
+    for (std::size_t c = 0; c < bias_dn_.size(); ++c) {
+      const double sigma = std::sqrt(std::max(row_variance_dn2_[c], 0.0));
+      out.sigma_row_dn.push_back(sigma);
+      out.sigma_row_stderr_dn.push_back(0.5 *
+                                        (std::sqrt(sigma * sigma + 2 * row_error_dn2_[c]) - sigma));
+    }
+  }
+
+  const RawFrame& first_;
+  const PhysicsCalibration* physics_;
+  const CalibrationSettings& settings_;
+  MosaicGeometry geometry_;
+  std::vector<double> bias_dn_;
+  DarkLevel dark_;
+  double step_dn_;
+  DarkCodes codes_;
+  std::vector<double> row_prior_dn2_;
+  std::vector<LevelHistograms> histograms_;
+  LevelPass pass_;
+  int frames_ = 0;
+  double darkest_dn_ = std::numeric_limits<double>::infinity();
+  std::vector<double> row_variance_dn2_, row_error_dn2_;
+};
+
 }  // namespace
 
 MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
                               const PhysicsCalibration* physics, int row_group,
                               const CalibrationSettings& settings, Progress& progress) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  std::vector<double> bias(as_index(geometry.channels()), 0.0);
-  if (physics) bias = physics->mu.mean;
-  DarkLevel dark{first.black_dn, physics != nullptr};
-  for (std::size_t c = 0; c < bias.size(); ++c) dark.dn[c] += bias[c];
-  MeasuredLevels measured;
-  NonparametricCalibration& out = measured.distributions;
-  out.gain = sources.front().frames->gain;
-  if (physics) out.K = physics->K.mean;
-  std::vector<LevelHistograms> histograms;
-  const std::vector<double> row_prior = row_prior_dn2(physics, bias.size());
-  LevelPass pass(geometry, dark.dn, bias, row_prior, histograms);
-  const double step_dn = quantization_step(first.dn);
-  // Integer dark frames have their own way, where row noise is known.
-  const bool by_code = physics && step_dn > 0;
-  DarkCodes codes(geometry, first, by_code ? step_dn : 1.0);
-  double darkest = std::numeric_limits<double>::infinity();
-  std::vector<double> row_variance(bias.size()), row_error(bias.size());
-  for (const NoiseSource& source : sources) {
-    if (source.frames->count < 2) continue;
-    out.frames += source.frames->count;
-    if (by_code && source.frames->kind == FrameKind::kBias) {
-      for_each_frame(*source.frames, &first, progress,
-                     [&](const RawFrame& frame, int) { codes.add(frame.dn); });
-      progress.advance(source.frames->count);  // one pass was enough
-      continue;
-    }
-    const CleanFrame clean = measure_clean(source, first, geometry, dark, progress);
-    const std::vector<ExpectedVariance> expected = expected_variance(clean, physics);
-    if (histograms.empty()) histograms = make_histograms(first, expected, bias, step_dn, settings);
-    pass.begin(clean, expected);
-    for_each_frame(*source.frames, &first, progress,
-                   [&](const RawFrame& frame, int) { pass.add(frame.dn, clean); });
-    const double light = clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn);
-    if (light >= darkest) continue;
-    darkest = light;
-    for (int c = 0; c < geometry.channels(); ++c) {
-      row_variance[as_index(c)] = pass.row_variance_dn2(c);
-      row_error[as_index(c)] = pass.row_variance_error_dn2(c);
-    }
-  }
-  if (histograms.empty())
-    throw InputError(out.gain.text(), "has no set of two frames or more of one scene",
-                     "noise is told from the scene by repeating the frame");
-  if (codes.frames() > 0)
-    add_dark_codes(codes, first, physics->sigma_row.mean, step_dn, histograms);
-  finish_channels(histograms, first, settings, out);
-  for (std::size_t c = 0; c < bias.size(); ++c) {
-    const double sigma = std::sqrt(std::max(row_variance[c], 0.0));
-    out.sigma_row_dn.push_back(physics ? physics->sigma_row.mean[c] : sigma);
-    out.sigma_row_stderr_dn.push_back(
-        physics ? physics->sigma_row.standard_error[c]
-                : 0.5 * (std::sqrt(sigma * sigma + 2 * row_error[c]) - sigma));
-    measured.noise.push_back(histograms[c].noise());
-    if (!physics) continue;
-    row_variance[c] = std::pow(out.sigma_row_dn[c], 2);
-    row_error[c] = 2.0 * out.sigma_row_dn[c] * out.sigma_row_stderr_dn[c];
-  }
-  if (physics) out.row_drift = physics->row_drift;
-  measured.row_variance_dn2 = std::move(row_variance);
-  measured.row_variance_stderr_dn2 = std::move(row_error);
-  measured.bias_dn = std::move(bias);
-  return measured;
+  GainLevels levels(first, physics, row_group, settings);
+  for (const NoiseSource& source : sources)
+    if (source.frames->count >= 2) levels.add(source, progress);
+  return levels.result(sources.front().frames->gain);
 }
 
 }  // namespace malus

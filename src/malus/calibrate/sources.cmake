@@ -17,6 +17,7 @@ set(calibrate_SOURCES
   gaussian_calibration.cpp
   kinds.cpp
   level_histograms.cpp
+  level_pass.cpp
   light_profile.cpp
   matching_dark.cpp
   neighbour_correlation.cpp

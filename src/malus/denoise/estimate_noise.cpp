@@ -181,64 +181,89 @@ std::string too_few_blocks(std::size_t blocks, const Image& plane, double range_
                              : "");
 }
 
-}  // namespace
-
-Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
-  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
-  Planes planes = pack(frame.dn, frame.layout);
-  for (int k = 0; k < planes.channels(); ++k)
-    for (float& v : planes[k].values())
-      v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
+// What the planes tell, before texture is taken off.
+struct PlanesNoise {
   VarianceLines channels;
-  const double step_dn = quantization_step(frame.dn);
-  channels.rounding_dn2 = step_dn * step_dn / 12;
+  std::vector<double> mean_dn;      ///< of the usable blocks, above black
+  std::vector<float> saturated_dn;  ///< above black
+  int levels = 0;                   ///< of all channels together
+  double smooth_share = 0;
+};
+
+// planes: DN above black.
+Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame, double step_dn) {
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
   const CutOff cut_off = measure_cut_off(frame);
-  std::vector<double> means;
-  std::vector<float> saturated_dn;
-  PictureNoise noise;
+  PlanesNoise out;
+  out.channels.rounding_dn2 = step_dn * step_dn / 12;
   double usable = 0, all = 0;
   for (const Image& plane : planes) {
-    saturated_dn.push_back(saturation_of(plane, range_dn));
-    const std::vector<Block> blocks = measure_blocks(plane, saturated_dn.back());
+    out.saturated_dn.push_back(saturation_of(plane, range_dn));
+    const std::vector<Block> blocks = measure_blocks(plane, out.saturated_dn.back());
     if (blocks.size() < kLeastBlocks)
       return Undecided{too_few_blocks(blocks.size(), plane, range_dn)};
     usable += kSmoothShare * static_cast<double>(blocks.size());
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
     std::vector<VarianceLevel> levels = measure_levels(blocks);
-    const std::size_t k = channels.levels.size();
-    channels.floor_dn.push_back(cut_off.share[k] > 0 ? -frame.black_dn[k]
-                                                     : -std::numeric_limits<double>::infinity());
-    if (cut_off.share[k] > 0) undo_cut_off(channels.floor_dn[k], step_dn, levels);
-    channels.add(std::move(levels), frame.black_known);
-    means.push_back(mean_signal(blocks));
-    noise.levels += static_cast<int>(channels.levels.back().size());
+    const std::size_t k = out.channels.levels.size();
+    const bool cut = cut_off.share[k] > 0;
+    out.channels.floor_dn.push_back(cut ? -frame.black_dn[k]
+                                        : -std::numeric_limits<double>::infinity());
+    if (cut) undo_cut_off(out.channels.floor_dn[k], step_dn, levels);
+    out.channels.add(std::move(levels), frame.black_known);
+    out.mean_dn.push_back(mean_signal(blocks));
+    out.levels += static_cast<int>(out.channels.levels.back().size());
   }
-  if (!(std::sqrt(channels.highest_variance) > 1e-6 * std::max(range_dn, 1e-30)))
+  if (!(std::sqrt(out.channels.highest_variance) > 1e-6 * std::max(range_dn, 1e-30)))
     return Undecided{"the picture has no noise that could be measured"};
+  out.smooth_share = usable / all;
+  return out;
+}
+
+// The channels' variances, and the error of the deviation at their mean signals; returns that
+// deviation in DN.
+double fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
+  const VarianceLines& channels = measured.channels;
+  double deviation_dn = 0;
+  const std::vector<VarianceCurve> curves = channels.curves(1.0);
+  const double share = 1.0 / static_cast<double>(channels.lines.size());
+  for (std::size_t k = 0; k < channels.lines.size(); ++k) {
+    ChannelProfile channel;
+    channel.variance = curves[k];
+    const double variance = channel.variance(measured.mean_dn[k]);
+    deviation_dn += share * std::sqrt(variance);
+    noise.relative_error +=
+        variance > 0 ? share * 0.5 / (std::sqrt(channels.weights[k]) * variance) : 0;
+    noise.profile.channels.push_back(channel);
+  }
+  return deviation_dn;
+}
+
+}  // namespace
+
+Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
+  Planes planes = pack(frame.dn, frame.layout);
+  for (int k = 0; k < planes.channels(); ++k)
+    for (float& v : planes[k].values())
+      v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
+  PictureNoise noise;
+  noise.profile.layout = frame.layout;
+  noise.profile.estimated_from_picture = true;
+  noise.profile.step_dn = quantization_step(frame.dn);
+  const Estimate<PlanesNoise> found = measure_planes(planes, frame, noise.profile.step_dn);
+  if (!found) return Undecided{found.reason()};
+  PlanesNoise measured = *found;
   Image dn(frame.dn.rows(), frame.dn.cols());
   unpack(planes, frame.layout, dn);
   planes = {};
-  channels.settle();
-  noise.texture_share = internal::take_texture_off(dn, frame.layout, saturated_dn, channels);
-  noise.levels /= frame.layout.channels();
-  noise.smooth_share = usable / all;
-  noise.profile.layout = frame.layout;
-  noise.profile.estimated_from_picture = true;
-  noise.profile.step_dn = step_dn;
-  double deviation = 0, error = 0;
-  const std::vector<VarianceCurve> curves = channels.curves(1.0);
-  for (std::size_t k = 0; k < channels.lines.size(); ++k) {
-    const double share = 1.0 / static_cast<double>(channels.lines.size());
-    ChannelProfile channel;
-    channel.variance = curves[k];
-    const double variance = channel.variance(means[k]);
-    deviation += share * std::sqrt(variance);
-    error += variance > 0 ? share * 0.5 / (std::sqrt(channels.weights[k]) * variance) : 0;
-    noise.profile.channels.push_back(channel);
-  }
-  noise.relative_error = error;
-  estimate_row_deviation(dn, saturated_dn, noise.profile);
-  noise.trust = trust_statement(noise, deviation);
+  measured.channels.settle();
+  noise.texture_share =
+      internal::take_texture_off(dn, frame.layout, measured.saturated_dn, measured.channels);
+  noise.levels = measured.levels / frame.layout.channels();
+  noise.smooth_share = measured.smooth_share;
+  const double deviation_dn = fill_channels(measured, noise);
+  estimate_row_deviation(dn, measured.saturated_dn, noise.profile);
+  noise.trust = trust_statement(noise, deviation_dn);
   if (noise.texture_share > kMuchTexture)
     noise.trust += fmt::format(
         "; {:.0f} % of what looked like noise can be told from neighbouring pixels, which noise "

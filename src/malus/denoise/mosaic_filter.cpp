@@ -18,18 +18,6 @@ using internal::kCell;
 using internal::kLanes;
 
 constexpr int kCellsPerAlignment = 65536;
-// Of profile `high`, whose first pass takes a stack's axes too: it sees the linear guide only,
-// which knows less of a stack than a pilot does.
-constexpr float kGuideAxesPrior = 10.0f;
-// Detail of so many times the noise that the last pass let through keeps half, where that pass
-// combines blocks and where it is a Wiener filter's: measured (docs/denoising-experiments.md).
-constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
-
-int reach_of(const internal::StackStage& stage, int period) {
-  // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
-  // far again.
-  return 2 * (stage.search_reach() * period + stage.block());
-}
 
 // rotation * diag(s / (s + 1)) * rotation^T with s the signal's variance per component.
 CellMatrix wiener_matrix(const CellMatrix& axes, const CellVector& eigenvalues) {
@@ -181,114 +169,7 @@ Image mixed_pass(const internal::StageInput& input, const internal::StackStage& 
   return std::move(by_small.pixels);
 }
 
-void search_near_alone(MosaicFilterPlan& plan) {
-  for (internal::StackStage& stage : plan.hard) stage.far_step = 1;
-  for (internal::StackStage& stage : plan.guided) stage.far_step = 1;
-}
-
 }  // namespace
-
-MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
-                                    const SensorLayout& layout) {
-  using internal::StackFilter;
-  using internal::StackStage;
-  MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
-  const bool periods = kCell % layout.rows() == 0 && kCell % layout.cols() == 0;
-  const bool ridge = method == "nl-ridge" && periods;  // cells of one layout are alike
-  // Ten periods hold too little of what repeats, short ones reach no further than a block is wide.
-  const int far_step = !periods ? 1 : std::max(kCell / std::max(layout.rows(), layout.cols()), 2);
-  const auto detail = [&](StackFilter filter) {
-    if (!ridge) return 0.0f;
-    return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
-  };
-  const auto hard = [far_step](int side, int step, int search, int stack, float threshold,
-                               float axes_prior = internal::kFrameAxes) {
-    return StackStage{.block_cells = side,
-                      .step = step,
-                      .search = search,
-                      .far_step = far_step,
-                      .stack = stack,
-                      .threshold = threshold,
-                      .axes_prior = axes_prior};
-  };
-  const auto guided = [far_step](StackFilter filter, int step, int search, int stack) {
-    return StackStage{.filter = filter,
-                      .block_cells = 2,
-                      .step = step,
-                      .search = search,
-                      .far_step = far_step,
-                      .stack = stack};
-  };
-  // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
-  // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").
-  const StackFilter last = ridge ? StackFilter::ridge : StackFilter::wiener;
-  const auto quick = [&](StackFilter filter) {
-    return MosaicFilterPlan{.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
-                            .guided = {guided(filter, 7, 8, 32)},
-                            .detail_threshold = detail(filter),
-                            .coarse = {}};
-  };
-  // A pilot of the hard threshold alone is none to combine by.
-  if (profile == "fast") return quick(StackFilter::wiener);
-  MosaicFilterPlan coarse = quick(last);
-  // Eight periods are twice as far there, and beyond is nothing to gain.
-  if (std::max(layout.rows(), layout.cols()) == kCell) search_near_alone(coarse);
-  if (ridge) {
-    coarse.guided.push_back(guided(last, 7, 8, 64));
-    coarse.guided.back().far_step = coarse.guided.front().far_step;
-    // A quarter and an eighth of the size too: even light and slow ramps come out up to 2 dB
-    // better, the rest as it was (docs/denoising-experiments.md, "Coarser scales").
-    MosaicFilterPlan quarter = coarse;
-    quarter.coarse = {coarse};
-    coarse.coarse = {quarter};
-  }
-  // Smooth light has few coefficients in large blocks too, and they take more noise out.
-  const auto with_large = [&](MosaicFilterPlan plan, int step, int stack) {
-    if (!ridge) return plan;
-    plan.large = guided(StackFilter::wiener, step, 10, stack);
-    plan.large->block_cells = 4;
-    return plan;
-  };
-  const MosaicFilterPlan small_blocks{
-      .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
-      .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, ridge ? 7 : 5, 10, 64)},
-      .detail_threshold = detail(last),
-      .coarse = {coarse}};
-  if (profile == "normal") return with_large(small_blocks, 15, 32);
-  if (profile == "high")
-    return with_large(
-        {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f, kGuideAxesPrior)},
-         .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last, 3, 10, 64)},
-         .detail_threshold = detail(last),
-         .coarse = {small_blocks}},
-        11, 64);
-  throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
-}
-
-int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout, bool with_error) {
-  const int period = std::max(layout.rows(), layout.cols());
-  int reach = 0;
-  for (const internal::StackStage& stage : plan.hard)
-    reach = std::max(reach, reach_of(stage, period) + kCell);
-  for (const internal::StackStage& stage : plan.guided) reach += reach_of(stage, period);
-  if (plan.large)
-    reach += std::max(reach_of(*plan.large, period) - reach_of(plan.guided.front(), period), 0) +
-             internal::kMixReach;
-  if (with_error) reach += internal::stated_error_reach(period);
-  return reach + (plan.detail_threshold > 0 ? internal::kDetailBlock : 0);
-}
-
-int mosaic_filter_border(const MosaicFilterPlan& plan, const SensorLayout& layout) {
-  const int period = std::max(layout.rows(), layout.cols());
-  int seen = 0;
-  const auto add = [&](const internal::StackStage& stage) {
-    seen = std::max(seen, stage.search * period + 2 * stage.block());
-  };
-  for (const internal::StackStage& stage : plan.hard) add(stage);
-  for (const internal::StackStage& stage : plan.guided) add(stage);
-  if (plan.large) add(*plan.large);
-  return (seen + internal::kMixReach + internal::kDetailBlock + 1) / 2 * 2;
-}
 
 int folded(int position, int size, int period) {
   if (position >= 0 && position < size) return position;

@@ -21,6 +21,7 @@ set(denoise_SOURCES
     kept_points.cpp
     memory_budget.cpp
     mosaic_filter.cpp
+    mosaic_filter_plan.cpp
     noise_check.cpp
     noise_floor.cpp
     noise_tails.cpp

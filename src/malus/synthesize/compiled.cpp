@@ -14,11 +14,29 @@ namespace {
 
 // The rows of one phase of the cell: channel parameters repeated along the row.
 struct LaneArrays {
-  int period = 0;
   std::vector<float> gain_dn, electrons_per_dn, variance_dn2, scale_dn, black_dn, mu_dn,
       sigma_row_dn;
   std::vector<std::uint32_t> first_line;
 };
+
+LaneArrays lane_arrays(const CompiledParts& parts, int phase, int period,
+                       const CameraOutput& camera) {
+  LaneArrays lanes;
+  for (int c = 0; c < period; ++c) {
+    const auto number = static_cast<std::size_t>(parts.layout.channel_at(phase, c));
+    const CompiledChannel& channel = parts.channels[number];
+    lanes.gain_dn.push_back(channel.gain_dn);
+    lanes.electrons_per_dn.push_back(channel.electrons_per_dn);
+    lanes.variance_dn2.push_back(channel.variance_dn2);
+    lanes.scale_dn.push_back(channel.scale_dn);
+    lanes.mu_dn.push_back(channel.mu_dn);
+    lanes.sigma_row_dn.push_back(channel.sigma_row_dn);
+    lanes.black_dn.push_back(camera.black_dn.empty() ? 0.0f
+                                                     : static_cast<float>(camera.black_dn[number]));
+    lanes.first_line.push_back(channel.first_line - kTailFirst);
+  }
+  return lanes;
+}
 
 }  // namespace
 
@@ -115,23 +133,9 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
   MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
   MALUS_REQUIRE(!(in_u16 || out_u16) || camera.black_dn.size() == parts_.channels.size());
   const int period = std::lcm(parts_.layout.cols(), kGroupColumns);
-  std::vector<LaneArrays> phases(static_cast<std::size_t>(parts_.layout.rows()));
-  for (int phase = 0; phase < parts_.layout.rows(); ++phase) {
-    LaneArrays& lanes = phases[static_cast<std::size_t>(phase)];
-    for (int c = 0; c < period; ++c) {
-      const auto number = static_cast<std::size_t>(parts_.layout.channel_at(phase, c));
-      const CompiledChannel& channel = parts_.channels[number];
-      lanes.gain_dn.push_back(channel.gain_dn);
-      lanes.electrons_per_dn.push_back(channel.electrons_per_dn);
-      lanes.variance_dn2.push_back(channel.variance_dn2);
-      lanes.scale_dn.push_back(channel.scale_dn);
-      lanes.mu_dn.push_back(channel.mu_dn);
-      lanes.sigma_row_dn.push_back(channel.sigma_row_dn);
-      lanes.black_dn.push_back(
-          camera.black_dn.empty() ? 0.0f : static_cast<float>(camera.black_dn[number]));
-      lanes.first_line.push_back(channel.first_line - kTailFirst);
-    }
-  }
+  std::vector<LaneArrays> phases;
+  for (int phase = 0; phase < parts_.layout.rows(); ++phase)
+    phases.push_back(lane_arrays(parts_, phase, period, camera));
   internal::RowJob job;
   job.tables = {normal_tail_lines().data(), parts_.read_lines ? parts_.read_lines->data() : nullptr,
                 parts_.shot, out_u16 ? 0.0f : parts_.quantization_dn};

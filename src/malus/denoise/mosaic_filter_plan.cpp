@@ -1,0 +1,161 @@
+// The numbers of the plans, which were measured (docs/denoising-experiments.md), and how far a plan
+// reaches.
+#include "malus/base/error.h"
+#include "malus/denoise/internal/block_mix.h"
+#include "malus/denoise/internal/detail_shrinkage.h"
+#include "malus/denoise/internal/stated_error.h"
+#include "malus/denoise/mosaic_filter.h"
+
+#include <algorithm>
+
+namespace malus {
+namespace {
+
+using internal::kCell;
+using internal::StackFilter;
+using internal::StackStage;
+
+// Of profile `high`, whose first pass takes a stack's axes too: it sees the linear guide only,
+// which knows less of a stack than a pilot does.
+constexpr float kGuideAxesPrior = 10.0f;
+// Detail of so many times the noise that the last pass let through keeps half, where that pass
+// combines blocks and where it is a Wiener filter's.
+constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
+
+int reach_of(const StackStage& stage, int period) {
+  // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
+  // far again.
+  return 2 * (stage.search_reach() * period + stage.block());
+}
+
+// Plans of one method for one layout.
+class PlanMaker {
+ public:
+  PlanMaker(const std::string& method, const SensorLayout& layout)
+      : period_(std::max(layout.rows(), layout.cols())) {
+    const bool periods = kCell % layout.rows() == 0 && kCell % layout.cols() == 0;
+    ridge_ = method == "nl-ridge" && periods;  // cells of one layout are alike
+    // Ten periods hold too little of what repeats, short ones reach no further than a block is
+    // wide.
+    far_step_ = !periods ? 1 : std::max(kCell / period_, 2);
+    // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
+    // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").
+    last_ = ridge_ ? StackFilter::ridge : StackFilter::wiener;
+  }
+
+  // A pilot of the hard threshold alone is none to combine by.
+  MosaicFilterPlan fast() const { return quick(StackFilter::wiener); }
+  MosaicFilterPlan normal() const { return with_large(small_blocks(), 15, 32); }
+  MosaicFilterPlan high() const {
+    return with_large(
+        {.hard = {hard(4, 7, 10, 32, 2.7f), hard(2, 5, 10, 32, 2.5f, kGuideAxesPrior)},
+         .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last_, 3, 10, 64)},
+         .detail_threshold = detail(last_),
+         .coarse = {small_blocks()}},
+        11, 64);
+  }
+
+ private:
+  StackStage hard(int side, int step, int search, int stack, float threshold,
+                  float axes_prior = internal::kFrameAxes) const {
+    return {.block_cells = side,
+            .step = step,
+            .search = search,
+            .far_step = far_step_,
+            .stack = stack,
+            .threshold = threshold,
+            .axes_prior = axes_prior};
+  }
+  StackStage guided(StackFilter filter, int step, int search, int stack) const {
+    return {.filter = filter,
+            .block_cells = 2,
+            .step = step,
+            .search = search,
+            .far_step = far_step_,
+            .stack = stack};
+  }
+  float detail(StackFilter filter) const {
+    if (!ridge_) return 0.0f;
+    return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
+  }
+  MosaicFilterPlan quick(StackFilter filter) const {
+    return {.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
+            .guided = {guided(filter, 7, 8, 32)},
+            .detail_threshold = detail(filter),
+            .coarse = {}};
+  }
+  MosaicFilterPlan coarse() const {
+    MosaicFilterPlan plan = quick(last_);
+    if (ridge_) plan.guided.push_back(guided(last_, 7, 8, 64));
+    // Eight periods are twice as far there, and beyond is nothing to gain.
+    if (period_ == kCell) {
+      for (StackStage& stage : plan.hard) stage.far_step = 1;
+      for (StackStage& stage : plan.guided) stage.far_step = 1;
+    }
+    if (!ridge_) return plan;
+    // A quarter and an eighth of the size too: even light and slow ramps come out up to 2 dB
+    // better, the rest as it was (docs/denoising-experiments.md, "Coarser scales").
+    MosaicFilterPlan quarter = plan;
+    quarter.coarse = {plan};
+    plan.coarse = {quarter};
+    return plan;
+  }
+  MosaicFilterPlan small_blocks() const {
+    return {
+        .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
+        .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last_, ridge_ ? 7 : 5, 10, 64)},
+        .detail_threshold = detail(last_),
+        .coarse = {coarse()}};
+  }
+  // Smooth light has few coefficients in large blocks too, and they take more noise out.
+  MosaicFilterPlan with_large(MosaicFilterPlan plan, int step, int stack) const {
+    if (!ridge_) return plan;
+    plan.large = guided(StackFilter::wiener, step, 10, stack);
+    plan.large->block_cells = 4;
+    return plan;
+  }
+
+  int period_ = 1;
+  bool ridge_ = false;
+  int far_step_ = 1;
+  StackFilter last_ = StackFilter::wiener;
+};
+
+}  // namespace
+
+MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
+                                    const SensorLayout& layout) {
+  MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
+  const PlanMaker plan(method, layout);
+  if (profile == "fast") return plan.fast();
+  if (profile == "normal") return plan.normal();
+  if (profile == "high") return plan.high();
+  throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
+}
+
+int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout, bool with_error) {
+  const int period = std::max(layout.rows(), layout.cols());
+  int reach = 0;
+  for (const StackStage& stage : plan.hard)
+    reach = std::max(reach, reach_of(stage, period) + kCell);
+  for (const StackStage& stage : plan.guided) reach += reach_of(stage, period);
+  if (plan.large)
+    reach += std::max(reach_of(*plan.large, period) - reach_of(plan.guided.front(), period), 0) +
+             internal::kMixReach;
+  if (with_error) reach += internal::stated_error_reach(period);
+  return reach + (plan.detail_threshold > 0 ? internal::kDetailBlock : 0);
+}
+
+int mosaic_filter_border(const MosaicFilterPlan& plan, const SensorLayout& layout) {
+  const int period = std::max(layout.rows(), layout.cols());
+  int seen = 0;
+  const auto add = [&](const StackStage& stage) {
+    seen = std::max(seen, stage.search * period + 2 * stage.block());
+  };
+  for (const StackStage& stage : plan.hard) add(stage);
+  for (const StackStage& stage : plan.guided) add(stage);
+  if (plan.large) add(*plan.large);
+  return (seen + internal::kMixReach + internal::kDetailBlock + 1) / 2 * 2;
+}
+
+}  // namespace malus
