@@ -1,5 +1,6 @@
 """The house rules that a compiler does not check: arrows between modules, heavy libraries at the rim, sizes."""
 
+import ast
 import pathlib
 import re
 import subprocess
@@ -9,6 +10,8 @@ from conftest import BUILD, ROOT
 SOURCES = ROOT / "src" / "malus"
 HEAVY_IN_HEADERS = ("torch/", "c10/", "cuda", "OpenImageIO/", "libraw/", "hdf5", "H5", "arv", "toml++")
 LONGEST_FILE = 400
+LONGEST_FUNCTION = 59
+CODE = (".h", ".cpp", ".cu", ".py", ".ts", ".mjs", ".css", ".sh", ".cmake")
 
 
 def modules():
@@ -29,10 +32,14 @@ def reachable(name, declared):
     return seen
 
 
+def tracked():
+    return subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+
+
 def own_files(*suffixes):
-    listed = subprocess.run(["git", "ls-files", "src", "apps", "tests", "bench", "fuzz", "python", "cuda"],
-                            cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
-    return [ROOT / name for name in listed if name.endswith(suffixes) and (ROOT / name).exists()]
+    """All but what is built from others: web/built."""
+    return [ROOT / name for name in tracked()
+            if name.endswith(suffixes) and not name.startswith("web/built/") and (ROOT / name).exists()]
 
 
 def test_every_include_follows_a_declared_arrow():
@@ -97,14 +104,53 @@ def test_library_code_never_prints_or_exits():
 
 
 def test_files_stay_short():
-    long = [f"{path.relative_to(ROOT)}: {lines}" for path in own_files(".h", ".cpp", ".py", ".cu")
+    long = [f"{path.relative_to(ROOT)}: {lines}" for path in own_files(*CODE)
             if (lines := path.read_text().count("\n")) > LONGEST_FILE]
+    assert not long, "\n".join(long)
+
+
+# Comments and strings: of C++, then of TypeScript, which has regular expressions and `templates` too.
+LITERALS = r"""//[^\n]*|/\*.*?\*/|R"\(.*?\)"|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'"""
+SCRIPT_LITERALS = LITERALS + r"""|`(?:\\.|[^`\\])*`|/(?:\\.|\[[^\]\n]*\]|[^\s/\\])(?:\\.|\[[^\]\n]*\]|[^\n/\\])*/"""
+
+
+def bodies_in_braces(text, literals):
+    """(first line, lines, what stands before it) of every {block} but namespaces, types and lists of values."""
+    for left_out in (literals, r"^[ \t]*#(?:.*\\\n)*.*", r"\b(?:public|private|protected):"):
+        text = re.sub(left_out, lambda found: "\n" * found[0].count("\n"), text,
+                      flags=re.DOTALL if left_out is literals else re.MULTILINE)
+    opened, head_at = [], 0
+    for found in re.finditer("[{};]", text):
+        line = text.count("\n", 0, found.start()) + 1
+        if found[0] == "{":
+            head = text[head_at:found.start()].strip()
+            opened.append((line - head.count("\n"), head))
+        elif found[0] == "}":
+            first, head = opened.pop()
+            if not re.search(r"\b(namespace|struct|class|interface|enum|union)\b[^()]*$|=$", head):
+                yield first, line - first + 1, " ".join(head.split())
+        head_at = found.end()
+    assert not opened
+
+
+def functions_of(path):
+    if path.suffix != ".py":
+        return bodies_in_braces(path.read_text(), SCRIPT_LITERALS if path.suffix == ".ts" else LITERALS)
+    return [(node.lineno, node.end_lineno - node.lineno + 1, node.name) for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.FunctionDef)]
+
+
+def test_functions_stay_short():
+    """Of tests one may be a long story."""
+    long = [f"{path.relative_to(ROOT)}:{line}: {lines} lines: {head[:80]}" for path in own_files(".h", ".cpp", ".cu", ".ts", ".py")
+            if "tests" not in path.relative_to(ROOT).parts
+            for line, lines, head in functions_of(path) if lines > LONGEST_FUNCTION]
     assert not long, "\n".join(long)
 
 
 def test_files_that_are_named_exist():
     """In comments and docs: a reader who follows a name finds the file."""
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    listed = tracked()
     names = {pathlib.Path(name).name for name in listed}
     docs = [ROOT / name for name in listed if name.endswith(".md") and "/" not in name.removeprefix("docs/")]
     missing = []
