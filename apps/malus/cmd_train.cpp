@@ -156,8 +156,10 @@ void run_train(const TrainArguments& arguments, const Common& common) {
     note(common, fmt::format("{}: held no checkpoint, training began at step 0", folder.string()));
   if (!arguments.report.empty())
     write_record_report(record_of(run), arguments.report, common.force, folder);
-  std::string text = fmt::format("{}: {} steps in {:.0f} s\n", run["weights"].get<std::string>(),
-                                 run["steps"].get<std::int64_t>(), run["seconds"].get<double>());
+  std::string text = fmt::format(
+      "{}: {} steps in {:.0f} s{}\n", run["weights"].get<std::string>(),
+      run["steps"].get<std::int64_t>(), run["seconds"].get<double>(),
+      run.contains("finished_before") ? ", finished before: nothing was left to train" : "");
   text += loss_text(run["log"]);
   for (const Json& line : run["log"])
     if (line.contains("validation")) text += validation_text(line);

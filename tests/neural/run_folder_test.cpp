@@ -3,7 +3,10 @@
 #include "malus/base/error.h"
 #include "malus/neural/trainer.h"
 
+#include <algorithm>
 #include <fstream>
+#include <string>
+#include <vector>
 
 #include "support.h"
 #include "training_runs.h"
@@ -150,6 +153,74 @@ TEST(RunFolder, AWorseValidationAfterAnInterruptionReplacesNoBest) {
   const auto parts = run_in(folder / "parts", config, true, false);
   EXPECT_EQ(parts["best_score_db"], once["best_score_db"]);
   expect_same_weights(folder / "parts" / "best.safetensors", folder / "once" / "best.safetensors");
+}
+
+// The stages that a run went through.
+class Stages final : public Progress {
+ public:
+  void begin(std::string_view stage, std::int64_t) override { begun.emplace_back(stage); }
+  void advance(std::int64_t) override {}
+  void warn(std::string_view) override {}
+  bool stop_requested() const override { return false; }
+  bool has(const std::string& stage) const {
+    return std::find(begun.begin(), begun.end(), stage) != begun.end();
+  }
+  std::vector<std::string> begun;
+};
+
+TEST(RunFolder, AFinishedRunIsToldAtOnce) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const fs::path run = folder / "run";
+  TrainingConfig config = validated_config(scene);
+  const auto first = run_in(run, config, false, false);
+  const auto again = [&] {
+    Stages stages;
+    const auto worker = single_worker();
+    auto record = train(config, {run, true, false, 3}, *worker, stages);
+    EXPECT_EQ(record.contains("finished_before"), stages.begun.empty());
+    record.erase("finished_before");
+    EXPECT_EQ(record, first);
+    return stages;
+  };
+  const auto written = fs::last_write_time(run / "weights.safetensors");
+  EXPECT_TRUE(again().begun.empty());
+  EXPECT_EQ(fs::last_write_time(run / "weights.safetensors"), written);
+  // Whatever is missing is made again.
+  for (const char* file : {"weights.safetensors", "sample/clean.npy", "log.jsonl"}) {
+    fs::remove(run / file);
+    Stages stages;
+    const auto worker = single_worker();
+    const auto record = train(config, {run, true, false, 3}, *worker, stages);
+    EXPECT_TRUE(stages.has("training")) << file;
+    EXPECT_EQ(record["noisy"], first["noisy"]) << file;
+    EXPECT_TRUE(fs::exists(run / file));
+  }
+  fs::copy_file(run / "best.safetensors", run / "weights.safetensors",
+                fs::copy_options::overwrite_existing);
+  EXPECT_EQ(load_package(run / "best.safetensors").package.training["steps"], 2);
+  Stages stages;
+  const auto worker = single_worker();
+  train(config, {run, true, false, 3}, *worker, stages);
+  EXPECT_TRUE(stages.has("training"));
+}
+
+TEST(RunFolder, TheLightOfTheExamplesIsMeasuredOnce) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const TrainingConfig config = scene_config(scene);
+  const auto worker = single_worker();
+  {
+    StopAfter stop(4);
+    EXPECT_THROW(train(config, {folder / "run", false, false, 3}, *worker, stop), Cancelled);
+  }
+  Stages stages;
+  train(config, {folder / "run", true, false, 3}, *worker, stages);
+  EXPECT_TRUE(stages.has("training"));
+  EXPECT_FALSE(stages.has("light of the examples"));
+  run_in(folder / "once", config, false, false);
+  EXPECT_EQ(load_package(folder / "run" / "weights.safetensors").package.brightest,
+            load_package(folder / "once" / "weights.safetensors").package.brightest);
 }
 
 }  // namespace

@@ -2,10 +2,12 @@
 #include "malus/neural/trained_light.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
 #include "malus/neural/example_pool.h"
 #include "malus/neural/inference.h"
 #include "malus/neural/raw_pairs.h"
 
+#include <atomic>
 #include <cmath>
 
 #include "support.h"
@@ -65,6 +67,33 @@ TEST(TrainedLight, IsTheBrightestOfTheExamplesInDeviationsOfTheirNoise) {
     EXPECT_NEAR(brightest(package_with(guide, "units")), 2 * (std::sqrt(901.0) - 1), 0.6) << guide;
   EXPECT_NEAR(brightest(package_with("none", "level", "linear")), std::sqrt(900.0), 0.3);
   EXPECT_TRUE(std::isinf(brightest(package_with("none", "none"))));
+}
+
+TEST(TrainedLight, IsTheSameForAnyNumberOfThreadsAndTold) {
+  struct Told final : Progress {
+    std::int64_t total = 0;
+    std::atomic<std::int64_t> done = 0;
+    int notes = 0;
+    void begin(std::string_view, std::int64_t steps) override { total += steps; }
+    void advance(std::int64_t steps) override { done += steps; }
+    void warn(std::string_view) override {}
+    void note(std::string_view) override { ++notes; }
+    bool stop_requested() const override { return false; }
+  };
+  double before = 0;
+  for (const int threads : {1, 3}) {
+    set_thread_count(threads);
+    Told told;
+    const double light = brightest_light(package_with("none", "units"), KnownLight(), 1, told);
+    if (threads > 1) {
+      EXPECT_EQ(light, before);
+    }
+    before = light;
+    EXPECT_EQ(told.total, 128);
+    EXPECT_EQ(told.done, 128);
+    EXPECT_EQ(told.notes, 1);
+  }
+  set_thread_count(0);
 }
 
 TEST(TrainedLight, StaysWithThePackageAndIsChecked) {

@@ -67,12 +67,13 @@ inline std::vector<torch::Tensor> weights_in(const std::filesystem::path& path) 
 class StopAfter final : public Progress {
  public:
   explicit StopAfter(int steps) : left_(steps) {}
-  void begin(std::string_view, std::int64_t) override {}
-  void advance(std::int64_t) override { --left_; }
+  void begin(std::string_view stage, std::int64_t) override { training_ = stage == "training"; }
+  void advance(std::int64_t) override { left_ -= training_ ? 1 : 0; }
   void warn(std::string_view) override {}
   bool stop_requested() const override { return left_ <= 1; }
 
  private:
+  bool training_ = false;
   int left_;
 };
 

@@ -158,6 +158,9 @@ def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, confi
     for process in start_two(path, tmp_path / "two", rank, size):
         out, err = process.communicate(timeout=120)
         assert process.returncode == 0, err
+    for process in start_two(path, tmp_path / "two", rank, size, resume=True):  # at its end already
+        out, err = process.communicate(timeout=120)
+        assert process.returncode == 0, err
     one, two = (tensors(tmp_path / name / "checkpoint.safetensors")[0] for name in ("one", "two"))
     gradients = [name for name in one if name.startswith("first_moment/")]
     assert gradients
@@ -295,6 +298,8 @@ def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
     held = refused("train", config(2), "-o", out)
     assert "exists" in held and "--resume" in held and "--force" in held
     assert "steps" in refused("train", config(4), "-o", out, "--resume")
+    done = malus("train", config(2), "-o", out, "--resume")
+    assert "2 steps" in done.out and "finished before" in done.out and done.err == ""
     malus("train", config(2), "-o", out, "--force")
     (out / "checkpoint.safetensors").write_bytes((out / "checkpoint.safetensors").read_bytes()[:-100])
     refused("train", config(2), "-o", out, "--resume")

@@ -46,6 +46,7 @@ void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 struct PreparationSteps {
   bool remove_rows = true, remove_columns = true, fill_defects = true, fill_impulses = true,
        remove_pattern = true;
+  bool compare_noise = true;  ///< the profile's against the frame's own (noise_check.h)
 };
 
 /// Fills the report's fields about the input. Contract: check_frame has passed.

@@ -3,6 +3,8 @@
 #include "malus/base/error.h"
 #include "malus/neural/same_run.h"
 
+#include <cmath>
+
 #include <fmt/format.h>
 
 namespace malus {
@@ -60,6 +62,7 @@ void save_checkpoint(const TrainingState& state, const Json& description,
       {"best_score_db", state.best_score_db},
       {"seconds", state.seconds},
       {"first_loss", state.first_loss},
+      {"brightest", std::isfinite(state.brightest) ? state.brightest : 0},
       {"description", description}}.dump();
   save_tensor_file(file, path);
 }
@@ -85,6 +88,7 @@ void load_checkpoint(TrainingState& state, const Json& description,
     state.best_score_db = facts.at("best_score_db").get<double>();
     state.seconds = facts.at("seconds").get<double>();
     state.first_loss = facts.value("first_loss", 0.0);
+    state.brightest = facts.value("brightest", 0.0);  // 0: infinite, or of an older checkpoint
   } catch (const Json::exception& error) {
     throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()), kStartAgain);
   }

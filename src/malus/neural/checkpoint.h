@@ -21,6 +21,7 @@ struct TrainingState {
   double best_score_db = 0;             ///< image + DoLP PSNR of the best validation so far
   double seconds = 0;                   ///< of training so far, over all parts of the run
   double first_loss = 0;                ///< of the run's first step (loss_watch.h); 0 before it
+  double brightest = 0;                 ///< light of the examples (trained_light.h); 0: not known
 };
 
 /// description: the configuration, compared when the run goes on.

@@ -178,8 +178,8 @@ Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols,
 NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                    const PackageSettings& settings,
                                    const DenoiseSettings& classical, std::optional<double> ratio,
-                                   Progress& progress, bool want_variance) {
-  MALUS_REQUIRE(!want_variance || settings.guide != "none");
+                                   Progress& progress, WantedReport wanted_report) {
+  MALUS_REQUIRE(!wanted_report.variance || settings.guide != "none");
   check_frame(frame, measured);
   if (const SensorLayout wanted = SensorLayout::named(settings.layout);
       !frame.layout.phase_in(wanted))
@@ -196,14 +196,15 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                           .remove_columns = classical.column_noise,
                                           .fill_defects = classical.defects,
                                           .fill_impulses = classical.defects,
-                                          .remove_pattern = classical.fixed_pattern},
+                                          .remove_pattern = classical.fixed_pattern,
+                                          .compare_noise = wanted_report.noise_check},
                                          report);
   Image guide_dn;
   if (settings.guide != "none") {
     DenoiseSettings guide = classical;
     guide.method = settings.guide;
     guide.profile = settings.guide_profile;
-    if (want_variance) report.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
+    if (wanted_report.variance) report.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
     filter_prepared(prepared, profile, guide, progress, report);
     guide_dn = std::move(report.dn_above_black);
   }

@@ -142,8 +142,9 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   const NetworkPackage& package = state_->loaded.package;
   PackageSettings wanted = package.settings;
   wanted.row_noise = wanted.row_noise && settings.row_noise;
-  NetworkFrame prepared = prepare_network_frame(std::move(frame), profile, wanted, settings,
-                                                state_->settings.ratio, progress, want_variance);
+  NetworkFrame prepared =
+      prepare_network_frame(std::move(frame), profile, wanted, settings, state_->settings.ratio,
+                            progress, {.variance = want_variance});
   const SensorLayout& layout = prepared.domain.layout();
   const CellPhase phase = prepared.domain.phase_at(0, 0);
   const int frame_rows = prepared.frame.dn.rows(), frame_cols = prepared.frame.dn.cols();

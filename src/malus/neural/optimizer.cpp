@@ -78,4 +78,21 @@ void update_average(std::vector<torch::Tensor>& average,
   at::_foreach_add_(average, parameters, 1 - keep);
 }
 
+AveragedWeights::AveragedWeights(std::vector<torch::Tensor> parameters,
+                                 std::vector<torch::Tensor>& average, bool wanted)
+    : parameters_(std::move(parameters)), average_(average), wanted_(wanted) {
+  exchange();
+}
+
+AveragedWeights::~AveragedWeights() { exchange(); }
+
+void AveragedWeights::exchange() {
+  if (!wanted_) return;
+  for (std::size_t i = 0; i < parameters_.size(); ++i) {
+    const torch::Tensor held = parameters_[i].data();
+    parameters_[i].set_data(average_[i]);
+    average_[i] = held;
+  }
+}
+
 }  // namespace malus

@@ -43,4 +43,21 @@ double clip_gradients(const std::vector<torch::Tensor>& parameters, double limit
 void update_average(std::vector<torch::Tensor>& average,
                     const std::vector<torch::Tensor>& parameters, double memory, std::int64_t step);
 
+/// The averages in the parameters' place for as long as the object lives.
+class AveragedWeights {
+ public:
+  /// wanted: false changes nothing. `average` outlives the object; sizes as in update_average.
+  AveragedWeights(std::vector<torch::Tensor> parameters, std::vector<torch::Tensor>& average,
+                  bool wanted);
+  ~AveragedWeights();
+  AveragedWeights(const AveragedWeights&) = delete;
+  AveragedWeights& operator=(const AveragedWeights&) = delete;
+
+ private:
+  void exchange();
+  std::vector<torch::Tensor> parameters_;
+  std::vector<torch::Tensor>& average_;
+  bool wanted_;
+};
+
 }  // namespace malus

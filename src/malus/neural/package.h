@@ -159,16 +159,22 @@ struct NetworkFrame {
   Denoised report;  ///< facts about the input; guide's tiles, times and stated variance
 };
 
+/// What a prepared frame's report holds beside facts about the input.
+struct WantedReport {
+  bool noise_check = true;  ///< the profile's noise against the frame's
+  bool variance = false;    ///< the guide's stated error. Contract: there is a guide
+};
+
 /// Prepares a frame as the classical method does, and runs the guide where the package wants one
-/// (classical: profile and memory; its method and row_noise are not used; want_variance: it states
-/// its error). Throws InputError as denoise_frame, on another sensor's layout than the package's,
-/// and where a needed ratio is not given. Contract: want_variance only with a guide.
+/// (classical: profile and memory; its method and row_noise are not used). Throws InputError as
+/// denoise_frame, on another sensor's layout than the package's, and where a needed ratio is not
+/// given.
 NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
                                    const PackageSettings& settings,
                                    const DenoiseSettings& classical = {},
                                    std::optional<double> ratio = {},
                                    Progress& progress = silent_progress(),
-                                   bool want_variance = false);
+                                   WantedReport wanted_report = {});
 
 /// A window of the mosaic.
 struct MosaicWindow {

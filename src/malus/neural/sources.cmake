@@ -36,6 +36,7 @@ set(neural_SOURCES
   recorded_pairs.cpp
   restormer.cpp
   run_folder.cpp
+  run_record.cpp
   same_run.cpp
   strips.cpp
   threads.cpp

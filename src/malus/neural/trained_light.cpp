@@ -1,12 +1,15 @@
 #include "malus/neural/trained_light.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
 #include "malus/neural/example_pool.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
+
+#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -29,12 +32,23 @@ double brightest_light(const NetworkPackage& package, const PairSource& source, 
   const torch::NoGradGuard no_gradients;
   NetworkPackage without_guide = package;  // which would take nearly all of the time
   without_guide.settings.guide = "none";
-  std::vector<torch::Tensor> signals;
-  for (std::uint32_t number = 0; number < kExamples; ++number) {
-    check_stop(progress);
-    const TrainingExample example = make_example(source.pair(seed, number), without_guide);
-    signals.push_back(signal_in_deviations(without_guide, example.input.unsqueeze(0)).flatten());
-  }
+  std::vector<torch::Tensor> signals(kExamples);
+  progress.note(
+      fmt::format("the light of {} examples is measured before the first step", kExamples));
+  progress.begin("light of the examples", kExamples);
+  parallel_for(0, kExamples, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    // Examples hold locks while they load pictures: a thread that waits there may not take up
+    // another example.
+    const SerialLoops alone;
+    const torch::NoGradGuard no_gradients_here;
+    for (std::ptrdiff_t i = begin; i < end; ++i) {
+      check_stop(progress);
+      const auto number = static_cast<std::uint32_t>(i);
+      const TrainingExample example = make_example(source.pair(seed, number), without_guide);
+      signals[number] = signal_in_deviations(without_guide, example.input.unsqueeze(0)).flatten();
+      progress.advance(1);
+    }
+  });
   const torch::Tensor sorted = std::get<0>(torch::cat(signals).sort());
   const auto last = static_cast<double>(sorted.numel() - 1);
   const auto brightest = sorted[static_cast<std::int64_t>(kQuantile * last)].item<double>();

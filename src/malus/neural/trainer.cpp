@@ -11,6 +11,7 @@
 #include "malus/neural/loss.h"
 #include "malus/neural/loss_watch.h"
 #include "malus/neural/run_folder.h"
+#include "malus/neural/run_record.h"
 #include "malus/neural/same_run.h"
 #include "malus/neural/trained_light.h"
 #include "malus/neural/training_log.h"
@@ -80,10 +81,11 @@ class Trainer {
 
   OrderedJson run() {
     require_same_run(workers_, description_, device_);
-    open_folder();
+    if (open_folder()) return finished();
     const auto source = make_pair_source(config_);
     const Validation validation(config_, options_.seed + 1, progress_);
-    if (leader()) brightest_ = brightest_light(config_.package, *source, options_.seed, progress_);
+    if (leader() && !(state_.brightest > 0))
+      state_.brightest = brightest_light(config_.package, *source, options_.seed, progress_);
     begin_log(validation);
     ExamplePool pool(
         [&](std::uint32_t number) {
@@ -107,11 +109,12 @@ class Trainer {
     if (const std::string complaint = watch_.complaint(); !complaint.empty())
       progress_.warn(complaint);
     save_package(file("weights.safetensors"));
-    OrderedJson made = record(validation);
+    OrderedJson made = run_record(config_, facts(), log_->lines());
     if (!validation.empty() && !config_.package.gives_picture()) {
-      const Averaged averaged(*this);
+      const AveragedWeights in_force = averaged();
       network_->eval();
-      made["sample"] = validation.save_sample(*network_, config_.package, file("sample"));
+      validation.save_sample(*network_, config_.package, file("sample"));
+      made["sample"] = sample_entry(config_, file("sample"));
     }
     return made;
   }
@@ -129,15 +132,23 @@ class Trainer {
     return network;
   }
 
-  // Worker 0 alone has the folder; the others begin with what it holds.
-  void open_folder() {
+  // Worker 0 alone has the folder; the others begin with what it holds. Result: whether the run it
+  // holds is at its end.
+  bool open_folder() {
+    bool at_end = false;
     if (leader()) {
       folder_.emplace(options_.folder, options_.resume, options_.force);
-      if (folder_->goes_on()) load_checkpoint(state_, description_, file("checkpoint.safetensors"));
+      if (folder_->goes_on()) {
+        load_checkpoint(state_, description_, file("checkpoint.safetensors"));
+        log_.emplace(file("log.jsonl"), state_.step);
+        find_best_score();
+        at_end = is_finished(config_, facts(), log_->lines());
+      }
     }
-    if (workers_.size() == 1) return;
-    torch::Tensor reached = torch::tensor({static_cast<double>(state_.step), state_.first_loss},
-                                          torch::dtype(torch::kFloat64).device(device_));
+    if (workers_.size() == 1) return at_end;
+    torch::Tensor reached =
+        torch::tensor({static_cast<double>(state_.step), state_.first_loss, at_end ? 1.0 : 0.0},
+                      torch::dtype(torch::kFloat64).device(device_));
     workers_.broadcast(reached);
     state_.step = static_cast<std::int64_t>(reached[0].item<double>());
     state_.first_loss = reached[1].item<double>();
@@ -147,24 +158,35 @@ class Trainer {
         torch::Tensor shared = values.detach();
         workers_.broadcast(shared);
       }
+    return reached[2].item<double>() > 0;
   }
 
-  // Of a new run: nothing that an earlier one left in the folder is taken for its own. Of one that
-  // goes on: what the log tells and the checkpoint, which is saved before a validation, does not.
-  void begin_log(const Validation& validation) {
-    bool validated = false;
-    if (leader()) {
-      if (!folder_->goes_on()) folder_->begin();
-      log_.emplace(file("log.jsonl"), folder_->goes_on() ? state_.step : -1);
-      for (const OrderedJson& line : log_->lines()) {
-        if (!line.contains("validation")) continue;
+  OrderedJson finished() const {
+    if (!leader()) return {{"rank", workers_.rank()}};
+    return finished_record(config_, facts(), log_->lines());
+  }
+
+  // What the log tells and the checkpoint, which is saved before a validation, does not.
+  void find_best_score() {
+    for (const OrderedJson& line : log_->lines())
+      if (line.contains("validation"))
         state_.best_score_db = std::max(state_.best_score_db, summed_db(line["validation"]));
-        validated = line["step"] == state_.step;
+  }
+
+  // Of a new run: nothing that an earlier one left in the folder is taken for its own.
+  void begin_log(const Validation& validation) {
+    const auto told = [&](const char* key, std::int64_t step) {
+      return is_told(log_->lines(), key, step);
+    };
+    if (leader()) {
+      if (!folder_->goes_on()) {
+        folder_->begin();
+        log_.emplace(file("log.jsonl"), -1);
       }
-      if (state_.step == 0 && !validation.empty()) log_start(validation);
+      if (!validation.empty() && !told("noisy", 0)) log_start(validation);
     }
     if (state_.step == 0 || !validation_due(validation)) return;
-    if (leader() && !validated) validate(validation);
+    if (leader() && !told("validation", state_.step)) validate(validation);
     wait_for_leader();
   }
 
@@ -285,31 +307,14 @@ class Trainer {
     log_->write(line);
   }
 
-  // The averaged weights for as long as the object lives.
-  class Averaged {
-   public:
-    explicit Averaged(Trainer& trainer) : trainer_(trainer) { exchange(); }
-    ~Averaged() { exchange(); }
-    Averaged(const Averaged&) = delete;
-    Averaged& operator=(const Averaged&) = delete;
-
-   private:
-    void exchange() {
-      if (trainer_.config_.train.average <= 0) return;
-      const auto parameters = trainer_.network_->parameters();
-      for (std::size_t i = 0; i < parameters.size(); ++i) {
-        const torch::Tensor held = parameters[i].data();
-        parameters[i].set_data(trainer_.average_[i]);
-        trainer_.average_[i] = held;
-      }
-    }
-    Trainer& trainer_;
-  };
+  AveragedWeights averaged() {
+    return {network_->parameters(), average_, config_.train.average > 0};
+  }
 
   void validate(const Validation& validation) {
     ValidationScore score;
     {
-      const Averaged averaged(*this);
+      const AveragedWeights in_force = averaged();
       network_->eval();
       score = validation.score(*network_, config_.package);
       network_->train();
@@ -326,9 +331,9 @@ class Trainer {
   // validation: of these weights, where the log does not hold it yet. No times: equal trainings
   // give equal files.
   void save_package(const fs::path& path, const OrderedJson& validation = {}) {
-    const Averaged averaged(*this);
+    const AveragedWeights in_force = averaged();
     NetworkPackage package = config_.package;
-    package.brightest = brightest_;
+    package.brightest = state_.brightest;
     package.training = {{"steps", state_.step},
                         {"device", device_.str()},
                         {"workers", workers_.size()},
@@ -350,23 +355,14 @@ class Trainer {
     save_tensor_file(package_file(package, *network_), path);
   }
 
-  OrderedJson record(const Validation& validation) const {
-    OrderedJson record{{"config", config_.source.string()},
-                       {"architecture", config_.package.network.architecture},
-                       {"parameters", parameter_count(*network_)},
-                       {"steps", state_.step},
-                       {"workers", workers_.size()},
-                       {"device", device_.str()},
-                       {"seconds", state_.seconds},
-                       {"weights", file("weights.safetensors").string()},
-                       {"log", log_->lines()}};
-    if (!validation.empty()) {
-      record["noisy"] = json_of(validation.noisy_score());
-      if (config_.package.settings.guide != "none")
-        record["guide"] = json_of(validation.guide_score());
-      record["best_score_db"] = state_.best_score_db;
-    }
-    return record;
+  RunFacts facts() const {
+    return {.folder = options_.folder,
+            .parameters = parameter_count(*network_),
+            .steps = state_.step,
+            .workers = workers_.size(),
+            .device = device_.str(),
+            .seconds = state_.seconds,
+            .best_score_db = state_.best_score_db};
   }
 
   const TrainingConfig& config_;
@@ -385,7 +381,6 @@ class Trainer {
   TrainingState state_;
   LossWatch watch_;
   std::optional<TrainingLog> log_;
-  double brightest_ = 0;  ///< of the package that is saved
 };
 
 }  // namespace

@@ -28,6 +28,20 @@ double summed_db(const nlohmann::ordered_json& score) {
   return sum;
 }
 
+nlohmann::ordered_json sample_entry(const TrainingConfig& config,
+                                    const std::filesystem::path& folder) {
+  const NoiseModel camera = load_model(config.models.front());
+  nlohmann::ordered_json entry{{"title", "First validation frame"},
+                               {"text", "In the clean scene's light."},
+                               {"layout", camera.layout.name()},
+                               {"white_dn", white_above_black(camera.white_dn, camera.black_dn)},
+                               {"files", nlohmann::ordered_json::array()}};
+  for (const char* name : kSampleNames)
+    if (const std::string file = std::string(name) + ".npy"; std::filesystem::exists(folder / file))
+      entry["files"].push_back({{"name", name}, {"file", (folder.filename() / file).string()}});
+  return entry;
+}
+
 Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress)
     : settings_(config.package.settings) {
   if (config.validation_scenes.empty()) return;
@@ -35,6 +49,8 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
   const NoiseModel& camera = model.description();
   const double white = white_above_black(camera.white_dn, camera.black_dn);
   std::uint32_t number = 0;
+  progress.begin("validation frames",
+                 std::ssize(config.validation_scenes) * std::ssize(config.cases));
   for (const auto& folder : config.validation_scenes) {
     const std::vector<StokesPlanes> light = std::filesystem::is_directory(folder)
                                                 ? load_angle_scene(folder)
@@ -62,8 +78,9 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
       noisy.source = folder.string();
       const NoiseProfile profile = camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
       frames_.push_back({prepare_network_frame(std::move(noisy), profile, config.package.settings,
-                                               {}, shot.ratio, progress),
+                                               {}, shot.ratio),
                          clean, rgb, shot.ratio, white});
+      progress.advance(1);
     }
   }
   std::vector<Image> noisy, guides;
@@ -101,30 +118,22 @@ ValidationScore Validation::score(Network& network, const NetworkPackage& packag
   return mean_score(results);
 }
 
-nlohmann::ordered_json Validation::save_sample(Network& network, const NetworkPackage& package,
-                                               const std::filesystem::path& folder) const {
+void Validation::save_sample(Network& network, const NetworkPackage& package,
+                             const std::filesystem::path& folder) const {
   MALUS_REQUIRE(!empty());
   const Frame& frame = frames_.front();
   std::filesystem::create_directories(folder);
-  nlohmann::ordered_json entry{{"title", "First validation frame"},
-                               {"text", "In the clean scene's light."},
-                               {"layout", frame.noisy.frame.layout.name()},
-                               {"white_dn", frame.peak_dn},
-                               {"files", nlohmann::ordered_json::array()}};
   SaveOptions options;
   options.type = SampleType::kFloat;
   options.force = true;
   const auto save = [&](const std::string& name, Image dn, double ratio) {
     for (float& v : dn.values()) v *= static_cast<float>(ratio);
     save_picture(folder / (name + ".npy"), dn, options);
-    const auto file = folder.filename() / (name + ".npy");
-    entry["files"].push_back({{"name", name}, {"file", file.string()}});
   };
   save("noisy", frame.noisy.frame.dn, frame.ratio);
   if (!frame.noisy.guide_dn.empty()) save("guide", frame.noisy.guide_dn, frame.ratio);
   save("network", result(frame, network, package), frame.ratio);
   save("clean", frame.reference_dn, 1);
-  return entry;
 }
 
 ValidationScore Validation::picture_score(const std::vector<torch::Tensor>& pictures) const {

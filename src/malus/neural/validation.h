@@ -27,6 +27,11 @@ struct ValidationScore {
 nlohmann::ordered_json json_of(const ValidationScore& score);
 double summed_db(const nlohmann::ordered_json& score);
 
+/// A sample's files in folder as a report's pictures (docs/report.md), names relative to folder's
+/// parent; of those that are there.
+nlohmann::ordered_json sample_entry(const TrainingConfig& config,
+                                    const std::filesystem::path& folder);
+
 class Validation {
  public:
   /// Makes the frames of config.validation_scenes (folders of angles, or pictures) at config.cases
@@ -36,11 +41,10 @@ class Validation {
 
   ValidationScore score(Network& network, const NetworkPackage& package) const;
   /// Writes the first frame as float mosaics (.npy, DN above black in the clean scene's light) into
-  /// folder: noisy, the guide if any, the network's result, clean. Result: the entry for a report's
-  /// pictures (docs/report.md), names relative to folder's parent. Contract: not empty(), and a
+  /// folder: noisy, the guide if any, the network's result, clean. Contract: not empty(), and a
   /// network that gives mosaics.
-  nlohmann::ordered_json save_sample(Network& network, const NetworkPackage& package,
-                                     const std::filesystem::path& folder) const;
+  void save_sample(Network& network, const NetworkPackage& package,
+                   const std::filesystem::path& folder) const;
   ValidationScore noisy_score() const { return noisy_; }
   ValidationScore guide_score() const { return guide_; }  ///< zero without a guide
 
