@@ -249,12 +249,6 @@ std::vector<Section> calibration_sections(const NoiseModel& model, const std::st
   return sections;
 }
 
-std::string gain_prefix(const GainSetting& gain, const std::string& kind) {
-  std::string place = gain.decibel() ? gain.text() : "";
-  if (!kind.empty()) place += place.empty() ? kind : ", " + kind;
-  return place.empty() ? place : place + ": ";
-}
-
 std::string calibration_title(const NoiseModel& model) {
   return "Calibration of " + sensor_name(model);
 }

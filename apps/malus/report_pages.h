@@ -20,10 +20,6 @@ namespace malus::app {
 /// data sheet of a model (000 Fig. 2-5). prefix tells sections of several models apart.
 std::vector<Section> calibration_sections(const NoiseModel& model, const std::string& prefix = "");
 
-/// What goes before a warning of one gain: "12 dB, Gaussian: "; empty for the only gain of a camera
-/// that tells none.
-std::string gain_prefix(const GainSetting& gain, const std::string& kind = "");
-
 /// "Calibration of <sensor>"; layout, number of channels, and what it was measured from.
 std::string calibration_title(const NoiseModel& model);
 std::string calibration_subtitle(const NoiseModel& model);

@@ -3,6 +3,9 @@
 #include "malus/calibrate/gaussian_calibration.h"
 
 #include <cmath>
+#include <string>
+#include <string_view>
+#include <vector>
 
 #include "simulated_session.h"
 #include <gmock/gmock.h>
@@ -327,6 +330,26 @@ TEST(CalibrateKinds, DarkFramesAreKeptWholeWithoutBlack) {
   const Image& kept = model.dark_frames[0].frames_dn[3];
   EXPECT_EQ(kept.rows(), 66);
   EXPECT_EQ(kept(65, 20), input.sets[0].load(3).dn(65, 20) - 80);
+}
+
+class HeardWarnings final : public Progress {
+ public:
+  void begin(std::string_view, std::int64_t) override {}
+  void advance(std::int64_t) override {}
+  void warn(std::string_view message) override { lines.emplace_back(message); }
+  bool stop_requested() const override { return false; }
+  std::vector<std::string> lines;
+};
+
+TEST(CalibrateKinds, WarningsOfACameraThatTellsNoGainBeginWithWhatIsWrong) {
+  SimulatedCamera camera = polar_mono_camera();
+  camera.gains[0].gain = {};
+  camera.flat_levels = 0;
+  camera.bias_frames = 1;
+  HeardWarnings heard;
+  calibrate(simulated_session(camera), {}, {"dark-frames"}, heard);
+  EXPECT_THAT(heard.lines, ::testing::Contains(::testing::StartsWith("only one bias frame")));
+  EXPECT_THAT(heard.lines, ::testing::Each(::testing::Not(::testing::HasSubstr("unknown gain"))));
 }
 
 TEST(CalibrateKinds, UnknownKindsAndMissingFramesAreNamed) {

@@ -24,6 +24,13 @@ TEST(GainSetting, AtDecibelUndoesDecibel) {
   EXPECT_NEAR(*GainSetting::at_decibel(*iso(640).decibel(), true).iso, 640, 1e-9);
 }
 
+TEST(GainSetting, APrefixNamesNoGainOfACameraThatTellsNone) {
+  EXPECT_EQ(gain_prefix(decibel(12)), "12 dB: ");
+  EXPECT_EQ(gain_prefix(iso(400), "Gaussian"), "ISO 400, Gaussian: ");
+  EXPECT_EQ(gain_prefix({}, "Gaussian"), "Gaussian: ");
+  EXPECT_EQ(gain_prefix({}), "");
+}
+
 TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {
   EXPECT_EQ(white_above_black(4000, {60, 70, 50, 60}), 3930);
   EXPECT_EQ(white_above_black(4000, {}), 4000);

@@ -284,9 +284,8 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
   std::vector<double> steps_dn;
   for (const GainPlan& plan : plans) {
     if (!plan.bias) {
-      warn_of_calibration(
-          fmt::format("{}: flat frames without bias frames are left out", plan.gain.text()), model,
-          progress);
+      warn_of_calibration(gain_prefix(plan.gain) + "flat frames without bias frames are left out",
+                          model, progress);
       continue;
     }
     const RawFrame own_first = load_first(*plan.bias);

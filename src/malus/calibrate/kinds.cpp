@@ -117,8 +117,8 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
     const auto line = gaussian_of(levels, settings.saturation_limit * range);
     if (!line)
       throw InputError(input.origin,
-                       fmt::format("{}: no line of variance against signal: {}",
-                                   levels.distributions.gain.text(), line.reason()),
+                       fmt::format("{}no line of variance against signal: {}",
+                                   gain_prefix(levels.distributions.gain), line.reason()),
                        "give a burst of a scene with many signal levels, or flats, or lower "
                        "--level-samples");
     model.gaussian.push_back(*line);
@@ -169,7 +169,7 @@ void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
   for (const PhysicsCalibration& physics : model.physics)
     if (!given(model.gaussian, physics) && !given(model.nonparametric, physics))
       for (const std::string& warning : physics.warnings)
-        progress.warn(fmt::format("{}: {}", physics.gain.text(), warning));
+        progress.warn(gain_prefix(physics.gain) + warning);
 }
 
 }  // namespace

@@ -32,6 +32,12 @@ bool GainSetting::contradicts(const GainSetting& other) const {
   return comparable && own && others && std::abs(*own - *others) > kRoundingDb;
 }
 
+std::string gain_prefix(const GainSetting& gain, const std::string& kind) {
+  std::string place = gain.decibel() ? gain.text() : "";
+  if (!kind.empty()) place += place.empty() ? kind : ", " + kind;
+  return place.empty() ? place : place + ": ";
+}
+
 double white_above_black(double white_dn, const std::vector<double>& black_dn) {
   return white_dn - (black_dn.empty() ? 0.0 : *std::max_element(black_dn.begin(), black_dn.end()));
 }

@@ -27,6 +27,10 @@ struct GainSetting {
   bool contradicts(const GainSetting& other) const;
 };
 
+/// What goes before a line about one gain, or one kind of model at it: "12 dB: ", "12 dB, Gaussian:
+/// ". A camera that tells no gain has one alone, which is not named: empty without a kind.
+std::string gain_prefix(const GainSetting& gain, const std::string& kind = "");
+
 /// ln(K) grows by this per dB of gain: ln(10)/20.
 inline constexpr double kLogPerDb = 0.11512925464970229;
 

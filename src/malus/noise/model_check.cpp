@@ -94,7 +94,7 @@ void check_transfer(Findings& findings, const PhotonTransferPoint& point, int ch
 }
 
 void check_physics(Findings& findings, const PhysicsCalibration& p, const SensorLayout& layout) {
-  const std::string at = p.gain.text() + ": ";
+  const std::string at = gain_prefix(p.gain);
   const int channels = layout.channels();
   const auto n = static_cast<std::size_t>(channels);
   check_statistics(findings, p.K, channels, at + "K", Need::kOptional);
@@ -182,7 +182,7 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
 }
 
 void check_gaussian(Findings& findings, const GaussianCalibration& g, std::size_t channels) {
-  const std::string at = g.gain.text() + ": Gaussian ";
+  const std::string at = gain_prefix(g.gain) + "Gaussian ";
   check_values(findings, g.slope_dn, channels, at + "slope", Need::kRequired);
   for (const double slope : g.slope_dn)
     findings.require(slope >= 0, at + "slope",
@@ -221,7 +221,7 @@ void check_channel(Findings& findings, const NonparametricChannel& c, const std:
 
 void check_nonparametric(Findings& findings, const NonparametricCalibration& n,
                          std::size_t channels) {
-  const std::string at = n.gain.text() + ": non-parametric ";
+  const std::string at = gain_prefix(n.gain) + "non-parametric ";
   findings.require(n.channels.size() == channels, at + "channels", "do not fit the layout");
   for (const auto& channel : n.channels) check_channel(findings, channel, at);
   check_values(findings, n.sigma_row_dn, channels, at + "sigma_row");
@@ -252,7 +252,7 @@ void check_places(Findings& findings, const NoiseModel& m) {
       if (map->empty()) continue;
       if (!first) first = map;
       findings.require(map->rows() == first->rows() && map->cols() == first->cols(),
-                       p.gain.text() + ": maps",
+                       gain_prefix(p.gain) + "maps",
                        fmt::format("of {} x {} pixels lie beside others of {} x {}", map->cols(),
                                    map->rows(), first->cols(), first->rows()));
     }
