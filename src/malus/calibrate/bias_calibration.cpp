@@ -187,7 +187,8 @@ void add_black(const RawFrame& first, Image& dn) {
 
 }  // namespace
 
-DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress) {
+DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn,
+                      Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
                 RowLagAccumulator(geometry),
@@ -196,14 +197,12 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
                 NeighbourCorrelation(geometry),
                 {},
                 SuccessiveFrames(geometry)};
+  pass.step_dn = step_dn;
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
   bool cut_at_zero = true;  // not where black is subtracted already
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
-    if (i == 0) {
-      pass.step_dn = quantization_step(frame.dn);
-      pass.code_spacing_dn = occupied_spacing(first_channel(frame.dn, geometry));
-    }
+    if (i == 0) pass.code_spacing_dn = occupied_spacing(first_channel(frame.dn, geometry));
     pass.temporal.add(frame.dn);
     pass.successive.add(frame.dn);
     equal.add(frame.dn);
@@ -224,8 +223,9 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& prog
 }
 
 void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
-                  double quantization_dn, const CalibrationSettings& settings, Progress& progress,
+                  const CalibrationSettings& settings, Progress& progress,
                   PhysicsCalibration& out) {
+  const double quantization_dn = dark.step_dn;
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group.rows);
   out.bias_frames = set.count;
   const bool several = set.count >= 2, remove_pattern = !settings.single_frame && several;

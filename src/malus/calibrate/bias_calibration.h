@@ -24,12 +24,13 @@ struct DarkPass {
   NeighbourCorrelation neighbours;
   std::vector<HiddenNoise> hidden;  ///< per channel, by measure_bias; empty of a single frame
   SuccessiveFrames successive;
-  double step_dn = 0;          ///< quantization_step of the first frame
+  double step_dn = 0;          ///< of the codes as the files hold them; 0: not whole numbers
   double code_spacing_dn = 0;  ///< occupied_spacing of its first channel
 };
 
-/// `first` gives size, layout and black level.
-DarkPass measure_dark(const FrameSet& set, const RawFrame& first, Progress& progress);
+/// `first` gives size, layout and black level; step_dn: quantization_step of the set's first frame.
+DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn,
+                      Progress& progress);
 
 /// Row group in force, and whether it was declared or detected: a wrong one looks like drift.
 struct RowGroup {
@@ -42,7 +43,6 @@ struct RowGroup {
 /// temporal_sd_dark, dsnu, dark_shading, row_correlation, bias_frames and warnings of `out`. Takes
 /// the mean frame of `dark`.
 void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
-                  double quantization_dn, const CalibrationSettings& settings, Progress& progress,
-                  PhysicsCalibration& out);
+                  const CalibrationSettings& settings, Progress& progress, PhysicsCalibration& out);
 
 }  // namespace malus

@@ -140,15 +140,15 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
                                   std::vector<DefectPixel>& defects) {
   PhysicsCalibration out;
   out.gain = plan.gain;
-  DarkPass dark = measure_dark(*plan.bias, first, progress);
+  DarkPass dark = measure_dark(*plan.bias, first, quantization_dn, progress);
   const bool temporal = plan.bias->count >= 2;
   const int group = row_group.update(
       temporal ? detect_row_group(dark.rows, mean_pixel_variance(dark), first.dn.cols())
                : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
       out.warnings);
   require_row_groups(first, group);
-  measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, quantization_dn,
-               settings, progress, out);
+  measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, settings,
+               progress, out);
   if (!temporal) {
     out.warnings.push_back(
         "only one bias frame: its fixed pattern is part of the read noise, and the gain K cannot "
