@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/channel_levels.h"
+#include "malus/denoise/internal/line_offsets.h"
 
 #include <algorithm>
 #include <cmath>
@@ -105,15 +106,9 @@ RowNoise estimate_column_noise(View<const float> dn, const NoiseProfile& profile
 
 void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& columns,
                          const SaturatedPixels& saturated) {
-  parallel_for(0, dn.rows(), 32, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
-      for (int c = 0; c < dn.cols(); ++c) {
-        const auto k = static_cast<std::size_t>(profile.layout.channel_at(r, c));
-        if (!saturated(r, c))
-          dn(r, c) -= static_cast<float>(columns.offset[static_cast<std::size_t>(c)] *
-                                         profile.channels[k].sigma_column_dn);
-      }
-  });
+  internal::subtract_offsets(
+      dn, profile, &ChannelProfile::sigma_column_dn, saturated,
+      [&](int, int col) { return columns.offset[static_cast<std::size_t>(col)]; });
 }
 
 NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,

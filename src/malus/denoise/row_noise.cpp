@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/denoise/internal/line_offsets.h"
 #include "malus/denoise/row_evidence.h"
 #include "malus/denoise/row_stripes.h"
 
@@ -138,17 +139,9 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
 
 void remove_row_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& rows,
                       const SaturatedPixels& saturated) {
-  parallel_for(0, dn.rows(), 32, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
-      const double offset = rows.offset[static_cast<std::size_t>(r / profile.row_group)];
-      float* to = dn.row(r);
-      for (int c = 0; c < dn.cols(); ++c) {
-        const auto k = static_cast<std::size_t>(profile.layout.channel_at(r, c));
-        if (!saturated(r, c))
-          to[c] -= static_cast<float>(offset * profile.channels[k].sigma_row_dn);
-      }
-    }
-  });
+  internal::subtract_offsets(
+      dn, profile, &ChannelProfile::sigma_row_dn, saturated,
+      [&](int row, int) { return rows.offset[static_cast<std::size_t>(row / profile.row_group)]; });
 }
 
 }  // namespace malus
