@@ -2,6 +2,7 @@
 #include "model_from_dng.h"
 
 #include "malus/base/atomic_file.h"
+#include "malus/base/error.h"
 #include "malus/calibrate/gaussian_calibration.h"
 #include "malus/io/dng_noise.h"
 
@@ -20,11 +21,21 @@ struct FromDngArguments {
   std::filesystem::path frame, model;
 };
 
+RawFrame told_by_the_file(const std::filesystem::path& path, const FrameOptions& options) {
+  try {
+    return probe_frame(path, options).frame;
+  } catch (const InputError& error) {
+    throw InputError(error.subject(), error.problem(),
+                     "its noise profile can be had without its pixels: give --layout, --black and "
+                     "--white, and --iso or --gain");
+  }
+}
+
 // Layout and levels from the flags alone where they say everything, so that frames whose
 // compression nobody here decodes serve too; else from the file.
 RawFrame layout_and_levels(const std::filesystem::path& path, const FrameOptions& options) {
   if (!options.layout || options.black_dn.empty() || !options.white_dn)
-    return probe_frame(path, options).frame;
+    return told_by_the_file(path, options);
   RawFrame frame;
   frame.layout = *options.layout;
   frame.black_dn = options.black_dn;
