@@ -19,13 +19,6 @@
 namespace malus::app {
 namespace {
 
-// What the calibration of one kind warned about, gain by gain.
-template <class Calibration>
-void warn_of(const std::vector<Calibration>& gains) {
-  for (const Calibration& gain : gains)
-    for (const std::string& warning : gain.warnings) warn(gain_prefix(gain.gain) + warning);
-}
-
 struct CalibrateArguments {
   std::filesystem::path session, output, report;
   std::vector<std::string> kinds = {"physics"};
@@ -51,9 +44,7 @@ void calibrate_session(const Common& common, const CalibrateArguments& arguments
       calibrate(calibration_input(session), arguments.settings, arguments.kinds, *progress);
   save_model(model, arguments.output, common.force);
   if (!arguments.report.empty()) write_calibration_report(model, arguments.report, common.force);
-  warn_of(model.physics);
-  warn_of(model.gaussian);
-  warn_of(model.nonparametric);
+  for (const std::string& line : warnings_of_gains(model)) warn(line);
   nlohmann::ordered_json json = model_json(model);
   json["model"] = arguments.output.string();
   json["settings"] = settings_json(arguments.settings);

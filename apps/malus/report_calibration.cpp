@@ -27,6 +27,20 @@ bool is_measured(const NoiseModel& model) {
                      [](const NonparametricCalibration& n) { return n.frames > 0; });
 }
 
+// What the calibration of one kind warned about: one line where gains share it.
+template <class Calibration>
+void append_warnings(const std::vector<Calibration>& gains, const std::string& kind,
+                     std::vector<std::string>& lines) {
+  std::vector<std::pair<std::string, std::vector<GainSetting>>> said;  // the gains of every text
+  for (const Calibration& gain : gains)
+    for (const std::string& warning : gain.warnings) {
+      auto same = std::ranges::find_if(said, [&](const auto& s) { return s.first == warning; });
+      if (same == said.end()) same = said.insert(said.end(), {warning, {}});
+      same->second.push_back(gain.gain);
+    }
+  for (const auto& [warning, of] : said) lines.push_back(gain_prefix(of, kind) + warning);
+}
+
 // What the calibration warned about, or that there was nothing.
 NoticesBlock calibration_warnings(const NoiseModel& model) {
   NoticesBlock notices;
@@ -36,11 +50,7 @@ NoticesBlock calibration_warnings(const NoiseModel& model) {
   };
   if (is_invented(model)) add("", {"Invented to be plausible, measured on no camera."});
   add("", model.warnings);
-  for (const PhysicsCalibration& p : model.physics) add(gain_prefix(p.gain), p.warnings);
-  for (const GaussianCalibration& g : model.gaussian)
-    add(gain_prefix(g.gain, "Gaussian"), g.warnings);
-  for (const NonparametricCalibration& n : model.nonparametric)
-    add(gain_prefix(n.gain, "non-parametric"), n.warnings);
+  add("", warnings_of_gains(model));
   if (!notices.items.empty()) return notices;
   if (is_measured(model))
     notices.items.push_back({NoticeLevel::kGood, "The calibration has nothing to warn about."});
@@ -247,6 +257,14 @@ std::vector<Section> calibration_sections(const NoiseModel& model, const std::st
   std::erase_if(sections, [](const Section& section) { return section.blocks.empty(); });
   for (Section& section : sections) section.id = prefix + section.id;
   return sections;
+}
+
+std::vector<std::string> warnings_of_gains(const NoiseModel& model) {
+  std::vector<std::string> lines;
+  append_warnings(model.physics, "", lines);
+  append_warnings(model.gaussian, "Gaussian", lines);
+  append_warnings(model.nonparametric, "non-parametric", lines);
+  return lines;
 }
 
 std::string calibration_title(const NoiseModel& model) {

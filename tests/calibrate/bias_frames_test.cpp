@@ -2,6 +2,7 @@
 #include "malus/base/statistics.h"
 #include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/channel_words.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -15,6 +16,10 @@ namespace malus {
 namespace {
 
 using testing::calibrated;
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Not;
 using testing::polar_gain;
 using testing::simulated_session;
 using testing::SimulatedCamera;
@@ -236,7 +241,6 @@ TEST(BiasFrames, ColumnNoiseIsInTheErrorOfTheDarkDeviation) {
 }
 
 TEST(BiasFrames, HeavyTailsFromFewFramesAreSaid) {
-  using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
   SimulatedCamera camera = small_camera();
   for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = -0.15;
   camera.bias_frames = 4;
@@ -270,6 +274,44 @@ TEST(BiasFrames, NoiseTooNarrowForTheStepIsSaid) {
   EXPECT_EQ(warnings_of_steps(-0.27, 0.91, 0), 1U);
   EXPECT_EQ(warnings_of_steps(-0.27, 0.91, 0.5), 0U);
   EXPECT_EQ(warnings_of_steps(-0.27, 3, 0), 0U);
+}
+
+// Quantiles that lie steps apart said that thousands of DN were too narrow.
+TEST(BiasFrames, WideNoiseIsNeverTooNarrowForTheStep) {
+  for (const double lambda : {-0.3, 0.0, 0.14, 0.9, 1.5, 2.0})
+    for (double sd_dn = 8; sd_dn < 1e5; sd_dn *= 1.07)
+      EXPECT_EQ(warnings_of_steps(lambda, sd_dn, 0), 0U) << lambda << ' ' << sd_dn;
+}
+
+TEST(ChannelTroubles, ThatDifferInNumbersShareALine) {
+  const SensorLayout layout = SensorLayout::named("bayer-rggb");
+  ChannelTroubles troubles;
+  troubles.add("R", "it is -0.25 ± 1e-3 DN (EMVA 1288)");
+  troubles.add("G1", "something else");
+  troubles.add("B", "it is -10 ± 2e-3 DN (EMVA 1288)");
+  EXPECT_THAT(
+      troubles.lines(layout),
+      ElementsAre("R, B: it is -10 to -0.25 ± 1e-3 to 2e-3 DN (EMVA 1288)", "G1: something else"));
+  EXPECT_EQ(channels_text({"R", "G1", "G2", "B"}, layout), "all 4 channels");
+  EXPECT_EQ(channels_text({"mono"}, SensorLayout::named("mono")), "mono");
+}
+
+TEST(BiasFrames, ChannelsWithTheSameTroubleShareALine) {
+  SimulatedCamera camera;
+  camera.bias_frames = 6;
+  camera.flat_levels = 4;
+  camera.gains.push_back(testing::polar_gain(12));
+  for (PhysicsChannel& channel : camera.gains.front().noise.channels) {
+    channel.sigma_tl_dn = 0.12;
+    channel.sigma_row_dn = 0;
+  }
+  const NoiseModel model = calibrated(camera);
+  std::vector<std::string> lines;
+  for (const std::string& line : model.physics.front().warnings)
+    if (line.find("is hidden by the converter") != std::string::npos) lines.push_back(line);
+  // Known of some channels, of some not: two lines, not 16.
+  EXPECT_GE(lines.size(), 1U);
+  EXPECT_LE(lines.size(), 2U);
 }
 
 }  // namespace

@@ -134,3 +134,19 @@ def test_pairs_compare_gains_by_the_models_K(malus, camera, tmp_path):
     assert pair["ratio"] == pytest.approx(5, rel=0.02) and pair["source"].endswith("short_1.png")
     (pair,) = malus("pairs", tmp_path / "p.toml", "-o", tmp_path / "plain", "--json").json["pairs"]
     assert pair["ratio"] == pytest.approx(20 / 10 ** (6 / 20))
+
+
+def test_gains_that_are_warned_of_in_the_same_words_share_a_line(malus, tmp_path):
+    rng = np.random.default_rng(5)
+    text = f'[sensor]\nlayout = "mono"\nblack = {BLACK}\nwhite = {WHITE}\nrow_group = 1\n'
+    for gain in CAMERA:
+        for n in range(6):
+            Image.fromarray(taken(rng, np.zeros((64, 64)), gain)).save(tmp_path / f"bias_{gain}_{n}.png")
+        text += f'[[frames]]\nkind = "bias"\nexposure_s = 0\ngain_db = {gain}\npaths = ["bias_{gain}_*.png"]\n'
+    (tmp_path / "s.toml").write_text(text)
+    done = malus("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5", "--report", tmp_path / "r.html", "--json")
+    told = [line for line in done.err.splitlines() if "no flat frames at this gain" in line]
+    assert told == ["warning: 0 dB, 12 dB: no flat frames at this gain: K is not known"], done.err
+    assert (tmp_path / "r.html").read_text().count("no flat frames at this gain") == 1
+    for gain in done.json["gains"]:  # each gain keeps its own
+        assert sum("no flat frames" in line for line in gain["warnings"]) == 1

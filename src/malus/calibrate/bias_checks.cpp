@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/channel_words.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -16,9 +17,12 @@ namespace malus {
 namespace {
 
 // Characteristic function of Tukey-lambda noise at one cycle per step: the mean of a cosine over
-// its quantiles.
+// its quantiles. Of noise with half its values beyond two steps it is of no consequence, and where
+// quantiles lie steps apart their cosines are of chance.
 double of_tukey_lambda(double lambda, double scale_steps) {
   constexpr int kQuantiles = 4000;
+  constexpr double kWideSteps = 2;
+  if (scale_steps * tukey_lambda_quantile(0.75, lambda) > kWideSteps) return 0;
   double sum = 0;
   for (int i = 0; i < kQuantiles; ++i)
     sum += std::cos(2.0 * std::numbers::pi * scale_steps *
@@ -208,7 +212,7 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
   out.warnings.push_back(
       fmt::format("{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
                   "level cuts the noise off; raise it",
-                  joined(cut), 100 * most, 100 * kMostZeros));
+                  channels_text(cut, layout), 100 * most, 100 * kMostZeros));
 }
 
 void warn_of_column_noise(PhysicsCalibration& out) {
@@ -241,20 +245,21 @@ void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {
   const auto of_normal = [](double sd_steps) {
     return std::exp(-2.0 * std::numbers::pi * std::numbers::pi * sd_steps * sd_steps);
   };
-  double most = 0;
+  double most = 0, narrowest_dn = 0;
   for (std::size_t c = 0; c < out.temporal_sd_dark_dn.size(); ++c) {
     const bool shape_known = c < out.sigma_tl.mean.size() && std::isfinite(out.sigma_tl.mean[c]);
     const double left =
         shape_known ? of_tukey_lambda(out.lambda.mean[c], out.sigma_tl.mean[c] / quantization_dn) *
                           of_normal(out.sigma_row.mean[c] / quantization_dn)
                     : of_normal(out.temporal_sd_dark_dn[c] / quantization_dn);
+    if (left > most) narrowest_dn = out.temporal_sd_dark_dn[c];
     most = std::max(most, left);
   }
   if (most > of_normal(0.5))
     out.warnings.push_back(
         fmt::format("the dark noise, {:.2g} DN, is too narrow for the converter's step, {:g} DN: "
                     "rounding hides its parameters, and their standard errors are too small",
-                    mean_of(out.temporal_sd_dark_dn), quantization_dn));
+                    narrowest_dn, quantization_dn));
 }
 
 }  // namespace malus

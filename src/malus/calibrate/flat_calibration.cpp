@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/bias_checks.h"
+#include "malus/calibrate/channel_words.h"
 #include "malus/calibrate/dark_point.h"
 #include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/flat_level.h"
@@ -131,13 +132,13 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
                     "that without "
                     "light, which its standard error now holds; K is nearer to it with a lower "
                     "--saturation-limit",
-                    joined(nonlinear), most));
+                    channels_text(nonlinear, layout), most));
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
         "level up to {:.1f}); K's standard error is widened by a scatter of up to {:.3g} DN² per "
         "level",
-        joined(bent), largest, widest));
+        channels_text(bent, layout), largest, widest));
 }
 
 double mean_square(const std::vector<double>& values) {

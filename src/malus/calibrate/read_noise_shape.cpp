@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/across_frames.h"
+#include "malus/calibrate/channel_words.h"
 #include "malus/calibrate/tukey_fit.h"
 #include "malus/noise/tukey_lambda.h"
 
@@ -134,7 +135,8 @@ double hidden_read_dn2(const HiddenNoise& hidden, double row_dn) {
   return (hidden.unknown.empty() ? hidden.variance_dn2 : hidden.limit_dn2) - row_dn * row_dn;
 }
 
-void measure_shape(const ShapeInput& in, int c, const std::string& name, PhysicsCalibration& out) {
+void measure_shape(const ShapeInput& in, int c, const std::string& name, ChannelTroubles& troubles,
+                   PhysicsCalibration& out) {
   const double pixel = in.pixel_variance_dn2[as_index(c)];
   const std::size_t count = in.residuals.size();
   ResidualHistogram pooled(in.residuals.front()[as_index(c)].cell_dn());
@@ -143,7 +145,7 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Physics
   const HiddenNoise hidden = in.hidden.empty() ? HiddenNoise{} : in.hidden[as_index(c)];
   if (hidden.hidden && pixel > 0) {
     append_nearly_normal(hidden_read_dn2(hidden, out.sigma_row.mean[as_index(c)]), count, out);
-    out.warnings.push_back(fmt::format("{}: {}", name, hidden_words(hidden)));
+    troubles.add(name, hidden_words(hidden));
     return;
   }
   const ResidualBlur blur{in.quantization_dn,
@@ -155,9 +157,10 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Physics
   const std::string unknown = !fit ? fit.reason() : in.ppcc ? "" : runaway(shapes, *fit);
   if (!unknown.empty()) {
     append_nearly_normal(pixel - in.quantization_dn * in.quantization_dn / 12.0, count, out);
-    out.warnings.push_back(
-        fmt::format("{}: shape of the read noise is not known ({}); taken as nearly normal, λ = {}",
-                    name, unknown, kNormalLambda));
+    troubles.add(
+        name,
+        fmt::format("shape of the read noise is not known ({}); taken as nearly normal, λ = {}",
+                    unknown, kNormalLambda));
     return;
   }
   append_frames(shapes.lambda, count, out.lambda);
@@ -174,7 +177,10 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Physics
 }  // namespace
 
 void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCalibration& out) {
-  for (int c = 0; c < layout.channels(); ++c) measure_shape(in, c, layout.channel_name(c), out);
+  ChannelTroubles troubles;
+  for (int c = 0; c < layout.channels(); ++c)
+    measure_shape(in, c, layout.channel_name(c), troubles, out);
+  for (std::string& line : troubles.lines(layout)) out.warnings.push_back(std::move(line));
 }
 
 }  // namespace malus

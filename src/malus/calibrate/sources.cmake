@@ -3,6 +3,7 @@ set(calibrate_SOURCES
   bias_calibration.cpp
   bias_checks.cpp
   calibrate.cpp
+  channel_words.cpp
   clean_frame.cpp
   dark_codes.cpp
   dark_point.cpp

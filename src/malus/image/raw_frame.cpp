@@ -1,5 +1,7 @@
 #include "malus/image/raw_frame.h"
 
+#include "malus/base/text.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -32,10 +34,12 @@ bool GainSetting::contradicts(const GainSetting& other) const {
   return comparable && own && others && std::abs(*own - *others) > kRoundingDb;
 }
 
-std::string gain_prefix(const GainSetting& gain, const std::string& kind) {
-  std::string place = gain.decibel() ? gain.text() : "";
-  if (!kind.empty()) place += place.empty() ? kind : ", " + kind;
-  return place.empty() ? place : place + ": ";
+std::string gain_prefix(const std::vector<GainSetting>& gains, const std::string& kind) {
+  std::vector<std::string> named;
+  for (const GainSetting& gain : gains)
+    if (gain.decibel()) named.push_back(gain.text());
+  if (!kind.empty()) named.push_back(kind);
+  return named.empty() ? "" : joined(named) + ": ";
 }
 
 double white_above_black(double white_dn, const std::vector<double>& black_dn) {

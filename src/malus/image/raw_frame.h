@@ -27,9 +27,13 @@ struct GainSetting {
   bool contradicts(const GainSetting& other) const;
 };
 
-/// What goes before a line about one gain, or one kind of model at it: "12 dB: ", "12 dB, Gaussian:
-/// ". A camera that tells no gain has one alone, which is not named: empty without a kind.
-std::string gain_prefix(const GainSetting& gain, const std::string& kind = "");
+/// What goes before a line about some gains, or one kind of model at them: "12 dB: ", "0 dB, 12 dB,
+/// Gaussian: ". A camera that tells no gain has one alone, which is not named: empty without a
+/// kind.
+std::string gain_prefix(const std::vector<GainSetting>& gains, const std::string& kind = "");
+inline std::string gain_prefix(const GainSetting& gain, const std::string& kind = "") {
+  return gain_prefix(std::vector{gain}, kind);
+}
 
 /// ln(K) grows by this per dB of gain: ln(10)/20.
 inline constexpr double kLogPerDb = 0.11512925464970229;
