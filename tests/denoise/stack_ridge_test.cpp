@@ -180,7 +180,7 @@ struct OneStack {
         noisy.pixels(r, c) = static_cast<float>(clean(r, c) + random.normal());
       }
   }
-  Image estimate(Image* noise = nullptr) const {
+  Image estimate(Image* noise = nullptr, CellMap* unlike = nullptr) const {
     const StageInput input{.noisy = &noisy,
                            .guide = &pilot,
                            .period_rows = 1,
@@ -189,7 +189,7 @@ struct OneStack {
                            .frame_cols = kSide,
                            .rotations = &rotations,
                            .axes_prior = &no_prior};
-    return run_stage(input, stage, silent_progress(), {.noise = noise});
+    return run_stage(input, stage, silent_progress(), {.noise = noise, .unlike = unlike});
   }
   std::vector<std::ptrdiff_t> matches() const {
     StackJob job{};
@@ -303,6 +303,41 @@ TEST(StackNoise, IsTheSameOnEveryInstructionSet) {
         },
         1e-4);
   }
+}
+
+// The samples' variance about the stack's mean, less that of noise, in every cell that the stack
+// reaches, as the members that the search returns have it.
+TEST(StackUnlikeness, IsTheVarianceAboutTheMeanBeyondNoise) {
+  for (const StackFilter filter : {StackFilter::ridge, StackFilter::wiener}) {
+    OneStack one(3.0);
+    one.stage.filter = filter;
+    const auto at = one.matches();
+    const Matrix blocks = blocks_of(one.noisy.pixels, at, 0, members(at));
+    const Matrix rest = blocks.colwise() - blocks.rowwise().mean();
+    const double unlike =
+        rest.squaredNorm() / static_cast<double>(kPerBlock * (members(at) - 1)) - 1;
+    EXPECT_GT(unlike, 0.1);
+    CellMap map(one.noisy);
+    (void)one.estimate(nullptr, &map);
+    int reached = 0;
+    for (const float value : map.values.values()) {
+      if (value == kUnlikeAny) continue;
+      EXPECT_NEAR(value, unlike, 1e-3);
+      ++reached;
+    }
+    EXPECT_GT(reached, static_cast<int>(map.values.size()) / 3);
+  }
+}
+
+TEST(StackUnlikeness, IsTheSameOnEveryInstructionSet) {
+  const OneStack one(3.0);
+  expect_same_on_every_instruction_set(
+      [&] {
+        CellMap unlike(one.noisy);
+        (void)one.estimate(nullptr, &unlike);
+        return unlike.values;
+      },
+      1e-4);
 }
 
 // Beyond the precision of floats the result still stays beside the samples.

@@ -87,7 +87,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident, result.dn_above_black,
-      result.variance_dn2 ? &*result.variance_dn2 : nullptr, progress);
+      {.error = result.variance_dn2 ? &*result.variance_dn2 : nullptr}, progress);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

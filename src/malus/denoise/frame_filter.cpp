@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace malus::internal {
 namespace {
@@ -47,13 +48,53 @@ void copy_core(const Image& tile, const Span& down, const Span& across, Image& f
                 across.end - across.begin, frame.row(r) + across.begin);
 }
 
+// The cells of the core; those that reach beyond it have the same value in both tiles.
+void copy_core_cells(const CellMap& tile, const Span& down, const Span& across, Image& frame) {
+  for (int i = down.begin / kCell; i < cell_count(down.end); ++i)
+    std::copy_n(tile.values.row(i - tile.first_row) + (across.begin / kCell - tile.first_col),
+                cell_count(across.end) - across.begin / kCell, frame.row(i) + across.begin / kCell);
+}
+
+void take_larger(Image& unlike, const Image& coarse) {
+  for (int i = 0; i < unlike.rows(); ++i)
+    for (int k = 0; k < unlike.cols(); ++k)
+      unlike(i, k) = std::max(unlike(i, k), coarse(std::min(i / 2, coarse.rows() - 1),
+                                                   std::min(k / 2, coarse.cols() - 1)));
+}
+
+// Of the frame of half the size, which corrects the low frequencies.
+struct CoarseScale {
+  Image estimate;
+  Image unlike;  ///< of its cells; empty where it is not asked for
+};
+
+std::optional<CoarseScale> filter_coarse(const PixelSource& pixel, const SensorLayout& layout,
+                                         const MosaicFilterPlan& plan, double memory_mib,
+                                         double resident_values, int rows, int cols,
+                                         bool want_unlike, Progress& progress) {
+  if (plan.coarse.empty() || !has_coarse_scale(rows, cols, layout)) return std::nullopt;
+  const Image frame = coarse_frame(pixel, rows, cols, layout);
+  CoarseScale coarse{Image(frame.rows(), frame.cols()), Image()};
+  if (want_unlike) coarse.unlike = Image(cell_count(frame.rows()), cell_count(frame.cols()));
+  filter_frame([&](int r, int c) { return frame(r, c); }, layout, plan.coarse.front(), memory_mib,
+               resident_values + 2.0 * static_cast<double>(frame.size()), coarse.estimate,
+               {.unlike = want_unlike ? &coarse.unlike : nullptr}, progress);
+  return coarse;
+}
+
 }  // namespace
 
 int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const MosaicFilterPlan& plan,
-                 double memory_mib, double resident_values, Image& estimate, Image* error,
-                 Progress& progress) {
+                 double memory_mib, double resident_values, Image& estimate,
+                 const FrameReport& report, Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols();
-  const int reach = mosaic_filter_reach(plan, layout, error != nullptr);
+  const bool ridge = plan.guided.back().filter == StackFilter::ridge;
+  std::optional<CoarseScale> coarse =
+      filter_coarse(pixel, layout, plan, memory_mib, resident_values, rows, cols,
+                    report.unlike || (report.error && ridge), progress);
+  if (coarse) resident_values += static_cast<double>(coarse->estimate.size());
+  const bool with_error = report.error != nullptr;
+  const int reach = mosaic_filter_reach(plan, layout, with_error);
   const int border = std::min(mosaic_filter_border(plan, layout), reach);
   const TileSize size = plan_tiles(rows, cols, reach, border, memory_mib, resident_values);
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
@@ -66,21 +107,21 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const Mos
     const StackTile tile = cut_tile(pixel, rows, cols, v.tile_begin, h.tile_begin, v.tile_size(),
                                     h.tile_size(), layout);
     Image tile_error;
-    const Image filtered =
-        filter_mosaic(tile, rows, cols, statistics, plan, progress, error ? &tile_error : nullptr);
+    std::optional<CellMap> unlike;
+    if (report.unlike) unlike.emplace(tile);
+    const Image filtered = filter_mosaic(
+        tile, rows, cols, statistics, plan, progress,
+        {.variance = with_error ? &tile_error : nullptr,
+         .unlike = unlike ? &*unlike : nullptr,
+         .coarse_unlike = coarse && coarse->unlike.size() ? &coarse->unlike : nullptr});
     copy_core(filtered, v, h, estimate);
-    if (error) copy_core(tile_error, v, h, *error);
+    if (with_error) copy_core(tile_error, v, h, *report.error);
+    if (unlike) copy_core_cells(*unlike, v, h, *report.unlike);
     progress.advance(1);
   }
-  if (!plan.coarse.empty() && has_coarse_scale(rows, cols, layout)) {
-    Image coarse = coarse_frame(pixel, rows, cols, layout);
-    Image coarse_estimate(coarse.rows(), coarse.cols());
-    filter_frame([&](int r, int c) { return coarse(r, c); }, layout, plan.coarse.front(),
-                 memory_mib, resident_values + 2.0 * static_cast<double>(coarse.size()),
-                 coarse_estimate, nullptr, progress);
-    coarse = Image();  // the correction needs as much again, twice
-    correct_low_frequencies(estimate, coarse_estimate, layout);
-  }
+  if (report.unlike && !plan.coarse.empty())
+    take_larger(*report.unlike, coarse ? coarse->unlike : Image(1, 1, kUnlikeAny));
+  if (coarse) correct_low_frequencies(estimate, coarse->estimate, layout);
   return down * across;
 }
 

@@ -70,11 +70,20 @@ int folded(int position, int size, int period);
 internal::StackTile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
                              int col0, int rows, int cols, const SensorLayout& layout);
 
+/// What the filter tells of a tile's error; of what is null nothing.
+struct TileReport {
+  Image* variance = nullptr;            ///< expected squared error per pixel
+  internal::CellMap* unlike = nullptr;  ///< of the tile: as StageReport::unlike
+  /// For the variance: the most of it at all coarser scales, one value per cell of the frame of
+  /// half the size; null where that is not known.
+  const Image* coarse_unlike = nullptr;
+};
+
 /// Filters a tile whose noise has deviation 1; its row0 and col0 are even. Pixels at least
 /// mosaic_filter_reach away from a tile's edge get the values that the whole frame would give them.
-/// variance_out, when given: expected squared error per pixel. The same bytes for any thread count.
+/// The same bytes for any thread count.
 Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_cols,
                     const CellStatistics& statistics, const MosaicFilterPlan& plan,
-                    Progress& progress, Image* variance_out = nullptr);
+                    Progress& progress, const TileReport& report = {});
 
 }  // namespace malus

@@ -158,6 +158,26 @@ HWY_INLINE CellMatrix stack_moments(const StackJob& job, std::size_t alignment,
   return moments;
 }
 
+/// How unlike the blocks of a stack are: the variance of their samples about the stack's mean, less
+/// that of noise [noise variances].
+template <int kSide>
+HWY_INLINE float unlikeness(const Floats* cells, int count) {
+  constexpr int kCells = kSide * kSide;
+  if (count < 2) return kUnlikeAny;
+  const float share = 1.0f / static_cast<float>(count);
+  Floats spread{};
+  for (int i = 0; i < kCells; ++i) {
+    Floats sum{};
+    for (int n = 1; n < count; ++n) {
+      const Floats difference = cells[n * kCells + i] - cells[i];
+      sum += difference;
+      spread = fused(difference, difference, spread);
+    }
+    spread -= share * (sum * sum);
+  }
+  return lane_sum(spread) / static_cast<float>((count - 1) * kCells * kLanes) - 1.0f;
+}
+
 template <int kSide>
 HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int count,
                          const Floats* cells, float weight, const Floats* errors) {
@@ -230,6 +250,7 @@ HWY_INLINE void filter_stack(const StackJob& job, const Batch::Stack& stack, con
   const std::ptrdiff_t* matches = stack.matches.data();
   Floats *pilot = cells + job.stack * kSide * kSide, *errors = pilot + job.stack * kSide * kSide;
   gather<kSide>(job, job.noisy, matches, stack.count, cells);
+  const float unlike = job.unlike ? unlikeness<kSide>(cells, stack.count) : 0.0f;
   rotate(cells, total, axes);
   if (job.filter != StackFilter::hard) {
     gather<kSide>(job, job.guide, matches, stack.count, pilot);
@@ -243,6 +264,8 @@ HWY_INLINE void filter_stack(const StackJob& job, const Batch::Stack& stack, con
   const CellMatrix back = transposed(axes);
   rotate(cells, total, back);
   if (job.error) errors_of_pixels(job, back, result.error, stack.count, errors);
+  if (job.unlike)
+    for (int n = 0; n < stack.count; ++n) job.unlike[matches[n]] += result.weight * unlike;
   put_back<kSide>(job, matches, stack.count, cells, result.weight, errors);
 }
 

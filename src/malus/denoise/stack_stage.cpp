@@ -154,6 +154,29 @@ void filter_all(const StackJob& job, const StageInput& input, const StackStage& 
   }
 }
 
+// Means over the cells of what is summed at the blocks' first pixels, both as StackJob::weight. One
+// row of every cell is enough, for windows are wider.
+void average_unlikeness(const Image& unlike, const Image& weight,
+                        const std::vector<double>& profile, const StackTile& tile, CellMap& map) {
+  parallel_for(0, map.values.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i) {
+      const int row =
+          std::clamp((map.first_row + i) * kCell + kCell / 2 - tile.row0, 0, weight.rows() - 1);
+      const std::vector<float> sums = sum_windows(unlike, profile, row),
+                               weights = sum_windows(weight, profile, row);
+      for (int k = 0; k < map.values.cols(); ++k) {
+        const int left = (map.first_col + k) * kCell - tile.col0;
+        float sum = 0, all = 0;
+        for (int c = std::max(left, 0); c < std::min(left + kCell, weight.cols()); ++c) {
+          sum += sums[static_cast<std::size_t>(c)];
+          all += weights[static_cast<std::size_t>(c)];
+        }
+        map.values(i, k) = all > 0 ? sum / all : kUnlikeAny;
+      }
+    }
+  });
+}
+
 }  // namespace
 
 CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues) {
@@ -199,8 +222,15 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
     job.first_row = passed->first_row;
     job.first_col = passed->first_col;
   }
+  Image unlike;
+  if (report.unlike) {
+    unlike = Image(noisy.rows(), noisy.cols());
+    job.unlike = unlike.values().data();
+  }
   filter_all(job, input, stage, progress);
   const std::vector<double> profile = kaiser(stage.block());
+  if (report.unlike) average_unlikeness(unlike, weight, profile, *input.noisy, *report.unlike);
+  unlike = Image();
   parallel_for(0, noisy.rows(), 64, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < end; ++r) {
       const std::vector<float> weights = sum_windows(weight, profile, r);

@@ -22,6 +22,14 @@ constexpr double kMostLost = 0.1;
 constexpr double kCoarseShare = 0.15;
 // Residuals of noise alone are seldom larger, mean over three cells per side.
 constexpr double kMostResidual = 1.4;
+// Of true copies: the noise let through so many times, and what coarser scales let through.
+constexpr double kOfCopies = 3.0, kLeastOfCopies = 0.0005;
+// Blocks are copies where their samples differ by less than the estimate bends. Chosen blocks look
+// more alike than they are, by this; and little is not told from nothing.
+constexpr double kChosenAlike = 0.05, kLeastUnlike = 0.02;
+// Light is even where blocks are less unlike than this at every scale and the estimate bends less
+// than that.
+constexpr double kUnlikeOfEven = 0.2, kBendOfEven = 0.002;
 
 class CellMeans {
  public:
@@ -50,6 +58,23 @@ class CellMeans {
 
   /// Second difference of the estimate, squared: 1 of unit noise.
   double bend(int i, int k) const { return bend_.values(i, k); }
+  /// The same of 5x5 cells, the square of the mean root: one strong bend does not make a pattern.
+  double bend_around(int i, int k) const {
+    double sum = 0;
+    for (int a = -2; a <= 2; ++a)
+      for (int b = -2; b <= 2; ++b)
+        sum += std::sqrt(bend_.values(std::clamp(i + a, first_row_, end_row_ - 1),
+                                      std::clamp(k + b, first_col_, end_col_ - 1)));
+    return sum * sum / (25 * 25);
+  }
+  /// How unlike the blocks of the stacks here are; `coarse` of all coarser scales.
+  double unlike(int i, int k) const { return input_.unlike->values(i, k); }
+  double coarse_unlike(int i, int k) const {
+    if (!input_.coarse_unlike) return kUnlikeAny;
+    const auto at = [](int cell, int count) { return std::clamp(cell / 2, 0, count - 1); };
+    return (*input_.coarse_unlike)(at(residual_.first_row + i, input_.coarse_unlike->rows()),
+                                   at(residual_.first_col + k, input_.coarse_unlike->cols()));
+  }
   /// Squared residual, means over 3x3 cells with the weights 1 2 1.
   double residual(int i, int k) const {
     double sum = 0;
@@ -111,16 +136,31 @@ class CellMeans {
   int first_row_, end_row_, first_col_, end_col_;
 };
 
+// 0 where the stacks hold true copies, 1 where they hold what merely looks alike.
+double resemblance(const CellMeans& cells, int i, int k) {
+  const double unlike = cells.unlike(i, k), around = cells.bend_around(i, k),
+               bend = std::min(cells.bend(i, k), around),
+               told = std::max(unlike + kChosenAlike, kLeastUnlike);
+  // Beside structure blocks are copies if they differ by little of it; where there is none, if they
+  // do not differ at coarse scales either.
+  const double of_structure = told < bend ? told / bend : 1.0;
+  const double of_even =
+      std::max(std::max(unlike, cells.coarse_unlike(i, k)) / kUnlikeOfEven, around / kBendOfEven);
+  const double share = of_structure * std::clamp(of_even, 0.0, 1.0);
+  return share * share;
+}
+
 // What a cell adds to the noise let through, and takes of it.
 struct CellTerms {
-  double noise, lost, missing;
+  double noise, lost, missing, resemblance;
 };
 
-CellTerms terms_of(const CellMeans& cells, double kept, int i, int k) {
+CellTerms terms_of(const CellMeans& cells, double kept, bool knows_copies, int i, int k) {
   // Where fine detail was taken back there is none, and what remains of the noise is coarse.
   const double fine = kept * kept * kept;
   return {kCoarseShare + (1 - kCoarseShare) * fine, fine * std::min(cells.bend(i, k), kMostLost),
-          std::max(cells.residual(i, k) - kMostResidual, 0.0)};
+          std::max(cells.residual(i, k) - kMostResidual, 0.0),
+          knows_copies ? resemblance(cells, i, k) : 1.0};
 }
 
 }  // namespace
@@ -131,10 +171,12 @@ void state_error(const StatedErrorInput& input, Image& error) {
   const auto state_row = [&](int i) {
     for (int k = cells.first_col(); k < cells.end_col(); ++k) {
       const double kept = input.kept ? std::max(double{input.kept->values(i, k)}, 0.0) : 1.0;
-      const CellTerms terms = terms_of(cells, kept, i, k);
+      const CellTerms terms = terms_of(cells, kept, input.unlike != nullptr, i, k);
       cells.for_each_pixel(i, k, [&](int r, int c) {
-        error(r, c) = static_cast<float>(factor * grown(terms.noise * error(r, c) + terms.lost) +
-                                         terms.missing);
+        const double noise = error(r, c), alike = factor * grown(terms.noise * noise + terms.lost),
+                     copies = std::min(kOfCopies * noise + kLeastOfCopies, alike);
+        error(r, c) =
+            static_cast<float>(copies + terms.resemblance * (alike - copies) + terms.missing);
       });
     }
   };

@@ -5,13 +5,21 @@
 
 namespace malus::internal {
 
-/// Filters a frame whose noise has deviation 1 into `estimate`; `error`, when given, becomes the
-/// expected squared error. Both have the frame's size when it is called. Tiles are cut so that they
-/// and four bytes per `resident_values` take no more than memory_mib; they do not change a byte of
-/// the result. Returns the number of tiles at full size. Throws InputError when the memory is too
-/// little, Cancelled.
+/// What the filter tells of a frame's error; of what is null nothing.
+struct FrameReport {
+  Image* error = nullptr;   ///< expected squared error, of the frame's size
+  Image* unlike = nullptr;  ///< StageReport::unlike of all scales, the most; one value per cell
+};
+
+/// Cells of so many pixels.
+constexpr int cell_count(int pixels) { return (pixels + kCell - 1) / kCell; }
+
+/// Filters a frame whose noise has deviation 1 into `estimate`. All pictures have their size when
+/// it is called. Tiles are cut so that they and four bytes per `resident_values` take no more than
+/// memory_mib; they do not change a byte of the result. Returns the number of tiles at full size.
+/// Throws InputError when the memory is too little, Cancelled.
 int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const MosaicFilterPlan& plan,
-                 double memory_mib, double resident_values, Image& estimate, Image* error,
-                 Progress& progress);
+                 double memory_mib, double resident_values, Image& estimate,
+                 const FrameReport& report, Progress& progress);
 
 }  // namespace malus::internal

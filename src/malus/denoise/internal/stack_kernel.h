@@ -21,6 +21,7 @@ struct StackJob {
   float* weight;  ///< of stacks, at the first pixels of their blocks
   float* error;   ///< may be null; Stein's estimate, or
   bool noise;     ///< error is the noise let through, and every block of a stack has its own
+  float* unlike;  ///< may be null; as weight, times how unlike the stacks' blocks are
   float* passed;  ///< may be null; of the references from first_row and first_col on, in steps
   std::ptrdiff_t passed_stride;
   int first_row, first_col;

@@ -74,17 +74,6 @@ struct PassedNoise {
   Image share;                       ///< 0 where there is no reference
 };
 
-/// What a pass tells besides its estimate, [noise variances] per pixel; of what is null nothing.
-struct StageReport {
-  Image* stein = nullptr;  ///< Stein's estimate of the squared error, not of combinations; else:
-  Image* noise = nullptr;  ///< noise that the weights let through
-  PassedNoise* passed = nullptr;
-};
-
-/// Estimate of the tile's pixels. Those that no stack reached keep the noisy value, with error 1.
-Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
-                const StageReport& report = {});
-
 /// One value for every cell of the frame's lattice that a tile touches.
 struct CellMap {
   int first_row = 0, first_col = 0;  ///< the frame's cell of values(0, 0)
@@ -96,6 +85,23 @@ struct CellMap {
         values(floor_div(tile.row0 + tile.pixels.rows() - 1, kCell) - first_row + 1,
                floor_div(tile.col0 + tile.pixels.cols() - 1, kCell) - first_col + 1) {}
 };
+
+/// How unlike blocks without a copy are, and what is said where nothing is known.
+inline constexpr float kUnlikeAny = 1e6f;
+
+/// What a pass tells besides its estimate, [noise variances] per pixel; of what is null nothing.
+struct StageReport {
+  Image* stein = nullptr;  ///< Stein's estimate of the squared error, not of combinations; else:
+  Image* noise = nullptr;  ///< noise that the weights let through
+  PassedNoise* passed = nullptr;
+  /// How unlike the blocks of the stacks there are: variance of their samples about their mean,
+  /// less that of noise. Of copies slightly below 0, for blocks are chosen that look alike.
+  CellMap* unlike = nullptr;
+};
+
+/// Estimate of the tile's pixels. Those that no stack reached keep the noisy value, with error 1.
+Image run_stage(const StageInput& input, const StackStage& stage, Progress& progress,
+                const StageReport& report = {});
 
 /// Eigenvectors of a symmetric matrix, largest eigenvalue first, as the columns of the result.
 CellMatrix principal_axes(const CellMatrix& symmetric, CellVector* eigenvalues = nullptr);

@@ -1,6 +1,7 @@
 // What the mosaic filter states of its own error (docs/uncertainty.md): the noise that
 // its last pass let through, signal that it is likely to have lost beside the detail that it kept,
-// and signal that the samples show and the estimate lacks.
+// and signal that the samples show and the estimate lacks. Where stacks hold true copies, nothing
+// is lost.
 #pragma once
 
 #include "malus/denoise/internal/stack_stage.h"
@@ -8,13 +9,19 @@
 namespace malus::internal {
 
 /// A stated error depends on no estimate and no sample further away than this, in rows or columns.
-constexpr int stated_error_reach(int period) { return 2 * (period > kCell ? period : kCell); }
+constexpr int stated_error_reach(int period) {
+  return 3 * kCell + (period > kCell ? period : kCell);
+}
 
 struct StatedErrorInput {
   const StackTile* noisy;  ///< unit noise
   const Image* estimate;   ///< same size, before a coarser scale corrects it
   const CellMap* kept;     ///< of the detail (detail_shrinkage.h); null: all of it
-  StackFilter filter;      ///< of the last pass
+  /// Of the last pass's stacks (StageReport::unlike); null: as if no block had a copy.
+  const CellMap* unlike;
+  /// Of all coarser scales (TileReport::coarse_unlike); null: the same.
+  const Image* coarse_unlike;
+  StackFilter filter;  ///< of the last pass
   int period_rows, period_cols;
   int frame_rows, frame_cols;
 };
