@@ -79,6 +79,21 @@ TEST(Saturation, ADroopingCameraAndOneLoudLevelAreNotSaturated) {
   EXPECT_EQ(saturated_levels(loud, quiet_dark()), std::vector<bool>(8, false));
 }
 
+// Far values of a heavy tail in the first two levels: all others are short of those levels' gain by
+// more than a quarter, but their variance rises. So it does up to a full well further up.
+TEST(Saturation, WhereTheVarianceRisesAgainNothingIsSaturated) {
+  const auto loud_first = [](double well) {
+    auto levels = levels_of(kElectrons, well);
+    levels[0].variance_dn2 += 60;
+    levels[1].variance_dn2 += 120;
+    return levels;
+  };
+  EXPECT_EQ(saturated_levels(loud_first(1e6), quiet_dark()), std::vector<bool>(8, false));
+  const auto past = saturated_levels(loud_first(6000), quiet_dark());
+  EXPECT_EQ(std::count(past.begin(), past.end(), true), 3);
+  EXPECT_TRUE(past[5] && past[6] && past[7]);
+}
+
 // At five standard errors once in three million levels; 16 channels of 1000 sessions.
 TEST(Saturation, ChanceSaturatesNothing) {
   RandomSequence random(11, 0, Draw::kUser);

@@ -59,6 +59,34 @@ bool is_past(const TransferLevel& level, const std::vector<Excess>& darker, cons
          fall > kOfLargest * std::hypot(own.error_dn2, largest->error_dn2);
 }
 
+// Of the levels in this order, which lie past the maximum; the first `loud` never do.
+std::vector<bool> past_maximum(const std::vector<TransferLevel>& levels,
+                               const std::vector<std::size_t>& order, std::size_t loud,
+                               const std::vector<Excess>& excess, const DarkPoint& dark) {
+  std::vector<bool> past(order.size(), false);
+  std::vector<Excess> darker;
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    past[k] = k >= loud && is_past(levels[order[k]], darker, dark);
+    if (!past[k]) darker.push_back(excess[k]);
+  }
+  for (std::size_t k = order.size(); k-- > 0;)  // all brighter ones, too
+    past[k] = past[k] && (k + 1 == order.size() || past[k + 1]);
+  return past;
+}
+
+// How many levels lie below the last rise of the variance: at a full well it falls, and then so do
+// all that are past it.
+std::size_t below_last_rise(const std::vector<Excess>& excess, const std::vector<bool>& past) {
+  const Excess* loudest = nullptr;  // of the brighter ones
+  for (std::size_t k = excess.size(); k-- > 0 && past[k];) {
+    if (loudest && loudest->variance_dn2 - excess[k].variance_dn2 >
+                       kOfLargest * std::hypot(excess[k].error_dn2, loudest->error_dn2))
+      return k + 1;
+    if (!loudest || excess[k].variance_dn2 > loudest->variance_dn2) loudest = &excess[k];
+  }
+  return 0;
+}
+
 }  // namespace
 
 std::vector<bool> saturated_levels(const std::vector<TransferLevel>& levels,
@@ -71,22 +99,18 @@ std::vector<bool> saturated_levels(const std::vector<TransferLevel>& levels,
     order.push_back(i);
     gains.push_back((level.variance_dn2 - level.dark_variance_dn2) / level.mean_dn);
   }
-  std::vector<bool> past(levels.size(), false);
-  if (order.size() < 3) return past;
+  std::vector<bool> saturated(levels.size(), false);
+  if (order.size() < 3) return saturated;
   std::sort(order.begin(), order.end(),
             [&](std::size_t a, std::size_t b) { return levels[a].mean_dn < levels[b].mean_dn; });
   const double rough = std::max(median_of(gains), 0.0);
-  std::vector<Excess> darker;
-  for (const std::size_t i : order) {
-    past[i] = is_past(levels[i], darker, dark);
-    if (!past[i]) darker.push_back(excess_of(levels[i], dark, rough));
-  }
-  bool brighter_too = true;
-  for (auto i = order.rbegin(); i != order.rend(); ++i) {
-    brighter_too = brighter_too && past[*i];
-    past[*i] = brighter_too;
-  }
-  return past;
+  std::vector<Excess> excess;
+  for (const std::size_t i : order) excess.push_back(excess_of(levels[i], dark, rough));
+  std::vector<bool> past = past_maximum(levels, order, 0, excess, dark);
+  while (const std::size_t loud = below_last_rise(excess, past))
+    past = past_maximum(levels, order, loud, excess, dark);
+  for (std::size_t k = 0; k < order.size(); ++k) saturated[order[k]] = past[k];
+  return saturated;
 }
 
 }  // namespace malus
