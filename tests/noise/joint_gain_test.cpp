@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "support.h"
+#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -161,9 +162,44 @@ TEST(JointGain, SignedBiasIsFittedWithoutLogarithmAndSaidSo) {
   EXPECT_TRUE(s.minus_mu[1].signed_linear);
   EXPECT_FALSE(s.minus_mu[0].signed_linear);
   EXPECT_NEAR(joint_parameters(s, 6.0).mu_dn[1], 0.0, 1e-12);
-  EXPECT_NEAR(joint_parameters(s, 9.0).mu_dn[1], 0.5, 1e-12);
   ASSERT_EQ(joint.notes.size(), 1U);
   EXPECT_NE(joint.notes[0].find("1 of 3 channels"), std::string::npos);
+}
+
+// The converter's offset plus an offset before the amplifier: mu = a + b K, whatever their signs. A
+// line in log K through three gains 12 and 24 dB apart was 0.65 DN off 0.4 at 18 dB.
+TEST(JointGain, ABiasThatIsNotNegativeFollowsKBetweenTheGains) {
+  const JointLaw law;
+  for (const double offset : {0.0, 0.2, -0.3}) {
+    const auto mu = [&](double db) { return offset + 0.125 * law.mean_K(db); };
+    std::vector<PhysicsCalibration> gains = session(law, {0, 12, 36});
+    for (auto& gain : gains) {
+      gain.mu.mean.assign(3, mu(*gain.gain.gain_db));
+      gain.mu.standard_error.assign(3, 1e-4);
+    }
+    const JointSegment segment = fit_joint_model(gains).value().segments.at(0);
+    for (const double db : {-3.0, 3.0, 6.0, 18.0, 24.0, 30.0, 38.0})
+      EXPECT_NEAR(joint_parameters(segment, db).mu_dn[0], mu(db), 1e-4 + 1e-3 * std::abs(mu(db)))
+          << offset << ' ' << db;
+  }
+}
+
+// 2 e- before and 1 DN after the amplifier, as simulated sessions found it: 0.25 DN/e- at 0 dB.
+TEST(JointGain, SaysWhereTwoGainsAreTooFarApart) {
+  const auto bent = [](double db) { return std::hypot(1.0, 0.5 * std::exp(kLogPerDb * db)); };
+  const auto joint_of = [&](const Values& dbs) {
+    std::vector<PhysicsCalibration> gains = session({}, dbs);
+    for (auto& gain : gains) gain.sigma_tl.mean.assign(3, bent(*gain.gain.gain_db));
+    return fit_joint_model(gains).value();
+  };
+  const JointGainModel far = joint_of({0, 30});
+  const double most = joint_parameters(far.segments[0], 15).sigma_tl_dn[0] / bent(15) - 1;
+  EXPECT_GT(most, 0.3);
+  ASSERT_EQ(far.notes.size(), 1U);
+  EXPECT_NE(far.notes[0].find("between 0 dB and 30 dB"), std::string::npos) << far.notes[0];
+  EXPECT_NE(far.notes[0].find(fmt::format("up to {:.0f} %", 100 * most)), std::string::npos)
+      << far.notes[0];
+  EXPECT_TRUE(joint_of({0, 6, 12, 18, 24, 30}).notes.empty());
 }
 
 TEST(JointGain, VariancesLostInSamplingErrorDoNotBreakTheLaw) {

@@ -229,6 +229,9 @@ JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
         fmt::format("-mu is not positive at every gain in {} of {} channels: fitted there as it "
                     "is, without the logarithm",
                     signed_channels, channels));
+  std::vector<std::string> names;
+  for (const PhysicsCalibration* gain : gains) names.push_back(gain->gain.text());
+  for (std::string& note : wide_gap_notes(segment, names)) notes.push_back(std::move(note));
   const int n = static_cast<int>(channels);
   segment.mu_correlation = joint_correlation(gains, &PhysicsCalibration::mu, n, "mu", notes);
   segment.sigma_row_correlation =
@@ -245,24 +248,23 @@ double log_read_noise(const PhysicsCalibration& gain) {
   return sum / static_cast<double>(gain.sigma_tl.mean.size());
 }
 
-struct SlopeRange {
-  double low, high;
-  void include(double slope) {
-    low = std::min(low, slope);
-    high = std::max(high, slope);
-  }
-};
-
-// How far the step from i to i+1 departs from the slopes of its neighbours, or from `physical`
-// where one of them is missing.
-double excess(std::span<const double> x, std::span<const double> y, std::size_t i,
-              SlopeRange physical) {
-  const auto slope = [&](std::size_t k) { return (y[k + 1] - y[k]) / (x[k + 1] - x[k]); };
-  const bool left = i > 0, right = i + 2 < x.size();
-  SlopeRange allowed = left && right ? SlopeRange{slope(i - 1), slope(i - 1)} : physical;
-  if (left) allowed.include(slope(i - 1));
-  if (right) allowed.include(slope(i + 1));
-  return std::max(allowed.low - slope(i), slope(i) - allowed.high) * (x[i + 1] - x[i]);
+// A bias is the converter's offset plus what the amplifier makes of the pixel's: linear in K. So
+// where no logarithm was fitted, that is how it goes between the gains (and beyond the outer two).
+double signed_value(const LogLinear& law, const JointSegment& segment, double log_K,
+                    double gain_db) {
+  const auto& knots = segment.knots_log_K;
+  if (knots.size() < 2) return law.at(log_K, segment.knots_db, gain_db);
+  const auto above =
+      std::upper_bound(segment.knots_db.begin() + 1, segment.knots_db.end() - 1, gain_db);
+  const auto i = static_cast<std::size_t>(above - segment.knots_db.begin());
+  const auto knot = [&](std::size_t k) {
+    return law.at(knots[k], segment.knots_db, segment.knots_db[k]);
+  };
+  const double low_K = std::exp(knots[i - 1]), high_K = std::exp(knots[i]);
+  const double share = high_K > low_K ? (std::exp(log_K) - low_K) / (high_K - low_K)
+                                      : (gain_db - segment.knots_db[i - 1]) /
+                                            (segment.knots_db[i] - segment.knots_db[i - 1]);
+  return knot(i - 1) + share * (knot(i) - knot(i - 1));
 }
 
 RowDrift drift_at(const JointSegment& segment, double gain_db) {
@@ -287,19 +289,6 @@ double LogLinear::at(double x, std::span<const double> knots_db, double gain_db)
   const double y =
       intercept + slope * x + residual_weight * interpolate(knots_db, residual, gain_db);
   return signed_linear ? y : std::exp(y);
-}
-
-std::vector<int> conversion_gain_breaks(std::span<const double> gain_db,
-                                        std::span<const double> log_K,
-                                        std::span<const double> log_read_noise_dn) {
-  const double limit = std::log(kBreakFactor);
-  std::vector<int> breaks;
-  for (std::size_t i = 0; i + 1 < gain_db.size(); ++i) {
-    const bool read_jumps = excess(log_K, log_read_noise_dn, i, {0.0, 1.0}) > limit;
-    const bool K_jumps = excess(gain_db, log_K, i, {kLogPerDb, kLogPerDb}) > limit;
-    if (read_jumps || K_jumps) breaks.push_back(static_cast<int>(i));
-  }
-  return breaks;
 }
 
 Estimate<JointGainModel> fit_joint_model(const std::vector<PhysicsCalibration>& all) {
@@ -364,7 +353,10 @@ PhysicsCalibration calibration_of(const GainParameters& parameters) {
 GainParameters joint_parameters(const JointSegment& segment, double gain_db) {
   const double K = segment.K_of_gain.at(gain_db, segment.knots_db, gain_db);
   const double log_K = std::log(K);
-  const auto value = [&](const LogLinear& law) { return law.at(log_K, segment.knots_db, gain_db); };
+  const auto value = [&](const LogLinear& law) {
+    return law.signed_linear ? signed_value(law, segment, log_K, gain_db)
+                             : law.at(log_K, segment.knots_db, gain_db);
+  };
   GainParameters p;
   Values mu_deviation, row_deviation;
   for (std::size_t c = 0; c < segment.K_ratio.size(); ++c) {

@@ -21,8 +21,8 @@ struct LogLinear {
   double slope = 0, intercept = 0;
   double slope_stderr = 0, intercept_stderr = 0;  ///< 0 with fewer than three gains
   double residual_sd = 0;                         ///< about the law, with n - 2 in the divisor
-  bool signed_linear =
-      false;  ///< x is not positive at every gain: x = slope log K̂ + intercept instead
+  bool signed_linear = false;  ///< x is not positive at every gain: x = slope log K̂ + intercept
+                               ///< instead, and linear in K̂ between the gains (joint_parameters)
   std::vector<double> residual;  ///< per knot, in log x (or x); 0 where x had no logarithm
   double residual_weight = 0;  ///< share of the residuals that is real: 1 - error²/residual², >= 0
 
@@ -56,7 +56,8 @@ struct JointSegment {
 /// Segments are separated by breaks between conversion gains; most sensors have one.
 struct JointGainModel {
   std::vector<JointSegment> segments;  ///< rising gain
-  std::vector<std::string> notes;  ///< breaks found, signed regressions, projections of matrices
+  std::vector<std::string> notes;  ///< breaks found, signed regressions, projections of matrices,
+                                   ///< gains so far apart that the law between them is a guess
   bool operator==(const JointGainModel&) const = default;
 };
 
@@ -93,5 +94,10 @@ inline constexpr double kBreakFactor = 1.4;
 std::vector<int> conversion_gain_breaks(std::span<const double> gain_db,
                                         std::span<const double> log_K,
                                         std::span<const double> log_read_noise);
+
+/// A line for every two neighbouring knots so far apart that the law's read noise between them is a
+/// guess: more than 15 % above noise before and after the amplifier that adds in squares.
+std::vector<std::string> wide_gap_notes(const JointSegment& segment,
+                                        std::span<const std::string> gain_names);
 
 }  // namespace malus
