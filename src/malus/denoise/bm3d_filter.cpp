@@ -3,6 +3,7 @@
 // pass along the columns is plain vertical arithmetic; a transposition inside each half gives the
 // other direction. Vectors are 16 floats on every machine, in as many registers as it needs, so all
 // machines compute the same.
+#include "malus/base/vector_targets.h"
 #include "malus/denoise/internal/bm3d_stage.h"
 #include "malus/denoise/internal/bm3d_transform.h"
 
@@ -13,7 +14,6 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/bm3d_filter.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <hwy/highway.h>
@@ -198,57 +198,48 @@ void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
                                     sum_lanes(energy, kSingle ? kPatch : 2 * kPatch));
 }
 
-void hard_groups(const FilterKernelJob& job) {
+template <template <int, bool> class Filter>
+void filter_groups(const FilterKernelJob& job) {
   for (std::size_t i = 0; i < job.count; ++i) {
     const BlockGroup& group = job.groups[i];
     switch (group.count) {
       case 1:
-        hard_group<1, true>(job, group);
+        Filter<1, true>::run(job, group);
         break;
       case 2:
-        hard_group<1, false>(job, group);
+        Filter<1, false>::run(job, group);
         break;
       case 4:
-        hard_group<2, false>(job, group);
+        Filter<2, false>::run(job, group);
         break;
       case 8:
-        hard_group<4, false>(job, group);
+        Filter<4, false>::run(job, group);
         break;
       case 16:
-        hard_group<8, false>(job, group);
+        Filter<8, false>::run(job, group);
         break;
       default:
-        hard_group<16, false>(job, group);
+        Filter<16, false>::run(job, group);
         break;
     }
   }
 }
 
-void wiener_groups(const FilterKernelJob& job) {
-  for (std::size_t i = 0; i < job.count; ++i) {
-    const BlockGroup& group = job.groups[i];
-    switch (group.count) {
-      case 1:
-        wiener_group<1, true>(job, group);
-        break;
-      case 2:
-        wiener_group<1, false>(job, group);
-        break;
-      case 4:
-        wiener_group<2, false>(job, group);
-        break;
-      case 8:
-        wiener_group<4, false>(job, group);
-        break;
-      case 16:
-        wiener_group<8, false>(job, group);
-        break;
-      default:
-        wiener_group<16, false>(job, group);
-        break;
-    }
+template <int kPairs, bool kSingle>
+struct HardFilter {
+  static void run(const FilterKernelJob& job, const BlockGroup& group) {
+    hard_group<kPairs, kSingle>(job, group);
   }
-}
+};
+void hard_groups(const FilterKernelJob& job) { filter_groups<HardFilter>(job); }
+
+template <int kPairs, bool kSingle>
+struct WienerFilter {
+  static void run(const FilterKernelJob& job, const BlockGroup& group) {
+    wiener_group<kPairs, kSingle>(job, group);
+  }
+};
+void wiener_groups(const FilterKernelJob& job) { filter_groups<WienerFilter>(job); }
 
 }  // namespace malus::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();

@@ -5,6 +5,7 @@
 // step; a block is a sum of whole cells and of the parts of cells at its far edges. The picture is
 // stored with its columns sorted by column modulo step: one vector holds the same column of
 // neighbouring cells, and no lane is wasted on positions where no block starts.
+#include "malus/base/vector_targets.h"
 #include "malus/denoise/internal/bm3d_stage.h"
 
 #include <algorithm>
@@ -14,7 +15,6 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/bm3d_match.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <hwy/aligned_allocator.h>

@@ -1,6 +1,8 @@
 // The inner loop of the detail shrinkage, as stack_kernel.cpp: the same bits on all machines.
 #include "malus/denoise/internal/detail_kernel.h"
 
+#include "malus/base/vector_targets.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -10,7 +12,6 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/detail_kernel.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <hwy/highway.h>

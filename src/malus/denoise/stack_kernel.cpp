@@ -3,6 +3,8 @@
 // so, not the compiler: so all machines that can do that compute the same bits.
 #include "malus/denoise/internal/stack_kernel.h"
 
+#include "malus/base/vector_targets.h"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -18,7 +20,6 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/denoise/stack_kernel.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <hwy/highway.h>

@@ -15,22 +15,13 @@ namespace {
 
 using Counts = std::vector<std::int64_t>;
 
-// Equal bins; samples beyond the ends go to the outermost ones.
+// Equal bins, of the noise or as levels of the clean signal; samples beyond the ends go to the
+// outermost ones.
 struct Bins {
   double low = 0, width = 1;
-  int count = 0;
+  int count = 1;
   std::size_t of(double x) const {
     const double i = std::floor((x - low) / width);
-    return static_cast<std::size_t>(std::clamp(i, 0.0, count - 1.0));
-  }
-};
-
-// Evenly spaced levels of the clean signal.
-struct Levels {
-  double low = 0, width = 1;
-  int count = 1;
-  std::size_t of(double signal) const {
-    const double i = std::floor((signal - low) / width);
     return static_cast<std::size_t>(std::clamp(i, 0.0, count - 1.0));
   }
   double centre(int i) const { return low + (i + 0.5) * width; }
@@ -116,7 +107,7 @@ class NoiseSource {
   Image signal_, base_;
 };
 
-Levels levels_of(const Image& signal, int count) {
+Bins levels_of(const Image& signal, int count) {
   std::vector<float> values = signal.values();
   std::erase_if(values, [](float v) { return !std::isfinite(v); });
   if (values.size() < 2) return {};
@@ -136,7 +127,7 @@ struct MomentsByLevel {
   bool whole_numbers = true;
 };
 
-MomentsByLevel moments_of(const Image& noise, const Image& signal, const Levels& levels) {
+MomentsByLevel moments_of(const Image& noise, const Image& signal, const Bins& levels) {
   MomentsByLevel result;
   result.noise.resize(static_cast<std::size_t>(levels.count) + 1);
   for (std::size_t i = 0; i < noise.size(); ++i) {
@@ -166,7 +157,7 @@ Bins bins_of(const Moments& a, const Moments& b, bool whole_numbers, int count) 
 }
 
 // Histograms of one side: one per level and one of all samples.
-std::vector<Counts> histograms_of(const NoiseSource& source, const Levels& levels,
+std::vector<Counts> histograms_of(const NoiseSource& source, const Bins& levels,
                                   const std::vector<Bins>& bins, StructureSums& structure,
                                   Progress& progress) {
   std::vector<Counts> counts;
@@ -221,7 +212,7 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
                      fmt::format("{} x {} pixels against {} x {} of the reference", first_b.cols(),
                                  first_b.rows(), first_a.cols(), first_a.rows()),
                      "compare frames of one size");
-  const Levels levels = clean_dn || pattern ? levels_of(a.signal(), settings.levels) : Levels{};
+  const Bins levels = clean_dn || pattern ? levels_of(a.signal(), settings.levels) : Bins{};
   const MomentsByLevel moments_a = moments_of(first_a, a.signal(), levels);
   const MomentsByLevel moments_b = moments_of(first_b, b.signal(), levels);
   if (moments_a.signal.count() < 2 || moments_b.signal.count() < 2)

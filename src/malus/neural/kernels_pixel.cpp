@@ -1,9 +1,9 @@
 // What lies between the products: norms, activations, depth-wise convolutions, softmax.
+#include "malus/base/vector_targets.h"
 #include "malus/neural/internal/kernels.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/neural/kernels_pixel.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <algorithm>

@@ -1,4 +1,5 @@
 // Products of float32 values, for many rows of few values times packed weights.
+#include "malus/base/vector_targets.h"
 #include "malus/neural/internal/kernels.h"
 
 #include <algorithm>
@@ -6,7 +7,6 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/neural/kernels_product.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <hwy/highway.h>

@@ -1,12 +1,12 @@
 // Winograd's minimal filtering of 3x3 windows by tiles of 4x4 results (Lavin and Gray, "Fast
 // algorithms for convolutional neural networks", CVPR 2016, 4.3: F(4x4, 3x3)).
+#include "malus/base/vector_targets.h"
 #include "malus/neural/internal/kernels.h"
 
 #include <algorithm>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/neural/kernels_winograd.cpp"
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4 | HWY_AVX3_DL)
 #include <hwy/foreach_target.h>
 // After foreach_target.
 #include <hwy/highway.h>
