@@ -58,11 +58,7 @@ double worst_read_distance(const Values& lambda, const Values& sigma,
 template <class Calibration>
 NoiseModel without(const NoiseModel& model, std::vector<Calibration> NoiseModel::*part,
                    std::size_t index) {
-  NoiseModel rest;
-  rest.sensor = model.sensor;
-  rest.layout = model.layout;
-  rest.row_group = model.row_group;
-  rest.quantization_dn = model.quantization_dn;
+  NoiseModel rest = sensor_alone(model);
   rest.*part = model.*part;
   (rest.*part).erase((rest.*part).begin() + static_cast<std::ptrdiff_t>(index));
   return rest;

@@ -148,14 +148,8 @@ NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, dou
   multiply(entry.sigma_tl, factor());
   multiply(entry.sigma_row, factor());
   multiply(entry.mu, factor());
-  NoiseModel sensor;
-  sensor.sensor = model.sensor;
-  sensor.layout = model.layout;
-  sensor.black_dn = model.black_dn;
-  sensor.white_dn = model.white_dn;
-  sensor.quantization_dn = model.quantization_dn;
-  sensor.row_group = model.row_group;
-  sensor.origin = model.origin + ", varied";
+  NoiseModel sensor = sensor_alone(model);
+  sensor.origin += ", varied";
   sensor.physics = {std::move(entry)};
   return sensor;
 }

@@ -263,6 +263,19 @@ GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange rang
   return p;
 }
 
+NoiseModel sensor_alone(const NoiseModel& model) {
+  NoiseModel sensor;
+  sensor.sensor = model.sensor;
+  sensor.layout = model.layout;
+  sensor.black_dn = model.black_dn;
+  sensor.white_dn = model.white_dn;
+  sensor.quantization_dn = model.quantization_dn;
+  sensor.row_group = model.row_group;
+  sensor.row_group_origin = model.row_group_origin;
+  sensor.origin = model.origin;
+  return sensor;
+}
+
 PhysicsNoise physics_of(const NoiseModel& model, const GainParameters& p) {
   PhysicsNoise noise;
   noise.layout = model.layout;

@@ -92,6 +92,9 @@ struct NoiseModel {
   NoiseProfile profile_at(const GainSetting& gain, GainRange range = GainRange::kCalibratedOnly,
                           ColumnNoise columns = ColumnNoise::kInPixels) const;
 
+/// The sensor without any of its calibrations: names, layout, levels, converter and row group.
+NoiseModel sensor_alone(const NoiseModel& model);
+
   bool operator==(const NoiseModel&) const = default;
 };
 
