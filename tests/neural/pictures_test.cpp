@@ -8,6 +8,7 @@
 #include "malus/neural/raw_pairs.h"
 #include "malus/neural/tiles.h"
 #include "malus/neural/trainer.h"
+#include "malus/polar/color_map.h"
 #include "malus/polar/demosaick.h"
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"

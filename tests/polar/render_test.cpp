@@ -25,6 +25,15 @@ double luminance(const Rgb& c) {
   return 0.2126 * linear(c.r) + 0.7152 * linear(c.g) + 0.0722 * linear(c.b);
 }
 
+TEST(SrgbCurve, MeetsTheStandardsPoints) {
+  EXPECT_DOUBLE_EQ(srgb_to_linear(0.0), 0.0);
+  EXPECT_NEAR(srgb_to_linear(1.0), 1.0, 1e-12);
+  EXPECT_NEAR(srgb_to_linear(0.5), 0.21404114, 1e-7);  // IEC 61966-2-1
+  EXPECT_NEAR(srgb_to_linear(0.04045), 0.0031308, 1e-6);
+  for (const double linear : {0.0, 0.002, 0.18, 1.0})
+    EXPECT_NEAR(srgb_to_linear(static_cast<double>(srgb_of_linear(linear)) / 255), linear, 1e-6);
+}
+
 TEST(ColorMap, OkLabWhiteAndBlackAreSrgbWhiteAndBlack) {
   EXPECT_LT(distance(rgb_of_oklab(1, 0, 0), {255, 255, 255}), 0.1);
   EXPECT_LT(distance(rgb_of_oklab(0, 0, 0), {0, 0, 0}), 0.1);

@@ -220,15 +220,24 @@ TEST(Uncertainty, OfOneUnknownIntensityNothingFollows) {
     }
 }
 
-// Sixteen planes of one variance: green averages two sites of every angle.
-TEST(Uncertainty, MergedGreenHasHalfTheVariance) {
-  const auto layout = SensorLayout::named("polar-bayer-rggb");
-  Planes intensity(16, 2, 2), variance(16, 2, 2);
+struct PlanesAndVariance {
+  Planes intensity, variance;
+};
+
+PlanesAndVariance sixteen_planes_of_one_variance() {
+  PlanesAndVariance planes{Planes(16, 2, 2), Planes(16, 2, 2)};
   for (int k = 0; k < 16; ++k)
     for (std::size_t i = 0; i < 4; ++i) {
-      intensity[k].values()[i] = static_cast<float>(100 + k);
-      variance[k].values()[i] = 8;
+      planes.intensity[k].values()[i] = static_cast<float>(100 + k);
+      planes.variance[k].values()[i] = 8;
     }
+  return planes;
+}
+
+// Green averages two sites of every angle.
+TEST(Uncertainty, MergedGreenHasHalfTheVariance) {
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  const auto [intensity, variance] = sixteen_planes_of_one_variance();
   const StokesPicture picture = merge_greens(stokes_per_color(intensity, layout), layout);
   const auto u = uncertainty_of(picture, variance, layout, Intensities::kMeasured);
   ASSERT_EQ(u.size(), 3u);
@@ -241,12 +250,7 @@ TEST(Uncertainty, MergedGreenHasHalfTheVariance) {
 // variance of independent ones. Red and blue have one site of every angle.
 TEST(Uncertainty, DenoisedGreensShareTheirErrors) {
   const auto layout = SensorLayout::named("polar-bayer-rggb");
-  Planes intensity(16, 2, 2), variance(16, 2, 2);
-  for (int k = 0; k < 16; ++k)
-    for (std::size_t i = 0; i < 4; ++i) {
-      intensity[k].values()[i] = static_cast<float>(100 + k);
-      variance[k].values()[i] = 8;
-    }
+  const auto [intensity, variance] = sixteen_planes_of_one_variance();
   const auto stokes = stokes_per_color(intensity, layout);
   const auto merged =
       uncertainty_of(merge_greens(stokes, layout), variance, layout, Intensities::kDenoised);

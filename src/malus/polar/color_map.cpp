@@ -45,6 +45,10 @@ float srgb_of_linear(double linear) {
   return static_cast<float>(255 * coded);
 }
 
+double srgb_to_linear(double value) {
+  return value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
+}
+
 Rgb rgb_of_oklab(double lightness, double a, double b) {
   const auto cube = [](double x) { return x * x * x; };
   const double l = cube(lightness + 0.3963377774 * a + 0.2158037573 * b);

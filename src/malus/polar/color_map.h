@@ -15,6 +15,8 @@ Rgb rgb_of_oklab(double lightness, double a, double b);
 
 /// sRGB's transfer curve (IEC 61966-2-1): linear light 0..1, clipped, to 0..255.
 float srgb_of_linear(double linear);
+/// The curve undone; value and result in [0, 1].
+double srgb_to_linear(double value);
 
 /// Angle wheel with a period of 180 degrees and one lightness all around, so that no angle looks
 /// stronger than another: red 0, green about 60, blue about 120. strength 0..1 fades to black.

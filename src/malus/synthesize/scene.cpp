@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/polar/color_map.h"
 #include "malus/polar/fresnel.h"
 
 #include <algorithm>
@@ -129,15 +130,6 @@ Surface surface_of(double right, double down, double scale, double steepest_slop
 
 }  // namespace
 
-double srgb_to_linear(double value) {
-  return value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
-}
-
-void srgb_to_linear(Planes& rgb) {
-  for (Image& plane : rgb)
-    for (float& v : plane.values()) v = static_cast<float>(srgb_to_linear(static_cast<double>(v)));
-}
-
 Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
                     bool srgb) {
   constexpr float kBrightest = 65504.0f;
@@ -159,7 +151,10 @@ Planes linear_light(const Planes& picture, const std::vector<std::string>& names
       to[i] = v >= 0 ? std::min(v, kBrightest) : 0.0f;
     }
   }
-  if (srgb) srgb_to_linear(linear);
+  if (srgb)
+    for (Image& plane : linear)
+      for (float& v : plane.values())
+        v = static_cast<float>(srgb_to_linear(static_cast<double>(v)));
   return linear;
 }
 

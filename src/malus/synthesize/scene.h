@@ -61,10 +61,6 @@ struct FilmSettings {
   int bumps = 12;               ///< hills of the random stress and of the random axis, >= 1
 };
 
-/// The sRGB tone curve undone (IEC 61966-2-1): value and result in [0,1].
-double srgb_to_linear(double value);
-void srgb_to_linear(Planes& rgb);
-
 /// The light of a picture: its channels named R, G, B (else the first three; the first alone of
 /// fewer than three), divided by white, the sRGB curve undone where srgb says so. NaN and negative
 /// light are dark, and nothing is brighter than a half float.
