@@ -76,9 +76,6 @@ struct NoiseModel {
   /// non-parametric part.
   GainSetting random_gain(std::uint64_t seed, std::uint32_t frame) const;
 
-  /// sample_physics_at(random_gain(seed, frame), seed, frame).
-  PhysicsNoise sample_physics_at_random_gain(std::uint64_t seed, std::uint32_t frame) const;
-
   /// The other kinds at a gain: measured, or interpolated between the two measured gains around it
   /// (interpolate_kinds.h), never across conversion gains; dark frames at measured gains only.
   /// InputError where the model holds none of the kind, or the gain lies outside.

@@ -128,9 +128,4 @@ GainSetting NoiseModel::random_gain(std::uint64_t seed, std::uint32_t frame) con
   return gain_like(physics[0].gain, gain_db_of_log_K(joint->segments[place.interval], place.value));
 }
 
-PhysicsNoise NoiseModel::sample_physics_at_random_gain(std::uint64_t seed,
-                                                       std::uint32_t frame) const {
-  return sample_physics_at(random_gain(seed, frame), seed, frame);
-}
-
 }  // namespace malus

@@ -41,21 +41,6 @@ TableBlock channel_table(std::string title, const SensorLayout& layout,
   return table;
 }
 
-TableBlock quantity_table(std::string title, const std::vector<Quantity>& quantities) {
-  TableBlock table{.title = std::move(title),
-                   .note = {},
-                   .head = "quantity",
-                   .columns = {{"value", "1"}, {"unit", "1"}},
-                   .rows = {}};
-  for (const Quantity& quantity : quantities) {
-    MALUS_REQUIRE(quantity.value.size() == 1);
-    const std::string name = quantity.description.empty() ? quantity.name : quantity.description;
-    table.rows.push_back({quantity.symbol.empty() ? name : name + ", " + quantity.symbol,
-                          {measured_of(quantity, 0), quantity.unit == "1" ? "" : quantity.unit}});
-  }
-  return table;
-}
-
 PointSeries gaussian_ellipse(std::string name, double mean_x, double mean_y, double variance_x,
                              double variance_y, double covariance, double deviations) {
   const double sd_x = std::sqrt(std::max(variance_x, 0.0));

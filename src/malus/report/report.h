@@ -168,9 +168,6 @@ struct Report {
 TableBlock channel_table(std::string title, const SensorLayout& layout,
                          const std::vector<Quantity>& quantities);
 
-/// A table of scalar quantities: a row each. Contract: each has one value.
-TableBlock quantity_table(std::string title, const std::vector<Quantity>& quantities);
-
 /// Closed curve at `deviations` standard deviations of a two-dimensional Gaussian with the given
 /// means, variances and covariance (000 Fig. 4). A covariance beyond the variances' reach is taken
 /// as full correlation.
