@@ -27,8 +27,8 @@ TEST(GainSetting, AtDecibelUndoesDecibel) {
 TEST(GainSetting, APrefixNamesNoGainOfACameraThatTellsNone) {
   EXPECT_EQ(gain_prefix(decibel(12)), "12 dB: ");
   EXPECT_EQ(gain_prefix(iso(400), "Gaussian"), "ISO 400, Gaussian: ");
-  EXPECT_EQ(gain_prefix({}, "Gaussian"), "Gaussian: ");
-  EXPECT_EQ(gain_prefix({}), "");
+  EXPECT_EQ(gain_prefix(GainSetting(), "Gaussian"), "Gaussian: ");
+  EXPECT_EQ(gain_prefix(GainSetting()), "");
 }
 
 TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {

@@ -12,8 +12,8 @@ namespace malus {
 /// Frames of one static scene that noise is taken from, and the cleaner ones it is compared with.
 struct NoiseSource {
   const FrameSet* frames = nullptr;  ///< bias, flat or burst
-  const FrameSet* reference =
-      nullptr;  ///< low-gain stack of the same scene; null: the frames' mean
+  /// Low-gain stack of the same scene; null: the frames' mean.
+  const FrameSet* reference = nullptr;
 };
 
 /// The signal's zero, per channel.

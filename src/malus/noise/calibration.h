@@ -18,10 +18,11 @@ namespace malus {
 struct ChannelStatistics {
   std::vector<double> mean;
   std::vector<double> standard_error;  ///< of the mean; NaN where it cannot be told
-  std::vector<double> spread;  ///< sd of the parameter from frame to frame (sampling error of one
-                               ///< frame removed); NaN where one frame cannot tell
-  SquareMatrix
-      covariance;  ///< over frames, between channels, sampling error removed; n = 0 if not measured
+  /// Sd of the parameter from frame to frame, sampling error of one frame removed; NaN where one
+  /// frame cannot tell.
+  std::vector<double> spread;
+  /// Over frames, between channels, sampling error removed; n = 0 if not measured.
+  SquareMatrix covariance;
   /// [frame][channel]: every frame's own estimate, sampling error and all; NaN where a frame had
   /// none; empty if not kept.
   std::vector<std::vector<double>> per_frame = {};
@@ -67,9 +68,9 @@ struct PhysicsCalibration {
   std::vector<double> dsnu_stderr_dn, prnu_stderr;  ///< may be empty
   SquareMatrix row_correlation;  ///< between the channels' row-group offsets inside a frame
   std::vector<PhotonTransferPoint> transfer;
-  Image dark_shading_dn;  ///< mosaic: per-pixel mean of the bias frames minus the channel's mean;
-                          ///< may be empty
-  Image prnu_map;         ///< mosaic: relative response, mean 1 per channel; may be empty
+  /// Mosaics, either may be empty: per-pixel mean of the bias frames minus the channel's mean;
+  /// relative response, mean 1 per channel.
+  Image dark_shading_dn, prnu_map;
   /// Read-noise residuals of all bias frames per channel: counts of |residual| in cells
   /// [i, i + 1) * residual_cell_dn, the last one with all beyond; empty if not kept.
   std::vector<double> residual_cell_dn;
@@ -137,11 +138,10 @@ struct DefectPixel {
   bool operator==(const DefectPixel&) const = default;
 };
 
-/// Share of a channel's dark pixels at DN 0: with more the cut-off noise moves the dark point by as
-/// much as its error, and K rests on the flats alone.
+/// Share of a channel's dark pixels at DN 0: with more, which makes the variance of normal noise
+/// 1.8 % too small, the dark point moves by as much as its error, and K rests on the flats alone.
 inline constexpr double kMostDarkZeros = 1e-2;
 
-/// Share of a sensor's pixels; with more defects the list is hardly true, and filling them harms.
 /// The same share, for denoising: with more it works out what bias and variance were before the
 /// cut, as of normal noise (before_cut_off). Up to here they are nearly right as measured, the
 /// deviation of normal noise to 1.8 % and its mean to 0.7 % of that, and no law has to be assumed.
@@ -153,6 +153,7 @@ inline bool PhysicsCalibration::dark_was_cut_off() const {
                      [](double share) { return share > kMostUndoneDarkZeros; });
 }
 
+/// Share of a sensor's pixels; with more defects the list is hardly true, and filling them harms.
 inline constexpr double kManyDefects = 0.01;
 
 }  // namespace malus

@@ -21,8 +21,9 @@ struct LogLinear {
   double slope = 0, intercept = 0;
   double slope_stderr = 0, intercept_stderr = 0;  ///< 0 with fewer than three gains
   double residual_sd = 0;                         ///< about the law, with n - 2 in the divisor
-  bool signed_linear = false;  ///< x is not positive at every gain: x = slope log K̂ + intercept
-                               ///< instead, and linear in K̂ between the gains (joint_parameters)
+  /// x is not positive at every gain: x = slope log K̂ + intercept instead, and linear in K̂ between
+  /// the gains (joint_parameters).
+  bool signed_linear = false;
   std::vector<double> residual;  ///< per knot, in log x (or x); 0 where x had no logarithm
   double residual_weight = 0;  ///< share of the residuals that is real: 1 - error²/residual², >= 0
 
@@ -41,10 +42,12 @@ struct JointSegment {
   std::vector<double> knots_log_K;  ///< log K̂ of each knot
   LogLinear K_of_gain;              ///< log K̂ = slope dB + intercept; knots are knots_db
   std::vector<double> K_ratio;      ///< K_c / K̂, mean over the gains
+  /// Laws of -mu, sigma_row and sigma_tl in DN, of their variances from frame to frame in DN², and
+  /// of the sd of sigma_tl in DN (000 Eq. 5-7).
   std::vector<LogLinear> minus_mu, mu_variance, sigma_row, sigma_row_variance, sigma_tl,
       sigma_tl_spread;
-  SquareMatrix mu_correlation,
-      sigma_row_correlation;                ///< mean over the gains, nearest positive semi-definite
+  /// Between channels, mean over the gains, nearest positive semi-definite.
+  SquareMatrix mu_correlation, sigma_row_correlation;
   std::vector<std::vector<double>> lambda;  ///< per knot, per channel; interpolated
   std::vector<RowDrift> row_drift;          ///< per knot; interpolated; empty: white at all of them
 
@@ -65,9 +68,9 @@ struct JointGainModel {
 struct GainParameters {
   GainSetting gain;
   bool measured = false;  ///< values as calibrated; otherwise from the joint model
-  std::vector<double> K, lambda, mu_dn, sigma_row_dn, sigma_tl_dn;
+  std::vector<double> K, lambda, mu_dn, sigma_row_dn, sigma_tl_dn;  ///< K: DN/e-
   std::vector<double> sigma_tl_spread_dn;
-  SquareMatrix mu_covariance, sigma_row_covariance;  ///< positive semi-definite
+  SquareMatrix mu_covariance, sigma_row_covariance;  ///< DN², positive semi-definite
   RowDrift row_drift;
 };
 

@@ -34,11 +34,11 @@ enum class ColumnNoise { kInPixels, kApart };
 struct NoiseModel {
   std::string sensor;
   SensorLayout layout;
-  std::vector<double> black_dn;  ///< nominal, per channel
-  double white_dn = 0;           ///< black included
-  double quantization_dn = 1;
-  int row_group = 1;
-  std::string row_group_origin = "declared";  ///< or "detected"
+  std::vector<double> black_dn;               ///< nominal, per channel
+  double white_dn = 0;                        ///< black included
+  double quantization_dn = 1;                 ///< q: step of the converter; 0 = none
+  int row_group = 1;                          ///< mosaic rows that share one draw of row noise
+  std::string row_group_origin = "declared";  ///< or "detected", or "assumed"
   std::string origin;  ///< where the numbers come from: session file, publication, simulation
   double saturation_limit = 0;  ///< flats up to this share of black to white told K; 0: not known
   std::vector<std::string> warnings;  ///< of the whole calibration; each gain has its own, too
@@ -89,11 +89,11 @@ struct NoiseModel {
   NoiseProfile profile_at(const GainSetting& gain, GainRange range = GainRange::kCalibratedOnly,
                           ColumnNoise columns = ColumnNoise::kInPixels) const;
 
-/// The sensor without any of its calibrations: names, layout, levels, converter and row group.
-NoiseModel sensor_alone(const NoiseModel& model);
-
   bool operator==(const NoiseModel&) const = default;
 };
+
+/// The sensor without any of its calibrations: names, layout, levels, converter and row group.
+NoiseModel sensor_alone(const NoiseModel& model);
 
 /// The profile of given physics parameters, parts switched off left out.
 NoiseProfile profile_of(const PhysicsNoise& noise);

@@ -14,7 +14,7 @@
 namespace malus {
 
 struct ChannelProfile {
-  VarianceCurve variance;
+  VarianceCurve variance;      ///< of single pixels, without rows
   double bias_dn = 0;          ///< mean of dark pixels above the black level
   double sigma_row_dn = 0;     ///< sd of the row groups' offsets
   double sigma_column_dn = 0;  ///< sd of the columns' offsets; 0 where the variance holds them
@@ -35,7 +35,7 @@ struct DefectList {
 struct NoiseProfile {
   SensorLayout layout;
   std::vector<ChannelProfile> channels;  ///< one per channel of the layout
-  int row_group = 1;
+  int row_group = 1;                     ///< mosaic rows that share one draw of row noise
   /// The converter's step, whose rounding the channels' variances hold; 0: none, or not known.
   double step_dn = 0;
   bool estimated_from_picture = false;  ///< no model was given
