@@ -163,6 +163,19 @@ def test_files_that_are_named_exist():
     assert not missing, "\n".join(missing)
 
 
+def test_places_of_formulas_exist():
+    """Where ARCHITECTURE.md says a formula lives; a name without a module is beside the one before it."""
+    missing = []
+    for row in re.findall(r"^\|.*\|$", (ROOT / "ARCHITECTURE.md").read_text(), re.MULTILINE):
+        module = SOURCES
+        for name in re.findall(r"`([\w/-]+\.(?:h|cpp))`", row):
+            if (SOURCES / name).exists() and "/" in name:
+                module = SOURCES / pathlib.Path(name).parts[0]
+            elif not (module / name).exists() and not (ROOT / name).exists():
+                missing.append(f"{name}: {row[:60]}")
+    assert not missing, "\n".join(missing)
+
+
 def test_type_names_are_unique_in_their_namespace():
     """Two types of one name in one namespace are undefined behaviour in a program that links both."""
     seen, twice = {}, []
