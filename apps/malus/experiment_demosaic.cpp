@@ -134,17 +134,12 @@ std::string demosaic_text(const Json& rows) {
 }
 
 Json demosaic_record(const Json& rows) {
-  Json table{{"title", "Means over captures"},
-             {"note", "Trained on each noise model, scored on the same captures."},
-             {"head", "noise model"},
-             {"columns",
-              {{{"name", "PSNR"}, {"unit", "dB"}},
-               {{"name", "SSIM"}, {"unit", "1"}},
-               {{"name", "time per frame"}, {"unit", "s"}}}},
-             {"rows", Json::array()}};
+  Json table = record_table(
+      "Means over captures", "Trained on each noise model, scored on the same captures.",
+      "noise model", {{"PSNR", "dB"}, {"SSIM", "1"}, {"time per frame", "s"}});
   for (const Json& row : rows)
-    table["rows"].push_back(
-        {{"name", row["name"]}, {"cells", {row["psnr_db"], row["ssim"], row["seconds"]}}});
+    add_record_row(table, row["name"].get<std::string>(),
+                   {row["psnr_db"], row["ssim"], row["seconds"]});
   return {{"title", "Joint denoising and demosaicking"}, {"tables", Json::array({table})}};
 }
 

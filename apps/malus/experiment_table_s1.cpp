@@ -287,18 +287,15 @@ std::string table_s1_text(const TestBench& bench, const Json& rows) {
 
 // As a record that a report shows (docs/report.md).
 Json table_s1_record(const Json& rows) {
-  Json table{{"title", "Non-parametric Sensor Noise Modeling and Synthesis, Table S1"},
-             {"note", "A neural ISP trained on the frames of each row, scored on captures."},
-             {"head", "noise model, denoiser"},
-             {"columns",
-              {{{"name", "neural ISP PSNR"}, {"unit", "dB"}},
-               {{"name", "SSIM"}, {"unit", "1"}},
-               {{"name", "JSD"}, {"unit", "1"}}}},
-             {"rows", Json::array()}};
+  Json table = record_table("Non-parametric Sensor Noise Modeling and Synthesis, Table S1",
+                            "A neural ISP trained on the frames of each row, scored on captures.",
+                            "noise model, denoiser",
+                            {{"neural ISP PSNR", "dB"}, {"SSIM", "1"}, {"JSD", "1"}});
   for (const Json& row : rows)
-    table["rows"].push_back({{"name", fmt::format("{}, {}", row["noise_model"].get<std::string>(),
-                                                  row["denoiser"].get<std::string>())},
-                             {"cells", {row["psnr_db"], row["ssim"], row.value("jsd", Json())}}});
+    add_record_row(table,
+                   fmt::format("{}, {}", row["noise_model"].get<std::string>(),
+                               row["denoiser"].get<std::string>()),
+                   {row["psnr_db"], row["ssim"], row.value("jsd", Json())});
   return {{"title", "Noise on noise for a neural ISP"}, {"tables", Json::array({table})}};
 }
 

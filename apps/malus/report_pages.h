@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -53,6 +54,14 @@ std::vector<Section> evaluation_sections(const nlohmann::ordered_json& evaluatio
 std::vector<Section> record_sections(const nlohmann::ordered_json& record,
                                      const std::filesystem::path& folder = {},
                                      const std::string& prefix = "");
+
+/// A table of such a record, without rows; columns: name and unit of each.
+nlohmann::ordered_json record_table(
+    const std::string& title, const std::string& note, const std::string& head,
+    const std::vector<std::pair<std::string, std::string>>& columns);
+/// A row of it; cells: one per column, null where there is no value.
+void add_record_row(nlohmann::ordered_json& table, const std::string& name,
+                    const nlohmann::ordered_json& cells);
 
 /// What a run's JSON lists under "warnings".
 NoticesBlock warning_notices(const nlohmann::ordered_json& run);

@@ -146,6 +146,22 @@ ChartsBlock bars_of(const Metric& metric, const std::vector<Json>& results,
 
 }  // namespace
 
+Json record_table(const std::string& title, const std::string& note, const std::string& head,
+                  const std::vector<std::pair<std::string, std::string>>& columns) {
+  Json table{{"title", title},
+             {"note", note},
+             {"head", head},
+             {"columns", Json::array()},
+             {"rows", Json::array()}};
+  for (const auto& [name, unit] : columns)
+    table["columns"].push_back({{"name", name}, {"unit", unit}});
+  return table;
+}
+
+void add_record_row(Json& table, const std::string& name, const Json& cells) {
+  table["rows"].push_back({{"name", name}, {"cells", cells}});
+}
+
 NoticesBlock warning_notices(const Json& run) {
   NoticesBlock notices;
   if (run.contains("warnings"))

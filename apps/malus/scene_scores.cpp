@@ -15,6 +15,7 @@
 #include <cmath>
 
 #include "flags.h"
+#include "report_pages.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -254,25 +255,20 @@ Json score_record(const std::string& title, const SceneRuns& runs, const NoiseMo
                   const std::vector<SceneScore>& scores) {
   std::vector<std::string> scenes;
   for (const fs::path& scene : runs.scenes) scenes.push_back(name_of_scene(scene));
-  Json table = {
-      {"title", "Means over scenes and cases"},
-      {"note",
-       fmt::format("Scenes: {}, of each at most the middle {} x {} pixels. {}; noise of {}.",
-                   joined(scenes), runs.crop, runs.crop, cases_text(runs.cases, model),
-                   runs.model)},
-      {"head", "method"},
-      {"columns",
-       {{{"name", "image PSNR"}, {"unit", "dB"}},
-        {{"name", "DoLP PSNR"}, {"unit", "dB"}},
-        {{"name", "AoLP circular error"}, {"unit", "deg"}},
-        {{"name", "time per frame"}, {"unit", "s"}}}},
-      {"rows", Json::array()}};
+  Json table = record_table(
+      "Means over scenes and cases",
+      fmt::format("Scenes: {}, of each at most the middle {} x {} pixels. {}; noise of {}.",
+                  joined(scenes), runs.crop, runs.crop, cases_text(runs.cases, model), runs.model),
+      "method",
+      {{"image PSNR", "dB"},
+       {"DoLP PSNR", "dB"},
+       {"AoLP circular error", "deg"},
+       {"time per frame", "s"}});
   for (const Json& method : score_json(scores)) {
     const bool timed = method["seconds"].get<double>() > 0;  // nothing is done to the noisy frame
-    table["rows"].push_back({{"name", method["name"]},
-                             {"cells",
-                              {method["image_psnr_db"], method["dolp_psnr_db"],
-                               method["aolp_circular_deg"], timed ? method["seconds"] : Json()}}});
+    add_record_row(table, method["name"].get<std::string>(),
+                   {method["image_psnr_db"], method["dolp_psnr_db"], method["aolp_circular_deg"],
+                    timed ? method["seconds"] : Json()});
   }
   return {{"title", title}, {"tables", Json::array({table})}};
 }
