@@ -6,6 +6,7 @@
 
 #include <tuple>
 
+#include "plain_layers.h"
 #include <ATen/Parallel.h>
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
@@ -15,27 +16,13 @@ namespace {
 
 using internal::MatrixProduct;
 
-double farthest_apart(const torch::Tensor& a, const torch::Tensor& b) {
-  return (a - b).abs().max().item<double>();
-}
-
-std::shared_ptr<Network> scattered_nafnet(int width) {
-  torch::manual_seed(5);
-  auto network = make_network({"nafnet",
-                               {{"img_channel", 5},
-                                {"width", width},
-                                {"middle_blk_num", 1},
-                                {"enc_blk_nums", {1, 2}},
-                                {"dec_blk_nums", {1, 1}}}});
-  const torch::NoGradGuard no_gradients;
-  for (torch::Tensor& parameter : network->parameters())
-    parameter.add_(0.05 * torch::randn_like(parameter));
-  return network;
-}
-
-torch::Tensor nafnet_by_layers(Network& network, const torch::Tensor& x) {
-  const torch::AutoGradMode gradients(true);
-  return network.forward(x).detach();
+NetworkDescription nafnet(int width) {
+  return {"nafnet",
+          {{"img_channel", 5},
+           {"width", width},
+           {"middle_blk_num", 1},
+           {"enc_blk_nums", {1, 2}},
+           {"dec_blk_nums", {1, 1}}}};
 }
 
 // Whole vectors and widths that are filled up to them; strips of many columns, of a row, of
@@ -43,12 +30,12 @@ torch::Tensor nafnet_by_layers(Network& network, const torch::Tensor& x) {
 TEST(GatedKernels, GiveWhatTheLayersGiveForAnyWidth) {
   const torch::NoGradGuard no_gradients;
   for (const int width : {4, 24, 40, 64}) {
-    const auto network = scattered_nafnet(width);
+    const auto network = testing::scattered(nafnet(width));
     for (const auto& [batch, rows, cols] : {std::tuple{1, 1, 3}, {2, 67, 70}, {1, 9, 431}}) {
       const auto x = torch::rand({batch, 5, rows, cols});
-      const auto plain = nafnet_by_layers(*network, x), fast = network->forward(x);
+      const auto plain = testing::by_layers(*network, x), fast = network->forward(x);
       ASSERT_EQ(fast.sizes(), plain.sizes());
-      EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+      EXPECT_LT(testing::farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
           << width << ": " << rows << " x " << cols;
       EXPECT_FALSE(torch::equal(fast, plain)) << width << " took the layers twice";
     }
@@ -61,10 +48,10 @@ TEST(GatedKernels, AgreeWithTheLayersOnEveryInstructionSet) {
   const auto x = torch::rand({1, 5, 35, 50});
   int tried = 0;
   for (std::int64_t rest = hwy::SupportedTargets(); rest != 0; rest &= rest - 1) {
-    const auto network = scattered_nafnet(24);
+    const auto network = testing::scattered(nafnet(24));
     hwy::SetSupportedTargetsForTest(rest & -rest);
-    const auto plain = nafnet_by_layers(*network, x), fast = network->forward(x);
-    EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+    const auto plain = testing::by_layers(*network, x), fast = network->forward(x);
+    EXPECT_LT(testing::farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
         << hwy::TargetName(rest & -rest);
     ++tried;
   }
@@ -77,14 +64,15 @@ TEST(GatedKernels, GiveTheSameForAnyNumberOfThreads) {
   const torch::NoGradGuard no_gradients;
   const int threads = at::get_num_threads();
   for (const int width : {24, 40}) {
-    const auto network = scattered_nafnet(width);
+    const auto network = testing::scattered(nafnet(width));
     const auto x = torch::rand({1, 5, 90, 130});
     at::set_num_threads(1);
     const auto one = network->forward(x);
     at::set_num_threads(3);
     const auto three = network->forward(x);
     at::set_num_threads(threads);
-    EXPECT_LT(farthest_apart(three, one), 1e-5 * (1 + one.abs().max().item<double>())) << width;
+    EXPECT_LT(testing::farthest_apart(three, one), 1e-5 * (1 + one.abs().max().item<double>()))
+        << width;
   }
 }
 
@@ -92,7 +80,7 @@ TEST(GatedKernels, RoundedProductsStayNearFloat32) {
   if (!internal::can_round_products()) GTEST_SKIP() << "no instruction that multiplies bfloat16";
   const torch::NoGradGuard no_gradients;
   for (const int width : {24, 40}) {
-    const auto network = scattered_nafnet(width);
+    const auto network = testing::scattered(nafnet(width));
     const auto x = torch::rand({2, 5, 70, 45}), exact = network->forward(x);
     const internal::RoundedProducts rounding(true);
     const double loss = (network->forward(x) - exact).square().mean().sqrt().item<double>(),
@@ -147,7 +135,7 @@ TEST(GatedKernels, NormsInsideProductsAgreeWithPlainSums) {
     p.c_row = y.size(1);
     layer.run(p, memory.data_ptr<float>());
     // Rounding of float32 sums whose terms are 40 deviations large.
-    EXPECT_LT(farthest_apart(y.to(torch::kDouble), expected),
+    EXPECT_LT(testing::farthest_apart(y.to(torch::kDouble), expected),
               2e-5 * (1 + expected.abs().max().item<double>()))
         << s.inner << " - " << s.filling << " -> " << s.cols;
   }
@@ -174,8 +162,8 @@ TEST(GatedKernels, GatedStripsAgreeWithTheLayers) {
         depthwise(plain(torch::layer_norm(x, {width}, {}, {}, 1e-6)).permute({0, 3, 1, 2}))
             .chunk(2, 1);
     const auto expected = (halves[0] * halves[1]).permute({0, 2, 3, 1});
-    EXPECT_LT(farthest_apart(gated, expected), 1e-5) << rows << " x " << cols;
-    EXPECT_LT(farthest_apart(means, expected.mean({1, 2})), 1e-5) << rows << " x " << cols;
+    EXPECT_LT(testing::farthest_apart(gated, expected), 1e-5) << rows << " x " << cols;
+    EXPECT_LT(testing::farthest_apart(means, expected.mean({1, 2})), 1e-5) << rows << " x " << cols;
   }
 }
 

@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "plain_layers.h"
 #include "support.h"
 #include <ATen/Parallel.h>
 #include <gtest/gtest.h>
@@ -15,10 +16,9 @@ namespace malus {
 namespace {
 
 using internal::MatrixProduct;
-
-double difference(const torch::Tensor& a, const torch::Tensor& b) {
-  return (a - b).abs().max().item<double>();
-}
+using testing::by_layers;
+using testing::farthest_apart;
+using testing::scattered;
 
 // Widths in whole vectors, so that every block has its kernels.
 NetworkDescription wide(const std::string& name) {
@@ -41,30 +41,15 @@ NetworkDescription wide(const std::string& name) {
   return {name, {{"in_channels", 5}, {"out_channels", 5}, {"dim", 16}, {"depths", {2, 1, 1, 1}}}};
 }
 
-// Weights away from their first values: nothing is zero that could hide a term.
-std::shared_ptr<Network> scattered_network(const std::string& name) {
-  torch::manual_seed(5);
-  auto network = make_network(wide(name));
-  const torch::NoGradGuard no_gradients;
-  for (torch::Tensor& parameter : network->parameters())
-    parameter.add_(0.05 * torch::randn_like(parameter));
-  return network;
-}
-
-torch::Tensor by_layers(Network& network, const torch::Tensor& x) {
-  const torch::AutoGradMode gradients(true);
-  return network.forward(x).detach();
-}
-
 TEST(Kernels, GiveWhatTheLayersOfEveryNetworkGive) {
   const torch::NoGradGuard no_gradients;
   for (const auto& name : network_names()) {
-    const auto network = scattered_network(name);
+    const auto network = scattered(wide(name));
     for (const auto& [batch, rows, cols] : {std::tuple{1, 1, 3}, {2, 131, 70}, {1, 24, 150}}) {
       const auto x = torch::rand({batch, 5, rows, cols});
       const auto plain = by_layers(*network, x), fast = network->forward(x);
       ASSERT_EQ(fast.sizes(), plain.sizes());
-      EXPECT_LT(difference(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+      EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
           << name << " " << rows << " x " << cols;
       EXPECT_FALSE(torch::equal(fast, plain)) << name << " took the layers twice";
     }
@@ -74,12 +59,12 @@ TEST(Kernels, GiveWhatTheLayersOfEveryNetworkGive) {
 TEST(Kernels, FollowChangedWeights) {
   const torch::NoGradGuard no_gradients;
   for (const auto& name : network_names()) {
-    const auto network = scattered_network(name);
+    const auto network = scattered(wide(name));
     const auto x = torch::rand({1, 5, 32, 32});
     const auto before = network->forward(x);
     for (torch::Tensor& parameter : network->parameters()) parameter.mul_(1.1);
-    EXPECT_GT(difference(network->forward(x), before), 1e-3) << name;
-    EXPECT_LT(difference(network->forward(x), by_layers(*network, x)), 1e-4) << name;
+    EXPECT_GT(farthest_apart(network->forward(x), before), 1e-3) << name;
+    EXPECT_LT(farthest_apart(network->forward(x), by_layers(*network, x)), 1e-4) << name;
   }
 }
 
@@ -100,8 +85,8 @@ std::pair<torch::Tensor, torch::Tensor> on_one_and_three_threads(Network& networ
 TEST(Kernels, GiveTheSameForAnyNumberOfThreads) {
   const torch::NoGradGuard no_gradients;
   for (const auto& name : network_names()) {
-    const auto [one, three] = on_one_and_three_threads(*scattered_network(name));
-    EXPECT_LT(difference(three, one), 1e-5 * (1 + one.abs().max().item<double>())) << name;
+    const auto [one, three] = on_one_and_three_threads(*scattered(wide(name)));
+    EXPECT_LT(farthest_apart(three, one), 1e-5 * (1 + one.abs().max().item<double>())) << name;
   }
 }
 
@@ -140,7 +125,7 @@ TEST(Kernels, ProductsAgreeWithPlainSums) {
       p.add = true;
       p.leak = 0.2F;
       internal::multiply(p);
-      EXPECT_LT(difference(c.to(torch::kDouble), expected), 2e-6 * (taps * inner + 10));
+      EXPECT_LT(farthest_apart(c.to(torch::kDouble), expected), 2e-6 * (taps * inner + 10));
     }
   }
 }
@@ -208,7 +193,7 @@ TEST(Bfloat16, ProductsAgreeWithPlainSumsOfRoundedValues) {
     p.add = true;
     p.leak = 0.2F;
     internal::multiply(p);
-    EXPECT_LT(difference(c.to(torch::kDouble), expected),
+    EXPECT_LT(farthest_apart(c.to(torch::kDouble), expected),
               5e-7 * static_cast<double>(s.taps * s.inner + 10))
         << s.rows << " x " << s.inner << " x " << s.cols;
   }
@@ -229,13 +214,13 @@ TEST(Bfloat16, ConvolutionsAgreeWithTheLayersOfRoundedValues) {
     const auto y = internal::channels_first(internal::convolve(
         internal::PackedConvolution(layer, 0.2F), internal::channels_last(x.slice(1, 0, 4)),
         internal::channels_last(x.slice(1, 4))));
-    EXPECT_LT(difference(y, torch::leaky_relu(layer(rounded(x)), 0.2)), 1e-5) << kernel;
+    EXPECT_LT(farthest_apart(y, torch::leaky_relu(layer(rounded(x)), 0.2)), 1e-5) << kernel;
   }
   ConvTranspose2d doubling(ConvTranspose2dOptions(11, 21, 2).stride(2));
   doubling->weight.set_data(rounded(doubling->weight));
-  EXPECT_LT(difference(internal::channels_first(internal::double_size(
-                           internal::PackedDoubling(doubling), internal::channels_last(x))),
-                       doubling(rounded(x))),
+  EXPECT_LT(farthest_apart(internal::channels_first(internal::double_size(
+                               internal::PackedDoubling(doubling), internal::channels_last(x))),
+                           doubling(rounded(x))),
             1e-5);
 }
 
@@ -260,7 +245,7 @@ TEST(Bfloat16, EveryNetworkStaysNearFloat32) {
   MALUS_NEEDS_BFLOAT16;
   const torch::NoGradGuard no_gradients;
   for (const auto& name : network_names()) {
-    const auto network = scattered_network(name);
+    const auto network = scattered(wide(name));
     const auto x = torch::rand({2, 5, 70, 45});
     const auto exact = network->forward(x);
     torch::Tensor rough;
@@ -281,7 +266,7 @@ TEST(Bfloat16, GivesTheSameForAnyNumberOfThreads) {
   const torch::NoGradGuard no_gradients;
   const internal::RoundedProducts rounding(true);
   for (const auto& name : network_names()) {
-    const auto [one, three] = on_one_and_three_threads(*scattered_network(name));
+    const auto [one, three] = on_one_and_three_threads(*scattered(wide(name)));
     // A difference in float32 at a rounding's edge becomes one of bfloat16.
     EXPECT_LT((three - one).square().mean().sqrt().item<double>(), 2e-3 * one.std().item<double>())
         << name;
@@ -309,9 +294,9 @@ TEST(Kernels, ColumnsAndDepthwiseRowsAgreeWithPlainSums) {
     internal::add_columns(from, channels + 5, rows, channels, true, squares.data_ptr<float>());
     internal::scale_columns(from, channels + 5, rows, channels, factors.data_ptr<float>(),
                             y.data_ptr<float>(), channels + 2);
-    EXPECT_LT(difference(sums, factors + used.sum(0)), 1e-5) << channels;
-    EXPECT_LT(difference(squares, factors + used.square().sum(0)), 1e-4) << channels;
-    EXPECT_EQ(difference(y.slice(1, 0, channels), used * factors), 0) << channels;
+    EXPECT_LT(farthest_apart(sums, factors + used.sum(0)), 1e-5) << channels;
+    EXPECT_LT(farthest_apart(squares, factors + used.square().sum(0)), 1e-4) << channels;
+    EXPECT_EQ(farthest_apart(y.slice(1, 0, channels), used * factors), 0) << channels;
     EXPECT_EQ(y.slice(1, channels).abs().max().item<float>(), 0) << channels;
 
     const auto three = torch::randn({3, rows + 2, channels}), weight = torch::randn({9, channels});
@@ -326,7 +311,7 @@ TEST(Kernels, ColumnsAndDepthwiseRowsAgreeWithPlainSums) {
       internal::depthwise_row(at, weight.data_ptr<float>(),
                               biased ? factors.data_ptr<float>() : nullptr, rows, channels,
                               row.data_ptr<float>());
-      EXPECT_LT(difference(row.slice(0, 0, rows), expected), 2e-5) << rows << " x " << channels;
+      EXPECT_LT(farthest_apart(row.slice(0, 0, rows), expected), 2e-5) << rows << " x " << channels;
       EXPECT_EQ(row[rows].abs().max().item<float>(), 0) << rows << " x " << channels;
     }
   }
@@ -345,7 +330,7 @@ TEST(Kernels, ConvolutionsAgreeWithTheLayers) {
         internal::convolve(internal::PackedConvolution(layer), first, more));
     const auto expected = layer(x);
     ASSERT_EQ(y.sizes(), expected.sizes());
-    EXPECT_LT(difference(y, expected), 1e-5) << kernel;
+    EXPECT_LT(farthest_apart(y, expected), 1e-5) << kernel;
   }
   // Widths that Winograd's algorithm takes: tiles that end inside the picture, two sources.
   for (const auto& [rows, cols] : {std::pair{1, 1}, {6, 131}, {65, 4}, {34, 50}}) {
@@ -356,20 +341,20 @@ TEST(Kernels, ConvolutionsAgreeWithTheLayers) {
     const auto y = internal::channels_first(
         internal::convolve(packed, internal::channels_last(x.slice(1, 0, 16)),
                            internal::channels_last(x.slice(1, 16))));
-    EXPECT_LT(difference(y, torch::leaky_relu(layer(x), 0.2)), 2e-5) << rows << " x " << cols;
+    EXPECT_LT(farthest_apart(y, torch::leaky_relu(layer(x), 0.2)), 2e-5) << rows << " x " << cols;
   }
   ConvTranspose2d doubling(ConvTranspose2dOptions(11, 21, 2).stride(2));
   const auto x = torch::randn({2, 11, 7, 9});
-  EXPECT_LT(difference(internal::channels_first(internal::double_size(
-                           internal::PackedDoubling(doubling), internal::channels_last(x))),
-                       doubling(x)),
+  EXPECT_LT(farthest_apart(internal::channels_first(internal::double_size(
+                               internal::PackedDoubling(doubling), internal::channels_last(x))),
+                           doubling(x)),
             1e-5);
   // A 1x1 convolution before a pixel shuffle, added to what is there.
   Conv2d shuffled(Conv2dOptions(11, 4 * 21, 1).bias(false));
   const auto onto = torch::randn({2, 21, 14, 18}), lifted = internal::channels_last(onto).clone();
   internal::double_size(internal::PackedDoubling(shuffled), internal::channels_last(x), lifted);
   EXPECT_LT(
-      difference(internal::channels_first(lifted), onto + torch::pixel_shuffle(shuffled(x), 2)),
+      farthest_apart(internal::channels_first(lifted), onto + torch::pixel_shuffle(shuffled(x), 2)),
       1e-5);
 }
 

@@ -3,6 +3,7 @@
 #include "malus/denoise/cut_off.h"
 #include "malus/image/pack.h"
 #include "malus/neural/package.h"
+#include "malus/neural/plane_tensors.h"
 #include "malus/polar/color_map.h"
 
 #include <algorithm>
@@ -31,16 +32,6 @@ double mean_over(View<const float> dn, const Map& map) {
       },
       [](double a, double b) { return a + b; });
   return sum / (static_cast<double>(dn.rows()) * dn.cols());
-}
-
-// The packed planes of a mosaic as a tensor.
-torch::Tensor tensor_of(const Image& mosaic, const SensorLayout& layout, CellPhase first) {
-  const Planes planes = pack(mosaic, layout, first);
-  torch::Tensor tensor = torch::empty({1, planes.channels(), planes.rows(), planes.cols()});
-  float* to = tensor.data_ptr<float>();
-  for (const Image& plane : planes)
-    to = std::copy(plane.values().begin(), plane.values().end(), to);
-  return tensor;
 }
 
 // Curves that are estimated channel by channel bend at different places, and stabilised values then
@@ -120,7 +111,7 @@ torch::Tensor FrameDomain::mapped(View<const float> dn, CellPhase first, const M
             map(static_cast<std::size_t>(channel), static_cast<double>(dn(r, c))) / scale_);
       }
   });
-  return tensor_of(values, layout_, first);
+  return tensor_of_planes(pack(values, layout_, first));
 }
 
 torch::Tensor FrameDomain::noisy_planes(View<const float> dn,
@@ -153,17 +144,9 @@ torch::Tensor FrameDomain::noise_planes(View<const float> noisy_dn,
 Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols,
                              std::optional<CellPhase> first) const {
   const CellPhase at = first.value_or(phase_);
-  const torch::Tensor values = planes.to(torch::kCPU, torch::kFloat32).contiguous();
-  MALUS_REQUIRE(values.dim() == 4 && values.size(0) == 1 && values.size(1) == layout_.channels());
-  Planes packed(layout_.channels(), static_cast<int>(values.size(2)),
-                static_cast<int>(values.size(3)));
-  const float* from = values.data_ptr<float>();
-  for (Image& plane : packed) {
-    std::copy_n(from, plane.size(), plane.values().begin());
-    from += plane.size();
-  }
+  MALUS_REQUIRE(planes.dim() == 4 && planes.size(1) == layout_.channels());
   Image mosaic(rows, cols);
-  unpack(packed, layout_, mosaic, at);
+  unpack(planes_of_tensor(planes), layout_, mosaic, at);
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < cols; ++c) {
@@ -230,14 +213,13 @@ torch::Tensor picture_target(const PackageSettings& settings, const FrameDomain&
                              const Planes& rgb_dn) {
   MALUS_REQUIRE(rgb_dn.channels() == 3);
   const bool displayed = settings.target == "srgb";
-  torch::Tensor tensor = torch::empty({1, 3, rgb_dn.rows(), rgb_dn.cols()});
-  float* to = tensor.data_ptr<float>();
-  for (const Image& plane : rgb_dn)
-    for (const float dn : plane.values()) {
-      const double light = static_cast<double>(dn) / domain.scale();
-      *to++ = displayed ? srgb_of_linear(light) / 255.0f : static_cast<float>(light);
+  Planes target = rgb_dn;
+  for (Image& plane : target)
+    for (float& value : plane.values()) {
+      const double light = static_cast<double>(value) / domain.scale();
+      value = displayed ? srgb_of_linear(light) / 255.0f : static_cast<float>(light);
     }
-  return tensor;
+  return tensor_of_planes(target);
 }
 
 Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
@@ -245,18 +227,11 @@ Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
   const CellPhase first = domain.phase_at(0, 0);
   torch::Tensor values = planes.to(torch::kCPU, torch::kFloat32)
                              .slice(2, first.row, first.row + rows)
-                             .slice(3, first.col, first.col + cols)
-                             .contiguous();
-  MALUS_REQUIRE(values.dim() == 4 && values.size(0) == 1 && values.size(1) == 3 &&
-                values.size(2) == rows && values.size(3) == cols);
+                             .slice(3, first.col, first.col + cols);
+  MALUS_REQUIRE(values.dim() == 4 && values.size(1) == 3 && values.size(2) == rows &&
+                values.size(3) == cols);
   if (settings.target == "rgb") values = values * domain.scale();
-  Planes picture(3, rows, cols);
-  const float* from = values.data_ptr<float>();
-  for (Image& plane : picture) {
-    std::copy_n(from, plane.size(), plane.values().begin());
-    from += plane.size();
-  }
-  return picture;
+  return planes_of_tensor(values);
 }
 
 Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,

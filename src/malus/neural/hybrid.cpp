@@ -3,6 +3,8 @@
 #include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
+#include <utility>
+
 namespace malus {
 namespace {
 
@@ -70,17 +72,11 @@ class HybridBlockImpl : public Module {
   torch::Tensor forward(torch::Tensor x) {
     if (internal::kernels_apply(x) && internal::windows_apply(x.size(3), heads_, window_))
       return with_kernels(x.contiguous());
-    const auto rows = x.size(1), cols = x.size(2);
-    torch::Tensor mask;
-    if (shift_ > 0) {
-      x = torch::roll(x, {-shift_, -shift_}, {1, 2});
-      mask = shift_mask(rows, cols, window_, shift_, x.options().requires_grad(false));
-    }
-    auto windows = to_windows(x, window_);
-    windows = windows + sw_ma_(norm1_(windows), mask);
-    windows = windows + w_msta_(norm2_(windows));
-    x = from_windows(windows, window_, rows, cols);
-    if (shift_ > 0) x = torch::roll(x, {shift_, shift_}, {1, 2});
+    x = in_windows(std::move(x), window_, shift_,
+                   [&](torch::Tensor windows, const torch::Tensor& mask) {
+                     windows = windows + sw_ma_(norm1_(windows), mask);
+                     return windows + w_msta_(norm2_(windows));
+                   });
     return x + mlp_(norm3_(x));
   }
 

@@ -34,19 +34,6 @@ torch::Tensor relative_positions(std::int64_t window) {
   return index;
 }
 
-}  // namespace
-
-torch::Tensor pad_to_multiple(const torch::Tensor& x, std::int64_t multiple) {
-  return padded(x, multiple, false);
-}
-torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple) {
-  return padded(x, multiple, true);
-}
-
-torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x) {
-  return blocks->is_empty() ? x : blocks->forward(x);
-}
-
 torch::Tensor to_windows(const torch::Tensor& x, std::int64_t window) {
   const auto rows = x.size(1) / window, cols = x.size(2) / window, channels = x.size(3);
   return x.view({x.size(0), rows, window, cols, window, channels})
@@ -62,11 +49,7 @@ torch::Tensor from_windows(const torch::Tensor& windows, std::int64_t window, st
       .reshape({-1, rows, cols, channels});
 }
 
-internal::RowNorm packed_norm(const torch::nn::LayerNorm& norm) {
-  return {norm->weight.data_ptr<float>(), norm->bias.data_ptr<float>(),
-          static_cast<float>(norm->options.eps())};
-}
-
+// Additive, for windows whose parts lie apart.
 torch::Tensor shift_mask(std::int64_t rows, std::int64_t cols, std::int64_t window,
                          std::int64_t shift, const torch::TensorOptions& options) {
   auto region = torch::zeros({1, rows, cols, 1}, options);
@@ -80,6 +63,37 @@ torch::Tensor shift_mask(std::int64_t rows, std::int64_t cols, std::int64_t wind
   const auto labels = to_windows(region, window).squeeze(2);
   const auto differ = labels.unsqueeze(1) != labels.unsqueeze(2);
   return torch::zeros(differ.sizes(), options).masked_fill_(differ, -100.0);
+}
+
+}  // namespace
+
+torch::Tensor pad_to_multiple(const torch::Tensor& x, std::int64_t multiple) {
+  return padded(x, multiple, false);
+}
+torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple) {
+  return padded(x, multiple, true);
+}
+
+torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x) {
+  return blocks->is_empty() ? x : blocks->forward(x);
+}
+
+torch::Tensor in_windows(
+    torch::Tensor x, std::int64_t window, std::int64_t shift,
+    const std::function<torch::Tensor(torch::Tensor windows, const torch::Tensor& mask)>& inside) {
+  const auto rows = x.size(1), cols = x.size(2);
+  torch::Tensor mask;
+  if (shift > 0) {
+    x = torch::roll(x, {-shift, -shift}, {1, 2});
+    mask = shift_mask(rows, cols, window, shift, x.options().requires_grad(false));
+  }
+  x = from_windows(inside(to_windows(x, window), mask), window, rows, cols);
+  return shift > 0 ? torch::roll(x, {shift, shift}, {1, 2}) : x;
+}
+
+internal::RowNorm packed_norm(const torch::nn::LayerNorm& norm) {
+  return {norm->weight.data_ptr<float>(), norm->bias.data_ptr<float>(),
+          static_cast<float>(norm->options.eps())};
 }
 
 WindowAttentionImpl::WindowAttentionImpl(std::int64_t dim, std::int64_t window, std::int64_t heads)

@@ -1,6 +1,8 @@
 // Pieces that several networks share.
 #pragma once
 
+#include <functional>
+
 #include <torch/torch.h>
 
 namespace malus::internal {
@@ -22,19 +24,17 @@ torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple
 /// x through a stage's blocks, of which there may be none: libtorch's own forward wants one.
 torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x);
 
-/// [batch, rows, cols, channels] -> [batch * windows, window², channels]; sizes are multiples of
-/// window.
-torch::Tensor to_windows(const torch::Tensor& x, std::int64_t window);
-torch::Tensor from_windows(const torch::Tensor& windows, std::int64_t window, std::int64_t rows,
-                           std::int64_t cols);
+/// inside(windows, mask) on x [batch, rows, cols, channels] cut into windows of [batch * windows,
+/// window², channels], put together again; sizes are multiples of window. The windows are shifted
+/// by so many rows and columns, around the borders, and mask [windows, window², window²] (0 or
+/// -100, to be added) keeps apart what only wrapping brought together; without a shift it is
+/// undefined. Swin, Liu et al. ICCV 2021, 3.2.
+torch::Tensor in_windows(
+    torch::Tensor x, std::int64_t window, std::int64_t shift,
+    const std::function<torch::Tensor(torch::Tensor windows, const torch::Tensor& mask)>& inside);
 
 /// A layer norm for the kernels.
 internal::RowNorm packed_norm(const torch::nn::LayerNorm& norm);
-
-/// Additive mask [windows, window², window²] that keeps a shifted window's wrapped parts apart (0
-/// or -100; Swin, Liu et al. ICCV 2021, 3.2).
-torch::Tensor shift_mask(std::int64_t rows, std::int64_t cols, std::int64_t window,
-                         std::int64_t shift, const torch::TensorOptions& options);
 
 /// Multi-head attention inside windows with a relative position bias (Swin). Parameters as in
 /// Uformer: qkv.to_q, qkv.to_kv, relative_position_bias_table, proj.

@@ -6,6 +6,7 @@
 #include "malus/image/pack.h"
 #include "malus/neural/network.h"
 #include "malus/neural/noise_flow.h"
+#include "malus/neural/plane_tensors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -24,13 +25,11 @@ constexpr Draw kFlowDraw = Draw::kUser;
 constexpr double kRoundingDn2 = 1.0 / 12;  // variance of U(-1/2, 1/2)
 
 torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
-  const Planes packed = pack(mosaic, layout);
-  auto tensor = torch::empty({1, packed.channels(), packed.rows(), packed.cols()});
-  float* to = tensor.data_ptr<float>();
-  for (const Image& plane : packed)
-    for (const float value : plane.values())
-      *to++ = static_cast<float>(static_cast<double>(value) / scale);
-  return tensor;
+  Planes packed = pack(mosaic, layout);
+  for (Image& plane : packed)
+    for (float& value : plane.values())
+      value = static_cast<float>(static_cast<double>(value) / scale);
+  return tensor_of_planes(packed);
 }
 
 // Every parameter must be there with its shape, finite, and nothing left over.
@@ -190,16 +189,8 @@ Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& ga
   if (excess_dn2 > 0)
     noise = without_excess(noise, clean, log_gain_factor, *state_->network,
                            excess_dn2 / (scale_dn() * scale_dn()));
-  const auto values = noise.contiguous();
-  Planes packed(cell.channels(), static_cast<int>(values.size(2)),
-                static_cast<int>(values.size(3)));
-  const float* from = values.data_ptr<float>();
-  for (Image& plane : packed) {
-    std::copy_n(from, plane.size(), plane.values().begin());
-    from += plane.size();
-  }
   Image noisy(rows, cols);
-  unpack(packed, cell, noisy);
+  unpack(planes_of_tensor(noise), cell, noisy);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c)
       noisy(r, c) = static_cast<float>(static_cast<double>(clean_dn(r, c)) +

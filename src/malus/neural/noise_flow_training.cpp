@@ -5,6 +5,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/noise_flow.h"
+#include "malus/neural/plane_tensors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -26,15 +27,6 @@ struct PlanePair {
   double log_gain;
 };
 
-torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout) {
-  const Planes packed = pack(mosaic, layout);
-  auto tensor = torch::empty({packed.channels(), packed.rows(), packed.cols()});
-  float* to = tensor.data_ptr<float>();
-  for (const Image& plane : packed)
-    to = std::copy(plane.values().begin(), plane.values().end(), to);
-  return tensor;
-}
-
 bool whole_numbers(const NoiseFlowPair& pair) {
   const std::vector<float>& values = pair.noisy_dn.values();
   return std::all_of(values.begin(), values.end(),
@@ -44,10 +36,10 @@ bool whole_numbers(const NoiseFlowPair& pair) {
 PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model,
                      const at::Generator& generator) {
   const SensorLayout layout = model.layout();
-  auto noisy = planes_of(pair.noisy_dn.view(), layout);
+  auto noisy = tensor_of_planes(pack(pair.noisy_dn, layout)).squeeze(0);
   if (whole_numbers(pair))
     noisy = noisy + torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5;
-  const auto clean = planes_of(pair.clean_dn.view(), layout);
+  const auto clean = tensor_of_planes(pack(pair.clean_dn, layout)).squeeze(0);
   return {(noisy - clean) / model.scale_dn(), clean / model.scale_dn(),
           NoiseFlowModel::log_gain(pair.gain)};
 }

@@ -32,6 +32,7 @@ set(neural_SOURCES
   optimizer.cpp
   package.cpp
   packed.cpp
+  plane_tensors.cpp
   raw_pairs.cpp
   recorded_pairs.cpp
   restormer.cpp

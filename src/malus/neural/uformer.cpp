@@ -25,18 +25,13 @@ class LeWinBlockImpl : public Module {
   torch::Tensor forward(const torch::Tensor& input) {
     if (internal::kernels_apply(input) && internal::windows_apply(input.size(3), heads_, window_))
       return with_kernels(input.contiguous());
-    const auto rows = input.size(1), cols = input.size(2);
-    auto x = norm1_(input);
-    torch::Tensor mask;
-    if (shift_ > 0) {
-      x = torch::roll(x, {-shift_, -shift_}, {1, 2});
-      mask = shift_mask(rows, cols, window_, shift_, x.options().requires_grad(false));
-    }
-    auto windows = to_windows(x, window_);
-    if (!modulator_.is_empty()) windows = windows + modulator_->weight;
-    x = from_windows(attn_(windows, mask), window_, rows, cols);
-    if (shift_ > 0) x = torch::roll(x, {shift_, shift_}, {1, 2});
-    x = input + x;
+    const auto attended = in_windows(norm1_(input), window_, shift_,
+                                     [&](torch::Tensor windows, const torch::Tensor& mask) {
+                                       if (!modulator_.is_empty())
+                                         windows = windows + modulator_->weight;
+                                       return attn_(windows, mask);
+                                     });
+    const auto x = input + attended;
     return x + mlp_(norm2_(x));
   }
 
