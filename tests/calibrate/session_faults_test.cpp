@@ -275,6 +275,40 @@ TEST(Layout, OfAnotherColourOrderIsTold) {
     EXPECT_THAT(told(other, rggb), Contains(HasSubstr("another order of the colours?")));
 }
 
+// Malus's law, channels that respond differently by up to 3 %.
+TEST(Layout, OfAnglesAtOtherPlacesIsTold) {
+  const auto told = [](const char* declared, const SensorLayout& true_layout, double dolp,
+                       double aolp_deg) {
+    std::vector<double> light;
+    for (int c = 0; c < true_layout.channels(); ++c) {
+      const double angle = *true_layout.site(c).angle_deg - aolp_deg;
+      light.push_back(1000 * (1 + dolp * std::cos(angle * std::numbers::pi / 90)) *
+                      (1 + 0.03 * std::sin(1.7 * c)));
+    }
+    PhysicsCalibration out;
+    warn_of_angles(SensorLayout::named(declared), {3, light}, out);
+    return out.warnings;
+  };
+  const auto other = SensorLayout::from_sites({{"90", "0"}, {"135", "45"}});
+  for (const char* layout : {"polar-mono", "polar-bayer-rggb"})
+    for (const double dolp : {0.0, 0.2, 0.9})
+      for (double aolp = 0; aolp < 180; aolp += 15)
+        EXPECT_THAT(told(layout, SensorLayout::named(layout), dolp, aolp), IsEmpty())
+            << layout << ' ' << dolp << ' ' << aolp;
+  EXPECT_THAT(told("polar-mono", other, 0, 0), IsEmpty());
+  // Light at 22.5 degrees shares out evenly among that pairing; elsewhere it tells.
+  for (const double aolp : {0.0, 45.0, 60.0, 90.0, 135.0})
+    EXPECT_THAT(told("polar-mono", other, 0.3, aolp),
+                Contains(HasSubstr("crossed polarizers see the same")))
+        << aolp;
+}
+
+TEST(Layout, OfAnglesOnASensorOfColoursIsTold) {
+  PhysicsCalibration out;
+  warn_of_angles(SensorLayout::named("polar-mono"), {3, {300, 503, 500, 410}}, out);
+  EXPECT_THAT(out.warnings, Contains(HasSubstr("crossed polarizers see the same")));
+}
+
 // The light of the simulated channels falls by 2 % from one to the next: as PRNU it was silent.
 TEST(Layout, OfOneChannelOnAMosaicIsTold) {
   const auto declared_mono = [](RawFrame& frame, int) {

@@ -315,6 +315,7 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
   if (out.warnings.size() == said) warn_of_gain_map(series.gains, out);
   warn_of_colors(first.layout, series.light_dn, out);
+  warn_of_angles(first.layout, series.light_dn, out);
   warn_of_lit_darkness(first, out);
   warn_of_alike_neighbours(dark.neighbours, series.patterns.neighbours, out);
 }

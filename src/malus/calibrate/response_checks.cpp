@@ -126,6 +126,38 @@ void warn_of_colors(const SensorLayout& layout, const std::vector<std::vector<do
         layout.name(), 100 * greens, 100 * others));
 }
 
+void warn_of_angles(const SensorLayout& layout, const std::vector<std::vector<double>>& light_dn,
+                    PhysicsCalibration& out) {
+  constexpr std::size_t kFewest = 3;
+  constexpr double kLeast = 0.05, kOfOthers = 2.0;
+  if (!layout.polarized() || light_dn.size() < kFewest) return;
+  // The angle that makes a pair with 0, and how much more light that pair sees than the others.
+  struct Pairing {
+    int partner;
+    Moments excess;
+  };
+  std::array<Pairing, 3> pairings{{{90, {}}, {45, {}}, {135, {}}}};
+  for (const std::vector<double>& level : light_dn)
+    for (const Color color : layout.colors()) {
+      const auto light = [&](int angle) { return level[as_index(layout.find(color, angle))]; };
+      const double all = light(0) + light(45) + light(90) + light(135);
+      for (Pairing& pairing : pairings)
+        pairing.excess.add((light(0) + light(pairing.partner)) / (0.5 * all) - 1.0);
+    }
+  const double crossed = std::abs(pairings[0].excess.mean());
+  const auto& nearer = std::abs(pairings[1].excess.mean()) < std::abs(pairings[2].excess.mean())
+                           ? pairings[1]
+                           : pairings[2];
+  if (crossed > kLeast && crossed > kOfOthers * std::abs(nearer.excess.mean()))
+    out.warnings.push_back(fmt::format(
+        "0 and 90 degrees of {} see {:.2g} % {} light than 45 and 135, 0 and {} but {:.2g} % {} "
+        "than the others: crossed polarizers see the same, so are their places right? `malus info` "
+        "of a picture tells, too",
+        layout.name(), 100 * crossed, pairings[0].excess.mean() > 0 ? "more" : "less",
+        nearer.partner, 100 * std::abs(nearer.excess.mean()),
+        nearer.excess.mean() > 0 ? "more" : "less"));
+}
+
 ResponsePattern response_pattern(const Response& response, const MosaicGeometry& geometry) {
   constexpr double kSame = 0.9;
   ResponsePattern out;

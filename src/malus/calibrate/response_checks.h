@@ -17,6 +17,12 @@ namespace malus {
 void warn_of_colors(const SensorLayout& layout, const std::vector<std::vector<double>>& light_dn,
                     PhysicsCalibration& out);
 
+/// light_dn as above. Appends a warning where the declared angles contradict Malus's law, by which
+/// crossed pairs see the same light, I0 + I90 = I45 + I135, however it is polarized: they differ by
+/// more than 5 %, and twice as much as another pairing. Unpolarized light tells nothing.
+void warn_of_angles(const SensorLayout& layout, const std::vector<std::vector<double>>& light_dn,
+                    PhysicsCalibration& out);
+
 /// How much of a channel's response is no white noise: means over the channels.
 struct ResponsePattern {
   double variance = 0;    ///< square of the PRNU
