@@ -144,10 +144,27 @@ class HelpLayout final : public CLI::Formatter {
   }
 };
 
-// CLI11 says no more than that a subcommand is missing, also where a word was meant to be one.
+// Empty where all flags are the command's.
+std::string unknown_flag(const CLI::App& command) {
+  std::vector<std::string> flags;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
+  for (const std::string& word : command.remaining()) {
+    if (!word.starts_with('-') || word == "-") continue;
+    const std::string flag = word.substr(0, word.find('='));
+    return fmt::format("{}: is no flag of {}; {}`malus {} --help` shows all", flag,
+                       command.get_name(), did_you_mean(flag, flags), command.get_name());
+  }
+  return {};
+}
+
+// CLI11 says no more than that a subcommand is missing, also where a word was meant to be one, and
+// what it did not expect.
 std::string usage_problem(const CLI::App& program, const CLI::ParseError& error) {
   const CLI::App* at = &program;
   while (!at->get_subcommands().empty()) at = at->get_subcommands().front();
+  if (at != &program)
+    if (const std::string problem = unknown_flag(*at); !problem.empty()) return problem;
   std::vector<std::string> commands;
   for (const CLI::App* command : at->get_subcommands([](const CLI::App*) { return true; }))
     commands.push_back(command->get_name());
@@ -155,8 +172,8 @@ std::string usage_problem(const CLI::App& program, const CLI::ParseError& error)
     return error.what();
   const auto words = at->remaining();
   if (words.empty()) return "a command is missing; there are " + joined(commands);
-  return fmt::format("{}: is no command; did you mean {}? there are {}", words.front(),
-                     nearest_name(words.front(), commands), joined(commands));
+  return fmt::format("{}: is no command; {}there are {}", words.front(),
+                     did_you_mean(words.front(), commands), joined(commands));
 }
 
 // An empty value is what a shell makes of a variable that is not set. Taken as a path it would be

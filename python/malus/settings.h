@@ -49,8 +49,8 @@ Settings settings_from(const pybind11::kwargs& kwargs) {
   for (const auto& [key, unused] : kwargs) {
     const auto name = key.template cast<std::string>();
     if (std::find(known.begin(), known.end(), name) == known.end())
-      throw py::type_error(fmt::format("unknown keyword argument {}; did you mean {}?", name,
-                                       nearest_name(name, known)));
+      throw py::type_error(fmt::format("unknown keyword argument {}; {}known: {}", name,
+                                       did_you_mean(name, known), joined(known)));
   }
   return settings;
 }

@@ -325,7 +325,7 @@ TEST(Config, NamesFileLineAndValues) {
   EXPECT_EQ(problem(layout, model), "");
   EXPECT_EQ(problem("layout = \"polar\"", model)
                 .find("c.toml:4: layout in [package]: layout "
-                      "\"polar\": not a known sensor layout"),
+                      "\"polar\": is no known sensor layout"),
             0u);
   EXPECT_EQ(problem("target = \"rgb\"", model).find("c.toml:4: target in [package]: target = "),
             0u);

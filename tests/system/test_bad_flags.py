@@ -17,6 +17,18 @@ def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, c
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("arguments,words", [
+    (["denoise", "f.npy", "-o", "out", "--methd", "bm3d"], "--methd: is no flag of denoise; did you mean --method? "),
+    (["evaluate", "--nosie"], "--nosie: is no flag of evaluate; did you mean --noise? "),  # before what is missing
+    (["info", "f.npy", "--layuot=mono"], "--layuot: is no flag of info; did you mean --layout? "),
+    (["info", "f.npy", "--verbose"], "--verbose: is no flag of info; `malus info --help`"),
+    (["model", "show", "imx250myr"], "did you mean imx250myr-simulated? "), (["model", "show", "none.h5"], "does not exist; check"),
+    (["model", "sho"], "did you mean show? "), (["help"], "help: is no command; there are info, ")])
+def test_a_word_that_is_not_known_brings_up_the_one_meant_or_none(malus, tmp_path, arguments, words):
+    told = malus(*arguments, code=1 if "show" in arguments else 2, cwd=tmp_path).err
+    assert words in told and told.count("did you mean") == words.count("did you mean")
+
+
 @pytest.mark.parametrize("arguments", [["denois"], ["denoise"], ["info", "--wat"], ["synthesize", "--gain", "x"], []])
 def test_wrong_usage_exits_2(malus, arguments):
     malus(*arguments, code=2)

@@ -52,6 +52,9 @@ def test_list_and_show_agree(malus):
 
 def test_check_predicts_the_gains_between(malus):
     gains = malus("model", "check", "sony-a7s2", "--json").json["physics"]
+    told = malus("model", "check", "sony-a7s2").out
+    assert told.startswith("sony-a7s2: ") and "Every gain is left out once" in told and "not predicted: " in told
+    assert max(len(line) for line in told.splitlines()) <= 100
     by_name = {gain["gain"]: gain for gain in gains}
     assert not by_name["ISO 1600"]["predicted"] and not by_name["ISO 50"]["predicted"]
     assert abs(by_name["ISO 3200"]["read_noise_error"]) < 0.02
@@ -122,7 +125,7 @@ def test_warnings_of_every_kind_are_shown(malus, tmp_path):
     for name, flags in (("a.h5", ()), ("b.h5", ("--json",))):
         done = malus(*arguments, "-o", tmp_path / name, *flags)
         told = [line for line in done.err.splitlines() if warning in line]
-        assert len(told) == 1 and told[0].startswith("warning: 0 dB: ")
+        assert len(told) == 1 and told[0].startswith("warning: 0 dB, non-parametric: ")
         assert flags or warning not in done.out
     assert warning in malus("model", "show", tmp_path / "a.h5").out
 

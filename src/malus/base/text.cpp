@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -10,17 +11,19 @@
 namespace malus {
 namespace {
 
-// Levenshtein distance, one row at a time.
+// Letters to be put in, left out, exchanged, or turned about with the next one (optimal string
+// alignment), three rows at a time.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
+  std::vector<std::size_t> before, last, row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
   for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
+    before = std::exchange(last, row);
     row[0] = i;
     for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t above = row[j];
-      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0 : 1)});
-      diagonal = above;
+      row[j] =
+          std::min({last[j] + 1, row[j - 1] + 1, last[j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1)});
+      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1])
+        row[j] = std::min(row[j], before[j - 2] + 1);
     }
   }
   return row[b.size()];
@@ -29,10 +32,34 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates) {
-  if (candidates.empty()) return {};
-  return *std::min_element(candidates.begin(), candidates.end(), [&](const auto& a, const auto& b) {
-    return edit_distance(name, a) < edit_distance(name, b);
-  });
+  constexpr std::size_t kLettersPerSlip = 4, kPart = 3, kStem = 4;
+  const std::string meant = lower_case(std::string(name));
+  const std::string* nearest = nullptr;
+  std::size_t least = std::max<std::size_t>(1, meant.size() / kLettersPerSlip) + 1;
+  for (const std::string& candidate : candidates)
+    if (const std::size_t distance = edit_distance(meant, lower_case(candidate));
+        distance < least) {
+      nearest = &candidate;
+      least = distance;
+    }
+  if (nearest != nullptr) return *nearest;
+  for (const std::string& candidate : candidates) {
+    const std::string lower = lower_case(candidate);
+    const auto stem =
+        static_cast<std::size_t>(std::ranges::mismatch(meant, lower).in1 - meant.begin());
+    const bool related = stem >= kStem && 3 * stem >= 2 * lower.size();
+    const bool part = meant.size() >= kPart && lower.find(meant) != std::string::npos;
+    if ((related || part) && (nearest == nullptr || candidate.size() < nearest->size()))
+      nearest = &candidate;
+  }
+  return nearest == nullptr ? "" : *nearest;
+}
+
+std::string did_you_mean(std::string_view name, std::span<const std::string> candidates,
+                         bool quoted) {
+  const std::string nearest = nearest_name(name, candidates);
+  if (nearest.empty()) return {};
+  return fmt::format("did you mean {0}{1}{0}? ", quoted ? "\"" : "", nearest);
 }
 
 std::string lower_case(std::string text) {

@@ -8,8 +8,13 @@
 
 namespace malus {
 
-/// The candidate with the smallest edit distance to name; empty when there are no candidates.
+/// The candidate that was probably meant, case aside: a slip of the keyboard per four letters away
+/// at most; or one that holds the name, or begins alike; empty where none is near.
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
+
+/// "did you mean info? ", for what follows; empty where none is near. quoted: "info".
+std::string did_you_mean(std::string_view name, std::span<const std::string> candidates,
+                         bool quoted = false);
 
 /// Its ASCII letters in lower case.
 std::string lower_case(std::string text);

@@ -118,9 +118,8 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
   if (name.ends_with(".safetensors"))
     throw InputError("--method " + name, "networks run in the program alone",
                      "run malus denoise with it, or choose one of " + joined(names));
-  throw InputError("--method " + name,
-                   "is no method (did you mean " + nearest_name(name, names) + "?)",
-                   "there are " + joined(names) + also);
+  throw InputError("--method " + name, "is no method",
+                   did_you_mean(name, names) + "there are " + joined(names) + also);
 }
 
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseSettings& settings,

@@ -111,9 +111,8 @@ SensorLayout SensorLayout::named(std::string_view name) {
   for (const auto& layout : registry())
     if (name == layout.name) return from_sites(layout.cell);
   const auto names = known_names();
-  throw InputError(
-      fmt::format("layout \"{}\"", name), "not a known sensor layout",
-      fmt::format("did you mean {}? known: {}", nearest_name(name, names), joined(names)));
+  throw InputError(fmt::format("layout \"{}\"", name), "is no known sensor layout",
+                   did_you_mean(name, names) + "known: " + joined(names));
 }
 
 SensorLayout SensorLayout::from_sites(const SiteNames& rows) {

@@ -108,9 +108,9 @@ void ConfigSection::require_known(const std::vector<std::string>& known) const {
   for (const auto& [key, node] : *table_->at) {
     const std::string name(key.str());
     if (std::find(known.begin(), known.end(), name) != known.end()) continue;
-    throw InputError(
-        table_->place(node.source()), fmt::format("unknown key \"{}\" in {}", name, table_->title),
-        fmt::format("did you mean \"{}\"? known: {}", nearest_name(name, known), joined(known)));
+    throw InputError(table_->place(node.source()),
+                     fmt::format("unknown key \"{}\" in {}", name, table_->title),
+                     did_you_mean(name, known, true) + "known: " + joined(known));
   }
 }
 
@@ -262,8 +262,7 @@ void ConfigSection::check_choice(const ParameterInfo& info, const std::string& v
       std::find(info.choices.begin(), info.choices.end(), value) != info.choices.end())
     return;
   fail(info.name, fmt::format("is \"{}\"", value),
-       fmt::format("did you mean \"{}\"? known: {}", nearest_name(value, info.choices),
-                   joined(info.choices)));
+       did_you_mean(value, info.choices, true) + "known: " + joined(info.choices));
 }
 
 }  // namespace malus

@@ -55,9 +55,8 @@ RawFormat raw_format_named(std::string_view name) {
   for (const Entry& e : kFormats)
     if (name == e.name) return e.format;
   const auto names = raw_format_names();
-  throw InputError(
-      fmt::format("raw format \"{}\"", name), "not a known format of headerless files",
-      fmt::format("did you mean {}? known: {}", nearest_name(name, names), joined(names)));
+  throw InputError(fmt::format("raw format \"{}\"", name), "is no known format of headerless files",
+                   did_you_mean(name, names) + "known: " + joined(names));
 }
 
 std::string_view raw_format_name(RawFormat format) { return entry(format).name; }

@@ -253,9 +253,9 @@ FrameKind parse_frame_kind(const ConfigSection& section) {
     section.fail("kind", "is missing", fmt::format("known: {}", joined(frame_kind_names())));
   for (const KindEntry& entry : kKinds)
     if (*name == entry.name) return entry.kind;
-  section.fail("kind", fmt::format("is \"{}\"", *name),
-               fmt::format("did you mean \"{}\"? known: {}",
-                           nearest_name(*name, frame_kind_names()), joined(frame_kind_names())));
+  section.fail(
+      "kind", fmt::format("is \"{}\"", *name),
+      did_you_mean(*name, frame_kind_names(), true) + "known: " + joined(frame_kind_names()));
 }
 
 Session parse_session(std::string_view toml, const fs::path& source, const fs::path& folder,

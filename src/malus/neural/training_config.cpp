@@ -66,8 +66,7 @@ NetworkDescription read_network(const ConfigSection& section) {
     for (const NamedNetwork& size : named_networks())
       if (size.name != size.architecture) names.push_back(size.name);
     section.fail("architecture", fmt::format("is \"{}\"", named.name),
-                 fmt::format("did you mean \"{}\"? known: {}", nearest_name(named.name, names),
-                             joined(names)));
+                 did_you_mean(named.name, names, true) + "known: " + joined(names));
   }
   NetworkDescription network{named.architecture, named.settings};
   const Json defaults = default_network_settings(network.architecture);

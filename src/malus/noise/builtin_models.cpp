@@ -207,15 +207,19 @@ std::optional<NoiseModel> builtin_model_for(const std::filesystem::path& path) {
     name.erase(0, kPrefix.size());
   else if (std::filesystem::exists(path, error))
     return std::nullopt;
-  std::vector<std::string> names;
-  for (const BuiltinModel& model : builtin_models()) {
+  for (const BuiltinModel& model : builtin_models())
     if (model.name == name) return model.make();
-    names.push_back(model.name);
-  }
   if (!prefixed) return std::nullopt;
-  throw InputError(
-      path.string(), "is no built-in noise model",
-      "did you mean builtin:" + nearest_name(name, names) + "? `malus model list` shows all");
+  const std::string nearest = nearest_name(name, builtin_model_names());
+  throw InputError(path.string(), "is no built-in noise model",
+                   (nearest.empty() ? "" : "did you mean builtin:" + nearest + "? ") +
+                       "`malus model list` shows all");
+}
+
+std::vector<std::string> builtin_model_names() {
+  std::vector<std::string> names;
+  for (const BuiltinModel& model : builtin_models()) names.push_back(model.name);
+  return names;
 }
 
 }  // namespace malus

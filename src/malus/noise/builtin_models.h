@@ -21,6 +21,8 @@ struct BuiltinModel {
 /// All built-in models, in the order of `malus model list`.
 const std::vector<BuiltinModel>& builtin_models();
 
+std::vector<std::string> builtin_model_names();
+
 /// The built-in model that a user means by "builtin:NAME", or by plain NAME where no file of that
 /// name exists; empty when it is neither. Throws InputError for "builtin:" and an unknown name.
 std::optional<NoiseModel> builtin_model_for(const std::filesystem::path& path);

@@ -1,0 +1,53 @@
+// What is suggested for words that are not known.
+#include "malus/base/text.h"
+
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+TEST(NearestName, IsNearOrNone) {
+  const std::vector<std::string> commands{"info",    "calibrate", "model",
+                                          "denoise", "stokes",    "train"};
+  const std::vector<std::string> layouts{"mono",       "bayer-rggb",       "bayer-bggr",
+                                         "polar-mono", "polar-bayer-rggb", "polar-bayer-bggr"};
+  const std::vector<std::string> keys{"width", "steps", "data", "pictures"};
+  const std::vector<std::string>* where[] = {&commands, &layouts, &keys};
+  const struct {
+    int of;
+    const char *name, *nearest;
+  } cases[] = {{0, "calibrat", "calibrate"},
+               {0, "Denoise", "denoise"},
+               {0, "denoising", "denoise"},
+               {0, "models", "model"},
+               {0, "help", ""},
+               {0, "training", "train"},
+               {0, "calibration", "calibrate"},
+               {0, "import", ""},
+               {0, "xyz", ""},
+               {1, "rggb", "bayer-rggb"},
+               {1, "polar", "polar-mono"},
+               {1, "polar-bayer", "polar-bayer-rggb"},
+               {1, "BGGR", "bayer-bggr"},
+               {1, "bayer-rgb", "bayer-rggb"},
+               {1, "quad", ""},
+               {1, "mono8", "mono"},
+               {2, "widht", "width"},
+               {2, "step", "steps"},
+               {2, "foo", ""},
+               {2, "dtaa", "data"},
+               {2, "", ""}};
+  for (const auto& [of, name, nearest] : cases) {
+    EXPECT_EQ(nearest_name(name, *where[of]), nearest) << name;
+    EXPECT_EQ(did_you_mean(name, *where[of]).empty(), std::string(nearest).empty()) << name;
+  }
+  EXPECT_EQ(did_you_mean("widht", keys), "did you mean width? ");
+  EXPECT_EQ(did_you_mean("widht", keys, true), "did you mean \"width\"? ");
+  EXPECT_EQ(nearest_name("info", {}), "");
+}
+
+}  // namespace
+}  // namespace malus
