@@ -50,18 +50,35 @@ nlohmann::ordered_json left_out_json(const std::vector<LeftOutGain>& gains, bool
   return all;
 }
 
+std::string percent_cell(double share) {
+  const std::string text = fmt::format("{:+.2f}", 100 * share);
+  return text == "-0.00" || text == "+0.00" ? "0.00" : text;
+}
+
 std::string left_out_text(const std::vector<LeftOutGain>& gains, const char* kind) {
-  std::string text = fmt::format(
-      "{}: each gain left out and predicted from the others, worst channel\n"
-      "{:>10}{:>9}{:>9}{:>9}{:>10}{:>10}   JSD in bits, against taking the nearest gain\n",
-      kind, "gain", "K", "read", "row", "sqrt JSD", "nearest");
+  std::string text = fmt::format("\n{}\n{:>10}{:>9}{:>12}{:>11}{:>10}{:>14}\n", kind, "gain left",
+                                 "K", "read noise", "row noise", "sqrt JSD", "sqrt JSD of");
+  text += fmt::format("{:>10}{:>9}{:>12}{:>11}{:>10}{:>14}\n", "out", "%", "%", "%", "",
+                      "nearest gain");
   for (const LeftOutGain& g : gains)
     text += g.why_not.empty()
-                ? fmt::format("{:>10}{:>+8.2f}%{:>+8.2f}%{:>+8.2f}%{:>10.4f}{:>10.4f}\n",
-                              g.gain.text(), 100 * g.K_error, 100 * g.read_error, 100 * g.row_error,
-                              g.sqrt_jsd, g.sqrt_jsd_nearest)
-                : fmt::format("{:>10}  {}\n", g.gain.text(), g.why_not);
+                ? fmt::format("{:>10}{:>9}{:>12}{:>11}{:>10.4f}{:>14.4f}\n", g.gain.text(),
+                              percent_cell(g.K_error), percent_cell(g.read_error),
+                              percent_cell(g.row_error), g.sqrt_jsd, g.sqrt_jsd_nearest)
+                : fmt::format("{:>10}  not predicted: {}\n", g.gain.text(),
+                              g.why_not.substr(0, g.why_not.find(": ")));
   return text;
+}
+
+// What the tables are of, and how to read them.
+std::string left_out_header(const std::filesystem::path& path, const NoiseModel& model) {
+  return fmt::format(
+      "{}: {}\n"
+      "Every gain is left out once and predicted from the others: error of the worst\n"
+      "channel, and the root of the Jensen-Shannon divergence (base 2; 0: the same\n"
+      "noise, 1: nothing in common) between the predicted noise and the measured one,\n"
+      "beside that of the nearest gain's noise taken as it is.\n",
+      path.string(), model.sensor.empty() ? "a sensor without a name" : model.sensor);
 }
 
 void check_model(const Common& common, const std::filesystem::path& path) {
@@ -72,7 +89,7 @@ void check_model(const Common& common, const std::filesystem::path& path) {
     throw InputError(path.string(), "has fewer than three gains of one kind to leave one out",
                      "calibrate at more gains");
   nlohmann::ordered_json json;
-  std::string text;
+  std::string text = left_out_header(path, model);
   if (!physics.empty()) {
     json["physics"] = left_out_json(physics, true);
     text += left_out_text(physics, "Physics");

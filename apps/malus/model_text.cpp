@@ -73,7 +73,7 @@ std::string row_of(const std::vector<std::string>& cells, std::size_t width) {
 
 void add_sensor(Lines& lines, const NoiseModel& m) {
   lines.add("{}", m.sensor.empty() ? "unnamed sensor" : m.sensor);
-  lines.add("  layout     {} ({} channels)", m.layout.name(), m.layout.channels());
+  lines.add("  layout     {} ({})", m.layout.name(), counted(m.layout.channels(), "channel"));
   lines.add("  black      {} DN (mean of the channels), white {:g} DN, step {:g} DN",
             mean_cell(m.black_dn, 2), m.white_dn, m.quantization_dn);
   lines.add("  row group  {} ({})", m.row_group, m.row_group_origin);

@@ -72,9 +72,8 @@ const Architecture& find_architecture(const std::string& name) {
   for (const auto& architecture : registry())
     if (name == architecture.name) return architecture;
   const auto names = network_names();
-  throw InputError(
-      fmt::format("network \"{}\"", name), "not a known architecture",
-      fmt::format("did you mean {}? known: {}", nearest_name(name, names), joined(names)));
+  throw InputError(fmt::format("network \"{}\"", name), "is no known architecture",
+                   did_you_mean(name, names) + "known: " + joined(names));
 }
 
 // Defaults overridden by the given settings; every override must exist and be of the default's kind
@@ -90,7 +89,7 @@ Json merged(const Architecture& architecture, const Json& settings) {
     if (!all.contains(key))
       throw InputError(fmt::format("settings of {}", architecture.name),
                        fmt::format("unknown setting \"{}\"", key),
-                       fmt::format("did you mean {}?", nearest_name(key, known)));
+                       did_you_mean(key, known) + "known: " + joined(known));
     const bool same_kind =
         all[key].is_number() ? value.is_number() : all[key].type() == value.type();
     if (!same_kind)
@@ -104,6 +103,18 @@ Json merged(const Architecture& architecture, const Json& settings) {
 
 // 2 GiB of float32, ten times the largest published network.
 constexpr double kMostValues = 1 << 29;
+
+// Of values: 85,536, and 12 million where nobody would count.
+std::string count_text(double count) {
+  constexpr double kMillion = 1e6;
+  if (count >= 10 * kMillion && count < 1e15)
+    return fmt::format("{:.0f} million", count / kMillion);
+  if (count >= 10 * kMillion) return fmt::format("{:.1e}", count);
+  std::string digits = fmt::format("{:.0f}", count);
+  for (auto at = static_cast<std::ptrdiff_t>(digits.size()) - 3; at > 0; at -= 3)
+    digits.insert(static_cast<std::size_t>(at), ",");
+  return digits;
+}
 
 template <class Visit>
 void for_each_state(const Network& network, Visit&& visit) {
@@ -134,10 +145,10 @@ std::shared_ptr<Network> make_network(const NetworkDescription& description) {
   const Json settings = full_settings(description);
   if (const double values = least_network_values(description.architecture, settings);
       values > kMostValues)
-    throw InputError(
-        fmt::format("settings of {}", architecture.name),
-        fmt::format("describe at least {:.3g} values, more than {:.3g}", values, kMostValues),
-        "lower widths or depths");
+    throw InputError(fmt::format("settings of {}", architecture.name),
+                     fmt::format("describe at least {} values, more than {}", count_text(values),
+                                 count_text(kMostValues)),
+                     "lower widths or depths");
   try {
     return architecture.make(settings);
   } catch (const Json::exception& error) {
@@ -162,9 +173,9 @@ std::shared_ptr<Network> make_network(const NetworkDescription& description, con
   });
   if (needed > stored)
     throw InputError(source,
-                     fmt::format("holds {:.3g} values, but the {} that its settings describe has "
-                                 "at least {:.3g}",
-                                 stored, description.architecture, needed),
+                     fmt::format("holds {} values, but the {} that its settings describe has at "
+                                 "least {}",
+                                 count_text(stored), description.architecture, count_text(needed)),
                      "give weights of this architecture and size");
   auto network = make_network(description);
   load_weights(*network, file, "", source);
