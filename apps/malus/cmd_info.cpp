@@ -50,18 +50,21 @@ int converter_bits(int needed) {
   return 16;
 }
 
+// "multiples of 16", "16 n + 15", "16 n + 15 to 16".
+std::string grid_text(const ValueGrid& grid) {
+  if (grid.offset == 0 && grid.spread == 0) return fmt::format("multiples of {}", grid.step);
+  return fmt::format("{} n + {}{}", grid.step, grid.offset,
+                     grid.spread > 0 ? fmt::format(" to {}", grid.offset + grid.spread) : "");
+}
+
 void collect_warnings(Findings& findings) {
   const RawFrame& frame = findings.info.frame;
   if (const auto count = nonfinite_pixels(findings); count > 0)
     findings.warnings.push_back(fmt::format("{} pixels are NaN or infinite", count));
   if (findings.grid && findings.grid->step > 1)
-    findings.warnings.push_back(
-        fmt::format("all values are {} n + {}{}: the data are scaled up, {} of {} levels are used",
-                    findings.grid->step, findings.grid->offset,
-                    findings.grid->spread > 0
-                        ? fmt::format(" .. {}", findings.grid->offset + findings.grid->spread)
-                        : "",
-                    (1 << frame.bits) / findings.grid->step, 1 << frame.bits));
+    findings.warnings.push_back(fmt::format(
+        "all values are {}: the data are scaled up, {} of {} levels are used",
+        grid_text(*findings.grid), (1 << frame.bits) / findings.grid->step, 1 << frame.bits));
   const double largest = largest_value(findings);
   if (!frame.white_known && frame.bits > 8 && findings.grid && largest >= 0) {
     const int fits = converter_bits(std::bit_width(static_cast<unsigned>(largest)));
@@ -107,7 +110,9 @@ std::string layout_check_text(const Findings& findings) {
   if (!check.decided()) return scores + " (the scene decides nothing)";
   const std::string winner =
       fmt::format("{}; {} wins by {:.2f}", scores, pairing_name(check.winner()), check.margin());
-  if (!polarized) return winner + " (matters for a polarization sensor only)";
+  if (!polarized)
+    return winner +
+           " (of a polarization sensor, which needs --layout polar-mono or polar-bayer-rggb)";
   const bool agrees = check.winner() == *declared_pairing(findings.info.frame.layout);
   return winner + (agrees ? ", as declared" : ", NOT as declared");
 }

@@ -106,8 +106,11 @@ void add_warnings(Lines& lines, const std::vector<std::string>& warnings, Stored
 void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p,
                   StoredWarnings warnings) {
   constexpr std::size_t kWidth = 15;
-  lines.add("\n{}: {} bias frames, {} flat levels; value ± standard error", p.gain.text(),
-            p.bias_frames, p.flat_levels);
+  if (p.bias_frames > 0)
+    lines.add("\n{}: {}, {}; value ± standard error", p.gain.text(),
+              counted(p.bias_frames, "bias frame"), counted(p.flat_levels, "flat level"));
+  else
+    lines.add("\n{}: stated, not measured from frames here", p.gain.text());
   lines.add(
       "{:>10}{}", "channel",
       row_of({"K", "read noise", "lambda", "sigma_TL", "mu", "sigma_row", "dark sd"}, kWidth));

@@ -93,6 +93,26 @@ TEST(Networks, GradientsAgreeWithFiniteDifferences) {
   }
 }
 
+TEST(Networks, CountsOfValuesAreWrittenOut) {
+  const auto told = [](const auto& make) -> std::string {
+    try {
+      make();
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "nothing";
+  };
+  TensorFile few;
+  few.tensors["x"] = from_torch(torch::zeros({1234}));
+  const std::string too_few = told([&] {
+    make_network({"unet", {{"width", 4}}}, few, "w.safetensors");
+  });
+  EXPECT_NE(too_few.find("holds 1,234 values"), std::string::npos) << too_few;
+  EXPECT_EQ(too_few.find("e+"), std::string::npos) << too_few;
+  const std::string many = told([] { make_network({"unet", {{"width", 4096}}}); });
+  EXPECT_NE(many.find(" million values, more than 537 million"), std::string::npos) << many;
+}
+
 TEST(Networks, UnknownNamesAndSettingsAreRefused) {
   EXPECT_THROW(make_network({"restorner", {}}), InputError);
   EXPECT_THROW(make_network({"unet", {{"widht", 4}}}), InputError);

@@ -57,7 +57,7 @@ def test_scaled_values_and_nan_are_reported(malus, tmp_path):
     shifted = save(tmp_path / "shifted.npy", noisy_polar_mosaic() * 16)
     found = malus("info", "--json", shifted).json
     assert found["value_grid"] == {"step": 16, "offset": 0, "spread": 0}
-    assert "scaled up" in found["warnings"][0]
+    assert "all values are multiples of 16: " in found["warnings"][0] and "scaled up" in found["warnings"][0]
     holes = noisy_polar_mosaic().astype(np.float32)
     holes[3, 4:7] = [np.nan, np.inf, -np.inf]
     found = malus("info", "--json", save(tmp_path / "nan.npy", holes)).json

@@ -43,6 +43,11 @@ def test_text_names_units_and_the_origin(malus):
     assert "SIMULATED" in malus("model", "show", "imx250myr-simulated").out
 
 
+def test_numbers_that_no_frames_gave_are_not_told_as_measured(malus):
+    shown = malus("model", "show", "imx250mzr-simulated").out
+    assert "stated, not measured from frames here" in shown and "0 bias frames" not in shown
+
+
 def test_list_and_show_agree(malus):
     names = [model["name"] for model in malus("model", "list", "--json").json["models"]]
     assert "imx250myr-simulated" in names and "sony-a7s2" in names
