@@ -7,10 +7,12 @@
 #include "malus/neural/network.h"
 #include "malus/neural/noise_flow.h"
 #include "malus/neural/plane_tensors.h"
+#include "malus/neural/threads.h"
 
 #include <algorithm>
 #include <cmath>
 
+#include <ATen/Parallel.h>
 #include <fmt/format.h>
 
 namespace malus {
@@ -88,6 +90,19 @@ torch::Tensor without_excess(const torch::Tensor& noise, const torch::Tensor& cl
   const auto variance = share * torch::exp(2 * network.log_deviation(clean, gain));
   return mean + (noise - mean) * torch::sqrt((1 - excess / variance).clamp_min(0));
 }
+
+// libtorch shares its loops among the threads and rounds at their ends in another way; with one
+// thread the noise is the same, to the last bit, for any number of them.
+class OneNetworkThread {
+ public:
+  OneNetworkThread() : threads_(at::get_num_threads()) { use_network_threads(1); }
+  ~OneNetworkThread() { use_network_threads(threads_); }
+  OneNetworkThread(const OneNetworkThread&) = delete;
+  OneNetworkThread& operator=(const OneNetworkThread&) = delete;
+
+ private:
+  int threads_;
+};
 
 }  // namespace
 
@@ -172,6 +187,7 @@ Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
 Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& gain,
                                const DrawAddress& address, double excess_dn2) {
   const torch::NoGradGuard no_gradients;
+  const OneNetworkThread one_thread;
   const NoiseFlowSensor& known = state_->sensor;
   if (!gain.decibel()) throw InputError("the gain", "is not known", "give --gain or --iso");
   const double gain_db = *gain.decibel();
