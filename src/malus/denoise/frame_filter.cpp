@@ -88,10 +88,11 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const Mos
                  double memory_mib, double resident_values, Image& estimate,
                  const FrameReport& report, Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols();
-  const bool ridge = plan.guided.back().filter == StackFilter::ridge;
+  // One coarse scale, as Wiener filters have, tells no even light: slow light is alike there too.
+  const bool many_scales = plan.guided.back().filter == StackFilter::ridge;
   std::optional<CoarseScale> coarse =
       filter_coarse(pixel, layout, plan, memory_mib, resident_values, rows, cols,
-                    report.unlike || (report.error && ridge), progress);
+                    report.unlike || (report.error && many_scales), progress);
   if (coarse) resident_values += static_cast<double>(coarse->estimate.size());
   const bool with_error = report.error != nullptr;
   const int reach = mosaic_filter_reach(plan, layout, with_error);

@@ -149,9 +149,7 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   internal::PassedNoise passed;
   std::optional<internal::CellMap> kept, own_unlike;
   internal::CellMap* unlike = report.unlike;
-  // What is stated of copies is of combinations alone (docs/uncertainty.md).
-  if (report.variance && !unlike && plan.guided.back().filter == internal::StackFilter::ridge)
-    unlike = &own_unlike.emplace(noisy);
+  if (report.variance && !unlike) unlike = &own_unlike.emplace(noisy);
   internal::StackTile estimate{
       internal::run_stage(
           input, plan.guided.back(), progress,

@@ -155,12 +155,11 @@ struct CellTerms {
   double noise, lost, missing, resemblance;
 };
 
-CellTerms terms_of(const CellMeans& cells, double kept, bool knows_copies, int i, int k) {
+CellTerms terms_of(const CellMeans& cells, double kept, int i, int k) {
   // Where fine detail was taken back there is none, and what remains of the noise is coarse.
   const double fine = kept * kept * kept;
   return {kCoarseShare + (1 - kCoarseShare) * fine, fine * std::min(cells.bend(i, k), kMostLost),
-          std::max(cells.residual(i, k) - kMostResidual, 0.0),
-          knows_copies ? resemblance(cells, i, k) : 1.0};
+          std::max(cells.residual(i, k) - kMostResidual, 0.0), resemblance(cells, i, k)};
 }
 
 }  // namespace
@@ -171,7 +170,7 @@ void state_error(const StatedErrorInput& input, Image& error) {
   const auto state_row = [&](int i) {
     for (int k = cells.first_col(); k < cells.end_col(); ++k) {
       const double kept = input.kept ? std::max(double{input.kept->values(i, k)}, 0.0) : 1.0;
-      const CellTerms terms = terms_of(cells, kept, input.unlike != nullptr, i, k);
+      const CellTerms terms = terms_of(cells, kept, i, k);
       cells.for_each_pixel(i, k, [&](int r, int c) {
         const double noise = error(r, c), alike = factor * grown(terms.noise * noise + terms.lost),
                      copies = std::min(kOfCopies * noise + kLeastOfCopies, alike);

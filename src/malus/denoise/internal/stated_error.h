@@ -17,9 +17,8 @@ struct StatedErrorInput {
   const StackTile* noisy;  ///< unit noise
   const Image* estimate;   ///< same size, before a coarser scale corrects it
   const CellMap* kept;     ///< of the detail (detail_shrinkage.h); null: all of it
-  /// Of the last pass's stacks (StageReport::unlike); null: as if no block had a copy.
-  const CellMap* unlike;
-  /// Of all coarser scales (TileReport::coarse_unlike); null: the same.
+  const CellMap* unlike;   ///< of the last pass's stacks (StageReport::unlike)
+  /// Of all coarser scales (TileReport::coarse_unlike); null: as if no block had a copy there.
   const Image* coarse_unlike;
   StackFilter filter;  ///< of the last pass
   int period_rows, period_cols;
