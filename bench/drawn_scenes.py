@@ -5,7 +5,7 @@
 
 Writes FOLDER/NAME/I0.png, I45.png, I90.png, I135.png (16 bits, RGB) for every NAME of SCENES; with --charts of CHARTS:
 checkerboards of light and, in even light, of polarization, by the size of their squares in pixels; with --patterns of
-PATTERNS: weaves by their period, one word over and over, a page of letters, checkerboards of AoLP alone, slanted bars.
+PATTERNS: weaves by their period, one word over and over, a page of letters, checkerboards of AoLP alone, bars, slanted and fine.
 """
 import argparse
 import pathlib
@@ -46,6 +46,9 @@ def pattern(name, size):
         return colour(0.45 * even, (0.9, 1.0, 0.8)), 0.3 * even, np.where(bright, 0.3, 1.5)
     if name == "bars":  # 11 pixels wide, slanted by one in eight
         light = np.where((x + y // 8) // 11 % 2 == 0, 0.7, 0.15)
+        return colour(light, (0.9, 1.0, 0.8)), np.where(light > 0.5, 0.1, 0.4), 0.5 * even
+    if name == "bars_2":  # two pixels wide
+        light = np.where(x // 2 % 2 == 0, 0.7, 0.15)
         return colour(light, (0.9, 1.0, 0.8)), np.where(light > 0.5, 0.1, 0.4), 0.5 * even
     random = np.random.default_rng(11)
     across, down = size // 12 + 1, size // 20 + 1
@@ -100,7 +103,7 @@ def scene(name, size):
 
 SCENES = ("flat", "ramp", "waves", "blobs", "discs")
 CHARTS = ("board_8", "board_12", "board_16", "polboard_8", "polboard_16")
-PATTERNS = ("weave_9", "weave_17", "word", "page", "aolboard_16", "bars")
+PATTERNS = ("weave_9", "weave_17", "word", "page", "aolboard_16", "bars", "bars_2")
 
 
 def write_png(path, picture):

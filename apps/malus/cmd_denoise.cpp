@@ -121,7 +121,7 @@ struct ProfileChoice {
 };
 
 ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseModel>& model,
-                             const DenoiseArguments& arguments) {
+                             const DenoiseArguments& arguments, const FrameDenoiser& denoiser) {
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
@@ -132,7 +132,7 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
     fit_to_sensor(choice.profile, frame, arguments.origin, arguments.settings.defects);
     warn_of_extrapolation(*model, gain, arguments.model);
-    warn_of_clipped_dark(*model, gain, arguments.model, !is_weight_file(arguments.settings.method));
+    warn_of_clipped_dark(*model, gain, arguments.model, denoiser.undoes_cut_off());
     return choice;
   }
   PictureNoise noise = require_estimate(
@@ -199,14 +199,15 @@ struct OpenedFrame {
   ProfileChoice choice;
 };
 
-OpenedFrame open_frame(const DenoiseArguments& arguments, std::optional<NoiseModel>& model,
-                       const FrameJob& job, const FrameOptions& options) {
+OpenedFrame open_frame(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
+                       std::optional<NoiseModel>& model, const FrameJob& job,
+                       const FrameOptions& options) {
   OpenedFrame opened;
   opened.frame = load_frame(
       job.input,
       options_for_file(job.input, model ? options_for_model(options, *model, job.input) : options,
                        arguments.raw.float_black()));
-  opened.choice = choose_profile(opened.frame, model, arguments);
+  opened.choice = choose_profile(opened.frame, model, arguments, denoiser);
   if (model && job.last) drop_maps(*model);
   warn_of_guesses(opened.frame);
   Image pixels = std::move(opened.frame.dn);
@@ -218,7 +219,7 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, std::optional<NoiseMod
 Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
                      std::optional<NoiseModel>& model, const FrameJob& job,
                      const FrameOptions& options, Progress& progress, bool force) {
-  OpenedFrame opened = open_frame(arguments, model, job, options);
+  OpenedFrame opened = open_frame(arguments, denoiser, model, job, options);
   const Stopwatch stopwatch;
   NetworkInference::Rendered result =
       denoiser.render(std::move(opened.frame), opened.choice.profile, progress);
@@ -239,7 +240,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                     std::optional<NoiseModel>& model, const FrameJob& job,
                     const FrameOptions& options, Progress& progress, bool force,
                     std::vector<DenoisedFrame>* report) {
-  OpenedFrame opened = open_frame(arguments, model, job, options);
+  OpenedFrame opened = open_frame(arguments, denoiser, model, job, options);
   ProfileChoice& choice = opened.choice;
   const bool compared = !job.reference.path.empty();
   DenoisedFrame kept;

@@ -8,8 +8,11 @@
 #include <fmt/format.h>
 
 namespace malus::app {
+namespace {
 
 bool is_weight_file(const std::string& method) { return method.ends_with(".safetensors"); }
+
+}  // namespace
 
 void require_method(const std::string& name) {
   if (!is_weight_file(name)) denoise_method(name, ", and networks' weight files (.safetensors)");
@@ -50,6 +53,10 @@ bool FrameDenoiser::takes_ratio() const {
   if (!network_) return false;
   const nlohmann::ordered_json package = network_->description().at("package");
   return package.at("domain") == "linear" && package.at("amplification") == "ratio";
+}
+
+bool FrameDenoiser::undoes_cut_off() const {
+  return !network_ || network_->description().at("package").at("domain") == "stabilised";
 }
 
 void FrameDenoiser::require_used(const std::vector<std::string>& inference_flags) const {

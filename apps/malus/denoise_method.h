@@ -14,9 +14,6 @@ namespace malus::app {
 
 class NetworkDenoiser;
 
-/// Whether a method is named by a network's weight file.
-bool is_weight_file(const std::string& method);
-
 /// Throws InputError unless name is a classical method's or ends like a weight file's.
 void require_method(const std::string& name);
 
@@ -34,6 +31,8 @@ class FrameDenoiser {
                       double held_values = 0) const;
   /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
   std::string target() const;
+  /// Whether light that the camera cut off at 0 is worked out: not by linear networks.
+  bool undoes_cut_off() const;
   /// Throws InputError for a flag of InferenceSettings that the method would not look at.
   void require_used(const std::vector<std::string>& inference_flags) const;
   /// Of a network that gives pictures (malus/neural/inference.h).

@@ -95,6 +95,12 @@ NoiseProfile as_shown(NoiseProfile profile, const RawFrame& frame, const CutOff&
   return profile;
 }
 
+bool has_cut_off_law(const NoiseProfile& shown) {
+  return std::any_of(
+      shown.channels.begin(), shown.channels.end(),
+      [](const ChannelProfile& channel) { return channel.law && channel.law->is_clipped(); });
+}
+
 void keep_voids(const CutOff& cut_off, Image& dn_above_black) {
   if (cut_off.is_void.empty()) return;
   for (int r = 0; r < dn_above_black.rows(); ++r)

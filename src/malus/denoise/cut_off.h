@@ -32,6 +32,10 @@ NoiseProfile before_cut_off(NoiseProfile profile, const RawFrame& frame);
 /// is what brings it to 0.
 NoiseProfile as_shown(NoiseProfile profile, const RawFrame& frame, const CutOff& cut_off);
 
+/// Whether as_shown has changed a channel's law: a denoiser that stabilises by it takes the cut
+/// back.
+bool has_cut_off_law(const NoiseProfile& shown);
+
 /// A law of noise makes places that show none darker than no light: they are at 0.
 void keep_voids(const CutOff& cut_off, Image& dn_above_black);
 

@@ -131,12 +131,9 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   Denoised result;
   const Stopwatch preparation;
   const CutOff cut_off = measure_cut_off(frame);
-  const NoiseProfile before = before_cut_off(given, frame),
-                     profile = as_shown(before, frame, cut_off);
+  const NoiseProfile profile = as_shown(before_cut_off(given, frame), frame, cut_off);
   result.cut_off_share = cut_off.mean_share();
-  result.cut_off_undone = std::any_of(
-      profile.channels.begin(), profile.channels.end(),
-      [](const ChannelProfile& channel) { return channel.law && channel.law->is_clipped(); });
+  result.cut_off_undone = has_cut_off_law(profile);
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile,
                     {.remove_rows = settings.row_noise && method.on_mosaic,

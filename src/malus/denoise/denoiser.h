@@ -78,7 +78,7 @@ struct Denoised {
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
   /// Of the pixels, those at 0 that noise took there (cut_off.h), and whether its law was taken
-  /// back, which needs noise of half a step or more; networks do not.
+  /// back, which needs noise of half a step or more, and of a network a stabilised domain.
   double cut_off_share = 0;
   bool cut_off_undone = false;
   std::int64_t defect_pixels = 0;   ///< of the model's list, filled from their neighbours

@@ -50,6 +50,36 @@ NoiseProfile with_shared_line(NoiseProfile profile, double range_dn) {
   return profile;
 }
 
+// The noise of a frame: for the classical steps, and for the network's domain.
+struct DomainNoise {
+  NoiseProfile classical, domain;
+};
+
+DomainNoise noise_for(const PackageSettings& settings, NoiseProfile profile, const RawFrame& frame,
+                      const CutOff& cut_off) {
+  // Without stabilisation no inverse takes back what the cut did to means.
+  const bool stabilised = settings.domain == "stabilised";
+  const auto shown = [&](NoiseProfile noise) {
+    return stabilised ? as_shown(std::move(noise), frame, cut_off) : noise;
+  };
+  if (!settings.remove_bias) profile.clear_bias();
+  if (stabilised) profile = before_cut_off(std::move(profile), frame);
+  NoiseProfile domain =
+      profile.estimated_from_picture
+          ? with_shared_line(profile, white_above_black(frame.white_dn, frame.black_dn))
+          : profile;
+  return {shown(std::move(profile)), shown(std::move(domain))};
+}
+
+// Light that cut-off noise hardly leaves is no light of training: measured (docs/denoising.md), a
+// correction is worse than none below half a deviation above the lowest code, and better above one.
+float faded_to_guide(const NetworkFrame& frame, int row, int col, float network_dn) {
+  const float guide_dn = frame.guide_dn(row, col);
+  const double above = frame.domain.above_cut_off(row, col, std::max(double{guide_dn}, 0.0));
+  return guide_dn +
+         static_cast<float>(std::clamp(2 * above - 1, 0.0, 1.0)) * (network_dn - guide_dn);
+}
+
 // The frame's channels in the package's order.
 std::vector<ChannelProfile> in_order_of(const SensorLayout& wanted, const SensorLayout& frame,
                                         CellPhase phase, const NoiseProfile& profile) {
@@ -64,15 +94,17 @@ std::vector<ChannelProfile> in_order_of(const SensorLayout& wanted, const Sensor
 }  // namespace
 
 FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
-                         const NoiseProfile& given, std::optional<double> ratio)
+                         const NoiseProfile& noise, std::optional<double> ratio)
     : layout_(SensorLayout::named(settings.layout)),
       phase_(frame.layout.phase_in(layout_).value()),
       stabilised_(settings.domain == "stabilised"),
       noise_level_(settings.noise_input != "none") {
-  NoiseProfile profile =
-      given.estimated_from_picture ? with_shared_line(given, frame.range_dn) : given;
-  profile.channels = in_order_of(layout_, frame.layout, phase_, profile);
-  for (const ChannelProfile& channel : profile.channels) variances_.push_back(channel.variance);
+  NoiseProfile profile = noise;
+  profile.channels = in_order_of(layout_, frame.layout, phase_, noise);
+  for (const ChannelProfile& channel : profile.channels) {
+    variances_.push_back(channel.variance);
+    laws_.push_back(channel.law);
+  }
   if (stabilised_) {
     stabilizers_ = make_stabilizers(profile, frame.range_dn, 1.0);
     scale_ = kLeastScale + kScalePerMean * mean_over(frame.dn, [&](int r, int c, double dn) {
@@ -141,6 +173,12 @@ torch::Tensor FrameDomain::noise_planes(View<const float> noisy_dn,
       1.0 / scale_);
 }
 
+double FrameDomain::above_cut_off(int row, int col, double dn) const {
+  const CellPhase at = phase_at(row, col);
+  const auto& law = laws_[static_cast<std::size_t>(layout_.channel_at(at.row, at.col))];
+  return law && law->is_clipped() ? law->above_floor(dn) : std::numeric_limits<double>::infinity();
+}
+
 Image FrameDomain::mosaic_of(const torch::Tensor& planes, int rows, int cols,
                              std::optional<CellPhase> first) const {
   const CellPhase at = first.value_or(phase_);
@@ -170,11 +208,12 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
         frame.source,
         fmt::format("has the layout {}, the network {}", frame.layout.name(), settings.layout),
         "give a network for this layout");
-  NoiseProfile profile = measured;
-  if (!settings.remove_bias) profile.clear_bias();
+  CutOff cut_off = measure_cut_off(frame);
+  const DomainNoise noise = noise_for(settings, measured, frame, cut_off);
   Denoised report;
-  report.cut_off_share = measure_cut_off(frame).mean_share();
-  PreparedFrame prepared = prepare_frame(std::move(frame), profile,
+  report.cut_off_share = cut_off.mean_share();
+  report.cut_off_undone = has_cut_off_law(noise.domain);
+  PreparedFrame prepared = prepare_frame(std::move(frame), noise.classical,
                                          {.remove_rows = settings.row_noise,
                                           .remove_columns = classical.column_noise,
                                           .fill_defects = classical.defects,
@@ -188,11 +227,12 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
     guide.method = settings.guide;
     guide.profile = settings.guide_profile;
     if (wanted_report.variance) report.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
-    filter_prepared(prepared, profile, guide, progress, report);
+    filter_prepared(prepared, noise.classical, guide, progress, report);
     guide_dn = std::move(report.dn_above_black);
   }
-  FrameDomain domain(settings, prepared, profile, ratio);
-  return {std::move(prepared), std::move(guide_dn), std::move(domain), std::move(report)};
+  FrameDomain domain(settings, prepared, noise.domain, ratio);
+  return {std::move(prepared), std::move(guide_dn), std::move(domain), std::move(cut_off),
+          std::move(report)};
 }
 
 torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& window) {
@@ -239,9 +279,13 @@ Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
   Image mosaic = frame.domain.mosaic_of(planes, window.rows, window.cols,
                                         frame.domain.phase_at(window.row0, window.col0));
   for (int r = 0; r < window.rows; ++r)
-    for (int c = 0; c < window.cols; ++c)
-      if (frame.frame.saturated(window.row0 + r, window.col0 + c))
-        mosaic(r, c) = frame.frame.dn(window.row0 + r, window.col0 + c);
+    for (int c = 0; c < window.cols; ++c) {
+      const int row = window.row0 + r, col = window.col0 + c;
+      if (frame.frame.saturated(row, col))
+        mosaic(r, c) = frame.frame.dn(row, col);
+      else if (frame.report.cut_off_undone && !frame.guide_dn.empty())
+        mosaic(r, c) = faded_to_guide(frame, row, col, mosaic(r, c));
+    }
   return mosaic;
 }
 

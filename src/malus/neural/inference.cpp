@@ -4,7 +4,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
-#include "malus/neural/correction_error.h"
+#include "malus/neural/correction_limit.h"
 #include "malus/neural/gpu.h"
 #include "malus/neural/internal/packed.h"
 #include "malus/neural/package.h"
@@ -55,6 +55,15 @@ TileCore core_within(double memory_mib, double held_bytes, std::int64_t rows, st
             "give at least {:.0f} MiB",
             std::ceil((least_tile_bytes(rows, cols, batch, demand) + held_bytes) / 0x1p20)));
   return core;
+}
+
+void require_no_classical_settings(const DenoiseSettings& settings) {
+  if (settings.strength != 1)
+    throw InputError("--strength", "a network takes out what it was trained to",
+                     "leave it out, or use --method nl-ridge");
+  if (settings.profile != DenoiseSettings().profile)
+    throw InputError("--profile", "a network has none; that of its guide is in its file",
+                     "leave it out, or use --method nl-ridge");
 }
 
 // Light of a frame never is: broken weights give it, or a model and gain of another frame.
@@ -130,28 +139,24 @@ struct NetworkInference::Filtered {
 
 NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseProfile& profile,
                                                     const DenoiseSettings& settings,
-                                                    Progress& progress, bool want_variance) {
-  if (settings.strength != 1)
-    throw InputError("--strength", "a network takes out what it was trained to",
-                     "leave it out, or use --method nl-ridge");
-  if (settings.profile != DenoiseSettings().profile)
-    throw InputError("--profile", "a network has none; that of its guide is in its file",
-                     "leave it out, or use --method nl-ridge");
+                                                    Progress& progress) {
+  require_no_classical_settings(settings);
   const Stopwatch preparation;
   const std::string source = frame.source;
   const NetworkPackage& package = state_->loaded.package;
+  const bool limited = package.corrects_guide() && !package.gives_picture();
   PackageSettings wanted = package.settings;
   wanted.row_noise = wanted.row_noise && settings.row_noise;
   NetworkFrame prepared =
       prepare_network_frame(std::move(frame), profile, wanted, settings, state_->settings.ratio,
-                            progress, {.variance = want_variance});
+                            progress, {.variance = limited});
   const SensorLayout& layout = prepared.domain.layout();
   const CellPhase phase = prepared.domain.phase_at(0, 0);
   const int frame_rows = prepared.frame.dn.rows(), frame_cols = prepared.frame.dn.cols();
   const std::int64_t rows = packed_size(phase.row + frame_rows, layout.rows()),
                      cols = packed_size(phase.col + frame_cols, layout.cols());
   const double frames =
-      ((package.gives_picture() ? kPictureFrames : kMosaicFrames) + (want_variance ? 1.0 : 0.0)) *
+      ((package.gives_picture() ? kPictureFrames : kMosaicFrames) + (limited ? 1.0 : 0.0)) *
       static_cast<double>(prepared.frame.dn.size());
   const int batch = state_->settings.tile_batch;
   const TileCore core = core_within(settings.memory_mib, 4 * (frames + settings.held_values), rows,
@@ -201,7 +206,7 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
         state_->weights.string() + " corrects no classical result, whose error could be stated",
         "leave it out, or use --method nl-ridge");
   const torch::InferenceMode no_gradients;
-  Filtered filtered = filter(std::move(frame), profile, settings, progress, want_variance);
+  Filtered filtered = filter(std::move(frame), profile, settings, progress);
   Denoised result = std::move(filtered.prepared.report);
   result.dn_above_black =
       restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
@@ -217,7 +222,10 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
   require_plausible(least, largest, frame_of_result.range_dn, state_->weights);
   result.kept_pixels = 0;  // the guide's: what a network makes of them is its own
   if (result.variance_dn2)
-    add_correction_error(filtered.prepared.guide_dn, result.dn_above_black, *result.variance_dn2);
+    limit_correction(filtered.prepared.guide_dn.view(), result.variance_dn2->view(),
+                     result.dn_above_black.view());
+  if (!want_variance) result.variance_dn2.reset();
+  if (result.cut_off_undone) keep_voids(filtered.prepared.cut_off, result.dn_above_black);
   complete_result(frame_of_result, result);
   result.times.push_back({"network", filtered.network.seconds()});
   return result;
@@ -228,7 +236,7 @@ NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseP
                                                     Progress& progress) {
   MALUS_REQUIRE(target() != "mosaic");
   const torch::InferenceMode no_gradients;
-  Filtered filtered = filter(std::move(frame), profile, settings, progress, false);
+  Filtered filtered = filter(std::move(frame), profile, settings, progress);
   Planes picture = picture_of(state_->loaded.package.settings, filtered.prepared.domain,
                               filtered.planes, filtered.rows, filtered.cols);
   for (const Image& plane : picture) {

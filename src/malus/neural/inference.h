@@ -52,8 +52,8 @@ class NetworkInference {
   /// switched off; its method is not looked at. Throws InputError as denoise_frame, on a layout
   /// that is not the package's, but for the Bayer order, on a strength or profile of its own, and
   /// on a network that gives pictures, or where want_variance is asked of one that corrects no
-  /// guide; Cancelled. The variance is the guide's, and more where the correction is larger than
-  /// that (correction_error.h).
+  /// guide; Cancelled. Corrections of a guide are held to its stated error (correction_limit.h),
+  /// which is the variance too.
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress, bool want_variance = false);
 
@@ -78,7 +78,7 @@ class NetworkInference {
  private:
   struct Filtered;
   Filtered filter(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
-                  Progress& progress, bool want_variance);
+                  Progress& progress);
 
   struct State;
   std::unique_ptr<State> state_;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "malus/base/parameter.h"
+#include "malus/denoise/cut_off.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/neural/network.h"
 
@@ -135,6 +136,9 @@ class FrameDomain {
   torch::Tensor clean_planes(View<const float> dn, std::optional<CellPhase> first = {}) const;
   /// [1, 1 or P, rows, cols], or none ([1, 0, rows, cols]).
   torch::Tensor noise_planes(View<const float> noisy_dn, std::optional<CellPhase> first = {}) const;
+  /// How far light at a pixel of the frame [DN above black and bias] lies above the code that noise
+  /// is cut off at, in deviations of the dark noise; infinite where nothing is.
+  double above_cut_off(int row, int col, double dn) const;
   /// The network's planes back to DN, by the exact unbiased inverse: clean_planes' inverse.
   Image mosaic_of(const torch::Tensor& planes, int rows, int cols,
                   std::optional<CellPhase> first = {}) const;
@@ -148,6 +152,7 @@ class FrameDomain {
   bool stabilised_, noise_level_;
   double scale_ = 1;
   std::vector<Stabilizer> stabilizers_;  ///< empty in the linear domain
+  std::vector<std::optional<NoiseLaw>> laws_;
   std::vector<VarianceCurve> variances_;
 };
 
@@ -156,6 +161,7 @@ struct NetworkFrame {
   PreparedFrame frame;
   Image guide_dn;  ///< empty without a guide
   FrameDomain domain;
+  CutOff cut_off;
   Denoised report;  ///< facts about the input; guide's tiles, times and stated variance
 };
 
@@ -165,7 +171,8 @@ struct WantedReport {
   bool variance = false;    ///< the guide's stated error. Contract: there is a guide
 };
 
-/// Prepares a frame as the classical method does, and runs the guide where the package wants one
+/// Prepares a frame as the classical method does, noise that the camera cut off at 0 among the rest
+/// where the domain is stabilised, and runs the guide where the package wants one
 /// (classical: profile and memory; its method and row_noise are not used). Throws InputError as
 /// denoise_frame, on another sensor's layout than the package's, and where a needed ratio is not
 /// given.

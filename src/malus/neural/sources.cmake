@@ -3,7 +3,7 @@ set(neural_SOURCES
   clean_scenes.cpp
   contents.cpp
   convolution.cpp
-  correction_error.cpp
+  correction_limit.cpp
   device_speed.cpp
   example_pool.cpp
   failures.cpp

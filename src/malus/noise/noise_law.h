@@ -33,6 +33,11 @@ class NoiseLaw {
   /// holds. Contract: more than that.
   static NoiseLaw clipped(const VarianceCurve& variance, double floor_dn, double step_dn);
   bool is_clipped() const { return floor_dn_ > -std::numeric_limits<double>::infinity(); }
+  /// How far a clean signal lies above the code that noise is cut off at, in deviations of the dark
+  /// noise; infinite where nothing is.
+  double above_floor(double signal_dn) const {
+    return (signal_dn - floor_dn_) / dark_deviation_dn_;
+  }
 
   /// E f(pixel) for clean signals in DN above black and bias; f continuous. Error for functions
   /// with the curvature of a variance stabilisation: below 1e-3 of the local deviation.

@@ -1,4 +1,4 @@
-#include "malus/neural/correction_error.h"
+#include "malus/neural/correction_limit.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
@@ -10,6 +10,9 @@ namespace malus {
 namespace {
 
 constexpr int kSide = 4;  // of a cell
+// Corrections that help are smaller than this share of what is stated of the guide: measured
+// (docs/networks.md).
+constexpr double kMostOfStated = 0.3;
 
 struct CellSums {
   Image correction, stated;  // sums over a cell's pixels, DN^2
@@ -46,8 +49,8 @@ double smoothed(const Image& sums, int i, int k) {
 
 }  // namespace
 
-void add_correction_error(View<const float> guide_dn, View<const float> result_dn,
-                          View<float> variance_dn2) {
+void limit_correction(View<const float> guide_dn, View<const float> variance_dn2,
+                      View<float> result_dn) {
   const auto same_size = [&](const auto& view) {
     return view.rows() == guide_dn.rows() && view.cols() == guide_dn.cols();
   };
@@ -56,10 +59,12 @@ void add_correction_error(View<const float> guide_dn, View<const float> result_d
   parallel_for(0, guide_dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < guide_dn.cols(); ++c) {
+        if (!std::isfinite(variance_dn2(r, c))) continue;
         const double correction = smoothed(sums.correction, r / kSide, c / kSide),
                      stated = smoothed(sums.stated, r / kSide, c / kSide);
-        if (correction > stated)
-          variance_dn2(r, c) *= static_cast<float>(correction / std::max(stated, 1e-30));
+        if (correction <= kMostOfStated * stated) continue;
+        const float share = static_cast<float>(std::sqrt(kMostOfStated * stated / correction));
+        result_dn(r, c) = guide_dn(r, c) + share * (result_dn(r, c) - guide_dn(r, c));
       }
   });
 }
