@@ -33,19 +33,24 @@ double brightest_light(const NetworkPackage& package, const PairSource& source, 
   NetworkPackage without_guide = package;  // which would take nearly all of the time
   without_guide.settings.guide = "none";
   std::vector<torch::Tensor> signals(kExamples);
+  const auto measure = [&](std::ptrdiff_t i) {
+    const auto number = static_cast<std::uint32_t>(i);
+    const TrainingExample example = make_example(source.pair(seed, number), without_guide);
+    signals[number] = signal_in_deviations(without_guide, example.input.unsqueeze(0)).flatten();
+  };
+  measure(0);  // data that are no good mostly show it here, and then nothing else is said
   progress.note(
       fmt::format("the light of {} examples is measured before the first step", kExamples));
   progress.begin("light of the examples", kExamples);
-  parallel_for(0, kExamples, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+  progress.advance(1);
+  parallel_for(1, kExamples, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     // Examples hold locks while they load pictures: a thread that waits there may not take up
     // another example.
     const SerialLoops alone;
     const torch::NoGradGuard no_gradients_here;
     for (std::ptrdiff_t i = begin; i < end; ++i) {
       check_stop(progress);
-      const auto number = static_cast<std::uint32_t>(i);
-      const TrainingExample example = make_example(source.pair(seed, number), without_guide);
-      signals[number] = signal_in_deviations(without_guide, example.input.unsqueeze(0)).flatten();
+      measure(i);
       progress.advance(1);
     }
   });
