@@ -8,6 +8,7 @@
 
 #include "frame_input.h"
 #include "report_pages.h"
+#include "stokes_uncertainty.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -25,12 +26,10 @@ void add_confidence(const DenoisedFrame& frame, std::size_t pictures, PicturesBl
   const auto uncertainty = uncertainty_per_color(stokes, pack(frame.variance_dn2, layout), layout,
                                                  Intensities::kDenoised);
   const auto mean_over_colors = [&](Image StokesUncertainty::*map) {
-    Image mean = uncertainty.front().*map;
-    for (std::size_t c = 1; c < uncertainty.size(); ++c)
-      for (std::size_t i = 0; i < mean.size(); ++i)
-        mean.values()[i] += (uncertainty[c].*map).values()[i];
-    for (float& value : mean.values()) value /= static_cast<float>(uncertainty.size());
-    return mean;
+    Planes colors(static_cast<int>(uncertainty.size()), 0, 0);
+    for (int c = 0; c < colors.channels(); ++c)
+      colors[c] = uncertainty[static_cast<std::size_t>(c)].*map;
+    return mean_over_channels(colors);
   };
   const auto add = [&](const std::string& name, const std::string& unit, double high, Image map) {
     Layer layer{.name = name,

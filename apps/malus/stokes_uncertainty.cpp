@@ -36,6 +36,8 @@ Image deviation_of(Image variance) {
   return variance;
 }
 
+}  // namespace
+
 Image mean_over_channels(const Planes& planes) {
   Image mean = planes[0];
   for (int k = 1; k < planes.channels(); ++k)
@@ -43,8 +45,6 @@ Image mean_over_channels(const Planes& planes) {
   for (float& v : mean.values()) v /= static_cast<float>(planes.channels());
   return mean;
 }
-
-}  // namespace
 
 Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range) {
   const SensorLayout& layout = above_black.layout;

@@ -41,6 +41,9 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
 Confidence confidence_of(const StokesPicture& picture, const Planes& packed_variance,
                          const SensorLayout& layout, Intensities intensities);
 
+/// Contract: not empty.
+Image mean_over_channels(const Planes& planes);
+
 /// Their pictures: means over the display channels; those of S0, S1 and S2 on one scale.
 Confidence confidence_pictures(const Confidence& data, const RenderSettings& settings);
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/mosaic_filter.h"
+#include "malus/image/sum_around.h"
 
 #include <algorithm>
 #include <cmath>
@@ -77,13 +78,9 @@ class CellMeans {
   }
   /// Squared residual, means over 3x3 cells with the weights 1 2 1.
   double residual(int i, int k) const {
-    double sum = 0;
-    for (int a = -1; a <= 1; ++a)
-      for (int b = -1; b <= 1; ++b)
-        sum += static_cast<double>((2 - std::abs(a)) * (2 - std::abs(b))) *
-               residual_.values(std::clamp(i + a, first_row_, end_row_ - 1),
-                                std::clamp(k + b, first_col_, end_col_ - 1));
-    return sum / 16;
+    const View<const float> inside = residual_.values.view().window(
+        first_row_, first_col_, end_row_ - first_row_, end_col_ - first_col_);
+    return sum_around(inside, i - first_row_, k - first_col_) / 16;
   }
 
   /// The pixels of a cell that lie in the tile and in the frame, in tile coordinates.

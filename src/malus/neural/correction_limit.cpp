@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/image/sum_around.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,37 +15,11 @@ constexpr int kSide = 4;  // of a cell
 // (docs/networks.md).
 constexpr double kMostOfStated = 0.3;
 
-struct CellSums {
-  Image correction, stated;  // sums over a cell's pixels, DN^2
-};
-
-CellSums sums_over_cells(View<const float> guide_dn, View<const float> result_dn,
-                         View<const float> variance_dn2) {
-  const int rows = (guide_dn.rows() + kSide - 1) / kSide,
-            cols = (guide_dn.cols() + kSide - 1) / kSide;
-  CellSums sums{Image(rows, cols), Image(rows, cols)};
-  parallel_for(0, rows, 4, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    const int last = std::min(static_cast<int>(end) * kSide, guide_dn.rows());
-    for (int r = static_cast<int>(begin) * kSide; r < last; ++r)
-      for (int c = 0; c < guide_dn.cols(); ++c) {
-        if (!std::isfinite(variance_dn2(r, c))) continue;
-        const float correction = result_dn(r, c) - guide_dn(r, c);
-        sums.correction(r / kSide, c / kSide) += correction * correction;
-        sums.stated(r / kSide, c / kSide) += variance_dn2(r, c);
-      }
-  });
-  return sums;
-}
-
-// Over the 3x3 cells around with the weights 1 2 1.
-double smoothed(const Image& sums, int i, int k) {
-  double sum = 0;
-  for (int a = -1; a <= 1; ++a)
-    for (int b = -1; b <= 1; ++b)
-      sum += static_cast<double>((2 - std::abs(a)) * (2 - std::abs(b))) *
-             static_cast<double>(sums(std::clamp(i + a, 0, sums.rows() - 1),
-                                      std::clamp(k + b, 0, sums.cols() - 1)));
-  return sum;
+// Of the pixels that lie in a cell.
+template <class Action>
+void for_each_pixel(View<const float> mosaic, int i, int k, const Action& action) {
+  for (int r = i * kSide; r < std::min((i + 1) * kSide, mosaic.rows()); ++r)
+    for (int c = k * kSide; c < std::min((k + 1) * kSide, mosaic.cols()); ++c) action(r, c);
 }
 
 }  // namespace
@@ -55,17 +30,32 @@ void limit_correction(View<const float> guide_dn, View<const float> variance_dn2
     return view.rows() == guide_dn.rows() && view.cols() == guide_dn.cols();
   };
   MALUS_REQUIRE(same_size(result_dn) && same_size(variance_dn2));
-  const CellSums sums = sums_over_cells(guide_dn, result_dn, variance_dn2);
-  parallel_for(0, guide_dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
-      for (int c = 0; c < guide_dn.cols(); ++c) {
-        if (!std::isfinite(variance_dn2(r, c))) continue;
-        const double correction = smoothed(sums.correction, r / kSide, c / kSide),
-                     stated = smoothed(sums.stated, r / kSide, c / kSide);
-        if (correction <= kMostOfStated * stated) continue;
-        const float share = static_cast<float>(std::sqrt(kMostOfStated * stated / correction));
-        result_dn(r, c) = guide_dn(r, c) + share * (result_dn(r, c) - guide_dn(r, c));
-      }
+  const int rows = (guide_dn.rows() + kSide - 1) / kSide,
+            cols = (guide_dn.cols() + kSide - 1) / kSide;
+  Image corrections(rows, cols), variances(rows, cols);  // sums over the cells' pixels [DN^2]
+  const auto for_each_cell = [&](const auto& action) {
+    parallel_for(0, rows, 4, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
+        for (int k = 0; k < cols; ++k) action(i, k);
+    });
+  };
+  for_each_cell([&](int i, int k) {
+    for_each_pixel(guide_dn, i, k, [&](int r, int c) {
+      if (!std::isfinite(variance_dn2(r, c))) return;
+      const float correction = result_dn(r, c) - guide_dn(r, c);
+      corrections(i, k) += correction * correction;
+      variances(i, k) += variance_dn2(r, c);
+    });
+  });
+  for_each_cell([&](int i, int k) {
+    const double correction = sum_around(corrections.view(), i, k),
+                 most = kMostOfStated * sum_around(variances.view(), i, k);
+    if (correction <= most) return;
+    const auto share = static_cast<float>(std::sqrt(most / correction));
+    for_each_pixel(guide_dn, i, k, [&](int r, int c) {
+      if (!std::isfinite(variance_dn2(r, c))) return;
+      result_dn(r, c) = guide_dn(r, c) + share * (result_dn(r, c) - guide_dn(r, c));
+    });
   });
 }
 

@@ -68,10 +68,9 @@ std::vector<std::string> wide_gap_notes(const JointSegment& segment,
       most = std::max(most, excess_of_law(law, segment, k));
     if (most > kVisible)
       notes.push_back(fmt::format(
-          "between {} and {} nothing was measured: the law's read noise there may be up to {:.0f} "
-          "% "
-          "too large (noise before and after the amplifier adds in squares); calibrate at a gain "
-          "in between",
+          "between {} and {} nothing was measured: the law's read noise there may be up to "
+          "{:.0f} % too large (noise before and after the amplifier adds in squares); calibrate at "
+          "a gain in between",
           gain_names[k], gain_names[k + 1], 100 * most));
   }
   return notes;
