@@ -42,18 +42,19 @@ bool is_model(const fs::path& path) {
 Json load_json(const fs::path& path) {
   std::ifstream file(path);
   if (!file) throw InputError(path.string(), "cannot be read", "check the name");
+  Json json;
   try {
-    return Json::parse(file);
+    json = Json::parse(file);
   } catch (const Json::parse_error& error) {
     throw InputError(path.string(), std::string("is not JSON: ") + error.what(),
                      "give a model (.h5), or JSON that malus wrote");
   }
-}
-
-Page json_page(const fs::path& path, const std::string& prefix) {
-  const Json json = load_json(path);
   if (!json.is_object())
     throw InputError(path.string(), "is not a JSON object", "give JSON that malus wrote");
+  return json;
+}
+
+Page json_page(const fs::path& path, const Json& json, const std::string& prefix) {
   const std::string name = path.filename().string();
   if (json.value("kind", "") == "denoise") {
     DenoisedFrame frame = load_run(path, json);
@@ -75,7 +76,16 @@ Page json_page(const fs::path& path, const std::string& prefix) {
 }
 
 Page page_of(const fs::path& path, const std::string& prefix) {
-  if (is_json(path)) return json_page(path, prefix);
+  if (is_json(path)) {
+    const Json json = load_json(path);
+    try {
+      return json_page(path, json, prefix);
+    } catch (const Json::exception& error) {
+      throw InputError(path.string(),
+                       std::string("does not hold what a page needs: ") + error.what(),
+                       "give JSON that malus wrote; docs/report.md has the record's format");
+    }
+  }
   const NoiseModel model = load_model(path);
   return {calibration_title(model), calibration_subtitle(model),
           calibration_sections(model, prefix)};

@@ -27,7 +27,22 @@ std::string relative_to(const fs::path& path, const fs::path& folder) {
   return relative.empty() ? place.string() : relative.string();
 }
 
-NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {
+[[noreturn]] void refuse_record(const fs::path& file, const std::string& problem) {
+  throw InputError(file.string(), "is not a record of a denoise run: " + problem,
+                   "denoise the frame again");
+}
+
+SensorLayout layout_of_record(const Json& record, const fs::path& file) {
+  try {
+    return SensorLayout::from_sites(
+        record.at("sites").get<std::vector<std::vector<std::string>>>());
+  } catch (const InputError& error) {
+    refuse_record(file, "sites: " + error.problem());
+  }
+}
+
+NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout,
+                               const fs::path& file) {
   NoiseProfile profile;
   profile.layout = layout;
   profile.row_group = record.value("row_group", 1);
@@ -38,7 +53,7 @@ NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout) {
                                                 line.at("offset_dn2").get<double>(), 0.0),
          .gain_dn_per_e = line.at("gain_dn_per_e").get<double>()});
   if (static_cast<int>(profile.channels.size()) != layout.channels())
-    throw InputError("noise_line", "does not fit the layout", "denoise again");
+    refuse_record(file, "noise_line does not fit the layout");
   return profile;
 }
 
@@ -160,8 +175,7 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
   try {
     const fs::path folder = record_file.parent_path();
     FrameOptions options;
-    options.layout =
-        SensorLayout::from_sites(record.at("sites").get<std::vector<std::vector<std::string>>>());
+    options.layout = layout_of_record(record, record_file);
     options.black_dn = record.at("black_dn").get<std::vector<double>>();
     options.white_dn = record.at("white_dn").get<double>();
     options.gain = gain_from(record);
@@ -177,23 +191,23 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     plain.rows = frame.before.dn.rows();
     plain.cols = frame.before.dn.cols();
     frame.after_dn = load_frame(folder / record.at("result_file").get<std::string>(), plain).dn;
-    frame.profile = profile_of_record(record, *options.layout);
+    frame.profile = profile_of_record(record, *options.layout, record_file);
     frame.run = record.at("run");
+    if (!frame.run.is_object()) refuse_record(record_file, "run is no object");
     if (record.contains("reference_file")) {
       Reference reference{folder / record.at("reference_file").get<std::string>(),
                           record.at("reference_ratio").get<double>(),
                           {}};
       if (record.contains("reference_black_dn"))
         reference.black_dn = record.at("reference_black_dn").get<double>();
+      if (!(reference.ratio > 0)) refuse_record(record_file, "reference_ratio is not above 0");
       add_reference(frame, reference, true);
       measure_before(frame);
       measure_after(frame);
     }
     return frame;
   } catch (const Json::exception& error) {
-    throw InputError(record_file.string(),
-                     std::string("is not a record of a denoise run: ") + error.what(),
-                     "denoise the frame again");
+    refuse_record(record_file, error.what());
   }
 }
 

@@ -1,5 +1,6 @@
 // What malus measured, as pages of a report: translations of models, denoise runs and evaluations
-// into the blocks of malus/report/report.h.
+// into the blocks of malus/report/report.h. Functions that take JSON throw nlohmann's exceptions
+// where it does not hold what they need; who read it from a file names the file.
 #pragma once
 
 #include "malus/denoise/denoiser.h"

@@ -212,25 +212,20 @@ std::vector<Section> record_sections(const Json& record, const std::filesystem::
                   prefix.empty() ? "Results" : text_at(record, "title"),
                   text_at(record, "text"),
                   {}};
-  try {
-    if (record.contains("warnings") || record.contains("notes")) {
-      NoticesBlock notices = warning_notices(record);
-      for (const Json& note : record.value("notes", Json::array()))
-        notices.items.push_back({NoticeLevel::kNote, note.get<std::string>()});
-      if (!notices.items.empty()) section.blocks.emplace_back(std::move(notices));
-    }
-    if (record.contains("tables"))
-      for (const Json& table : record.at("tables")) section.blocks.emplace_back(table_block(table));
-    if (record.contains("charts"))
-      for (const Json& chart : record.at("charts"))
-        section.blocks.emplace_back(ChartsBlock{"", {{"", chart_of(chart)}}});
-    if (record.contains("pictures"))
-      for (const Json& pictures : record.at("pictures"))
-        section.blocks.emplace_back(pictures_block(pictures, folder));
-  } catch (const Json::exception& error) {
-    throw InputError("record", std::string("does not hold what a page needs: ") + error.what(),
-                     "see docs/report.md for its format");
+  if (record.contains("warnings") || record.contains("notes")) {
+    NoticesBlock notices = warning_notices(record);
+    for (const Json& note : record.value("notes", Json::array()))
+      notices.items.push_back({NoticeLevel::kNote, note.get<std::string>()});
+    if (!notices.items.empty()) section.blocks.emplace_back(std::move(notices));
   }
+  if (record.contains("tables"))
+    for (const Json& table : record.at("tables")) section.blocks.emplace_back(table_block(table));
+  if (record.contains("charts"))
+    for (const Json& chart : record.at("charts"))
+      section.blocks.emplace_back(ChartsBlock{"", {{"", chart_of(chart)}}});
+  if (record.contains("pictures"))
+    for (const Json& pictures : record.at("pictures"))
+      section.blocks.emplace_back(pictures_block(pictures, folder));
   return {section};
 }
 

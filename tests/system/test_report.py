@@ -67,6 +67,36 @@ def test_bad_records_are_one_line_and_leave_nothing(refused, tmp_path, changes, 
     assert not (tmp_path / "page.html").exists()
 
 
+@pytest.mark.parametrize("made", [
+    {"kind": 5},
+    {"kind": "denoise"},
+    {"image": {"psnr": 30}, "warnings": [3]},
+    {"results": [{"image": {"psnr": 30}}], "warnings": {"a": 1}},
+    {"title": 5, "charts": []},
+    {"charts": [{"x": {"log": 3}, "y": {}, "series": []}]},
+])
+def test_json_that_malus_did_not_write_is_one_line(refused, tmp_path, made):
+    (tmp_path / "made.json").write_text(json.dumps(made))
+    assert "made.json" in refused("report", tmp_path / "made.json", "-o", tmp_path / "page.html")
+
+
+@pytest.mark.parametrize("changes, words", [
+    ({"run": 5}, "run is no object"),
+    ({"run": {"warnings": [{}]}}, "type must be string"),
+    ({"sites": []}, "sites: it has 0 rows"),
+    ({"noise_line": []}, "noise_line does not fit the layout"),
+    ({"reference_file": "frame.npy", "reference_ratio": 0}, "reference_ratio is not above 0"),
+])
+def test_damaged_records_of_runs_are_one_line_that_names_them(malus, refused, tmp_path, changes, words):
+    np.save(tmp_path / "frame.npy", np.full((32, 48), 500, np.uint16))
+    malus("denoise", tmp_path / "frame.npy", "--layout", "polar-mono", "--black", 80, "--white", 4095, "--model", "imx250mzr-simulated",
+          "--gain", 12, "-o", tmp_path)
+    path = tmp_path / "frame_denoised.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    error = refused("report", path, "-o", tmp_path / "page.html")
+    assert "frame_denoised.json" in error and words in error
+
+
 @pytest.mark.parametrize("layout, columns", [("bayer-rggb", 2), ("mono", 2), ("polar-mono", 5)])
 @pytest.mark.parametrize("tests", [1, 2])
 def test_evaluations_without_polarization_say_nothing_of_it(malus, tmp_path, layout, columns, tests):
