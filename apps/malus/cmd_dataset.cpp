@@ -31,6 +31,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
+constexpr int kMostWorkers = 65535;  // as base/worker_place.h reads them of the environment
+
 struct DatasetArguments {
   fs::path config, folder;
   std::optional<int> rank, world;
@@ -312,10 +314,13 @@ void add_dataset(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->folder, "folder of the shards; finished ones stay")
       ->required();
   CLI::Option* rank =
-      command->add_option("--rank", arguments->rank,
-                          "number of this worker, from 0; otherwise from torchrun, mpirun or srun");
-  CLI::Option* world =
-      command->add_option("--world", arguments->world, "number of workers")->needs(rank);
+      command
+          ->add_option("--rank", arguments->rank,
+                       "number of this worker, from 0; otherwise from torchrun, mpirun or srun")
+          ->check(in_range(0, kMostWorkers));
+  CLI::Option* world = command->add_option("--world", arguments->world, "number of workers")
+                           ->check(in_range(1, kMostWorkers))
+                           ->needs(rank);
   rank->needs(world);
 }
 

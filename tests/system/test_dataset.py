@@ -102,6 +102,8 @@ def test_dataset_refuses_bad_plans(malus, refused, tmp_path):
     assert "other settings" in refused("dataset", plan, "-o", tmp_path / "out", "--seed", 1)
     for alone in (["--rank", 0], ["--world", 2]):
         assert "requires" in malus("dataset", plan, "-o", tmp_path / "new", *alone, code=2).err
+    for many in (["--rank", 5, "--world", 2147483647], ["--rank", "010", "--world", 99], ["--rank", -1, "--world", 2]):
+        assert "must be a whole number" in malus("dataset", plan, "-o", tmp_path / "new", *many, code=2).err
     assert "does not exist" in refused("dataset", plan, "-o", tmp_path / "new", "--rank", 2, "--world", 2)
     for name, value in (("RANK", "first"), ("WORLD_SIZE", "0"), ("WORLD_SIZE", "2x")):
         refused("dataset", plan, "-o", tmp_path / "new", env={**os.environ, name: value})
