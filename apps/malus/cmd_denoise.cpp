@@ -9,7 +9,6 @@
 #include "malus/noise/model.h"
 
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -174,16 +173,6 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
   return json;
 }
 
-// The run beside its result, so that a report can be made of it later.
-void write_record(const fs::path& path, const Json& record, bool force) {
-  AtomicFile file(path, force);
-  std::ofstream out(file.temporary(), std::ios::binary);
-  out << record.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
-  out.close();
-  if (!out) file.fail();
-  file.commit();
-}
-
 // One frame's part of the job.
 struct FrameJob {
   fs::path input;
@@ -277,7 +266,8 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   Json record = run_record(kept.before, choice.profile, job.input, options.raw_format,
                            job.names.mosaic, kept.run);
   if (compared) name_reference(record, job.reference, job.names.mosaic);
-  write_record(job.names.record, record, force);
+  // Beside its result, so that a report can be made of it later.
+  write_file(job.names.record, json_utf8(record, 2) + "\n", force);
   const Json run = kept.run;
   if (report) report->push_back(std::move(kept));
   return run;

@@ -289,7 +289,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
     }
   }
   const Json result{{"session", arguments.session.string()}, {"pairs", pairs}};
-  write_file(arguments.folder / "pairs.json", result.dump(2) + "\n", common.force);
+  write_file(arguments.folder / "pairs.json", json_utf8(result, 2) + "\n", common.force);
   print_result(common, result, text);
 }
 

@@ -83,10 +83,6 @@ void remove_shard_of_another_set(const fs::path& path, const std::string& set) {
 
 }  // namespace
 
-std::string json_utf8(const Json& json, int indent) {
-  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
-}
-
 std::string fingerprint(std::string_view bytes) {
   return fmt::format("{:016x}", fnv_of(bytes, kFnvStart));
 }

@@ -6,12 +6,10 @@
 #include <string>
 #include <string_view>
 
+#include "program.h"
 #include <nlohmann/json.hpp>
 
 namespace malus::app {
-
-/// Names of files may be no UTF-8: such bytes are replaced. indent as nlohmann::json::dump.
-std::string json_utf8(const nlohmann::ordered_json& json, int indent);
 
 /// 16 hexadecimal digits that differ where the bytes do: FNV-1a of 64 bits, against mistakes, not
 /// against somebody who wants two files to look the same.

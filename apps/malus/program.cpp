@@ -10,6 +10,7 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <limits>
 #include <mutex>
 #include <new>
@@ -223,11 +224,12 @@ void add_training_settings(CLI::App& command, Common& common) {
       ->allow_extra_args(false);
 }
 
+std::string json_utf8(const nlohmann::ordered_json& json, int indent) {
+  return json.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
 void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text) {
-  // Names from files may hold invalid UTF-8: replaced, never a reason to fail.
-  const std::string out =
-      common.json ? json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace)
-                  : std::string(text);
+  const std::string out = common.json ? json_utf8(json, 2) : std::string(text);
   std::fwrite(out.data(), 1, out.size(), stdout);
   if (!out.empty() && out.back() != '\n') std::fputc('\n', stdout);
   if (std::fflush(stdout) != 0)
@@ -292,7 +294,11 @@ int run_program(CLI::App& app, int argc, char** argv) {
   } catch (const Cancelled&) {
     tell("malus: stopped on request; finished outputs are whole, none is half-written\n");
     return kExitStopped;
-  } catch (const std::system_error& error) {  // files and threads that the system refuses
+  } catch (const std::filesystem::filesystem_error& error) {
+    tell(fmt::format("malus: {}: {}; check the name, the folder and its permissions\n",
+                     error.path1().string(), error.code().message()));
+    return kExitInput;
+  } catch (const std::system_error& error) {  // threads that the system refuses
     tell(fmt::format("malus: the system: {}; check the rights and the limits of your account\n",
                      error.what()));
     return kExitInput;

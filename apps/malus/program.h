@@ -34,6 +34,10 @@ CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
 /// --set, for a command that trains networks.
 void add_training_settings(CLI::App& command, Common& common);
 
+/// JSON as text; indent as nlohmann::json::dump. Names of files may be no UTF-8, which JSON cannot
+/// hold: such bytes are replaced, never a reason to fail.
+std::string json_utf8(const nlohmann::ordered_json& json, int indent);
+
 /// Results: the JSON object under --json, else the text. Both go to stdout.
 void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text);
 /// A line for people on stderr; silent under -q.

@@ -12,6 +12,11 @@ TEST(UnreadableFile, SaysWhichItIs) {
   EXPECT_EQ(missing, "/nowhere/weights.safetensors: does not exist; check the name and the folder");
   EXPECT_EQ(std::string(unreadable_file("/").what()),
             "/: is a folder, not a file; name the files in it");
+  const std::string long_name(300, 'a');
+  EXPECT_EQ(
+      std::string(unreadable_file(long_name).what()),
+      long_name +
+          ": cannot be read: File name too long; check the name, the folder and its permissions");
   EXPECT_EQ(std::string(unreadable_file("/dev/null").what()),
             "/dev/null: cannot be read; check its permissions");
 }

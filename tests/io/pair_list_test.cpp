@@ -56,6 +56,16 @@ TEST(PairList, ComesBackFromAnotherFolder) {
   EXPECT_EQ(back[0].gain, pair.gain);
 }
 
+TEST(PairList, NamesThatAreNotUtf8AreRefusedBeforeAnythingIsWritten) {
+  const testing::TemporaryFolder folder;
+  RecordedPair pair;
+  pair.noisy = "/caf\xe9.tif";
+  pair.reference = "/reference.tif";
+  EXPECT_THAT([&] { save_pair_list({pair}, folder / "list.json"); },
+              ThrowsMessage<InputError>(HasSubstr("not UTF-8")));
+  EXPECT_FALSE(std::filesystem::exists(folder / "list.json"));
+}
+
 TEST(PairList, WhatIsNoListIsNamed) {
   const testing::TemporaryFolder folder;
   const auto path = folder / "pairs.json";

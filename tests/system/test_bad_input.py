@@ -59,6 +59,12 @@ def test_a_folder_is_no_frame(refused, tmp_path):
     assert str(tmp_path.name) in refused("info", tmp_path)
 
 
+@pytest.mark.parametrize("command", [["stokes"], ["denoise", "--model", "imx250mzr-simulated"], ["simulate"], ["report"]])
+def test_names_that_no_system_takes(refused, tmp_path, command):
+    error = refused(*command, tmp_path / f"{'a' * 300}.npy", "-o", tmp_path / "out")
+    assert error.startswith(f"malus: {tmp_path}") and "File name too long; check the name" in error
+
+
 def test_black_above_white(refused, frame, tmp_path):
     line = refused("denoise", frame, "--layout", "polar-mono", "--black", "300", "--white", "255", "-o", tmp_path / "out")
     assert "black" in line

@@ -1,6 +1,7 @@
 """Training material as a user makes it: renoise, pairs, simulate, checked with numpy."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -135,6 +136,15 @@ def test_pairs_take_the_frame_nearest_in_light(malus, tmp_path):
     assert np.allclose(reference, stack - 64, atol=1e-3)
     short = np.array(Image.open(tmp_path / "out" / pair["short"]))
     assert np.array_equal(short, np.array(Image.open(tmp_path / "short_2.png")))
+    assert json.loads((tmp_path / "out/pairs.json").read_text()) == result
+
+
+def test_pairs_of_files_with_any_name(malus, tmp_path):
+    session, _ = write_pairs_session(tmp_path, [1.0])
+    os.rename(tmp_path / "short_0.png", os.fsencode(tmp_path) + b"/short_\xe9.png")
+    session.write_text(session.read_text().replace("short_0.png", "short_*.png"))
+    result = malus("pairs", session, "-o", tmp_path / "out", "--json").json
+    assert "\N{REPLACEMENT CHARACTER}" in result["pairs"][0]["source"]
     assert json.loads((tmp_path / "out/pairs.json").read_text()) == result
 
 

@@ -7,6 +7,9 @@ namespace malus {
 InputError unreadable_file(const std::filesystem::path& path) {
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
+  if (status.type() == std::filesystem::file_type::none)  // a name too long, links in a circle
+    return {path.string(), "cannot be read: " + error.message(),
+            "check the name, the folder and its permissions"};
   if (status.type() == std::filesystem::file_type::not_found)
     return {path.string(), "does not exist", "check the name and the folder"};
   if (std::filesystem::is_directory(status))

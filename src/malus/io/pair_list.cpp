@@ -39,7 +39,7 @@ std::string RecordedPair::scene() const { return name.substr(0, name.rfind('_'))
 
 std::vector<RecordedPair> load_pair_list(const fs::path& list) {
   std::ifstream in(list);
-  if (!in) throw unreadable_file(list);
+  if (!in || fs::is_directory(list)) throw unreadable_file(list);
   try {
     const Json json = Json::parse(in);
     std::vector<RecordedPair> pairs;
@@ -70,7 +70,14 @@ void save_pair_list(const std::vector<RecordedPair>& pairs, const fs::path& list
     entries.back().update(gain_json(pair.gain));
     if (!pair.picture.empty()) entries.back()["picture"] = fs::absolute(pair.picture).string();
   }
-  write_file(list, Json{{"pairs", entries}}.dump(2) + "\n", true);
+  std::string text;
+  try {
+    text = Json{{"pairs", entries}}.dump(2) + "\n";
+  } catch (const Json::type_error&) {  // replaced bytes would name other files
+    throw InputError(list.string(), "would name files whose names are not UTF-8, as JSON is",
+                     "rename the files or their folder");
+  }
+  write_file(list, text, true);
 }
 
 }  // namespace malus
