@@ -2,16 +2,20 @@
 #include "malus/io/shard.h"
 
 #include "malus/base/error.h"
+#include "malus/io/shard_read.h"
 
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
 
 #include "support.h"
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 namespace malus {
 namespace {
+
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
 
 std::string content_of(const std::filesystem::path& path) {
   std::stringstream text;
@@ -43,6 +47,25 @@ TEST(TarShard, BytesDependOnContentAlone) {
   write_shard(folder / "b.tar");
   EXPECT_EQ(content_of(folder / "a.tar"), content_of(folder / "b.tar"));
   EXPECT_EQ(content_of(folder / "a.tar").size() % 512, 0u);
+}
+
+TEST(TarShard, IsReadWholeOrNotAtAll) {
+  const testing::TemporaryFolder folder;
+  write_shard(folder / "a.tar");
+  const auto entries = shard_entries(folder / "a.tar");
+  ASSERT_EQ(entries.size(), 3u);
+  EXPECT_EQ(entries[0].name, "000000001.json");
+  EXPECT_EQ(shard_content(folder / "a.tar", entries[0]), "{\"ratio\":10}");
+  EXPECT_EQ(entries[1].size, 1000u);
+  // Cut off in a content, in a header, between two files, and before the block of zeros alone.
+  const std::string whole = content_of(folder / "a.tar");
+  for (const std::size_t size : {std::size_t{0}, std::size_t{100}, std::size_t{600},
+                                 std::size_t{1024}, std::size_t{1124}, whole.size() - 1024}) {
+    std::ofstream(folder / "cut.tar", std::ios::binary) << whole.substr(0, size);
+    EXPECT_THAT([&] { shard_entries(folder / "cut.tar"); },
+                ThrowsMessage<InputError>(HasSubstr("is cut off")))
+        << size;
+  }
 }
 
 TEST(TarShard, WithoutCommitNothingRemains) {

@@ -46,11 +46,14 @@ std::vector<ShardEntry> shard_entries(const std::filesystem::path& path) {
   const auto total = static_cast<std::uint64_t>(in.tellg());
   std::vector<ShardEntry> entries;
   std::string header(kTarBlock, '\0');
-  for (std::uint64_t at = 0; at + kTarBlock <= total;) {
+  for (std::uint64_t at = 0;;) {
+    // A block of zeros ends an archive: one that lacks it may have lost whole files besides.
+    if (total < kTarBlock || at > total - kTarBlock)
+      throw InputError(path.string(), "is cut off", kRemedy);
     in.seekg(static_cast<std::streamoff>(at));
     if (!in.read(header.data(), kTarBlock))
       throw InputError(path.string(), "cannot be read", kRemedy);
-    if (std::all_of(header.begin(), header.end(), [](char c) { return c == '\0'; })) break;
+    if (std::all_of(header.begin(), header.end(), [](char c) { return c == '\0'; })) return entries;
     check_header(header, path);
     const std::uint64_t size = octal(header, 124, 12, path);
     at += kTarBlock;
@@ -59,7 +62,6 @@ std::vector<ShardEntry> shard_entries(const std::filesystem::path& path) {
       entries.push_back({std::string(header.c_str(), strnlen(header.c_str(), 100)), at, size});
     at += (size + kTarBlock - 1) / kTarBlock * kTarBlock;
   }
-  return entries;
 }
 
 std::string shard_content(const std::filesystem::path& path, const ShardEntry& entry) {

@@ -16,7 +16,7 @@ struct ShardEntry {
 };
 
 /// All regular files in a tar archive, in order. Headers are checked: magic, checksum, sizes inside
-/// the file. Throws InputError.
+/// the file; and that the archive ends with its block of zeros. Throws InputError.
 std::vector<ShardEntry> shard_entries(const std::filesystem::path& path);
 
 /// One file's content. Throws InputError.
