@@ -103,6 +103,8 @@ TEST(OutputFolder, GoesAgainWhereNothingWasWritten) {
   const testing::TemporaryFolder folder;
   { const OutputFolder made(folder / "a/b/c"); }
   EXPECT_EQ(files_in(folder.path()), 0);
+  { const OutputFolder with_slash(folder / "a/b/"); }
+  EXPECT_EQ(files_in(folder.path()), 0);
   std::filesystem::create_directory(folder / "mine");
   { const OutputFolder kept(folder / "mine"); }
   EXPECT_EQ(files_in(folder.path()), 1);

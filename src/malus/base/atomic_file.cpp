@@ -73,8 +73,10 @@ OutputFolder::OutputFolder(const fs::path& folder) {
 
 OutputFolder::~OutputFolder() {
   std::error_code not_empty;
-  for (const fs::path& folder : made_)
-    if (!fs::remove(folder, not_empty)) return;
+  for (const fs::path& folder : made_) {
+    fs::remove(folder, not_empty);
+    if (not_empty) return;
+  }
 }
 
 AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)) {
