@@ -105,6 +105,9 @@ TEST(Npy, DamagedFilesAreRefused) {
   refused(
       npy("{'descr': '|u1', 'fortran_order': False, 'shape': (4294967296, 4294967296), }", data),
       "more than");
+  // One more than rows and columns, which are ints, can count.
+  refused(npy("{'descr': '|u1', 'fortran_order': False, 'shape': (2147483648, 1), }", data),
+          "more than 2147483647 values");
   refused(npy("{'descr': '|u1', 'fortran_order': Maybe, 'shape': (2, 3), }", data), "False");
   refused(npy("{'descr': '|u1', 'shape': (2, 3), }", data), "lacks");
   refused(npy("{'descr': '|u1', 'fortran_order': False, 'shape': (2, 3), 'x': 1}", data), "\"x\"");

@@ -31,8 +31,8 @@ struct Decoded {
   std::string description;  ///< free text of the file; may hold malus' own tags (frame_tags.h)
 };
 
-/// Largest frame that is read.
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 31;
+/// Largest frame that is read: rows and columns are ints.
+constexpr std::int64_t kMaxPixels = (std::int64_t{1} << 31) - 1;
 /// Largest number of planes in one picture file.
 constexpr int kMaxChannels = 1024;
 
