@@ -49,5 +49,15 @@ TEST(NearestName, IsNearOrNone) {
   EXPECT_EQ(nearest_name("info", {}), "");
 }
 
+TEST(PercentText, HasTwoDigitsAndNoExponent) {
+  EXPECT_EQ(percent_text(0), "0");
+  EXPECT_EQ(percent_text(2e-7), "0.00002");  // one pixel of five million
+  EXPECT_EQ(percent_text(3e-10), "0.00000003");
+  EXPECT_EQ(percent_text(1.2e-6), "0.00012");
+  EXPECT_EQ(percent_text(3.4e-4), "0.034");
+  EXPECT_EQ(percent_text(0.123), "12");
+  EXPECT_EQ(percent_text(1), "100");
+}
+
 }  // namespace
 }  // namespace malus

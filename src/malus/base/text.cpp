@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -83,7 +84,11 @@ std::string counted(std::int64_t number, std::string_view noun) {
 
 std::string percent_text(double share) {
   const double percent = 100 * share;
-  return percent >= 10 ? fmt::format("{:.0f}", percent) : fmt::format("{:.2g}", percent);
+  if (percent >= 10) return fmt::format("{:.0f}", percent);
+  constexpr double kFixed = 1e-4;  // of {:g}, which goes on with an exponent
+  if (!(percent > 0 && percent < kFixed)) return fmt::format("{:.2g}", percent);
+  const int first_digit = static_cast<int>(std::ceil(-std::log10(percent)));
+  return fmt::format("{:.{}f}", percent, first_digit);
 }
 
 }  // namespace malus

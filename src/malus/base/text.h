@@ -25,7 +25,8 @@ std::string joined(std::span<const std::string> parts, std::string_view separato
 /// "1 image", "2 images", "0 images".
 std::string counted(std::int64_t number, std::string_view noun);
 
-/// A share of 0..1 in percent, to two digits and never with an exponent: "0.034", "12", "100".
+/// A share of 0..1 in percent, to two digits (one below 0.0001 %) and never with an exponent:
+/// "0.00002", "0.034", "12", "100".
 std::string percent_text(double share);
 
 }  // namespace malus
