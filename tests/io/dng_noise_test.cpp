@@ -9,7 +9,7 @@
 #include <fstream>
 
 #include "support.h"
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 namespace malus {
 namespace {
@@ -82,7 +82,13 @@ TEST_F(DngNoise, DamageIsRefused) {
   EXPECT_THROW(read(TinyTiff(false).entry(256, 3, 1, 5).bytes()), InputError);
   // A directory that names itself.
   EXPECT_THROW(read(TinyTiff(false).entry(330, 4, 1, 8).bytes()), InputError);
-  EXPECT_THROW(read_dng_noise_profile("/nowhere/frame.dng"), InputError);
+}
+
+TEST_F(DngNoise, FilesThatAreNotThereAreNotCalledDamaged) {
+  EXPECT_THAT([] { read_dng_noise_profile("/nowhere/frame.dng"); },
+              ::testing::ThrowsMessage<InputError>(::testing::HasSubstr("does not exist")));
+  EXPECT_THAT([] { read_dng_noise_profile("/"); },
+              ::testing::ThrowsMessage<InputError>(::testing::HasSubstr("is a folder")));
 }
 
 }  // namespace

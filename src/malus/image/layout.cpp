@@ -121,7 +121,10 @@ SensorLayout SensorLayout::from_sites(const SiteNames& rows) {
       "give 1 to 8 rows of equal length with sites such as R90, G1_45, B, 135 or mono";
   if (rows.empty() || rows[0].empty() || rows.size() > kLargestCell ||
       rows[0].size() > kLargestCell)
-    throw InputError("sensor cell", fmt::format("it has {} rows", rows.size()), remedy);
+    throw InputError("sensor cell",
+                     fmt::format("it has {} rows and {} columns", rows.size(),
+                                 rows.empty() ? 0 : rows[0].size()),
+                     remedy);
   SensorLayout layout;
   layout.rows_ = static_cast<int>(rows.size());
   layout.cols_ = static_cast<int>(rows[0].size());

@@ -5,6 +5,8 @@
 #include "malus/io/internal/jpeg_check.h"
 
 #include <bit>
+#include <cctype>
+#include <charconv>
 #include <cmath>
 #include <memory>
 #include <type_traits>
@@ -92,8 +94,13 @@ SensorLayout layout_of(LibRaw& raw, const fs::path& path) {
   not_a_mosaic(path, fmt::format("the colour pattern {}", pattern));
 }
 
-// Shortest decimal of a float: 0.01, not 0.009999999776.
-double decimal_of(float value) { return std::stod(fmt::format("{}", value)); }
+// Shortest decimal of a float: 0.01, not 0.009999999776. In any locale, which std::stod is not.
+double decimal_of(float value) {
+  const std::string digits = fmt::format("{}", value);
+  double decimal = 0;
+  std::from_chars(digits.data(), digits.data() + digits.size(), decimal);
+  return decimal;
+}
 
 // A black level is a sum of a common part, a part per colour and a pattern that repeats from (0,
 // 0).

@@ -1,6 +1,7 @@
 #include "malus/io/dng_noise.h"
 
 #include "malus/base/error.h"
+#include "malus/base/unreadable_file.h"
 
 #include <array>
 #include <bit>
@@ -24,6 +25,7 @@ constexpr int kMostDirectories = 64;  // a damaged file may send us in circles
 class TiffNumbers {
  public:
   explicit TiffNumbers(const fs::path& path) : path_(path), stream_(path, std::ios::binary) {
+    if (!stream_ || fs::is_directory(path_)) throw unreadable_file(path_);
     std::array<char, 4> head{};
     stream_.read(head.data(), 4);
     const bool little = head[0] == 'I' && head[1] == 'I' && head[2] == 42 && head[3] == 0;
