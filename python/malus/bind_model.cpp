@@ -112,9 +112,11 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   return out.is_none() ? py::object(noisy) : out;
 }
 
-// JSON results become dictionaries through Python's own parser.
+// JSON results become dictionaries through Python's own parser. Names in model files may be no
+// UTF-8: such bytes are replaced.
 py::object python_of(const nlohmann::ordered_json& json) {
-  return py::module_::import("json").attr("loads")(json.dump());
+  return py::module_::import("json").attr("loads")(
+      json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
 }
 
 std::filesystem::path session_path(const py::object& path) {
@@ -243,7 +245,8 @@ void add_description(ModelClass& model_class) {
       .def("__repr__",
            [](const ModelWithSampler& model) { return text_of(summary_of(model.description())); })
       .def_property_readonly(
-          "sensor", [](const ModelWithSampler& model) { return model.description().sensor; },
+          "sensor",
+          [](const ModelWithSampler& model) { return text_of(model.description().sensor); },
           "Name of the sensor.")
       .def_property_readonly(
           "layout", [](const ModelWithSampler& model) { return model.description().layout.name(); },

@@ -27,6 +27,19 @@ def test_model_tells_what_it_is(model):
     assert shown["gains"][0]["K"]["unit"] == "DN/e-"
 
 
+def test_names_in_model_files_may_be_any_bytes(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "m.h5"
+    path.write_bytes((ROOT / "fuzz/corpus/model/good_full.h5").read_bytes())
+    with h5py.File(path, "a") as file:
+        for name in ("name", "origin"):
+            del file["sensor"][name]
+            file["sensor"][name] = np.bytes_(b"caf\xe9")
+    model = malus.Model(path)
+    assert os.fsencode(model.sensor) == b"caf\xe9"
+    assert "caf\N{REPLACEMENT CHARACTER}" in str(model.as_dict())
+
+
 def test_same_seed_gives_same_noise_for_any_number_of_threads(model):
     clean = np.full((64, 96), 150, np.float32)
     drawn = []
