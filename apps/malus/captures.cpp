@@ -130,6 +130,9 @@ Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded
                         const NoiseModel& model) {
   if (capture.picture.empty()) return demosaick_bayer(loaded.clean_dn, model.layout);
   Planes colors = load_colors(capture);
+  if (colors.rows() != loaded.clean_dn.rows() || colors.cols() != loaded.clean_dn.cols())
+    throw InputError(capture.picture.string(), "has another size than its reference",
+                     "give the reference's light, pixel by pixel");
   for (Image& plane : colors)
     for (float& v : plane.values()) v /= static_cast<float>(capture.ratio);
   return colors;
@@ -142,6 +145,12 @@ NoiseDivergence divergence(const std::vector<RecordedPair>& made,
     const RecordedPair* pair = counterpart(made, target);
     if (!pair) continue;
     const LoadedCapture real = load_capture(target, model), drawn = load_capture(*pair, model);
+    if (drawn.clean_dn.rows() != real.clean_dn.rows() ||
+        drawn.clean_dn.cols() != real.clean_dn.cols())
+      throw InputError(
+          pair->noisy.string(),
+          fmt::format("has another size than {}, whose scene it shows", target.noisy.string()),
+          "make the pairs again");
     Image drawn_dn = above_black(drawn.noisy);
     for (std::size_t i = 0; i < drawn_dn.size(); ++i)
       drawn_dn.values()[i] += real.clean_dn.values()[i] - drawn.clean_dn.values()[i];

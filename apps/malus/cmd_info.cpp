@@ -78,13 +78,9 @@ void collect_warnings(Findings& findings) {
   }
   if (const std::string note = declaration_note(frame); !note.empty())
     findings.warnings.push_back(note);
-  const auto declared = declared_pairing(frame.layout);
-  if (declared && findings.check.decided() && findings.check.winner() != *declared)
-    findings.warnings.push_back(fmt::format(
-        "the layout {} has its crossed polarizers on the {} pairs, the frame on the {} pairs "
-        "(margin {:.2f}): is the layout right, or the frame cropped or turned?",
-        frame.layout.name(), pairing_name(*declared), pairing_name(findings.check.winner()),
-        findings.check.margin()));
+  if (const std::string complaint = layout_complaint(frame.layout, findings.check);
+      !complaint.empty())
+    findings.warnings.push_back(complaint);
 }
 
 Findings inspect(const std::filesystem::path& path, const FrameOptions& options) {

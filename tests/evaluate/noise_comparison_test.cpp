@@ -200,6 +200,8 @@ TEST(CompareNoise, BadSetsAreRefused) {
   settings.remove_fixed_pattern = true;
   EXPECT_THROW(compare_noise(mixed, mixed, std::nullopt, layout, settings), InputError);
   EXPECT_THROW(compare_noise(good, good, std::nullopt, layout, settings), InputError);
+  const NoiseFrames two = frames_of(dark, {}, 2, 1);
+  EXPECT_THROW(compare_noise(two, two, Image(5, 5), layout, settings), InputError);
 }
 
 TEST(CompareNoise, TheSameForAnyNumberOfThreads) {

@@ -62,6 +62,14 @@ def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
     again = malus("experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "out/captures/pairs.json",
                   "--test-pairs", experiments / "out/captures/test-pairs.json", "-o", experiments / "again", "--json").json
     assert [row["psnr_db"] for row in again["rows"]] == pytest.approx([row["psnr_db"] for row in first["rows"]], abs=1e-6)
+    # A picture of another size than its pair.
+    pairs = json.loads((experiments / "out/captures/test-pairs.json").read_text())
+    np.save(experiments / "small.npy", np.ones((3, 8, 8), np.float32))
+    pairs["pairs"][0]["picture"] = str(experiments / "small.npy")
+    (experiments / "mixed.json").write_text(json.dumps(pairs))
+    assert "small.npy: has another size than its reference" in refused(
+        "experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "out/captures/pairs.json",
+        "--test-pairs", experiments / "mixed.json", "-o", experiments / "again", "-q")
 
 
 def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, experiments):

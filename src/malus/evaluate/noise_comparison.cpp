@@ -90,11 +90,12 @@ class NoiseSource {
 
   Image noise(int k) const {
     Image frame = set_.load(k);
-    if (base_.empty()) return frame;
-    if (frame.rows() != base_.rows() || frame.cols() != base_.cols())
+    if (signal_.empty()) return frame;
+    // A mean frame has the frames' size; the clean picture, which is the signal beside it, may not.
+    if (frame.rows() != signal_.rows() || frame.cols() != signal_.cols())
       throw InputError(name_,
                        fmt::format("frame {} has {} x {} pixels, the clean picture {} x {}", k,
-                                   frame.cols(), frame.rows(), base_.cols(), base_.rows()),
+                                   frame.cols(), frame.rows(), signal_.cols(), signal_.rows()),
                        "use frames of one size and their clean picture");
     return minus(frame, base_, scale_);
   }
