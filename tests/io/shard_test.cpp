@@ -68,6 +68,15 @@ TEST(TarShard, IsReadWholeOrNotAtAll) {
   }
 }
 
+// Of pictures in general such an array would be rows, columns and four channels.
+TEST(TarShard, SmallPatchesHaveTheirChannelsFirst) {
+  Planes planes(16, 4, 4);
+  planes[15](0, 3) = 7.0f;
+  const Planes back = planes_of_npy(npy_bytes(planes), "a patch");
+  ASSERT_EQ(back.channels(), 16);
+  EXPECT_EQ(back[15](0, 3), 7.0f);
+}
+
 TEST(TarShard, WithoutCommitNothingRemains) {
   const testing::TemporaryFolder folder;
   {

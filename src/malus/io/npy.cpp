@@ -179,7 +179,7 @@ struct Axes {
   std::int64_t row_step, col_step, channel_step;
 };
 
-Axes picture_axes(const NpyHeader& header, const fs::path& path) {
+Axes picture_axes(const NpyHeader& header, const fs::path& path, NpyAxes order) {
   const auto& shape = header.shape;
   if (shape.size() != 2 && shape.size() != 3)
     damaged_npy(path, fmt::format("its shape ({}) has {} axes; a picture has 2 or 3",
@@ -194,7 +194,7 @@ Axes picture_axes(const NpyHeader& header, const fs::path& path) {
   Axes axes{};
   if (shape.size() == 2)
     axes = {shape[0], shape[1], 1, step[0], step[1], 0};
-  else if (shape[2] <= 4 && shape[0] > 4)
+  else if (order == NpyAxes::kOfPictures && shape[2] <= 4 && shape[0] > 4)
     axes = {shape[0], shape[1], shape[2], step[0], step[1], step[2]};
   else
     axes = {shape[1], shape[2], shape[0], step[1], step[2], step[0]};
@@ -243,9 +243,9 @@ NpyHeader parse_npy_header(Bytes bytes, const fs::path& path) {
   return header;
 }
 
-Decoded parse_npy(Bytes bytes, const fs::path& path) {
+Decoded parse_npy(Bytes bytes, const fs::path& path, NpyAxes order) {
   const NpyHeader header = parse_npy_header(bytes, path);
-  const Axes axes = picture_axes(header, path);
+  const Axes axes = picture_axes(header, path, order);
   const std::size_t items = static_cast<std::size_t>(axes.rows * axes.cols * axes.channels);
   const std::size_t item_bytes = static_cast<std::size_t>(header.item_bytes);
   const std::size_t present = bytes.size() - header.data_offset;
@@ -273,7 +273,7 @@ Decoded read_npy(const fs::path& path, bool pixels) {
   if (pixels) return parse_npy(read_bytes(path), path);
   const auto head = read_bytes(path, kMaxNpyHeader + 12);
   const NpyHeader header = parse_npy_header(head, path);
-  return describe(header, picture_axes(header, path));
+  return describe(header, picture_axes(header, path, NpyAxes::kOfPictures));
 }
 
 namespace {

@@ -76,7 +76,7 @@ std::string shard_content(const std::filesystem::path& path, const ShardEntry& e
 Planes planes_of_npy(const std::string& content, const std::string& name) {
   const internal::Bytes bytes{reinterpret_cast<const std::uint8_t*>(content.data()),
                               content.size()};
-  return internal::parse_npy(bytes, name).planes;
+  return internal::parse_npy(bytes, name, internal::NpyAxes::kChannelsFirst).planes;
 }
 
 }  // namespace malus

@@ -22,8 +22,11 @@ struct NpyHeader {
 
 /// Throws InputError; path is for messages.
 NpyHeader parse_npy_header(Bytes bytes, const std::filesystem::path& path);
-/// 2-D, or 3-D as picture_file.h says. Integers beyond 2^24 are refused.
-Decoded parse_npy(Bytes bytes, const std::filesystem::path& path);
+/// Three axes: of pictures that anybody made, as picture_file.h says; or what malus wrote.
+enum class NpyAxes { kOfPictures, kChannelsFirst };
+/// 2-D or 3-D. Integers beyond 2^24 are refused.
+Decoded parse_npy(Bytes bytes, const std::filesystem::path& path,
+                  NpyAxes order = NpyAxes::kOfPictures);
 
 /// The file, or its header alone.
 Decoded read_npy(const std::filesystem::path& path, bool pixels);
