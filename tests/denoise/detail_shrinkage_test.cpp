@@ -21,7 +21,7 @@ using internal::kCell;
 using internal::kDetailBlock;
 using internal::kDetailSide;
 using internal::kLanes;
-using internal::PassedNoise;
+using internal::ReferenceMap;
 
 constexpr int kStep = 16;
 
@@ -33,7 +33,7 @@ CellMatrix hadamard_axes() {
   return axes;
 }
 
-PassedNoise passed_everywhere(int rows, int cols, float share) {
+ReferenceMap passed_everywhere(int rows, int cols, float share) {
   return {7, 0, 0, Image(rows / 7 + 1, cols / 7 + 1, share)};
 }
 
@@ -232,10 +232,10 @@ TEST(DetailShrinkage, PassedNoiseIsTakenAndDetailStays) {
 // Where no stack has a reference nothing is known; of several, those that passed least count most.
 TEST(DetailShrinkage, TheShareIsTheHarmonicMeanOfTheBlocksReferences) {
   const Image picture = smooth_light(64, 64, 0.3, 0);
-  PassedNoise mixed = passed_everywhere(64, 64, 0);
-  for (int r = 0; r < mixed.share.rows(); ++r)
-    for (int c = 0; c < mixed.share.cols(); ++c)
-      mixed.share(r, c) = (r + c) % 2 ? 0.0f : c % 2 ? 0.01f : 0.03f;
+  ReferenceMap mixed = passed_everywhere(64, 64, 0);
+  for (int r = 0; r < mixed.values.rows(); ++r)
+    for (int c = 0; c < mixed.values.cols(); ++c)
+      mixed.values(r, c) = (r + c) % 2 ? 0.0f : c % 2 ? 0.01f : 0.03f;
   const Image result = internal::shrink_detail({picture, 0, 0}, 64, 64, hadamard_axes(), mixed, 6);
   EXPECT_LT(rms_between(result, shrunk(picture, 0.015f, 6)), 0.02);
   EXPECT_GT(rms_between(result, shrunk(picture, 0.02f, 6)), 0.02);

@@ -1,11 +1,10 @@
 #include "malus/denoise/internal/block_mix.h"
 
 #include "malus/base/parallel.h"
+#include "malus/denoise/internal/gaussian_means.h"
 #include "malus/denoise/internal/stack_stage.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 
 namespace malus::internal {
 namespace {
@@ -17,14 +16,6 @@ constexpr float kSpan = 0.01f;
 constexpr int kRadius = 5;
 constexpr float kDeviation = 2.0f;
 static_assert(kMixReach >= (kRadius + 1) * kCell);
-
-std::array<float, 2 * kRadius + 1> gaussian() {
-  std::array<float, 2 * kRadius + 1> taps;
-  for (int i = -kRadius; i <= kRadius; ++i)
-    taps[static_cast<std::size_t>(i + kRadius)] =
-        std::exp(-0.5f * static_cast<float>(i * i) / (kDeviation * kDeviation));
-  return taps;
-}
 
 // Means of small's error less large's over the frame's cells of 4x4 pixels.
 Image gain_of_large(const FilteredTile& small, const FilteredTile& large, int row0, int col0) {
@@ -45,32 +36,10 @@ Image gain_of_large(const FilteredTile& small, const FilteredTile& large, int ro
   return gain;
 }
 
-// Gaussian means along columns (down) or rows; beyond the edge there is nothing to count.
-Image smoothed(const Image& from, bool down) {
-  const auto taps = gaussian();
-  Image to(from.rows(), from.cols());
-  const int size = down ? from.rows() : from.cols();
-  parallel_for(0, from.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
-      for (int c = 0; c < from.cols(); ++c) {
-        float sum = 0, weight = 0;
-        for (int t = -kRadius; t <= kRadius; ++t) {
-          const int at = (down ? r : c) + t;
-          if (at < 0 || at >= size) continue;
-          const float tap = taps[static_cast<std::size_t>(t + kRadius)];
-          sum += tap * (down ? from(at, c) : from(r, at));
-          weight += tap;
-        }
-        to(r, c) = sum / weight;
-      }
-  });
-  return to;
-}
-
 }  // namespace
 
 void mix_blocks(FilteredTile& small, const FilteredTile& large, int row0, int col0) {
-  const Image gain = smoothed(smoothed(gain_of_large(small, large, row0, col0), false), true);
+  const Image gain = gaussian_means(gain_of_large(small, large, row0, col0), kDeviation, kRadius);
   const int first_row = floor_div(row0, kCell), first_col = floor_div(col0, kCell);
   const int rows = small.pixels.rows(), cols = small.pixels.cols();
   parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {

@@ -65,7 +65,7 @@ void fill_window(DetailJob& job) {
 
 // Noise that the stacks of a block let through: of those that let through least most, as in the
 // average of their estimates. 0 where there is none.
-float passed_in(const PassedNoise& passed, int row, int col) {
+float passed_in(const ReferenceMap& passed, int row, int col) {
   double sum = 0;
   int count = 0;
   const auto within = [&](int begin, int first, int size) {
@@ -73,11 +73,11 @@ float passed_in(const PassedNoise& passed, int row, int col) {
     const int to = -floor_div(-(begin - kCell + kDetailBlock), passed.step) - first;
     return std::pair{std::clamp(from, 0, size), std::clamp(to, 0, size)};
   };
-  const auto [row_begin, row_end] = within(row, passed.first_row, passed.share.rows());
-  const auto [col_begin, col_end] = within(col, passed.first_col, passed.share.cols());
+  const auto [row_begin, row_end] = within(row, passed.first_row, passed.values.rows());
+  const auto [col_begin, col_end] = within(col, passed.first_col, passed.values.cols());
   for (int r = row_begin; r < row_end; ++r)
     for (int c = col_begin; c < col_end; ++c)
-      if (const float share = passed.share(r, c); share > 0) {
+      if (const float share = passed.values(r, c); share > 0) {
         sum += 1.0 / static_cast<double>(share);
         ++count;
       }
@@ -93,7 +93,7 @@ void positions(int begin, int origin, int size, int frame_size, int (&at)[kDetai
 class Shrinkage {
  public:
   Shrinkage(const StackTile& estimate, int frame_rows, int frame_cols, const CellMatrix& axes,
-            const PassedNoise& passed, float threshold, Image& out, CellMap* kept)
+            const ReferenceMap& passed, float threshold, Image& out, CellMap* kept)
       : estimate_(estimate),
         frame_rows_(frame_rows),
         frame_cols_(frame_cols),
@@ -158,7 +158,7 @@ class Shrinkage {
 
   const StackTile& estimate_;
   int frame_rows_, frame_cols_;
-  const PassedNoise& passed_;
+  const ReferenceMap& passed_;
   float threshold_;
   Image& out_;
   CellMap* kept_;
@@ -169,7 +169,7 @@ class Shrinkage {
 }  // namespace
 
 Image shrink_detail(const StackTile& estimate, int frame_rows, int frame_cols,
-                    const CellMatrix& axes, const PassedNoise& passed, float threshold,
+                    const CellMatrix& axes, const ReferenceMap& passed, float threshold,
                     CellMap* kept) {
   const int rows = estimate.pixels.rows(), cols = estimate.pixels.cols();
   Image out(rows, cols);

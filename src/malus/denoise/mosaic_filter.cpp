@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/block_mix.h"
 #include "malus/denoise/internal/detail_shrinkage.h"
+#include "malus/denoise/internal/pilot_doubt.h"
 #include "malus/denoise/internal/stack_kernel.h"
 #include "malus/denoise/internal/stated_error.h"
 
@@ -90,6 +91,15 @@ Image mixed_pass(const internal::StageInput& input, const internal::StackStage& 
   return std::move(by_small.pixels);
 }
 
+// How far the guide of `input`, the first pilot, is doubted; of plans without a survey nothing.
+internal::ReferenceMap survey_pilot(const internal::StageInput& input, const MosaicFilterPlan& plan,
+                                    Progress& progress) {
+  if (!plan.survey) return {};
+  internal::PilotEvidence evidence;
+  internal::run_stage(input, *plan.survey, progress, {.evidence = &evidence});
+  return internal::doubt_of(evidence);
+}
+
 }  // namespace
 
 int folded(int position, int size, int period) {
@@ -142,11 +152,14 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
             1.0f / static_cast<float>(i + 1));
   }
   input.guide = &pilot;
+  internal::ReferenceMap doubt = survey_pilot(input, plan, progress);
+  if (plan.survey) input.doubt = &doubt;
   for (std::size_t pass = 0; pass + 1 < plan.guided.size(); ++pass)
     pilot = pass == 0 && plan.large ? mixed_pass(input, plan.guided.front(), *plan.large, progress)
                                     : internal::run_stage(input, plan.guided[pass], progress);
+  doubt = internal::halved(std::move(doubt));
   const bool shrinks = plan.detail_threshold > 0;
-  internal::PassedNoise passed;
+  internal::ReferenceMap passed;
   std::optional<internal::CellMap> kept, own_unlike;
   internal::CellMap* unlike = report.unlike;
   if (report.variance && !unlike) unlike = &own_unlike.emplace(noisy);

@@ -24,6 +24,9 @@ struct MosaicFilterPlan {
   std::vector<internal::StackStage> guided;  ///< each takes the one before it for its pilot
   /// Larger blocks with the first guided pass's pilot, mixed with that pass (block_mix.h).
   std::optional<internal::StackStage> large = std::nullopt;
+  /// A Wiener filter by a few references, whose evidence says how far the first pilot is doubted;
+  /// none: not at all.
+  std::optional<internal::StackStage> survey = std::nullopt;
   float detail_threshold = 0;  ///< after the last pass (detail_shrinkage.h); 0: none is shrunk
   /// How the frame of half the size is filtered, which corrects the low frequencies
   /// (coarse_scale.h): one plan, or none for no such correction.

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/denoise/internal/block_mix.h"
 #include "malus/denoise/internal/detail_shrinkage.h"
+#include "malus/denoise/internal/pilot_doubt.h"
 #include "malus/denoise/internal/stated_error.h"
 #include "malus/denoise/mosaic_filter.h"
 
@@ -21,6 +22,9 @@ constexpr float kGuideAxesPrior = 10.0f;
 // Detail of so many times the noise that the last pass let through keeps half, where that pass
 // combines blocks and where it is a Wiener filter's.
 constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
+
+// A ninth of a pass's references tells enough of the pilot.
+constexpr int kSurveyStep = 21;
 
 int reach_of(const StackStage& stage, int period) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
@@ -44,7 +48,7 @@ class PlanMaker {
   }
 
   // A pilot of the hard threshold alone is none to combine by.
-  MosaicFilterPlan fast() const { return quick(StackFilter::wiener); }
+  MosaicFilterPlan fast() const { return surveyed(quick(StackFilter::wiener)); }
   MosaicFilterPlan normal() const { return with_large(small_blocks(), 15, 32); }
   MosaicFilterPlan high() const {
     return with_large(
@@ -92,6 +96,7 @@ class PlanMaker {
       for (StackStage& stage : plan.hard) stage.far_step = 1;
       for (StackStage& stage : plan.guided) stage.far_step = 1;
     }
+    plan = surveyed(plan);
     if (!ridge_) return plan;
     // A quarter and an eighth of the size too: even light and slow ramps come out up to 2 dB
     // better, the rest as it was (docs/denoising-experiments.md, "Coarser scales").
@@ -107,8 +112,17 @@ class PlanMaker {
         .detail_threshold = detail(last_),
         .coarse = {coarse()}};
   }
+  // How far the first pilot may be believed (pilot_doubt.h), asked of stacks like the first guided
+  // pass's.
+  MosaicFilterPlan surveyed(MosaicFilterPlan plan) const {
+    plan.survey = plan.guided.front();
+    plan.survey->filter = StackFilter::wiener;
+    plan.survey->step = kSurveyStep;
+    return plan;
+  }
   // Smooth light has few coefficients in large blocks too, and they take more noise out.
   MosaicFilterPlan with_large(MosaicFilterPlan plan, int step, int stack) const {
+    plan = surveyed(plan);
     if (!ridge_) return plan;
     plan.large = guided(StackFilter::wiener, step, 10, stack);
     plan.large->block_cells = 4;
@@ -139,6 +153,7 @@ int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout
   for (const StackStage& stage : plan.hard)
     reach = std::max(reach, reach_of(stage, period) + kCell);
   for (const StackStage& stage : plan.guided) reach += reach_of(stage, period);
+  if (plan.survey) reach += internal::doubt_reach(plan.survey->step);
   if (plan.large)
     reach += std::max(reach_of(*plan.large, period) - reach_of(plan.guided.front(), period), 0) +
              internal::kMixReach;

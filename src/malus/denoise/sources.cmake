@@ -18,6 +18,7 @@ set(denoise_SOURCES
     estimate_noise.cpp
     frame_complaints.cpp
     frame_filter.cpp
+    gaussian_means.cpp
     impulses.cpp
     kept_points.cpp
     memory_budget.cpp
@@ -27,6 +28,7 @@ set(denoise_SOURCES
     noise_floor.cpp
     noise_tails.cpp
     pattern_removal.cpp
+    pilot_doubt.cpp
     preparation.cpp
     row_deviation.cpp
     row_evidence.cpp

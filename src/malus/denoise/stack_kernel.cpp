@@ -4,6 +4,7 @@
 #include "malus/denoise/internal/stack_kernel.h"
 
 #include "malus/base/vector_targets.h"
+#include "malus/denoise/internal/pilot_doubt.h"
 
 #include <algorithm>
 #include <bit>
@@ -196,20 +197,36 @@ HWY_INLINE void put_back(const StackJob& job, const std::ptrdiff_t* matches, int
     }
 }
 
+/// Stacks that get their axes together.
+struct Batch {
+  int size = 0;
+  struct Stack {
+    int row, col, count;
+    std::vector<std::ptrdiff_t> matches;
+  } stacks[kLanes];
+  CellMatrix moments[kLanes], axes[kLanes];
+};
+
 /// The estimate of a stack in its components. passed, when given: per block the noise let through.
 template <int kSide>
-HWY_INLINE Shrinkage shrink_stack(const StackJob& job, int count, Floats* cells, Floats* pilot,
-                                  Floats* passed) {
+HWY_INLINE Shrinkage shrink_stack(const StackJob& job, const Batch::Stack& stack, Floats* cells,
+                                  Floats* pilot, Floats* passed) {
   constexpr int kCells = kSide * kSide;
+  const int count = stack.count;
+  const float doubt = job.doubt ? job.doubt.near(job.row0 + stack.row, job.col0 + stack.col) : 1.0f;
   if (kSide == 2 && job.filter == StackFilter::ridge)
-    return combine_blocks(job, count, cells, pilot, passed);
+    return combine_blocks(job, count, cells, pilot, doubt, passed);
   Shrinkage result;
   transform_stack<kSide>(cells, count, job, false);
   if (job.filter == StackFilter::hard) {
     result = shrink_hard(cells, count * kCells, job.threshold);
   } else {
     transform_stack<kSide>(pilot, count, job, false);
-    result = shrink_wiener<kCells>(cells, pilot, count, passed);
+    if (job.excess)
+      weigh_pilot(cells, pilot, count * kCells,
+                  job.excess.at(job.row0 + stack.row, job.col0 + stack.col),
+                  job.energy.at(job.row0 + stack.row, job.col0 + stack.col));
+    result = shrink_wiener<kCells>(cells, pilot, count, doubt, passed);
     if (passed) spread_variances(passed, count);
   }
   transform_stack<kSide>(cells, count, job, true);
@@ -234,16 +251,6 @@ HWY_INLINE void errors_of_pixels(const StackJob& job, const CellMatrix& back, co
   std::fill_n(errors, count, sum);
 }
 
-/// Stacks that get their axes together.
-struct Batch {
-  int size = 0;
-  struct Stack {
-    int row, col, count;
-    std::vector<std::ptrdiff_t> matches;
-  } stacks[kLanes];
-  CellMatrix moments[kLanes], axes[kLanes];
-};
-
 template <int kSide>
 HWY_INLINE void filter_stack(const StackJob& job, const Batch::Stack& stack, const CellMatrix& axes,
                              Floats* cells) {
@@ -258,9 +265,9 @@ HWY_INLINE void filter_stack(const StackJob& job, const Batch::Stack& stack, con
     rotate(pilot, total, axes);
   }
   const Shrinkage result =
-      shrink_stack<kSide>(job, stack.count, cells, pilot, job.noise ? errors : nullptr);
+      shrink_stack<kSide>(job, stack, cells, pilot, job.noise ? errors : nullptr);
   if (job.passed)
-    job.passed_of(stack.row, stack.col) =
+    job.passed.at(job.row0 + stack.row, job.col0 + stack.col) =
         1.0f / (result.weight * static_cast<float>(total * kLanes));
   const CellMatrix back = transposed(axes);
   rotate(cells, total, back);

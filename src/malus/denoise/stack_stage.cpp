@@ -111,13 +111,29 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
 }
 
 // A place for every reference of the tile.
-PassedNoise reference_grid(const StackJob& job) {
+ReferenceMap reference_grid(const StackJob& job) {
   const auto first = [&](int origin) { return -floor_div(-origin, job.step); };
   const auto count = [&](int origin, int size) {
     return floor_div(origin + size - 1, job.step) - first(origin) + 1;
   };
   return {job.step, first(job.row0), first(job.col0),
           Image(count(job.row0, job.rows), count(job.col0, job.cols))};
+}
+
+template <class Value, class Map>
+ReferenceValues<Value> pointers(Map& map) {
+  return {map.values.values().data(),
+          map.values.cols(),
+          map.values.rows(),
+          map.values.cols(),
+          map.step,
+          map.first_row,
+          map.first_col};
+}
+
+void make_grid(const StackJob& job, ReferenceMap& map, ReferenceValues<float>& values) {
+  map = reference_grid(job);
+  values = pointers<float>(map);
 }
 
 // Squares of references, in four groups: squares of a group write to disjoint parts of the tile, so
@@ -205,6 +221,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
                 (stage.stack & (stage.stack - 1)) == 0);
   MALUS_REQUIRE(stage.block_cells == 2 ||
                 (stage.block_cells == 4 && stage.filter != StackFilter::ridge));
+  MALUS_REQUIRE(!report.evidence || stage.filter == StackFilter::wiener);
   MALUS_REQUIRE(!report.stein || (!report.noise && stage.filter != StackFilter::ridge));
   MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
   Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
@@ -215,13 +232,12 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   job.weight = weight.values().data();
   job.error = error ? error->values().data() : nullptr;
   job.noise = report.noise != nullptr;
-  if (PassedNoise* const passed = report.passed) {
-    *passed = reference_grid(job);
-    job.passed = passed->share.values().data();
-    job.passed_stride = passed->share.cols();
-    job.first_row = passed->first_row;
-    job.first_col = passed->first_col;
+  if (report.passed) make_grid(job, *report.passed, job.passed);
+  if (report.evidence) {
+    make_grid(job, report.evidence->excess, job.excess);
+    make_grid(job, report.evidence->energy, job.energy);
   }
+  if (input.doubt) job.doubt = pointers<const float>(*input.doubt);
   Image unlike;
   if (report.unlike) {
     unlike = Image(noisy.rows(), noisy.cols());

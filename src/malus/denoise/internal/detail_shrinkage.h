@@ -19,7 +19,7 @@ inline constexpr int kDetailBlock = kDetailSide * kCell;
 /// estimate that is kDetailBlock away. kept, when given: how much of the detail's coefficients is
 /// kept, mean over the blocks around a cell. Contract: a cell holds whole periods of the layout.
 Image shrink_detail(const StackTile& estimate, int frame_rows, int frame_cols,
-                    const CellMatrix& axes, const PassedNoise& passed, float threshold,
+                    const CellMatrix& axes, const ReferenceMap& passed, float threshold,
                     CellMap* kept = nullptr);
 
 }  // namespace malus::internal

@@ -3,6 +3,7 @@
 
 #include "malus/denoise/internal/stack_stage.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -14,6 +15,26 @@ struct ReferenceBlock {
   int row_begin, row_end, col_begin, col_end;
 };
 
+/// ReferenceMap as plain pointers; by the frame's position of a reference.
+template <class Value>
+struct ReferenceValues {
+  Value* values = nullptr;
+  std::ptrdiff_t stride = 0;
+  int rows = 0, cols = 0, step = 1, first_row = 0, first_col = 0;
+
+  explicit operator bool() const { return values != nullptr; }
+  /// Contract: a reference of the map's own pass.
+  Value& at(int row, int col) const {
+    return values[(row / step - first_row) * stride + col / step - first_col];
+  }
+  /// That of the nearest reference.
+  Value& near(int row, int col) const {
+    const int r = std::clamp(floor_div(row + step / 2, step) - first_row, 0, rows - 1);
+    const int c = std::clamp(floor_div(col + step / 2, step) - first_col, 0, cols - 1);
+    return values[r * stride + c];
+  }
+};
+
 struct StackJob {
   const float* noisy;
   const float* guide;
@@ -22,9 +43,8 @@ struct StackJob {
   float* error;   ///< may be null; Stein's estimate, or
   bool noise;     ///< error is the noise let through, and every block of a stack has its own
   float* unlike;  ///< may be null; as weight, times how unlike the stacks' blocks are
-  float* passed;  ///< may be null; of the references from first_row and first_col on, in steps
-  std::ptrdiff_t passed_stride;
-  int first_row, first_col;
+  ReferenceValues<float> passed, excess, energy;  ///< may be null
+  ReferenceValues<const float> doubt;             ///< may be null
   std::ptrdiff_t stride;
   int rows, cols;
   int row0, col0;  ///< frame position of the tile, for the alignment
@@ -43,10 +63,6 @@ struct StackJob {
     const int r = ((row0 + row) % period_rows + period_rows) % period_rows;
     const int c = ((col0 + col) % period_cols + period_cols) % period_cols;
     return static_cast<std::size_t>(r * period_cols + c);
-  }
-  float& passed_of(int row, int col) const {
-    return passed[((row0 + row) / step - first_row) * passed_stride + (col0 + col) / step -
-                  first_col];
   }
 };
 

@@ -15,7 +15,7 @@ constexpr int kQuarters = 4;  ///< components share their weights by fours
 // The pilot's energy is this share signal, the rest noise that it has kept: measured
 // (docs/denoising-experiments.md, "Combinations").
 constexpr float kPilotShare = 0.7f;
-constexpr float kDiagonal = kLanes / kPilotShare;  // D
+constexpr float kDiagonal = kLanes / kPilotShare;  // D of a pilot that is believed as it is
 // One set of weights lets noise through in all 16 values, also in those that hold no signal: in
 // even areas all but one. So every value has a gain besides, q² / (q² + 1), q its energy in the
 // pilot over this share of the noise: measured too. Wiener's q / (q + 1) takes more of fine detail.
@@ -60,7 +60,7 @@ HWY_INLINE void invert(CellMatrix (&matrices)[kQuarters], float least) {
 /// Noise that a quarter lets through into every block. Block n has column n of K for its weights,
 /// whose squares add up to p M p - p M D M p with its pilot p. negative: -M.
 HWY_INLINE void noise_of_blocks(const Floats* pilot, int count, const CellMatrix& negative,
-                                const Floats& gain, int quarter, Floats* passed) {
+                                float diagonal, const Floats& gain, int quarter, Floats* passed) {
   const Floats squares = gain * gain;
   float shares[kQuarters] = {};  // of a component, mean over the block's four cells
   for (int i = 0; i < kLanes; ++i) shares[i % kQuarters] += lane(squares, i) / kQuarters;
@@ -68,7 +68,7 @@ HWY_INLINE void noise_of_blocks(const Floats* pilot, int count, const CellMatrix
   for (int n = 0; n < count; ++n) solved[n] = pilot[n * kQuarters];
   rotate(solved, count, negative);
   for (int n = 0; n < count; ++n) {
-    const Floats rest = pilot[n * kQuarters] + kDiagonal * solved[n];
+    const Floats rest = pilot[n * kQuarters] + diagonal * solved[n];
     const float weights = std::max(-lane_sum(rest * solved[n]), 0.0f);
     float* to = reinterpret_cast<float*>(passed + n) + kQuarters * quarter;
     for (int k = 0; k < kQuarters; ++k) to[k] = weights * shares[k];
@@ -82,7 +82,7 @@ struct QuarterWeights {
 };
 
 /// negative: -M. shift: R P^T - D I, transposed.
-HWY_INLINE void derive_weights(const CellMatrix& negative, const CellMatrix& shift,
+HWY_INLINE void derive_weights(const CellMatrix& negative, const CellMatrix& shift, float diagonal,
                                QuarterWeights& weights) {
   Floats step[kLanes], squares{}, trace{};
   for (std::size_t i = 0; i < kLanes; ++i) {
@@ -91,7 +91,7 @@ HWY_INLINE void derive_weights(const CellMatrix& negative, const CellMatrix& shi
     trace = fused(step[i], row_of(kIdentity, i), trace);
   }
   weights.squared_weights = std::max(
-      kLanes + 2 * kDiagonal * lane_sum(trace) + kDiagonal * kDiagonal * lane_sum(squares), 0.0f);
+      kLanes + 2 * diagonal * lane_sum(trace) + diagonal * diagonal * lane_sum(squares), 0.0f);
   rotate(step, kLanes, shift);
   for (std::size_t i = 0; i < kLanes; ++i) store(step[i], weights.to_step[i].data());
 }
@@ -128,10 +128,10 @@ HWY_INLINE void invert(DoubleMatrix& m) {
 
 /// The same in double precision. residual: R. negative: becomes -M.
 HWY_INLINE void solve_in_doubles(const Floats* pilot, const Floats* residual, int count,
-                                 CellMatrix& negative, QuarterWeights& weights) {
+                                 float diagonal, CellMatrix& negative, QuarterWeights& weights) {
   DoubleMatrix inverse, shift;  // the inverse is negative too
-  products(pilot, pilot, count, kDiagonal, inverse);
-  products(pilot, residual, count, -kDiagonal, shift);
+  products(pilot, pilot, count, diagonal, inverse);
+  products(pilot, residual, count, -diagonal, shift);
   invert(inverse);
   double squares = 0;
   for (std::size_t i = 0; i < kLanes; ++i) {
@@ -139,7 +139,7 @@ HWY_INLINE void solve_in_doubles(const Floats* pilot, const Floats* residual, in
     for (std::size_t j = 0; j < kLanes; ++j)
       for (std::size_t k = 0; k < kLanes; ++k) step[k] += inverse[i][j] * shift[j][k];
     for (std::size_t k = 0; k < kLanes; ++k) {
-      const double kept = (i == k ? 1.0 : 0.0) + kDiagonal * inverse[i][k];
+      const double kept = (i == k ? 1.0 : 0.0) + diagonal * inverse[i][k];
       squares += kept * kept;
       negative[i][k] = static_cast<float>(inverse[i][k]);
       weights.to_step[i][k] = static_cast<float>(step[k]);
@@ -150,20 +150,20 @@ HWY_INLINE void solve_in_doubles(const Floats* pilot, const Floats* residual, in
 
 /// Whether floats would not tell the diagonal from how products of bright values are rounded. One
 /// bright value does no harm, as in even blocks; two that go together do, as across an edge.
-HWY_INLINE bool needs_doubles(const CellMatrix& products) {
+HWY_INLINE bool needs_doubles(const CellMatrix& products, float diagonal) {
   float most = 0, second = 0;
   for (std::size_t i = 0; i < kLanes; ++i) {
     second = std::max(second, std::min(most, products[i][i]));
     most = std::max(most, products[i][i]);
   }
-  return second > kMostOfFloats * kDiagonal;
+  return second > kMostOfFloats * diagonal;
 }
 
 /// Combines one quarter of all blocks. Returns the sum of its squared weights. passed, when given:
 /// the noise let through into every block.
 HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
-                                 const CellMatrix& negative, const QuarterWeights& weights,
-                                 int quarter, Floats* passed) {
+                                 const CellMatrix& negative, float diagonal,
+                                 const QuarterWeights& weights, int quarter, Floats* passed) {
   Floats moved[kMaxStack], energy{};
   for (int n = 0; n < count; ++n) {
     moved[n] = pilot[n * kQuarters];
@@ -173,13 +173,14 @@ HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
   const Floats gain = ratio * ratio / (ratio * ratio + 1.0f);
   rotate(moved, count, weights.to_step);
   for (int n = 0; n < count; ++n) cells[n * kQuarters] = gain * (pilot[n * kQuarters] - moved[n]);
-  if (passed) noise_of_blocks(pilot, count, negative, gain, quarter, passed);
+  if (passed) noise_of_blocks(pilot, count, negative, diagonal, gain, quarter, passed);
   return weights.squared_weights * lane_sum(gain * gain) / kLanes;
 }
 
 /// Combines all blocks; the pilot is lost. passed: as above, all components. Returns the sum of the
 /// squared weights of all values.
-HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Floats* passed) {
+HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, float diagonal,
+                                  Floats* passed) {
   for (int i = 0; i < count * kQuarters; i += kQuarters) {
     swap_cells_and_quarters(cells + i);
     swap_cells_and_quarters(pilot + i);
@@ -188,20 +189,20 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Float
   CellMatrix negative[kQuarters], shift[kQuarters];
   bool in_doubles[kQuarters];
   for (int i = 0; i < kQuarters; ++i) {
-    products(pilot + i, pilot + i, count, kQuarters, kDiagonal, negative[i]);
-    in_doubles[i] = needs_doubles(negative[i]);
-    if (!in_doubles[i]) products(pilot + i, cells + i, count, kQuarters, -kDiagonal, shift[i]);
+    products(pilot + i, pilot + i, count, kQuarters, diagonal, negative[i]);
+    in_doubles[i] = needs_doubles(negative[i], diagonal);
+    if (!in_doubles[i]) products(pilot + i, cells + i, count, kQuarters, -diagonal, shift[i]);
   }
-  invert(negative, kDiagonal);
+  invert(negative, diagonal);
   float squares = 0;  // each of the kLanes values of a quarter has the same weights
   for (int i = 0; i < kQuarters; ++i) {
     QuarterWeights weights;
     if (in_doubles[i])
-      solve_in_doubles(pilot + i, cells + i, count, negative[i], weights);
+      solve_in_doubles(pilot + i, cells + i, count, diagonal, negative[i], weights);
     else
-      derive_weights(negative[i], shift[i], weights);
-    squares +=
-        kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], weights, i, passed);
+      derive_weights(negative[i], shift[i], diagonal, weights);
+    squares += kLanes * combine_quarter(cells + i, pilot + i, count, negative[i], diagonal, weights,
+                                        i, passed);
   }
   for (int i = 0; i < count * kQuarters; i += kQuarters) swap_cells_and_quarters(cells + i);
   return squares;
@@ -210,11 +211,11 @@ HWY_INLINE float combine_quarters(Floats* cells, Floats* pilot, int count, Float
 /// Blocks of 2x2 cells after the rotation. K does not change with the blocks' transform, but a
 /// bright block's cells are nearly equal: their products as floats would not tell how they differ.
 HWY_INLINE Shrinkage combine_blocks(const StackJob& job, int count, Floats* cells, Floats* pilot,
-                                    Floats* passed) {
+                                    float doubt, Floats* passed) {
   transform_blocks<2>(cells, count, job, false);
   transform_blocks<2>(pilot, count, job, false);
   Shrinkage result{};
-  result.weight = stack_weight(combine_quarters(cells, pilot, count, passed));
+  result.weight = stack_weight(combine_quarters(cells, pilot, count, kDiagonal * doubt, passed));
   transform_blocks<2>(cells, count, job, true);
   return result;
 }

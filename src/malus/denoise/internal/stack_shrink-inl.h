@@ -35,10 +35,12 @@ constexpr float kMostFloor = 1.0f;
 constexpr int kStrongComponents = 4;
 constexpr float kStrongEnergy = 1.8f;
 
-/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. passed,
-/// when given: per place along the stack the noise let through.
+/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. doubt:
+/// so much noise do the gains expect. passed, when given: per place along the stack the noise let
+/// through.
 template <int kCells>
-HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count, Floats* passed) {
+HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count, float doubt,
+                                   Floats* passed) {
   const Floats zero{};
   const Floats most = zero + kMostFloor;
   Floats scale, floor[kCells] = {};
@@ -60,7 +62,7 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
       const Floats foreign = pilot[n * kCells + i] - kOwnShare * cell;
       Floats energy = scale * foreign * foreign - floor[i];
       energy = choose(energy > zero, energy, zero);
-      const Floats gain = energy / (energy + 1.0f);
+      const Floats gain = energy / (energy + doubt);
       // Noise let through, and signal taken away as the sample itself tells it (Stein, Ann.
       // Statist. 9, 1981): the pilot has lost signal that it does not know of.
       const Floats lost = 1.0f - gain;
@@ -72,4 +74,31 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
     if (passed) passed[n] = place / static_cast<float>(kCells);
   }
   return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
+}
+
+// The evidence on a pilot (pilot_doubt.h) is of coefficients below this energy in it: the noise of
+// bright ones would outweigh all others.
+constexpr float kWeakEnergy = 3.0f;
+// In stacks of their like, along axes of their own, samples have a little less noise than one.
+constexpr float kMatchedNoise = 0.98f;
+// So much more of both per coefficient: where a pilot holds nearly nothing, chance does not decide.
+constexpr float kSteadyEnergy = 0.03f, kSteadyExcess = kUsualExcess * kSteadyEnergy;
+
+/// What samples and pilot hold in the weak coefficients of the strongest components
+/// (PilotEvidence); `total` cells of a transformed stack.
+HWY_INLINE void weigh_pilot(const Floats* cells, const Floats* pilot, int total, float& excess,
+                            float& energy) {
+  const Floats zero{}, weak = zero + kWeakEnergy;
+  Floats samples{}, held{};
+  for (int i = 0; i < total; ++i) {
+    const Floats square = pilot[i] * pilot[i];
+    const auto is_weak = square < weak;
+    samples += choose(is_weak, cells[i] * cells[i] - (kMatchedNoise - kSteadyExcess), zero);
+    held += choose(is_weak, square + kSteadyEnergy, zero);
+  }
+  excess = energy = 0;
+  for (int k = 0; k < kStrongComponents; ++k) {
+    excess += lane(samples, k);
+    energy += lane(held, k);
+  }
 }

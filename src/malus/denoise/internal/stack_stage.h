@@ -56,6 +56,13 @@ struct StackTile {
   int row0 = 0, col0 = 0;
 };
 
+/// One value for every reference of a pass.
+struct ReferenceMap {
+  int step = 1;                      ///< mosaic pixels between references
+  int first_row = 0, first_col = 0;  ///< the frame's position of values(0, 0), in steps
+  Image values;                      ///< 0 where there is no reference
+};
+
 struct StageInput {
   const StackTile* noisy;  ///< unit noise
   const Image* guide;  ///< same size: where blocks are compared; after the hard filter the pilot
@@ -65,13 +72,14 @@ struct StageInput {
   /// period_cols], and the matrices that pull a stack's axes towards them.
   const std::vector<CellMatrix>* rotations = nullptr;
   const std::vector<CellMatrix>* axes_prior = nullptr;
+  /// How far the pilot is doubted (pilot_doubt.h), of guided passes; null: 1 everywhere.
+  const ReferenceMap* doubt = nullptr;
 };
 
-/// Of the samples' noise, the part that the stacks of a pass let through, by their references.
-struct PassedNoise {
-  int step = 1;                      ///< mosaic pixels between references
-  int first_row = 0, first_col = 0;  ///< the frame's position of share(0, 0), in steps
-  Image share;                       ///< 0 where there is no reference
+/// Of the weak coefficients in the stacks' strongest components: what the samples hold beyond their
+/// noise, and what the pilot holds [sums of noise variances] (pilot_doubt.h).
+struct PilotEvidence {
+  ReferenceMap excess, energy;
 };
 
 /// One value for every cell of the frame's lattice that a tile touches.
@@ -93,7 +101,9 @@ inline constexpr float kUnlikeAny = 1e6f;
 struct StageReport {
   Image* stein = nullptr;  ///< Stein's estimate of the squared error, not of combinations; else:
   Image* noise = nullptr;  ///< noise that the weights let through
-  PassedNoise* passed = nullptr;
+  /// Of the samples' noise, the part that the stacks let through.
+  ReferenceMap* passed = nullptr;
+  PilotEvidence* evidence = nullptr;  ///< of Wiener filters alone
   /// How unlike the blocks of the stacks there are: variance of their samples about their mean,
   /// less that of noise. Of copies slightly below 0, for blocks are chosen that look alike.
   CellMap* unlike = nullptr;
