@@ -1,8 +1,10 @@
 // The text of `model show`.
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/noise/physics.h"
 
+#include <algorithm>
 #include <cmath>
 #include <iterator>
 
@@ -41,14 +43,21 @@ std::string value_cell(const Values& values, std::size_t c, int digits) {
   return fmt::format("{:.{}f}", values[c], digits);
 }
 
-// "0.3822 ±0.0004"; more digits where the error would read as 0.
+// Decimals that show one digit of an error, two where it begins with 1: what follows says nothing.
+int decimals_of(double error) {
+  constexpr double kTwoDigits = 1.95, kMost = 6;
+  const double place = std::floor(std::log10(error));
+  const double decimals = error / std::pow(10.0, place) < kTwoDigits ? 1 - place : -place;
+  return static_cast<int>(std::clamp(decimals, 0.0, kMost));
+}
+
+// "0.3822±0.0004".
 std::string error_cell(const ChannelStatistics& s, std::size_t c, int digits) {
-  const bool known = c < s.standard_error.size() && std::isfinite(s.standard_error[c]);
-  if (known && s.standard_error[c] > 0)
-    while (digits < 6 && s.standard_error[c] < 0.5 * std::pow(10.0, -digits)) ++digits;
-  const std::string value = value_cell(s.mean, c, digits);
-  if (!known) return value;
-  return fmt::format("{} ±{:.{}f}", value, s.standard_error[c], digits);
+  if (c >= s.standard_error.size() || !std::isfinite(s.standard_error[c]))
+    return value_cell(s.mean, c, digits);
+  const double error = s.standard_error[c];
+  if (error > 0) digits = decimals_of(error);
+  return fmt::format("{}±{:.{}f}", value_cell(s.mean, c, digits), error, digits);
 }
 
 // Means over the channels, of the values and of their standard errors where there are any.
@@ -58,17 +67,27 @@ std::string mean_with_error(const Values& values, const Values& errors, double f
   return error_cell(means, 0, 3);
 }
 
-// fmt pads by code points, and ± is one.
-std::string padded(const std::string& text, std::size_t width) {
-  std::size_t points = 0;
-  for (char c : text) points += (static_cast<unsigned char>(c) & 0xC0) != 0x80;
-  return std::string(points < width ? width - points : 0, ' ') + text;
+using Table = std::vector<std::vector<std::string>>;
+
+// As it is seen: ± is one column.
+std::size_t columns_of(const std::string& text) {
+  return as_index(std::count_if(text.begin(), text.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xC0) != 0x80;
+  }));
 }
 
-std::string row_of(const std::vector<std::string>& cells, std::size_t width) {
-  std::string line;
-  for (const auto& text : cells) line += "  " + padded(text, width);
-  return line;
+// Columns are as wide as their widest cell. Contract: all rows have as many.
+void add_table(Lines& lines, const Table& table) {
+  std::vector<std::size_t> width(table.front().size(), 0);
+  for (const auto& row : table)
+    for (std::size_t i = 0; i < width.size(); ++i)
+      width[i] = std::max(width[i], columns_of(row[i]));
+  for (const auto& row : table) {
+    std::string line;
+    for (std::size_t i = 0; i < width.size(); ++i)
+      line += std::string(2 + width[i] - columns_of(row[i]), ' ') + row[i];
+    lines.add("{}", line.substr(0, line.find_last_not_of(' ') + 1));
+  }
 }
 
 void add_sensor(Lines& lines, const NoiseModel& m) {
@@ -83,19 +102,16 @@ void add_sensor(Lines& lines, const NoiseModel& m) {
 }
 
 void add_summary(Lines& lines, const NoiseModel& m) {
-  constexpr std::size_t kWidth = 9;
   lines.add("\nPhysics, means over the channels");
-  lines.add("{:>10}{}", "gain",
-            row_of({"frames", "K", "read", "read", "lambda", "mu", "row", "dark sd"}, kWidth));
-  lines.add("{:>10}{}", "", row_of({"", "DN/e-", "e-", "DN", "", "DN", "DN", "DN"}, kWidth));
+  Table table{{"gain", "frames", "K", "read", "read", "lambda", "mu", "row", "dark sd"},
+              {"", "", "DN/e-", "e-", "DN", "", "DN", "DN", "DN"}};
   for (const PhysicsCalibration& p : m.physics)
-    lines.add(
-        "{:>10}{}", p.gain.text(),
-        row_of({p.bias_frames > 0 ? std::to_string(p.bias_frames) : "-", mean_cell(p.K.mean, 4),
-                mean_cell(read_noise_e(p), 2), mean_cell(read_noise_dn(p), 3),
-                mean_cell(p.lambda.mean, 3), mean_cell(p.mu.mean, 3),
-                mean_cell(p.sigma_row.mean, 3), mean_cell(p.temporal_sd_dark_dn, 3)},
-               kWidth));
+    table.push_back({p.gain.text(), p.bias_frames > 0 ? std::to_string(p.bias_frames) : "-",
+                     mean_cell(p.K.mean, 4), mean_cell(read_noise_e(p), 2),
+                     mean_cell(read_noise_dn(p), 3), mean_cell(p.lambda.mean, 3),
+                     mean_cell(p.mu.mean, 3), mean_cell(p.sigma_row.mean, 3),
+                     mean_cell(p.temporal_sd_dark_dn, 3)});
+  add_table(lines, table);
 }
 
 void add_warnings(Lines& lines, const std::vector<std::string>& warnings, StoredWarnings shown) {
@@ -105,25 +121,22 @@ void add_warnings(Lines& lines, const std::vector<std::string>& warnings, Stored
 
 void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p,
                   StoredWarnings warnings) {
-  constexpr std::size_t kWidth = 15;
   if (p.bias_frames > 0)
     lines.add("\n{}: {}, {}; value ± standard error", p.gain.text(),
               counted(p.bias_frames, "bias frame"), counted(p.flat_levels, "flat level"));
   else
     lines.add("\n{}: stated, not measured from frames here", p.gain.text());
-  lines.add(
-      "{:>10}{}", "channel",
-      row_of({"K", "read noise", "lambda", "sigma_TL", "mu", "sigma_row", "dark sd"}, kWidth));
-  lines.add("{:>10}{}", "", row_of({"DN/e-", "e-", "", "DN", "DN", "DN", "DN"}, kWidth));
+  Table table{{"channel", "K", "read noise", "lambda", "sigma_TL", "mu", "sigma_row", "dark sd"},
+              {"", "DN/e-", "e-", "", "DN", "DN", "DN", "DN"}};
   const ChannelStatistics read{read_noise_e(p), read_noise_stderr_e(p), {}, {}, {}};
   for (int channel = 0; channel < m.layout.channels(); ++channel) {
-    const auto c = static_cast<std::size_t>(channel);
-    lines.add("{:>10}{}", m.layout.channel_name(channel),
-              row_of({error_cell(p.K, c, 4), error_cell(read, c, 3), error_cell(p.lambda, c, 3),
-                      error_cell(p.sigma_tl, c, 4), error_cell(p.mu, c, 4),
-                      error_cell(p.sigma_row, c, 4), value_cell(p.temporal_sd_dark_dn, c, 3)},
-                     kWidth));
+    const auto c = as_index(channel);
+    table.push_back({m.layout.channel_name(channel), error_cell(p.K, c, 4), error_cell(read, c, 3),
+                     error_cell(p.lambda, c, 3), error_cell(p.sigma_tl, c, 4),
+                     error_cell(p.mu, c, 4), error_cell(p.sigma_row, c, 4),
+                     value_cell(p.temporal_sd_dark_dn, c, 3)});
   }
+  add_table(lines, table);
   if (!p.dsnu_dn.empty())
     lines.add("  fixed pattern: DSNU {} DN{}", mean_with_error(p.dsnu_dn, p.dsnu_stderr_dn, 1),
               p.prnu.empty()
@@ -148,17 +161,16 @@ void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
               gain_text(s.knots_db.front(), in_iso), gain_text(s.knots_db.back(), in_iso),
               std::exp(s.log_K_low()), std::exp(s.log_K_high()), std::exp(6.0 * s.K_of_gain.slope));
     if (s.knots_db.size() < 2) continue;
-    lines.add("{:>20}{}", "x", row_of({"slope", "intercept", "residual"}, 10));
+    Table table{{"", "x", "slope", "intercept", "residual"}};
     for (const auto& [name, laws] :
          {std::pair("-mu", &s.minus_mu), std::pair("variance of mu", &s.mu_variance),
           std::pair("sigma_row", &s.sigma_row),
           std::pair("variance of s_row", &s.sigma_row_variance), std::pair("sigma_TL", &s.sigma_tl),
           std::pair("spread of s_TL", &s.sigma_tl_spread)})
-      lines.add("{:>20}{}", name,
-                row_of({fmt::format("{:.3f}", mean_member(*laws, &LogLinear::slope)),
-                        fmt::format("{:.3f}", mean_member(*laws, &LogLinear::intercept)),
-                        fmt::format("{:.3f}", mean_member(*laws, &LogLinear::residual_sd))},
-                       10));
+      table.push_back({"", name, fmt::format("{:.3f}", mean_member(*laws, &LogLinear::slope)),
+                       fmt::format("{:.3f}", mean_member(*laws, &LogLinear::intercept)),
+                       fmt::format("{:.3f}", mean_member(*laws, &LogLinear::residual_sd))});
+    add_table(lines, table);
   }
   for (const auto& note : joint.notes) lines.add("  note: {}", note);
 }

@@ -43,6 +43,12 @@ def test_text_names_units_and_the_origin(malus):
     assert "SIMULATED" in malus("model", "show", "imx250myr-simulated").out
 
 
+def test_tables_are_no_wider_than_a_terminal(malus):
+    lines = malus("model", "show", "imx250myr-simulated").out.splitlines()
+    tables = [line for line in lines if len(line.split()) >= 7 and ("." in line.split()[1] or line.split()[0] in ("gain", "channel"))]
+    assert len(tables) > 100 and max(map(len, tables)) <= 80
+
+
 def test_numbers_that_no_frames_gave_are_not_told_as_measured(malus):
     shown = malus("model", "show", "imx250mzr-simulated").out
     assert "stated, not measured from frames here" in shown and "0 bias frames" not in shown
