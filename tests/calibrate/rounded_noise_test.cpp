@@ -45,6 +45,12 @@ TEST(RoundedNoise, TellsNoiseBelowHalfAStepFromTheFixedPattern) {
         EXPECT_NEAR(fit->sd, noise, 4 * fit->stderr_of_sd)
             << noise << " " << pattern << " " << mean;
         EXPECT_NEAR(fit->sd, noise, 0.1 * noise) << noise << " " << pattern << " " << mean;
+        // From the usual code, 100 or 101.
+        EXPECT_NEAR(std::remainder(fit->mean - mean, 1.0), 0.0,
+                    4 * std::hypot(fit->stderr_of_mean, pattern / 64))
+            << noise << " " << pattern << " " << mean;
+        EXPECT_NEAR(fit->pattern_sd, pattern, 4 * std::max(fit->stderr_of_pattern_sd, 0.01))
+            << noise << " " << pattern << " " << mean;
       }
   EXPECT_GE(decided, 25);
 }
@@ -79,6 +85,33 @@ TEST(RoundedNoise, IsTheReadNoiseOfACameraWhoseStepHidesIt) {
     EXPECT_NEAR(read_noise_dn(p)[0], 0.23, 0.023) << dsnu;
     EXPECT_NEAR(p.K.mean[0], 0.1, 4 * p.K.standard_error[0]) << dsnu;
   }
+}
+
+// A DSNU of 0.15 steps was 0.07 to 0.28 of one, a bias of 0.3 steps 0.23, and rows 14 % too large:
+// beyond their errors by 4 to 100 of them. Now within four, once in 16000 by chance.
+TEST(RoundedNoise, FixedPatternBiasAndRowsAreNotWhatRoundingMakesOfThem) {
+  std::uint64_t seed = 10;
+  for (const double mu : {0.0, 0.3, 0.5}) {
+    testing::SimulatedCamera camera = narrow_camera(0.23, 0.15, ++seed);
+    camera.gains[0].noise.channels[0].mu_dn = mu;
+    camera.gains[0].noise.channels[0].sigma_row_dn = 0.05;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    EXPECT_NEAR(p.dsnu_dn[0], 0.15, 4 * p.dsnu_stderr_dn[0]) << mu;
+    EXPECT_LT(p.dsnu_stderr_dn[0], 0.01) << mu;
+    EXPECT_NEAR(p.mu.mean[0], mu, 4 * p.mu.standard_error[0]) << mu;
+    EXPECT_LT(p.mu.standard_error[0], 0.02) << mu;
+    EXPECT_NEAR(p.sigma_row.mean[0], 0.05, 4 * p.sigma_row.standard_error[0]) << mu;
+    EXPECT_LT(p.sigma_row.standard_error[0], 0.003) << mu;
+  }
+}
+
+// Changes across one boundary tell no pattern either: its error says so (0.28 ± 0.001 DN before).
+TEST(RoundedNoise, AFixedPatternThatIsNotKnownHasTheErrorOfRounding) {
+  testing::SimulatedCamera camera = narrow_camera(0.12, 0.15, 20);
+  camera.gains[0].noise.channels[0].mu_dn = 0.5;
+  const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+  EXPECT_NEAR(p.dsnu_dn[0], 0.15, 2 * p.dsnu_stderr_dn[0]);
+  EXPECT_GT(p.dsnu_stderr_dn[0], 0.1);
 }
 
 // Dark pixels that keep their code: the dark variance is not known, and the line must not be held

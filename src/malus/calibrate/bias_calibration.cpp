@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <span>
 
 #include <fmt/format.h>
@@ -180,6 +181,39 @@ double step_of(const RawFrame& first, double quantization_dn) {
              : 0.0;
 }
 
+// mu and row noise, made of rounded values, where the converter's step hides the noise: what the
+// pairs of codes tell, else how far off they may be.
+void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
+                         PhysicsCalibration& out) {
+  constexpr double kLeastSlope = 0.3;  // below, rows show next to nothing of themselves
+  double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
+  double &row = out.sigma_row.mean[c], &row_error = out.sigma_row.standard_error[c];
+  if (!hidden.known()) {
+    mu_error = std::hypot(mu_error, std::sqrt(hidden.rounding_dn2));
+    row_error = std::max(row_error, row);
+    return;
+  }
+  const double slope = std::max(hidden.slope, kLeastSlope);
+  const double shift = usual_code_dn + hidden.mean_dn - mu;
+  for (auto& frame : out.mu.per_frame) frame[c] += shift;
+  mu += shift;
+  mu_error = std::max(mu_error / slope, hidden.mean_stderr_dn);
+  for (auto& frame : out.sigma_row.per_frame) frame[c] /= slope;
+  row /= slope;
+  row_error /= slope;
+}
+
+void find_hidden_noise(const CodePairCounter& pairs, double step_dn, const RawFrame& first,
+                       DarkPass& dark, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
+    dark.hidden.push_back(
+        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
+    if (!dark.hidden[c].hidden) continue;
+    const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
+    take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
+  }
+}
+
 void add_black(const RawFrame& first, Image& dn) {
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
@@ -253,9 +287,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   for (std::vector<double>& frame : frames.mean)
     for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
-  for (std::size_t c = 0; several && c < pairs.pairs().size(); ++c)
-    dark.hidden.push_back(
-        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step));
+  if (several) find_hidden_noise(pairs, step, first, dark, out);
   measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
                   quantization_dn, kept, settings.shape == "ppcc"},
                  first.layout, out);
@@ -266,7 +298,9 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_outlying_noise(frames.residuals, out);
   warn_of_high_level(first, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
-  warn_of_coarse_steps(quantization_dn, out);
+  if (dark.hidden.empty() ||
+      !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
+    warn_of_coarse_steps(quantization_dn, out);
   warn_of_column_noise(out);
   if (!several) return;
   const std::vector<double> temporal = dark.temporal.variance_dn2();
@@ -280,6 +314,18 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
         out.dsnu_dn[c] /
             std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
   warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
+}
+
+void take_hidden_dsnu(const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < hidden.size(); ++c) {
+    double &dsnu = out.dsnu_dn[c], &error = out.dsnu_stderr_dn[c];
+    if (hidden[c].known()) {
+      dsnu = hidden[c].dsnu_dn;
+      if (dsnu > 0) error = hidden[c].dsnu_stderr_dn;
+    } else if (hidden[c].hidden) {
+      error = std::hypot(error, std::sqrt(hidden[c].rounding_dn2));
+    }
+  }
 }
 
 }  // namespace malus

@@ -45,4 +45,8 @@ struct RowGroup {
 void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
                   const CalibrationSettings& settings, Progress& progress, PhysicsCalibration& out);
 
+/// dsnu of `out`, which measure_dsnu made of rounded values: as `hidden` knows it, or with the
+/// error that rounding may make where it does not.
+void take_hidden_dsnu(const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out);
+
 }  // namespace malus

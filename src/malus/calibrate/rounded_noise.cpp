@@ -139,12 +139,24 @@ Parameters climbed(const CodePairs& pairs, double total, Parameters p) {
   return p;
 }
 
-// Relative variance of the noise's deviation; without the pattern where there is none to speak of.
-double noise_error2(const Eigen::Matrix3d& information, const Parameters& p) {
-  if (std::exp(p[1]) > 2 * kNarrowestPattern) return information.inverse()(2, 2);
+bool shows_pattern(const Parameters& p) { return std::exp(p[1]) > 2 * kNarrowestPattern; }
+
+// Variances of the parameters, of deviations relative ones; without the pattern where there is none
+// to speak of.
+Eigen::Vector3d errors2(const Eigen::Matrix3d& information, const Parameters& p) {
+  if (shows_pattern(p)) return information.inverse().diagonal();
   Eigen::Matrix2d two;
   two << information(0, 0), information(0, 2), information(2, 0), information(2, 2);
-  return two.inverse()(1, 1);
+  const Eigen::Vector2d errors = two.inverse().diagonal();
+  return {errors[0], 0.0, errors[1]};
+}
+
+// Density of the pixels' values at the boundaries between codes, all in codes (Stein's lemma: that
+// is how the rounded value follows a normal part of them).
+double slope_of(double mean, double deviation) {
+  double slope = 0.0;
+  for (int k = -kReach; k < kReach; ++k) slope += normal_density((k + 0.5 - mean) / deviation);
+  return slope / deviation;
 }
 
 // Changes across the boundary between two codes that is crossed second most often.
@@ -167,6 +179,10 @@ int CodePairCounter::code(float dn, int channel) const {
   const double steps = (static_cast<double>(dn) - origin_dn_) / step_dn_;
   constexpr double kFar = 1e6;
   return static_cast<int>(std::lround(std::clamp(steps, -kFar, kFar))) - middle_[as_index(channel)];
+}
+
+double CodePairCounter::usual_code_dn(int channel) const {
+  return origin_dn_ + step_dn_ * middle_[as_index(channel)];
 }
 
 void CodePairCounter::find_middle(View<const float> dn) {
@@ -216,6 +232,11 @@ HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, doub
   if (fit) {
     out.variance_dn2 = fit->sd * fit->sd * step2;
     out.variance_stderr_dn2 = 2 * fit->sd * fit->stderr_of_sd * step2;
+    out.mean_dn = fit->mean * step_dn;
+    out.mean_stderr_dn = fit->stderr_of_mean * step_dn;
+    out.dsnu_dn = fit->pattern_sd * step_dn;
+    out.dsnu_stderr_dn = fit->stderr_of_pattern_sd * step_dn;
+    out.slope = slope_of(fit->mean, std::hypot(fit->sd, fit->pattern_sd));
     return out;
   }
   // Anywhere from 0 to the limit.
@@ -241,12 +262,13 @@ Estimate<RoundedNoise> fit_rounded_noise(const CodePairs& pairs) {
         second, total - equal)};
   const Parameters best = climbed(pairs, total, best_start(pairs, mean / total));
   // The pairs of one pixel share its offset and, in part, its frames: they count as one.
-  const double error =
-      std::sqrt(pairs.per_pixel * noise_error2(ascent_at(pairs, total, best).information, best));
-  const double noise = std::exp(best[2]);
+  const Eigen::Vector3d errors =
+      (pairs.per_pixel * errors2(ascent_at(pairs, total, best).information, best)).cwiseSqrt();
+  const double error = errors[2], noise = std::exp(best[2]);
   if (!(error < kMostError))
     return Undecided{fmt::format("{:.2g} codes ± {:.0f} %", noise, 100 * std::min(error, 9.99))};
-  return RoundedNoise{noise, noise * error};
+  const double pattern = shows_pattern(best) ? std::exp(best[1]) : 0.0;
+  return RoundedNoise{noise, noise * error, best[0], errors[0], pattern, pattern * errors[1]};
 }
 
 }  // namespace malus

@@ -28,6 +28,8 @@ class CodePairCounter {
   CodePairCounter(const MosaicGeometry& geometry, double step_dn);
   void add(View<const float> dn);
   const std::vector<CodePairs>& pairs() const { return pairs_; }
+  /// DN of the code that a channel's pairs are counted from. Contract: frames were added.
+  double usual_code_dn(int channel) const;
 
  private:
   void find_middle(View<const float> dn);
@@ -39,9 +41,13 @@ class CodePairCounter {
   std::vector<CodePairs> pairs_;
 };
 
-/// Deviation of a pixel's noise from frame to frame, in codes, and its standard error.
+/// In codes: deviation of a pixel's noise from frame to frame, mean (from the usual code) and
+/// deviation of the pixels' offsets, with their standard errors. A deviation of offsets that is
+/// next to nothing is 0.
 struct RoundedNoise {
   double sd = 0, stderr_of_sd = 0;
+  double mean = 0, stderr_of_mean = 0;
+  double pattern_sd = 0, stderr_of_pattern_sd = 0;
 };
 
 /// Dark noise where the converter's step hides it: narrower than 0.4 steps, EMVA 1288's limit.
@@ -52,6 +58,13 @@ struct HiddenNoise {
   double rounding_dn2 = 0;  ///< q²/12, which rounding adds once light's noise is wider than a step
   double widest_codes_dn2 = 0;  ///< variance of codes below which the noise may be hidden
   std::string unknown;          ///< not empty: why variance_dn2 is anything from 0 to the limit
+  /// What rounding makes of the pixels' offsets is as wrong as of their noise. Where it is known:
+  double mean_dn = 0, mean_stderr_dn = 0;  ///< of the offsets, from the usual code
+  double dsnu_dn = 0, dsnu_stderr_dn = 0;
+  /// Change of the pixels' mean code per change of all offsets: that of row offsets, to first
+  /// order. 1 for wide noise.
+  double slope = 1;
+  bool known() const { return hidden && unknown.empty(); }
 };
 
 /// codes_variance_dn2: temporal variance of the codes, which says whether it may be hidden.
