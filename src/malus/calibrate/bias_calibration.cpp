@@ -29,7 +29,7 @@ constexpr double kHeavyLambda = 0.05;
 // size.
 struct BiasFrames {
   FrameSeries mean, pixel, row, column, total, row_offset;
-  std::vector<std::vector<ResidualHistogram>> residuals;  ///< [frame][channel]
+  std::vector<std::vector<ResidualHistogram>> residuals, above;  ///< [frame][channel]
 
   void add(FrameComponents&& frame) {
     std::vector<double> sum(frame.mean_dn.size());
@@ -43,6 +43,7 @@ struct BiasFrames {
     total.push_back(std::move(sum));
     row_offset.push_back(std::move(frame.row_offset_dn));
     residuals.push_back(std::move(frame.residuals));
+    above.push_back(std::move(frame.residuals_above));
   }
 };
 
@@ -157,6 +158,13 @@ void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
   out.row_correlation = nearest_correlation(correlation_of(row_covariance));
 }
 
+// Hot pixels are as bright in every frame as in their mean.
+void level_of_ordinary_pixels(const std::vector<double>& all_dn,
+                              const std::vector<double>& ordinary_dn, BiasFrames& frames) {
+  for (std::vector<double>& frame : frames.mean)
+    for (std::size_t c = 0; c < all_dn.size(); ++c) frame[c] += ordinary_dn[c] - all_dn[c];
+}
+
 // What is known of a pixel's offset before its own frames are looked at: how the others' lie.
 void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int frames,
                     FrameAnalyzer& analyzer) {
@@ -212,6 +220,51 @@ void find_hidden_noise(const CodePairCounter& pairs, double step_dn, const RawFr
     const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
     take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
   }
+}
+
+ResidualHistogram pooled_of(const std::vector<std::vector<ResidualHistogram>>& frames,
+                            std::size_t c) {
+  ResidualHistogram pooled(frames.front()[c].cell_dn());
+  for (const auto& frame : frames) pooled.add(frame[c]);
+  return pooled;
+}
+
+// Level, variances and residuals as they were before the camera cut the noise off at 0. Offsets
+// show by the share of the pixels that are not cut off (Stein's lemma).
+void undo_cut_off(const std::vector<double>& dsnu_dn, const RawFrame& first, DarkPass& dark,
+                  BiasFrames& frames, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < dark.zero_share.size(); ++c) {
+    dark.cut_off.emplace_back();
+    double &mu = out.mu.mean[c], &row = out.sigma_row.mean[c], &sd = out.temporal_sd_dark_dn[c];
+    if (dark.hidden[c].hidden) continue;
+    const CutOffPlace place{mu + first.black_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn,
+                            dark.zero_share[c]};
+    const CutOffNoise cut =
+        find_cut_off_noise(pooled_of(frames.residuals, c), pooled_of(frames.above, c), place);
+    if (!cut.known) continue;
+    dark.cut_off.back() = cut;
+    for (std::size_t f = 0; f < frames.residuals.size(); ++f) {
+      frames.residuals[f][c] =
+          residuals_before_cut_off(frames.residuals[f][c], frames.above[f][c], place, cut);
+      out.mu.per_frame[f][c] -= cut.shift_dn;
+      out.sigma_row.per_frame[f][c] /= cut.slope;
+      frames.pixel[f][c] += cut.variance_dn2;
+    }
+    mu -= cut.shift_dn;
+    out.mu.standard_error[c] /= cut.slope;
+    const double rows_dn2 = row * row * (1.0 / (cut.slope * cut.slope) - 1.0);
+    dark.cut_off.back().rows_dn2 = rows_dn2;
+    row /= cut.slope;
+    out.sigma_row.standard_error[c] /= cut.slope;
+    const double before_dn = std::sqrt(sd * sd + cut.variance_dn2 + rows_dn2);
+    out.temporal_sd_dark_stderr_dn[c] =
+        std::hypot(sd * out.temporal_sd_dark_stderr_dn[c], 0.5 * cut.variance_stderr_dn2) /
+        before_dn;
+    sd = before_dn;
+  }
+  for (std::size_t c = 0; c < dark.cut_off.size(); ++c) out.cut_off_undone |= dark.cut_off[c].known;
+  for (std::size_t c = 0; c < dark.cut_off.size(); ++c)
+    out.cut_off_undone &= dark.cut_off[c].known || dark.zero_share[c] <= kMostUndoneDarkZeros;
 }
 
 void add_black(const RawFrame& first, Image& dn) {
@@ -282,12 +335,12 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   });
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
-  // Hot pixels are as bright in every frame as in their mean.
-  const std::vector<double> all = channel_means(pattern, geometry);
-  for (std::vector<double>& frame : frames.mean)
-    for (std::size_t c = 0; c < all.size(); ++c) frame[c] += ordinary.mean_dn[c] - all[c];
+  level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   if (several) find_hidden_noise(pairs, step, first, dark, out);
+  if (remove_pattern)
+    undo_cut_off(dsnu_dn(ordinary.variance_dn2, dark.temporal.variance_dn2(), set.count), first,
+                 dark, frames, out);
   measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
                   quantization_dn, kept, settings.shape == "ppcc"},
                  first.layout, out);
@@ -316,14 +369,18 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
 }
 
-void take_hidden_dsnu(const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out) {
-  for (std::size_t c = 0; c < hidden.size(); ++c) {
+void take_hidden_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < dark.hidden.size(); ++c) {
+    const HiddenNoise& hidden = dark.hidden[c];
     double &dsnu = out.dsnu_dn[c], &error = out.dsnu_stderr_dn[c];
-    if (hidden[c].known()) {
-      dsnu = hidden[c].dsnu_dn;
-      if (dsnu > 0) error = hidden[c].dsnu_stderr_dn;
-    } else if (hidden[c].hidden) {
-      error = std::hypot(error, std::sqrt(hidden[c].rounding_dn2));
+    if (hidden.known()) {
+      dsnu = hidden.dsnu_dn;
+      if (dsnu > 0) error = hidden.dsnu_stderr_dn;
+    } else if (hidden.hidden) {
+      error = std::hypot(error, std::sqrt(hidden.rounding_dn2));
+    } else if (c < dark.cut_off.size()) {
+      dsnu /= dark.cut_off[c].slope;
+      error /= dark.cut_off[c].slope;
     }
   }
 }

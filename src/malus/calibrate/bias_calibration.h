@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/cut_off_noise.h"
 #include "malus/calibrate/equal_values.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
@@ -26,6 +27,8 @@ struct DarkPass {
   SuccessiveFrames successive;
   double step_dn = 0;          ///< of the codes as the files hold them; 0: not whole numbers
   double code_spacing_dn = 0;  ///< occupied_spacing of its first channel
+  /// Per channel, by measure_bias; empty of a single frame and with --single-frame.
+  std::vector<CutOffNoise> cut_off = {};
 };
 
 /// `first` gives size, layout and black level; step_dn: quantization_step of the set's first frame.
@@ -45,8 +48,8 @@ struct RowGroup {
 void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
                   const CalibrationSettings& settings, Progress& progress, PhysicsCalibration& out);
 
-/// dsnu of `out`, which measure_dsnu made of rounded values: as `hidden` knows it, or with the
-/// error that rounding may make where it does not.
-void take_hidden_dsnu(const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out);
+/// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off at 0: as
+/// `dark` knows it, or with the error that rounding may make where it does not.
+void take_hidden_dsnu(const DarkPass& dark, PhysicsCalibration& out);
 
 }  // namespace malus

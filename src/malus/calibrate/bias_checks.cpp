@@ -209,10 +209,11 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
   }
   if (cut.empty()) return;
   out.dark_zero_share = zero_share;
-  out.warnings.push_back(
-      fmt::format("{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
-                  "level cuts the noise off; raise it",
-                  channels_text(cut, layout), 100 * most, 100 * kMostZeros));
+  out.warnings.push_back(fmt::format(
+      "{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
+      "level cuts the noise off; raise it{}",
+      channels_text(cut, layout), 100 * most, 100 * kMostZeros,
+      out.cut_off_undone ? " (what the noise was before is worked out, as symmetric)" : ""));
 }
 
 void warn_of_column_noise(PhysicsCalibration& out) {

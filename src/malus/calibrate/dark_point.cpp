@@ -4,6 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+
+#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -36,6 +39,38 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
   point.fourth_cumulant_dn4 = dark_excess_kurtosis(channel, bias) * pixel * pixel;
   point.variance_stderr_dn2 = std::sqrt(variance_error_dn4(0.0, bias.bias_frames, point, 0.0));
   return point;
+}
+
+void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
+                       std::vector<TransferLevel>& levels) {
+  if (!hidden.hidden) return;
+  dark.variance_dn2 = hidden.variance_dn2 + hidden.rounding_dn2;
+  dark.variance_stderr_dn2 = hidden.variance_stderr_dn2;
+  for (TransferLevel& level : levels) {
+    if (level.dark_frames >= 2 && level.dark_variance_dn2 > hidden.widest_codes_dn2) continue;
+    level.dark_variance_dn2 = dark.variance_dn2;
+    level.dark_frames = 0;
+  }
+}
+
+void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels) {
+  constexpr double kMostZeros = 1e-3;
+  constexpr std::ptrdiff_t kFewestOthers = 3;
+  if (!cut.known) return;
+  dark.cut_off = false;
+  const double taken_dn2 = cut.variance_dn2 + cut.rows_dn2;
+  dark.variance_dn2 += taken_dn2;
+  dark.variance_stderr_dn2 = std::hypot(dark.variance_stderr_dn2, cut.variance_stderr_dn2);
+  const bool enough = std::count_if(levels.begin(), levels.end(), [](const TransferLevel& level) {
+                        return level.refused.empty() && level.zero_share <= kMostZeros;
+                      }) >= kFewestOthers;
+  for (TransferLevel& level : levels) {
+    level.dark_variance_dn2 += taken_dn2;
+    level.mean_dn += cut.shift_dn;
+    if (enough && level.refused.empty() && level.zero_share > kMostZeros)
+      level.refused = fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
+                                  100 * level.zero_share, 100 * kMostZeros);
+  }
 }
 
 }  // namespace malus

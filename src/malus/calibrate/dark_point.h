@@ -1,9 +1,13 @@
 // The point without light of a photon-transfer line.
 #pragma once
 
+#include "malus/calibrate/cut_off_noise.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/photon_transfer.h"
+#include "malus/calibrate/rounded_noise.h"
 #include "malus/noise/calibration.h"
+
+#include <vector>
 
 namespace malus {
 
@@ -11,5 +15,15 @@ namespace malus {
 /// holds.
 DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
                      const PhysicsCalibration& bias);
+
+/// Rounding gives narrow noise any variance from 0 to a quarter of q², and wide noise q²/12 more
+/// than its own: what the flats hold is not what was measured in the dark. Into the dark point, and
+/// what is subtracted from the levels.
+void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
+                       std::vector<TransferLevel>& levels);
+
+/// The same of noise that the camera cuts off at 0: as it was before. Levels that are cut off
+/// themselves are refused where enough others are not.
+void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels);
 
 }  // namespace malus

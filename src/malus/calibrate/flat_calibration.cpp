@@ -200,6 +200,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.dark_variance_dn2 = dark.variance_dn2[c];
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;
+    point.zero_share = level.at_zero[c];
     point.at_white = level.saturated[c] > kMostSaturated;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
     good &= point.refused.empty();
@@ -212,20 +213,6 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
   if (!good) return;
   series.light_dn.push_back(mean);
   add_patterns(flat, level, dark, first, series.patterns);
-}
-
-// Rounding gives narrow noise any variance from 0 to a quarter of q², and wide noise q²/12 more
-// than its own: what the flats hold is not what was measured in the dark.
-void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
-                       std::vector<TransferLevel>& levels) {
-  if (!hidden.hidden) return;
-  dark.variance_dn2 = hidden.variance_dn2 + hidden.rounding_dn2;
-  dark.variance_stderr_dn2 = hidden.variance_stderr_dn2;
-  for (TransferLevel& level : levels) {
-    if (level.dark_frames >= 2 && level.dark_variance_dn2 > hidden.widest_codes_dn2) continue;
-    level.dark_variance_dn2 = dark.variance_dn2;
-    level.dark_frames = 0;
-  }
 }
 
 void leave_out_saturated(const DarkPoint& dark, std::vector<TransferLevel>& levels) {
@@ -349,8 +336,9 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     std::vector<TransferLevel>& levels = series.levels[as_index(c)];
     DarkPoint point = dark_point(c, geometry, dark_variance[as_index(c)], out);
     point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
-    cut_off |= point.cut_off;
     if (!dark.hidden.empty()) take_hidden_noise(dark.hidden[as_index(c)], point, levels);
+    if (!dark.cut_off.empty()) take_cut_off(dark.cut_off[as_index(c)], point, levels);
+    cut_off |= point.cut_off;
     leave_out_saturated(point, levels);
     fits.push_back(fit_photon_transfer(levels, point));
     append_transfer(c, fits.back(), levels, series.exposures_s, out);

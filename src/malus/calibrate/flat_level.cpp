@@ -24,6 +24,7 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
   for (int r = 0; r < geometry.rows(); ++r)
     for (int c = 0; c < geometry.cols(); ++c) {
       const float dn = frame.dn(r, c);
+      if (!(dn > 0)) level.at_zero[as_index(geometry.channel(r, c))] += 1.0;
       if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
       const auto channel = as_index(geometry.channel(r, c));
       if (shading_dn(r, c) > dark.defect_above_dn[channel]) continue;
@@ -39,8 +40,11 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
                         Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
-                  NeighbourCorrelation(geometry), std::vector<double>(dark.level_dn.size(), 0.0),
-                  FlatObservation(), GainBlocks()};
+                  NeighbourCorrelation(geometry),
+                  std::vector<double>(dark.level_dn.size(), 0.0),
+                  std::vector<double>(dark.level_dn.size(), 0.0),
+                  FlatObservation(),
+                  GainBlocks()};
   level.seen.name = flat.name;
   FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
   LightProfile profile(geometry, dark.level_dn);
@@ -72,8 +76,11 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     level.seen.light = profile.change(level.seen.mean_variance_dn2);
     level.gains = gain_blocks(level.temporal, geometry, dark.variance_dn2, step_dn);
   }
-  for (int c = 0; c < geometry.channels(); ++c)
-    level.saturated[as_index(c)] /= static_cast<double>(geometry.channel_pixels(c)) * flat.count;
+  for (int c = 0; c < geometry.channels(); ++c) {
+    const double pixels = static_cast<double>(geometry.channel_pixels(c)) * flat.count;
+    level.saturated[as_index(c)] /= pixels;
+    level.at_zero[as_index(c)] /= pixels;
+  }
   return level;
 }
 

@@ -14,7 +14,8 @@ namespace malus {
 struct FlatLevel {
   TemporalAccumulator temporal;
   NeighbourCorrelation neighbours;
-  std::vector<double> saturated;  ///< share of the pixels at white, per channel
+  std::vector<double> saturated,
+      at_zero;  ///< shares of the pixels at white and at DN 0, per channel
   FlatObservation seen;
   GainBlocks gains;
 };

@@ -199,7 +199,8 @@ void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
   const auto channels = as_index(geometry_.channels());
   std::vector<std::vector<std::uint32_t>> dense(channels,
                                                 std::vector<std::uint32_t>(kDenseCells, 0));
-  std::vector<std::vector<std::int32_t>> beyond(channels);
+  std::vector<std::vector<std::uint32_t>> dense_above = dense;
+  std::vector<std::vector<std::int32_t>> beyond(channels), beyond_above(channels);
   GroupResiduals group;
   for (int r = 0; r < geometry_.rows(); ++r) {
     const int g = r / geometry_.row_group(), first = g * geometry_.row_group();
@@ -219,17 +220,22 @@ void FrameAnalyzer::fill_histograms(View<const float> dn, const Sums& sums,
                  row_cells = static_cast<float>(of_row * group.sum_dn[c] / cell);
       for (int col = j; col < geometry_.cols(); col += geometry_.cell_cols()) {
         if (std::isnan(value[col])) continue;
-        const float cells = std::abs(own_cells * value[col] - row_cells);
-        if (cells < static_cast<float>(kDenseCells))
+        const float residual = own_cells * value[col] - row_cells, cells = std::abs(residual);
+        if (cells < static_cast<float>(kDenseCells)) {
           ++dense[c][static_cast<std::size_t>(cells)];
-        else
+          dense_above[c][static_cast<std::size_t>(cells)] += residual > 0;
+        } else {
           beyond[c].push_back(static_cast<std::int32_t>(std::min(cells, 1e9F)));
+          if (residual > 0) beyond_above[c].push_back(beyond[c].back());
+        }
       }
     }
   }
   for (std::size_t c = 0; c < channels; ++c) {
     out.residuals.emplace_back(cell_dn_[c]);
     out.residuals.back().assign(dense[c], beyond[c]);
+    out.residuals_above.emplace_back(cell_dn_[c]);
+    out.residuals_above.back().assign(dense_above[c], beyond_above[c]);
   }
 }
 

@@ -19,8 +19,8 @@ struct FrameComponents {
   std::vector<double> row_variance_dn2;     ///< σ_b²: of row-group means minus σ²_pix / n
   std::vector<double> column_variance_dn2;  ///< the same for columns
   std::vector<double> row_offset_dn;        ///< per row group: mean of all its pixels' residuals
-  /// Of pixels about the mean of the rest of their group.
-  std::vector<ResidualHistogram> residuals;
+  /// Of pixels about the mean of the rest of their group; and of those above it.
+  std::vector<ResidualHistogram> residuals, residuals_above;
 };
 
 /// How far the offsets of a channel's pixels lie apart, known beforehand: a pixel's offset is then

@@ -22,6 +22,7 @@ struct TransferLevel {
   int dark_set = 0;                   ///< which: levels of one set share the error of its frames
   double dark_mean_variance_dn2 = 0;  ///< error of the dark frames' share in mean_dn, squared
   bool saturated = false;             ///< past the maximum of the variance, below white
+  double zero_share = 0;              ///< of the pixels at DN 0
   bool at_white = false;              ///< more pixels than a stray few are at the white level
   std::string refused;                ///< not empty: why this level must not be used
 };

@@ -34,8 +34,7 @@ ChannelShapes likelihood_shapes(const ShapeInput& in, int channel, const Residua
     shapes.lambda.push_back(shape.lambda);
     shapes.scale.push_back(fit.scale_dn * (1.0 + shape.log_scale - std::log(fit.scale_dn)));
   }
-  const auto samples =
-      static_cast<double>(pooled.count()) / static_cast<double>(in.residuals.size());
+  const auto samples = pooled.count() / static_cast<double>(in.residuals.size());
   shapes.lambda_sampling = fit.unit_covariance[0] / samples;
   shapes.scale_sampling = fit.scale_dn * fit.scale_dn * fit.unit_covariance[2] / samples;
   return shapes;

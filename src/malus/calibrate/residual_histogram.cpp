@@ -6,8 +6,8 @@
 
 namespace malus {
 
-std::int64_t ResidualHistogram::count() const {
-  std::int64_t total = 0;
+double ResidualHistogram::count() const {
+  double total = 0;
   for (const Cell& cell : cells_) total += cell.count;
   return total;
 }
@@ -36,14 +36,20 @@ void ResidualHistogram::assign(const std::vector<std::uint32_t>& dense,
                                std::vector<std::int32_t>& beyond) {
   cells_.clear();
   for (std::size_t i = 0; i < dense.size(); ++i)
-    if (dense[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), dense[i]});
+    if (dense[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), double{1} * dense[i]});
   std::sort(beyond.begin(), beyond.end());
   for (const std::int32_t index : beyond) {
     if (!cells_.empty() && cells_.back().index == index)
-      ++cells_.back().count;
+      cells_.back().count += 1;
     else
       cells_.push_back({index, 1});
   }
+}
+
+void ResidualHistogram::assign(const std::vector<double>& counts) {
+  cells_.clear();
+  for (std::size_t i = 0; i < counts.size(); ++i)
+    if (counts[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), counts[i]});
 }
 
 }  // namespace malus

@@ -5,6 +5,7 @@ set(calibrate_SOURCES
   calibrate.cpp
   channel_words.cpp
   clean_frame.cpp
+  cut_off_noise.cpp
   dark_codes.cpp
   dark_point.cpp
   equal_values.cpp

@@ -12,7 +12,7 @@
 namespace malus {
 namespace {
 
-constexpr std::int64_t kFewestSamples = 200;
+constexpr double kFewestSamples = 200;
 // Relative to one over the residuals' deviation: a density below it counts for little.
 constexpr double kDensityFloor = 3e-5;
 
@@ -56,7 +56,7 @@ double mean_square_dn2(const ResidualHistogram& histogram) {
   double sum = 0.0;
   for (const auto& cell : histogram.cells())
     sum += cell.count * histogram.centre_dn(cell) * histogram.centre_dn(cell);
-  return sum / static_cast<double>(histogram.count());
+  return sum / histogram.count();
 }
 
 // Probability p of a residual r of an integer converter, given its offset: the distribution widened
@@ -156,10 +156,10 @@ double scale_from_variance(const ResidualHistogram& histogram, const ResidualBlu
   return std::sqrt(read / tukey_lambda_variance(lambda));
 }
 
-std::string refusal(const ResidualHistogram& histogram, std::int64_t fewest = kFewestSamples) {
+std::string refusal(const ResidualHistogram& histogram, double fewest = kFewestSamples) {
   if (histogram.count() < fewest)
-    return fmt::format("{} samples are too few for a shape; {} are needed", histogram.count(),
-                       fewest);
+    return fmt::format("{:.0f} samples are too few for a shape; {:.0f} are needed",
+                       histogram.count(), fewest);
   if (histogram.cells().size() < 3)
     return "the dark pixels have too few different values: noise far below one step";
   return {};
@@ -247,7 +247,7 @@ Symmetric sandwich(const Symmetric& a, const Symmetric& b) {
 // Mean outer product of the scores.
 Symmetric scatter_of(const Scores& scores, const ResidualHistogram& histogram) {
   Symmetric out{};
-  const auto n = static_cast<double>(histogram.count());
+  const auto n = histogram.count();
   for (std::size_t i = 0; i < scores.lambda.size(); ++i) {
     const double weight = histogram.cells()[i].count / n;
     out[0] += weight * scores.lambda[i] * scores.lambda[i];
@@ -266,7 +266,7 @@ Symmetric curvature_of(const CellDensity& density, const Point& at,
                sp = scores_at(density, at.lambda, at.log_scale + kDelta),
                sm = scores_at(density, at.lambda, at.log_scale - kDelta);
   Symmetric out{};
-  const auto n = static_cast<double>(histogram.count());
+  const auto n = histogram.count();
   for (std::size_t i = 0; i < lp.lambda.size(); ++i) {
     const double weight = histogram.cells()[i].count / n / (2 * kDelta);
     out[0] -= weight * (lp.lambda[i] - lm.lambda[i]);
@@ -306,7 +306,7 @@ struct Plot {
 // Probability plot of the folded residuals; by symmetry the means are zero.
 Plot probability_plot(const ResidualHistogram& histogram, double lambda) {
   double below = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
-  const auto n = static_cast<double>(histogram.count());
+  const auto n = histogram.count();
   for (const auto& cell : histogram.cells()) {
     const double a = 0.5 + 0.5 * below / n;
     below += cell.count;
@@ -378,7 +378,7 @@ FrameShapes::Shape FrameShapes::of(const ResidualHistogram& frame) const {
     lambda += cell.count * lambda_score_[i];
     scale += cell.count * scale_score_[i];
   }
-  const auto n = static_cast<double>(frame.count());
+  const auto n = frame.count();
   const auto& c = fit_.unit_step;
   return {fit_.lambda + (c[0] * lambda + c[1] * scale) / n,
           std::log(fit_.scale_dn) + (c[1] * lambda + c[2] * scale) / n};

@@ -60,7 +60,9 @@ struct PhysicsCalibration {
   /// Per channel, share of the dark pixels at DN 0 where the camera cuts the noise off; empty where
   /// it does not.
   std::vector<double> dark_zero_share;
-  /// More than kMostUndoneDarkZeros in any channel.
+  /// mu, sigma_row, sigma_tl, lambda, temporal_sd_dark and dsnu are those before the cut.
+  bool cut_off_undone = false;
+  /// More than kMostUndoneDarkZeros in any channel, and not undone.
   bool dark_was_cut_off() const;
   /// Sd of the fixed pattern, in the dark and of the response (relative): without defects and
   /// sampling error.
@@ -149,8 +151,8 @@ inline constexpr double kMostDarkZeros = 1e-2;
 inline constexpr double kMostUndoneDarkZeros = 2e-2;
 
 inline bool PhysicsCalibration::dark_was_cut_off() const {
-  return std::any_of(dark_zero_share.begin(), dark_zero_share.end(),
-                     [](double share) { return share > kMostUndoneDarkZeros; });
+  return !cut_off_undone && std::any_of(dark_zero_share.begin(), dark_zero_share.end(),
+                                        [](double share) { return share > kMostUndoneDarkZeros; });
 }
 
 /// Share of a sensor's pixels; with more defects the list is hardly true, and filling them harms.

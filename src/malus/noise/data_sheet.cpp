@@ -126,7 +126,8 @@ double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer,
 
 double transfer_intercept_dn2(const PhysicsCalibration& p, int channel) {
   const auto c = static_cast<std::size_t>(channel);
-  const bool cut_off = c < p.dark_zero_share.size() && p.dark_zero_share[c] > kMostDarkZeros;
+  const bool cut_off =
+      !p.cut_off_undone && c < p.dark_zero_share.size() && p.dark_zero_share[c] > kMostDarkZeros;
   return cut_off ? at(p.K_intercept_dn2, c) : 0;
 }
 

@@ -133,6 +133,20 @@ void transfer_points(const Hdf5Reader& parent, std::vector<PhotonTransferPoint>&
   }
 }
 
+// Models of earlier versions, and of cameras that cut nothing off, hold none.
+template <class Archive, class Undone>
+void transfer_cut_off_undone(Archive& archive, Undone& undone) {
+  constexpr const char* kName = "cut_off_undone";
+  if constexpr (Archive::kReading) {
+    if (!archive.holds(kName)) return;
+  } else {
+    if (!undone) return;
+  }
+  int value = undone;
+  archive.integer({kName, "1", "1 when the dark noise is that before it was cut off at 0"}, value);
+  if constexpr (Archive::kReading) undone = value != 0;
+}
+
 template <class Archive, class Calibration>
 void transfer_physics(Archive& archive, Calibration& p) {
   transfer_gain(archive, p.gain);
@@ -154,6 +168,7 @@ void transfer_physics(Archive& archive, Calibration& p) {
                   p.temporal_sd_dark_stderr_dn);
   archive.numbers({"dark_zero_share", "1", "of the dark pixels that are cut off at 0"},
                   p.dark_zero_share);
+  transfer_cut_off_undone(archive, p.cut_off_undone);
   archive.numbers(
       {"dsnu_dn", "DN", "sd of the dark pattern without defects, sampling error removed"},
       p.dsnu_dn);
