@@ -172,7 +172,8 @@ void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int fr
   Moments rows;
   for (int r = 0; r < dark.rows.rows(); ++r) rows.add(dark.rows.covariance_dn2(r, 0));
   const double row = std::max(rows.mean() - mean_of(temporal) / dark.rows.cols(), 0.0);
-  const std::vector<double> pattern = dsnu_dn(ordinary.variance_dn2, temporal, frames);
+  const std::vector<double> pattern =
+      dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, frames), frames);
   std::vector<OffsetSpread> spread;
   for (std::size_t c = 0; c < temporal.size(); ++c)
     spread.push_back(
@@ -324,7 +325,8 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
                          cell);
   const OrdinaryPixels ordinary =
-      ordinary_pixels(pattern, several ? 0.0 : quantization_dn, geometry);
+      several ? ordinary_pixels(pattern, 0.0, geometry, {}, dark.temporal.sum_of_squares())
+              : ordinary_pixels(pattern, quantization_dn, geometry);
   if (remove_pattern) expect_offsets(dark, ordinary, set.count, analyzer);
   BiasFrames frames;
   const double step = several ? step_of(first, quantization_dn) : 0.0;
@@ -339,7 +341,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   if (several) find_hidden_noise(pairs, step, first, dark, out);
   if (remove_pattern)
-    undo_cut_off(dsnu_dn(ordinary.variance_dn2, dark.temporal.variance_dn2(), set.count), first,
+    undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count), first,
                  dark, frames, out);
   measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
                   quantization_dn, kept, settings.shape == "ppcc"},
@@ -356,8 +358,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
     warn_of_coarse_steps(quantization_dn, out);
   warn_of_column_noise(out);
   if (!several) return;
-  const std::vector<double> temporal = dark.temporal.variance_dn2();
-  measure_dsnu(ordinary, temporal, geometry, out);
+  measure_dsnu(ordinary, temporal_of(ordinary, set.count), geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
   // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.

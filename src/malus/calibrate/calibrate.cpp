@@ -119,19 +119,17 @@ void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCal
 // A few pixels with a hundred times the noise would be most of a variance that the list of defects
 // tells already. Their means scatter as much: what is left out of the temporal variance is left out
 // of the spatial one, or DSNU keeps a tenth of it from ten frames.
-void leave_defects_out(const DarkPixels& dark, const std::vector<double>& temporal_dn2,
-                       const std::vector<DefectPixel>& defects, const MosaicGeometry& geometry,
-                       PhysicsCalibration& out) {
+void leave_defects_out(const DarkPixels& dark, const std::vector<DefectPixel>& defects,
+                       const MosaicGeometry& geometry, PhysicsCalibration& out) {
   if (defects.empty()) return;
-  std::vector<double> ordinary = temporal_dn2;
   const std::vector<double> excess = temporal_excess_dn2(dark, defects, geometry);
   for (std::size_t c = 0; c < excess.size(); ++c) {
     double& sd = out.temporal_sd_dark_dn[c];
     sd = std::sqrt(std::max(sd * sd - excess[c], 0.0));
-    ordinary[c] -= excess[c];
   }
-  measure_dsnu(ordinary_pixels(out.dark_shading_dn, 0.0, geometry, defects), ordinary, geometry,
-               out);
+  const OrdinaryPixels ordinary =
+      ordinary_pixels(out.dark_shading_dn, 0.0, geometry, defects, dark.sum_of_squares);
+  measure_dsnu(ordinary, temporal_of(ordinary, dark.frames), geometry, out);
 }
 
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
@@ -175,7 +173,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
     pixels.tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
   defects = find_defects(pixels, out.prnu_map, geometry);
   warn_of_many_defects(defects.size(), first, out);
-  leave_defects_out(pixels, dark.temporal.variance_dn2(), defects, geometry, out);
+  leave_defects_out(pixels, defects, geometry, out);
   take_hidden_dsnu(dark, out);
   if (!settings.maps) {
     out.dark_shading_dn = Image();

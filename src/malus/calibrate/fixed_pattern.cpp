@@ -63,7 +63,8 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
                                const MosaicGeometry& geometry,
-                               const std::vector<DefectPixel>& listed) {
+                               const std::vector<DefectPixel>& listed,
+                               View<const float> squares_dn2) {
   OrdinaryPixels out;
   auto next = listed.begin();
   const auto is_listed = [&](int r, int c) {
@@ -78,16 +79,25 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     const double deviation = std::max(level.deviation, least);
     const double bound =
         deviation > 0 ? kDefectDeviations * deviation : std::numeric_limits<double>::infinity();
-    Moments moments;
+    Moments moments, squares;
     for_channel(geometry, channel, [&](int, int, int row, int col) {
-      if (!is_listed(row, col) && std::abs(mosaic(row, col) - level.centre) <= bound)
-        moments.add(mosaic(row, col));
+      if (is_listed(row, col) || std::abs(mosaic(row, col) - level.centre) > bound) return;
+      moments.add(mosaic(row, col));
+      if (!squares_dn2.empty()) squares.add(squares_dn2(row, col));
     });
+    if (!squares_dn2.empty()) out.squares_dn2.push_back(squares.mean());
     out.mean_dn.push_back(moments.mean());
     out.variance_dn2.push_back(moments.variance());
     out.variance_stderr_dn2.push_back(moments.variance_standard_error());
   }
   return out;
+}
+
+std::vector<double> temporal_of(const OrdinaryPixels& ordinary, int frames) {
+  MALUS_REQUIRE(frames >= 2);
+  std::vector<double> variance = ordinary.squares_dn2;
+  for (double& v : variance) v /= frames - 1.0;
+  return variance;
 }
 
 void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,

@@ -16,14 +16,22 @@ std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeom
 /// kDefectDeviations robust deviations of the channel's median. A few hot pixels would lift a plain
 /// mean, and with it the bias that is taken off every other pixel. quantization_dn: step of a
 /// mosaic that is a single frame, where most pixels may have one value and hide a deviation of 0.74
-/// steps. listed: further pixels to leave out, in the order of find_defects.
+/// steps. listed: further pixels to leave out, in the order of find_defects. squares_dn2: sums of
+/// squares over the frames, whose mean is to be of the same pixels: of heavy tails one value moves
+/// a pixel's mean, which is left out then, and what is taken off for sampling must not hold it
+/// either.
 struct OrdinaryPixels {
   std::vector<double> mean_dn, variance_dn2;
   std::vector<double> variance_stderr_dn2;  ///< of pixels that are independent
+  std::vector<double> squares_dn2;  ///< mean of the other mosaic over the same pixels; may be empty
 };
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
                                const MosaicGeometry& geometry,
-                               const std::vector<DefectPixel>& listed = {});
+                               const std::vector<DefectPixel>& listed = {},
+                               View<const float> squares_dn2 = {});
+
+/// Temporal variance of those pixels, whose squares are known, from this many frames (2 or more).
+std::vector<double> temporal_of(const OrdinaryPixels& ordinary, int frames);
 
 /// Mosaic minus one level per channel, in place.
 void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
