@@ -26,6 +26,15 @@ double dark_excess_kurtosis(int channel, const PhysicsCalibration& bias) {
   return second > 0 ? samples * fourth / (second * second) - 3.0 : 0.0;
 }
 
+// Whether the line can do without these.
+template <class IsOne>
+bool enough_levels_without(const IsOne& is_one, const std::vector<TransferLevel>& levels) {
+  constexpr std::ptrdiff_t kFewest = 3;
+  return std::count_if(levels.begin(), levels.end(), [&](const TransferLevel& level) {
+           return level.refused.empty() && !is_one(level);
+         }) >= kFewest;
+}
+
 }  // namespace
 
 DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
@@ -46,7 +55,15 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
   if (!hidden.hidden) return;
   dark.variance_dn2 = hidden.variance_dn2 + hidden.rounding_dn2;
   dark.variance_stderr_dn2 = hidden.variance_stderr_dn2;
+  const auto is_narrow = [&](const TransferLevel& level) {
+    return level.variance_dn2 < hidden.widest_codes_dn2;
+  };
+  const bool enough = enough_levels_without(is_narrow, levels);
   for (TransferLevel& level : levels) {
+    if (enough && level.refused.empty() && is_narrow(level))
+      level.refused = fmt::format(
+          "the variance, {:.2g} DN², is below {:.2g} DN²: the converter's step hides its noise",
+          level.variance_dn2, hidden.widest_codes_dn2);
     if (level.dark_frames >= 2 && level.dark_variance_dn2 > hidden.widest_codes_dn2) continue;
     level.dark_variance_dn2 = dark.variance_dn2;
     level.dark_frames = 0;
@@ -55,19 +72,17 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
 
 void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels) {
   constexpr double kMostZeros = 1e-3;
-  constexpr std::ptrdiff_t kFewestOthers = 3;
   if (!cut.known) return;
   dark.cut_off = false;
   const double taken_dn2 = cut.variance_dn2 + cut.rows_dn2;
   dark.variance_dn2 += taken_dn2;
   dark.variance_stderr_dn2 = std::hypot(dark.variance_stderr_dn2, cut.variance_stderr_dn2);
-  const bool enough = std::count_if(levels.begin(), levels.end(), [](const TransferLevel& level) {
-                        return level.refused.empty() && level.zero_share <= kMostZeros;
-                      }) >= kFewestOthers;
+  const auto is_cut_off = [](const TransferLevel& level) { return level.zero_share > kMostZeros; };
+  const bool enough = enough_levels_without(is_cut_off, levels);
   for (TransferLevel& level : levels) {
     level.dark_variance_dn2 += taken_dn2;
     level.mean_dn += cut.shift_dn;
-    if (enough && level.refused.empty() && level.zero_share > kMostZeros)
+    if (enough && level.refused.empty() && is_cut_off(level))
       level.refused = fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
                                   100 * level.zero_share, 100 * kMostZeros);
   }
