@@ -2,6 +2,7 @@
 #include "malus/base/parallel.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/image/pack.h"
+#include "malus/neural/correction_limit.h"
 #include "malus/neural/package.h"
 #include "malus/neural/plane_tensors.h"
 #include "malus/polar/color_map.h"
@@ -287,6 +288,12 @@ Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
         mosaic(r, c) = faded_to_guide(frame, row, col, mosaic(r, c));
     }
   return mosaic;
+}
+
+void finish_output(const NetworkFrame& frame, Image& mosaic_dn) {
+  if (frame.report.variance_dn2)
+    limit_correction(frame.guide_dn.view(), frame.report.variance_dn2->view(), mosaic_dn.view());
+  if (frame.report.cut_off_undone) keep_voids(frame.cut_off, mosaic_dn);
 }
 
 }  // namespace malus

@@ -4,7 +4,6 @@
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
-#include "malus/neural/correction_limit.h"
 #include "malus/neural/gpu.h"
 #include "malus/neural/internal/packed.h"
 #include "malus/neural/package.h"
@@ -207,25 +206,23 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
         "leave it out, or use --method nl-ridge");
   const torch::InferenceMode no_gradients;
   Filtered filtered = filter(std::move(frame), profile, settings, progress);
-  Denoised result = std::move(filtered.prepared.report);
-  result.dn_above_black =
+  Image mosaic_dn =
       restore_output(filtered.prepared, filtered.planes, {0, 0, filtered.rows, filtered.cols});
   const PreparedFrame& frame_of_result = filtered.prepared.frame;
   double least = 0, largest = 0;
   for (int r = 0; r < filtered.rows; ++r)
     for (int c = 0; c < filtered.cols; ++c) {
       if (frame_of_result.saturated(r, c)) continue;  // comes back as it was
-      const auto dn = static_cast<double>(result.dn_above_black(r, c));
+      const auto dn = static_cast<double>(mosaic_dn(r, c));
       least = std::min(least, dn);
       largest = std::max(largest, dn);
     }
   require_plausible(least, largest, frame_of_result.range_dn, state_->weights);
+  finish_output(filtered.prepared, mosaic_dn);
+  Denoised result = std::move(filtered.prepared.report);
+  result.dn_above_black = std::move(mosaic_dn);
   result.kept_pixels = 0;  // the guide's: what a network makes of them is its own
-  if (result.variance_dn2)
-    limit_correction(filtered.prepared.guide_dn.view(), result.variance_dn2->view(),
-                     result.dn_above_black.view());
   if (!want_variance) result.variance_dn2.reset();
-  if (result.cut_off_undone) keep_voids(filtered.prepared.cut_off, result.dn_above_black);
   complete_result(frame_of_result, result);
   result.times.push_back({"network", filtered.network.seconds()});
   return result;

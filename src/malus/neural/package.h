@@ -218,4 +218,9 @@ Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
 Image restore_output(const NetworkFrame& frame, const torch::Tensor& planes,
                      const MosaicWindow& window);
 
+/// What is done to the whole frame's restored mosaic after: a correction of a guide whose stated
+/// error the report holds is held to it (correction_limit.h), and places that show no noise stay at
+/// 0 (keep_voids).
+void finish_output(const NetworkFrame& frame, Image& mosaic_dn);
+
 }  // namespace malus

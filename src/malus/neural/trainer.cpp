@@ -113,7 +113,7 @@ class Trainer {
     if (!validation.empty() && !config_.package.gives_picture()) {
       const AveragedWeights in_force = averaged();
       network_->eval();
-      validation.save_sample(*network_, config_.package, file("sample"));
+      validation.save_sample(*network_, package(), file("sample"));
       made["sample"] = sample_entry(config_, file("sample"));
     }
     return made;
@@ -307,6 +307,13 @@ class Trainer {
     log_->write(line);
   }
 
+  // As it is used, beyond the light of training too; steps see no other light.
+  NetworkPackage package() const {
+    NetworkPackage package = config_.package;
+    package.brightest = state_.brightest;
+    return package;
+  }
+
   AveragedWeights averaged() {
     return {network_->parameters(), average_, config_.train.average > 0};
   }
@@ -316,7 +323,7 @@ class Trainer {
     {
       const AveragedWeights in_force = averaged();
       network_->eval();
-      score = validation.score(*network_, config_.package);
+      score = validation.score(*network_, package());
       network_->train();
     }
     const OrderedJson json = json_of(score);
@@ -332,8 +339,7 @@ class Trainer {
   // give equal files.
   void save_package(const fs::path& path, const OrderedJson& validation = {}) {
     const AveragedWeights in_force = averaged();
-    NetworkPackage package = config_.package;
-    package.brightest = state_.brightest;
+    NetworkPackage package = this->package();
     package.training = {{"steps", state_.step},
                         {"device", device_.str()},
                         {"workers", workers_.size()},

@@ -77,9 +77,10 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
           camera.black_dn, camera.white_dn);
       noisy.source = folder.string();
       const NoiseProfile profile = camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
-      frames_.push_back({prepare_network_frame(std::move(noisy), profile, config.package.settings,
-                                               {}, shot.ratio),
-                         clean, rgb, shot.ratio, white});
+      frames_.push_back(
+          {prepare_network_frame(std::move(noisy), profile, config.package.settings, {}, shot.ratio,
+                                 silent_progress(), {.variance = config.package.corrects_guide()}),
+           clean, rgb, shot.ratio, white});
       progress.advance(1);
     }
   }
@@ -103,8 +104,10 @@ torch::Tensor Validation::output(const Frame& frame, Network& network,
 
 Image Validation::result(const Frame& frame, Network& network,
                          const NetworkPackage& package) const {
-  return restore_output(frame.noisy, output(frame, network, package),
-                        {0, 0, frame.reference_dn.rows(), frame.reference_dn.cols()});
+  Image mosaic = restore_output(frame.noisy, output(frame, network, package),
+                                {0, 0, frame.reference_dn.rows(), frame.reference_dn.cols()});
+  finish_output(frame.noisy, mosaic);
+  return mosaic;
 }
 
 ValidationScore Validation::score(Network& network, const NetworkPackage& package) const {

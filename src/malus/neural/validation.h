@@ -1,5 +1,6 @@
 // How well a network denoises frames that it was not trained on: scenes with known light, a
-// camera's noise at fixed gains and light, the metrics of 000 Table 1.
+// camera's noise at fixed gains and light, the metrics of 000 Table 1. Scored is what inference.h
+// gives of such a frame in one piece, the limits on a guide's corrections included.
 #pragma once
 
 #include "malus/base/progress.h"
@@ -39,6 +40,7 @@ class Validation {
   Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress);
   bool empty() const { return frames_.empty(); }
 
+  /// package: with the brightest light of training, beyond which a guide stands.
   ValidationScore score(Network& network, const NetworkPackage& package) const;
   /// Writes the first frame as float mosaics (.npy, DN above black in the clean scene's light) into
   /// folder: noisy, the guide if any, the network's result, clean. Contract: not empty(), and a

@@ -1,0 +1,93 @@
+// Truth: NetworkInference, on the frame that the validation draws.
+#include "malus/neural/validation.h"
+
+#include "malus/image/middle.h"
+#include "malus/neural/clean_scenes.h"
+#include "malus/neural/inference.h"
+#include "malus/synthesize/scene.h"
+
+#include <algorithm>
+
+#include "support.h"
+#include "training_runs.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr std::uint64_t kSeed = 5;
+constexpr int kSide = 48;
+
+TrainingConfig guided_config(const testing::AngleScene& scene) {
+  TrainingConfig config = testing::scene_config(scene);
+  config.package.settings.guide = "nl-ridge";
+  config.package.network =
+      fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, config.package.settings);
+  config.validation_scenes = {scene.path};
+  config.cases = {{12, 10}};
+  config.validation.crop = kSide;
+  return config;
+}
+
+RawFrame first_frame(const TrainingConfig& config) {
+  const NoiseModel camera = load_model(config.models.front());
+  SynthesisSettings settings = config.synthesis;
+  settings.ratio = config.cases.front().ratio;
+  const Synthesizer synthesizer(camera, settings);
+  Image clean =
+      middle_of(mosaic_of(load_angle_scene(config.validation_scenes.front()), camera.layout),
+                camera.layout, kSide);
+  const double white = white_above_black(camera.white_dn, camera.black_dn);
+  for (float& dn : clean.values()) dn *= static_cast<float>(white);
+  return synthesizer.draw_raw(clean, GainSetting{12.0, {}},
+                              synthesizer.somewhere(kSide, kSide, kSeed, std::uint32_t{0}),
+                              camera.black_dn, camera.white_dn);
+}
+
+// Weights at random, whose corrections are far too large; and light of which some is brighter than
+// that of training.
+TEST(Validation, ScoresWhatDenoisingGives) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  const TrainingConfig config = guided_config(scene);
+  const NoiseProfile profile =
+      load_model(config.models.front()).profile_at({12.0, {}}, GainRange::kCalibratedOnly);
+  Validation validation(config, kSeed, silent_progress());
+  for (const double brightest : {1e6, 8.0, 1e-3}) {
+    NetworkPackage package = config.package;
+    package.brightest = brightest;
+    torch::manual_seed(1);
+    const auto network = make_network(package.network);
+    {
+      const torch::NoGradGuard no_gradients;
+      for (torch::Tensor& weights : network->parameters()) weights.normal_(0, 0.3);
+    }
+    network->eval();
+    save_tensor_file(package_file(package, *network), folder / "w.safetensors");
+    Image denoised = NetworkInference(folder / "w.safetensors", {})
+                         .denoise(first_frame(config), profile, {}, silent_progress())
+                         .dn_above_black;
+    validation.save_sample(*network, package, folder / "sample");
+    const Image sample = load_picture(folder / "sample" / "network.npy").planes[0];
+    const Image guide = load_picture(folder / "sample" / "guide.npy").planes[0];
+    ASSERT_EQ(sample.size(), denoised.size());
+    float largest = 0, correction = 0;
+    for (int r = 0; r < kSide; ++r)
+      for (int c = 0; c < kSide; ++c) {
+        largest = std::max(largest, std::abs(sample(r, c) - 10 * denoised(r, c)));
+        correction = std::max(correction, std::abs(sample(r, c) - guide(r, c)));
+      }
+    EXPECT_LT(largest, 0.05) << brightest;
+    if (brightest < 1)
+      EXPECT_LT(correction, 0.05);
+    else
+      EXPECT_GT(correction, 5);
+    const ValidationScore score = validation.score(*network, package);
+    EXPECT_NEAR(score.image_psnr_db, validation.guide_score().image_psnr_db,
+                brightest < 1 ? 1e-4 : 3.0)
+        << brightest;
+  }
+}
+
+}  // namespace
+}  // namespace malus
