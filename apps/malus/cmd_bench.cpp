@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "benchmarks.h"
+#include "flags.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -162,7 +163,7 @@ void add_bench(CLI::App& app, Common& common) {
   CLI::App* command =
       add_command(app, common, "bench", "The speed table of this machine",
                   [arguments, &common, all] { run_bench(*arguments, common, *all); });
-  command->add_option("--only", arguments->only, "these benchmarks")->check(CLI::IsMember(names));
+  command->add_option("--only", arguments->only, "these benchmarks")->check(one_of(names));
   command->add_flag("--quick", arguments->quick, "a dry run: small data, once");
   command->add_option("--peers", arguments->peers,
                       "folder of scripts (bench/peers) that run other software on the same task");
@@ -171,7 +172,7 @@ void add_bench(CLI::App& app, Common& common) {
   command
       ->add_option("--device", arguments->device,
                    "where the networks run; cuda: images per second of inference and training")
-      ->check(CLI::IsMember({"cpu", "cuda"}))
+      ->check(one_of({"cpu", "cuda"}))
       ->capture_default_str();
   command->add_option("--network", arguments->networks, "of the networks these, by name");
 }

@@ -1,6 +1,7 @@
 // malus bench networks: parameters, multiplications and time of every network; the figures of
 // docs/networks.md; on a GPU images per second.
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
 
@@ -33,7 +34,7 @@ void check_names(const std::vector<std::string>& wanted) {
   for (const std::string& name : wanted)
     if (std::find(known.begin(), known.end(), name) == known.end())
       throw InputError("--network " + name, "is no network of this benchmark",
-                       fmt::format("use {}", fmt::join(known, ", ")));
+                       did_you_mean(name, known) + "known: " + joined(known));
 }
 
 std::vector<BenchmarkLine> device_lines(const BenchmarkContext& context) {

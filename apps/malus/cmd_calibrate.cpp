@@ -67,7 +67,7 @@ void add_calibrate(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->output, "noise model to write (HDF5)")->required();
   command->add_option("--kind", arguments->kinds, "kinds of model, separated by commas")
       ->delimiter(',')
-      ->check(CLI::IsMember(calibrated_kinds()))
+      ->check(one_of(calibrated_kinds()))
       ->capture_default_str();
   command->add_option("--report", arguments->report, "also a report page (HTML)");
   add_flags(*command, arguments->settings);

@@ -346,7 +346,7 @@ void add_denoise(CLI::App& app, Common& common) {
       ->add_option("--format", arguments->format,
                    "ending of the denoised mosaic, or of a network's picture (srgb: 16 bit in tif "
                    "and png)")
-      ->check(CLI::IsMember({"tif", "png", "exr", "npy", "fits"}))
+      ->check(one_of({"tif", "png", "exr", "npy", "fits"}))
       ->capture_default_str();
   command->add_flag("--planes", arguments->planes, "also the packed planes as EXR");
   command->add_flag("--uncertainty", arguments->uncertainty,

@@ -235,7 +235,7 @@ void add_evaluate(CLI::App& app, Common& common) {
       "noise model in place of --test: a file, a built-in name, or a trained Noise Flow "
       "(.safetensors)");
   command->add_option("--kind", noise.kind, "kind of the model's noise [physics]")
-      ->check(CLI::IsMember(choices_of<SynthesisSettings>("kind")))
+      ->check(one_of(choices_of<SynthesisSettings>("kind")))
       ->needs(model);
   command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
       ->check(in_range(0, 1000000))

@@ -196,12 +196,12 @@ void add_renoise(CLI::App& app, Common& common) {
                       "denoised frames in DN above black, one per frame; otherwise made with the "
                       "calibrated denoiser");
   command->add_option("--kind", arguments->kind, "noise model")
-      ->check(CLI::IsMember({"physics", "nonparametric"}))
+      ->check(one_of({"physics", "nonparametric"}))
       ->capture_default_str();
   command
       ->add_option("--method", arguments->method,
                    "noise-on-noise adds to the noisy frame; naive puts new noise on the guide")
-      ->check(CLI::IsMember({"noise-on-noise", "naive"}))
+      ->check(one_of({"noise-on-noise", "naive"}))
       ->capture_default_str();
   command
       ->add_option("--first-frame", arguments->first_frame,
@@ -209,7 +209,7 @@ void add_renoise(CLI::App& app, Common& common) {
       ->check(frame_number());
   command->add_flag("--float", arguments->as_float, "write DN above black, unrounded");
   command->add_option("--format", arguments->format, "ending of the results")
-      ->check(CLI::IsMember({"tif", "png", "fits", "npy", "exr"}))
+      ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
       ->capture_default_str();
   arguments->raw.add_to(*command, false);
 }

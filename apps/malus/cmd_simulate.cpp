@@ -150,7 +150,7 @@ void add_simulate(CLI::App& app, Common& common) {
       ->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--layout", arguments->layout, "sensor layout")
-      ->check(CLI::IsMember(SensorLayout::known_names()))
+      ->check(one_of(SensorLayout::known_names()))
       ->capture_default_str();
   command->add_flag("--polarized", arguments->polarized,
                     "give the scene a relief and polarize its light by the Fresnel equations; seed "
@@ -161,12 +161,12 @@ void add_simulate(CLI::App& app, Common& common) {
       ->add_option("--tone", arguments->tone,
                    "tone curve of the pictures: auto = sRGB for "
                    "integers, none for float")
-      ->check(CLI::IsMember({"auto", "srgb", "linear"}))
+      ->check(one_of({"auto", "srgb", "linear"}))
       ->capture_default_str();
   command->add_option("--first-scene", arguments->first_scene, "number of the first scene")
       ->check(frame_number());
   command->add_option("--format", arguments->format, "ending of the mosaics")
-      ->check(CLI::IsMember({"tif", "npy", "fits", "exr"}))
+      ->check(one_of({"tif", "npy", "fits", "exr"}))
       ->capture_default_str();
   add_flags(*command, arguments->response);
   add_flags(*command, arguments->scene);

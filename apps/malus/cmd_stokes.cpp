@@ -251,7 +251,7 @@ void add_stokes(CLI::App& app, Common& common) {
   command->add_option("RAW", arguments->inputs, "polarization mosaics")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--format", arguments->format, "ending of the data files")
-      ->check(CLI::IsMember({"exr", "tif", "npy", "fits"}))
+      ->check(one_of({"exr", "tif", "npy", "fits"}))
       ->capture_default_str();
   command->add_flag("!--no-pictures", arguments->pictures, "data files only");
   const std::string confidence =
@@ -275,8 +275,8 @@ void add_stokes(CLI::App& app, Common& common) {
                                  "one value per pixel by demosaicking, instead of one per cell");
   command->add_option("--demosaick", arguments->method, "how --full fills the gaps")
       ->needs(full)
-      ->check(CLI::IsMember(
-          std::vector<std::string>(kDemosaickingNames.begin(), kDemosaickingNames.end())))
+      ->check(
+          one_of(std::vector<std::string>(kDemosaickingNames.begin(), kDemosaickingNames.end())))
       ->capture_default_str();
   arguments->raw.add_to(*command);
   add_flags(*command, arguments->render);

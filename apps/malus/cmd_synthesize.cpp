@@ -276,7 +276,7 @@ void add_synthesize(CLI::App& app, Common& common) {
   command->add_flag("--float", arguments->as_float,
                     "write DN above black, unrounded, instead of the camera's integers");
   command->add_option("--format", arguments->format, "ending of the results")
-      ->check(CLI::IsMember({"tif", "png", "fits", "npy", "exr"}))
+      ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
       ->capture_default_str();
   arguments->raw.add_to(*command, false);
   add_flags(*command, arguments->settings);

@@ -1,10 +1,12 @@
 #include "flags.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 
 #include <charconv>
 #include <limits>
 #include <string_view>
+#include <utility>
 
 namespace malus::app {
 namespace {
@@ -82,6 +84,16 @@ CLI::Validator counting_number(std::uint64_t maximum) {
     const auto value = plain_digits<std::uint64_t>(text);
     return value && *value <= maximum ? std::string()
                                       : whole_number_wanted(std::uint64_t{0}, maximum, text);
+  });
+}
+
+CLI::Validator one_of(std::vector<std::string> choices) {
+  CLI::Validator validator{CLI::IsMember(choices).get_description()};
+  return validator.operation([choices = std::move(choices)](std::string& text) {
+    return std::ranges::find(choices, text) != choices.end()
+               ? std::string()
+               : fmt::format("\"{}\" is not known; {}known: {}", text, did_you_mean(text, choices),
+                             joined(choices));
   });
 }
 

@@ -38,6 +38,10 @@ CLI::Validator counting_number(std::uint64_t maximum);
 /// The number of a frame or scene.
 CLI::Validator frame_number();
 
+/// One of these words; of another the one that was probably meant is told, and all. Described in
+/// --help as CLI::IsMember does.
+CLI::Validator one_of(std::vector<std::string> choices);
+
 /// A text that `read` takes; its InputErrors are told as wrong usage: no file can make such a value
 /// right.
 CLI::Validator accepted_by(std::function<void(const std::string&)> read);
@@ -81,7 +85,7 @@ void add_flags(CLI::App& command, Settings& settings) {
           fmt::format("{} (default: {})", info.help, value ? "on" : "off"));
     } else {
       CLI::Option* option = command.add_option(flag_name(info.name), value, info.help + unit);
-      if (!info.choices.empty()) option->check(CLI::IsMember(info.choices));
+      if (!info.choices.empty()) option->check(one_of(info.choices));
       if (std::isfinite(info.minimum) || std::isfinite(info.maximum))
         option->check(in_range(info.minimum, info.maximum));
       else if constexpr (holds_numbers<Value>())

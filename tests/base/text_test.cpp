@@ -15,7 +15,8 @@ TEST(NearestName, IsNearOrNone) {
   const std::vector<std::string> layouts{"mono",       "bayer-rggb",       "bayer-bggr",
                                          "polar-mono", "polar-bayer-rggb", "polar-bayer-bggr"};
   const std::vector<std::string> keys{"width", "steps", "data", "pictures"};
-  const std::vector<std::string>* where[] = {&commands, &layouts, &keys};
+  const std::vector<std::string> formats{"tif", "png", "exr"};
+  const std::vector<std::string>* where[] = {&commands, &layouts, &keys, &formats};
   const struct {
     int of;
     const char *name, *nearest;
@@ -38,6 +39,8 @@ TEST(NearestName, IsNearOrNone) {
                {2, "widht", "width"},
                {2, "step", "steps"},
                {2, "foo", ""},
+               {3, "tiff2", "tif"},
+               {3, "tifpicture", ""},
                {2, "dtaa", "data"},
                {2, "", ""}};
   for (const auto& [of, name, nearest] : cases) {

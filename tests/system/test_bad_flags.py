@@ -7,6 +7,10 @@ import pytest
 
 @pytest.mark.parametrize("command,flag,words", [
     ("info", "--layout polar-mona", "did you mean polar-mono"), ("info", "--size 9by9", "is not WIDTHxHEIGHT"),
+    ("denoise -o out", "--profile fats", '"fats" is not known; did you mean fast? known: fast, normal, high'),
+    ("denoise -o out", "--format tiff2", "did you mean tif? known: tif, png, exr, npy, fits"),
+    ("stokes -o out --full", "--demosaick bilinaer", "did you mean bilinear? known: "),
+    ("simulate -o out", "--layout polar-mona", "did you mean polar-mono? known: "),
     ("info", "--raw-format mono9", "did you mean mono8"), ("denoise -o out", "--method bm3e", "did you mean bm3d"),
     ("evaluate --noise --reference f.npy --model imx250myr-simulated", "--kind gausian", "gaussian")])
 def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, command, flag, words):

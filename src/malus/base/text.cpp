@@ -50,7 +50,9 @@ std::string nearest_name(std::string_view name, std::span<const std::string> can
         static_cast<std::size_t>(std::ranges::mismatch(meant, lower).in1 - meant.begin());
     const bool related = stem >= kStem && 3 * stem >= 2 * lower.size();
     const bool part = meant.size() >= kPart && lower.find(meant) != std::string::npos;
-    if ((related || part) && (nearest == nullptr || candidate.size() < nearest->size()))
+    const bool longer =
+        lower.size() >= kPart && 2 * lower.size() >= meant.size() && meant.starts_with(lower);
+    if ((related || part || longer) && (nearest == nullptr || candidate.size() < nearest->size()))
       nearest = &candidate;
   }
   return nearest == nullptr ? "" : *nearest;

@@ -9,7 +9,7 @@
 namespace malus {
 
 /// The candidate that was probably meant, case aside: a slip of the keyboard per four letters away
-/// at most; or one that holds the name, or begins alike; empty where none is near.
+/// at most; or one that holds the name, begins it or begins alike; empty where none is near.
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
 
 /// "did you mean info? ", for what follows; empty where none is near. quoted: "info".
