@@ -53,28 +53,24 @@ constexpr ValidationMetric kValidationMetrics[] = {
     {"aolp_circular_deg", "AoLP circular error", "deg"}};
 
 Json validation_table(const Json& run, const Json& last) {
-  Json table{{"title", "Last validation"},
-             {"head", "frames"},
-             {"columns", Json::array()},
-             {"rows", Json::array()}};
+  std::vector<std::pair<std::string, std::string>> columns;
+  for (const auto& [key, metric, unit] : kValidationMetrics)
+    if (last.contains(key)) columns.emplace_back(metric, unit);
+  Json table = record_table("Last validation", "", "frames", columns);
   const auto add_row = [&](const char* name, const Json& score) {
     Json cells = Json::array();
     for (const auto& [key, metric, unit] : kValidationMetrics)
       if (last.contains(key)) cells.push_back(score[key]);
-    table["rows"].push_back({{"name", name}, {"cells", cells}});
+    add_record_row(table, name, cells);
   };
-  for (const auto& [key, metric, unit] : kValidationMetrics)
-    if (last.contains(key)) table["columns"].push_back({{"name", metric}, {"unit", unit}});
   add_row("noisy", run["noisy"]);
   if (run.contains("guide")) add_row("guide", run["guide"]);
   add_row("network", last);
   return table;
 }
 
-std::string validation_text(const Json& line) {
-  const Json& score = line["validation"];
-  std::string text = fmt::format("step {}: image {:.2f} dB", line["step"].get<std::int64_t>(),
-                                 score["image_psnr_db"].get<double>());
+std::string score_text(const std::string& of, const Json& score) {
+  std::string text = fmt::format("{}: image {:.2f} dB", of, score["image_psnr_db"].get<double>());
   if (score.contains("dolp_psnr_db"))
     text += fmt::format(", DoLP {:.2f} dB", score["dolp_psnr_db"].get<double>());
   if (score.contains("aolp_circular_deg"))
@@ -161,8 +157,12 @@ void run_train(const TrainArguments& arguments, const Common& common) {
       run["steps"].get<std::int64_t>(), run["seconds"].get<double>(),
       run.contains("finished_before") ? ", finished before: nothing was left to train" : "");
   text += loss_text(run["log"]);
+  for (const char* before : {"noisy", "guide"})
+    if (run.contains(before)) text += score_text(before, run[before]);
   for (const Json& line : run["log"])
-    if (line.contains("validation")) text += validation_text(line);
+    if (line.contains("validation"))
+      text +=
+          score_text(fmt::format("step {}", line["step"].get<std::int64_t>()), line["validation"]);
   print_result(common, run, text);
 }
 

@@ -86,7 +86,8 @@ def test_a_run_leaves_weights_log_checkpoint_and_report(malus, config, tmp_path)
 
 def test_the_page_shows_what_validation_saw(malus, config, tmp_path):
     text = CONFIG + '[validation]\nscenes = ["scene"]\ncases = ["12:10"]\ncrop = 64\nevery = 3\n'
-    malus("train", config(6, text=text), "-o", tmp_path / "run", "--report", tmp_path / "run.html")
+    told = malus("train", config(6, text=text), "-o", tmp_path / "run", "--report", tmp_path / "run.html").out
+    assert [line.split(":")[0] for line in told.splitlines()[-3:]] == ["noisy", "step 3", "step 6"]
     page = (tmp_path / "run.html").read_text(encoding="utf-8")
     report = json.loads(re.search(r'id="malus-report">(.*?)</script>', page, re.S).group(1))
     pictures = [b for b in report["sections"][0]["blocks"] if b["kind"] == "pictures"]
