@@ -57,7 +57,7 @@ def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
     text = malus(*run).out
     assert weights.read_bytes() == written
     assert text.splitlines()[0] == "| ISO 3200 noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD |"
-    assert "belongs to a run with another contents.pairs" in refused(*run[:-1], "48", "-q")
+    assert "belongs to a run with other files of data.pairs" in refused(*run[:-1], "48", "-q")
     malus(*run, "-q")
     again = malus("experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "out/captures/pairs.json",
                   "--test-pairs", experiments / "out/captures/test-pairs.json", "-o", experiments / "again", "--json").json
@@ -87,7 +87,7 @@ def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, exper
     # Of another camera they would be other trainings, and the finished ones are not taken for them.
     other = experiments / "canon.toml"
     other.write_text((experiments / "denoise-demosaic.toml").read_text().replace("nikon-d850", "canon-5d4"))
-    assert "belongs to a run with another contents.models" in refused(*run[:2], other, *run[3:], "-q")
+    assert "belongs to a run with other files of noise.models" in refused(*run[:2], other, *run[3:], "-q")
 
     frame = out / "captures/case0/0_b_4_short.tif"
     denoise = ["denoise", frame, "--model", "nikon-d850", "--method", out / "physics/weights.safetensors", "-o", experiments / "rgb"]

@@ -171,7 +171,7 @@ def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, confi
 
 
 @pytest.mark.parametrize("second,setting", [(("--set", "train.learning_rate=0.1"), "train.learning_rate"),
-                                            (("--set", "network.width=8"), "network.settings.width"), (("--seed", "7"), "seed")])
+                                            (("--set", "network.width=8"), "network.width"), (("--seed", "7"), "--seed")])
 def test_workers_of_unlike_configurations_do_not_start(malus, config, tmp_path, second, setting):
     lines = []
     for process in start_two(config(3), tmp_path / "run", second=second):
@@ -307,6 +307,29 @@ def test_runs_are_not_replaced_or_mixed(malus, refused, config, tmp_path):
     (out / "checkpoint.safetensors").unlink()
     begun = malus("train", config(2), "-o", out, "--resume", "--force").err
     assert "run: held no checkpoint, training began at step 0" in begun
+
+
+VALIDATED = CONFIG + '[validation]\nscenes = ["scene"]\ncases = ["12:10"]\ncrop = 64\nevery = 3\n'
+
+
+@pytest.mark.parametrize("told,changed", [
+    ("another package.guide: \"none\", now \"bm3d\"", ["package.guide=bm3d"]),
+    ("another network.width: 4, now 2", ["network.width=2"]),
+    ("another data.pool: 3, now 5", ["data.pool=5"]),
+    ("another noise.jitter: 0.2, now 0.0", ["noise.jitter=0"]),
+    ("another train.learning_rate: 0.001, now 0.1", ["train.learning_rate=0.1"]),
+    ("another validation.crop: 64, now 32", ["validation.crop=32"]),
+    ("another validation.cases: [\"12:10\"], now [\"12:20\"]", ["validation.cases=12:20"]),
+    ("another noise.models", ["noise.models=imx250myr-simulated", "package.layout=polar-mono"]),
+    ("another --seed: 0, now 3", ["--seed", "3"])])
+def test_what_another_run_was_of_is_told(malus, refused, config, tmp_path, told, changed):
+    path, out = config(2, text=VALIDATED), tmp_path / "run"
+    malus("train", path, "-o", out)
+    flags = changed if changed[0] == "--seed" else [word for value in changed for word in ("--set", value)]
+    line = refused("train", path, "-o", out, "--resume", *flags)
+    assert f"belongs to a run with {told}" in line and line.endswith("; set it as it was, or train anew with --force or another folder")
+    done = malus("train", path, "-o", out, "--resume", "--set", "validation.every=1", "--set", "data.memory=900")
+    assert "finished before" in done.out
 
 
 def test_a_run_goes_on_with_another_log_and_where_the_rate_allows_longer(malus, refused, config, tmp_path):

@@ -13,7 +13,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr const char* kCheckpointKey = "malus_checkpoint";
-constexpr const char* kStartAgain = "start again without --resume";
+constexpr const char* kStartAgain = "train anew with --force";
 
 // Every tensor of the state under its name in the file.
 template <class Visit>
@@ -29,8 +29,11 @@ void for_each_tensor(TrainingState& state, Visit&& visit) {
   for (auto& item : state.network.named_buffers()) visit("buffers/" + item.key(), item.value());
 }
 
-// What changes nothing in a step. The cosine's rate follows from the number of steps.
+// What changes nothing in a step, nor what a validation sees. The cosine's rate follows from the
+// number of steps.
 void remove_free_settings(Json& description) {
+  if (description.contains("data")) description["data"].erase("memory");
+  if (description.contains("validation")) description["validation"].erase("every");
   if (!description.contains("train")) return;
   Json& train = description["train"];
   for (const char* key : {"log_every", "checkpoint_every", "timeout"}) train.erase(key);
@@ -41,11 +44,12 @@ void require_same_settings(Json now, Json then, const std::string& source) {
   remove_free_settings(now);
   remove_free_settings(then);
   if (now == then) return;
-  const std::string other = first_difference(now, then);
-  throw InputError(
-      source,
-      fmt::format("belongs to a run with another {}", other.empty() ? "configuration" : other),
-      "set it as it was, or start again without --resume");
+  const Difference other = first_difference(now, then);
+  const bool told = !other.now.empty() && !other.then.empty();
+  throw InputError(source,
+                   fmt::format("belongs to a run with {}{}", other.what,
+                               told ? fmt::format(": {}, now {}", other.then, other.now) : ""),
+                   "set it as it was, or train anew with --force or another folder");
 }
 
 }  // namespace

@@ -29,9 +29,10 @@ void save_checkpoint(const TrainingState& state, const nlohmann::json& descripti
                      const std::filesystem::path& path);
 
 /// Fills the state; throws InputError when the file is damaged, or belongs to a run with another
-/// description (the first setting that differs is named). How often the log and checkpoints are
-/// written and how long a silent worker is waited for may differ, and so may the number of steps
-/// where the rate does not follow from it, unless more were made.
+/// description (the first setting that differs is named). How often there is a validation, the log
+/// and checkpoints are written, how much memory examples may take and how long a silent worker is
+/// waited for may differ, and so may the number of steps where the rate does not follow from it,
+/// unless more were made.
 void load_checkpoint(TrainingState& state, const nlohmann::json& description,
                      const std::filesystem::path& path);
 

@@ -9,15 +9,54 @@ namespace {
 
 using Json = nlohmann::json;
 
-std::string first_difference_below(const Json& now, const Json& then, const std::string& at) {
-  if (now == then) return "";
-  if (!now.is_object() || !then.is_object()) return at;
-  for (const auto& [key, value] : now.items())
-    if (const std::string found = first_difference_below(value, then.value(key, Json()),
-                                                         at.empty() ? key : at + "." + key);
-        !found.empty())
+// Where a description's parts are told in the configuration. What follows from others comes after
+// them: a guide makes the network's planes, names of files their contents.
+struct Part {
+  const char *key, *name;
+};
+constexpr Part kParts[] = {{"package", "package"},
+                           {"network", "network"},
+                           {"data", "data"},
+                           {"pictures", "data.pictures"},
+                           {"scenes", "data.scenes"},
+                           {"shards", "data.shards"},
+                           {"pairs", "data.pairs"},
+                           {"tone", "data.tone"},
+                           {"noise", "noise"},
+                           {"train", "train"},
+                           {"begin_with", "train.begin_with"},
+                           {"validation", "validation"},
+                           {"validation_scenes", "validation.scenes"},
+                           {"cases", "validation.cases"},
+                           {"seed", "--seed"}};
+constexpr Part kContents[] = {
+    {"models", "noise.models"},        {"pictures", "data.pictures"},
+    {"scenes", "data.scenes"},         {"shards", "data.shards"},
+    {"pairs", "data.pairs"},           {"validation_scenes", "validation.scenes"},
+    {"begin_with", "train.begin_with"}};
+
+Json value_at(const Json& object, const std::string& key) {
+  return object.is_object() ? object.value(key, Json()) : Json();
+}
+
+std::string short_text(const Json& value) {
+  constexpr std::size_t kMost = 40;
+  std::string text = value.is_null() ? "none" : value.dump();
+  return text.size() <= kMost ? text : "";
+}
+
+Difference difference_below(const Json& now, const Json& then, const std::string& name) {
+  if (now == then) return {};
+  Json keys = now.is_object() ? now : Json::object();
+  if (then.is_object()) keys.update(then);
+  for (const auto& [key, value] : keys.items()) {
+    // The table of a configuration has no part called settings.
+    const std::string below = key == "settings" ? name : name + "." + key;
+    if (Difference found = difference_below(value_at(now, key), value_at(then, key), below);
+        !found.what.empty())
       return found;
-  return at;
+  }
+  return {"another " + name, short_text(now), short_text(then)};
 }
 
 // Worker 0's text on all of them.
@@ -35,8 +74,16 @@ std::string text_of_leader(Workers& workers, std::string text, const torch::Devi
 
 }  // namespace
 
-std::string first_difference(const Json& now, const Json& then) {
-  return first_difference_below(now, then, "");
+Difference first_difference(const Json& now, const Json& then) {
+  for (const auto& [key, name] : kParts)
+    if (Difference found = difference_below(value_at(now, key), value_at(then, key), name);
+        !found.what.empty())
+      return found;
+  const Json files = value_at(now, "contents"), others = value_at(then, "contents");
+  for (const auto& [key, name] : kContents)
+    if (value_at(files, key) != value_at(others, key))
+      return {fmt::format("other files of {}", name), "", ""};
+  return now == then ? Difference{} : Difference{"another configuration", "", ""};
 }
 
 void require_same_run(Workers& workers, const Json& description, const torch::Device& device) {
@@ -49,10 +96,9 @@ void require_same_run(Workers& workers, const Json& description, const torch::De
   const std::string who = fmt::format("worker {} of {}", workers.rank(), workers.size());
   constexpr const char* kAdvice = "start all with the same configuration, --set and --seed";
   if (!differs) throw InputError(who, "another worker has another configuration", kAdvice);
-  const std::string setting = first_difference(description, leaders);
-  throw InputError(
-      who, fmt::format("has another {} than worker 0", setting.empty() ? "configuration" : setting),
-      kAdvice);
+  throw InputError(who,
+                   fmt::format("has {} than worker 0", first_difference(description, leaders).what),
+                   kAdvice);
 }
 
 }  // namespace malus

@@ -9,8 +9,13 @@
 
 namespace malus {
 
-/// The path ("train.batch") of the first value of `now` that is another in `then`, "" when none is.
-std::string first_difference(const nlohmann::json& now, const nlohmann::json& then);
+/// A setting that is not the same in two descriptions (config_json), by its name in the
+/// configuration: "another train.batch", "other files of data.pictures", "another --seed".
+struct Difference {
+  std::string what;       ///< empty: there is none
+  std::string now, then;  ///< its values; empty where they say nothing, or too much for a line
+};
+Difference first_difference(const nlohmann::json& now, const nlohmann::json& then);
 
 /// All workers call it with the descriptions of their own runs. Throws InputError on every one of
 /// them when a description is not worker 0's; the worker whose own it is names the setting.
