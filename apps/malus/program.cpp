@@ -159,6 +159,18 @@ std::string unknown_flag(const CLI::App& command) {
   return {};
 }
 
+// CLI11's words for values that are missing, or more than one: "--gain: At Most 1 required but
+// received 2", "--gain: 1 required FLOAT missing".
+std::string plain_words(const std::string& said) {
+  constexpr std::string_view kTwice = ": At Most 1 required but received ", kNone = ": 1 required ";
+  if (const auto at = said.find(kTwice); at != std::string::npos)
+    return fmt::format("{}: is given {} times; give it once", said.substr(0, at),
+                       said.substr(at + kTwice.size()));
+  if (const auto at = said.find(kNone); at != std::string::npos && said.ends_with(" missing"))
+    return said.substr(0, at) + ": has no value; give one after it";
+  return said;
+}
+
 // CLI11 says no more than that a subcommand is missing, also where a word was meant to be one, and
 // what it did not expect.
 std::string usage_problem(const CLI::App& program, const CLI::ParseError& error) {
@@ -170,7 +182,7 @@ std::string usage_problem(const CLI::App& program, const CLI::ParseError& error)
   for (const CLI::App* command : at->get_subcommands([](const CLI::App*) { return true; }))
     commands.push_back(command->get_name());
   if (commands.empty() || dynamic_cast<const CLI::RequiredError*>(&error) == nullptr)
-    return error.what();
+    return plain_words(error.what());
   const auto words = at->remaining();
   if (words.empty()) return "a command is missing; there are " + joined(commands);
   return fmt::format("{}: is no command; {}there are {}", words.front(),

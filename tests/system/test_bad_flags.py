@@ -25,6 +25,8 @@ def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, c
     (["denoise", "f.npy", "-o", "out", "--methd", "bm3d"], "--methd: is no flag of denoise; did you mean --method? "),
     (["evaluate", "--nosie"], "--nosie: is no flag of evaluate; did you mean --noise? "),  # before what is missing
     (["info", "f.npy", "--layuot=mono"], "--layuot: is no flag of info; did you mean --layout? "),
+    (["info", "f.npy", "--gain"], "--gain: has no value; give one after it"),
+    (["info", "f.npy", "--seed", "1", "--seed", "2"], "--seed: is given 2 times; give it once"),
     (["info", "f.npy", "--verbose"], "--verbose: is no flag of info; `malus info --help`"),
     (["model", "show", "imx250myr"], "did you mean imx250myr-simulated? "), (["model", "show", "none.h5"], "does not exist; check"),
     (["model", "sho"], "did you mean show? "), (["help"], "help: is no command; there are info, ")])
