@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from conftest import BUILD, PROGRAM, ROOT, needs_networks
-from weight_files import unet_package
+from test_training import tensors
+from weight_files import unet_package, unet_weights, write_safetensors
 
 MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]
 
@@ -263,6 +264,25 @@ def test_truncated_and_missing_weight_files_are_refused(refused, noisy, tmp_path
         assert "w.safetensors" in refused("denoise", noisy, "--method", weights, *MODEL, "-o", tmp_path / "out")
     assert "none.safetensors" in refused("denoise", noisy, "--method", tmp_path / "none.safetensors", *MODEL,
                                          "-o", tmp_path / "out")
+
+
+def test_weights_in_a_plain_safetensors_file_are_imported(malus, refused, tmp_path):
+    written = unet_weights(16, 16, 4, 1.0)
+    write_safetensors(tmp_path / "public.safetensors", written, {"format": "pt"})
+    run = ["model", "import-weights", tmp_path / "public.safetensors", "--architecture", "unet", "-o", tmp_path / "w.safetensors"]
+    assert malus(*run, "--settings", '{"width": 4}', "--json").json["parameters"] == sum(w.size for w in written.values())
+    read, metadata = tensors(tmp_path / "w.safetensors")
+    assert read.keys() == written.keys() and all(np.array_equal(read[name], written[name]) for name in written)
+    assert json.loads(metadata["malus_package"])["settings"]["domain"] == "linear"
+    assert "holds 122,268 values" in refused(*run, "--settings", '{"width": 8}', "--force")
+    assert '"domain" is "linaer"; did you mean "linear"?' in refused(*run, "--package", '{"domain": "linaer"}', "--force")
+    assert '"layuot" is not known; did you mean "layout"?' in refused(*run, "--package", '{"layuot": "mono"}', "--force")
+
+
+def test_a_checkpoint_is_not_taken_for_weights(refused, noisy, tmp_path):
+    write_safetensors(tmp_path / "checkpoint.safetensors", unet_weights(16, 16, 4), {"malus_checkpoint": "{}"})
+    line = refused("denoise", noisy, "--method", tmp_path / "checkpoint.safetensors", *MODEL, "-o", tmp_path / "out")
+    assert "is a checkpoint" in line and "weights.safetensors" in line
 
 
 def test_another_layout_too_little_memory_and_what_networks_do_not_do(malus, refused, noisy, tmp_path):

@@ -12,8 +12,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kCheckpointKey = "malus_checkpoint";
-constexpr const char* kStartAgain = "train anew with --force";
+constexpr const char* kStartAgain = "train anew: without --resume, with --force";
 
 // Every tensor of the state under its name in the file.
 template <class Visit>
@@ -45,11 +44,8 @@ void require_same_settings(Json now, Json then, const std::string& source) {
   remove_free_settings(then);
   if (now == then) return;
   const Difference other = first_difference(now, then);
-  const bool told = !other.now.empty() && !other.then.empty();
-  throw InputError(source,
-                   fmt::format("belongs to a run with {}{}", other.what,
-                               told ? fmt::format(": {}, now {}", other.then, other.now) : ""),
-                   "set it as it was, or train anew with --force or another folder");
+  throw InputError(source, fmt::format("belongs to a run with {}{}", other.what, other.values()),
+                   "set it as it was, or train in another folder");
 }
 
 }  // namespace

@@ -11,6 +11,9 @@
 
 namespace malus {
 
+/// In the metadata of a checkpoint, and of no other weight file.
+inline constexpr const char* kCheckpointKey = "malus_checkpoint";
+
 /// The moving parts of a training run. Random numbers need no state: they are functions of the seed
 /// and the step.
 struct TrainingState {

@@ -1,6 +1,7 @@
 #include "malus/neural/initial_network.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/same_run.h"
 
 #include <cmath>
 
@@ -39,12 +40,13 @@ void begin_with_base(Network& network, const NetworkDescription& description) {
 // That of another run, which takes and gives the same.
 std::shared_ptr<Network> network_of_another_run(const TrainingConfig& config) {
   const LoadedPackage from = load_package(config.begin_with);
-  if (package_text(from.package) != package_text(config.package))
-    throw InputError(
-        config.begin_with.string(),
-        "holds another network, or one that takes or gives something else, than " +
-            config.source.string() + " asks for",
-        "make [network] and [package] those of the weights: " + package_text(from.package));
+  if (const Difference other =
+          first_difference(package_json(config.package), package_json(from.package));
+      !other.what.empty())
+    throw InputError(config.begin_with.string(),
+                     fmt::format("is of {} than {} asks for{}", other.what, config.source.string(),
+                                 other.values("not")),
+                     "make [network] and [package] those of the weights");
   from.network->train();
   return from.network;
 }

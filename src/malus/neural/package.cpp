@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/neural/checkpoint.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/noise_flow_file.h"
 #include "malus/neural/trained_light.h"
@@ -126,11 +127,11 @@ NetworkDescription fitted_network(NetworkDescription network, const PackageSetti
   return network;
 }
 
-std::string package_text(const NetworkPackage& package) {
-  return Json{{"network", package.network.architecture},
-              {"settings", full_settings(package.network)},
-              {"package", settings_json(package.settings)}}
-      .dump();
+Json package_json(const NetworkPackage& package) {
+  return {{"network",
+           {{"architecture", package.network.architecture},
+            {"settings", full_settings(package.network)}}},
+          {"package", settings_json(package.settings)}};
 }
 
 TensorFile package_file(const NetworkPackage& package, const Network& network) {
@@ -147,6 +148,9 @@ TensorFile package_file(const NetworkPackage& package, const Network& network) {
 namespace {
 
 NetworkPackage described_package(const TensorFile& file, const std::string& source) {
+  if (file.metadata.contains(kCheckpointKey))
+    throw InputError(source, "is a checkpoint, which a training goes on from",
+                     "give weights.safetensors or best.safetensors of its folder");
   const auto text = [&](const char* key) {
     const auto found = file.metadata.find(key);
     if (found == file.metadata.end())

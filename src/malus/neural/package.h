@@ -100,8 +100,8 @@ NetworkDescription fitted_network(NetworkDescription network, const PackageSetti
 TensorFile package_file(const NetworkPackage& package, const Network& network);
 NetworkPackage package_of(const TensorFile& file, const std::string& source);
 
-/// Network and settings in one line: packages with the same line take and give the same.
-std::string package_text(const NetworkPackage& package);
+/// Network and settings, as a configuration has them: packages of the same take and give the same.
+nlohmann::json package_json(const NetworkPackage& package);
 
 struct LoadedPackage {
   NetworkPackage package;

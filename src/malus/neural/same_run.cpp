@@ -74,6 +74,10 @@ std::string text_of_leader(Workers& workers, std::string text, const torch::Devi
 
 }  // namespace
 
+std::string Difference::values(const char* word) const {
+  return now.empty() || then.empty() ? "" : fmt::format(": {}, {} {}", then, word, now);
+}
+
 Difference first_difference(const Json& now, const Json& then) {
   for (const auto& [key, name] : kParts)
     if (Difference found = difference_below(value_at(now, key), value_at(then, key), name);

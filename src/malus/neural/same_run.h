@@ -14,6 +14,7 @@ namespace malus {
 struct Difference {
   std::string what;       ///< empty: there is none
   std::string now, then;  ///< its values; empty where they say nothing, or too much for a line
+  std::string values(const char* word = "now") const;  ///< ": 2, now 4", or nothing
 };
 Difference first_difference(const nlohmann::json& now, const nlohmann::json& then);
 

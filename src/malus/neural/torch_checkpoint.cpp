@@ -2,11 +2,13 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/neural/json_text.h"
 #include "malus/neural/named_networks.h"
 #include "malus/neural/package.h"
 #include "malus/weights/torch_archive.h"
 
+#include <algorithm>
 #include <cstring>
 
 #include <fmt/format.h>
@@ -42,10 +44,10 @@ PackageSettings package_settings(const Json& wanted) {
   settings.domain = "linear";
   settings.noise_input = settings.guide = "none";
   settings.residual = settings.row_noise = false;
-  std::string known;
+  std::vector<std::string> known;
   std::size_t used = 0;
   PackageSettings::describe(settings, [&](auto& value, const ParameterInfo& info) {
-    known += (known.empty() ? "" : ", ") + info.name;
+    known.push_back(info.name);
     if (!wanted.contains(info.name)) return;
     const Json& given = wanted.at(info.name);
     if (given.is_boolean() != std::is_same_v<std::decay_t<decltype(value)>, bool> ||
@@ -53,11 +55,19 @@ PackageSettings package_settings(const Json& wanted) {
       throw InputError("--package", fmt::format("\"{}\" is {}", info.name, given.dump()),
                        info.help);
     value = given.get<std::decay_t<decltype(value)>>();
+    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
+      if (!info.choices.empty() &&
+          std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
+        throw InputError(
+            "--package", fmt::format("\"{}\" is \"{}\"", info.name, value),
+            did_you_mean(value, info.choices, true) + "known: " + joined(info.choices));
     ++used;
   });
   if (used != wanted.size())
-    throw InputError("--package", wanted.dump() + " names a setting that is not known",
-                     "the settings are " + known);
+    for (const auto& [name, value] : wanted.items())
+      if (std::find(known.begin(), known.end(), name) == known.end())
+        throw InputError("--package", fmt::format("\"{}\" is not known", name),
+                         did_you_mean(name, known, true) + "known: " + joined(known));
   return settings;
 }
 
@@ -66,6 +76,12 @@ PackageSettings package_settings(const Json& wanted) {
 TensorFile read_torch_checkpoint(const std::filesystem::path& path) {
   const std::vector<std::byte> bytes = read_weight_file(path);
   TensorFile file;
+  if (path.extension() == ".safetensors") {
+    for (const auto& [name, stored] : parse_tensor_file(bytes, path.string()).tensors)
+      file.tensors[name] =
+          stored.dtype == "I64" ? stored : from_torch(to_torch(stored).to(torch::kFloat));
+    return file;
+  }
   for (const ArchivedTensor& archived : parse_torch_archive(bytes, path.string())) {
     const auto tensor = tensor_of(archived);
     file.tensors[archived.name] =

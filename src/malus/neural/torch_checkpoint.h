@@ -1,5 +1,5 @@
 // Weights from the files that PyTorch's torch.save writes (.pth, .pt), read without running
-// anything in them.
+// anything in them, and from safetensors files without a package of ours.
 #pragma once
 
 #include "malus/weights/safetensors.h"
@@ -12,7 +12,8 @@
 namespace malus {
 
 /// The tensors of a saved state dict, as float32 and I64, by name; where they are looked for:
-/// malus/weights/torch_archive.h. Throws InputError, also on files older than PyTorch 1.6 (no zip).
+/// malus/weights/torch_archive.h; of a .safetensors file all. Throws InputError, also on files
+/// older than PyTorch 1.6 (no zip).
 TensorFile read_torch_checkpoint(const std::filesystem::path& path);
 
 struct ImportRequest {
