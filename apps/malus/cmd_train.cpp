@@ -117,6 +117,10 @@ std::string loss_text(const Json& log) {
   for (const Json& line : log)
     if (line.contains("base_loss"))
       losses.emplace_back(line["loss"].get<double>(), line["base_loss"].get<double>());
+  if (!log.empty() && log.back().contains("log_likelihood"))  // a noise-flow's
+    return fmt::format("log-likelihood of a noisy pixel {:.4g} nats, at the start {:.4g}\n",
+                       log.back()["log_likelihood"].get<double>(),
+                       log.front()["log_likelihood"].get<double>());
   if (losses.empty()) return {};
   const std::size_t first = losses.size() - (losses.size() + 4) / 5;
   double loss = 0, base = 0;

@@ -82,11 +82,20 @@ TEST(Validation, ScoresWhatDenoisingGives) {
       EXPECT_LT(correction, 0.05);
     else
       EXPECT_GT(correction, 5);
-    const ValidationScore score = validation.score(*network, package);
+    const ValidationScore score = validation.score(*network, package, silent_progress());
     EXPECT_NEAR(score.image_psnr_db, validation.guide_score().image_psnr_db,
                 brightest < 1 ? 1e-4 : 3.0)
         << brightest;
   }
+}
+
+TEST(Validation, StopsWhereAsked) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  const TrainingConfig config = guided_config(scene);
+  const Validation validation(config, kSeed, silent_progress());
+  const auto network = make_network(config.package.network);
+  EXPECT_THROW(validation.score(*network, config.package, testing::StopAfter(0)), Cancelled);
 }
 
 }  // namespace

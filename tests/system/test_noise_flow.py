@@ -1,6 +1,7 @@
 """Noise Flow from the command line: trained on pairs, drawn from, compared with the truth."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -41,6 +42,13 @@ def pairs(tmp_path):
         np.save(tmp_path / f"noisy_{k}.npy", (noisy + BLACK).round().clip(0, WHITE).astype(np.uint16))
     (tmp_path / "flow.toml").write_text(CONFIG)
     return tmp_path
+
+
+def test_what_came_of_it_is_printed_and_several_processes_are_refused(malus, refused, pairs):
+    short = ["train", pairs / "flow.toml", "--set", "train.steps=2", "-o", pairs / "short"]
+    assert "log-likelihood of a noisy pixel" in malus(*short).out
+    line = refused(*short, "--force", env={**os.environ, "RANK": "0", "WORLD_SIZE": "2"})
+    assert "by one process" in line
 
 
 @pytest.fixture
@@ -113,7 +121,10 @@ def test_what_a_flow_cannot_do_is_refused(refused, trained):
 
 
 @pytest.mark.parametrize("old,new,word", [("couplings", "cuplings", "couplings"), ("clean.npy", "none.npy", "none.npy"),
-                                          ("black = 64", "black = [1, 2]", "black"), ("noisy_*", "nosy_*", "noisy")])
+                                          ("black = 64", "black = [1, 2]", "black"), ("noisy_*", "nosy_*", "noisy"),
+                                          ("noise-flow", "noise-flwo", 'bad.toml:3: architecture in [network] is "noise-flwo"; did you mean "noise-flow"?'),
+                                          ("bayer-rggb", "bayer-rgbg", "bad.toml:5: layout in [sensor]"),
+                                          (CONFIG[CONFIG.index("[[pairs]]"):CONFIG.index("[train]")], "", "bad.toml:1: pairs in the training configuration is missing")])
 def test_bad_configurations_are_refused(refused, pairs, old, new, word):
     (pairs / "bad.toml").write_text(CONFIG.replace(old, new))
     assert word in refused("train", pairs / "bad.toml", "-o", pairs / "bad")

@@ -39,9 +39,9 @@ def step_of(folder):
     return json.loads(tensors(checkpoint)[1]["malus_checkpoint"])["step"]
 
 
-def start(*arguments, **environment):
+def start(*arguments, quiet=True, **environment):
     return subprocess.Popen(
-        [PROGRAM, "train", *map(str, arguments), "-q", "--threads", "1"],
+        [PROGRAM, "train", *map(str, arguments), *(["-q"] if quiet else []), "--threads", "1"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -119,12 +119,13 @@ def test_killed_at_any_instant_it_goes_on_to_the_same_bits(malus, config, tmp_pa
 
 def test_an_interrupt_stops_after_a_step_with_a_checkpoint(malus, config, tmp_path):
     path, out = config(100000, 2), tmp_path / "run"
-    process = start(path, "-o", out)
+    process = start(path, "-o", out, quiet=False)
     wait_for_step(process, out, 2)
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     reached = step_of(out)
+    assert f"run: a checkpoint of step {reached} of 100000; --resume goes on from it" in err
     assert [json.loads(line)["step"] for line in (out / "log.jsonl").read_text().splitlines()][-1] == reached
 
 
@@ -282,6 +283,10 @@ def test_two_hosts_train_together(malus, config, tmp_path):
         ("levels = 2", "levels = 40", 'config.toml:3: architecture in [network]: settings of unet: "levels"'),
         ("batch = 4", 'device = "cuda"\nprecision = "half"', "precision"),
         ("[train]", "[train", "config.toml"),
+        ("batch = 4", "batch = 1.5", "config.toml:23: batch in [train] is not a whole number in plain digits; give 1 to 65536"),
+        ('["scene"]', "[]", "config.toml:10: scenes in [data] is an empty list"),
+        ('scenes = ["scene"]', 'scenes = ["scene"]\ntone = "srbg"', 'did you mean "srgb"? known: auto, srgb, linear'),
+        ("[train]", '[validation]\nscenes = ["scene"]\ncases = ["90:10"]\n[train]', "config.toml: 90 dB: outside the calibrated range"),
         ("[noise]", "exposure_low = 3\n[noise]", "exposure_high"),
         ("[train]", '[validation]\ncases = ["12:10"]\n[train]', "scenes"),
     ],
@@ -327,7 +332,7 @@ def test_what_another_run_was_of_is_told(malus, refused, config, tmp_path, told,
     malus("train", path, "-o", out)
     flags = changed if changed[0] == "--seed" else [word for value in changed for word in ("--set", value)]
     line = refused("train", path, "-o", out, "--resume", *flags)
-    assert f"belongs to a run with {told}" in line and line.endswith("; set it as it was, or train anew with --force or another folder")
+    assert f"belongs to a run with {told}" in line and line.endswith("; set it as it was, or train in another folder")
     done = malus("train", path, "-o", out, "--resume", "--set", "validation.every=1", "--set", "data.memory=900")
     assert "finished before" in done.out
 

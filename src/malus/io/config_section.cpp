@@ -181,6 +181,7 @@ std::vector<std::string> ConfigSection::texts(std::string_view key) const {
   if (!node) return {};
   if (const auto* one = node->as_string()) return {one->get()};
   std::vector<std::string> values;
+  if (is_empty_list(key)) fail(key, "is an empty list", "name one or more, or leave it out");
   if (const toml::array* list = node->as_array())
     for (const auto& element : *list) {
       if (!element.is_string()) fail(key, "holds something else than text", "put it in quotes");
@@ -250,6 +251,16 @@ std::vector<ConfigSection> ConfigSection::sections(std::string_view key) const {
 }
 
 const std::string& ConfigSection::source() const { return table_->source; }
+
+int ConfigSection::whole_value(const ParameterInfo& info) const {
+  const auto value = table_->at->get(info.name)->value_exact<std::int64_t>();
+  if (!value)
+    fail(info.name, "is not a whole number in plain digits",
+         fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+  check_number(info, static_cast<double>(*value));
+  if (!std::in_range<int>(*value)) fail(info.name, "is too large", "give 9 digits at most");
+  return static_cast<int>(*value);
+}
 
 void ConfigSection::check_number(const ParameterInfo& info, double value) const {
   if (!(value >= info.minimum && value <= info.maximum))  // nor NaN

@@ -73,6 +73,7 @@ class ConfigSection {
   struct Table;
   explicit ConfigSection(std::shared_ptr<const Table> table) : table_(std::move(table)) {}
   bool is_empty_list(std::string_view key) const;
+  int whole_value(const ParameterInfo& info) const;
   void check_number(const ParameterInfo& info, double value) const;
   void check_choice(const ParameterInfo& info, const std::string& value) const;
 
@@ -92,8 +93,7 @@ class ConfigSection {
       value = text(info.name).value_or(value);
       check_choice(info, value);
     } else if constexpr (std::is_integral_v<Value>) {
-      value = static_cast<Value>(whole_number(info.name, -2147483647, 2147483647).value_or(0));
-      check_number(info, static_cast<double>(value));
+      value = whole_value(info);
     } else if constexpr (std::is_floating_point_v<Value>) {
       value = static_cast<Value>(number(info.name).value_or(0));
       check_number(info, static_cast<double>(value));

@@ -24,6 +24,26 @@ std::int64_t below(RandomSequence& random, std::int64_t count) {
 
 }  // namespace
 
+PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu) {
+  if (config.train.batch % workers.size() != 0)
+    throw InputError(config.source.string(),
+                     fmt::format("batch = {} cannot be shared by {} workers evenly",
+                                 config.train.batch, workers.size()),
+                     "use a multiple of their number");
+  const SensorLayout layout = config.package.layout();
+  PoolShape shape;
+  shape.batch = config.train.batch;
+  shape.places = config.train.batch / workers.size();
+  shape.first_place = workers.rank() * shape.places;
+  shape.pool = config.data.pool;
+  shape.refresh = config.data.refresh;
+  shape.patch_rows = config.data.patch / layout.rows();
+  shape.patch_cols = config.data.patch / layout.cols();
+  // The steps of a CPU need the cores themselves.
+  if (on_gpu) shape.makers = std::max(1, thread_count() - 2);
+  return shape;
+}
+
 TrainingExample make_example(const RawPair& pair, const NetworkPackage& package) {
   const torch::NoGradGuard no_gradients;
   const PackageSettings& settings = package.settings;

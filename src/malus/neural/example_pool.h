@@ -7,6 +7,7 @@
 #pragma once
 
 #include "malus/neural/raw_pairs.h"
+#include "malus/neural/workers.h"
 
 #include <condition_variable>
 #include <deque>
@@ -42,6 +43,9 @@ struct PoolShape {
   std::int64_t patch_rows = 32, patch_cols = 32;  ///< in planes
   int makers = 1;                                 ///< threads that make examples
 };
+
+/// Of a training by these workers. Throws InputError where they cannot share its batch evenly.
+PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu);
 
 class ExamplePool {
  public:

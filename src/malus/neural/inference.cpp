@@ -86,7 +86,8 @@ constexpr double kSmallShare = 0.01;
 std::string brighter_than_training(const std::string& frame, double share,
                                    const NetworkPackage& package) {
   return fmt::format(
-      "{}: {:.0f} % of it are brighter against their noise than what the network was trained with; "
+      "{}: {:.0f} % of its pixels are brighter against their noise than what the network was "
+      "trained with; "
       "{}",
       frame, 100 * share,
       package.corrects_guide()

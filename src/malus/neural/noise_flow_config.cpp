@@ -19,7 +19,8 @@ NoiseFlowSensor read_sensor(const ConfigSection& section) {
   NoiseFlowSensor sensor;
   const auto layout = section.text("layout");
   if (!layout) section.fail("layout", "is missing", "name the sensor's layout");
-  const auto channels = static_cast<std::size_t>(SensorLayout::named(*layout).channels());
+  const auto channels = section.naming(
+      "layout", [&] { return static_cast<std::size_t>(SensorLayout::named(*layout).channels()); });
   sensor.layout = *layout;
   sensor.black_dn = section.numbers("black");
   if (sensor.black_dn.size() == 1) sensor.black_dn.assign(channels, sensor.black_dn.front());
@@ -80,6 +81,8 @@ NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config,
   NoiseFlowSettings training;
   if (const auto train = root.section("train")) train->read(training);
   std::vector<NoiseFlowPair> pairs;
+  if (!root.has("pairs"))
+    root.fail("pairs", "is missing", "add a [[pairs]] table with noisy and clean frames");
   for (const ConfigSection& section : root.sections("pairs"))
     for (NoiseFlowPair& pair : read_pairs(section, sensor)) pairs.push_back(std::move(pair));
   return train_noise_flow(sensor, pairs, training, seed, progress);

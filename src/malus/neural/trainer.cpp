@@ -1,7 +1,6 @@
 #include "malus/neural/trainer.h"
 
 #include "malus/base/error.h"
-#include "malus/base/parallel.h"
 #include "malus/base/stopwatch.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
@@ -28,27 +27,6 @@ namespace {
 
 using OrderedJson = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-PoolShape pool_shape(const TrainingConfig& config, const Workers& workers,
-                     const torch::Device& device) {
-  if (config.train.batch % workers.size() != 0)
-    throw InputError(config.source.string(),
-                     fmt::format("batch = {} cannot be shared by {} workers evenly",
-                                 config.train.batch, workers.size()),
-                     "use a multiple of their number");
-  const SensorLayout layout = config.package.layout();
-  PoolShape shape;
-  shape.batch = config.train.batch;
-  shape.places = config.train.batch / workers.size();
-  shape.first_place = workers.rank() * shape.places;
-  shape.pool = config.data.pool;
-  shape.refresh = config.data.refresh;
-  shape.patch_rows = config.data.patch / layout.rows();
-  shape.patch_cols = config.data.patch / layout.cols();
-  // The steps of a CPU need the cores themselves.
-  if (device.is_cuda()) shape.makers = std::max(1, thread_count() - 2);
-  return shape;
-}
 
 // What one step tells.
 struct StepFigures {
@@ -94,7 +72,7 @@ class Trainer {
           made.target = made.target.to(device_);
           return made;
         },
-        pool_shape(config_, workers_, device_), options_.seed, state_.step);
+        pool_shape(config_, workers_, device_.is_cuda()), options_.seed, state_.step);
     progress_.begin("training", config_.train.steps);
     progress_.advance(state_.step);
     const double before = state_.seconds;
@@ -195,8 +173,10 @@ class Trainer {
     try {
       return step(pool);
     } catch (const Cancelled&) {
-      if (leader() && state_.step > 0)
+      if (leader() && state_.step > 0) {
         save_checkpoint(state_, description_, file("checkpoint.safetensors"));
+        say_that_it_stops();
+      }
       throw;
     }
   }
@@ -286,9 +266,16 @@ class Trainer {
     if (leader() &&
         (state_.step % train.checkpoint_every == 0 || validates || last || figures.stop))
       save_checkpoint(state_, description_, file("checkpoint.safetensors"));
+    const bool stops = figures.stop && !last;
+    if (leader() && stops) say_that_it_stops();
     if (leader() && validates) validate(validation);
-    if (figures.stop && !last) throw Cancelled();
+    if (stops) throw Cancelled();
     if (validates) wait_for_leader();
+  }
+
+  void say_that_it_stops() {
+    progress_.note(fmt::format("{}: a checkpoint of step {} of {}; --resume goes on from it",
+                               options_.folder.string(), state_.step, config_.train.steps));
   }
 
   bool validation_due(const Validation& validation) const {
@@ -323,7 +310,9 @@ class Trainer {
     {
       const AveragedWeights in_force = averaged();
       network_->eval();
-      score = validation.score(*network_, package());
+      // The others learn of a stop at the next step.
+      score = validation.score(*network_, package(),
+                               workers_.size() == 1 ? progress_ : silent_progress());
       network_->train();
     }
     const OrderedJson json = json_of(score);

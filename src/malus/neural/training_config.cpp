@@ -7,6 +7,7 @@
 #include "malus/neural/contents.h"
 #include "malus/neural/json_text.h"
 #include "malus/neural/named_networks.h"
+#include "malus/neural/noise_flow_file.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/light_case.h"
 
@@ -56,8 +57,7 @@ std::vector<fs::path> matches(const ConfigSection& section, const char* key,
   return all;
 }
 
-// The network's own settings are those of its architecture, by the kinds of their defaults.
-NetworkDescription read_network(const ConfigSection& section) {
+NamedNetwork named_architecture(const ConfigSection& section) {
   if (!section.has("architecture"))
     section.fail("architecture", "is missing", "name one, e.g. \"unet\"");
   const NamedNetwork named = network_of_name(*section.text("architecture"));
@@ -65,9 +65,16 @@ NetworkDescription read_network(const ConfigSection& section) {
   if (std::find(names.begin(), names.end(), named.architecture) == names.end()) {
     for (const NamedNetwork& size : named_networks())
       if (size.name != size.architecture) names.push_back(size.name);
+    names.push_back(kNoiseFlowArchitecture);  // whose configurations are read elsewhere
     section.fail("architecture", fmt::format("is \"{}\"", named.name),
                  did_you_mean(named.name, names, true) + "known: " + joined(names));
   }
+  return named;
+}
+
+// The network's own settings are those of its architecture, by the kinds of their defaults.
+NetworkDescription read_network(const ConfigSection& section) {
+  const NamedNetwork named = named_architecture(section);
   NetworkDescription network{named.architecture, named.settings};
   const Json defaults = default_network_settings(network.architecture);
   std::vector<std::string> known{"architecture"};
@@ -179,6 +186,8 @@ Json json_of(const std::vector<fs::path>& paths) {
 TrainingConfig load_training_config(const fs::path& path, const TrainingOverrides& overrides) {
   const ConfigSection root =
       ConfigSection::load(path, "the training configuration", overrides.settings);
+  // First: which tables there are follows from it.
+  if (const auto section = root.section("network")) named_architecture(*section);
   root.require_known({"network", "package", "data", "noise", "train", "validation"});
   const fs::path folder = path.parent_path();
   TrainingConfig config;
@@ -209,8 +218,10 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
     config.pairs = matches(*data, "pairs", folder);
   }
   config.tone = data->text("tone").value_or("auto");
-  if (config.tone != "auto" && config.tone != "srgb" && config.tone != "linear")
-    data->fail("tone", fmt::format("\"{}\" is not known", config.tone), "use auto, srgb or linear");
+  const std::vector<std::string> tones{"auto", "srgb", "linear"};
+  if (std::find(tones.begin(), tones.end(), config.tone) == tones.end())
+    data->fail("tone", fmt::format("\"{}\" is not known", config.tone),
+               did_you_mean(config.tone, tones, true) + "known: " + joined(tones));
   config.models = overrides.models;
   read_noise(*noise, folder, config);
   // The Stokes part of the loss needs polarizer angles.

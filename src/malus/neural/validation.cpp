@@ -5,6 +5,7 @@
 #include "malus/image/middle.h"
 #include "malus/io/picture_file.h"
 #include "malus/neural/clean_scenes.h"
+#include "malus/neural/named_source.h"
 #include "malus/polar/demosaick.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -71,12 +72,14 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
       SynthesisSettings synthesis = config.synthesis;
       synthesis.ratio = shot.ratio;
       const GainSetting gain = model.gain_setting(shot.gain);
+      const NoiseProfile profile = naming_source(config.source.string(), [&] {
+        return camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
+      });
       const Synthesizer synthesizer(camera, synthesis);
       RawFrame noisy = synthesizer.draw_raw(
           clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number++),
           camera.black_dn, camera.white_dn);
       noisy.source = folder.string();
-      const NoiseProfile profile = camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
       frames_.push_back(
           {prepare_network_frame(std::move(noisy), profile, config.package.settings, {}, shot.ratio,
                                  silent_progress(), {.variance = config.package.corrects_guide()}),
@@ -110,15 +113,18 @@ Image Validation::result(const Frame& frame, Network& network,
   return mosaic;
 }
 
-ValidationScore Validation::score(Network& network, const NetworkPackage& package) const {
-  if (package.gives_picture()) {
-    std::vector<torch::Tensor> pictures;
-    for (const Frame& frame : frames_) pictures.push_back(output(frame, network, package));
-    return picture_score(pictures);
-  }
+ValidationScore Validation::score(Network& network, const NetworkPackage& package,
+                                  const Progress& progress) const {
+  std::vector<torch::Tensor> pictures;
   std::vector<Image> results;
-  for (const Frame& frame : frames_) results.push_back(result(frame, network, package));
-  return mean_score(results);
+  for (const Frame& frame : frames_) {
+    check_stop(progress);
+    if (package.gives_picture())
+      pictures.push_back(output(frame, network, package));
+    else
+      results.push_back(result(frame, network, package));
+  }
+  return package.gives_picture() ? picture_score(pictures) : mean_score(results);
 }
 
 void Validation::save_sample(Network& network, const NetworkPackage& package,

@@ -41,7 +41,9 @@ class Validation {
   bool empty() const { return frames_.empty(); }
 
   /// package: with the brightest light of training, beyond which a guide stands.
-  ValidationScore score(Network& network, const NetworkPackage& package) const;
+  /// Throws Cancelled between two frames where a stop is requested.
+  ValidationScore score(Network& network, const NetworkPackage& package,
+                        const Progress& progress) const;
   /// Writes the first frame as float mosaics (.npy, DN above black in the clean scene's light) into
   /// folder: noisy, the guide if any, the network's result, clean. Contract: not empty(), and a
   /// network that gives mosaics.
