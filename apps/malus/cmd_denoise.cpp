@@ -214,6 +214,7 @@ Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& den
       denoiser.render(std::move(opened.frame), opened.choice.profile, progress);
   Json run =
       run_json(opened.described, result.report, opened.choice, arguments, stopwatch.seconds());
+  warn_of_picture(opened.described.source, result);
   run["rows"] = result.picture.rows();
   run["cols"] = result.picture.cols();
   run["network"] = denoiser.description();
@@ -248,11 +249,10 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                     (model ? map_values(*model) : 0.0);
   Denoised result = denoiser(std::move(opened.frame), choice.profile, progress, held);
   choice.profile.pattern = nullptr;
-  const double seconds = stopwatch.seconds();
   const Json network = denoiser.description();
   warn_of_result(kept.before, result, choice.profile,
                  network.is_null() ? "" : arguments.settings.method);
-  kept.run = run_json(kept.before, result, choice, arguments, seconds);
+  kept.run = run_json(kept.before, result, choice, arguments, stopwatch.seconds());
   if (!network.is_null()) kept.run["network"] = network;
   for (const fs::path& path : job.stale) fs::remove(path);
   kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force);

@@ -139,6 +139,14 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
   say(noise.empty() ? moved_mean(before, result, profile, network) : noise);
 }
 
+void warn_of_picture(const std::string& source, const NetworkInference::Rendered& made) {
+  const auto pixels = std::int64_t{made.picture.rows()} * made.picture.cols();
+  for (const std::string& line : frame_complaints(made.report, pixels)) warn_of(source, line);
+  if (!made.report.noise) return;
+  if (const std::string noise = noise_complaint(*made.report.noise); !noise.empty())
+    warn_of(source, noise);
+}
+
 nlohmann::ordered_json noise_json(const Denoised& result) {
   if (!result.noise) return nullptr;
   return {{"frame_sd_dn", result.noise->frame_sd_dn},

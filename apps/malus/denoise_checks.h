@@ -3,6 +3,7 @@
 
 #include "malus/denoise/denoiser.h"
 #include "malus/image/raw_frame.h"
+#include "malus/neural/inference.h"
 #include "malus/noise/model.h"
 
 #include <filesystem>
@@ -33,6 +34,9 @@ void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain,
 /// is that one's file, empty where a filter did. `before` needs no pixels.
 void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile,
                     const std::string& network = "");
+
+/// The same of a frame that a network made a picture of.
+void warn_of_picture(const std::string& source, const NetworkInference::Rendered& made);
 
 /// The comparison of the frame's noise with the profile's, for the record; null where none is.
 nlohmann::ordered_json noise_json(const Denoised& result);

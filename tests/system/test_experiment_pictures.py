@@ -97,6 +97,15 @@ def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, exper
     for flag in ("--planes", "--u16"):
         assert flag in refused(*denoise, flag)
     assert "png" in refused(*denoise, "--format", "png")
+    # What the frame's pixels do not tell is said of pictures, too.
+    spoiled = np.random.default_rng(1).normal(1000, 30, (64, 64)).astype(np.float32)
+    spoiled[:16], spoiled[40, 40:43] = 16000, np.nan
+    np.save(experiments / "spoiled.npy", spoiled)
+    told = malus("denoise", experiments / "spoiled.npy", "--layout", "bayer-rggb", "--black", 0, "--white", 15000, "--iso", 1600,
+                 *denoise[2:], "--format", "npy")
+    assert "3 pixels are NaN or infinite; they are filled from their neighbours" in told.err
+    assert "1024 pixels, 25 % of the frame, are saturated" in told.err
+    assert np.isfinite(np.load(experiments / "rgb/spoiled_rgb.npy")).all()
 
 
 @pytest.fixture

@@ -6,15 +6,17 @@
 
 namespace malus {
 
-std::vector<std::string> frame_complaints(const Denoised& result) {
+std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t of_picture) {
   constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
   constexpr double kMuchCutOff = 0.01;
   std::vector<std::string> lines;
   if (result.nonfinite_pixels > 0)
-    lines.push_back(fmt::format("{} pixels are NaN or infinite; they stay as they are",
-                                result.nonfinite_pixels));
-  const double saturated = static_cast<double>(result.saturated_pixels) /
-                           static_cast<double>(result.dn_above_black.size());
+    lines.push_back(
+        fmt::format("{} pixels are NaN or infinite; they {}", result.nonfinite_pixels,
+                    of_picture > 0 ? "are filled from their neighbours" : "stay as they are"));
+  const double saturated =
+      static_cast<double>(result.saturated_pixels) /
+      static_cast<double>(of_picture > 0 ? of_picture : std::ssize(result.dn_above_black.values()));
   if (saturated > kManySaturated)
     lines.push_back(
         fmt::format("{} pixels, {} % of the frame, are saturated: they are brighter than they say, "
