@@ -156,6 +156,16 @@ def test_names_of_files_may_be_any_bytes(malus, config, tmp_path):
     malus("train", config(2, 1, text), "-o", tmp_path / "run", "--resume")
 
 
+def test_clean_pictures_with_holes_are_named(refused, config, tmp_path):
+    """As a renderer's fireflies are: taken for black, they would teach a network to draw black."""
+    picture = np.full((80, 96), 0.4, np.float32)
+    picture[40:48, 50] = np.nan
+    picture[3, 4] = np.inf
+    np.save(tmp_path / "holes.npy", picture)
+    path = config(2, text=CONFIG.replace('scenes = ["scene"]', 'pictures = ["holes.npy"]'))
+    assert "holes.npy: 9 pixels are NaN or infinite; networks cannot be trained" in refused("train", path, "-o", tmp_path / "run")
+
+
 def test_pictures_may_be_jpeg(malus, config, tmp_path):
     rows, cols = np.mgrid[0:80, 0:96]
     Image.fromarray((120 + 60 * np.sin(rows / 9) * np.cos(cols / 7)).astype(np.uint8)).save(tmp_path / "photo.jpg")

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/pick.h"
 #include "malus/io/angle_pictures.h"
+#include "malus/neural/raw_pairs.h"
 #include "malus/polar/symmetry.h"
 #include "malus/synthesize/scene.h"
 
@@ -122,8 +123,11 @@ std::vector<StokesPlanes> polarized(const Planes& light, RandomSequence& random,
 std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
   std::array<Planes, 4> angles;
   std::size_t next = 0;
-  for (const Picture& picture : load_angle_pictures(folder))
+  for (const Picture& picture : load_angle_pictures(folder)) {
+    for (const Image& plane : picture.planes)
+      require_finite(plane, (folder / fmt::format("I{}", 45 * next)).string());
     angles[next++] = linear_light(picture.planes, picture.names, picture.white, false);
+  }
   std::vector<StokesPlanes> stokes;
   for (int c = 0; c < angles[0].channels(); ++c)
     stokes.push_back(stokes_of({angles[0][c], angles[1][c], angles[2][c], angles[3][c]}));
@@ -132,6 +136,7 @@ std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
 
 std::vector<StokesPlanes> load_picture_scene(const fs::path& path, const std::string& tone) {
   const Picture picture = load_clean_picture(path);
+  for (const Image& plane : picture.planes) require_finite(plane, path.string());
   const Planes linear = linear_light(picture.planes, picture.names, picture.white,
                                      tone == "srgb" || (tone == "auto" && picture.bits > 0));
   std::vector<StokesPlanes> light;
