@@ -83,6 +83,9 @@ constexpr float kWeakEnergy = 3.0f;
 constexpr float kMatchedNoise = 0.98f;
 // So much more of both per coefficient: where a pilot holds nearly nothing, chance does not decide.
 constexpr float kSteadyEnergy = 0.03f, kSteadyExcess = kUsualExcess * kSteadyEnergy;
+// Stacks whose pilot holds less than this per coefficient count less: the even ground around things
+// would decide for them.
+constexpr float kEvenEnergy = 0.05f, kLeastEnergy = 1e-3f;
 
 /// What samples and pilot hold in the weak coefficients of the strongest components
 /// (PilotEvidence); `total` cells of a transformed stack.
@@ -101,4 +104,9 @@ HWY_INLINE void weigh_pilot(const Floats* cells, const Floats* pilot, int total,
     excess += lane(samples, k);
     energy += lane(held, k);
   }
+  const float mean = std::max(
+      energy / static_cast<float>(total * kStrongComponents) - kSteadyEnergy, kLeastEnergy);
+  const float weight = mean / (mean + kEvenEnergy);
+  excess *= weight;
+  energy *= weight;
 }
