@@ -169,11 +169,11 @@ TEST_P(MosaicMethod, TilesEqualTheWhole) {
 
 TEST_P(MosaicMethod, TilesAndThreadsDoNotChangeTwoScales) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
-  const RawFrame frame = noisy_frame(scene(900, 1000), noise, 6);
+  const RawFrame frame = noisy_frame(scene(1600, 1600), noise, 6);
   DenoiseSettings settings{.method = GetParam()};
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
   ASSERT_EQ(whole.tiles, 1);
-  settings.memory_mib = GetParam() == "nl-ridge" ? 54 : 48;  // reaches of their own
+  settings.memory_mib = GetParam() == "nl-ridge" ? 130 : 120;  // reaches of their own
   const int before = thread_count();
   set_thread_count(before == 1 ? 3 : 1);
   const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
