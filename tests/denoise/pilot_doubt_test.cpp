@@ -104,6 +104,13 @@ TEST(PilotDoubt, EvidenceTellsNoiseInThePilotFromSignalThatItLost) {
   EXPECT_GT(lost.excess, 2 * lost.energy);
 }
 
+// Else the even ground around things, most of many frames, would decide for them.
+TEST(PilotDoubt, EvenGroundSaysLittle) {
+  const Survey even(0, 0, 0.02), textured(0.5, 0.5, 0);
+  EXPECT_LT(even.energy, 0.02 * textured.energy);  // a ninth if all counted alike
+  EXPECT_LT(std::abs(even.excess), 0.02 * textured.energy);
+}
+
 // Letters of one size, bars, anything crisp: the first pilot is full of noise.
 TEST(PilotDoubt, TakesNoiseOutOfPrint) {
   const SensorLayout layout = SensorLayout::named("polar-mono");
