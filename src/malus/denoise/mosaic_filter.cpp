@@ -180,6 +180,7 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
                            .kept = kept ? &*kept : nullptr,
                            .unlike = unlike,
                            .coarse_unlike = report.coarse_unlike,
+                           .doubt = plan.survey ? &doubt : nullptr,
                            .filter = plan.guided.back().filter,
                            .period_rows = statistics.period_rows,
                            .period_cols = statistics.period_cols,

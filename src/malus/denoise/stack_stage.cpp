@@ -120,20 +120,9 @@ ReferenceMap reference_grid(const StackJob& job) {
           Image(count(job.row0, job.rows), count(job.col0, job.cols))};
 }
 
-template <class Value, class Map>
-ReferenceValues<Value> pointers(Map& map) {
-  return {map.values.values().data(),
-          map.values.cols(),
-          map.values.rows(),
-          map.values.cols(),
-          map.step,
-          map.first_row,
-          map.first_col};
-}
-
 void make_grid(const StackJob& job, ReferenceMap& map, ReferenceValues<float>& values) {
   map = reference_grid(job);
-  values = pointers<float>(map);
+  values = values_of<float>(map);
 }
 
 // Squares of references, in four groups: squares of a group write to disjoint parts of the tile, so
@@ -237,7 +226,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
     make_grid(job, report.evidence->excess, job.excess);
     make_grid(job, report.evidence->energy, job.energy);
   }
-  if (input.doubt) job.doubt = pointers<const float>(*input.doubt);
+  if (input.doubt) job.doubt = values_of<const float>(*input.doubt);
   Image unlike;
   if (report.unlike) {
     unlike = Image(noisy.rows(), noisy.cols());

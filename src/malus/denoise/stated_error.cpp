@@ -1,6 +1,7 @@
 #include "malus/denoise/internal/stated_error.h"
 
 #include "malus/base/parallel.h"
+#include "malus/denoise/internal/stack_kernel.h"
 #include "malus/denoise/mosaic_filter.h"
 #include "malus/image/sum_around.h"
 
@@ -16,7 +17,7 @@ namespace {
 // (docs/uncertainty.md).
 double grown(double known) { return std::cbrt(known * known); }
 // Of combinations and of Wiener filters: weights come from a pilot that knows the same samples.
-constexpr double kOfCombinations = 1.45, kOfWiener = 1.2;
+constexpr double kOfCombinations = 1.45, kOfWiener = 1.1;
 // Where the estimate bends sharply as much again may have been lost, but not more than this.
 constexpr double kMostLost = 0.1;
 // Of the noise, what the detail step cannot take back and a coarser scale replaces.
@@ -40,6 +41,7 @@ class CellMeans {
         col0_(input.noisy->col0),
         residual_(*input.noisy),
         bend_(*input.noisy) {
+    if (input.doubt) doubt_ = values_of<const float>(*input.doubt);
     const int rows = input.estimate->rows(), cols = input.estimate->cols();
     first_row_ = std::max(row0_, 0) / kCell - residual_.first_row;
     first_col_ = std::max(col0_, 0) / kCell - residual_.first_col;
@@ -75,6 +77,11 @@ class CellMeans {
     const auto at = [](int cell, int count) { return std::clamp(cell / 2, 0, count - 1); };
     return (*input_.coarse_unlike)(at(residual_.first_row + i, input_.coarse_unlike->rows()),
                                    at(residual_.first_col + k, input_.coarse_unlike->cols()));
+  }
+  double doubt(int i, int k) const {
+    if (!doubt_) return 1;
+    return double{
+        doubt_.near((residual_.first_row + i) * kCell, (residual_.first_col + k) * kCell)};
   }
   /// Squared residual, means over 3x3 cells with the weights 1 2 1.
   double residual(int i, int k) const {
@@ -130,6 +137,7 @@ class CellMeans {
   const StatedErrorInput& input_;
   int row0_, col0_;
   CellMap residual_, bend_;
+  ReferenceValues<const float> doubt_;
   int first_row_, end_row_, first_col_, end_col_;
 };
 
@@ -155,7 +163,10 @@ struct CellTerms {
 CellTerms terms_of(const CellMeans& cells, double kept, int i, int k) {
   // Where fine detail was taken back there is none, and what remains of the noise is coarse.
   const double fine = kept * kept * kept;
-  return {kCoarseShare + (1 - kCoarseShare) * fine, fine * std::min(cells.bend(i, k), kMostLost),
+  // Gains that expect more noise let less of it through, but the signal that they expect to lose is
+  // as much again.
+  return {(kCoarseShare + (1 - kCoarseShare) * fine) * cells.doubt(i, k),
+          fine * std::min(cells.bend(i, k), kMostLost),
           std::max(cells.residual(i, k) - kMostResidual, 0.0), resemblance(cells, i, k)};
 }
 

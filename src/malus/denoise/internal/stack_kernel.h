@@ -35,6 +35,17 @@ struct ReferenceValues {
   }
 };
 
+template <class Value, class Map>
+ReferenceValues<Value> values_of(Map& map) {
+  return {map.values.values().data(),
+          map.values.cols(),
+          map.values.rows(),
+          map.values.cols(),
+          map.step,
+          map.first_row,
+          map.first_col};
+}
+
 struct StackJob {
   const float* noisy;
   const float* guide;

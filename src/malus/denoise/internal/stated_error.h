@@ -20,7 +20,8 @@ struct StatedErrorInput {
   const CellMap* unlike;   ///< of the last pass's stacks (StageReport::unlike)
   /// Of all coarser scales (TileReport::coarse_unlike); null: as if no block had a copy there.
   const Image* coarse_unlike;
-  StackFilter filter;  ///< of the last pass
+  const ReferenceMap* doubt;  ///< of the last pass (pilot_doubt.h); null: none, 1 everywhere
+  StackFilter filter;         ///< of the last pass
   int period_rows, period_cols;
   int frame_rows, frame_cols;
 };
