@@ -83,9 +83,11 @@ void blend(Image& to, const Image& other, float share) {
 // A pass by small blocks, and by large ones where these leave less error, as Stein's estimates
 // tell.
 Image mixed_pass(const internal::StageInput& input, const internal::StackStage& small,
-                 const internal::StackStage& large, Progress& progress) {
+                 const internal::StackStage& large, internal::ReferenceMap* settled,
+                 Progress& progress) {
   internal::FilteredTile by_small, by_large;
-  by_small.pixels = internal::run_stage(input, small, progress, {.stein = &by_small.error});
+  by_small.pixels =
+      internal::run_stage(input, small, progress, {.stein = &by_small.error, .settled = settled});
   by_large.pixels = internal::run_stage(input, large, progress, {.stein = &by_large.error});
   internal::mix_blocks(by_small, by_large, input.noisy->row0, input.noisy->col0);
   return std::move(by_small.pixels);
@@ -98,6 +100,22 @@ internal::ReferenceMap survey_pilot(const internal::StageInput& input, const Mos
   internal::PilotEvidence evidence;
   internal::run_stage(input, *plan.survey, progress, {.evidence = &evidence});
   return internal::doubt_of(evidence);
+}
+
+// A guided pass of `input`, whose guide is `pilot` and whose doubt, if any, is `doubt`. After the
+// first one the doubt is what its stacks have made of it.
+void refine_pilot(const internal::StageInput& input, const MosaicFilterPlan& plan, std::size_t pass,
+                  Image& pilot, internal::ReferenceMap& doubt, Progress& progress) {
+  const internal::StackStage& stage = plan.guided[pass];
+  internal::ReferenceMap settled;
+  const bool settles = pass == 0 && input.doubt && stage.filter == internal::StackFilter::wiener;
+  internal::ReferenceMap* to = settles ? &settled : nullptr;
+  pilot = pass == 0 && plan.large ? mixed_pass(input, stage, *plan.large, to, progress)
+                                  : internal::run_stage(input, stage, progress, {.settled = to});
+  if (!settles) return;
+  for (float& value : settled.values.values())
+    if (value == 0) value = 1;
+  doubt = std::move(settled);
 }
 
 }  // namespace
@@ -155,8 +173,7 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   internal::ReferenceMap doubt = survey_pilot(input, plan, progress);
   if (plan.survey) input.doubt = &doubt;
   for (std::size_t pass = 0; pass + 1 < plan.guided.size(); ++pass)
-    pilot = pass == 0 && plan.large ? mixed_pass(input, plan.guided.front(), *plan.large, progress)
-                                    : internal::run_stage(input, plan.guided[pass], progress);
+    refine_pilot(input, plan, pass, pilot, doubt, progress);
   doubt = internal::halved(std::move(doubt));
   const bool shrinks = plan.detail_threshold > 0;
   internal::ReferenceMap passed;

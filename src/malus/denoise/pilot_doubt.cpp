@@ -16,6 +16,17 @@ constexpr float kLeastDoubt = 0.9f, kMostDoubt = 6.0f;
 // Of the neighbourhood whose sums decide, in references: one stack's are mostly chance.
 constexpr float kDeviation = 1.5f;
 constexpr int kRadius = 3;
+// The neighbourhood counts for as much as a stack whose weak coefficients hold this much energy
+// [noise variances]. Less, and even light takes chance for signal; more, and the pins of a circuit
+// board are shrunk like the bare board around them.
+constexpr float kPriorEnergy = 300.0f;
+// A stack's evidence is of the noise that its gains then let pass: by so much it flatters the
+// pilot.
+constexpr float kOwnFlattery = 0.2f;
+
+float doubt_by(float ratio) {
+  return std::clamp(std::exp(kSlope * (kUsualExcess - ratio)), kLeastDoubt, kMostDoubt);
+}
 
 }  // namespace
 
@@ -29,10 +40,15 @@ ReferenceMap doubt_of(const PilotEvidence& evidence) {
   for (std::size_t i = 0; i < energy.size(); ++i) {
     const float held = energy.values()[i];
     const float ratio = held > 0 ? excess.values()[i] / held : kUsualExcess;
-    doubt.values.values()[i] =
-        std::clamp(std::exp(kSlope * (kUsualExcess - ratio)), kLeastDoubt, kMostDoubt);
+    doubt.values.values()[i] = doubt_by(ratio);
   }
   return doubt;
+}
+
+float settled_doubt(float doubt, const Evidence& own) {
+  const float before = kUsualExcess - std::log(doubt) / kSlope;
+  const float apart = own.excess - (before + kOwnFlattery) * own.energy;
+  return doubt_by(before + apart / (kPriorEnergy + own.energy));
 }
 
 ReferenceMap halved(ReferenceMap doubt) {

@@ -213,7 +213,8 @@ HWY_INLINE Shrinkage shrink_stack(const StackJob& job, const Batch::Stack& stack
                                   Floats* pilot, Floats* passed) {
   constexpr int kCells = kSide * kSide;
   const int count = stack.count;
-  const float doubt = job.doubt ? job.doubt.near(job.row0 + stack.row, job.col0 + stack.col) : 1.0f;
+  const int row = job.row0 + stack.row, col = job.col0 + stack.col;
+  const float doubt = job.doubt ? job.doubt.near(row, col) : 1.0f;
   if (kSide == 2 && job.filter == StackFilter::ridge)
     return combine_blocks(job, count, cells, pilot, doubt, passed);
   Shrinkage result;
@@ -222,11 +223,19 @@ HWY_INLINE Shrinkage shrink_stack(const StackJob& job, const Batch::Stack& stack
     result = shrink_hard(cells, count * kCells, job.threshold);
   } else {
     transform_stack<kSide>(pilot, count, job, false);
-    if (job.excess)
-      weigh_pilot(cells, pilot, count * kCells,
-                  job.excess.at(job.row0 + stack.row, job.col0 + stack.col),
-                  job.energy.at(job.row0 + stack.row, job.col0 + stack.col));
-    result = shrink_wiener<kCells>(cells, pilot, count, doubt, passed);
+    Doubts doubts{doubt, doubt};
+    if (job.excess || job.doubt) {
+      const StackEvidence evidence = weigh_pilot(cells, pilot, count * kCells);
+      if (job.excess) {
+        const float weight = weight_around(evidence.strong, count * kCells);
+        job.excess.at(row, col) = weight * evidence.strong.excess;
+        job.energy.at(row, col) = weight * evidence.strong.energy;
+      }
+      if (job.doubt)
+        doubts = {settled_doubt(doubt, evidence.strong), settled_doubt(doubt, evidence.others)};
+    }
+    if (job.settled) job.settled.at(row, col) = doubts.strong;
+    result = shrink_wiener<kCells>(cells, pilot, count, doubts, passed);
     if (passed) spread_variances(passed, count);
   }
   transform_stack<kSide>(cells, count, job, true);

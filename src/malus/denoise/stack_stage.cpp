@@ -210,7 +210,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
                 (stage.stack & (stage.stack - 1)) == 0);
   MALUS_REQUIRE(stage.block_cells == 2 ||
                 (stage.block_cells == 4 && stage.filter != StackFilter::ridge));
-  MALUS_REQUIRE(!report.evidence || stage.filter == StackFilter::wiener);
+  MALUS_REQUIRE((!report.evidence && !report.settled) || stage.filter == StackFilter::wiener);
   MALUS_REQUIRE(!report.stein || (!report.noise && stage.filter != StackFilter::ridge));
   MALUS_REQUIRE(noisy.rows() >= stage.block() && noisy.cols() >= stage.block());
   Image sum(noisy.rows(), noisy.cols()), weight(noisy.rows(), noisy.cols());
@@ -222,6 +222,7 @@ Image run_stage(const StageInput& input, const StackStage& stage, Progress& prog
   job.error = error ? error->values().data() : nullptr;
   job.noise = report.noise != nullptr;
   if (report.passed) make_grid(job, *report.passed, job.passed);
+  if (report.settled) make_grid(job, *report.settled, job.settled);
   if (report.evidence) {
     make_grid(job, report.evidence->excess, job.excess);
     make_grid(job, report.evidence->energy, job.energy);

@@ -22,6 +22,16 @@ int doubt_reach(int step);
 /// noise. Places without evidence have 1.
 ReferenceMap doubt_of(const PilotEvidence& evidence);
 
+/// Of weak coefficients [sums of noise variances]: what the samples hold beyond their noise, and
+/// what the pilot holds.
+struct Evidence {
+  float excess = 0, energy = 0;
+};
+
+/// A place's doubt after the evidence of one stack there: rare detail has its own stacks, and its
+/// neighbourhood tells nothing of it. doubt: above 0.
+float settled_doubt(float doubt, const Evidence& own);
+
 /// Half as much, as ratios count: for a plan's last pass, whose pilot has been over another pass or
 /// whose result no other one mends.
 ReferenceMap halved(ReferenceMap doubt);

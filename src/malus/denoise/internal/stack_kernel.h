@@ -54,8 +54,8 @@ struct StackJob {
   float* error;   ///< may be null; Stein's estimate, or
   bool noise;     ///< error is the noise let through, and every block of a stack has its own
   float* unlike;  ///< may be null; as weight, times how unlike the stacks' blocks are
-  ReferenceValues<float> passed, excess, energy;  ///< may be null
-  ReferenceValues<const float> doubt;             ///< may be null
+  ReferenceValues<float> passed, excess, energy, settled;  ///< may be null
+  ReferenceValues<const float> doubt;                      ///< may be null
   std::ptrdiff_t stride;
   int rows, cols;
   int row0, col0;  ///< frame position of the tile, for the alignment

@@ -35,18 +35,30 @@ constexpr float kMostFloor = 1.0f;
 constexpr int kStrongComponents = 4;
 constexpr float kStrongEnergy = 1.8f;
 
-/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. doubt:
+/// How far the pilot's strongest components are doubted, and its others (settled_doubt).
+struct Doubts {
+  float strong = 1, weak = 1;
+};
+
+HWY_INLINE Floats by_strength(float strong, float weak) {
+  float values[kLanes];
+  for (int k = 0; k < kLanes; ++k) values[k] = k < kStrongComponents ? strong : weak;
+  Floats result;
+  load(values, result);
+  return result;
+}
+
+/// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. doubts:
 /// so much noise do the gains expect. passed, when given: per place along the stack the noise let
 /// through.
 template <int kCells>
-HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count, float doubt,
-                                   Floats* passed) {
+HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count,
+                                   const Doubts& doubts, Floats* passed) {
   const Floats zero{};
   const Floats most = zero + kMostFloor;
-  Floats scale, floor[kCells] = {};
-  float scales[kLanes];
-  for (int k = 0; k < kLanes; ++k) scales[k] = k < kStrongComponents ? kStrongEnergy : 1.0f;
-  load(scales, scale);
+  const Floats scale = by_strength(kStrongEnergy, 1.0f);
+  const Floats doubt = by_strength(doubts.strong, doubts.weak);
+  Floats floor[kCells] = {};
   const int finest = count > 1 ? count / 2 : count;
   for (int n = finest; n < count; ++n)
     for (int i = 0; i < kCells; ++i) floor[i] += pilot[n * kCells + i] * pilot[n * kCells + i];
@@ -87,10 +99,14 @@ constexpr float kSteadyEnergy = 0.03f, kSteadyExcess = kUsualExcess * kSteadyEne
 // would decide for them.
 constexpr float kEvenEnergy = 0.05f, kLeastEnergy = 1e-3f;
 
-/// What samples and pilot hold in the weak coefficients of the strongest components
-/// (PilotEvidence); `total` cells of a transformed stack.
-HWY_INLINE void weigh_pilot(const Floats* cells, const Floats* pilot, int total, float& excess,
-                            float& energy) {
+/// What samples and pilot hold in the weak coefficients of a stack: of its strongest components,
+/// and of the others.
+struct StackEvidence {
+  Evidence strong, others;
+};
+
+/// `total` cells of a transformed stack.
+HWY_INLINE StackEvidence weigh_pilot(const Floats* cells, const Floats* pilot, int total) {
   const Floats zero{}, weak = zero + kWeakEnergy;
   Floats samples{}, held{};
   for (int i = 0; i < total; ++i) {
@@ -99,14 +115,18 @@ HWY_INLINE void weigh_pilot(const Floats* cells, const Floats* pilot, int total,
     samples += choose(is_weak, cells[i] * cells[i] - (kMatchedNoise - kSteadyExcess), zero);
     held += choose(is_weak, square + kSteadyEnergy, zero);
   }
-  excess = energy = 0;
-  for (int k = 0; k < kStrongComponents; ++k) {
-    excess += lane(samples, k);
-    energy += lane(held, k);
+  StackEvidence result;
+  for (int k = 0; k < kLanes; ++k) {
+    Evidence& to = k < kStrongComponents ? result.strong : result.others;
+    to.excess += lane(samples, k);
+    to.energy += lane(held, k);
   }
+  return result;
+}
+
+/// How much the evidence of one stack counts in that of its neighbourhood.
+HWY_INLINE float weight_around(const Evidence& strong, int total) {
   const float mean = std::max(
-      energy / static_cast<float>(total * kStrongComponents) - kSteadyEnergy, kLeastEnergy);
-  const float weight = mean / (mean + kEvenEnergy);
-  excess *= weight;
-  energy *= weight;
+      strong.energy / static_cast<float>(total * kStrongComponents) - kSteadyEnergy, kLeastEnergy);
+  return mean / (mean + kEvenEnergy);
 }

@@ -103,6 +103,9 @@ struct StageReport {
   Image* noise = nullptr;  ///< noise that the weights let through
   /// Of the samples' noise, the part that the stacks let through.
   ReferenceMap* passed = nullptr;
+  /// What became of StageInput::doubt in every stack's strongest components, of Wiener filters
+  /// alone.
+  ReferenceMap* settled = nullptr;
   PilotEvidence* evidence = nullptr;  ///< of Wiener filters alone
   /// How unlike the blocks of the stacks there are: variance of their samples about their mean,
   /// less that of noise. Of copies slightly below 0, for blocks are chosen that look alike.
