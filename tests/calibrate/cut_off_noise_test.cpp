@@ -1,7 +1,6 @@
 #include "malus/calibrate/cut_off_noise.h"
 
 #include "malus/base/normal_distribution.h"
-#include "malus/noise/tukey_lambda.h"
 
 #include <cmath>
 #include <filesystem>
@@ -68,20 +67,11 @@ TEST(CutOffNoise, IsNoMoreThanTheZerosThatPixelsShow) {
 
 testing::SimulatedCamera cut_camera(double lambda, double black_sd, std::uint64_t seed) {
   constexpr double kReadDn = 8;
-  testing::SimulatedCamera camera;
-  camera.gains = {testing::polar_gain(0, "mono", 1)};
-  PhysicsChannel& channel = camera.gains[0].noise.channels[0];
-  channel.gain_dn_per_e = 1;
-  channel.lambda = lambda;
-  channel.sigma_tl_dn = kReadDn / std::sqrt(tukey_lambda_variance(lambda));
-  channel.sigma_row_dn = 1;
-  channel.mu_dn = 0;
+  testing::SimulatedCamera camera = testing::mono_camera(1, lambda, kReadDn, 1, seed);
   camera.black_dn = std::round(black_sd * kReadDn);
   camera.dsnu_dn = 1;
   camera.rows = camera.cols = 128;
-  camera.bias_frames = 20;
   camera.flat_frames = 4;
-  camera.seed = seed;
   return camera;
 }
 

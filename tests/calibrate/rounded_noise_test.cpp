@@ -2,7 +2,6 @@
 
 #include "malus/base/random.h"
 #include "malus/noise/physics.h"
-#include "malus/noise/tukey_lambda.h"
 
 #include <cmath>
 
@@ -61,19 +60,10 @@ TEST(RoundedNoise, IsUndecidedWhereOneBoundaryIsCrossed) {
 }
 
 testing::SimulatedCamera narrow_camera(double read_dn, double dsnu_dn, std::uint64_t seed) {
-  testing::SimulatedCamera camera;
-  camera.gains = {testing::polar_gain(0, "mono", 1)};
-  PhysicsChannel& channel = camera.gains[0].noise.channels[0];
-  channel.gain_dn_per_e = 0.1;
-  channel.lambda = 0.1349;
-  channel.sigma_tl_dn = read_dn / std::sqrt(tukey_lambda_variance(channel.lambda));
-  channel.sigma_row_dn = 0;
-  channel.mu_dn = 0;
+  testing::SimulatedCamera camera = testing::mono_camera(0.1, 0.1349, read_dn, 0, seed);
   camera.dsnu_dn = dsnu_dn;
   camera.rows = camera.cols = 96;
-  camera.bias_frames = 20;
   camera.white_dn = 1023;
-  camera.seed = seed;
   return camera;
 }
 

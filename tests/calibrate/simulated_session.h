@@ -4,6 +4,7 @@
 #include "malus/base/random.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/frame_set.h"
+#include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/exact.h"
 
 #include <algorithm>
@@ -177,6 +178,23 @@ inline SimulatedCamera small_camera(std::uint64_t seed = 0) {
   SimulatedCamera camera;
   camera.seed = seed;
   camera.gains.push_back(polar_gain(12));
+  return camera;
+}
+
+/// A mono camera of one gain and 20 bias frames, without bias; read_dn: deviation of its read
+/// noise.
+inline SimulatedCamera mono_camera(double gain_dn_per_e, double lambda, double read_dn,
+                                   double row_dn, std::uint64_t seed) {
+  SimulatedCamera camera;
+  camera.gains = {polar_gain(0, "mono", 1)};
+  PhysicsChannel& channel = camera.gains[0].noise.channels[0];
+  channel.gain_dn_per_e = gain_dn_per_e;
+  channel.lambda = lambda;
+  channel.sigma_tl_dn = read_dn / std::sqrt(tukey_lambda_variance(lambda));
+  channel.sigma_row_dn = row_dn;
+  channel.mu_dn = 0;
+  camera.bias_frames = 20;
+  camera.seed = seed;
   return camera;
 }
 
