@@ -31,8 +31,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-constexpr int kMostWorkers = 65535;  // as base/worker_place.h reads them of the environment
-
 struct DatasetArguments {
   fs::path config, folder;
   std::optional<int> rank, world;

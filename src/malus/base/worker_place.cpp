@@ -17,8 +17,9 @@ int number_of_environment(std::initializer_list<const char*> names, int otherwis
     int value = 0;
     const char* end = text + std::strlen(text);
     const auto [stop, error] = std::from_chars(text, end, value);
-    if (error != std::errc() || stop != end || value < 0 || value > 65535)
-      throw InputError(fmt::format("{}={}", name, text), "is not a number from 0 to 65535",
+    if (error != std::errc() || stop != end || value < 0 || value > kMostWorkers)
+      throw InputError(fmt::format("{}={}", name, text),
+                       fmt::format("is not a number from 0 to {}", kMostWorkers),
                        "unset it, or start with torchrun, mpirun or srun");
     return value;
   }

@@ -5,7 +5,10 @@
 
 namespace malus {
 
-/// The first of the variables that is set, as a whole number from 0 to 65535 (processes, ports);
+/// Of processes, and of ports: numbers of the environment and flags are no larger.
+inline constexpr int kMostWorkers = 65535;
+
+/// The first of the variables that is set, as a whole number from 0 to kMostWorkers;
 /// otherwise where none is. Throws InputError, naming the variable.
 int number_of_environment(std::initializer_list<const char*> names, int otherwise);
 
