@@ -1,11 +1,10 @@
 // DSNU and PRNU beside defect pixels.
 #include "malus/base/statistics.h"
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/equal_values.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include "simulated_session.h"
-#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 namespace malus {
 namespace {
@@ -145,91 +144,6 @@ TEST(FixedPattern, HotPixelsAreNoLightLeak) {
   const NoiseModel model = calibrate_physics(input, {}, silent_progress());
   for (const std::string& warning : model.physics[0].warnings)
     EXPECT_EQ(warning.find("light leak"), std::string::npos) << warning;
-}
-
-// A camera whose read noise has this deviation, 20 bias frames.
-testing::SimulatedCamera narrow_camera(double read_sd_dn, double dsnu_dn) {
-  constexpr double kLambda = 0.14;
-  testing::SimulatedCamera camera;
-  camera.rows = camera.cols = 128;
-  camera.bias_frames = 20;
-  camera.flat_levels = 5;
-  camera.dsnu_dn = dsnu_dn;
-  camera.gains.push_back(testing::polar_gain(0, "mono", 1));
-  camera.gains[0].noise.channels[0] = {
-      .gain_dn_per_e = 0.1,
-      .lambda = kLambda,
-      .sigma_tl_dn = read_sd_dn / std::sqrt(tukey_lambda_variance(kLambda)),
-      .sigma_row_dn = 0.05};
-  return camera;
-}
-
-// Rounding makes most dark pixels of such a camera constant: up to a quarter were called stuck.
-// One that does not follow the light is a defect all the same.
-TEST(Defects, ConstantPixelsOfNarrowNoiseAreNotStuck) {
-  for (const double read_sd_dn : {0.15, 0.24, 0.3, 0.4, 0.5})
-    for (const double dsnu_dn : {0.0, 0.3}) {
-      CalibrationInput input = testing::simulated_session(narrow_camera(read_sd_dn, dsnu_dn));
-      testing::change_frames(input, [](RawFrame& frame, int) { frame.dn(8, 9) = 4095; });
-      const NoiseModel model = calibrate_physics(input, {}, silent_progress());
-      ASSERT_EQ(model.defects.size(), 1u) << read_sd_dn << " DN, DSNU " << dsnu_dn << " DN";
-      EXPECT_EQ(model.defects[0].row, 8);
-    }
-}
-
-// Of wider noise constancy tells by itself, without flats; a pixel that is constant in the dark
-// alone, and follows the light, is none.
-TEST(Defects, AStuckPixelNeedsNoFlats) {
-  for (const int flat_levels : {0, 5}) {
-    testing::SimulatedCamera camera = narrow_camera(1.5, 0.3);
-    camera.flat_levels = flat_levels;
-    CalibrationInput input = testing::simulated_session(camera);
-    for (FrameSet& set : input.sets)
-      testing::change_frames(set, [kind = set.kind](RawFrame& frame, int) {
-        if (kind == FrameKind::kBias) frame.dn(8, 9) = 80;
-      });
-    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
-    ASSERT_EQ(model.defects.size(), flat_levels == 0 ? 1u : 0u);
-    if (flat_levels == 0) {
-      EXPECT_EQ(model.defects[0].kind, "stuck");
-    }
-  }
-}
-
-// Half a code from the middle at 0.24 codes: 2 Φ(2.08) - 1 = 0.963. Of wide noise 0.282/σ of the
-// pairs are equal, and 0.399/σ of the values have the middle code. Where all means lie in the
-// middle of a code or at its edge, the chance is not taken for less.
-TEST(Defects, TheChanceToStayIsThatOfTheMiddleOfACode) {
-  EXPECT_NEAR(chance_to_stay(0.7292), 0.963, 0.002);
-  EXPECT_NEAR(chance_to_stay(0.00282), 0.00399, 0.00001);
-  EXPECT_EQ(chance_to_stay(1), 1);
-  for (const double sd : {0.2, 0.4, 0.7, 1.5})
-    for (const double mean : {0.0, 0.25, 0.5}) {
-      const auto below = [&](double x) {
-        return 0.5 * std::erfc(-(x - mean) / (sd * std::sqrt(2.0)));
-      };
-      double equal = 0, most = 0;
-      for (int code = -20; code <= 20; ++code) {
-        const double share = below(code + 0.5) - below(code - 0.5);
-        equal += share * share;
-        most = std::max(most, share);
-      }
-      EXPECT_GE(chance_to_stay(equal), most - 0.001) << sd << " about " << mean;
-    }
-}
-
-TEST(Defects, ManyOfThemAreDoubted) {
-  const auto warnings = [](int every) {
-    CalibrationInput input = testing::simulated_session(narrow_camera(1.5, 0.3));
-    testing::change_frames(input, [every](RawFrame& frame, int) {
-      for (int k = 0; k < frame.dn.cols(); k += every)
-        for (int r = 0; r < frame.dn.rows(); r += every) frame.dn(r, k) += 60;
-    });
-    return calibrate_physics(input, {}, silent_progress()).physics.at(0).warnings;
-  };
-  const auto doubt = ::testing::Contains(::testing::HasSubstr("are listed as defects"));
-  EXPECT_THAT(warnings(8), doubt);                   // 1 of 64
-  EXPECT_THAT(warnings(16), ::testing::Not(doubt));  // 1 of 256
 }
 
 // Bias frames of one channel, 48x48.

@@ -93,17 +93,6 @@ SamplingErrors sampling_errors(const MosaicGeometry& geometry, const BiasFrames&
   return e;
 }
 
-// The histogram's cells divide the converter's step, or are a whole number of steps wide. Where no
-// fixed pattern spreads the offsets, residuals lie on a lattice: beside cells of any other width it
-// makes a moiré that looks like another shape (λ by up to 0.005), and differs between sessions.
-double cell_of(double deviation_dn, double step_dn) {
-  const double width = deviation_dn / kCellsPerDeviation;
-  if (!(width > 0)) return 1.0;
-  if (!(step_dn > 0)) return width;
-  return width < step_dn ? step_dn / std::ceil(step_dn / width)
-                         : step_dn * std::floor(width / step_dn);
-}
-
 void warn_of_few_frames(PhysicsCalibration& out) {
   const double lambda = mean_of(out.lambda.mean);
   if (out.bias_frames < kFewFrames && lambda < kHeavyLambda)
@@ -273,7 +262,30 @@ void add_black(const RawFrame& first, Image& dn) {
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
 }
 
+void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const RawFrame& first,
+                         PhysicsCalibration& out) {
+  const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
+  warn_of_drift(frames.mean, temporal_sd, out);
+  warn_of_outlying_frames(frames.mean, temporal_sd, out);
+  warn_of_outlying_noise(frames.residuals, out);
+  warn_of_high_level(first, out);
+  warn_of_clipping(dark.zero_share, first.layout, out);
+  if (dark.hidden.empty() ||
+      !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
+    warn_of_coarse_steps(dark.step_dn, out);
+  warn_of_column_noise(out);
+}
+
 }  // namespace
+
+DarkPixels dark_pixels(const DarkPass& dark, View<const float> shading_dn) {
+  return {.shading_dn = shading_dn,
+          .sum_of_squares = dark.temporal.sum_of_squares(),
+          .frames = dark.temporal.frames(),
+          .constancy = dark.constancy,
+          .step_dn = dark.step_dn,
+          .farthest = dark.farthest};
+}
 
 DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn,
                       Progress& progress) {
@@ -321,7 +333,8 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   add_black(first, pattern);
   std::vector<double> cell =
       remove_pattern ? dark.temporal.variance_dn2() : channel_variances(first.dn, geometry);
-  for (double& width : cell) width = cell_of(std::sqrt(std::max(width, 0.0)), quantization_dn);
+  for (double& width : cell)
+    width = residual_cell_dn(std::sqrt(std::max(width, 0.0)), quantization_dn);
   FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
                          cell);
   const OrdinaryPixels ordinary =
@@ -331,10 +344,13 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   BiasFrames frames;
   const double step = several ? step_of(first, quantization_dn) : 0.0;
   CodePairCounter pairs(geometry, step);
-  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
+  FarthestValues farthest(dark_pixels(dark, pattern), geometry);
+  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
     frames.add(analyzer.analyze(frame.dn));
     pairs.add(frame.dn);
+    farthest.add(frame.dn, dark.temporal.frame_drift_dn(i));
   });
+  dark.farthest = farthest.release();
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
   level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
@@ -347,16 +363,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
                   quantization_dn, kept, settings.shape == "ppcc"},
                  first.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
-  const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
-  warn_of_drift(frames.mean, temporal_sd, out);
-  warn_of_outlying_frames(frames.mean, temporal_sd, out);
-  warn_of_outlying_noise(frames.residuals, out);
-  warn_of_high_level(first, out);
-  warn_of_clipping(dark.zero_share, first.layout, out);
-  if (dark.hidden.empty() ||
-      !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
-    warn_of_coarse_steps(quantization_dn, out);
-  warn_of_column_noise(out);
+  warn_of_dark_frames(frames, dark, first, out);
   if (!several) return;
   measure_dsnu(ordinary, temporal_of(ordinary, set.count), geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
@@ -367,7 +374,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
         out.mu.standard_error[c],
         out.dsnu_dn[c] /
             std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
-  warn_of_light(out.dark_shading_dn, geometry, temporal_sd, out);
+  warn_of_light(out.dark_shading_dn, geometry, mean_of(out.temporal_sd_dark_dn), out);
 }
 
 void take_hidden_dsnu(const DarkPass& dark, PhysicsCalibration& out) {

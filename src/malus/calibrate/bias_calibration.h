@@ -3,6 +3,7 @@
 
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/cut_off_noise.h"
+#include "malus/calibrate/defects.h"
 #include "malus/calibrate/equal_values.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
@@ -29,7 +30,11 @@ struct DarkPass {
   double code_spacing_dn = 0;  ///< occupied_spacing of its first channel
   /// Per channel, by measure_bias; empty of a single frame and with --single-frame.
   std::vector<CutOffNoise> cut_off = {};
+  std::vector<FarthestValue> farthest = {};  ///< by measure_bias
 };
+
+/// To judge its pixels by; shading_dn: the mean frame, from any level of each channel.
+DarkPixels dark_pixels(const DarkPass& dark, View<const float> shading_dn);
 
 /// `first` gives size, layout and black level; step_dn: quantization_step of the set's first frame.
 DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn,

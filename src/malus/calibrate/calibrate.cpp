@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/bias_calibration.h"
+#include "malus/calibrate/defects.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"
 #include "malus/calibrate/flat_checks.h"
@@ -166,9 +167,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   } else {
     measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
   }
-  DarkPixels pixels{out.dark_shading_dn,       dark.temporal.sum_of_squares(),
-                    plan.bias->count,          {},
-                    std::move(dark.constancy), quantization_dn};
+  DarkPixels pixels = dark_pixels(dark, out.dark_shading_dn);
   for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
     pixels.tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
   defects = find_defects(pixels, out.prnu_map, geometry);

@@ -1,4 +1,4 @@
-// What stays the same from frame to frame in the dark: shading and DSNU; defect pixels.
+// What stays the same from frame to frame in the dark: shading and DSNU.
 #pragma once
 
 #include "malus/calibrate/geometry.h"
@@ -48,39 +48,5 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
 void measure_dsnu(const OrdinaryPixels& mean_frame,
                   const std::vector<double>& temporal_variance_dn2, const MosaicGeometry& geometry,
                   PhysicsCalibration& out);
-
-/// Read noise of a channel's ordinary pixels, to judge the others by.
-struct ReadTail {
-  double lambda = 0.14, scale_dn = 0;
-};
-
-/// Dark frames of one gain, to judge pixels by.
-struct DarkPixels {
-  View<const float> shading_dn, sum_of_squares;
-  int frames = 0;
-  std::vector<ReadTail> tails;    ///< per channel
-  std::vector<double> constancy;  ///< per channel: EqualValues::chance_of_constancy
-  double step_dn = 0;             ///< of the codes; 0: there are none
-};
-
-/// Pixels that stand out by more than kDefectDeviations robust deviations: "hot" in the dark
-/// shading, "noisy" in temporal variance (and above four times the channel's), "stuck" with less
-/// than a fiftieth of it over 20 frames or more, "dead" with less than half of the response.
-/// Of heavy tails a single value can make a pixel hot or noisy: such pixels must be farther out
-/// than is likely anywhere among the channel's. Of noise narrower than a code pixels are constant
-/// by chance, others jump by a code, and most show no deviation: where constancy is likely, none is
-/// stuck, and what rounding alone can do makes none hot or noisy. A pixel that follows the light is
-/// not stuck.
-/// response may be empty. The list is in the order of the channels, rows and columns of each, and
-/// ends at kMostDefects.
-inline constexpr std::size_t kMostDefects = 100000;
-std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
-                                      const MosaicGeometry& geometry);
-
-/// What the listed pixels add to the temporal variance of dark.sum_of_squares, mean over the
-/// channel's pixels; DN² per channel. Contract: at least two frames.
-std::vector<double> temporal_excess_dn2(const DarkPixels& dark,
-                                        const std::vector<DefectPixel>& defects,
-                                        const MosaicGeometry& geometry);
 
 }  // namespace malus

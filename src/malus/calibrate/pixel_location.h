@@ -17,6 +17,9 @@ struct PixelLocation {
   double centre = 0, deviation = 0;
 };
 
+/// The least that PixelLocation shows of values on a lattice of this step.
+inline double least_shown_deviation(double step) { return 0.5 * step / kMedianOfNormal; }
+
 /// Of value(row, col) over the pixels of one channel; every k-th pixel of a large channel says as
 /// much as all. k shares no divisor with the number of columns, so that pixels of all columns are
 /// among them.

@@ -182,4 +182,12 @@ void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCal
   for (std::string& line : troubles.lines(layout)) out.warnings.push_back(std::move(line));
 }
 
+double residual_cell_dn(double deviation_dn, double step_dn) {
+  const double width = deviation_dn / kCellsPerDeviation;
+  if (!(width > 0)) return 1.0;
+  if (!(step_dn > 0)) return width;
+  return width < step_dn ? step_dn / std::ceil(step_dn / width)
+                         : step_dn * std::floor(width / step_dn);
+}
+
 }  // namespace malus

@@ -14,6 +14,12 @@ namespace malus {
 /// Cells of a residual histogram per deviation.
 inline constexpr double kCellsPerDeviation = 24.0;
 
+/// Width of the cells for residuals of this deviation: they divide the converter's step, or are a
+/// whole number of steps wide. Where no fixed pattern spreads the offsets, residuals lie on a
+/// lattice: beside cells of any other width it makes a moiré that looks like another shape (λ by up
+/// to 0.005), and differs between sessions. step_dn: 0: none.
+double residual_cell_dn(double deviation_dn, double step_dn);
+
 struct ShapeInput {
   const std::vector<std::vector<ResidualHistogram>>& residuals;  ///< [frame][channel]
   std::vector<double> pixel_variance_dn2;                        ///< per channel, rounding and all

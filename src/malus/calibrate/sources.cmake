@@ -8,6 +8,7 @@ set(calibrate_SOURCES
   cut_off_noise.cpp
   dark_codes.cpp
   dark_point.cpp
+  defects.cpp
   equal_values.cpp
   fixed_pattern.cpp
   flat_calibration.cpp

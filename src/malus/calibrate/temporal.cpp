@@ -129,6 +129,13 @@ std::vector<double> TemporalAccumulator::frame_deviation_dn() const {
   return deviation;
 }
 
+std::vector<double> TemporalAccumulator::frame_drift_dn(int frame) const {
+  std::vector<double> drift = frame_means_.at(static_cast<std::size_t>(frame));
+  const std::vector<double> mean = mean_dn();
+  for (std::size_t c = 0; c < drift.size(); ++c) drift[c] -= mean[c];
+  return drift;
+}
+
 std::vector<double> TemporalAccumulator::variance_dn2() const {
   MALUS_REQUIRE(frames_ >= 2);
   std::vector<double> variance = channel_means(m2_, geometry_);

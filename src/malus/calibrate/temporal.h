@@ -27,6 +27,8 @@ class TemporalAccumulator {
   std::vector<double> mean_dn() const;
   /// Sd of the frames' means from frame to frame, per channel; 0 for a single frame.
   std::vector<double> frame_deviation_dn() const;
+  /// One frame's means above those of all frames, per channel, DN.
+  std::vector<double> frame_drift_dn(int frame) const;
   /// Unbiased temporal variance of a pixel about its own mean, averaged over the channel, frame
   /// means aligned; DN². Contract: at least two frames.
   std::vector<double> variance_dn2() const;
