@@ -52,6 +52,8 @@ async function readPixel(page, x, y) {
 test("pixel values are the file's, in DN and electrons; DoLP follows from them", { skip: noBrowser }, async (t) => {
   const page = await open(t, smallReport(t));
   await ready(page);
+  const chosen = await page.getByLabel("Show", { exact: true }).evaluate((list) => list.selectedOptions[0].text);
+  assert.equal(chosen, "DoLP");  // where two pictures differ most
   const [x, y] = [51, 35];
   const { K } = JSON.parse(malus("model", "show", "imx250mzr-simulated", "--gain", 0, "--json")).gains[0];
   await page.getByLabel("Show", { exact: true }).selectOption("mosaic");

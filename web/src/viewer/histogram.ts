@@ -63,7 +63,7 @@ export function histogram(view: View, pictures: { name: string; planes: Plane[] 
   );
   return {
     title: `Histogram: ${view.name}`,
-    text: `Share of pixels per bin of ${width.toPrecision(3)} ${view.unit === "1" ? "" : view.unit}, between the 0.1 and 99.9 % points.`,
+    text: `Share of pixels per bin of ${width.toPrecision(3)}${view.unit === "1" ? "" : ` ${view.unit}`}, between the 0.1 and 99.9 % points.`,
     x: { name: view.name, unit: view.unit, scale: "linear", categories: [], low: null, high: null },
     y: { name: "share of pixels", unit: "1", scale: "linear", categories: [], low: 0, high: null },
     series,

@@ -8,7 +8,7 @@ import { paint, quantile } from "./paint";
 import { decode, type Plane } from "./raster";
 import { readout } from "./readout";
 import { Stage } from "./stage";
-import { viewsOf, type Shown, type View } from "./views";
+import { firstView, viewsOf, type Shown, type View } from "./views";
 
 function magnitudes({ values }: Plane): { values: Float32Array } {
   return { values: values.map(Math.abs) };
@@ -60,6 +60,7 @@ class Viewer {
         this.block.layers.map(({ rasters }) => Promise.all(rasters.map(async (r) => (r ? (await decode(r))[0] : null)))),
       );
       this.views = viewsOf(this.block, layers);
+      this.view = firstView(this.views, this.sides.length > 1);
     } catch (error) {
       wait.textContent = `The pictures cannot be shown: ${(error as Error).message}`;
       wait.setAttribute("role", "alert");
@@ -89,7 +90,9 @@ class Viewer {
   }
 
   private controls(): void {
-    this.tools.append(choice("Show", this.views.map(({ name }) => name), (index) => this.pickView(index)));
+    const show = choice("Show", this.views.map(({ name }) => name), (index) => this.pickView(index));
+    show.querySelector("select")!.selectedIndex = this.view;
+    this.tools.append(show);
     const names = this.names();
     if (names.length > 2)
       for (const side of [0, 1]) {

@@ -155,3 +155,8 @@ export function viewsOf(block: PicturesBlock, layers: (Plane | null)[][]): View[
   );
   return views;
 }
+
+/** The view to begin with. Intensity, the mean of four angles, hardly shows what has changed between two pictures: DoLP does. */
+export function firstView(views: View[], compared: boolean): number {
+  return compared ? Math.max(views.findIndex(({ name }) => name === "DoLP"), 0) : 0;
+}
