@@ -22,13 +22,18 @@ double saturation_of(const NoiseModel& model, const PhysicsCalibration& p, int c
                              model.white_dn - model.black_dn[as_index(channel)]);
 }
 
-// Points of a flat level in electrons. The transfer curve's variance is without the dark one.
+constexpr double kMostOfLight = 1.5;  // of the light's own ratio of signal to noise
+
+// Points of a flat level in electrons. The transfer curve's variance is without the dark one. Where
+// saturation has cut the light's own noise off, the ratio tells nothing of the camera, and may be
+// thousands.
 FlatPoint signal_to_noise_point(const PhysicsCalibration& p, const PhotonTransferPoint& point) {
   const double dark_dn = p.temporal_sd_dark_dn[as_index(point.channel)];
   const double variance_dn2 = point.variance_dn2 + dark_dn * dark_dn;
+  const double signal_e = point.mean_dn / p.K.mean[as_index(point.channel)];
   const double ratio = point.mean_dn / std::sqrt(variance_dn2);
-  return {point.mean_dn / p.K.mean[as_index(point.channel)], ratio,
-          0.5 * ratio * point.variance_stderr_dn2 / variance_dn2};
+  if (ratio > kMostOfLight * std::sqrt(signal_e)) return {signal_e, Measured::kNone, 0};
+  return {signal_e, ratio, 0.5 * ratio * point.variance_stderr_dn2 / variance_dn2};
 }
 
 Chart signal_to_noise_chart(const NoiseModel& model, const PhysicsCalibration& p) {

@@ -84,6 +84,13 @@ test("emva001: real camera's page, plots can be chosen and saved", { skip: noBro
   assert.equal(png.bytes.subarray(1, 4).toString(), "PNG");
   assert.ok(png.bytes.length > 5000);
 
+  // Saturated levels have next to no noise: thousands of their ratio would flatten the curve.
+  const ratios = page.locator("figure").filter({ has: page.getByRole("heading", { name: /^Signal to noise/ }) }).first();
+  const points = (await download(page, ratios.getByRole("button", { name: "CSV" }))).bytes.toString().trim().split("\r\n").slice(1);
+  assert.ok(points.length > 20);
+  for (const [series, signal, ratio] of points.map((line) => line.split(",")).map((cells) => [cells[0], ...cells.slice(-4).map(Number)]))
+    assert.ok(!(ratio > 1.5 * Math.sqrt(signal)), `${series}: ${ratio} at ${signal} e-`);
+
   // A map's value can be read off with the keyboard.
   const maps = page.locator(".viewer[data-ready]").first();
   await maps.waitFor();
