@@ -17,6 +17,7 @@ import column_noise as camera
 import malus
 import numpy as np
 
+KINDS = ("smooth", "stripes of half", "faint stripes", "bars", "text", "windows")
 READ, BLACK, WHITE, ROWS, COLS = camera.READ, camera.BLACK, camera.WHITE, camera.ROWS, camera.COLS
 
 
@@ -33,6 +34,10 @@ def drawn(kind):
     if kind == "bars":  # of 4 to 16 rows
         edge = np.cumsum(random.integers(4, 17, ROWS))
         return random.uniform(0.3, 0.7, ROWS)[np.searchsorted(edge, r, "right")]
+    if kind == "windows":  # lit, 12 columns wide in lines of 16 rows, on a ground of 1 %
+        lit = np.where(random.random((ROWS // 16, COLS // 12 + 1)) < 0.15, 0.02 * 30 ** random.random((ROWS // 16, COLS // 12 + 1)), 0.01)
+        lit = lit.repeat(16, 0).repeat(12, 1)[:, :COLS]
+        return np.where(r % 64 < 16, lit, 0.01)
     light, top = np.full((ROWS, COLS), 0.9), 3  # text: marks of 3 columns in lines of 4 to 14 rows
     while top < ROWS - 14:
         height = int(random.integers(4, 15))
@@ -55,6 +60,7 @@ def main():
     parser.add_argument("--layouts", nargs="+", default=["polar-bayer-rggb", "bayer-rggb"])
     parser.add_argument("--ratios", nargs="+", type=float, default=[0, 0.5, 1])
     parser.add_argument("--lights", nargs="+", type=float, default=[20, 400])
+    parser.add_argument("--kinds", nargs="+", default=KINDS)
     arguments = parser.parse_args()
     for layout in arguments.layouts:
         group = camera.group_of(layout)
@@ -62,7 +68,7 @@ def main():
             with tempfile.TemporaryDirectory() as folder:
                 model = camera.calibrated(layout, ratio, pathlib.Path(folder), columns=0)
             for white in arguments.lights:
-                for kind in ("smooth", "stripes of half", "faint stripes", "bars", "text"):
+                for kind in arguments.kinds:
                     clean = white * camera.mosaic(layout, drawn(kind), 0.2, 50)
                     raw = camera.frame(clean, ratio * READ, 0, group, np.random.default_rng(7))
                     ways = [shown(layout, clean, white, raw, {"model": model, "gain": 0, "row_noise": on}) for on in (True, False)]

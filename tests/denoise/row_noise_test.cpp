@@ -136,6 +136,41 @@ TEST(RowNoise, APictureIsNotTakenForRows) {
   for (const double offset : rows.offset) EXPECT_LT(std::abs(offset), 3.5);
 }
 
+// Lit windows of 12 columns and 16 rows on a ground of 2 DN: they cover a seventh of their rows,
+// and each row that is compared across their edge differs from them by up to 600 DN.
+TEST(RowNoise, LitWindowsLeaveNoStreaksInTheirRows) {
+  for (const double sigma_row_dn : {0.5, 2.0}) {
+    const NoiseProfile profile = profile_with(sigma_row_dn, 0.5);
+    RandomSequence windows(13, 0, Draw::kUser), noise(14, 0, Draw::kPixel);
+    Simulated truth = simulate(profile, 512, 512, false);
+    const auto lit = [](int row) { return row % 64 >= 24 && row % 64 < 40; };
+    double light = 0;
+    for (int r = 0; r < 512; r += 16)
+      for (int c = 0; c < 512; ++c) {
+        if (c % 12 == 0)
+          light = windows.uniform() < 0.15 ? 20 * std::pow(30, windows.uniform()) : 2;
+        for (int i = r; i < r + 16; ++i) {
+          const double clean = lit(i) ? light : 2;
+          truth.dn(i, c) = static_cast<float>(
+              clean + std::sqrt(0.5 * clean + 14) * noise.normal() +
+              profile.channels[static_cast<std::size_t>(profile.layout.channel_at(i, c))]
+                      .sigma_row_dn *
+                  truth.offset[static_cast<std::size_t>(i / 2)]);
+        }
+      }
+    const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+    double error_dn2 = 0, stated_dn2 = 0;
+    for (int r = 0; r < 512; ++r)
+      if (lit(r)) {
+        const auto g = static_cast<std::size_t>(r / 2);
+        error_dn2 += std::pow(sigma_row_dn * (rows.offset[g] - truth.offset[g]), 2) / 128;
+        stated_dn2 += std::pow(sigma_row_dn * rows.deviation[g], 2) / 128;
+      }
+    EXPECT_LT(error_dn2, std::pow(0.5 * sigma_row_dn, 2)) << sigma_row_dn;
+    EXPECT_LT(error_dn2 / stated_dn2, 1.5) << sigma_row_dn;
+  }
+}
+
 TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
   const Simulated truth = simulate(profile_with(1.6, 1.5), 400, 600, false);
   const RowNoise rows = estimate_row_noise(truth.dn, profile_with(1.0, 1.5), kSaturatedDn);

@@ -16,6 +16,9 @@ constexpr std::size_t kLeastRows = 64;  // for the deviation to be estimated fro
 constexpr double kMostRowDeviation = 2.0;
 // The unit, in deviations of the pixels, that a picture's own row noise is measured in.
 constexpr double kEvidenceUnit = 0.25;
+// Deviations at which a pixel has no influence on where most of its row lies: in doubt it is
+// text's.
+constexpr double kDoubtfulReach = 3.5;
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
 
@@ -67,7 +70,7 @@ std::vector<double> most_of_rows(View<const float> dn, const NoiseProfile& profi
   std::vector<double> most(rows.row.size());
   parallel_for(0, std::ssize(most), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      most[i] = most_of_row(dn, profile, saturated_dn, rows.row[i], 1, rows.value[i]);
+      most[i] = evidence_of_most(dn, profile, saturated_dn, rows.row[i], 1, kDoubtfulReach)->value;
   });
   return most;
 }

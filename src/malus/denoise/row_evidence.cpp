@@ -1,16 +1,18 @@
 #include "malus/denoise/row_evidence.h"
 
+#include "malus/base/statistics.h"
+
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace malus {
 namespace {
 
 constexpr int kSegments = 16;          // a row's own spread is judged between so many parts of it
 constexpr double kInfluenceEnd = 3.0;  // deviations at which a pixel's influence ends to grow
-// Deviations at which a pixel has none on where most of the row lies.
-constexpr double kNoInfluence = 3.5;
 constexpr int kReweightingsOfRow = 4;
+constexpr double kLeastSlope = 0.1;  // of a row whose pixels lie in two places, say
 
 struct PixelDifference {
   double value, weight, deviation;  // in units of the offsets' deviation
@@ -39,10 +41,49 @@ std::vector<PixelDifference> differences_along(View<const float> dn, const Noise
   return out;
 }
 
+// Nothing where such rows lie outside of the frame.
+std::vector<PixelDifference> differences_of(View<const float> dn, const NoiseProfile& profile,
+                                            const std::vector<float>& saturated_dn, int row,
+                                            int distance) {
+  if (row - distance < 0 || row + distance >= dn.rows()) return {};
+  return differences_along(dn, profile, saturated_dn, row, distance);
+}
+
+RowEvidence evidence_for(int row, int distance, int group, double value, double by_noise,
+                         double between) {
+  const double variance = std::max(by_noise, between);
+  return {row / group, (row - distance) / group, (row + distance) / group, value,
+          variance,    variance - by_noise};
+}
+
 // Weighted sums over one part of a row.
 struct SegmentSum {
   double weighted = 0, weight = 0;
 };
+
+// Tukey's biweight (Beaton, Tukey, Technometrics 16, 1974): how far off a pixel is, 1 where it has
+// no influence any more.
+double distance_from(double most, double reach, const PixelDifference& p) {
+  return std::min(std::abs(p.value - most) / (reach * p.deviation), 1.0);
+}
+
+// By reweighting from the median on.
+double place_of_most(const std::vector<PixelDifference>& pixels, double reach) {
+  std::vector<double> values;
+  for (const PixelDifference& p : pixels) values.push_back(p.value);
+  double most = median_of(std::move(values));
+  for (int pass = 0; pass < kReweightingsOfRow; ++pass) {
+    double weighted = 0, weight = 0;
+    for (const PixelDifference& p : pixels) {
+      const double u = distance_from(most, reach, p), w = p.weight * std::pow(1 - u * u, 2);
+      weighted += w * p.value;
+      weight += w;
+    }
+    if (!(weight > 0)) break;
+    most = weighted / weight;
+  }
+  return most;
+}
 
 }  // namespace
 
@@ -50,9 +91,8 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
                                         const std::vector<float>& saturated_dn, int row,
                                         int periods) {
   const int distance = periods * profile.layout.rows();
-  if (row - distance < 0 || row + distance >= dn.rows()) return std::nullopt;
   const std::vector<PixelDifference> pixels =
-      differences_along(dn, profile, saturated_dn, row, distance);
+      differences_of(dn, profile, saturated_dn, row, distance);
   if (pixels.empty()) return std::nullopt;
   SegmentSum parts[kSegments];
   double weighted = 0, weight = 0;
@@ -76,30 +116,34 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
       spread += part.weight * part.weight * std::pow(part.weighted / part.weight - value, 2);
   // The pixel noise alone explains 1/weight; texture makes the parts of the row differ by more.
   const double between = used > 1 ? spread / (weight * weight) * used / (used - 1) : 0;
-  const double variance = std::max(1.0 / weight, between);
-  const int group = profile.row_group;
-  return RowEvidence{row / group, (row - distance) / group, (row + distance) / group, value,
-                     variance,    variance - 1.0 / weight};
+  return evidence_for(row, distance, profile.row_group, value, 1.0 / weight, between);
 }
 
-// Tukey's biweight (Beaton, Tukey, Technometrics 16, 1974), by reweighting from the mean on.
-double most_of_row(View<const float> dn, const NoiseProfile& profile,
-                   const std::vector<float>& saturated_dn, int row, int periods, double mean) {
+// The variance is that of an estimate that solves an equation (Huber, Ronchetti, Robust Statistics,
+// 2009, 3.2): of the sum of the influences over the square of its slope.
+std::optional<RowEvidence> evidence_of_most(View<const float> dn, const NoiseProfile& profile,
+                                            const std::vector<float>& saturated_dn, int row,
+                                            int periods, double reach) {
+  const int distance = periods * profile.layout.rows();
   const std::vector<PixelDifference> pixels =
-      differences_along(dn, profile, saturated_dn, row, periods * profile.layout.rows());
-  double most = mean;
-  for (int pass = 0; pass < kReweightingsOfRow; ++pass) {
-    double weighted = 0, weight = 0;
-    for (const PixelDifference& p : pixels) {
-      const double u = (p.value - most) / (kNoInfluence * p.deviation);
-      const double keep = std::max(1 - u * u, 0.0), w = p.weight * keep * keep;
-      weighted += w * p.value;
-      weight += w;
-    }
-    if (!(weight > 0)) return mean;
-    most = weighted / weight;
+      differences_of(dn, profile, saturated_dn, row, distance);
+  if (pixels.empty()) return std::nullopt;
+  const double most = place_of_most(pixels, reach);
+  double influence[kSegments] = {}, squares = 0, slope = 0, weight = 0;
+  for (const PixelDifference& p : pixels) {
+    const double u = distance_from(most, reach, p), keep = 1 - u * u,
+                 own = p.weight * keep * keep * (p.value - most);
+    influence[p.part] += own;
+    squares += own * own;
+    slope += p.weight * keep * (1 - 5 * u * u);
+    weight += p.weight;
   }
-  return most;
+  double of_parts = 0;
+  for (const double sum : influence) of_parts += sum * sum;
+  const double slope2 = std::pow(std::max(slope, kLeastSlope * weight), 2);
+  return evidence_for(row, distance, profile.row_group, most,
+                      std::max(squares / slope2, 1.0 / weight),
+                      of_parts / slope2 * kSegments / (kSegments - 1));
 }
 
 }  // namespace malus

@@ -17,8 +17,12 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
                                         const std::vector<float>& saturated_dn, int row,
                                         int periods);
 
-/// Where most pixels of such a row lie, without those far off them; mean: the evidence's value.
-double most_of_row(View<const float> dn, const NoiseProfile& profile,
-                   const std::vector<float>& saturated_dn, int row, int periods, double mean);
+/// The same of the place where most pixels of the row lie: a camera lifts all of them, and those
+/// that stand out from the others (windows at night, letters) are the picture's. reach: the
+/// deviations from that place at which a pixel has no influence. The variance is that of the pixels
+/// that have.
+std::optional<RowEvidence> evidence_of_most(View<const float> dn, const NoiseProfile& profile,
+                                            const std::vector<float>& saturated_dn, int row,
+                                            int periods, double reach);
 
 }  // namespace malus

@@ -22,6 +22,10 @@ constexpr int kReweightings = 4;
 // Rows are compared with neighbours so many periods of the layout away: near ones see the least of
 // the picture, far ones the slow waves of the offsets.
 constexpr int kDistances[] = {1, 2, 4};
+// Pixels so many deviations from where most of their row lies are the picture's: where all is noise
+// that errs by a fortieth more than the row's mean (Huber, Ronchetti, Robust Statistics,
+// 2009, 4.8).
+constexpr double kReach = 4.685;
 // The comparisons of one row share its noise: together they are worth less than their number.
 constexpr double kShared = 2.0;
 // Offsets that deviate by more than this, in units of the model's, are not the camera's alone: a
@@ -122,8 +126,9 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
   std::vector<std::optional<RowEvidence>> found(static_cast<std::size_t>(count));
   parallel_for(0, count, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (std::ptrdiff_t i = begin; i < end; ++i)
-      found[static_cast<std::size_t>(i)] = row_evidence(
-          dn, profile, saturated_dn, static_cast<int>(i % dn.rows()), kDistances[i / dn.rows()]);
+      found[static_cast<std::size_t>(i)] =
+          evidence_of_most(dn, profile, saturated_dn, static_cast<int>(i % dn.rows()),
+                           kDistances[i / dn.rows()], kReach);
   });
   std::vector<RowEvidence> evidence;
   for (const auto& e : found)
