@@ -2,6 +2,7 @@
 #include "malus/base/text.h"
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -50,6 +51,32 @@ TEST(NearestName, IsNearOrNone) {
   EXPECT_EQ(did_you_mean("widht", keys), "did you mean width? ");
   EXPECT_EQ(did_you_mean("widht", keys, true), "did you mean \"width\"? ");
   EXPECT_EQ(nearest_name("info", {}), "");
+}
+
+TEST(DecimalNumber, IsTheWholeTextAndDecimal) {
+  for (const auto& [text, value] : {std::pair<const char*, double>{"12", 12},
+                                    {"+12", 12},
+                                    {"-0.5", -0.5},
+                                    {".5", 0.5},
+                                    {"5.", 5},
+                                    {"1e3", 1000},
+                                    {"2.5E-1", 0.25},
+                                    {"010", 10}})
+    EXPECT_EQ(decimal_number(text), value) << text;
+  for (const char* text : {"", "0x10", "0x1p4", "1_000", "1,5", "12 ", " 12", "12dB", "+-1", "--1",
+                           "inf", "nan", "1e400", "1e", "+"})
+    EXPECT_FALSE(decimal_number(text)) << text;
+}
+
+// The limits of Unicode's table of well-formed byte sequences, from both sides.
+TEST(Utf8, IsToldFromOtherBytes) {
+  for (const char* text : {"", "plain", "caf\xc3\xa9", "\xc2\x80", "\xdf\xbf", "\xe0\xa0\x80",
+                           "\xed\x9f\xbf", "\xee\x80\x80", "\xf0\x90\x80\x80", "\xf4\x8f\xbf\xbf"})
+    EXPECT_TRUE(is_utf8(text)) << text;
+  for (const char* text :
+       {"caf\xe9", "\x80", "\xc3", "\xc1\xbf", "\xc3(", "\xe0\x9f\xbf", "\xe2\x82", "\xed\xa0\x80",
+        "\xf0\x8f\xbf\xbf", "\xf4\x90\x80\x80", "\xf5\x80\x80\x80", "\xff"})
+    EXPECT_FALSE(is_utf8(text)) << text;
 }
 
 TEST(PercentText, HasTwoDigitsAndNoExponent) {

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 
+#include "problem_of.h"
 #include "support.h"
 #include <gmock/gmock.h>
 
@@ -240,6 +241,25 @@ TEST(Session, WhatIsSavedIsReadBack) {
   std::filesystem::rename(folder / "x.raw", folder / "moved/x.raw");
   std::filesystem::rename(folder / "s.toml", folder / "moved/s.toml");
   EXPECT_EQ(load_session(folder / "moved/s.toml").groups[0].paths.size(), 2u);
+}
+
+// TOML is UTF-8: other bytes made a file that nothing reads.
+TEST(Session, NamesThatAreNotUtf8AreNotWritten) {
+  const testing::TemporaryFolder folder;
+  const std::filesystem::path odd = folder / "caf\xe9";
+  std::filesystem::create_directory(odd);
+  Session session;
+  session.groups.emplace_back().paths = {odd / "f.tif"};
+  write_file(odd / "f.tif", "x", false);
+  const auto refused = [&](const std::filesystem::path& path) {
+    return testing::problem_of([&] { save_session(path, session, false); });
+  };
+  EXPECT_THAT(refused(folder / "s.toml"), HasSubstr("names are not UTF-8"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "s.toml"));
+  EXPECT_EQ(refused(odd / "s.toml"), "");  // names count from the file's folder
+  EXPECT_EQ(load_session(odd / "s.toml").groups[0].paths, session.groups[0].paths);
+  session.sensor.name = "caf\xe9";
+  EXPECT_THAT(refused(odd / "t.toml"), HasSubstr("sensor's name that is not UTF-8"));
 }
 
 GainSetting iso(double value) { return {std::nullopt, value}; }

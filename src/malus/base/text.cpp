@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <numeric>
 #include <utility>
@@ -80,8 +81,45 @@ std::string joined(std::span<const std::string> parts, std::string_view separato
   return text;
 }
 
+std::optional<double> decimal_number(std::string_view text) {
+  if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
+  double value = 0;
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || stop != end || !std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
 std::string counted(std::int64_t number, std::string_view noun) {
   return fmt::format("{} {}{}", number, noun, number == 1 ? "" : "s");
+}
+
+// Unicode 15, table 3-7: what the second byte may be excludes longer forms than needed, surrogates
+// and what lies beyond U+10FFFF.
+bool is_utf8(std::string_view text) {
+  const auto between = [](unsigned char c, unsigned low, unsigned high) {
+    return c >= low && c <= high;
+  };
+  for (std::size_t i = 0; i < text.size();) {
+    const auto first = static_cast<unsigned char>(text[i++]);
+    if (first < 0x80) continue;
+    if (!between(first, 0xC2, 0xF4)) return false;
+    const std::size_t more = first < 0xE0 ? 1 : first < 0xF0 ? 2 : 3;
+    if (text.size() - i < more) return false;
+    const auto second = static_cast<unsigned char>(text[i]);
+    if (!between(second,
+                 first == 0xE0   ? 0xA0
+                 : first == 0xF0 ? 0x90
+                                 : 0x80,
+                 first == 0xED   ? 0x9F
+                 : first == 0xF4 ? 0x8F
+                                 : 0xBF))
+      return false;
+    for (std::size_t k = 1; k < more; ++k)
+      if (!between(static_cast<unsigned char>(text[i + k]), 0x80, 0xBF)) return false;
+    i += more;
+  }
+  return true;
 }
 
 std::string percent_text(double share) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -22,8 +23,15 @@ std::string lower_case(std::string text);
 /// "a, b, c"
 std::string joined(std::span<const std::string> parts, std::string_view separator = ", ");
 
+/// The whole text as one finite decimal number, with or without sign and exponent; empty where it
+/// is anything else, as 0x10, 1_000 or inf.
+std::optional<double> decimal_number(std::string_view text);
+
 /// "1 image", "2 images", "0 images".
 std::string counted(std::int64_t number, std::string_view noun);
+
+/// Whether these bytes are UTF-8, as JSON and TOML have to be; names of files need not be.
+bool is_utf8(std::string_view text);
 
 /// A share of 0..1 in percent, to two digits (one below 0.0001 %) and never with an exponent:
 /// "0.00002", "0.034", "12", "100".

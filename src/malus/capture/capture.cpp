@@ -4,6 +4,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/base/unfinished_files.h"
 #include "malus/capture/camera.h"
 #include "malus/capture/frame_writer.h"
@@ -249,7 +250,8 @@ fs::path write_session(const CapturePlan& plan, const fs::path& folder,
                        const CaptureReport& report) {
   Session session;
   session.sensor = plan.sensor;
-  if (session.sensor.name.empty()) session.sensor.name = report.camera;
+  // A camera may tell its name in any bytes, which is no reason to lose what was taken.
+  if (session.sensor.name.empty() && is_utf8(report.camera)) session.sensor.name = report.camera;
   for (const auto& step : report.steps) {
     FrameGroup group;
     group.kind = step.step.kind;

@@ -73,7 +73,8 @@ SensorDescription parse_sensor(const ConfigSection& section);
 /// The value of the key "kind"; throws InputError that lists the kinds.
 FrameKind parse_frame_kind(const ConfigSection& section);
 
-/// Writes paths relative to the session file where they lie below it.
+/// Writes paths relative to the session file where they lie below it. Throws InputError where a
+/// path as written, or the sensor's name, is not UTF-8.
 void save_session(const std::filesystem::path& path, const Session& session, bool force);
 
 /// What load_frame needs for this group's frames.

@@ -1,5 +1,6 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/io/session.h"
 
 #include <system_error>
@@ -65,6 +66,9 @@ std::string portable_path(const fs::path& file, const fs::path& folder) {
 
 void save_session(const fs::path& path, const Session& session, bool force) {
   const fs::path folder = path.parent_path().empty() ? fs::path(".") : path.parent_path();
+  if (!is_utf8(session.sensor.name))
+    throw InputError(path.string(), "would hold a sensor's name that is not UTF-8, as TOML is",
+                     "give another name");
   std::string out = sensor_text(session.sensor);
   for (const FrameGroup& group : session.groups) {
     out += fmt::format("\n[[frames]]\nkind = {}\n", toml_string(frame_kind_name(group.kind)));
@@ -73,8 +77,13 @@ void save_session(const fs::path& path, const Session& session, bool force) {
     if (group.exposure_s) out += fmt::format("exposure_s = {}\n", *group.exposure_s);
     if (group.level) out += fmt::format("level = {}\n", *group.level);
     out += "paths = [\n";
-    for (const fs::path& file : group.paths)
-      out += fmt::format("  {},\n", toml_string(portable_path(file, folder)));
+    for (const fs::path& file : group.paths) {
+      const std::string name = portable_path(file, folder);
+      if (!is_utf8(name))  // other bytes would name other files
+        throw InputError(path.string(), "would name files whose names are not UTF-8, as TOML is",
+                         "rename the files or their folder");
+      out += fmt::format("  {},\n", toml_string(name));
+    }
     out += "]\n";
   }
   write_file(path, out, force);
