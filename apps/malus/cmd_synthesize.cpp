@@ -2,6 +2,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
@@ -9,7 +10,6 @@
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <iterator>
@@ -47,17 +47,11 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
   if (arguments.gain == "random") return std::nullopt;
   GainSetting gain;
   gain.iso = arguments.iso;
-  if (!arguments.gain.empty()) {
-    try {
-      std::size_t used = 0;
-      gain.gain_db = std::stod(arguments.gain, &used);
-      if (used != arguments.gain.size() || !std::isfinite(*gain.gain_db))
-        throw std::invalid_argument(arguments.gain);
-    } catch (const std::logic_error&) {
-      throw CLI::ValidationError("--gain",
-                                 arguments.gain + " is not a gain: give a number in dB, or random");
-    }
-  }
+  if (arguments.gain.empty()) return gain;
+  gain.gain_db = decimal_number(arguments.gain);
+  if (!gain.gain_db)
+    throw CLI::ValidationError("--gain",
+                               arguments.gain + " is not a gain: give a number in dB, or random");
   return gain;
 }
 

@@ -11,13 +11,6 @@
 namespace malus::app {
 namespace {
 
-// The whole text as one number; empty where it is none. CLI11 reads doubles in the same way.
-std::optional<double> finite_value(const std::string& text) {
-  double value = 0;
-  if (!CLI::detail::lexical_cast(text, value) || !std::isfinite(value)) return std::nullopt;
-  return value;
-}
-
 // Shortest digits, without the exponent of {:g} where they are few.
 std::string words_of_range(double minimum, double maximum) {
   if (std::isfinite(minimum) && std::isfinite(maximum))
@@ -47,7 +40,7 @@ std::string whole_number_wanted(Whole minimum, Whole maximum, const std::string&
 CLI::Validator in_range(double minimum, double maximum) {
   CLI::Validator validator{CLI::Range(minimum, maximum).get_description()};
   return validator.operation([=](std::string& text) {
-    const auto value = finite_value(text);
+    const auto value = decimal_number(text);
     return value && *value >= minimum && *value <= maximum
                ? std::string()
                : fmt::format("{}, not {}", words_of_range(minimum, maximum), text);
@@ -66,7 +59,7 @@ CLI::Validator in_range(int minimum, int maximum) {
 
 CLI::Validator positive_number() {
   return CLI::Validator("POSITIVE").operation([](std::string& text) {
-    const auto value = finite_value(text);
+    const auto value = decimal_number(text);
     return value && *value > 0 ? std::string()
                                : fmt::format("must be a finite number above 0, not {}", text);
   });
@@ -74,8 +67,8 @@ CLI::Validator positive_number() {
 
 CLI::Validator finite_number() {
   return CLI::Validator("").operation([](std::string& text) {
-    return finite_value(text) ? std::string()
-                              : fmt::format("must be a finite number, not {}", text);
+    return decimal_number(text) ? std::string()
+                                : fmt::format("must be a finite number, not {}", text);
   });
 }
 

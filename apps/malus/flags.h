@@ -22,7 +22,7 @@ namespace malus::app {
 
 // Every numeric flag of the program is checked by one of these four and by none of CLI11's own:
 // CLI11's Range and PositiveNumber let NaN pass, print the largest double with 300 digits, and its
-// conversion of whole numbers reads 010 as 8 and -1 as 2^64 - 1.
+// conversions read 0x10 as 16, 010 as 8 and -1 as 2^64 - 1.
 
 /// A number from minimum to maximum, both included; an infinite end is open, but infinity itself is
 /// refused. Described in --help as CLI::Range does.

@@ -79,6 +79,11 @@ def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
     ("info f.npy", "--seed 010", "in plain digits, not 010"),
     ("synthesize f.npy -m m -o out", "--frames 010", "in plain digits, not 010"),
     ("info f.npy", "--seed 1e3", "whole number"),
+    ("synthesize f.npy -m m -o out", "--gain 0x10", "give a number in dB"),
+    ("info f.npy", "--gain 0x10", "finite number"),
+    ("denoise f.npy -o out", "--black 1,0x10", "finite number"),
+    ("denoise f.npy -o out", "--strength 0x1", "between 0.1 and 4"),
+    ("denoise f.npy -o out", "--exposure 0x1p-3", "finite number above 0"),
 ])
 def test_numbers_of_flags_are_checked(malus, command, flag, words):
     line = malus(*command.split(), *flag.split(), code=2).err.splitlines()[0]

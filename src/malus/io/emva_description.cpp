@@ -6,8 +6,6 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -94,11 +92,9 @@ class Parser {
   }
 
   double number(std::string_view word, std::string_view what) const {
-    double value = 0;
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value))
-      fail(fmt::format("{} is \"{}\"", what, word), "it is a number");
-    return value;
+    const auto value = decimal_number(word);
+    if (!value) fail(fmt::format("{} is \"{}\"", what, word), "it is a number");
+    return *value;
   }
 
   void need(const Words& words, std::size_t count, std::string_view form) const {

@@ -1,9 +1,8 @@
 #include "malus/io/internal/frame_tags.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 
-#include <charconv>
-#include <cmath>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -22,14 +21,6 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
     if (end == std::string_view::npos) return parts;
     text.remove_prefix(end + 1);
   }
-}
-
-std::optional<double> parse_number(std::string_view text) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value))
-    return std::nullopt;
-  return value;
 }
 
 std::string cell_text(const SensorLayout& layout) {
@@ -107,8 +98,8 @@ void apply_frame_tags(Decoded& decoded) {
     } else if (key == "black") {
       decoded.black_dn.clear();
       for (const auto part : split(value, ','))
-        if (const auto black = parse_number(part)) decoded.black_dn.push_back(*black);
-    } else if (const auto number = parse_number(value)) {
+        if (const auto black = decimal_number(part)) decoded.black_dn.push_back(*black);
+    } else if (const auto number = decimal_number(value)) {
       if (key == "white") decoded.white_dn = number;
       if (key == "gain_db") decoded.gain.gain_db = number;
       if (key == "iso" && *number > 0) decoded.gain.iso = number;
