@@ -2,6 +2,10 @@
 
 #include "malus/base/error.h"
 
+#include <algorithm>
+#include <filesystem>
+#include <system_error>
+
 #include "networks_door.h"
 #include "program.h"
 #include <CLI/CLI.hpp>
@@ -15,7 +19,18 @@ bool is_weight_file(const std::string& method) { return method.ends_with(".safet
 }  // namespace
 
 void require_method(const std::string& name) {
-  if (!is_weight_file(name)) denoise_method(name, ", and networks' weight files (.safetensors)");
+  if (is_weight_file(name)) return;
+  std::error_code none;
+  const bool known = std::ranges::any_of(
+      denoise_methods(), [&](const DenoiseMethod& method) { return method.name == name; });
+  if (!known && std::filesystem::is_directory(name, none)) {
+    const std::filesystem::path weights = std::filesystem::path(name) / "weights.safetensors";
+    throw InputError("--method " + name, "is a folder",
+                     std::filesystem::exists(weights, none)
+                         ? "give the weights in it: " + weights.string()
+                         : "give a network's weight file (weights.safetensors of a training)");
+  }
+  denoise_method(name, ", and networks' weight files (.safetensors)");
 }
 
 FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,

@@ -35,6 +35,17 @@ def test_a_word_that_is_not_known_brings_up_the_one_meant_or_none(malus, tmp_pat
     assert words in told and told.count("did you mean") == words.count("did you mean")
 
 
+def test_a_training_s_folder_for_a_method_points_at_its_weights(malus, tmp_path):
+    (tmp_path / "run").mkdir()
+    told = [malus("denoise", "f.npy", "-o", "out", "--method", "run", code=2, cwd=tmp_path).err]
+    assert "is a folder; give a network's weight file" in told[0]
+    (tmp_path / "run/weights.safetensors").touch()
+    told.append(malus("denoise", "f.npy", "-o", "out", "--method", "run", code=2, cwd=tmp_path).err)
+    assert "is a folder; give the weights in it: run/weights.safetensors" in told[1]
+    (tmp_path / "bm3d").mkdir()  # a method's name is the method's
+    assert "f.npy" in malus("denoise", "f.npy", "-o", "out", "--method", "bm3d", code=1, cwd=tmp_path).err
+
+
 @pytest.mark.parametrize("arguments", [["denois"], ["denoise"], ["info", "--wat"], ["synthesize", "--gain", "x"], []])
 def test_wrong_usage_exits_2(malus, arguments):
     malus(*arguments, code=2)
