@@ -45,7 +45,7 @@ Json load_json(const fs::path& path) {
   Json json;
   try {
     json = Json::parse(file);
-  } catch (const Json::parse_error& error) {
+  } catch (const Json::exception& error) {  // out_of_range where a number is no double
     throw InputError(path.string(), std::string("is not JSON: ") + error.what(),
                      "give a model (.h5), or JSON that malus wrote");
   }

@@ -8,6 +8,8 @@
 #include "malus/io/gain_json.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "frame_input.h"
 #include "program.h"
@@ -32,6 +34,29 @@ std::string relative_to(const fs::path& path, const fs::path& folder) {
                    "denoise the frame again");
 }
 
+// Pixels are floats: what none of them can hold is no DN, and turning it into one is not defined.
+double pixel_number(const Json& json, const char* name, const fs::path& file) {
+  const double value = json.get<double>();
+  if (!(std::abs(value) <= std::numeric_limits<float>::max()))
+    refuse_record(file, fmt::format("{} is {:g}", name, value));
+  return value;
+}
+
+double number_in(const Json& json, const char* key, const fs::path& file) {
+  return pixel_number(json.at(key), key, file);
+}
+
+// Read as a double, in which any number of JSON is itself or near: get<int> would take a part of
+// it.
+int count_in(const Json& json, const char* key, const fs::path& file) {
+  constexpr int kMostPixels = 1 << 20;  // of a side
+  const double value = json.at(key).get<double>();
+  if (!(value >= 1 && value <= kMostPixels && value == std::floor(value)))
+    refuse_record(
+        file, fmt::format("{} is {:g}, not a whole number from 1 to {}", key, value, kMostPixels));
+  return static_cast<int>(value);
+}
+
 SensorLayout layout_of_record(const Json& record, const fs::path& file) {
   try {
     return SensorLayout::from_sites(
@@ -45,13 +70,13 @@ NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout,
                                const fs::path& file) {
   NoiseProfile profile;
   profile.layout = layout;
-  profile.row_group = record.value("row_group", 1);
+  if (record.contains("row_group")) profile.row_group = count_in(record, "row_group", file);
   profile.estimated_from_picture = record.value("noise_estimated_from_picture", false);
   for (const Json& line : record.at("noise_line"))
     profile.channels.push_back(
-        {.variance = VarianceCurve::fitted_line(std::max(line.at("slope_dn").get<double>(), 0.0),
-                                                line.at("offset_dn2").get<double>(), 0.0),
-         .gain_dn_per_e = line.at("gain_dn_per_e").get<double>()});
+        {.variance = VarianceCurve::fitted_line(std::max(number_in(line, "slope_dn", file), 0.0),
+                                                number_in(line, "offset_dn2", file), 0.0),
+         .gain_dn_per_e = number_in(line, "gain_dn_per_e", file)});
   if (static_cast<int>(profile.channels.size()) != layout.channels())
     refuse_record(file, "noise_line does not fit the layout");
   return profile;
@@ -176,13 +201,14 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     const fs::path folder = record_file.parent_path();
     FrameOptions options;
     options.layout = layout_of_record(record, record_file);
-    options.black_dn = record.at("black_dn").get<std::vector<double>>();
-    options.white_dn = record.at("white_dn").get<double>();
+    for (const Json& black : record.at("black_dn"))
+      options.black_dn.push_back(pixel_number(black, "black_dn", record_file));
+    options.white_dn = number_in(record, "white_dn", record_file);
     options.gain = gain_from(record);
     if (record.contains("raw_format")) {
       options.raw_format = raw_format_named(record.at("raw_format").get<std::string>());
-      options.rows = record.at("rows").get<int>();
-      options.cols = record.at("cols").get<int>();
+      options.rows = count_in(record, "rows", record_file);
+      options.cols = count_in(record, "cols", record_file);
     }
     DenoisedFrame frame;
     frame.before = load_frame(folder / record.at("input_file").get<std::string>(), options);
@@ -196,10 +222,10 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     if (!frame.run.is_object()) refuse_record(record_file, "run is no object");
     if (record.contains("reference_file")) {
       Reference reference{folder / record.at("reference_file").get<std::string>(),
-                          record.at("reference_ratio").get<double>(),
+                          number_in(record, "reference_ratio", record_file),
                           {}};
       if (record.contains("reference_black_dn"))
-        reference.black_dn = record.at("reference_black_dn").get<double>();
+        reference.black_dn = number_in(record, "reference_black_dn", record_file);
       if (!(reference.ratio > 0)) refuse_record(record_file, "reference_ratio is not above 0");
       add_reference(frame, reference, true);
       measure_before(frame);

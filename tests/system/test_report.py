@@ -86,6 +86,14 @@ def test_json_that_malus_did_not_write_is_one_line(refused, tmp_path, made):
     ({"sites": []}, "sites: it has 0 rows"),
     ({"noise_line": []}, "noise_line does not fit the layout"),
     ({"reference_file": "frame.npy", "reference_ratio": 0}, "reference_ratio is not above 0"),
+    # Turned into int or float before, which is not defined beyond their range.
+    ({"row_group": 1e300}, "row_group is 1e+300, not a whole number"),
+    ({"row_group": 1.5}, "row_group is 1.5, not a whole number"),
+    ({"raw_format": "mono16", "rows": 2**33, "cols": 48}, "rows is 8.58993e+09, not a whole number"),
+    ({"black_dn": [80, 80, 80, -1e300]}, "black_dn is -1e+300"),
+    ({"white_dn": 1e300}, "white_dn is 1e+300"),
+    ({"noise_line": [{"slope_dn": 1e300, "offset_dn2": 1, "gain_dn_per_e": 1}] * 4}, "slope_dn is 1e+300"),
+    ({"reference_file": "frame.npy", "reference_ratio": 1e39}, "reference_ratio is 1e+39"),
 ])
 def test_damaged_records_of_runs_are_one_line_that_names_them(malus, refused, tmp_path, changes, words):
     np.save(tmp_path / "frame.npy", np.full((32, 48), 500, np.uint16))
@@ -95,6 +103,11 @@ def test_damaged_records_of_runs_are_one_line_that_names_them(malus, refused, tm
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
     error = refused("report", path, "-o", tmp_path / "page.html")
     assert "frame_denoised.json" in error and words in error
+
+
+def test_a_number_that_is_no_double_is_one_line(refused, tmp_path):
+    (tmp_path / "made.json").write_text('{"kind": "denoise", "white_dn": 1e999}')
+    assert "made.json: is not JSON: " in refused("report", tmp_path / "made.json", "-o", tmp_path / "page.html")
 
 
 @pytest.mark.parametrize("layout, columns", [("bayer-rggb", 2), ("mono", 2), ("polar-mono", 5)])
