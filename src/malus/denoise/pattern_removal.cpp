@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -12,7 +13,8 @@ namespace {
 
 constexpr int kStrips = 8;                       // across and down
 constexpr std::int64_t kEnoughPixels = 1 << 20;  // rows of larger frames are passed over
-constexpr int kRounds = 5;                       // of weights and least squares
+constexpr int kMostRounds = 20;                  // of weights and least squares
+constexpr double kStill = 1e-3;                  // no share moves further in the last round
 constexpr double kCauchy = 2.385;                // 95 % efficient where all noise is Gaussian
 
 // Steps of a scene that leaves no pixel out agree with large shares wherever these happen to undo
@@ -48,7 +50,42 @@ struct Sums {
   }
 };
 
+// How far off pixels are: squares in units of their noise's variance, in quarters of octaves.
+class Spread {
+ public:
+  void add(double square) {
+    const auto bits = std::bit_cast<std::uint32_t>(static_cast<float>(square));
+    const int bin = static_cast<int>(bits >> 21) - kFirst;
+    ++counts_[static_cast<std::size_t>(std::clamp(bin, 0, kBins - 1))];
+  }
+  void add(const Spread& o) {
+    for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += o.counts_[i];
+  }
+  /// The variance, from the median square; 1 where that is smaller or there are no pixels.
+  double variance() const {
+    const std::int64_t all = std::accumulate(counts_.begin(), counts_.end(), std::int64_t{0});
+    std::int64_t below = 0;
+    int bin = 0;
+    while (bin < kBins && 2 * (below + counts_[static_cast<std::size_t>(bin)]) < all)
+      below += counts_[static_cast<std::size_t>(bin++)];
+    const auto middle =  // of the bin
+        std::bit_cast<float>((static_cast<std::uint32_t>(bin + kFirst) << 21) + (1u << 20));
+    return std::max(middle / kMedianOfChiSquare, 1.0);
+  }
+
+ private:
+  static constexpr int kFirst = (127 - 4) * 4, kBins = 44 * 4;  // from 1/16 on
+  static constexpr double kMedianOfChiSquare = 0.45494;         // one degree of freedom
+  std::array<std::int64_t, kBins> counts_{};
+};
+
 using StripSums = std::array<std::array<Sums, kStrips>, kStrips>;  // [down][across]
+
+// What a round knows from the one before.
+struct Round {
+  std::array<double, 2> shares{};
+  double spread = 1;  ///< variance of what the shares leave, in units of that of the noise
+};
 
 struct Comparison {
   View<const float> dn;
@@ -57,9 +94,10 @@ struct Comparison {
   const std::vector<float>& saturated_dn;
   int row_step;  ///< without a divisor of the cell's rows: all of them take part
 
-  // Adds one row, its pixels weighted about the shares found so far.
-  void add_row(int row, const std::array<double, 2>& shares,
-               std::array<Sums, kStrips>& sums) const {
+  // Adds one row, its pixels weighted about the shares found so far. Weights are as narrow as what
+  // the scene leaves of most differences, not as the noise: where texture is wider, narrow ones
+  // hardly let the shares move.
+  void add_row(int row, const Round& round, std::array<Sums, kStrips>& sums, Spread& spread) const {
     const int period = layout.cols(), cols = dn.cols();
     const float* pixel = dn.row(row);
     const FixedPattern& maps = *profile.pattern;
@@ -79,26 +117,30 @@ struct Comparison {
       // Of the difference: the pixel's variance and half of a neighbour's.
       const double variance = 1.5 * profile.channels[channel].variance(signal);
       if (!(variance > 0)) continue;
-      const double off = x - shares[0] * d - shares[1] * r;
-      const double weight = 1 / (variance + off * off / (kCauchy * kCauchy));
+      const double off = x - round.shares[0] * d - round.shares[1] * r;
+      const double weight = 1 / (round.spread * variance + off * off / (kCauchy * kCauchy));
       Sums& strip = sums[static_cast<std::size_t>(std::int64_t{c} * kStrips / cols)];
       strip.add(weight, d, r, x);
       ++strip.pixels;
       strip.near += off * off < kNear * kNear * variance;
+      spread.add(off * off / variance);
     }
   }
 
-  StripSums add_all(const std::array<double, 2>& shares) const {
+  StripSums add_all(const Round& round, Spread& spread) const {
     StripSums sums{};
+    std::array<Spread, kStrips> spreads{};
     const int rows = dn.rows();
     parallel_for(0, kStrips, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (std::ptrdiff_t strip = begin; strip < end; ++strip) {
         const auto from = static_cast<int>(std::int64_t{rows} * strip / kStrips),
                    to = static_cast<int>(std::int64_t{rows} * (strip + 1) / kStrips);
         for (int row = from; row < to; row += row_step)
-          add_row(row, shares, sums[static_cast<std::size_t>(strip)]);
+          add_row(row, round, sums[static_cast<std::size_t>(strip)],
+                  spreads[static_cast<std::size_t>(strip)]);
       }
     });
+    for (const Spread& s : spreads) spread.add(s);
     return sums;
   }
 };
@@ -157,10 +199,15 @@ PatternShares measure_pattern(View<const float> dn, const SensorLayout& layout,
   while (std::gcd(step, layout.rows()) != 1) ++step;
   const Comparison comparison{dn, layout, profile, saturated_dn, step};
   StripSums strips{};
-  std::array<double, 2> shares{};
-  for (int round = 0; round < kRounds; ++round) {
-    strips = comparison.add_all(shares);
-    shares = total_of(strips).solution();
+  Round round;
+  for (int i = 0; i < kMostRounds; ++i) {
+    Spread spread;
+    strips = comparison.add_all(round, spread);
+    const Round next{total_of(strips).solution(), spread.variance()};
+    const double moved = std::max(std::abs(next.shares[0] - round.shares[0]),
+                                  std::abs(next.shares[1] - round.shares[1]));
+    round = next;
+    if (i > 0 && moved < kStill) break;
   }
   return with_errors(strips);
 }

@@ -27,8 +27,9 @@ struct PatternShares {
 
 /// d and r of  dn = (1 + r (response - 1)) s + d dark + noise  for an unknown scene s. A pixel's
 /// difference from the mean of its two neighbours in the row is compared with the same difference
-/// of the maps, by least squares with Cauchy weights (Holland and Welsch, Commun. Stat. A6, 1977):
-/// the scene's edges have little weight. So a frame of the calibrated camera has shares near one,
+/// of the maps, by least squares with Cauchy weights (Holland and Welsch, Commun. Stat. A6, 1977)
+/// about as wide as half of the differences, which is wider than the noise in texture: the scene's
+/// edges have little weight. So a frame of the calibrated camera has shares near one,
 /// a synthetic frame without a pattern or one of another camera near zero, and a longer exposure
 /// than that of the dark frames more than one. The standard errors are those of leaving out
 /// eighths of the rows or of the columns, whichever are larger: both scenes and maps have
