@@ -368,12 +368,9 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   measure_dsnu(ordinary, temporal_of(ordinary, set.count), geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
-  // The mean over a finite number of pixels cannot tell a channel's bias from its fixed pattern.
-  for (std::size_t c = 0; c < out.dsnu_dn.size(); ++c)
-    out.mu.standard_error[c] = std::hypot(
-        out.mu.standard_error[c],
-        out.dsnu_dn[c] /
-            std::sqrt(static_cast<double>(geometry.channel_pixels(static_cast<int>(c)))));
+  const std::vector<double> of_pattern_dn2 = pattern_error_of_mean(ordinary, geometry, out);
+  for (std::size_t c = 0; c < of_pattern_dn2.size(); ++c)
+    out.mu.standard_error[c] = std::hypot(out.mu.standard_error[c], std::sqrt(of_pattern_dn2[c]));
   warn_of_light(out.dark_shading_dn, geometry, mean_of(out.temporal_sd_dark_dn), out);
 }
 

@@ -11,6 +11,36 @@
 #include <limits>
 
 namespace malus {
+namespace {
+
+// Offsets that the pixels of a line share.
+class LineMeans {
+ public:
+  explicit LineMeans(int lines) : sums_(as_index(lines)), counts_(as_index(lines)) {}
+  void add(int line, double value) {
+    sums_[as_index(line)] += value;
+    ++counts_[as_index(line)];
+  }
+  /// Variance of the lines' means, less what pixels of this variance alone explain.
+  double variance(double of_pixels) const {
+    Moments means;
+    double chance = 0;
+    for (std::size_t i = 0; i < sums_.size(); ++i)
+      if (counts_[i] > 0) {
+        means.add(sums_[i] / counts_[i]);
+        chance += of_pixels / counts_[i];
+      }
+    if (means.count() < 2) return 0;
+    return std::max(means.variance() - chance / static_cast<double>(means.count()), 0.0);
+  }
+
+ private:
+  std::vector<double> sums_;
+  std::vector<int> counts_;
+};
+
+}  // namespace
+
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry) {
   const std::vector<double> mean = channel_means(mosaic, geometry);
   std::vector<double> variance(mean.size(), 0.0);
@@ -44,15 +74,20 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     const double bound =
         deviation > 0 ? kDefectDeviations * deviation : std::numeric_limits<double>::infinity();
     Moments moments, squares;
-    for_channel(geometry, channel, [&](int, int, int row, int col) {
+    LineMeans rows(geometry.channel_rows(channel)), cols(geometry.channel_cols(channel));
+    for_channel(geometry, channel, [&](int r, int c, int row, int col) {
       if (is_listed(row, col) || std::abs(mosaic(row, col) - level.centre) > bound) return;
       moments.add(mosaic(row, col));
+      rows.add(r, mosaic(row, col) - level.centre);
+      cols.add(c, mosaic(row, col) - level.centre);
       if (!squares_dn2.empty()) squares.add(squares_dn2(row, col));
     });
     if (!squares_dn2.empty()) out.squares_dn2.push_back(squares.mean());
     out.mean_dn.push_back(moments.mean());
     out.variance_dn2.push_back(moments.variance());
     out.variance_stderr_dn2.push_back(moments.variance_standard_error());
+    out.row_variance_dn2.push_back(rows.variance(moments.variance()));
+    out.column_variance_dn2.push_back(cols.variance(moments.variance()));
   }
   return out;
 }
@@ -81,13 +116,22 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
 
 namespace {
 
+// What row and column noise leave in a mean frame.
+double rows_left_dn2(const PhysicsCalibration& out, std::size_t c) {
+  return std::pow(out.sigma_row.mean[c], 2) / out.bias_frames;
+}
+double columns_left_dn2(const PhysicsCalibration& out, std::size_t c) {
+  return std::pow(out.sigma_column.mean[c], 2) / out.bias_frames;
+}
+
 // Sampling variance that the rows and columns of a mean frame add to the spatial variance of a
 // channel's pixels: there are fewer of them than of pixels.
-double line_error_dn4(const MosaicGeometry& geometry, int channel, const PhysicsCalibration& out) {
+double line_error_dn4(const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry, int channel,
+                      const PhysicsCalibration& out) {
   const auto c = as_index(channel);
   const int groups = geometry.channel_groups(channel);
-  const double row = std::pow(out.sigma_row.mean[c], 2) / out.bias_frames,
-               column = std::pow(out.sigma_column.mean[c], 2) / out.bias_frames;
+  const double row = std::max(rows_left_dn2(out, c), mean_frame.row_variance_dn2[c]),
+               column = std::max(columns_left_dn2(out, c), mean_frame.column_variance_dn2[c]);
   const double drift =
       drift_of_variances(out.row_drift.drift, groups, geometry.group_stride(channel), 0);
   return 2.0 * row * row * (1.0 + drift) / (groups - 1.0) +
@@ -107,11 +151,29 @@ void measure_dsnu(const OrdinaryPixels& mean_frame,
     const double temporal_error_dn2 =
         2.0 * out.temporal_sd_dark_dn[c] * out.temporal_sd_dark_stderr_dn[c] / frames;
     const double error_dn4 = std::pow(mean_frame.variance_stderr_dn2[c], 2) +
-                             line_error_dn4(geometry, channel, out) +
+                             line_error_dn4(mean_frame, geometry, channel, out) +
                              temporal_error_dn2 * temporal_error_dn2;
     out.dsnu_stderr_dn.push_back(root_standard_error(
         mean_frame.variance_dn2[c] - temporal_variance_dn2[c] / frames, std::sqrt(error_dn4)));
   }
+}
+
+std::vector<double> pattern_error_of_mean(const OrdinaryPixels& mean_frame,
+                                          const MosaicGeometry& geometry,
+                                          const PhysicsCalibration& out) {
+  std::vector<double> error_dn2;
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const auto c = as_index(channel);
+    const double all = std::pow(out.dsnu_dn[c], 2),
+                 rows =
+                     std::clamp(mean_frame.row_variance_dn2[c] - rows_left_dn2(out, c), 0.0, all),
+                 columns = std::clamp(mean_frame.column_variance_dn2[c] - columns_left_dn2(out, c),
+                                      0.0, all - rows);
+    error_dn2.push_back(
+        (all - rows - columns) / static_cast<double>(geometry.channel_pixels(channel)) +
+        rows / geometry.channel_rows(channel) + columns / geometry.channel_cols(channel));
+  }
+  return error_dn2;
 }
 
 }  // namespace malus

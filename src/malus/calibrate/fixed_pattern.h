@@ -24,6 +24,9 @@ struct OrdinaryPixels {
   std::vector<double> mean_dn, variance_dn2;
   std::vector<double> variance_stderr_dn2;  ///< of pixels that are independent
   std::vector<double> squares_dn2;  ///< mean of the other mosaic over the same pixels; may be empty
+  /// Of that variance, what whole rows and whole columns have in common, with what is left there of
+  /// temporal row and column noise.
+  std::vector<double> row_variance_dn2, column_variance_dn2;
 };
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
                                const MosaicGeometry& geometry,
@@ -42,11 +45,18 @@ void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
 std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames);
 
-/// dsnu_dn and its standard error, that of a sensor's DSNU of which these pixels are a sample, into
-/// `out`, whose bias_frames, row and column noise and temporal noise are known. mean_frame: its
-/// ordinary pixels; temporal_variance_dn2: of the pixels that count.
+/// dsnu_dn and its standard error, that of a sensor's DSNU of which these pixels, rows and columns
+/// are a sample, into `out`, whose bias_frames, row and column noise and temporal noise are known.
+/// mean_frame: its ordinary pixels; temporal_variance_dn2: of the pixels that count.
 void measure_dsnu(const OrdinaryPixels& mean_frame,
                   const std::vector<double>& temporal_variance_dn2, const MosaicGeometry& geometry,
                   PhysicsCalibration& out);
+
+/// Sampling variance [DN²] of each channel's mean dark level as the bias of all such pixels: a
+/// frame has few pixels, fewer rows and columns, and a fixed pattern of each. `out`: as in
+/// measure_dsnu, with dsnu_dn.
+std::vector<double> pattern_error_of_mean(const OrdinaryPixels& mean_frame,
+                                          const MosaicGeometry& geometry,
+                                          const PhysicsCalibration& out);
 
 }  // namespace malus

@@ -1,6 +1,7 @@
 #include "malus/denoise/pattern_removal.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <array>
@@ -70,12 +71,11 @@ class Spread {
       below += counts_[static_cast<std::size_t>(bin++)];
     const auto middle =  // of the bin
         std::bit_cast<float>((static_cast<std::uint32_t>(bin + kFirst) << 21) + (1u << 20));
-    return std::max(middle / kMedianOfChiSquare, 1.0);
+    return std::max(middle / (kMedianOfNormal * kMedianOfNormal), 1.0);
   }
 
  private:
   static constexpr int kFirst = (127 - 4) * 4, kBins = 44 * 4;  // from 1/16 on
-  static constexpr double kMedianOfChiSquare = 0.45494;         // one degree of freedom
   std::array<std::int64_t, kBins> counts_{};
 };
 
