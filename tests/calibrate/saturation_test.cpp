@@ -94,6 +94,26 @@ TEST(Saturation, WhereTheVarianceRisesAgainNothingIsSaturated) {
   EXPECT_TRUE(past[5] && past[6] && past[7]);
 }
 
+// Two slopes, as for a high dynamic range: beyond the knee both variance and mean rise, the one
+// with the square of the second slope. All of it is past the maximum, or the first level beyond the
+// knee counts for K (a half: 20 % too small).
+TEST(Saturation, LevelsBeyondAKneeArePastTheMaximum) {
+  for (const double slope : {0.25, 0.5}) {
+    std::vector<double> electrons;
+    for (int k = 1; k <= 12; ++k) electrons.push_back(1000.0 * k);
+    auto levels = levels_of(electrons, 1e6);
+    std::vector<bool> beyond;
+    for (TransferLevel& level : levels) {
+      constexpr double kKneeDn = kGainOfWell * 7500;
+      beyond.push_back(level.mean_dn > kKneeDn);
+      if (!beyond.back()) continue;
+      level.mean_dn = kKneeDn + slope * (level.mean_dn - kKneeDn);
+      level.variance_dn2 = 1.5 + slope * slope * (level.variance_dn2 - 1.5);
+    }
+    EXPECT_EQ(saturated_levels(levels, quiet_dark()), beyond) << slope;
+  }
+}
+
 // At five standard errors once in three million levels; 16 channels of 1000 sessions.
 TEST(Saturation, ChanceSaturatesNothing) {
   RandomSequence random(11, 0, Draw::kUser);

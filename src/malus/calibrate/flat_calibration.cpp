@@ -272,8 +272,9 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
   // Shot noise meets the end a little below it.
   const double advised = std::min(limit, 0.9 * lowest / range_dn);
   out.warnings.push_back(fmt::format(
-      "the sensor saturates at {:.4g} DN above black, below white: there the variance falls while "
-      "the mean rises. Left out of K and PRNU: {}. Full well and dynamic range count to there; use "
+      "the sensor saturates (or its response has a knee) at {:.4g} DN above black, below white: "
+      "there the variance falls while the mean rises. Left out of K and PRNU: {}. Full well and "
+      "dynamic range count to there; use "
       "shorter "
       "exposures, or --saturation-limit {:.2f}",
       lowest, joined(names), advised));

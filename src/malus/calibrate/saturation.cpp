@@ -10,11 +10,14 @@ namespace {
 
 constexpr double kOfGain = 5.0, kOfLargest = 4.0;  // standard errors
 constexpr double kShortfall = 0.25;
+constexpr std::size_t kTellsGain = 3;  // levels
 
 // A level's variance beyond the dark one, with the error that it would have at this gain.
 struct Excess {
   double signal_dn, variance_dn2, error_dn2;
 };
+
+bool quieter(const Excess& a, const Excess& b) { return a.variance_dn2 < b.variance_dn2; }
 
 Excess excess_of(const TransferLevel& level, const DarkPoint& dark, double gain) {
   double error = variance_error_dn4(std::max(level.mean_dn, 0.0), level.frames, dark, gain);
@@ -51,9 +54,7 @@ bool is_past(const TransferLevel& level, const std::vector<Excess>& darker, cons
   const double expected = median.gain * own.signal_dn;
   const double shortfall = expected - own.variance_dn2;
   if (shortfall < kOfGain * std::hypot(own.error_dn2, median.error * own.signal_dn)) return false;
-  const auto largest = std::max_element(
-      darker.begin(), darker.end(),
-      [](const Excess& a, const Excess& b) { return a.variance_dn2 < b.variance_dn2; });
+  const auto largest = std::max_element(darker.begin(), darker.end(), quieter);
   const double fall = largest->variance_dn2 - own.variance_dn2;
   return shortfall > kShortfall * expected ||
          fall > kOfLargest * std::hypot(own.error_dn2, largest->error_dn2);
@@ -74,13 +75,31 @@ std::vector<bool> past_maximum(const std::vector<TransferLevel>& levels,
   return past;
 }
 
+// Enough levels of which none is louder than the gain of most explains.
+bool none_is_loud(const std::vector<Excess>& levels) {
+  if (levels.size() < kTellsGain) return false;
+  const MedianGain median = median_gain(levels);
+  return std::all_of(levels.begin(), levels.end(), [&](const Excess& level) {
+    return level.variance_dn2 - median.gain * level.signal_dn <
+           kOfGain * std::hypot(level.error_dn2, median.error * level.signal_dn);
+  });
+}
+
 // How many levels lie below the last rise of the variance: at a full well it falls, and then so do
-// all that are past it.
+// all that are past it. Beyond a knee it rises again, but not at once to what it was: that is no
+// rise, if none of the levels before the knee is loud.
 std::size_t below_last_rise(const std::vector<Excess>& excess, const std::vector<bool>& past) {
+  std::vector<Excess> before;
+  for (std::size_t k = 0; k < excess.size(); ++k)
+    if (!past[k]) before.push_back(excess[k]);
+  const double most = none_is_loud(before)
+                          ? std::max_element(before.begin(), before.end(), quieter)->variance_dn2
+                          : 0;
   const Excess* loudest = nullptr;  // of the brighter ones
   for (std::size_t k = excess.size(); k-- > 0 && past[k];) {
-    if (loudest && loudest->variance_dn2 - excess[k].variance_dn2 >
-                       kOfLargest * std::hypot(excess[k].error_dn2, loudest->error_dn2))
+    if (loudest && loudest->variance_dn2 > most &&
+        loudest->variance_dn2 - excess[k].variance_dn2 >
+            kOfLargest * std::hypot(excess[k].error_dn2, loudest->error_dn2))
       return k + 1;
     if (!loudest || excess[k].variance_dn2 > loudest->variance_dn2) loudest = &excess[k];
   }
