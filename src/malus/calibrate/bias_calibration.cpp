@@ -212,25 +212,21 @@ void find_hidden_noise(const CodePairCounter& pairs, double step_dn, const RawFr
   }
 }
 
-ResidualHistogram pooled_of(const std::vector<std::vector<ResidualHistogram>>& frames,
-                            std::size_t c) {
-  ResidualHistogram pooled(frames.front()[c].cell_dn());
-  for (const auto& frame : frames) pooled.add(frame[c]);
-  return pooled;
-}
-
 // Level, variances and residuals as they were before the camera cut the noise off at 0. Offsets
 // show by the share of the pixels that are not cut off (Stein's lemma).
-void undo_cut_off(const std::vector<double>& dsnu_dn, const RawFrame& first, DarkPass& dark,
-                  BiasFrames& frames, PhysicsCalibration& out) {
+void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analyzer,
+                  const RawFrame& first, DarkPass& dark, BiasFrames& frames,
+                  PhysicsCalibration& out) {
+  const std::vector<double> pixel = mean_over_frames(frames.pixel);
   for (std::size_t c = 0; c < dark.zero_share.size(); ++c) {
     dark.cut_off.emplace_back();
     double &mu = out.mu.mean[c], &row = out.sigma_row.mean[c], &sd = out.temporal_sd_dark_dn[c];
     if (dark.hidden[c].hidden) continue;
-    const CutOffPlace place{mu + first.black_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn,
-                            dark.zero_share[c]};
-    const CutOffNoise cut =
-        find_cut_off_noise(pooled_of(frames.residuals, c), pooled_of(frames.above, c), place);
+    const CutOffPlace place{
+        mu + first.black_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn, dark.zero_share[c],
+        analyzer.offset_variance_dn2(static_cast<int>(c), std::max(pixel[c], 0.0))};
+    const CutOffNoise cut = find_cut_off_noise(pooled_over_frames(frames.residuals, c),
+                                               pooled_over_frames(frames.above, c), place);
     if (!cut.known) continue;
     dark.cut_off.back() = cut;
     for (std::size_t f = 0; f < frames.residuals.size(); ++f) {
@@ -357,8 +353,8 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   if (several) find_hidden_noise(pairs, step, first, dark, out);
   if (remove_pattern)
-    undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count), first,
-                 dark, frames, out);
+    undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count),
+                 analyzer, first, dark, frames, out);
   measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
                   quantization_dn, kept, settings.shape == "ppcc"},
                  first.layout, out);
@@ -374,7 +370,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   warn_of_light(out.dark_shading_dn, geometry, mean_of(out.temporal_sd_dark_dn), out);
 }
 
-void take_hidden_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
+void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
   for (std::size_t c = 0; c < dark.hidden.size(); ++c) {
     const HiddenNoise& hidden = dark.hidden[c];
     double &dsnu = out.dsnu_dn[c], &error = out.dsnu_stderr_dn[c];

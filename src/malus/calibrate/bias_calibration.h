@@ -55,6 +55,6 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
 
 /// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off at 0: as
 /// `dark` knows it, or with the error that rounding may make where it does not.
-void take_hidden_dsnu(const DarkPass& dark, PhysicsCalibration& out);
+void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out);
 
 }  // namespace malus

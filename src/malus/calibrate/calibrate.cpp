@@ -173,7 +173,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   defects = find_defects(pixels, out.prnu_map, geometry);
   warn_of_many_defects(defects.size(), first, out);
   leave_defects_out(pixels, defects, geometry, out);
-  take_hidden_dsnu(dark, out);
+  restore_dsnu(dark, out);
   if (!settings.maps) {
     out.dark_shading_dn = Image();
     out.prnu_map = Image();

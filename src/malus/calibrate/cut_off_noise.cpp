@@ -1,6 +1,7 @@
 #include "malus/calibrate/cut_off_noise.h"
 
 #include "malus/base/error.h"
+#include "malus/calibrate/normal_nodes.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,37 +11,89 @@
 namespace malus {
 namespace {
 
-// Nodes and weights for a standard normal variable (Gauss-Hermite).
-constexpr double kNode[] = {-2.8569700138728056, -1.3556261799742659, 0.0, 1.3556261799742659,
-                            2.8569700138728056};
-constexpr double kWeight[] = {0.011257411327720691, 0.22207592200561266, 0.53333333333333333,
-                              0.22207592200561266, 0.011257411327720691};
-
-// Per residual, of those whose mirror image lies below the cut.
-struct Mirrored {
-  double share = 0, excess = 0;  ///< excess: distance below the cut, DN
-  double squares = 0;            ///< of the distances from the level, less the cut's
-  double error = 0;              ///< variance of the mean of squares
+// Of one residual above the level, over the cuts that its pixel's offset may have: by how far it
+// lies beyond the mirror image of the cut.
+struct BeyondCut {
+  double share = 0;    ///< of the cuts that it lies beyond
+  double cut_dn = 0;   ///< sum of their distances from the level
+  double excess = 0;   ///< DN
+  double squares = 0;  ///< of its distance from the level, less the cut's
 };
 
-// The cut lies place.level_dn - shift_dn below the true level.
-Mirrored mirrored_at(const ResidualHistogram& above, double residuals, const CutOffPlace& place,
-                     double shift_dn) {
-  Mirrored sum;
-  for (const ResidualHistogram::Cell& cell : above.cells()) {
-    const double r = above.centre_dn(cell) + shift_dn, share = cell.count / residuals;
-    double squares = 0;
-    for (int i = 0; i < 5; ++i) {
-      const double cut = place.level_dn - shift_dn + place.spread_dn * kNode[i];
-      if (!(r > cut)) continue;
-      sum.share += share * kWeight[i];
-      sum.excess += share * kWeight[i] * (r - cut);
-      squares += kWeight[i] * (r * r - cut * cut);
-    }
-    sum.squares += share * squares;
-    sum.error += share * squares * squares / residuals;
+// Means over all residuals of those above the level.
+using Mirrored = BeyondCut;
+
+struct Cut {
+  double distance_dn = 0, spread_dn = 0;  ///< from the true level
+};
+
+BeyondCut beyond(double residual_dn, const Cut& cut) {
+  BeyondCut sum;
+  for (const NormalNode& node : kNormalNodes) {
+    const double at = cut.distance_dn + cut.spread_dn * node.at;
+    if (!(residual_dn > at)) continue;
+    sum.share += node.weight;
+    sum.cut_dn += node.weight * at;
+    sum.excess += node.weight * (residual_dn - at);
+    sum.squares += node.weight * (residual_dn * residual_dn - at * at);
   }
   return sum;
+}
+
+// Offsets show by `slope`. A residual lies beyond the cut by what it is less the pixel's offset;
+// the error of the latter is in the residual already, and counts once.
+Cut cut_at(const CutOffPlace& place, double shift_dn, double slope) {
+  const double offsets_dn2 = std::pow(place.spread_dn / slope, 2) - place.blur_dn2;
+  return {place.level_dn - shift_dn, std::sqrt(std::max(offsets_dn2, 0.0))};
+}
+
+Mirrored mirrored_at(const ResidualHistogram& above, double residuals, const Cut& cut,
+                     double shift_dn, double blur_dn2) {
+  Mirrored sum;
+  for (const ResidualHistogram::Cell& cell : above.cells()) {
+    const BeyondCut one = beyond(above.centre_dn(cell) + shift_dn, cut);
+    const double share = cell.count / residuals;
+    sum.share += share * one.share;
+    sum.cut_dn += share * one.cut_dn;
+    sum.excess += share * one.excess;
+    sum.squares += share * one.squares;
+  }
+  sum.squares -= 2 * blur_dn2 * sum.share;  // of the residuals', and what the cut's lacks
+  return sum;
+}
+
+// Sampling variance of the true variance less that of the variance that shows. A residual r weighs
+// in the former by r² and its part of the mirrored squares, and by moving the level that all are
+// counted from (the influence function of an M-estimator: Hampel, JASA 69, 1974). The level is
+// where the residuals, less what lies beyond the mirror image of the cut, have the mean 0.
+double added_error_dn4(const ResidualHistogram& all, const ResidualHistogram& above, const Cut& cut,
+                       double shift_dn, double trusted, const Mirrored& mirrored) {
+  const double variance_per_level = -4 * (shift_dn + trusted * mirrored.cut_dn),
+               level_per_residual = 1 / (1 - 2 * trusted * mirrored.share);
+  double true_sum = 0, true_squares = 0, shown_sum = 0, shown_squares = 0;
+  const auto add = [&](double count, double r) {
+    if (!(count > 0)) return;
+    const BeyondCut one = r > shift_dn ? beyond(r, cut) : BeyondCut{};
+    const double own = r * r + trusted * one.squares +
+                       variance_per_level * level_per_residual * (r - trusted * one.excess),
+                 shown = (r - shift_dn) * (r - shift_dn);
+    true_sum += count * own;
+    true_squares += count * own * own;
+    shown_sum += count * shown;
+    shown_squares += count * shown * shown;
+  };
+  auto upper = above.cells().begin();
+  for (const ResidualHistogram::Cell& both : all.cells()) {
+    const bool some_above = upper != above.cells().end() && upper->index == both.index;
+    const double up = some_above ? (upper++)->count : 0.0, distance = all.centre_dn(both);
+    add(up, shift_dn + distance);
+    add(both.count - up, shift_dn - distance);
+  }
+  const double n = all.count();
+  const auto variance = [n](double sum, double squares) {
+    return squares / n - (sum / n) * (sum / n);
+  };
+  return std::max(variance(true_sum, true_squares) - variance(shown_sum, shown_squares), 0.0) / n;
 }
 
 // Counts moved by a distance, in part to either cell around it.
@@ -62,16 +115,19 @@ CutOffNoise find_cut_off_noise(const ResidualHistogram& all, const ResidualHisto
     return cut;
   constexpr int kRounds = 30;  // each takes off at least 1 - 2 kMostMirroredZeros of the error
   Mirrored mirrored;
+  Cut at;
   double trusted = 1;
   for (int round = 0; round < kRounds; ++round) {
-    mirrored = mirrored_at(above, residuals, place, cut.shift_dn);
+    at = cut_at(place, cut.shift_dn, cut.slope);
+    mirrored = mirrored_at(above, residuals, at, cut.shift_dn, place.blur_dn2);
     if (!(mirrored.share > 0)) return {};
     trusted = std::min(1.0, place.zero_share / mirrored.share);
     cut.shift_dn = trusted * mirrored.excess;
+    cut.slope = 1.0 - trusted * mirrored.share;
   }
   cut.variance_dn2 = cut.shift_dn * cut.shift_dn + trusted * mirrored.squares;
-  cut.variance_stderr_dn2 = trusted * std::sqrt(mirrored.error);
-  cut.slope = 1.0 - trusted * mirrored.share;
+  cut.variance_stderr_dn2 =
+      std::sqrt(added_error_dn4(all, above, at, cut.shift_dn, trusted, mirrored));
   cut.known = true;
   return cut;
 }
@@ -82,10 +138,13 @@ ResidualHistogram residuals_before_cut_off(const ResidualHistogram& all,
   MALUS_REQUIRE(cut.known && all.cell_dn() == above.cell_dn());
   constexpr double kSpreads = 3.0;
   const double cell = all.cell_dn(), shift = cut.shift_dn / cell;
-  const double reach =  // of what is as it was, in cells
+  const double reach =  // of what is as it was, in cells; those cut off may fill the next one
       std::max(
           (place.level_dn - cut.shift_dn - kSpreads * place.spread_dn - place.step_dn) / cell - 1.0,
           0.0);
+  // Of a cell that begins at `at`. Whole cells on either side would leave a gap between the two
+  // halves, or count it twice: up to a hundredth of all residuals, other ones in each session.
+  const auto beyond_reach = [reach](double at) { return std::clamp(at + 1 - reach, 0.0, 1.0); };
   std::vector<double> counts;
   auto upper = above.cells().begin();
   for (const ResidualHistogram::Cell& both : all.cells()) {
@@ -93,10 +152,10 @@ ResidualHistogram residuals_before_cut_off(const ResidualHistogram& all,
     if (upper != above.cells().end() && upper->index == both.index) up = (upper++)->count;
     if (up > 0) {
       const double at = both.index + shift;
-      add_moved(at, at < reach ? up : 2 * up, counts);
+      add_moved(at, up * (1 + beyond_reach(at)), counts);
     }
     const double at = both.index - shift, down = both.count - up;
-    if (down > 0 && at < reach) add_moved(at, down, counts);
+    if (down > 0) add_moved(at, down * (1 - beyond_reach(at)), counts);
   }
   ResidualHistogram out(cell);
   out.assign(counts);

@@ -12,13 +12,17 @@ struct CutOffPlace {
   double spread_dn = 0;   ///< deviation of their offsets, from pixel to pixel and row to row
   double step_dn = 0;     ///< of the codes; 0: none
   double zero_share = 0;  ///< of them at DN 0
+  double blur_dn2 = 0;    ///< variance of what residuals hold of the error of a pixel's offset
 };
 
 /// What the cut took from the noise.
 struct CutOffNoise {
-  double shift_dn = 0;                               ///< mean as it shows, minus the true one
-  double variance_dn2 = 0, variance_stderr_dn2 = 0;  ///< true variance minus that which shows
-  double slope = 1;                                  ///< share of an offset's change that shows
+  double shift_dn = 0;      ///< mean as it shows, minus the true one
+  double variance_dn2 = 0;  ///< true variance minus that which shows
+  /// What the true variance's standard error has beyond that of the variance that shows, in
+  /// squares.
+  double variance_stderr_dn2 = 0;
+  double slope = 1;     ///< share of an offset's change that shows
   double rows_dn2 = 0;  ///< what the cut took from the rows' variance, σ_b²
   bool known = false;
 };

@@ -138,8 +138,7 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Channel
                    PhysicsCalibration& out) {
   const double pixel = in.pixel_variance_dn2[as_index(c)];
   const std::size_t count = in.residuals.size();
-  ResidualHistogram pooled(in.residuals.front()[as_index(c)].cell_dn());
-  for (const auto& frame : in.residuals) pooled.add(frame[as_index(c)]);
+  const ResidualHistogram pooled = pooled_over_frames(in.residuals, as_index(c));
   keep_residuals(pooled, out);
   const HiddenNoise hidden = in.hidden.empty() ? HiddenNoise{} : in.hidden[as_index(c)];
   if (hidden.hidden && pixel > 0) {

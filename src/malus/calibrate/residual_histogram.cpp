@@ -52,4 +52,11 @@ void ResidualHistogram::assign(const std::vector<double>& counts) {
     if (counts[i] > 0) cells_.push_back({static_cast<std::int32_t>(i), counts[i]});
 }
 
+ResidualHistogram pooled_over_frames(const std::vector<std::vector<ResidualHistogram>>& frames,
+                                     std::size_t channel) {
+  ResidualHistogram pooled(frames.front()[channel].cell_dn());
+  for (const auto& frame : frames) pooled.add(frame[channel]);
+  return pooled;
+}
+
 }  // namespace malus

@@ -1,6 +1,7 @@
 // Histogram of the residuals of bias frames.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -32,5 +33,9 @@ class ResidualHistogram {
   double cell_dn_ = 1.0;
   std::vector<Cell> cells_;
 };
+
+/// One channel's of all frames: frames[frame][channel], of one width of cells.
+ResidualHistogram pooled_over_frames(const std::vector<std::vector<ResidualHistogram>>& frames,
+                                     std::size_t channel);
 
 }  // namespace malus

@@ -1,6 +1,7 @@
 #include "malus/calibrate/tukey_fit.h"
 
 #include "malus/base/golden_section.h"
+#include "malus/calibrate/normal_nodes.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -111,21 +112,16 @@ class CellDensity {
   // At rising distances from the offset.
   std::vector<double> probability(const std::vector<double>& distance_dn, double lambda,
                                   double log_scale) const {
-    // Nodes and weights for a standard normal variable.
-    constexpr double kNode[] = {-2.8569700138728056, -1.3556261799742659, 0.0, 1.3556261799742659,
-                                2.8569700138728056};
-    constexpr double kWeight[] = {0.011257411327720691, 0.22207592200561266, 0.53333333333333333,
-                                  0.22207592200561266, 0.011257411327720691};
     const LowerHalf cdf(lambda);
     const double inverse_scale = std::exp(-log_scale);
     std::vector<double> density(distance_dn.size(), 0.0);
-    for (int node = 0; node < 5; ++node) {
-      const double shift = deviation_dn_ * kNode[node];
+    for (const NormalNode& node : kNormalNodes) {
+      const double shift = deviation_dn_ * node.at;
       std::size_t upper_hint = 0, lower_hint = 0;
       for (std::size_t i = distance_dn.size(); i-- > 0;) {
         const double x = shift - distance_dn[i];  // the lower side, where small values are exact
-        density[i] += kWeight[node] * (cdf((x + half_step_dn_) * inverse_scale, upper_hint) -
-                                       cdf((x - half_step_dn_) * inverse_scale, lower_hint));
+        density[i] += node.weight * (cdf((x + half_step_dn_) * inverse_scale, upper_hint) -
+                                     cdf((x - half_step_dn_) * inverse_scale, lower_hint));
       }
     }
     return density;
