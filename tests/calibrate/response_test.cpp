@@ -184,5 +184,29 @@ TEST(Response, PrnuHasItsStandardError) {
   }
 }
 
+// A response that lacks 3 % of a straight line at full range shows PRNU 1.4 % too small at its
+// levels, 2.4 of its sampling errors. Sixteen sessions know the root mean square to 18 %; without
+// the bend in the error it was 2.6.
+TEST(Response, PrnuOfABentResponseHoldsTheBendInItsError) {
+  double squares = 0;
+  constexpr std::uint64_t kSessions = 16;
+  for (std::uint64_t seed = 0; seed < kSessions; ++seed) {
+    testing::SimulatedCamera camera = dark_current_camera(0.01);
+    camera.flat_frames = 4;
+    camera.seed = seed;
+    CalibrationInput input = testing::simulated_session(camera);
+    testing::change_frames(input, [](RawFrame& frame, int) {
+      const double black = frame.black_dn[0], range = frame.white_dn - black;
+      for (float& v : frame.dn.values()) {
+        const double s = double{v} - black;
+        v = static_cast<float>(std::round(black + s - 0.03 * s * s / range));
+      }
+    });
+    const auto p = measured(input);
+    squares += std::pow((p.prnu[0] - 0.01) / p.prnu_stderr[0], 2) / kSessions;
+  }
+  EXPECT_NEAR(std::sqrt(squares), 1.0, 0.55);
+}
+
 }  // namespace
 }  // namespace malus

@@ -90,8 +90,8 @@ std::string most_frequent_reason(int channel, const PhysicsCalibration& out) {
 // Fits of all channels into K; one warning for all channels that have the same trouble.
 void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLayout& layout,
                  PhysicsCalibration& out) {
-  std::vector<std::string> bent, nonlinear;
-  double largest = 0.0, widest = 0.0, most = 0.0;
+  std::vector<std::string> scattered, bent;
+  double most_chi_square = 0.0, most_excess_dn2 = 0.0, most_percent = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const auto& fit = fits[as_index(c)];
     if (!fit) {
@@ -109,15 +109,15 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
     out.K_intercept_dn2.push_back(fit->intercept_dn2);
     out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
     if (fit->bend_dn_per_e != 0.0) {
-      nonlinear.push_back(layout.channel_name(c));
+      bent.push_back(layout.channel_name(c));
       const double percent = 100 * fit->bend_dn_per_e / fit->slope_dn_per_e;
-      if (std::abs(percent) > std::abs(most)) most = percent;
+      if (std::abs(percent) > std::abs(most_percent)) most_percent = percent;
       continue;
     }
     if (!(fit->excess_deviation_dn2 > 0)) continue;
-    bent.push_back(layout.channel_name(c));
-    largest = std::max(largest, fit->chi_square_per_level);
-    widest = std::max(widest, fit->excess_deviation_dn2);
+    scattered.push_back(layout.channel_name(c));
+    most_chi_square = std::max(most_chi_square, fit->chi_square_per_level);
+    most_excess_dn2 = std::max(most_excess_dn2, fit->excess_deviation_dn2);
   }
   std::size_t used = 0;
   for (const PhotonTransferPoint& point : out.transfer) used += point.channel == 0 && point.used;
@@ -125,20 +125,20 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
     out.warnings.push_back(
         fmt::format("K rests on {} light levels; {} or more show whether the sensor is linear",
                     used, kFewLevels));
-  if (!nonlinear.empty())
+  if (!bent.empty())
     out.warnings.push_back(
         fmt::format("{}: the sensor is not linear (or its light or dark frames are not as told): K "
                     "of all levels differs by up to {:+.1f} % from "
                     "that without "
                     "light, which its standard error now holds; K is nearer to it with a lower "
                     "--saturation-limit",
-                    channels_text(nonlinear, layout), most));
-  if (!bent.empty())
+                    channels_text(bent, layout), most_percent));
+  if (!scattered.empty())
     out.warnings.push_back(fmt::format(
         "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
         "level up to {:.1f}); K's standard error is widened by a scatter of up to {:.3g} DN² per "
         "level",
-        channels_text(bent, layout), largest, widest));
+        channels_text(scattered, layout), most_chi_square, most_excess_dn2));
 }
 
 double mean_square(const std::vector<double>& values) {
@@ -297,6 +297,17 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
       lowest, joined(names), advised));
 }
 
+// A bent response x = s (1 - b s) shows a difference between pixels as dx/ds s/x, to first order
+// 1 - b x, of what it is in little light. PRNU is that of its levels, as EMVA 1288 has it; how far
+// it is from the pixels' own goes into the error, as for K.
+void widen_by_bend(const std::vector<Estimate<TransferFit>>& fits, Response& relative) {
+  for (std::size_t c = 0; c < fits.size(); ++c)
+    if (fits[c])
+      relative.prnu_stderr[c] =
+          std::hypot(relative.prnu_stderr[c],
+                     relative.prnu[c] * fits[c]->response_bend_per_dn * relative.level_dn[c]);
+}
+
 // What the levels say against themselves, the session and the sensor.
 void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark,
                  double saturation_limit, bool cut_off, PhysicsCalibration& out) {
@@ -366,6 +377,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   judge_flats(series, first, dark, settings.saturation_limit, cut_off, out);
   if (!series.patterns.response.empty()) {
     Response relative = series.patterns.response.response();
+    widen_by_bend(fits, relative);
     warn_of_response(response_pattern(relative, geometry), first.layout, out);
     out.prnu_map = std::move(relative.map);
     out.prnu = std::move(relative.prnu);

@@ -1,6 +1,7 @@
 #include "malus/calibrate/photon_transfer.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/calibrate/response_bend.h"
 
 #include <algorithm>
@@ -234,12 +235,12 @@ double parabola_of(Points points, const DarkPoint& dark) {
   return std::abs(c) * std::sqrt(xx) > kDeviations ? c : 0.0;
 }
 
-// Line's slope minus that without light, the larger of what means and variances show.
-double bend_of(const std::vector<TransferLevel>& levels, const Points& points, double excess_dn4,
+// b of a response x = s (1 - b s), whose variance is K (x - 3 b x²): the larger of what means and
+// variances show.
+double bend_of(const std::vector<TransferLevel>& levels, const Points& points,
                const DarkPoint& dark, double gain) {
-  const double per_parabola = slope_of_parabola(points, excess_dn4, dark);
-  const double by_means = -3.0 * response_bend_per_dn(levels) * gain * per_parabola;
-  const double by_variances = parabola_of(points, dark) * per_parabola;
+  const double by_means = response_bend_per_dn(levels);
+  const double by_variances = parabola_of(points, dark) / (-3.0 * gain);
   return std::abs(by_means) > std::abs(by_variances) ? by_means : by_variances;
 }
 
@@ -263,8 +264,8 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
   for (const TransferLevel& level : levels)
     if (level.refused.empty()) used.push_back(&level);
   if (used.size() < 2)
-    return Undecided{fmt::format("{} usable light level{}; 2 are needed, 8 or more are good",
-                                 used.size(), used.size() == 1 ? "" : "s")};
+    return Undecided{counted(std::ssize(used), "usable light level") +
+                     "; 2 are needed, 8 or more are good"};
   Points points = points_of(used, dark);
   double xy = 0.0, xx = 0.0;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -287,7 +288,9 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
                                  line.slope, line.slope_standard_error)};
   TransferFit fit;
   fit.slope_dn_per_e = line.slope;
-  fit.bend_dn_per_e = bend_of(levels, points, excess, dark, line.slope);
+  fit.response_bend_per_dn = bend_of(levels, points, dark, line.slope);
+  fit.bend_dn_per_e =
+      -3.0 * fit.response_bend_per_dn * line.slope * slope_of_parabola(points, excess, dark);
   fit.slope_stderr = std::hypot(line.slope_standard_error, fit.bend_dn_per_e);
   fit.excess_deviation_dn2 = std::sqrt(excess);
   fit.chi_square_per_level = chi_square(points, line_with_dark(points, 0.0, dark), 0.0) /

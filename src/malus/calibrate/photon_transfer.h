@@ -49,6 +49,7 @@ struct TransferFit {
   /// Line's slope minus that without light, where the levels show that the sensor is not linear: by
   /// the mean against the exposure, or by the variance against the mean. In slope_stderr, too.
   double bend_dn_per_e = 0;
+  double response_bend_per_dn = 0;  ///< b of x = s (1 - b s) that makes it; 0 where no bend shows
   /// Of the line that the dark point does not hold, minus the dark variance; 0 within its error
   /// on a linear sensor.
   double intercept_dn2 = 0, intercept_stderr_dn2 = 0;

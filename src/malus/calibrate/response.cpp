@@ -226,6 +226,8 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
   if (sum_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
     error_ = Image(geometry_.rows(), geometry_.cols());
+    weight_.assign(as_index(geometry_.channels()), 0.0);
+    weighted_mean_dn_ = weight_;
   }
   const std::vector<double> mean = flat.mean_dn(), variance = flat.variance_dn2(),
                             squares = channel_means(flat.sum_of_squares(), geometry_);
@@ -240,6 +242,8 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
     per_square[c] = squares[c] > 0 ? error_dn2 / squares[c] : 0.0;
     of_squares[c] = scale[c] * scale[c] * per_square[c];
     shared.scale[c] += scale[c];
+    weight_[c] += weight;
+    weighted_mean_dn_[c] += weight * mean[c];
   }
   const Image frame = flat.release_mean_frame_dn();
   for (int r = 0; r < sum_.rows(); ++r)
@@ -257,7 +261,7 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
 Response ResponseAccumulator::response() const {
   MALUS_REQUIRE(!empty());
   constexpr int kRounds = 2;
-  Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}, {}};
+  Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}, {}, {}};
   Image light(geometry_.rows(), geometry_.cols());
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
@@ -281,6 +285,7 @@ Response ResponseAccumulator::response() const {
     const double error = std::sqrt(square.variance() / static_cast<double>(square.count()));
     out.prnu.push_back(std::sqrt(variance));
     out.prnu_stderr.push_back(root_standard_error(variance, error));
+    out.level_dn.push_back(weight_[i] > 0 ? weighted_mean_dn_[i] / weight_[i] : 0.0);
   }
   return out;
 }

@@ -19,6 +19,8 @@ struct Response {
   /// robust deviations of the median: a few defects would be most of it.
   std::vector<double> prnu;
   std::vector<double> prnu_stderr;
+  /// Mean signal per channel that it was measured at, each level by its weight.
+  std::vector<double> level_dn = {};
 };
 
 /// The dark frames that belong to a flat level.
@@ -51,6 +53,7 @@ class ResponseAccumulator {
   Image sum_;
   Image error_;                      ///< sampling variance of sum_ that the flats make
   std::map<int, SharedDark> darks_;  ///< by set
+  std::vector<double> weight_, weighted_mean_dn_;  ///< per channel, sums over the levels
 };
 
 }  // namespace malus
