@@ -6,7 +6,6 @@
 #include "malus/calibrate/dark_codes.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/level_pass.h"
-#include "malus/image/quantization.h"
 
 #include <algorithm>
 #include <cmath>
@@ -195,15 +194,15 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
 // One gain's noise, source by source.
 class GainLevels {
  public:
-  GainLevels(const RawFrame& first, const PhysicsCalibration* physics, int row_group,
-             const CalibrationSettings& settings)
+  GainLevels(const RawFrame& first, double step_dn, const PhysicsCalibration* physics,
+             int row_group, const CalibrationSettings& settings)
       : first_(first),
         physics_(physics),
         settings_(settings),
         geometry_(first.layout, first.dn.rows(), first.dn.cols(), row_group),
         bias_dn_(physics ? physics->mu.mean : std::vector<double>(first.black_dn.size(), 0.0)),
         dark_{first.black_dn, physics != nullptr},
-        step_dn_(quantization_step(first.dn)),
+        step_dn_(step_dn),
         codes_(geometry_, first, by_code() ? step_dn_ : 1.0),
         row_prior_dn2_(row_prior_dn2(physics, bias_dn_.size())),
         pass_(geometry_, dark_.dn, bias_dn_, row_prior_dn2_, histograms_),
@@ -306,9 +305,9 @@ class GainLevels {
 }  // namespace
 
 MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
-                              const PhysicsCalibration* physics, int row_group,
+                              double step_dn, const PhysicsCalibration* physics, int row_group,
                               const CalibrationSettings& settings, Progress& progress) {
-  GainLevels levels(first, physics, row_group, settings);
+  GainLevels levels(first, step_dn, physics, row_group, settings);
   for (const NoiseSource& source : sources)
     if (source.frames->count >= 2) levels.add(source, progress);
   return levels.result(sources.front().frames->gain);

@@ -28,10 +28,10 @@ struct MeasuredLevels {
 /// Integer bias frames make the dark level code by code, fixed pattern included, with row noise
 /// deconvolved: unequal steps of the converter stay visible. physics: the same gain's bias results,
 /// for the dark level, row noise and K; null: the black level is dark and row noise comes from the
-/// darkest source. Two passes over each source. Throws InputError when fewer than two levels of a
-/// channel have enough samples.
+/// darkest source. step_dn: quantization_step of first. Two passes over each source. Throws
+/// InputError when fewer than two levels of a channel have enough samples.
 MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
-                              const PhysicsCalibration* physics, int row_group,
+                              double step_dn, const PhysicsCalibration* physics, int row_group,
                               const CalibrationSettings& settings, Progress& progress);
 
 }  // namespace malus
