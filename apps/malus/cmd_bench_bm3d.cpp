@@ -2,6 +2,7 @@
 // against copying the picture.
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/base/text.h"
 #include "malus/denoise/bm3d.h"
 
 #include <cmath>
@@ -47,8 +48,7 @@ std::vector<BenchmarkLine> bm3d_lines(const BenchmarkContext& context) {
     set_thread_count(threads);
     const double seconds =
         context.time_s([&] { (void)bm3d(grey, std::span(&kSigma, 1), {.profile = profile}); }, 5);
-    lines.push_back({fmt::format("{}, {} thread{}", profile, threads, threads == 1 ? "" : "s"),
-                     1e3 * seconds, "ms", size});
+    lines.push_back({profile + ", " + counted(threads, "thread"), 1e3 * seconds, "ms", size});
   };
   for (const char* profile : {"fast", "normal", "high"}) {
     time_profile(profile, 1);
@@ -61,7 +61,7 @@ std::vector<BenchmarkLine> bm3d_lines(const BenchmarkContext& context) {
   std::vector<float> matched(16, 0.0F);
   std::fill_n(matched.begin(), 3, 1.0F);
   lines.push_back(
-      {fmt::format("normal, 16 channels, {} threads", all),
+      {"normal, 16 channels, " + counted(all, "thread"),
        context.time_s([&] { (void)bm3d(packed, sigma, {.profile = "normal"}, matched); }, 3), "s",
        "16 x 612x512, matched on three channels"});
   return lines;

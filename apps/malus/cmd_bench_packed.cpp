@@ -2,6 +2,7 @@
 // the Python module and PyTorch are compared with (bench/peers/packed_*.py).
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/base/text.h"
 #include "malus/synthesize/model.h"
 
 #include "benchmarks.h"
@@ -29,9 +30,9 @@ std::vector<BenchmarkLine> packed_lines(const BenchmarkContext& context) {
   const double seconds =
       context.time_s([&] { noise.synthesize_packed(from, to, /*seed=*/1, frame++); }, kRepetitions);
   const double pixels = static_cast<double>(kPlanes) * rows * kSide;
-  return {
-      {"C++ library", pixels / seconds * 1e-6, "Mpx/s",
-       fmt::format("16 x {} x {} into existing memory, {} threads", rows, kSide, thread_count())}};
+  return {{"C++ library", pixels / seconds * 1e-6, "Mpx/s",
+           fmt::format("16 x {} x {} into existing memory, {}", rows, kSide,
+                       counted(thread_count(), "thread"))}};
 }
 
 }  // namespace

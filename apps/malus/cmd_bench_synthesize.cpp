@@ -1,5 +1,6 @@
 // Noise synthesis: the compiled sampler against the plain definition and against copying the frame.
 #include "malus/base/parallel.h"
+#include "malus/base/text.h"
 #ifdef MALUS_WITH_CUDA
 #include "malus/cuda/device.h"
 #include "malus/cuda/synthesize.h"
@@ -116,7 +117,7 @@ std::vector<BenchmarkLine> synthesis_lines(const BenchmarkContext& context) {
       "copy", [&] { copy(clean, noisy); }, size);
   const CompiledNoise compiled(noise);
   const double drawn = bench.rate(
-      fmt::format("physics, {} threads", thread_count()),
+      "physics, " + counted(thread_count(), "thread"),
       [&] { compiled.apply(clean.view(), noisy.view(), address); },
       fmt::format("0 to saturation, {}", internal::kernel_target()));
   bench.lines.push_back({"physics as a share of copying", 100 * drawn / copied, "%",

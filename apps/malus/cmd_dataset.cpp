@@ -2,6 +2,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/text.h"
 #include "malus/base/unfinished_files.h"
 #include "malus/base/worker_place.h"
 #include "malus/image/pack.h"
@@ -298,8 +299,8 @@ void run_dataset(const DatasetArguments& arguments, const Common& common) {
                 {"shards", shards},
                 {"made", made},
                 {"kept", kept}},
-               fmt::format("{}: {} shards made, {} already there, {} in all\n",
-                           arguments.folder.string(), made, kept, shards));
+               fmt::format("{}: {} made, {} already there, {} in all\n", arguments.folder.string(),
+                           counted(made, "shard"), kept, shards));
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // malus evaluate: how near pictures, polarization and noise are to a reference.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
@@ -171,8 +172,8 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     if (arguments.ratio != 1) multiply(test, arguments.ratio);
     const Evaluation e = evaluate(arguments, path, reference, test);
     if (e.pixels_left_out > 0)
-      warn(fmt::format("{}: {} pixels are not finite in it or the reference and are left out",
-                       path.string(), e.pixels_left_out));
+      warn(fmt::format("{}: {} not finite in it or the reference and left out", path.string(),
+                       counted_are(e.pixels_left_out, "pixel")));
     if (!e.dolp_psnr_db && !reference.picture)
       note(common, fmt::format("{}: no DoLP, no AoLP: {}", path.string(), e.dolp_psnr_db.reason()));
     if (!e.image_ssim)

@@ -60,7 +60,7 @@ std::string grid_text(const ValueGrid& grid) {
 void collect_warnings(Findings& findings) {
   const RawFrame& frame = findings.info.frame;
   if (const auto count = nonfinite_pixels(findings); count > 0)
-    findings.warnings.push_back(fmt::format("{} pixels are NaN or infinite", count));
+    findings.warnings.push_back(counted_are(count, "pixel") + " NaN or infinite");
   if (findings.grid && findings.grid->step > 1)
     findings.warnings.push_back(fmt::format(
         "all values are {}: the data are scaled up, {} of {} levels are used",

@@ -1,6 +1,7 @@
 // malus report: models, evaluations, denoise runs and records as one HTML file.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/report/write_report.h"
 
 #include <algorithm>
@@ -159,7 +160,7 @@ Report report_of(const ReportArguments& arguments, const std::vector<ReportInput
   }
   if (inputs.size() > 1) {
     const std::size_t shown = inputs.size() - left_out.size();
-    title = fmt::format("Report of {} file{}", shown, shown == 1 ? "" : "s");
+    title = "Report of " + counted(std::int64_t(shown), "file");
     subtitle.clear();
   }
   if (!left_out.empty()) sections.push_back(left_out_section(left_out));

@@ -1,6 +1,7 @@
 // malus stokes: raw polarization frames to S0, S1, S2, DoLP and AoLP, as data and as pictures.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/polar/demosaick.h"
@@ -230,12 +231,12 @@ void run_stokes(const StokesArguments& arguments, const Common& common) {
     results.push_back(stokes_of_file(arguments, model, i, options, plans[i], common.force));
     const Json& last = results.back();
     text += fmt::format(
-        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, {} files in {}\n",
+        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, {} in {}\n",
         arguments.inputs[i].string(), last["cols"].get<int>(), last["rows"].get<int>(),
         last["layout"].get<std::string>(),
         last["mean_dolp"].is_null() ? std::nan("") : last["mean_dolp"].get<double>(),
         100 * last["undefined"].get<double>(), above_one_text(last["dolp_above_one"].get<double>()),
-        last["files"].size(), arguments.folder.string());
+        counted(std::ssize(last["files"]), "file"), arguments.folder.string());
     progress->advance(1);
   }
   print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);

@@ -1,5 +1,7 @@
 // malus train: a network from a configuration file; one process, or many that torchrun, mpirun or
 // srun started.
+#include "malus/base/text.h"
+
 #include <filesystem>
 #include <memory>
 
@@ -83,10 +85,11 @@ Json record_of(const Json& run) {
   const Json& log = run["log"];
   const Json steps = {{"name", "step"}, {"unit", "1"}};
   Json record{{"title", fmt::format("Training of {}", run["architecture"].get<std::string>())},
-              {"text", fmt::format("{} parameters, {} steps in {:.0f} s on {}, {} worker(s)",
-                                   run["parameters"].get<std::int64_t>(),
-                                   run["steps"].get<std::int64_t>(), run["seconds"].get<double>(),
-                                   run["device"].get<std::string>(), run["workers"].get<int>())},
+              {"text", fmt::format("{}, {} in {:.0f} s on {}, {}",
+                                   counted(run["parameters"].get<std::int64_t>(), "parameter"),
+                                   counted(run["steps"].get<std::int64_t>(), "step"),
+                                   run["seconds"].get<double>(), run["device"].get<std::string>(),
+                                   counted(run["workers"].get<int>(), "worker"))},
               {"tables", Json::array()},
               {"charts", Json::array()}};
   const auto chart = [&](const char* title, const char* unit, Json series) {
@@ -157,8 +160,8 @@ void run_train(const TrainArguments& arguments, const Common& common) {
   if (!arguments.report.empty())
     write_record_report(record_of(run), arguments.report, common.force, folder);
   std::string text = fmt::format(
-      "{}: {} steps in {:.0f} s{}\n", run["weights"].get<std::string>(),
-      run["steps"].get<std::int64_t>(), run["seconds"].get<double>(),
+      "{}: {} in {:.0f} s{}\n", run["weights"].get<std::string>(),
+      counted(run["steps"].get<std::int64_t>(), "step"), run["seconds"].get<double>(),
       run.contains("finished_before") ? ", finished before: nothing was left to train" : "");
   text += loss_text(run["log"]);
   for (const char* before : {"noisy", "guide"})

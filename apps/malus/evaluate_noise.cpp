@@ -224,8 +224,8 @@ std::string comparison_text(const NoiseComparison& c, int bins) {
     text += distance_line(fmt::format("{:.2f}", level.signal_dn), level);
   text += distance_line("pooled", c.pooled);
   if (c.levels_left_out > 0)
-    text += fmt::format("  {} levels left out: fewer than {} samples\n", c.levels_left_out,
-                        kEnoughSamples);
+    text += fmt::format("  {} left out: fewer than {} samples\n",
+                        counted(c.levels_left_out, "level"), kEnoughSamples);
   text += fmt::format("{:<34}{:>12}{:>12}\n", "mean over the channels", "reference", "test");
   const auto row = [&](const char* name, const std::vector<double>& a,
                        const std::vector<double>& b) {

@@ -117,11 +117,11 @@ void check_finite(const Image& dn, const std::string& source, std::string_view w
   if (odd == 0) return;
   if (static_cast<std::size_t>(odd) == dn.size())
     throw InputError(source, "all pixels are NaN or infinite", "check how the file was made");
-  warn(fmt::format("{}: {} pixels are NaN or infinite; {}", source, odd, what_comes));
+  warn(fmt::format("{}: {} NaN or infinite; {}", source, counted_are(odd, "pixel"), what_comes));
 }
 
 std::string_view fate_of_nonfinite(bool as_float) {
-  return as_float ? "they stay as they are" : "as integers they become 0 or white";
+  return as_float ? "kept as read" : "as integers 0 or white";
 }
 
 Image above_black(const RawFrame& frame) {

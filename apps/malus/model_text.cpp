@@ -98,7 +98,7 @@ void add_sensor(Lines& lines, const NoiseModel& m) {
   lines.add("  row group  {} ({})", m.row_group, m.row_group_origin);
   lines.add("  kinds      {}", joined(m.kinds()));
   lines.add("  origin     {}", m.origin.empty() ? "not stated" : m.origin);
-  if (!m.defects.empty()) lines.add("  defects    {} pixels", m.defects.size());
+  if (!m.defects.empty()) lines.add("  defects    {}", counted(std::ssize(m.defects), "pixel"));
 }
 
 void add_summary(Lines& lines, const NoiseModel& m) {
@@ -182,10 +182,9 @@ void add_other_kinds(Lines& lines, const NoiseModel& m, StoredWarnings warnings)
     add_warnings(lines, g.warnings, warnings);
   }
   for (const auto& n : m.nonparametric) {
-    lines.add(
-        "\nNon-parametric, {}: {} frames, {} levels of {} bins in the first channel, rows {} DN",
-        n.gain.text(), n.frames, n.channels[0].level_dn.size(),
-        n.channels[0].bin_edges_dn.size() - 1, mean_cell(n.sigma_row_dn, 3));
+    lines.add("\nNon-parametric, {}: {}, {} levels of {} bins in the first channel, rows {} DN",
+              n.gain.text(), counted(n.frames, "frame"), n.channels[0].level_dn.size(),
+              n.channels[0].bin_edges_dn.size() - 1, mean_cell(n.sigma_row_dn, 3));
     if (!n.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(n.row_drift));
     add_warnings(lines, n.warnings, warnings);
   }

@@ -1,4 +1,5 @@
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/noise/data_sheet.h"
 #include "malus/report/write_report.h"
 
@@ -79,7 +80,7 @@ NoticesBlock findings(const NoiseModel& model) {
           fmt::format("{}rows drift slowly, {}.", gain_prefix(p.gain), text_of(p.row_drift)));
   if (!model.defects.empty())
     add(NoticeLevel::kNote,
-        fmt::format("{} defect pixels are listed in the model.", model.defects.size()));
+        counted_are(std::ssize(model.defects), "defect pixel") + " listed in the model.");
   return notices;
 }
 
@@ -169,9 +170,9 @@ std::string summary_lead(const NoiseModel& model) {
 }
 
 // "20", or "8 to 20" where the gains differ.
-std::string count_range(const std::vector<int>& counts) {
+std::string count_range(const std::vector<int>& counts, std::string_view noun) {
   const auto [low, high] = std::minmax_element(counts.begin(), counts.end());
-  return *low == *high ? std::to_string(*low) : fmt::format("{} to {}", *low, *high);
+  return (*low == *high ? "" : fmt::format("{} to ", *low)) + counted(*high, noun);
 }
 
 // ", exposures 0.1 to 50 ms"; empty where none is known.
@@ -200,10 +201,10 @@ std::string conditions_text(const NoiseModel& model) {
     flats.push_back(p.flat_levels);
   }
   if (bias.empty() || *std::max_element(bias.begin(), bias.end()) == 0) return "";
-  std::string text = fmt::format(", {} bias frames{}", count_range(bias),
+  std::string text = fmt::format(", {}{}", count_range(bias, "bias frame"),
                                  model.physics.size() > 1 ? " per gain" : "");
   if (*std::max_element(flats.begin(), flats.end()) == 0) return text + ", no flat frames";
-  text += fmt::format(", {} flat levels{}", count_range(flats), exposures_text(model));
+  text += ", " + count_range(flats, "flat level") + exposures_text(model);
   if (model.saturation_limit > 0)
     text += fmt::format(", levels used up to {:.3g} % of the range", 100 * model.saturation_limit);
   return text;
@@ -272,8 +273,7 @@ std::string calibration_title(const NoiseModel& model) {
 }
 
 std::string calibration_subtitle(const NoiseModel& model) {
-  const int channels = model.layout.channels();
-  return fmt::format("{}, {} channel{}{}", model.layout.name(), channels, channels == 1 ? "" : "s",
+  return fmt::format("{}, {}{}", model.layout.name(), counted(model.layout.channels(), "channel"),
                      conditions_text(model));
 }
 

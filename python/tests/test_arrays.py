@@ -319,5 +319,5 @@ def test_pixels_that_are_no_numbers_are_said(model):
         assert np.isnan(malus.denoise(np.full((64, 64), np.nan, np.float32), **given)["dn"]).all()
     holed = np.full((64, 64), 300, np.float32)
     holed[3, 4] = np.nan
-    with pytest.warns(UserWarning, match="1 pixels are NaN or infinite; they stay as they are"):
+    with pytest.warns(UserWarning, match="1 pixel is NaN or infinite; it stays as it is"):
         assert np.isnan(malus.denoise(holed, **given)["dn"][3, 4])

@@ -79,6 +79,13 @@ TEST(Utf8, IsToldFromOtherBytes) {
     EXPECT_FALSE(is_utf8(text)) << text;
 }
 
+TEST(Counted, OneHasNoPlural) {
+  EXPECT_EQ(counted(0, "pixel") + ", " + counted(1, "pixel") + ", " + counted(2, "pixel"),
+            "0 pixels, 1 pixel, 2 pixels");
+  EXPECT_EQ(counted_are(1, "pixel"), "1 pixel is");
+  EXPECT_EQ(counted_are(2, "pixel"), "2 pixels are");
+}
+
 TEST(PercentText, HasTwoDigitsAndNoExponent) {
   EXPECT_EQ(percent_text(0), "0");
   EXPECT_EQ(percent_text(2e-7), "0.00002");  // one pixel of five million

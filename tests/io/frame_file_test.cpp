@@ -221,7 +221,7 @@ TEST(FrameFile, LevelsThatMakeNoSenseAreRefused) {
   options.black_dn = {70000};
   expect_frame_refused(folder / "a.png", "not below white 65535 DN", options);
   options.black_dn = {1, 2, 3};
-  expect_frame_refused(folder / "a.png", "3 black levels for the 1 channels", options);
+  expect_frame_refused(folder / "a.png", "3 black levels for the 1 channel of", options);
   options.black_dn = {std::nan("")};
   expect_frame_refused(folder / "a.png", "not below white", options);
 }

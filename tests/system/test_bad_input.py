@@ -149,7 +149,7 @@ def test_pixels_that_are_no_numbers_are_said_where_they_become_integers(malus, r
     np.save(tmp_path / "none.npy", np.full((64, 64), np.nan, np.float32))
     camera = ["--layout", "polar-mono", "--model", "imx250mzr-simulated", "--format", "npy"]
     renoise = ["renoise", *camera, "--black", 0, "--white", 4013, "--from", 12, "--to", 24]
-    said = "odd.npy: 3 pixels are NaN or infinite; as integers they become 0 or white"
+    said = "odd.npy: 3 pixels are NaN or infinite; as integers 0 or white"
     for n, command in enumerate((["synthesize", tmp_path / "odd.npy", *camera, "--gain", 12],
                                  [*renoise, tmp_path / "odd.npy"], [*renoise, tmp_path / "odd.npy", "--method", "naive"],
                                  [*renoise, tmp_path / "good.npy", "--guide", tmp_path / "odd.npy", "--method", "naive"])):
@@ -158,7 +158,7 @@ def test_pixels_that_are_no_numbers_are_said_where_they_become_integers(malus, r
         out = np.load(next((tmp_path / f"{n}").glob("*.npy")))
         assert [out[10, 11], out[20, 21], out[30, 31]] == [0, 4095, 0], command
         floats = malus(*command, "--float", "-o", tmp_path / f"{n}float").err
-        assert "odd.npy: 3 pixels are NaN or infinite; they stay as they are" in floats
+        assert "odd.npy: 3 pixels are NaN or infinite; kept as read" in floats
     guided = malus(*renoise, tmp_path / "good.npy", "--guide", tmp_path / "odd.npy", "-o", tmp_path / "guided")
     assert "odd.npy: 3 pixels are NaN or infinite; no noise is added there" in guided.err
     for command in (["synthesize", tmp_path / "none.npy", *camera, "--gain", 12], [*renoise, tmp_path / "none.npy"],

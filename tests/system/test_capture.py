@@ -222,7 +222,7 @@ def test_lost_frames_are_taken_again_and_counted(malus, plan, tmp_path, network_
     assert skipped > 10
     # Frames lost before the first kept one was seen belong to no gap between kept ones.
     assert skipped <= done.json["steps"][0]["lost"] <= skipped + 3
-    assert "were lost on the way and taken again" in done.err
+    assert "lost on the way and taken again" in done.err
 
 
 @pytest.mark.slow

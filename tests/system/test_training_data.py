@@ -135,7 +135,7 @@ def test_recorded_pairs_with_holes_are_named(refused, clean, tmp_path, holed):
     text = CONFIG.replace('scenes = ["scene"]', 'pairs = ["pairs.json"]').replace("= 64", "= 192").replace("jitter = 0.2", "")
     (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=1))
     line = refused("train", tmp_path / "config.toml", "-o", tmp_path / "run")
-    assert f"{holed}: 1 pixels are NaN" in line
+    assert f"{holed}: 1 pixel is NaN" in line
 
 
 def test_recorded_pairs_of_another_layout_are_refused(malus, refused, clean, tmp_path):

@@ -94,6 +94,10 @@ std::string counted(std::int64_t number, std::string_view noun) {
   return fmt::format("{} {}{}", number, noun, number == 1 ? "" : "s");
 }
 
+std::string counted_are(std::int64_t number, std::string_view noun) {
+  return counted(number, noun) + (number == 1 ? " is" : " are");
+}
+
 // Unicode 15, table 3-7: what the second byte may be excludes longer forms than needed, surrogates
 // and what lies beyond U+10FFFF.
 bool is_utf8(std::string_view text) {

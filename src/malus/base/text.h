@@ -33,6 +33,9 @@ std::string counted(std::int64_t number, std::string_view noun);
 /// Whether these bytes are UTF-8, as JSON and TOML have to be; names of files need not be.
 bool is_utf8(std::string_view text);
 
+/// "1 image is", "2 images are".
+std::string counted_are(std::int64_t number, std::string_view noun);
+
 /// A share of 0..1 in percent, to two digits (one below 0.0001 %) and never with an exponent:
 /// "0.00002", "0.034", "12", "100".
 std::string percent_text(double share);

@@ -232,8 +232,8 @@ class Run {
           fmt::format("{}: {:.2f} % of the pixels are saturated; lower the light or the exposure",
                       report.step.folder(), 100 * report.saturated_share));
     if (report.lost > 0)
-      progress_.warn(fmt::format("{}: {} frames were lost on the way and taken again",
-                                 report.step.folder(), report.lost));
+      progress_.warn(fmt::format("{}: {} lost on the way and taken again", report.step.folder(),
+                                 counted(report.lost, "frame")));
   }
 
   static constexpr int kMostDamaged = 20, kMostSilent = 3;  // in a row

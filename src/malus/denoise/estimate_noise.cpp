@@ -173,8 +173,9 @@ std::string too_few_blocks(std::size_t blocks, const Image& plane, double range_
   const auto white =
       std::count_if(values.begin(), values.end(), [&](float v) { return v >= range_dn; });
   const double share = static_cast<double>(white) / static_cast<double>(values.size());
-  return fmt::format("{} unsaturated blocks of {} x {} pixels per channel, {} are needed", blocks,
-                     kBlock, kBlock, kLeastBlocks) +
+  return fmt::format("{} of {} x {} pixels per channel, {} are needed",
+                     counted(std::int64_t(blocks), "unsaturated block"), kBlock, kBlock,
+                     kLeastBlocks) +
          (share > kManyWhite ? fmt::format("; {} % of the pixels are at white or above it: is the "
                                            "white level right (--white)?",
                                            percent_text(share))

@@ -10,10 +10,12 @@ std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t o
   constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
   constexpr double kMuchCutOff = 0.01;
   std::vector<std::string> lines;
-  if (result.nonfinite_pixels > 0)
-    lines.push_back(
-        fmt::format("{} pixels are NaN or infinite; they {}", result.nonfinite_pixels,
-                    of_picture > 0 ? "are filled from their neighbours" : "stay as they are"));
+  if (const std::int64_t odd = result.nonfinite_pixels; odd > 0)
+    lines.push_back(counted_are(odd, "pixel") + " NaN or infinite; " +
+                    (of_picture > 0 ? odd == 1 ? "it is filled from its neighbours"
+                                               : "they are filled from their neighbours"
+                     : odd == 1     ? "it stays as it is"
+                                    : "they stay as they are"));
   const double saturated =
       static_cast<double>(result.saturated_pixels) /
       static_cast<double>(of_picture > 0 ? of_picture : std::ssize(result.dn_above_black.values()));

@@ -1,6 +1,7 @@
 #include "malus/image/black_levels.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 
 #include <cmath>
 #include <numeric>
@@ -15,8 +16,8 @@ std::vector<double> black_per_channel(const std::vector<double>& values, const S
   if (values.size() == 1) return std::vector<double>(channels, values[0]);
   if (values.size() != channels)
     throw InputError(source,
-                     fmt::format("{} black levels for the {} channels of {}", values.size(),
-                                 channels, layout.name()),
+                     fmt::format("{} black levels for the {} of {}", values.size(),
+                                 counted(layout.channels(), "channel"), layout.name()),
                      "give one number, or one per channel in mosaic order");
   return values;
 }

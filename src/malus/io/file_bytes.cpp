@@ -1,6 +1,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/base/unreadable_file.h"
 #include "malus/io/internal/decoded.h"
 
@@ -61,7 +62,8 @@ std::vector<std::uint8_t> read_part(const fs::path& path, std::uintmax_t at, std
 
 void check_picture_size(const fs::path& path, std::int64_t rows, std::int64_t cols,
                         std::int64_t channels) {
-  const std::string text = fmt::format("{}x{} pixels and {} channels", cols, rows, channels);
+  const std::string text =
+      fmt::format("{}x{} pixels and {}", cols, rows, counted(channels, "channel"));
   if (rows < 1 || cols < 1 || channels < 1)
     throw InputError(path.string(), fmt::format("it declares {}", text), "the file is damaged");
   if (rows > kMaxPixels || cols > kMaxPixels || channels > kMaxChannels ||

@@ -61,8 +61,8 @@ void parse_levels(const ConfigSection& section, SensorDescription& sensor) {
   if (sensor.black_dn.size() > 1 && sensor.layout &&
       static_cast<int>(sensor.black_dn.size()) != sensor.layout->channels())
     section.fail("black",
-                 fmt::format("has {} values for the {} channels of the layout",
-                             sensor.black_dn.size(), sensor.layout->channels()),
+                 fmt::format("has {} values for the {} of the layout", sensor.black_dn.size(),
+                             counted(sensor.layout->channels(), "channel")),
                  "give one number, or one per channel in mosaic order");
 }
 

@@ -17,7 +17,7 @@
 namespace malus {
 namespace {
 
-thread_local double counted = 0;
+thread_local double multiplications = 0;
 
 // Deviation of what is added to the weights: nafnet starts with branches that count nothing.
 constexpr double kScatter = 0.02;
@@ -49,7 +49,7 @@ double work_of(const at::RecordFunction& call) {
 }
 
 std::unique_ptr<at::ObserverContext> count(const at::RecordFunction& call) {
-  counted += work_of(call);
+  multiplications += work_of(call);
   return nullptr;
 }
 
@@ -57,12 +57,12 @@ std::unique_ptr<at::ObserverContext> count(const at::RecordFunction& call) {
 double count_work(Network& network, const torch::Tensor& input) {
   const torch::AutoGradMode gradients(true);
   for (torch::Tensor& parameter : network.parameters()) parameter.set_requires_grad(false);
-  counted = 0;
+  multiplications = 0;
   const auto handle = at::addThreadLocalCallback(
       at::RecordFunctionCallback(count).needsInputs(true).scopes({at::RecordScope::FUNCTION}));
   network.forward(input);
   at::removeCallback(handle);
-  return counted;
+  return multiplications;
 }
 
 // A line of this process's memory in the kernel's account [bytes]; 0 where there is none.

@@ -232,7 +232,8 @@ void load_weights(Network& network, const TensorFile& file, const std::string& p
   });
   if (used != present)
     throw InputError(source,
-                     fmt::format("{} weights belong to no layer of the network", present - used),
+                     fmt::format("has {} of no layer of the network",
+                                 counted(std::int64_t(present - used), "weight")),
                      "give weights of this architecture and size");
 }
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/base/text.h"
 #include "malus/base/worker_place.h"
 
 #include <chrono>
@@ -208,7 +209,7 @@ void wait_for_all(Meeting& meeting, c10d::Store& store) {
     const std::int64_t missing = meeting.place.size - there;
     if (meeting.over())
       throw std::runtime_error(fmt::format("{} missing after {:g} s", missing, meeting.timeout_s));
-    meeting.look_around(fmt::format("{} worker{}", missing, missing == 1 ? "" : "s"));
+    meeting.look_around(counted(missing, "worker"));
     std::this_thread::sleep_for(kBetweenLooks);
   }
 }

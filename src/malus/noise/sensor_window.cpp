@@ -1,6 +1,7 @@
 #include "malus/noise/sensor_window.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
 #include <memory>
@@ -80,10 +81,10 @@ std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols) 
       "{} x {} pixels of a sensor of {} x {}: the model's {} left out; say where the frame lies "
       "on the sensor with --origin ROW,COLUMN",
       cols, rows, sensor.cols, sensor.rows,
-      !profile.pattern ? fmt::format("{} defect pixels are", profile.defects.places.size())
-      : defects        ? fmt::format("{} defect pixels and maps of the fixed pattern are",
-                                     profile.defects.places.size())
-                       : "maps of the fixed pattern are");
+      !profile.pattern ? counted_are(std::ssize(profile.defects.places), "defect pixel")
+      : defects        ? counted(std::ssize(profile.defects.places), "defect pixel") +
+                      " and maps of the fixed pattern are"
+                : "maps of the fixed pattern are");
 }
 
 }  // namespace malus

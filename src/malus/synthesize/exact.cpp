@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/base/text.h"
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/poisson.h"
 
@@ -65,10 +66,11 @@ void check_channel(const PhysicsChannel& channel, const std::string& name) {
 
 void check_physics(const PhysicsNoise& noise) {
   if (static_cast<int>(noise.channels.size()) != noise.layout.channels())
-    throw InputError("noise parameters",
-                     fmt::format("{} channels for a layout of {}", noise.channels.size(),
-                                 noise.layout.channels()),
-                     "use the model of this sensor");
+    throw InputError(
+        "noise parameters",
+        fmt::format("{} for a layout of {}", counted(std::ssize(noise.channels), "channel"),
+                    noise.layout.channels()),
+        "use the model of this sensor");
   if (noise.row_group < 1)
     throw InputError("noise parameters", fmt::format("row_group is {}", noise.row_group),
                      "declare a row group of 1 or more");

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/text.h"
 #include "malus/synthesize/packed_rows.h"
 
 #include <algorithm>
@@ -79,8 +80,8 @@ LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>
   const auto& layout = synthesizer_->model().layout;
   if (static_cast<int>(clean_dn.size()) != layout.channels() || noisy_dn.size() != clean_dn.size())
     throw InputError("packed array",
-                     fmt::format("{} planes for the {} channels of {}", clean_dn.size(),
-                                 layout.channels(), layout.name()),
+                     fmt::format("{} for the {} of {}", counted(std::ssize(clean_dn), "plane"),
+                                 counted(layout.channels(), "channel"), layout.name()),
                      "give one plane per channel, in mosaic order");
   for (std::size_t k = 0; k < clean_dn.size(); ++k) {
     require_equal_sizes(clean_dn[0], noisy_dn[k]);

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -63,10 +64,8 @@ Estimate<double> relative_intensity(View<const float> short_dn, View<const float
   };
   const Products total = parallel_reduce(0, short_dn.rows(), 16, Products{}, of_rows, add);
   if (total.pixels < kFewestPixels || total.square <= 0)
-    return Undecided{
-        fmt::format("{} pixels of the reference lie between {:.4g} and {:.4g} DN, {} "
-                    "are needed",
-                    total.pixels, low_dn, high_dn, kFewestPixels)};
+    return Undecided{fmt::format("{} of the reference between {:.4g} and {:.4g} DN, {} are needed",
+                                 counted(total.pixels, "pixel"), low_dn, high_dn, kFewestPixels)};
   return total.cross / total.square;
 }
 
