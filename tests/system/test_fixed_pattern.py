@@ -73,5 +73,6 @@ def test_a_part_of_the_sensor_has_its_part_of_the_maps(malus, camera, tmp_path):
     assert left.json["dark_pattern_share"] == left.json["response_pattern_share"] == 0
     assert "maps of the fixed pattern are left out" in left.err
     told = malus(*run, "--origin", "60,40")
-    assert 0.8 < told.json["dark_pattern_share"] < 1.1 and 0.8 < told.json["response_pattern_share"] < 1.1
+    # 16384 pixels, shot noise of 14 DN about a dark pattern of 3: 1 ± 0.045, four deviations either way.
+    assert 0.8 < told.json["dark_pattern_share"] < 1.2 and 0.8 < told.json["response_pattern_share"] < 1.2
     assert "left out" not in told.err

@@ -17,7 +17,8 @@ struct FixedPattern {
 };
 
 /// The maps of the measured gain nearest to `gain` (of the first one where no gain is named), each
-/// of the nearest that has it; null where the model holds none. Contract: no
+/// of the nearest that has it; null where the model holds none. Of ordinary pixels their sampling
+/// error's share, as DSNU and PRNU tell it, is taken away (Wiener), of outliers less. Contract: no
 /// contradiction_in(model).
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain);
