@@ -32,6 +32,16 @@ def test_shards_are_taken_with_the_noise_they_were_made_with(malus, clean, tmp_p
     assert abs(base_loss(malus, tmp_path, 'shards = ["shards/*.tar"]') - 0.8) < 0.06
 
 
+def test_shards_that_are_too_small_are_told_by_how_much(refused, malus, clean, tmp_path):
+    (tmp_path / "dataset.toml").write_text(
+        'model = "imx250mzr-simulated"\nclean = ["clean.npy"]\n[dataset]\nsamples = 2\npatch = 16\n')
+    malus("dataset", tmp_path / "dataset.toml", "-o", tmp_path / "shards")
+    text = CONFIG.replace('scenes = ["scene"]', 'shards = ["shards/*.tar"]').replace("jitter = 0.2", "")
+    (tmp_path / "config.toml").write_text(text.format(steps=2, checkpoint_every=100))
+    line = refused("train", tmp_path / "config.toml", "-q", "-o", tmp_path / "run")
+    assert "planes of 8 x 8, a step of the training takes 16 x 16" in line and "smaller patch in [data]" in line
+
+
 def test_captured_pairs_are_taken_with_their_ratio_and_gain(malus, clean, tmp_path):
     pairs = []
     for gain, ratio in ((6, 5), (12, 20)):

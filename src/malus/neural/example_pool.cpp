@@ -158,8 +158,10 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
     const std::int64_t rows = example.input.size(1), cols = example.input.size(2);
     if (rows < shape_.patch_rows || cols < shape_.patch_cols)
       throw InputError(example.source.empty() ? "an example" : example.source,
-                       fmt::format("has planes of {} x {} only", cols, rows),
-                       "use a smaller patch or larger pictures");
+                       fmt::format("has planes of {} x {}, a step of the training takes {} x {}",
+                                   cols, rows, shape_.patch_cols, shape_.patch_rows),
+                       "set a smaller patch in [data] (it counts mosaic pixels), or take larger "
+                       "pictures");
     const std::int64_t row0 = below(random, rows - shape_.patch_rows + 1);
     const std::int64_t col0 = below(random, cols - shape_.patch_cols + 1);
     const auto cut = [&](const torch::Tensor& planes) {
