@@ -1,5 +1,6 @@
 #include "malus/denoise/estimate_noise.h"
 
+#include "malus/base/random.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/exact.h"
 
@@ -167,6 +168,53 @@ TEST(EstimateProfile, AWeaveAllOverHidesNoNoise) {
   for (const double signal : {700.0, 1800.0, 2700.0})
     for (const ChannelProfile& channel : noise->profile.channels)
       EXPECT_NEAR(std::sqrt(channel.variance(signal) / (0.2 * signal + 0.36)), 1.0, 0.1) << signal;
+}
+
+// Four strokes 2 pixels wide, with soft edges, for each letter; letters every 9 columns in lines of
+// 10 rows, 15 rows apart.
+Image page_of_letters(double paper, double ink) {
+  RandomSequence strokes(15, 0, Draw::kUser);
+  Image page(384, 384, static_cast<float>(paper));
+  for (int top = 1; top + 14 < 384; top += 15)
+    for (int left = 1; left + 9 < 384; left += 9) {
+      if (strokes.uniform() < 0.15) continue;  // between words
+      for (int stroke = 0; stroke < 4; ++stroke) {
+        const double r0 = top + 1 + 8 * strokes.uniform(), c0 = left + 1 + 6 * strokes.uniform(),
+                     down = top + 1 + 8 * strokes.uniform() - r0,
+                     right = left + 1 + 6 * strokes.uniform() - c0;
+        for (int r = top; r < top + 11; ++r)
+          for (int c = left; c < left + 9; ++c) {
+            const double along = std::clamp(((r - r0) * down + (c - c0) * right) /
+                                                (down * down + right * right + 1e-9),
+                                            0.0, 1.0),
+                         away = std::hypot(r - r0 - along * down, c - c0 - along * right),
+                         cover = std::clamp(1.5 - away, 0.0, 1.0);
+            page(r, c) = std::min(page(r, c), static_cast<float>(paper + cover * (ink - paper)));
+          }
+      }
+    }
+  return page;
+}
+
+// Letters fill the page, nothing has smooth surroundings, but paper shows between lines and words.
+// Without it the deviation comes out 1.6 to 3.4 times too large in mosaics.
+TEST(EstimateProfile, PaperBetweenLettersTellsTheNoise) {
+  for (const char* name : {"mono", "bayer-rggb", "polar-bayer-rggb"})
+    for (const double gain : {0.3, 1.0}) {
+      PhysicsNoise camera = shot_and_read_noise(gain, 2.0);
+      camera.layout = SensorLayout::named(name);
+      camera.channels.resize(static_cast<std::size_t>(camera.layout.channels()));
+      RawFrame frame = frame_of(page_of_letters(3000, 400), camera);
+      frame.black_known = true;
+      const Estimate<PictureNoise> noise = estimate_profile(frame);
+      ASSERT_TRUE(noise);
+      double mean = 0;
+      for (const ChannelProfile& channel : noise->profile.channels)
+        mean += std::sqrt(channel.variance(3000) / (gain * 3000 + 4)) /
+                static_cast<double>(noise->profile.channels.size());
+      EXPECT_GT(mean, 0.8) << name << ", " << gain;
+      EXPECT_LT(mean, 1.3) << name << ", " << gain;
+    }
 }
 
 TEST(EstimateProfile, ABlackLevelThatIsNotKnownDoesNotHarm) {

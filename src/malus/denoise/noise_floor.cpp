@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/base/statistics.h"
+#include "malus/denoise/internal/quiet_directions.h"
 
 #include <algorithm>
 #include <array>
@@ -12,17 +12,11 @@
 #include <span>
 #include <utility>
 
-#include <Eigen/Dense>
-
 namespace malus {
 namespace {
 
 constexpr int kSide = 6, kPixels = kSide * kSide;  // of a patch
-constexpr int kQuietest = 4;                       // directions
-// The mean square along them is averaged with what lies above so many medians set back to that;
-// kMeanOfBounded: what noise has then (chi-square of 4 degrees over 4: median 0.8392).
-constexpr double kBoundInMedians = 1.5, kMeanOfBounded = 0.8178;
-constexpr int kMargin = 3;          // units around a patch that are its surroundings
+constexpr int kMargin = 3;                         // units around a patch that are its surroundings
 constexpr int kHalfUnits = 16;      // side of the squares that the halves take in turns
 constexpr int kTileUnits = 64;      // a tile's side at most
 constexpr int kMostTiles = 9;       // of a large frame, spread evenly
@@ -30,7 +24,7 @@ constexpr int kLeastPatches = 300;  // a half has four times its directions
 constexpr std::size_t kPatchesPerLevel = 3000, kMostFloors = 8;
 constexpr double kShares[] = {1.0, 0.4, 0.2}, kClearly = 2.0;  // standard errors
 
-using PatchMatrix = Eigen::Matrix<float, Eigen::Dynamic, kPixels, Eigen::RowMajor>;
+using internal::PatchMatrix;
 
 // What patches step by: the cell, or two pixels of layouts with a smaller one.
 struct Unit {
@@ -227,7 +221,7 @@ std::vector<std::vector<Patch>> patches_of(const Frame& frame) {
 }
 
 PatchMatrix half_of(std::span<const Patch* const> patches, bool second) {
-  PatchMatrix half(static_cast<Eigen::Index>(patches.size()), kPixels);
+  PatchMatrix half(std::ssize(patches), kPixels);
   Eigen::Index row = 0;
   for (const Patch* patch : patches)
     if (patch->second_half == second) {
@@ -239,27 +233,13 @@ PatchMatrix half_of(std::span<const Patch* const> patches, bool second) {
   return half;
 }
 
-// Variance of `measured` along the directions in which `choosing` varies least.
-double quietest_variance(const PatchMatrix& choosing, const PatchMatrix& measured) {
-  const Eigen::MatrixXd power = (choosing.transpose() * choosing).cast<double>();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(power);
-  const Eigen::MatrixXf directions = solver.eigenvectors().leftCols(kQuietest).cast<float>();
-  const Eigen::VectorXf means = (measured * directions).rowwise().squaredNorm() / kQuietest;
-  const double bound = kBoundInMedians * median_of({means.begin(), means.end()});
-  return means.cast<double>().cwiseMin(bound).mean() / kMeanOfBounded;
-}
-
 // NaN where there are too few patches.
 double variance_of(std::span<const Patch* const> patches) {
   const PatchMatrix first = half_of(patches, false), second = half_of(patches, true);
   if (std::min(first.rows(), second.rows()) < kLeastPatches / 3)
     return std::numeric_limits<double>::quiet_NaN();
-  return 0.5 * (quietest_variance(first, second) + quietest_variance(second, first));
-}
-
-// One standard error; bounding costs a tenth.
-double relative_error_of(std::size_t patches) {
-  return 1.1 * std::sqrt(2.0 / kQuietest / static_cast<double>(patches));
+  return 0.5 *
+         (internal::quietest_variance(first, second) + internal::quietest_variance(second, first));
 }
 
 // Of one level: of all its patches, or of the smoothest where those clearly hold less.
@@ -274,7 +254,8 @@ NoiseFloor floor_of(std::span<const Patch* const> level) {
   for (const double share : kShares) {
     const auto count = static_cast<std::size_t>(share * static_cast<double>(patches.size()));
     if (count < kLeastPatches) break;
-    const double variance = variance_of({patches.data(), count}), error = relative_error_of(count);
+    const double variance = variance_of({patches.data(), count}),
+                 error = internal::quietest_error(static_cast<double>(count));
     if (variance * (1 + kClearly * error) < floor.ratio) floor = {floor.signal_dn, variance, error};
   }
   return floor;

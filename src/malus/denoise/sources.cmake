@@ -30,6 +30,7 @@ set(denoise_SOURCES
     pattern_removal.cpp
     pilot_doubt.cpp
     preparation.cpp
+    quiet_patches.cpp
     row_deviation.cpp
     row_evidence.cpp
     row_noise.cpp

@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 #include "malus/denoise/noise_floor.h"
+#include "malus/denoise/quiet_patches.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +16,12 @@ constexpr int kPasses = 10;                // of reweighted fits
 constexpr double kPooledDeviation = 0.05;  // how far the channels' gains may differ
 constexpr double kChance = 2.0;            // standard errors
 constexpr int kFloorPasses = 2;
+constexpr int kQuietPasses = 2;  // the first one's lines may not rise with the light as they should
+// Of levels that are mostly texture beside those of quiet patches: of a channel's, and of the mean
+// over the channels.
+constexpr double kErrorOfMean = 0.25;
+constexpr double kErrorInTexture = 1.0;
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 constexpr double kRoundings = 2.4;       // of which noise must be more to be seen in patches
 constexpr double kEnoughRange = 0.4;     // of the levels' brightnesses
 constexpr double kLittleTexture = 0.05;  // what the floors may err: lines are left alone
@@ -244,6 +251,102 @@ std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
   return result;
 }
 
+namespace {
+
+// Noise never falls with the light, and never rises more than light does: what any level shows
+// bounds it at all others. A level above its bounds holds texture, and is set between the most and
+// the least that the level which bounds it tells.
+void bound_by(const std::vector<VarianceLevel>& shown, bool black_known,
+              std::vector<VarianceLevel>& levels) {
+  for (VarianceLevel& level : levels) {
+    double most = kUnbounded, least = 0;
+    for (const VarianceLevel& other : shown) {
+      const double lit = black_known && level.signal > 0 && other.signal > 0
+                             ? level.signal / other.signal
+                             : (level.signal > other.signal ? kUnbounded : 1.0);
+      const double bound =
+          other.variance * (1 + kChance * other.relative_error) * std::max(lit, 1.0);
+      if (bound >= most) continue;
+      most = bound;
+      least = other.variance * std::min(lit, 1.0);
+    }
+    if (level.variance * (1 - kChance * level.relative_error) <= most) continue;
+    level.variance = std::sqrt(least * most);
+    level.relative_error = std::max(level.relative_error, 0.25 * std::log(most / least));
+  }
+}
+
+// Level by level the mean of the channels, which share their gain.
+std::vector<VarianceLevel> mean_of_channels(const std::vector<std::vector<VarianceLevel>>& levels) {
+  std::size_t count = levels.front().size();
+  for (const std::vector<VarianceLevel>& own : levels) count = std::min(count, own.size());
+  std::vector<VarianceLevel> mean(count, VarianceLevel{0, 0, 0});
+  const double share = 1.0 / static_cast<double>(levels.size());
+  for (const std::vector<VarianceLevel>& own : levels)
+    for (std::size_t i = 0; i < count; ++i) {
+      mean[i].signal += share * own[i].signal;
+      mean[i].variance += share * own[i].variance;
+      mean[i].relative_error += share * own[i].relative_error;
+    }
+  return mean;
+}
+
+// Of the sums of the curves over the levels' signals.
+double share_left(const std::vector<std::vector<VarianceLevel>>& levels,
+                  const std::vector<VarianceCurve>& before,
+                  const std::vector<VarianceCurve>& after) {
+  double sum_before = 0, sum_after = 0;
+  for (std::size_t k = 0; k < levels.size(); ++k)
+    for (const VarianceLevel& level : levels[k]) {
+      sum_before += before[k](level.signal);
+      sum_after += after[k](level.signal);
+    }
+  return std::min(sum_after / sum_before, 1.0);
+}
+
+// Smooth patches between the texture become levels of their own, where they clearly tell of less
+// noise than the lines. Returns the share of the variance that is left.
+double hear_quiet_patches(const Image& dn, const SensorLayout& layout,
+                          const std::vector<float>& saturated_dn,
+                          const std::vector<double>& dark_dn, VarianceLines& lines) {
+  const std::vector<VarianceCurve> before = lines.curves(1.0);
+  const std::vector<std::vector<VarianceLevel>> levels = lines.levels;
+  std::vector<VarianceLevel> usual = mean_of_channels(levels);
+  for (VarianceLevel& level : usual)
+    level.relative_error = std::max(level.relative_error, kErrorOfMean);
+  const double root = std::sqrt(static_cast<double>(levels.size()));
+  for (int pass = 0; pass <= kQuietPasses; ++pass) {
+    // Of channels whose lines differ by texture the noisiest ones' would seem quiet.
+    const std::vector<VarianceCurve> curves = pass == 0 ? before : lines.curves(0.0);
+    const std::vector<QuietPatches> quiet =
+        quiet_patches(dn, layout, curves, saturated_dn, dark_dn);
+    if (pass <= 1 && std::none_of(quiet.begin(), quiet.end(), [](const QuietPatches& q) {
+          return q.ratio * (1 + kChance * q.relative_error) < 1 - kLittleTexture;
+        }))
+      return 1.0;
+    if (pass == 0) continue;
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      std::vector<VarianceLevel> told, shown = usual;
+      for (const QuietPatches& q : quiet)
+        told.push_back({q.signal_dn[k],
+                        std::max(q.ratio * curves[k](q.signal_dn[k]), lines.rounding_dn2),
+                        q.relative_error * root});
+      shown.insert(shown.end(), told.begin(), told.end());
+      bound_by(shown, lines.black_is_known, told);
+      std::vector<VarianceLevel>& own = lines.levels[k] = levels[k];
+      bound_by(told, lines.black_is_known, own);
+      for (VarianceLevel& level : own)
+        level.relative_error = std::max(level.relative_error, kErrorInTexture);
+      own.insert(own.end(), told.begin(), told.end());
+      lines.lines[k] = fit_levels(lines.levels[k]);
+    }
+    lines.settle();
+  }
+  return share_left(lines.levels, before, lines.curves(1.0));
+}
+
+}  // namespace
+
 double take_texture_off(const Image& dn, const SensorLayout& layout,
                         const std::vector<float>& saturated_dn, VarianceLines& lines) {
   const std::vector<VarianceCurve> most = lines.curves(1.0);
@@ -278,6 +381,7 @@ double take_texture_off(const Image& dn, const SensorLayout& layout,
     }
     lines.settle();
   }
+  noise_share *= hear_quiet_patches(dn, layout, saturated_dn, dark_dn, lines);
   return 1.0 - noise_share;
 }
 

@@ -1,0 +1,32 @@
+// Variance of patches along the directions in which others like them vary least.
+#pragma once
+
+#include "malus/base/statistics.h"
+
+#include <cmath>
+
+#include <Eigen/Dense>
+
+namespace malus::internal {
+
+using PatchMatrix = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+inline constexpr int kQuietest = 4;  // directions
+
+/// Of `measured` along the directions in which `choosing` varies least; rows: patches, without
+/// their mean. The mean square along them is averaged with what lies above so many medians set back
+/// to that; kMeanOfBounded: what noise has then (chi-square of 4 degrees over 4: median 0.8392).
+inline double quietest_variance(const PatchMatrix& choosing, const PatchMatrix& measured) {
+  constexpr double kBoundInMedians = 1.5, kMeanOfBounded = 0.8178;
+  const Eigen::MatrixXd power = (choosing.transpose() * choosing).cast<double>();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(power);
+  const Eigen::MatrixXf directions = solver.eigenvectors().leftCols(kQuietest).cast<float>();
+  const Eigen::VectorXf means = (measured * directions).rowwise().squaredNorm() / kQuietest;
+  const double bound = kBoundInMedians * median_of({means.begin(), means.end()});
+  return means.cast<double>().cwiseMin(bound).mean() / kMeanOfBounded;
+}
+
+/// One standard error of it, from so many patches; bounding costs a tenth.
+inline double quietest_error(double patches) { return 1.1 * std::sqrt(2.0 / kQuietest / patches); }
+
+}  // namespace malus::internal
