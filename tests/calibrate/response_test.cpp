@@ -184,9 +184,9 @@ TEST(Response, PrnuHasItsStandardError) {
   }
 }
 
-// A response that lacks 3 % of a straight line at full range shows PRNU 1.4 % too small at its
-// levels, 2.4 of its sampling errors. Sixteen sessions know the root mean square to 18 %; without
-// the bend in the error it was 2.6.
+// A response that lacks 3 % of a straight line at full range shows PRNU too small by one or two per
+// cent at its levels: 3.3 of its sampling errors (bench/calibration_truth.py bent). Sixteen
+// sessions know the root mean square to 18 %; three of that.
 TEST(Response, PrnuOfABentResponseHoldsTheBendInItsError) {
   double squares = 0;
   constexpr std::uint64_t kSessions = 16;
