@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <cstdlib>
 #include <utility>
 #include <vector>
 
@@ -28,12 +29,24 @@ std::vector<std::vector<double>> dense_inverse(std::vector<std::vector<double>> 
   return inverse;
 }
 
-TEST(RowPosterior, MeanAndDeviationsAreThoseOfTheWholePosterior) {
+// Precision of offsets that are drawn with this drift.
+std::vector<std::vector<double>> prior_precision(int groups, const RowDrift& drift) {
+  std::vector<std::vector<double>> covariance(
+      static_cast<std::size_t>(groups), std::vector<double>(static_cast<std::size_t>(groups)));
+  for (int a = 0; a < groups; ++a)
+    for (int b = 0; b < groups; ++b)
+      covariance[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)] =
+          row_autocorrelation(drift, std::abs(a - b));
+  return dense_inverse(covariance);
+}
+
+class RowPosterior : public ::testing::TestWithParam<RowDrift> {};
+
+TEST_P(RowPosterior, MeanAndDeviationsAreThoseOfAll) {
   constexpr int kGroups = 40;
   std::vector<RowEvidence> evidence;
   std::vector<double> variance, right(kGroups);
-  std::vector<std::vector<double>> precision(kGroups, std::vector<double>(kGroups));
-  for (std::size_t g = 0; g < kGroups; ++g) precision[g][g] = 1;
+  std::vector<std::vector<double>> precision = prior_precision(kGroups, GetParam());
   for (const int distance : {1, 2, 4})
     for (int g = distance; g + distance < kGroups; ++g) {
       if (g % 7 == 3) continue;  // a row that tells nothing
@@ -46,7 +59,7 @@ TEST(RowPosterior, MeanAndDeviationsAreThoseOfTheWholePosterior) {
         for (const auto& [b, y] : terms) precision[a][b] += x * y / variance.back();
       }
     }
-  const RowNoise rows = row_posterior(evidence, variance, kGroups);
+  const RowNoise rows = row_posterior(evidence, variance, kGroups, GetParam());
   const auto inverse = dense_inverse(precision);
   for (std::size_t g = 0; g < kGroups; ++g) {
     double mean = 0;
@@ -55,6 +68,9 @@ TEST(RowPosterior, MeanAndDeviationsAreThoseOfTheWholePosterior) {
     EXPECT_NEAR(rows.deviation[g], std::sqrt(inverse[g][g]), 1e-10);
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Drifts, RowPosterior,
+                         ::testing::Values(RowDrift{}, RowDrift{0.33, 2.0}, RowDrift{0.9, 20.0}));
 
 }  // namespace
 }  // namespace malus

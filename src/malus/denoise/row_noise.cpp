@@ -63,12 +63,12 @@ std::vector<int> lines_in(const RowNoise& rows, double wide, std::size_t known) 
   return furthest;
 }
 
-RowNoise solved(const std::vector<RowEvidence>& evidence, int groups) {
+RowNoise solved(const std::vector<RowEvidence>& evidence, int groups, const RowDrift& drift) {
   RowNoise rows;
   std::vector<double> variance;
   for (const RowEvidence& e : evidence) variance.push_back(e.variance);
   for (int pass = 0; pass < kReweightings; ++pass) {
-    rows = row_posterior(evidence, variance, groups);
+    rows = row_posterior(evidence, variance, groups, drift);
     for (std::size_t i = 0; i < evidence.size(); ++i) {
       const RowEvidence& e = evidence[i];
       const auto offset = [&](int g) { return rows.offset[static_cast<std::size_t>(g)]; };
@@ -90,8 +90,9 @@ double width_of(const RowNoise& rows) {
 
 // Lines of the picture take no part: nothing tells their own offsets, and their neighbours' are
 // told by others.
-RowNoise solved_without_lines(std::vector<RowEvidence> evidence, int groups) {
-  RowNoise rows = solved(evidence, groups);
+RowNoise solved_without_lines(std::vector<RowEvidence> evidence, int groups,
+                              const RowDrift& drift) {
+  RowNoise rows = solved(evidence, groups, drift);
   if (rows.offset.size() < kLeastGroups) return rows;
   std::vector<char> is_line(rows.offset.size(), 0);
   std::size_t known = 0;
@@ -109,7 +110,7 @@ RowNoise solved_without_lines(std::vector<RowEvidence> evidence, int groups) {
       const auto of_line = [&](int group) { return is_line[static_cast<std::size_t>(group)] != 0; };
       return of_line(e.group) || of_line(e.above) || of_line(e.below);
     });
-    rows = solved(evidence, groups);
+    rows = solved(evidence, groups, drift);
   }
   return rows;
 }
@@ -137,8 +138,8 @@ RowNoise estimate_row_noise(View<const float> dn, const NoiseProfile& profile,
       evidence.back().variance *= kShared;
     }
   if (evidence.empty()) return rows;
-  rows = solved_without_lines(std::move(evidence), groups);
-  leave_stripes_in(rows);
+  rows = solved_without_lines(std::move(evidence), groups, profile.row_drift);
+  leave_stripes_in(rows, profile.row_drift);
   return rows;
 }
 

@@ -73,30 +73,65 @@ Band inverse_in_band(const Band& factors) {
   return inverse;
 }
 
+// Where an offset stands among the unknowns, of which a drifting one has two: itself, and the slow
+// part of it.
+struct Unknowns {
+  int groups, per_group;
+  int offset(int group) const { return group * per_group; }
+  int slow(int group) const { return group * per_group + 1; }
+};
+
+// Precision of the offsets before any evidence. Given the slow part, which is a first-order
+// autoregressive sequence, offsets are independent (row_drift.h), so that two unknowns of a group
+// keep the matrix a band where offsets alone would fill it.
+void add_prior(const RowDrift& drift, const Unknowns& at, Band& precision) {
+  constexpr double kLeastWhite = 1e-3;  // else offset and slow part are one
+  if (at.per_group == 1) {
+    for (int g = 0; g < at.groups; ++g) precision(g, g) += 1.0;
+    return;
+  }
+  const double white = 1.0 / std::max(1.0 - drift.share, kLeastWhite);
+  const double decay = std::exp(-1.0 / drift.length_groups);
+  const double fresh = 1.0 / (drift.share * (1.0 - decay * decay));
+  for (int g = 0; g < at.groups; ++g) {
+    precision(at.offset(g), at.offset(g)) += white;
+    precision(at.slow(g), at.offset(g)) -= white;
+    precision(at.slow(g), at.slow(g)) += white + (g == 0 ? 1.0 / drift.share : fresh);
+    if (g == 0) continue;
+    precision(at.slow(g - 1), at.slow(g - 1)) += decay * decay * fresh;
+    precision(at.slow(g), at.slow(g - 1)) -= decay * fresh;
+  }
+}
+
 }  // namespace
 
 RowNoise row_posterior(const std::vector<RowEvidence>& evidence,
-                       const std::vector<double>& variance, int groups) {
+                       const std::vector<double>& variance, int groups, const RowDrift& drift) {
   MALUS_REQUIRE(evidence.size() == variance.size());
-  Band precision(groups, width_of(evidence));
-  RowNoise rows;
-  rows.offset.assign(static_cast<std::size_t>(groups), 0.0);
-  for (int g = 0; g < groups; ++g) precision(g, g) = 1.0;
+  const Unknowns at{groups, drift.white() ? 1 : 2};
+  Band precision(groups * at.per_group, std::max(width_of(evidence), 1) * at.per_group);
+  add_prior(drift, at, precision);
+  std::vector<double> mean(static_cast<std::size_t>(precision.size()));
   for (std::size_t i = 0; i < evidence.size(); ++i) {
     const RowEvidence& e = evidence[i];
-    const int index[3] = {e.group, e.above, e.below};
+    const int index[3] = {at.offset(e.group), at.offset(e.above), at.offset(e.below)};
     const double factor[3] = {1.0, -0.5, -0.5};
     for (int a = 0; a < 3; ++a) {
-      rows.offset[static_cast<std::size_t>(index[a])] += factor[a] * e.value / variance[i];
+      mean[static_cast<std::size_t>(index[a])] += factor[a] * e.value / variance[i];
       for (int b = 0; b < 3; ++b)
         if (index[a] >= index[b])
           precision(index[a], index[b]) += factor[a] * factor[b] / variance[i];
     }
   }
   factorize(precision);
-  solve(precision, rows.offset);
+  solve(precision, mean);
   const Band inverse = inverse_in_band(precision);
-  for (int g = 0; g < groups; ++g) rows.deviation.push_back(std::sqrt(inverse(g, g)));
+  RowNoise rows;
+  for (int g = 0; g < groups; ++g) {
+    const int i = at.offset(g);
+    rows.offset.push_back(mean[static_cast<std::size_t>(i)]);
+    rows.deviation.push_back(std::sqrt(inverse(i, i)));
+  }
   return rows;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/denoise/row_noise.h"
+#include "malus/noise/row_drift.h"
 
 #include <vector>
 
@@ -16,10 +17,10 @@ struct RowEvidence {
   double texture = 0;
 };
 
-/// Mean and deviations of offsets that are each drawn from N(0, 1), given the evidence with these
-/// variances in place of its own. The deviations are the whole posterior's: slow waves over many
-/// groups, which second differences hardly see, are part of them.
+/// Mean and deviations of offsets that are each drawn from N(0, 1) and drift like this, given the
+/// evidence with these variances in place of its own. The deviations are the whole posterior's:
+/// slow waves over many groups, which second differences hardly see, are part of them.
 RowNoise row_posterior(const std::vector<RowEvidence>& evidence,
-                       const std::vector<double>& variance, int groups);
+                       const std::vector<double>& variance, int groups, const RowDrift& drift);
 
 }  // namespace malus

@@ -31,13 +31,16 @@ class SineWindow {
  public:
   explicit SineWindow(int length) : length_(length) {
     for (int i = 0; i < length; ++i) {
-      turn_.push_back(std::polar(1.0, 2 * std::numbers::pi * i / length));
+      turn_.push_back(std::polar(1.0, angle(i)));
       weight_.push_back(std::sin(std::numbers::pi * (i + 0.5) / length));
     }
   }
   int length() const { return length_; }
   int frequencies() const { return length_ / 2 + 1; }
   double weight(int i) const { return weight_[static_cast<std::size_t>(i)]; }
+
+  /// Of a frequency, per value.
+  double angle(int f) const { return 2 * std::numbers::pi * f / length_; }
 
   /// Of the values from `first` on; those outside are 0.
   Spectrum spectrum(const std::vector<double>& values, int first) const {
@@ -113,16 +116,19 @@ std::vector<double> cameras_share(const std::vector<double>& power) {
   return share;
 }
 
-void leave_stripes_of(const SineWindow& window, RowNoise& rows) {
+void leave_stripes_of(const SineWindow& window, const RowDrift& drift, RowNoise& rows) {
   const int groups = static_cast<int>(rows.offset.size()), half = window.length() / 2;
   // What is left may be a camera's that drifts: all of it counts as missed.
   std::vector<double> kept(rows.offset.size()), missed(rows.offset.size());
   for (int first = -half; first < groups; first += half) {
     Spectrum spectrum = window.spectrum(rows.offset, first);
     const double white = window.power(rows.offset, first);
-    std::vector<double> power;
-    for (const auto& value : spectrum) power.push_back(std::norm(value) / white);
-    const std::vector<double> share = cameras_share(power);
+    std::vector<double> power, of_camera;
+    for (std::size_t f = 0; f < spectrum.size(); ++f) {
+      power.push_back(std::norm(spectrum[f]) / white);
+      of_camera.push_back(power[f] / row_power(drift, window.angle(static_cast<int>(f))));
+    }
+    const std::vector<double> share = cameras_share(of_camera);
     double left = 0;
     for (std::size_t f = 0; f < share.size(); ++f) {
       spectrum[f] *= share[f];
@@ -141,11 +147,11 @@ void leave_stripes_of(const SineWindow& window, RowNoise& rows) {
 
 }  // namespace
 
-void leave_stripes_in(RowNoise& rows) {
+void leave_stripes_in(RowNoise& rows, const RowDrift& drift) {
   if (rows.offset.size() < kLeastWindowGroups) return;
   for (const int length : kWindows)
     if (static_cast<int>(rows.offset.size()) >= length / 2)
-      leave_stripes_of(SineWindow(length), rows);
+      leave_stripes_of(SineWindow(length), drift, rows);
 }
 
 }  // namespace malus

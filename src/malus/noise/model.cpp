@@ -151,6 +151,7 @@ NoiseProfile gaussian_profile(const NoiseModel& model, const GaussianCalibration
 NoiseProfile nonparametric_profile(const NoiseModel& model,
                                    const NonparametricCalibration& calibration) {
   NoiseProfile profile = empty_profile(model);
+  if (!calibration.sigma_row_dn.empty()) profile.row_drift = calibration.row_drift.drift;
   for (std::size_t c = 0; c < profile.channels.size(); ++c) {
     const NonparametricChannel& measured = calibration.channels[c];
     std::vector<double> variance;
@@ -228,6 +229,7 @@ NoiseProfile profile_of(const PhysicsNoise& noise) {
   NoiseProfile profile;
   profile.layout = noise.layout;
   profile.row_group = noise.row_group;
+  if (noise.parts.row) profile.row_drift = noise.row_drift;
   profile.step_dn = noise.parts.quantization ? noise.quantization_dn : 0.0;
   for (const PhysicsChannel& channel : noise.channels) {
     const double quantization = profile.step_dn * profile.step_dn / 12.0;

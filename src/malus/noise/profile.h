@@ -4,6 +4,7 @@
 #include "malus/image/layout.h"
 #include "malus/noise/fixed_pattern.h"
 #include "malus/noise/noise_law.h"
+#include "malus/noise/row_drift.h"
 #include "malus/noise/variance_curve.h"
 
 #include <algorithm>
@@ -36,6 +37,7 @@ struct NoiseProfile {
   SensorLayout layout;
   std::vector<ChannelProfile> channels;  ///< one per channel of the layout
   int row_group = 1;                     ///< mosaic rows that share one draw of row noise
+  RowDrift row_drift = {};               ///< what these draws have in common
   /// The converter's step, whose rounding the channels' variances hold; 0: none, or not known.
   double step_dn = 0;
   bool estimated_from_picture = false;  ///< no model was given

@@ -34,6 +34,14 @@ double row_autocorrelation(const RowDrift& drift, int lag) {
   return drift.white() ? 0.0 : drift.share * std::exp(-lag / drift.length_groups);
 }
 
+double row_power(const RowDrift& drift, double frequency) {
+  if (drift.white()) return 1.0;
+  const double decay = std::exp(-1.0 / drift.length_groups);
+  return 1.0 - drift.share +
+         drift.share * (1.0 - decay * decay) /
+             (1.0 - 2.0 * decay * std::cos(frequency) + decay * decay);
+}
+
 std::vector<double> row_kernel(const RowDrift& drift) {
   constexpr double kSmallest = 1e-3;
   if (drift.white()) return {1.0};

@@ -41,6 +41,10 @@ std::string text_of(const MeasuredRowDrift& measured);
 /// rho(lag), lag >= 0 in row groups.
 double row_autocorrelation(const RowDrift& drift, int lag);
 
+/// Power of the offsets at an angular frequency [radians per row group], over that of white ones of
+/// their variance.
+double row_power(const RowDrift& drift, double frequency);
+
 /// Weights k_0, k_1, ... of independent standard normal draws w with z_g = sum_j k_j w_(g-j); their
 /// squares add to 1. A white part plus a first-order autoregressive one is an ARMA(1,1) process
 /// (Granger, Morris, "Time series modelling and interpretation", JRSS A 139, 1976), whose weights
