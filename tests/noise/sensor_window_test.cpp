@@ -47,6 +47,27 @@ TEST(SensorWindow, RefusesWhatIsNoPartOfTheSensor) {
   EXPECT_THAT([&] { at(0, 18); }, ThrowsMessage<InputError>(HasSubstr("reach beyond")));
 }
 
+TEST(SensorWindow, NoOriginHelpsAFrameLargerThanTheSensor) {
+  NoiseProfile profile = profile_of_sensor();
+  for (const auto& [rows, cols] : {std::pair(24, 32), {32, 26}, {36, 24}}) {
+    const std::string said = left_out_of_window(profile, rows, cols);
+    EXPECT_THAT(said, HasSubstr("more than the model's sensor has, 24 x 32: its 4 defect pixels"));
+    EXPECT_THAT(said, HasSubstr("use the model of this sensor"));
+    EXPECT_THAT(said, ::testing::Not(HasSubstr("origin")));
+    EXPECT_THAT(
+        [&] {
+          cut_to_window(profile, {0, 0}, rows, cols, "f.tif");
+        },
+        ThrowsMessage<InputError>(HasSubstr("f.tif: ")));
+    EXPECT_THAT(
+        [&] {
+          cut_to_window(profile, {0, 0}, rows, cols, "f.tif");
+        },
+        ThrowsMessage<InputError>(HasSubstr("more than the model's sensor has")));
+  }
+  EXPECT_THAT(left_out_of_window(profile, 32, 22), HasSubstr("origin"));
+}
+
 TEST(SensorWindow, AModelThatKnowsNoPlacesLeavesNothingOut) {
   NoiseProfile profile;
   profile.layout = SensorLayout::named("mono");

@@ -26,6 +26,26 @@ Size sensor_size(const NoiseProfile& profile) {
   return {};
 }
 
+// Then it is no part of the sensor, wherever it is said to lie.
+bool is_larger(int rows, int cols, Size sensor) {
+  return sensor.rows > 0 && (rows > sensor.rows || cols > sensor.cols);
+}
+
+std::string larger_words(int rows, int cols, Size sensor) {
+  return fmt::format("{} x {} pixels are more than the model's sensor has, {} x {}", cols, rows,
+                     sensor.cols, sensor.rows);
+}
+
+constexpr const char* kOfThisSensor =
+    "use the model of this sensor, in the same orientation and binning";
+
+std::string places_left_out(const NoiseProfile& profile) {
+  const std::ptrdiff_t defects = std::ssize(profile.defects.places);
+  if (!profile.pattern) return counted_are(defects, "defect pixel") + " left out";
+  if (defects == 0) return "maps of the fixed pattern are left out";
+  return counted(defects, "defect pixel") + " and maps of the fixed pattern are left out";
+}
+
 Image part_of(const Image& map, SensorPlace origin, int rows, int cols) {
   if (map.empty()) return {};
   Image part(rows, cols);
@@ -36,6 +56,8 @@ Image part_of(const Image& map, SensorPlace origin, int rows, int cols) {
 
 void check_window(const NoiseProfile& profile, Size sensor, SensorPlace origin, int rows, int cols,
                   const std::string& source) {
+  if (is_larger(rows, cols, sensor))
+    throw InputError(source, larger_words(rows, cols, sensor), kOfThisSensor);
   const int row_step = std::lcm(profile.layout.rows(), profile.row_group),
             col_step = profile.layout.cols();
   if (origin.row % row_step != 0 || origin.col % col_step != 0)
@@ -75,16 +97,14 @@ void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols
 std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols) {
   const Size sensor = sensor_size(profile);
   if (sensor.rows == 0 || (sensor.rows == rows && sensor.cols == cols)) return {};
-  const bool defects = !profile.defects.places.empty();
-  if (!defects && !profile.pattern) return {};
+  if (profile.defects.places.empty() && !profile.pattern) return {};
+  if (is_larger(rows, cols, sensor))
+    return fmt::format("{}: its {}; {}", larger_words(rows, cols, sensor), places_left_out(profile),
+                       kOfThisSensor);
   return fmt::format(
-      "{} x {} pixels of a sensor of {} x {}: the model's {} left out; say where the frame lies "
-      "on the sensor with --origin ROW,COLUMN",
-      cols, rows, sensor.cols, sensor.rows,
-      !profile.pattern ? counted_are(std::ssize(profile.defects.places), "defect pixel")
-      : defects        ? counted(std::ssize(profile.defects.places), "defect pixel") +
-                      " and maps of the fixed pattern are"
-                : "maps of the fixed pattern are");
+      "{} x {} pixels of a sensor of {} x {}: the model's {}; say where the frame lies on the "
+      "sensor with --origin ROW,COLUMN",
+      cols, rows, sensor.cols, sensor.rows, places_left_out(profile));
 }
 
 }  // namespace malus
