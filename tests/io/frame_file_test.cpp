@@ -199,6 +199,13 @@ TEST(FrameFile, BadFilesAreRefusedInOneLine) {
   expect_frame_refused(folder / "text.png", "is not a picture of a known type");
   write_file(folder / "tiny", "x", false);
   expect_frame_refused(folder / "tiny", "is not a picture of a known type");
+  write_file(folder / "ascii.pgm", "P2\n2 1\n255\n7 9\n", false);
+  expect_frame_refused(folder / "ascii.pgm", "written in digits (ASCII, P2)");
+  expect_frame_refused(folder / "ascii.pgm", "convert it to binary PGM (P5)");
+  write_file(folder / "a.pam", "P7\nWIDTH 2\nHEIGHT 1\n", false);
+  expect_frame_refused(folder / "a.pam", "of kind P7");
+  write_file(folder / "P2 is no magic.tif", "P2P is a word", false);
+  expect_frame_refused(folder / "P2 is no magic.tif", "is not a picture of a known type");
   save_picture(folder / "rgb.png", Planes(3, 4, 4), {});
   expect_frame_refused(folder / "rgb.png", "3 channels, a raw mosaic has one");
   save_picture(folder / "stack.npy", Planes(5, 6, 7), {});

@@ -21,7 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kReadable =
-    "read are TIFF, PNG, BMP, PGM, EXR, FITS, .npy, camera raw, and headerless files with "
+    "read are TIFF, PNG, BMP, binary PGM, EXR, FITS, .npy, camera raw, and headerless files with "
     "--raw-format and --size";
 
 // LibRaw moves the corner of a DNG's ActiveArea to even rows and columns, and its colours with it,

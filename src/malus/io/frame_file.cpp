@@ -160,8 +160,10 @@ internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
     decoded = read_fits(path, pixels);
   else if (begins("P5") || begins("P6"))
     decoded = read_netpbm(path, pixels);
-  else
+  else {
+    refuse_other_netpbm(head, path);
     decoded = read_camera_raw(path, pixels);
+  }
   apply_frame_tags(decoded);
   return decoded;
 }

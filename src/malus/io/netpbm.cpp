@@ -27,6 +27,8 @@ struct NetpbmHeader {
   std::size_t data_offset = 0;
 };
 
+bool is_netpbm_space(std::uint8_t c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+
 // Numbers with white space before them, among which comments run from # to the line's end.
 class NetpbmNumbers {
  public:
@@ -48,7 +50,7 @@ class NetpbmNumbers {
   }
 
  private:
-  static bool is_space(char c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+  static bool is_space(char c) { return is_netpbm_space(static_cast<std::uint8_t>(c)); }
   void skip_space() {
     const std::size_t before = at_;
     while (at_ < text_.size() && (is_space(text_[at_]) || text_[at_] == '#')) {
@@ -123,6 +125,18 @@ Decoded parse_netpbm(Bytes bytes, const fs::path& path, bool pixels) {
   else
     decode_netpbm<std::uint16_t>(bytes, header, path, decoded.planes);
   return decoded;
+}
+
+void refuse_other_netpbm(Bytes head, const fs::path& path) {
+  if (head.size() < 3 || head[0] != 'P' || (head[2] != '#' && !is_netpbm_space(head[2]))) return;
+  const char kind = static_cast<char>(head[1]);
+  if (kind >= '1' && kind <= '3')
+    throw InputError(path.string(),
+                     fmt::format("is a Netpbm picture written in digits (ASCII, P{})", kind),
+                     "convert it to binary PGM (P5)");
+  if (kind == '4' || kind == '7')
+    throw InputError(path.string(), fmt::format("is a Netpbm picture of kind P{}", kind),
+                     "convert it to binary PGM (P5)");
 }
 
 Decoded read_netpbm(const fs::path& path, bool pixels) {

@@ -12,6 +12,10 @@ namespace malus::internal {
 /// Throws InputError; path is for messages. bits are those of the declared largest value, which is
 /// the white level where it is not all of them. With pixels false only the header has to be there.
 Decoded parse_netpbm(Bytes bytes, const std::filesystem::path& path, bool pixels = true);
+/// InputError where a file begins as one of Netpbm's other kinds (written in digits, P1 to P3;
+/// bitmaps, P4; PAM, P7).
+void refuse_other_netpbm(Bytes head, const std::filesystem::path& path);
+
 Decoded read_netpbm(const std::filesystem::path& path, bool pixels);
 
 }  // namespace malus::internal
