@@ -64,7 +64,8 @@ class RowGroupDecision {
  public:
   explicit RowGroupDecision(std::optional<int> declared) : declared_(declared) {}
 
-  int update(const Estimate<int>& found, std::vector<std::string>& warnings) {
+  /// matters: else it is no loss that none was found.
+  int update(const Estimate<int>& found, bool matters, std::vector<std::string>& warnings) {
     if (declared_) {
       if (found && *found != *declared_)
         warnings.push_back(
@@ -74,7 +75,7 @@ class RowGroupDecision {
       return *declared_;
     }
     if (!found) {
-      if (!detected_)
+      if (!detected_ && matters)
         warnings.push_back(fmt::format("row group not decided, taken as 1: {}", found.reason()));
     } else if (!detected_) {
       detected_ = *found;
@@ -141,10 +142,11 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   out.gain = plan.gain;
   DarkPass dark = measure_dark(*plan.bias, first, quantization_dn, progress);
   const bool temporal = plan.bias->count >= 2;
+  const double pixel_dn2 = temporal ? mean_pixel_variance(dark) : 0.0;
   const int group = row_group.update(
-      temporal ? detect_row_group(dark.rows, mean_pixel_variance(dark), first.dn.cols())
+      temporal ? detect_row_group(dark.rows, pixel_dn2, first.dn.cols())
                : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
-      out.warnings);
+      !temporal || row_noise_matters(dark.rows, pixel_dn2, first.dn.cols()), out.warnings);
   require_row_groups(first, group);
   measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, settings,
                progress, out);

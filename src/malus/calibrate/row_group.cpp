@@ -32,15 +32,30 @@ Shared shared(const RowLagAccumulator& rows, int period, int phase, double row_v
               row_variance_dn2};
 }
 
+// Of the rows' offsets, without what pixels alone lift the mean of a row by.
+struct RowVariance {
+  double value_dn2, standard_error_dn2;
+};
+
+RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
+  Moments variance;
+  for (int r = 0; r < rows.rows(); ++r) variance.add(rows.covariance_dn2(r, 0));
+  return {variance.mean() - pixel_variance_dn2 / cols,
+          std::sqrt(variance.variance() / static_cast<double>(variance.count()))};
+}
+
 }  // namespace
+
+bool row_noise_matters(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
+  constexpr double kOfPixels = 0.05;  // a deviation over a pixel's
+  const RowVariance row = row_variance_of(rows, pixel_variance_dn2, cols);
+  return row.value_dn2 + kStandardErrors * row.standard_error_dn2 >
+         kOfPixels * kOfPixels * pixel_variance_dn2;
+}
 
 Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
   if (rows.frames() < 2) return Undecided{"one bias frame cannot tell row noise from fixed rows"};
-  Moments variance;
-  for (int r = 0; r < rows.rows(); ++r) variance.add(rows.covariance_dn2(r, 0));
-  const double row_variance = variance.mean() - pixel_variance_dn2 / cols;
-  const double row_variance_se =
-      std::sqrt(variance.variance() / static_cast<double>(variance.count()));
+  const auto [row_variance, row_variance_se] = row_variance_of(rows, pixel_variance_dn2, cols);
   if (row_variance < kStandardErrors * row_variance_se)
     return Undecided{fmt::format(
         "row noise is too weak: {:.3g} DN² against a standard error of {:.3g} DN², and 3 of these "

@@ -7,6 +7,11 @@
 
 namespace malus {
 
+/// Whether rows may be lifted by more than a twentieth of a pixel's noise, within three standard
+/// errors: less than that changes nothing that a reader sees, whichever rows share it. Arguments as
+/// below, frames: at least two.
+bool row_noise_matters(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);
+
 /// Groups that can be told apart: 1, 2, 4 or 8 rows, starting at row 0.
 /// pixel_variance_dn2: temporal variance of a pixel without row noise, averaged over channels.
 /// Decides by the covariance of neighbouring rows' means over frames, for pairs inside and across
