@@ -31,7 +31,7 @@ def test_origin_tells_where_it_lies(tmp_path):
         model = malus.calibrate(tmp_path / "s.toml")
     part = taken(rng, 400.0)[20:60, 30:90]
     given = dict(model=model, gain=0, method="vst-bm3d")
-    with pytest.warns(match="60 x 40 pixels of a sensor of 96 x 64: the model's 1 defect pixels"):
+    with pytest.warns(match="60 x 40 pixels of a sensor of 96 x 64: the model's 1 defect pixel and"):
         assert malus.denoise(part, **given)["defect_pixels"] == 0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
