@@ -242,7 +242,7 @@ double fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
 
 }  // namespace
 
-Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
+Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch search) {
   Planes planes = pack(frame.dn, frame.layout);
   for (int k = 0; k < planes.channels(); ++k)
     for (float& v : planes[k].values())
@@ -258,8 +258,8 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame) {
   unpack(planes, frame.layout, dn);
   planes = {};
   measured.channels.settle();
-  noise.texture_share =
-      internal::take_texture_off(dn, frame.layout, measured.saturated_dn, measured.channels);
+  noise.texture_share = internal::take_texture_off(
+      dn, frame.layout, measured.saturated_dn, search == TextureSearch::kWhole, measured.channels);
   noise.levels = measured.levels / frame.layout.channels();
   noise.smooth_share = measured.smooth_share;
   const double deviation_dn = fill_channels(measured, noise);

@@ -30,9 +30,14 @@ struct PictureNoise {
   std::string trust;          ///< one sentence with the numbers
 };
 
+/// How long texture is looked through for noise: kQuick leaves out the smooth patches between it
+/// (quiet_patches.h), which take most of the time and can only lower the estimate.
+enum class TextureSearch { kQuick, kWhole };
+
 /// Undecided when the picture is too small (fewer than 64 blocks per channel), or has no noise (a
 /// constant or synthetic picture).
-Estimate<PictureNoise> estimate_profile(const RawFrame& frame);
+Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
+                                        TextureSearch search = TextureSearch::kWhole);
 
 /// The same for callers that cannot go on without it: throws InputError where it is undecided, with
 /// the reason; remedy: what the caller's user can do.

@@ -56,6 +56,7 @@ Image sample_of(const PreparedFrame& frame) {
 
 struct ChannelSums {
   double signal = 0, pixels = 0, below = 0;
+  double mean() const { return signal / std::max(pixels, 1.0); }
 };
 
 std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& profile) {
@@ -78,6 +79,19 @@ std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& pro
   return sums;
 }
 
+// The noise that the sample shows at its channels' means; false where it shows none.
+bool take_noise_of(const RawFrame& sample, const std::vector<ChannelSums>& sums,
+                   TextureSearch search, NoiseCheck& check) {
+  const Estimate<PictureNoise> own = estimate_profile(sample, search);
+  // One channel cannot tell.
+  check.texture_share = own && sums.size() > 1 ? own->texture_share : 1;
+  check.frame_sd_dn = own ? 0.0 : std::numeric_limits<double>::quiet_NaN();
+  for (std::size_t k = 0; own && k < sums.size(); ++k)
+    check.frame_sd_dn += std::sqrt(own->profile.channels[k].variance(sums[k].mean())) /
+                         static_cast<double>(sums.size());
+  return own.decided();
+}
+
 }  // namespace
 
 std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoiseProfile& profile) {
@@ -89,17 +103,12 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   sample.white_dn = frame.range_dn;
   sample.black_known = sample.white_known = true;
   if (!(sample.white_dn > 0)) return std::nullopt;
-  const Estimate<PictureNoise> own = estimate_profile(sample);
   NoiseCheck check;
-  // One channel cannot tell.
-  check.texture_share = own && profile.channels.size() > 1 ? own->texture_share : 1;
   double pixels = 0, before_rounding = -profile.step_dn * profile.step_dn / 12;
   const std::vector<ChannelSums> sums = sums_of(sample, profile);
   const auto channels = static_cast<double>(sums.size());
   for (std::size_t k = 0; k < sums.size(); ++k) {
-    const double signal = sums[k].signal / std::max(sums[k].pixels, 1.0);
-    check.frame_sd_dn += own ? std::sqrt(own->profile.channels[k].variance(signal)) / channels
-                             : std::numeric_limits<double>::quiet_NaN();
+    const double signal = sums[k].mean();
     check.profile_sd_dn += std::sqrt(profile.channels[k].variance(signal)) / channels;
     before_rounding += profile.channels[k].variance(signal) / channels;
     check.below_dark_share += sums[k].below;
@@ -108,8 +117,11 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   check.below_dark_share /= std::max(pixels, 1.0);
   if (profile.step_dn > 0)
     check.sd_in_steps = std::sqrt(std::max(before_rounding, 0.0)) / profile.step_dn;
+  const bool shown = take_noise_of(sample, sums, TextureSearch::kQuick, check);
+  if (shown && check.frame_sd_dn > kFarAbove * check.profile_sd_dn)
+    take_noise_of(sample, sums, TextureSearch::kWhole, check);
   // A frame cut off at 0 shows no noise, and that it lies below the dark level all the same.
-  if (!own && check.below_dark_share <= kMostBelowDark) return std::nullopt;
+  if (!shown && check.below_dark_share <= kMostBelowDark) return std::nullopt;
   return check;
 }
 

@@ -348,7 +348,8 @@ double hear_quiet_patches(const Image& dn, const SensorLayout& layout,
 }  // namespace
 
 double take_texture_off(const Image& dn, const SensorLayout& layout,
-                        const std::vector<float>& saturated_dn, VarianceLines& lines) {
+                        const std::vector<float>& saturated_dn, bool hear_quiet,
+                        VarianceLines& lines) {
   const std::vector<VarianceCurve> most = lines.curves(1.0);
   // What is cut off has less variance than the lines say.
   constexpr double kFarFromFloor = 2.5;  // deviations
@@ -381,7 +382,7 @@ double take_texture_off(const Image& dn, const SensorLayout& layout,
     }
     lines.settle();
   }
-  noise_share *= hear_quiet_patches(dn, layout, saturated_dn, dark_dn, lines);
+  if (hear_quiet) noise_share *= hear_quiet_patches(dn, layout, saturated_dn, dark_dn, lines);
   return 1.0 - noise_share;
 }
 
