@@ -3,7 +3,6 @@
 
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/equal_values.h"
-#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <array>
@@ -17,18 +16,11 @@ namespace {
 
 // A camera whose read noise has this deviation, 20 bias frames.
 testing::SimulatedCamera narrow_camera(double read_sd_dn, double dsnu_dn) {
-  constexpr double kLambda = 0.14;
-  testing::SimulatedCamera camera;
+  testing::SimulatedCamera camera =
+      testing::mono_camera(0.1, 0.14, read_sd_dn, 0.05, testing::SimulatedCamera().seed);
   camera.rows = camera.cols = 128;
-  camera.bias_frames = 20;
   camera.flat_levels = 5;
   camera.dsnu_dn = dsnu_dn;
-  camera.gains.push_back(testing::polar_gain(0, "mono", 1));
-  camera.gains[0].noise.channels[0] = {
-      .gain_dn_per_e = 0.1,
-      .lambda = kLambda,
-      .sigma_tl_dn = read_sd_dn / std::sqrt(tukey_lambda_variance(kLambda)),
-      .sigma_row_dn = 0.05};
   return camera;
 }
 

@@ -341,10 +341,11 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   const double step = several ? step_of(first, quantization_dn) : 0.0;
   CodePairCounter pairs(geometry, step);
   FarthestValues farthest(dark_pixels(dark, pattern), geometry);
+  const auto drifts_dn = dark.temporal.frame_drifts_dn();
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
     frames.add(analyzer.analyze(frame.dn));
     pairs.add(frame.dn);
-    farthest.add(frame.dn, dark.temporal.frame_drift_dn(i));
+    farthest.add(frame.dn, drifts_dn[as_index(i)]);
   });
   dark.farthest = farthest.release();
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;

@@ -182,11 +182,11 @@ void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& da
 
 // Variance of frames that had all been of their mean light. Scaling a frame by a, to that mean,
 // makes a times of its shot noise what such a frame has, and a² times of the noise without light.
-double steady_variance_dn2(const FlatLevel& level, std::size_t channel, double mean_dn,
+double steady_variance_dn2(const TemporalAccumulator& temporal, std::size_t channel, double mean_dn,
                            double variance_dn2, double dark_variance_dn2) {
-  if (level.alignment != FrameAlignment::kMultiplicative) return variance_dn2;
+  if (temporal.alignment() != FrameAlignment::kMultiplicative) return variance_dn2;
   double scale = 0, square = 0;
-  const auto& frames = level.temporal.frame_means_dn();
+  const auto& frames = temporal.frame_means_dn();
   for (const std::vector<double>& frame : frames) {
     if (!(frame[channel] > 0)) return variance_dn2;
     const double a = mean_dn / frame[channel];
@@ -212,7 +212,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.dark_mean_variance_dn2 = frame_variance / (dark.frames ? dark.frames : bias_frames);
     point.dark_variance_dn2 = dark.variance_dn2[c];
     point.variance_dn2 =
-        steady_variance_dn2(level, c, mean[c], variance[c], point.dark_variance_dn2);
+        steady_variance_dn2(level.temporal, c, mean[c], variance[c], point.dark_variance_dn2);
     point.frames = flat.count;
     point.exposure_s = flat.exposure_s.value_or(0.0);
     point.dark_frames = dark.frames;

@@ -40,7 +40,6 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
                         Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
-                  FrameAlignment::kAdditive,
                   NeighbourCorrelation(geometry),
                   std::vector<double>(dark.level_dn.size(), 0.0),
                   std::vector<double>(dark.level_dn.size(), 0.0),
@@ -58,10 +57,9 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
       const std::vector<double> mean = channel_means(frame.dn, geometry);
       for (std::size_t c = 0; c < mean.size(); ++c)
         signal += (mean[c] - dark.level_dn[c]) / static_cast<double>(mean.size());
-      if (signal > kLampShare * (first.white_dn - mean_of(first.black_dn))) {
-        level.alignment = FrameAlignment::kMultiplicative;
-        level.temporal = TemporalAccumulator(geometry, dark.level_dn, level.alignment);
-      }
+      if (signal > kLampShare * (first.white_dn - mean_of(first.black_dn)))
+        level.temporal =
+            TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
     }
     level.temporal.add(frame.dn);
     pairs.add(frame.dn);

@@ -13,7 +13,6 @@ namespace malus {
 
 struct FlatLevel {
   TemporalAccumulator temporal;
-  FrameAlignment alignment;  ///< of `temporal`
   NeighbourCorrelation neighbours;
   std::vector<double> saturated,
       at_zero;  ///< shares of the pixels at white and at DN 0, per channel

@@ -129,11 +129,12 @@ std::vector<double> TemporalAccumulator::frame_deviation_dn() const {
   return deviation;
 }
 
-std::vector<double> TemporalAccumulator::frame_drift_dn(int frame) const {
-  std::vector<double> drift = frame_means_.at(static_cast<std::size_t>(frame));
+std::vector<std::vector<double>> TemporalAccumulator::frame_drifts_dn() const {
+  std::vector<std::vector<double>> drifts = frame_means_;
   const std::vector<double> mean = mean_dn();
-  for (std::size_t c = 0; c < drift.size(); ++c) drift[c] -= mean[c];
-  return drift;
+  for (std::vector<double>& drift : drifts)
+    for (std::size_t c = 0; c < drift.size(); ++c) drift[c] -= mean[c];
+  return drifts;
 }
 
 std::vector<double> TemporalAccumulator::variance_dn2() const {

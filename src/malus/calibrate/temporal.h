@@ -22,13 +22,14 @@ class TemporalAccumulator {
                       FrameAlignment alignment);
   void add(View<const float> dn);
 
+  FrameAlignment alignment() const { return alignment_; }
   int frames() const { return frames_; }
   /// Mean of all frames' means above dark, per channel, DN.
   std::vector<double> mean_dn() const;
   /// Sd of the frames' means from frame to frame, per channel; 0 for a single frame.
   std::vector<double> frame_deviation_dn() const;
-  /// One frame's means above those of all frames, per channel, DN.
-  std::vector<double> frame_drift_dn(int frame) const;
+  /// Each frame's means above those of all frames, DN: [frame][channel].
+  std::vector<std::vector<double>> frame_drifts_dn() const;
   /// Unbiased temporal variance of a pixel about its own mean, averaged over the channel, frame
   /// means aligned; DN². Contract: at least two frames.
   std::vector<double> variance_dn2() const;

@@ -238,8 +238,7 @@ double variance_of(std::span<const Patch* const> patches) {
   const PatchMatrix first = half_of(patches, false), second = half_of(patches, true);
   if (std::min(first.rows(), second.rows()) < kLeastPatches / 3)
     return std::numeric_limits<double>::quiet_NaN();
-  return 0.5 *
-         (internal::quietest_variance(first, second) + internal::quietest_variance(second, first));
+  return internal::quietest_variance(first, second);
 }
 
 // Of one level: of all its patches, or of the smoothest where those clearly hold less.

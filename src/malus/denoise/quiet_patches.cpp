@@ -171,8 +171,7 @@ double hidden_variance(const HalfView& view, const PatchCamera& camera,
                               second = hidden_half(view, camera, patches, pattern, true);
   if (std::min(first.rows(), second.rows()) < static_cast<Eigen::Index>(kLeastOfHalf))
     return std::numeric_limits<double>::quiet_NaN();
-  return 0.5 *
-         (internal::quietest_variance(first, second) + internal::quietest_variance(second, first));
+  return internal::quietest_variance(first, second);
 }
 
 // Of one level, by one half of the pixels. level: is put in another order.

@@ -27,7 +27,7 @@ struct NetpbmHeader {
   std::size_t data_offset = 0;
 };
 
-bool is_netpbm_space(std::uint8_t c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+bool is_netpbm_space(char c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
 
 // Numbers with white space before them, among which comments run from # to the line's end.
 class NetpbmNumbers {
@@ -45,15 +45,15 @@ class NetpbmNumbers {
   }
   /// Of the first byte of pixels: one white space ends the header.
   std::size_t end() {
-    if (at_ == text_.size() || !is_space(text_[at_])) damaged_netpbm(path_, "ends in its header");
+    if (at_ == text_.size() || !is_netpbm_space(text_[at_]))
+      damaged_netpbm(path_, "ends in its header");
     return at_ + 1;
   }
 
  private:
-  static bool is_space(char c) { return is_netpbm_space(static_cast<std::uint8_t>(c)); }
   void skip_space() {
     const std::size_t before = at_;
-    while (at_ < text_.size() && (is_space(text_[at_]) || text_[at_] == '#')) {
+    while (at_ < text_.size() && (is_netpbm_space(text_[at_]) || text_[at_] == '#')) {
       if (text_[at_] == '#') at_ = std::min(text_.find('\n', at_), text_.size() - 1);
       ++at_;
     }
@@ -128,7 +128,9 @@ Decoded parse_netpbm(Bytes bytes, const fs::path& path, bool pixels) {
 }
 
 void refuse_other_netpbm(Bytes head, const fs::path& path) {
-  if (head.size() < 3 || head[0] != 'P' || (head[2] != '#' && !is_netpbm_space(head[2]))) return;
+  if (head.size() < 3 || head[0] != 'P' ||
+      (head[2] != '#' && !is_netpbm_space(static_cast<char>(head[2]))))
+    return;
   const char kind = static_cast<char>(head[1]);
   if (kind >= '1' && kind <= '3')
     throw InputError(path.string(),

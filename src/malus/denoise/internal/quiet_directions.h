@@ -16,7 +16,7 @@ inline constexpr int kQuietest = 4;  // directions
 /// Of `measured` along the directions in which `choosing` varies least; rows: patches, without
 /// their mean. The mean square along them is averaged with what lies above so many medians set back
 /// to that; kMeanOfBounded: what noise has then (chi-square of 4 degrees over 4: median 0.8392).
-inline double quietest_variance(const PatchMatrix& choosing, const PatchMatrix& measured) {
+inline double variance_along_quietest(const PatchMatrix& choosing, const PatchMatrix& measured) {
   constexpr double kBoundInMedians = 1.5, kMeanOfBounded = 0.8178;
   const Eigen::MatrixXd power = (choosing.transpose() * choosing).cast<double>();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(power);
@@ -24,6 +24,12 @@ inline double quietest_variance(const PatchMatrix& choosing, const PatchMatrix& 
   const Eigen::VectorXf means = (measured * directions).rowwise().squaredNorm() / kQuietest;
   const double bound = kBoundInMedians * median_of({means.begin(), means.end()});
   return means.cast<double>().cwiseMin(bound).mean() / kMeanOfBounded;
+}
+
+/// Of two sets of patches that choose for each other: a set's own quietest directions would flatter
+/// it.
+inline double quietest_variance(const PatchMatrix& first, const PatchMatrix& second) {
+  return 0.5 * (variance_along_quietest(first, second) + variance_along_quietest(second, first));
 }
 
 /// One standard error of it, from so many patches; bounding costs a tenth.
