@@ -113,7 +113,8 @@ HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const
       transpose(pair.row);
       biorthogonal_forward(pair);
     }
-    pairs[i] = pair;
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) copy(pair.row[r], pairs[i].row[r]);
   }
 }
 
@@ -129,7 +130,7 @@ void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
     load(table.power[r].data(), limit);
     load(table.mean[r].data(), always);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
+    for (int i = 0; i < kPairs; ++i) copy(pairs[i].row[r], v[i]);
     haar_forward<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) {
@@ -143,7 +144,7 @@ void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
     }
     haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) pairs[i].row[r] = v[i];
+    for (int i = 0; i < kPairs; ++i) copy(v[i], pairs[i].row[r]);
   }
   write_back<false, kPairs, kSingle>(pairs, job, group,
                                      sum_lanes(kept, kSingle ? kPatch : 2 * kPatch));
@@ -170,7 +171,7 @@ void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
     load(table.mean[r].data(), mean);
     load(table.scale[r].data(), scale);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) gain[i] = pilot[i].row[r];
+    for (int i = 0; i < kPairs; ++i) copy(pilot[i].row[r], gain[i]);
     haar_forward<kPairs, kSingle>(gain);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i)
@@ -185,14 +186,14 @@ void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) energy += gain[i] * gain[i];
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) v[i] = pairs[i].row[r];
+    for (int i = 0; i < kPairs; ++i) copy(pairs[i].row[r], v[i]);
     haar_forward<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i)
       v[i] *= gain[i] * (scale * (1 / squared_norm<kPairs, kSingle>(i)));
     haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) pairs[i].row[r] = v[i];
+    for (int i = 0; i < kPairs; ++i) copy(v[i], pairs[i].row[r]);
   }
   write_back<true, kPairs, kSingle>(pairs, job, group,
                                     sum_lanes(energy, kSingle ? kPatch : 2 * kPatch));

@@ -43,7 +43,7 @@ HWY_INLINE void haar(Floats* cells, int count, int stride) {
       scratch[i] = (a + b) * kHalfRoot;
       scratch[n / 2 + i] = (a - b) * kHalfRoot;
     }
-    for (int i = 0; i < n; ++i) cells[i * stride] = scratch[i];
+    for (int i = 0; i < n; ++i) copy(scratch[i], cells[i * stride]);
   }
 }
 
@@ -55,7 +55,7 @@ HWY_INLINE void inverse_haar(Floats* cells, int count, int stride) {
       scratch[2 * i] = (a + b) * kHalfRoot;
       scratch[2 * i + 1] = (a - b) * kHalfRoot;
     }
-    for (int i = 0; i < n; ++i) cells[i * stride] = scratch[i];
+    for (int i = 0; i < n; ++i) copy(scratch[i], cells[i * stride]);
   }
 }
 
@@ -65,7 +65,7 @@ HWY_INLINE void spread_variances(Floats* variances, int count) {
   for (int n = 2; n <= count; n *= 2) {
     for (int i = 0; i < n / 2; ++i)
       scratch[2 * i] = scratch[2 * i + 1] = 0.5f * (variances[i] + variances[n / 2 + i]);
-    std::copy_n(scratch, n, variances);
+    for (int i = 0; i < n; ++i) copy(scratch[i], variances[i]);
   }
 }
 
@@ -257,7 +257,7 @@ HWY_INLINE void errors_of_pixels(const StackJob& job, const CellMatrix& back, co
     const Floats axis = row_of(back, static_cast<std::size_t>(k));
     sum += lane(error, k) * axis * axis;
   }
-  std::fill_n(errors, count, sum);
+  for (int n = 0; n < count; ++n) errors[n] = sum;
 }
 
 template <int kSide>

@@ -36,7 +36,7 @@ HWY_INLINE Floats quarter_of(const Floats* cells, int quarter) {
 HWY_INLINE void swap_cells_and_quarters(Floats* block) {
   Floats swapped[kQuarters];
   for (int i = 0; i < kQuarters; ++i) swapped[i] = quarter_of(block, i);
-  std::copy_n(swapped, kQuarters, block);
+  for (int i = 0; i < kQuarters; ++i) copy(swapped[i], block[i]);
 }
 
 /// m -> minus its inverse, for matrices that are symmetric and whose pivots are at least `least`,
@@ -65,7 +65,7 @@ HWY_INLINE void noise_of_blocks(const Floats* pilot, int count, const CellMatrix
   float shares[kQuarters] = {};  // of a component, mean over the block's four cells
   for (int i = 0; i < kLanes; ++i) shares[i % kQuarters] += lane(squares, i) / kQuarters;
   Floats solved[kMaxStack];
-  for (int n = 0; n < count; ++n) solved[n] = pilot[n * kQuarters];
+  for (int n = 0; n < count; ++n) copy(pilot[n * kQuarters], solved[n]);
   rotate(solved, count, negative);
   for (int n = 0; n < count; ++n) {
     const Floats rest = pilot[n * kQuarters] + diagonal * solved[n];
@@ -166,7 +166,7 @@ HWY_INLINE float combine_quarter(Floats* cells, const Floats* pilot, int count,
                                  const QuarterWeights& weights, int quarter, Floats* passed) {
   Floats moved[kMaxStack], energy{};
   for (int n = 0; n < count; ++n) {
-    moved[n] = pilot[n * kQuarters];
+    copy(pilot[n * kQuarters], moved[n]);
     energy = fused(moved[n], moved[n], energy);
   }
   const Floats ratio = energy / (kNoiseShare * weights.squared_weights + kLeastNoise);

@@ -166,14 +166,30 @@ HWY_INLINE auto lane(const Vector& v, int k) {
   }
 }
 
-/// From and to memory of any alignment.
+/// to = from, for copies from memory to memory. Where `from` is a Two, GCC copies it 16 bytes at a
+/// time, and a register that is then loaded from two such stores waits until they are in the cache.
+template <class Vector>
+HWY_INLINE void copy(const Vector& from, Vector& to) {
+  if constexpr (kIsTwo<Vector>) {
+    copy(from.low, to.low);
+    copy(from.high, to.high);
+  } else {
+    to = from;
+  }
+}
+
+/// From and to memory of any alignment. Of registers by instructions, not by memcpy, whose argument
+/// the compiler keeps in memory: a sum waited there for its own store at every step.
 template <class Vector, class T>
 HWY_INLINE void load(const T* from, Vector& v) {
   if constexpr (kIsTwo<Vector>) {
     load(from, v.low);
     load(from + sizeof(v.low) / sizeof(T), v.high);
-  } else {
+  } else if constexpr (sizeof(Vector) > HWY_MAX_BYTES) {
     std::memcpy(&v, from, sizeof(v));
+  } else {
+    const hwy::HWY_NAMESPACE::FixedTag<T, sizeof(Vector) / sizeof(T)> tag;
+    v = __builtin_bit_cast(Vector, hwy::HWY_NAMESPACE::LoadU(tag, from).raw);
   }
 }
 template <class Vector, class T>
@@ -181,7 +197,11 @@ HWY_INLINE void store(const Vector& v, T* to) {
   if constexpr (kIsTwo<Vector>) {
     store(v.low, to);
     store(v.high, to + sizeof(v.low) / sizeof(T));
-  } else {
+  } else if constexpr (sizeof(Vector) > HWY_MAX_BYTES) {
     std::memcpy(to, &v, sizeof(v));
+  } else {
+    const hwy::HWY_NAMESPACE::FixedTag<T, sizeof(Vector) / sizeof(T)> tag;
+    using Wide = hwy::HWY_NAMESPACE::Vec<decltype(tag)>;
+    hwy::HWY_NAMESPACE::StoreU(Wide{__builtin_bit_cast(decltype(Wide::raw), v)}, tag, to);
   }
 }
