@@ -2,33 +2,20 @@
 
 #include "malus/base/error.h"
 
+#include "module_file.h"
 #include "network_environment.h"
 #include "program.h"
-#include "program_start.h"
 #include <dlfcn.h>
 #include <fmt/format.h>
-#include <malus_networks_interface.h>
+#include <malus_modules_interface.h>
 
 namespace malus::app {
 namespace {
 
-namespace fs = std::filesystem;
-
-constexpr const char* kModuleName = "malus_networks.so";
-
-// Beside the program in the build folder; in lib/malus beside bin/ when installed. Empty where it
-// was not built.
-fs::path module_path() {
-  std::error_code error;
-  const fs::path folder = program_start().file.parent_path();
-  for (const fs::path& candidate :
-       {folder / kModuleName, folder / ".." / MALUS_LIBRARY_FOLDER / "malus" / kModuleName})
-    if (fs::exists(candidate, error)) return candidate;
-  return {};
-}
+constexpr const char* kNetworksModule = "malus_networks.so";
 
 const NetworkFunctions* open_module() {
-  const fs::path path = module_path();
+  const std::filesystem::path path = module_file(kNetworksModule);
   if (path.empty())
     throw InputError("networks", "this program was built without them",
                      "install libtorch-dev and build again");
@@ -40,7 +27,7 @@ const NetworkFunctions* open_module() {
                      "install libtorch-dev and build again");
   const auto entry = reinterpret_cast<NetworkFunctionsEntry>(dlsym(module, kNetworkFunctionsEntry));
   const NetworkFunctions* functions = entry ? entry() : nullptr;
-  if (functions == nullptr || functions->interface != kNetworksInterface)
+  if (functions == nullptr || functions->interface != kModulesInterface)
     throw InputError(path.string(), "is of another version than the program", "build both again");
   if (has_reference_blas(module))
     warn(
@@ -51,7 +38,7 @@ const NetworkFunctions* open_module() {
 
 }  // namespace
 
-bool have_networks() { return !module_path().empty(); }
+bool have_networks() { return !module_file(kNetworksModule).empty(); }
 
 const NetworkFunctions& networks() {
   static const NetworkFunctions* const functions = open_module();

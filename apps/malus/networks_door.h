@@ -7,7 +7,7 @@ namespace malus::app {
 
 /// The module's functions. Call it before any work is done: the first call sets what libtorch and
 /// its BLAS read when they are loaded, and for that starts this program anew where it has to
-/// (the libraries of the picture formats load a BLAS of their own at the start). What the user has
+/// (the libraries of the picture formats load a BLAS of their own). What the user has
 /// set in the environment stays. Throws InputError where the module was not built.
 const NetworkFunctions& networks();
 

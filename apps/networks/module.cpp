@@ -6,7 +6,7 @@
 
 #include "networks.h"
 #include "train.h"
-#include <malus_networks_interface.h>
+#include <malus_modules_interface.h>
 
 namespace malus::app {
 namespace {
@@ -96,7 +96,7 @@ std::vector<DeviceSpeed> measure_device_speed_guarded(const NamedNetwork& networ
 
 extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
   using namespace malus::app;
-  static const NetworkFunctions functions{.interface = kNetworksInterface,
+  static const NetworkFunctions functions{.interface = kModulesInterface,
                                           .open_denoiser = open_denoiser,
                                           .train = train_guarded,
                                           .check_training = check_training_guarded,

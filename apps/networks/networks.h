@@ -69,7 +69,7 @@ class FlowSampler {
 
 /// The module's functions. Threads were set before it was opened. They throw InputError, Cancelled.
 struct NetworkFunctions {
-  std::uint64_t interface;  ///< kNetworksInterface of the module (cmake/NetworksInterface.cmake)
+  std::uint64_t interface;  ///< kModulesInterface of the module (cmake/ModulesInterface.cmake)
   std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
   nlohmann::ordered_json (*train)(const TrainCall& call, Progress& progress);
   /// What train would refuse in the configuration before its first step, without the data.

@@ -9,6 +9,7 @@ import pytest
 from conftest import BUILD, ROOT
 
 pytestmark = pytest.mark.slow
+PICTURE = ROOT / "examples/imx250mzr/fruits.png"
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +22,8 @@ def prefix(tmp_path_factory):
 def test_installed_program_runs(prefix):
     done = subprocess.run([prefix / "bin/malus", "model", "list"], capture_output=True, text=True)
     assert done.returncode == 0 and "imx250myr-simulated" in done.stdout
+    done = subprocess.run([prefix / "bin/malus", "info", PICTURE], capture_output=True, text=True)
+    assert done.returncode == 0 and "2448 x 2048" in done.stdout
 
 
 @pytest.mark.parametrize("file", ["share/man/man1/malus.1", "share/man/man1/malus-denoise.1",
@@ -70,6 +73,8 @@ def test_debian_package_of_the_program_runs_from_where_it_is_unpacked(packages, 
     subprocess.run(["dpkg-deb", "-x", packages["malus"], tmp_path], check=True)
     done = subprocess.run([tmp_path / "usr/bin/malus", "model", "list"], capture_output=True, text=True)
     assert done.returncode == 0 and "imx250myr-simulated" in done.stdout
+    done = subprocess.run([tmp_path / "usr/bin/malus", "info", PICTURE], capture_output=True, text=True)
+    assert done.returncode == 0 and "2448 x 2048" in done.stdout
     assert (tmp_path / "usr/share/man/man1/malus.1").exists()
 
 

@@ -344,7 +344,7 @@ def test_without_proc_one_line_is_said(noisy, tmp_path):
 
 def test_a_module_of_other_headers_is_refused(tmp_path, malus):
     """Program and module share objects: one that was built before a header changed must not be called."""
-    digest = re.search(r"0x([0-9a-f]{16});", (BUILD / "generated/malus_networks_interface.h").read_text()).group(1)
+    digest = re.search(r"0x([0-9a-f]{16});", (BUILD / "generated/malus_modules_interface.h").read_text()).group(1)
     module, stamp = (BUILD / "malus_networks.so").read_bytes(), bytes.fromhex(digest)[::-1]
     assert stamp in module
     (tmp_path / "malus_networks.so").write_bytes(module.replace(stamp, bytes(8)))
@@ -360,7 +360,7 @@ def test_the_digest_follows_the_headers(tmp_path):
         (tmp_path / f"{name}.h").write_text(f"struct {name} {{}};")
 
     def digest():
-        subprocess.run(["cmake", f"-DHEADERS={tmp_path}/a.h;{tmp_path}/b.h", f"-DOUTPUT={tmp_path}/out.h", "-P", ROOT / "cmake/NetworksInterface.cmake"],
+        subprocess.run(["cmake", f"-DHEADERS={tmp_path}/a.h;{tmp_path}/b.h", f"-DOUTPUT={tmp_path}/out.h", "-P", ROOT / "cmake/ModulesInterface.cmake"],
                        check=True, timeout=60)
         return (tmp_path / "out.h").read_text()
 

@@ -2,14 +2,13 @@
 
 #include "malus/base/error.h"
 #include "malus/image/black_levels.h"
-#include "malus/io/internal/camera_raw.h"
+#include "malus/io/internal/codecs.h"
 #include "malus/io/internal/decoded.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
 #include "malus/io/internal/frame_tags.h"
 #include "malus/io/internal/netpbm.h"
 #include "malus/io/internal/npy.h"
-#include "malus/io/internal/picture_codec.h"
 #include "malus/io/internal/read_any.h"
 
 #include <algorithm>
@@ -153,7 +152,7 @@ internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
   };
   Decoded decoded;
   if (const std::string codec = picture_codec(path); !codec.empty())
-    decoded = read_picture(path, codec, pixels);
+    decoded = codecs().read_picture(path, codec, pixels);
   else if (begins("\x93NUMPY"))
     decoded = read_npy(path, pixels);
   else if (begins("SIMPLE"))
@@ -162,7 +161,7 @@ internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
     decoded = read_netpbm(path, pixels);
   else {
     refuse_other_netpbm(head, path);
-    decoded = read_camera_raw(path, pixels);
+    decoded = codecs().read_camera_raw(path, pixels);
   }
   apply_frame_tags(decoded);
   return decoded;

@@ -3,12 +3,12 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/io/internal/codecs.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
 #include "malus/io/internal/frame_tags.h"
 #include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/npy.h"
-#include "malus/io/internal/picture_codec.h"
 #include "malus/io/internal/read_any.h"
 
 #include <algorithm>
@@ -103,8 +103,8 @@ void save_described(const fs::path& path, std::span<const Image> planes,
                                       description, exposure_s),
                options.force);
   } else {
-    internal::write_picture(path, options.force, codec, planes,
-                            channel_names(channels, given_names), type, description, exposure_s);
+    codecs().write_picture(path, options.force, codec, planes, channel_names(channels, given_names),
+                           type, description, exposure_s);
   }
 }
 
@@ -129,7 +129,7 @@ Picture load_picture(const fs::path& path) { return picture_of(internal::read_an
 Picture load_clean_picture(const fs::path& path) {
   internal::require_file(path);
   if (!internal::begins_as_jpeg(internal::read_bytes(path, 3))) return load_picture(path);
-  return picture_of(internal::read_picture(path, "jpeg", true));
+  return picture_of(codecs().read_picture(path, "jpeg", true));
 }
 
 void save_picture(const fs::path& path, const Planes& planes, const std::vector<std::string>& names,

@@ -2,7 +2,6 @@ set(io_SOURCES
   angle_pictures.cpp
   bmp_check.cpp
   config_section.cpp
-  camera_raw.cpp
   dng_noise.cpp
   emva_description.cpp
   file_bytes.cpp
@@ -14,8 +13,8 @@ set(io_SOURCES
   netpbm.cpp
   npy.cpp
   pair_list.cpp
-  picture_codec.cpp
   picture_file.cpp
+  picture_type.cpp
   png_check.cpp
   raw_format.cpp
   session.cpp
@@ -24,4 +23,11 @@ set(io_SOURCES
   shard.cpp
   shard_read.cpp
   tiff_check.cpp
+)
+# A library of their own (malus/io/codecs.h).
+set(codecs_SOURCES
+  camera_raw.cpp
+  codecs.cpp
+  linked_codecs.cpp
+  picture_codec.cpp
 )
