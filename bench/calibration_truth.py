@@ -95,6 +95,10 @@ camera("gain of 12 dB", k=1.6, read_dn=4.6, row_dn=1.0, dsnu_dn=1.0)
 camera("gain of 36 dB", k=25.2, read_dn=69.0, row_dn=12.0, dsnu_dn=12.0, black=400)
 for shape in (0.0, -0.1, -0.2, -0.27):
     camera(f"tails, lambda {shape}, 30 DN", shape=shape, read_dn=30.0, row_dn=3.0, k=4.0, dsnu_dn=2.0, black=1000, white=16383)
+for shape in (0.5, 0.8, 1.0):
+    camera(f"abrupt ends, lambda {shape}, 3 DN", shape=shape, read_dn=3.0)
+camera("abrupt ends, lambda 0.8, 3 DN, no pattern or rows", shape=0.8, read_dn=3.0, row_dn=0.0, dsnu_dn=0.0)
+camera("abrupt ends, lambda 0.8, 30 DN", shape=0.8, read_dn=30.0, row_dn=3.0, k=4.0, dsnu_dn=2.0, black=1000, white=16383)
 camera("tails, lambda -0.27, 3 DN, 4 bias frames", shape=-0.27, read_dn=3.0, biases=4)
 camera("tails, lambda -0.27, 3 DN, 8 bias frames", shape=-0.27, read_dn=3.0, biases=8)
 camera("tails, lambda -0.27, 3 DN, 20 bias frames", shape=-0.27, read_dn=3.0)

@@ -149,6 +149,33 @@ TEST(TukeyFit, TakesTheOffsetsErrorOut) {
   EXPECT_NEAR(fit->scale_dn, 2.0, 8 * std::sqrt(fit->unit_covariance[2] / kSamples));
 }
 
+// Noise that ends abruptly, widened by the error of its offset. λ of 0.8 came out as 0.789, and of
+// 1 as 0.966 or not at all. Four standard errors of the mean of 30; the scatter's limits are those
+// that chance passes in 1e-4.
+TEST(TukeyFit, FollowsNoiseThatEndsAbruptly) {
+  constexpr int kRepeats = 30, kSamples = 100000;
+  constexpr double kBlurDn = 0.7, kCellDn = 0.125;
+  for (const double lambda : {0.5, 0.8, 1.0}) {
+    Moments z, scale;
+    for (std::uint64_t i = 0; i < kRepeats; ++i) {
+      const double scale_dn = 3.0 / std::sqrt(tukey_lambda_variance(lambda));
+      const auto draw = [&](RandomSequence& r) {
+        return scale_dn * tukey_lambda_quantile(r.uniform(), lambda) + kBlurDn * r.normal();
+      };
+      const auto fit = fit_tukey_lambda(rounded_residuals(draw, kSamples, 40 + i, kCellDn),
+                                        {1.0, kBlurDn * kBlurDn});
+      ASSERT_TRUE(fit.decided()) << fit.reason();
+      z.add((fit->lambda - lambda) / std::sqrt(fit->unit_covariance[0] / kSamples));
+      scale.add(std::log(fit->scale_dn / scale_dn) / std::sqrt(fit->unit_covariance[2] / kSamples));
+    }
+    for (const Moments& m : {z, scale}) {
+      EXPECT_LT(std::abs(m.mean()), 4.0 / std::sqrt(kRepeats)) << lambda;
+      EXPECT_GT(m.variance(), 0.35) << lambda;
+      EXPECT_LT(m.variance(), 2.1) << lambda;
+    }
+  }
+}
+
 TEST(TukeyFit, SaysWhyItCannotDecide) {
   const auto few = fit_tukey_lambda(rounded_sample({0.1, 1.0}, 50, 1, 0.05), {1.0, 0.0});
   ASSERT_FALSE(few.decided());

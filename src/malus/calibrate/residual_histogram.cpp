@@ -12,6 +12,12 @@ double ResidualHistogram::count() const {
   return total;
 }
 
+double ResidualHistogram::mean_square_dn2() const {
+  double sum = 0.0;
+  for (const Cell& cell : cells_) sum += cell.count * centre_dn(cell) * centre_dn(cell);
+  return sum / count();
+}
+
 void ResidualHistogram::add(const ResidualHistogram& other) {
   MALUS_REQUIRE(other.cell_dn_ == cell_dn_);
   std::vector<Cell> merged;

@@ -23,6 +23,7 @@ class ResidualHistogram {
   /// Rising index, counts above zero.
   const std::vector<Cell>& cells() const { return cells_; }
   double count() const;
+  double mean_square_dn2() const;  ///< of the cells' centres
   void add(const ResidualHistogram& other);
   /// Moves dense counts and the few cells beyond them in.
   void assign(const std::vector<std::uint32_t>& dense, std::vector<std::int32_t>& beyond);

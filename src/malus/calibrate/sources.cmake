@@ -3,6 +3,7 @@ set(calibrate_SOURCES
   bias_calibration.cpp
   bias_checks.cpp
   calibrate.cpp
+  cell_density.cpp
   channel_words.cpp
   clean_frame.cpp
   cut_off_noise.cpp

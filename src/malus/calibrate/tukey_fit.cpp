@@ -1,7 +1,6 @@
 #include "malus/calibrate/tukey_fit.h"
 
 #include "malus/base/golden_section.h"
-#include "malus/calibrate/normal_nodes.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -14,122 +13,6 @@ namespace malus {
 namespace {
 
 constexpr double kFewestSamples = 200;
-// Relative to one over the residuals' deviation: a density below it counts for little.
-constexpr double kDensityFloor = 3e-5;
-
-// Lower half of the Tukey-lambda distribution function of scale 1, tabulated at rising quantiles.
-class LowerHalf {
- public:
-  explicit LowerHalf(double lambda) {
-    constexpr int kKnots = 420;
-    constexpr double kStep = 0.1;  // in log-odds: F changes by at most 10 % between knots
-    for (int k = kKnots; k >= 0; --k) {
-      const double u = 1.0 / (1.0 + std::exp(kStep * k));
-      const double x = tukey_lambda_quantile(u, lambda);
-      if (!x_.empty() && !(x > x_.back())) continue;  // bounded support: knots fall together
-      x_.push_back(x);
-      f_.push_back(u);
-      slope_.push_back(1.0 / (std::pow(u, lambda - 1.0) + std::pow(1.0 - u, lambda - 1.0)));
-    }
-  }
-  /// Probability below x; hint makes a rising or falling sequence of x cheap.
-  double operator()(double x, std::size_t& hint) const {
-    if (x > 0) return 1.0 - lower(-x, hint);
-    return lower(x, hint);
-  }
-
- private:
-  double lower(double x, std::size_t& k) const {
-    if (x <= x_.front()) return 0.0;
-    k = std::min(k, x_.size() - 2);
-    while (k > 0 && x < x_[k]) --k;
-    while (k + 2 < x_.size() && x > x_[k + 1]) ++k;
-    // Cubic Hermite; the slopes are exact, the error is below 1e-6 of F.
-    const double width = x_[k + 1] - x_[k], t = (x - x_[k]) / width;
-    const double value = f_[k] * (1 + 2 * t) * (1 - t) * (1 - t) + f_[k + 1] * t * t * (3 - 2 * t) +
-                         width * t * (1 - t) * (slope_[k] * (1 - t) - slope_[k + 1] * t);
-    return std::clamp(value, f_[k], f_[k + 1]);
-  }
-  std::vector<double> x_, f_, slope_;
-};
-
-double mean_square_dn2(const ResidualHistogram& histogram) {
-  double sum = 0.0;
-  for (const auto& cell : histogram.cells())
-    sum += cell.count * histogram.centre_dn(cell) * histogram.centre_dn(cell);
-  return sum / histogram.count();
-}
-
-// Probability p of a residual r of an integer converter, given its offset: the distribution widened
-// by a normal offset error (five-point Gauss-Hermite) over one step q, at every cell's centre.
-//
-// Its plain logarithm trusts the law out to where no value can be: for λ > 0 all ends at scale/λ,
-// and a single value near that end, of noise that is not quite Tukey-lambda, would pin λ there and
-// be most of its information. So the fit maximises
-//
-//     mean log(p + a) + a/q ∫ log(1 + p/a) dr
-//
-// whose derivative is that of the likelihood weighted by p / (p + a), less its expectation: the
-// integral's derivative is -∫ log(p + a) taken over the law itself, so that of Tukey-lambda noise
-// (λ, scale) come out without bias whatever a is (conditionally unbiased bounded influence:
-// Künsch, Stefanski and Carroll, JASA 84, 1989).
-class CellDensity {
- public:
-  CellDensity(const ResidualHistogram& histogram, const ResidualBlur& blur)
-      : deviation_dn_(std::sqrt(blur.offset_variance_dn2)),
-        // A cell is a box too: to second order its width adds to the step's in squares.
-        half_step_dn_(0.5 * std::hypot(blur.quantization_dn, histogram.cell_dn())) {
-    for (const auto& cell : histogram.cells()) centre_.push_back(histogram.centre_dn(cell));
-    const double rms = std::sqrt(mean_square_dn2(histogram));
-    floor_ = kDensityFloor * 2.0 * half_step_dn_ / rms;
-    lay_nodes(rms);
-  }
-  /// log(p + a) plus the integral, by cell.
-  std::vector<double> log_density(double lambda, double log_scale) const {
-    const std::vector<double> over = probability(node_, lambda, log_scale);
-    double integral = 0.0;
-    for (std::size_t i = 0; i < over.size(); ++i)
-      integral += node_width_[i] * std::log1p(over[i] / floor_);
-    const double common = floor_ / half_step_dn_ * integral;  // both sides: q is two half steps
-    std::vector<double> density = probability(centre_, lambda, log_scale);
-    for (double& d : density) d = std::log(d + floor_) + common;
-    return density;
-  }
-
- private:
-  // Where the integral is summed (trapezoids): evenly out to eight deviations, then wider.
-  void lay_nodes(double rms_dn) {
-    constexpr double kPerDeviation = 24.0, kEven = 8.0, kFarthest = 1000.0, kGrowth = 1.05;
-    double width = rms_dn / kPerDeviation;
-    for (double x = 0.0; x < kFarthest * rms_dn; x += width) {
-      node_.push_back(x);
-      if (x > kEven * rms_dn) width *= kGrowth;
-    }
-    for (std::size_t i = 0; i < node_.size(); ++i)
-      node_width_.push_back(0.5 *
-                            (node_[std::min(i + 1, node_.size() - 1)] - node_[i > 0 ? i - 1 : 0]));
-  }
-  // At rising distances from the offset.
-  std::vector<double> probability(const std::vector<double>& distance_dn, double lambda,
-                                  double log_scale) const {
-    const LowerHalf cdf(lambda);
-    const double inverse_scale = std::exp(-log_scale);
-    std::vector<double> density(distance_dn.size(), 0.0);
-    for (const NormalNode& node : kNormalNodes) {
-      const double shift = deviation_dn_ * node.at;
-      std::size_t upper_hint = 0, lower_hint = 0;
-      for (std::size_t i = distance_dn.size(); i-- > 0;) {
-        const double x = shift - distance_dn[i];  // the lower side, where small values are exact
-        density[i] += node.weight * (cdf((x + half_step_dn_) * inverse_scale, upper_hint) -
-                                     cdf((x - half_step_dn_) * inverse_scale, lower_hint));
-      }
-    }
-    return density;
-  }
-
-  double deviation_dn_, half_step_dn_, floor_ = 0;  ///< floor_: a, of a probability
-  std::vector<double> centre_, node_, node_width_;
-};
 
 double log_likelihood(const ResidualHistogram& histogram, const std::vector<double>& log_density) {
   double sum = 0.0;
@@ -147,7 +30,7 @@ double blur_variance_dn2(const ResidualHistogram& histogram, const ResidualBlur&
 // a search can start from it.
 double scale_from_variance(const ResidualHistogram& histogram, const ResidualBlur& blur,
                            double lambda) {
-  const double total = mean_square_dn2(histogram);
+  const double total = histogram.mean_square_dn2();
   const double read = std::max(total - blur_variance_dn2(histogram, blur), 0.05 * total);
   return std::sqrt(read / tukey_lambda_variance(lambda));
 }
@@ -340,7 +223,7 @@ Estimate<TukeyFit> fit_tukey_lambda(const ResidualHistogram& histogram, const Re
     return log_likelihood(histogram, density.log_density(lambda, log_scale));
   };
   Point best{0, 0, -std::numeric_limits<double>::infinity()};
-  for (const double lambda : {-0.35, -0.2, -0.1, 0.0, 0.1, 0.2, 0.35, 0.6}) {
+  for (const double lambda : {-0.35, -0.2, -0.1, 0.0, 0.1, 0.2, 0.35, 0.6, 0.9}) {
     const double log_scale = std::log(scale_from_variance(histogram, blur, lambda));
     const double found = value(lambda, log_scale);
     if (found > best.value) best = {lambda, log_scale, found};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/base/estimate.h"
+#include "malus/calibrate/cell_density.h"
 #include "malus/calibrate/residual_histogram.h"
 
 #include <array>
@@ -9,13 +10,6 @@
 #include <vector>
 
 namespace malus {
-
-/// What blurs a residual besides read noise: the converter's step, and the error of the row mean
-/// and of the fixed pattern that were subtracted.
-struct ResidualBlur {
-  double quantization_dn = 1.0;
-  double offset_variance_dn2 = 0.0;
-};
 
 struct TukeyFit {
   double lambda = 0, scale_dn = 0;
@@ -25,8 +19,9 @@ struct TukeyFit {
   std::array<double, 3> unit_step{};  ///< of Newton's method: from the mean score to (λ, ln scale)
 };
 
-/// λ is searched here: below -1/2 the variance is infinite, at 1 the noise is uniform.
-inline constexpr double kLambdaLow = -0.45, kLambdaHigh = 1.0;
+/// λ is searched here: below -1/2 the variance is infinite, at 1 the noise is uniform, and its
+/// estimates lie on both sides.
+inline constexpr double kLambdaLow = -0.45, kLambdaHigh = 1.25;
 
 /// Maximum likelihood, in which values where the law's density all but ends count for little (an
 /// end that one value could pin otherwise). An integer residual r given its (real-valued) offset
