@@ -46,7 +46,10 @@ TEST(RowDriftFit, IsUnbiasedWithTheScatterItClaims) {
   const struct {
     RowDrift drift;
     int frames, groups;
-  } cases[] = {{{0.33, 2.0}, 25, 240}, {{0.8, 5.0}, 40, 120}, {{0.3, 20.0}, 30, 400}};
+  } cases[] = {{{0.33, 2.0}, 25, 240},
+               {{0.8, 5.0}, 40, 120},
+               {{0.3, 20.0}, 30, 400},
+               {{0.3, 20.0}, 30, 128}};
   for (const auto& c : cases) {
     Moments share, length;
     for (std::uint64_t seed = 0; seed < kSets; ++seed) {

@@ -17,6 +17,9 @@ using Values = std::vector<double>;
 
 constexpr std::size_t kLeastFrames = 4, kLeastGroups = 32;
 constexpr double kShortest = 0.5;  // row groups: below, slow and white part look alike
+// Lengths of the longest drift in a frame's height: of a longer one a frame shows a slope whatever
+// its length and share, and the rest is the frames' levels'.
+constexpr double kLengthsInFrame = 4;
 
 // Offsets of every phase about its own level in each frame, over its deviation in all of them.
 struct Standardised {
@@ -126,7 +129,7 @@ Fit best_fit(const Spectrum& spectrum) {
   constexpr int kSteps = 20;
   const double low = std::log(kShortest);
   const double high =
-      std::log(std::min(kLongestRowDrift, static_cast<double>(spectrum.groups) / 8));
+      std::log(std::min(kLongestRowDrift, static_cast<double>(spectrum.groups) / kLengthsInFrame));
   const double step = (high - low) / kSteps;
   int best = 0;
   double least = best_share(spectrum, kShortest).deviance;

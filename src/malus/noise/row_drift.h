@@ -22,7 +22,7 @@ struct RowDrift {
 
 /// Lengths that can be drawn: below the first the slow part is white too, above the second a
 /// frame's level would change and not its rows.
-inline constexpr double kShortestRowDrift = 0.25, kLongestRowDrift = 64;
+inline constexpr double kShortestRowDrift = 0.25, kLongestRowDrift = 256;
 
 /// A drift as calibration found it; white where it found none.
 struct MeasuredRowDrift {
