@@ -33,6 +33,7 @@ class Camera:
     k, read_dn, shape, row_dn, dsnu_dn, prnu, mu_dn, black, white = 0.4, 1.2, 0.14, 0.3, 0.4, 0.01, 0.0, 64, 4095
     shift, falloff, bent, hot, dark_e_per_s, dark_sets, period, full_well_e = 0, 0.1, 0.0, 0.0, 0.0, 0, 1, math.inf
     seconds = 0.1  # at full range
+    coded = staticmethod(np.round)
 
     def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
@@ -57,7 +58,7 @@ class Camera:
         signal = signal - self.bent * signal**2 / (self.white - self.black)
         rows = np.repeat(self.row_dn * self.rng.standard_normal(-(-self.side // self.period)), self.period)[: self.side, None]
         dn = self.black + self.mu_dn + signal + self.offset + rows + self.read_noise()
-        return np.clip(np.round(dn), 0, self.white).astype(np.uint16) << self.shift
+        return np.clip(self.coded(dn), 0, self.white).astype(np.uint16) << self.shift
 
     def session(self, folder):
         step = 2**self.shift
@@ -116,6 +117,13 @@ for mu in (0.0, 0.3, 0.5):
 camera("few frames: 4 bias frames, 2 flats", biases=4, flats=2)
 camera("8 bits", k=0.05, read_dn=0.6, row_dn=0.1, dsnu_dn=0.3, black=8, white=255)
 camera("12 bits in 16", shift=4)
+CODES = {
+    "every 4th in use": lambda dn: 4 * np.round(dn / 4), "every 4th missing": lambda dn: np.round(dn) - (np.round(dn) % 4 == 3),
+    "digital gain of 1.25": lambda dn: np.round(np.round(dn / 1.25) * 1.25), "digital gain of 0.8": lambda dn: np.round(np.round(dn / 0.8) * 0.8),
+}
+for name, coded in CODES.items():
+    for read_dn in (2.0, 5.0):
+        camera(f"codes, {name}, noise of {read_dn:.0f} DN", read_dn=read_dn, row_dn=read_dn / 5, coded=staticmethod(coded))
 camera("16 bits, binned", k=2.0, read_dn=9.0, row_dn=1.5, dsnu_dn=3.0, black=500, white=65535)
 camera("rows in groups of 2", period=2)
 camera("hot pixels, a thousandth", hot=1e-3)

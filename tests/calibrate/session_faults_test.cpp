@@ -88,6 +88,15 @@ TEST(ScaledCodes, AreTold) {
   EXPECT_THAT(said_of(camera, stretched), Contains(AllOf(told, HasSubstr("its codes lie 4."))));
   EXPECT_THAT(said_of(camera, coded_as([](double v) { return std::floor(1.5 * v); })),
               Contains(AllOf(told, HasSubstr("its codes lie 1."))));
+  // Codes that never occur bend the shape of narrow noise before its variance shows it; and where
+  // they lie farther apart than the noise is wide, only the light does.
+  camera.gains[0].noise.channels[0].sigma_tl_dn = 1.2;
+  const auto fourth_missing = coded_as(
+      [](double v) { return std::fmod(std::round(v), 4.0) == 3.0 ? std::round(v) - 1.0 : v; });
+  EXPECT_THAT(said_of(camera, fourth_missing),
+              Contains(AllOf(told, HasSubstr("the converter leaves codes out"))));
+  EXPECT_THAT(said_of(camera, coded_as([](double v) { return std::round(1.07 * v); })),
+              Contains(told));
   // A step that all are multiples of is known as it is.
   EXPECT_THAT(said_of(camera, coded_as([](double v) { return 16 * v; })), Not(Contains(told)));
   CalibrationInput dark = simulated_session(camera);

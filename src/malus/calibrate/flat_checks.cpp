@@ -166,23 +166,46 @@ void warn_of_changing_light(const std::vector<FlatObservation>& flats,
       worst->name, percent_text(relative), direction, percent_text(std::min(most, 1.0))));
 }
 
+// That of codes which the brighter half of the flats has alike, though the few of dim ones and of
+// the dark may lie between two gaps; else the finest of all, or companded ones were taken for
+// scaled.
+double scaled_spacing(const std::vector<FlatObservation>& flats, const FlatReference& reference) {
+  constexpr double kAlike = 1.05;
+  constexpr std::ptrdiff_t kFewest = 3;
+  std::vector<std::pair<double, double>> of_light;  // rising, with the spacing
+  for (const FlatObservation& flat : flats)
+    if (flat.code_spacing_dn > 0)
+      of_light.emplace_back(mean_of(flat.signal_dn), flat.code_spacing_dn);
+  std::sort(of_light.begin(), of_light.end());
+  const auto finer = [](const auto& a, const auto& b) { return a.second < b.second; };
+  const auto half = of_light.begin() + static_cast<std::ptrdiff_t>(of_light.size() / 2);
+  if (of_light.end() - half >= kFewest) {
+    const auto [least, most] = std::minmax_element(half, of_light.end(), finer);
+    if (most->second < kAlike * least->second) return least->second;
+  }
+  const double dark = reference.dark_code_spacing_dn;
+  if (of_light.empty()) return dark;
+  const double least = std::min_element(of_light.begin(), of_light.end(), finer)->second;
+  return dark > 0 ? std::min(least, dark) : least;
+}
+
 }  // namespace
 
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                           PhysicsCalibration& out) {
-  constexpr double kWider = 1.02, kOfVariance = 0.02;
-  double spacing = reference.dark_code_spacing_dn;
-  for (const FlatObservation& flat : flats)
-    if (flat.code_spacing_dn > 0 && (!(spacing > 0) || flat.code_spacing_dn < spacing))
-      spacing = flat.code_spacing_dn;
+  constexpr double kWider = 1.02, kOfVariance = 0.001, kOfPeriod = 0.5;
+  const double spacing = scaled_spacing(flats, reference);
   const double step = reference.step_dn, dark = reference.dark_sd_dn * reference.dark_sd_dn;
   if (!(step > 0) || !(spacing > kWider * step)) return;
   const double hidden = (spacing * spacing - step * step) / 12.0;
-  if (!(hidden > kOfVariance * dark)) return;
+  // As far apart lie the codes that do not occur: where narrower noise lies decides what it shows.
+  const double period = step * spacing / (spacing - step);
+  if (!(hidden > kOfVariance * dark) && !(reference.dark_sd_dn < kOfPeriod * period)) return;
   out.warnings.push_back(fmt::format(
       "its codes lie {:.4g} DN apart, but are no multiples of it: values were multiplied after the "
-      "conversion (few bits stretched to 16, a digital gain). Such steps are {} % of the dark "
-      "variance, in the read noise and its shape; record values that are not scaled, or undo it",
+      "conversion (few bits stretched to 16, a digital gain), or the converter leaves codes out. "
+      "Such steps are {} % of the dark variance, and σ_TL and λ may be off by several times that; "
+      "record values that are not scaled, or undo it",
       spacing, percent_text(std::min(spacing * spacing / 12.0 / dark, 1.0))));
 }
 

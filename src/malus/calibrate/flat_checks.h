@@ -68,14 +68,16 @@ struct FlatReference {
 /// largest code is below white and holds more than 1 % of a level's pixels and ten times as many as
 /// the next lower code; codes that lie farther apart in bright levels than in others, where the
 /// rounding that this makes is more than 1 % of a level's variance; codes that lie farther apart
-/// than their step everywhere, where that is more than 2 % of the dark variance; light that changes
-/// inside the frames of a level by more than 1 % of its variance and six standard errors.
+/// than their step everywhere (warn_of_scaled_codes); light that
+/// changes inside the frames of a level by more than 1 % of its variance and six standard errors.
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out);
 
-/// Appends a warning where codes lie farther apart than the step of which all are multiples, in the
-/// dark frames and in the level where they are finest, and the rounding that this hides is more
-/// than 2 % of the dark variance: values were multiplied after the conversion.
+/// Appends a warning where codes lie farther apart than the step of which all are multiples, by 2 %
+/// in the brighter half of the flats alike, or in the dark frames and in the level where they are
+/// finest: values were multiplied after the conversion, or the converter leaves codes out. Not
+/// where the rounding that this hides is below 0.1 % of the dark variance and the codes that do not
+/// occur lie closer than two deviations of the dark noise.
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                           PhysicsCalibration& out);
 
