@@ -4,9 +4,12 @@
 #include "malus/base/statistics.h"
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/bias_checks.h"
+#include "malus/calibrate/bias_frames.h"
+#include "malus/calibrate/dark_corrections.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/read_noise_shape.h"
 #include "malus/calibrate/row_drift_fit.h"
+#include "malus/calibrate/row_group.h"
 #include "malus/image/quantization.h"
 
 #include <algorithm>
@@ -24,36 +27,6 @@ namespace {
 constexpr int kFewFrames = 10;
 constexpr int kDarkPairs = 8;  // of frames, to compare neighbours
 constexpr double kHeavyLambda = 0.05;
-
-// All bias frames of one gain, one entry per frame: a few kilobytes each, whatever the frame's
-// size.
-struct BiasFrames {
-  FrameSeries mean, pixel, row, column, total, row_offset;
-  std::vector<std::vector<ResidualHistogram>> residuals, above;  ///< [frame][channel]
-
-  void add(FrameComponents&& frame) {
-    std::vector<double> sum(frame.mean_dn.size());
-    for (std::size_t c = 0; c < sum.size(); ++c)
-      sum[c] =
-          frame.pixel_variance_dn2[c] + frame.row_variance_dn2[c] + frame.column_variance_dn2[c];
-    mean.push_back(std::move(frame.mean_dn));
-    pixel.push_back(std::move(frame.pixel_variance_dn2));
-    row.push_back(std::move(frame.row_variance_dn2));
-    column.push_back(std::move(frame.column_variance_dn2));
-    total.push_back(std::move(sum));
-    row_offset.push_back(std::move(frame.row_offset_dn));
-    residuals.push_back(std::move(frame.residuals));
-    above.push_back(std::move(frame.residuals_above));
-  }
-};
-
-std::vector<double> mean_over_frames(const FrameSeries& series) {
-  std::vector<double> mean(series.front().size(), 0.0);
-  for (const auto& frame : series)
-    for (std::size_t c = 0; c < mean.size(); ++c)
-      mean[c] += frame[c] / static_cast<double>(series.size());
-  return mean;
-}
 
 // Sampling error of one frame's estimates, from the components themselves: row noise is shared by
 // the channels of a row group, pixel and column noise are not.
@@ -158,9 +131,8 @@ void level_of_ordinary_pixels(const std::vector<double>& all_dn,
 void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int frames,
                     FrameAnalyzer& analyzer) {
   const std::vector<double> temporal = dark.temporal.variance_dn2();
-  Moments rows;
-  for (int r = 0; r < dark.rows.rows(); ++r) rows.add(dark.rows.covariance_dn2(r, 0));
-  const double row = std::max(rows.mean() - mean_of(temporal) / dark.rows.cols(), 0.0);
+  const double row =
+      std::max(row_variance_of(dark.rows, mean_of(temporal), dark.rows.cols()).value_dn2, 0.0);
   const std::vector<double> pattern =
       dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, frames), frames);
   std::vector<OffsetSpread> spread;
@@ -177,80 +149,6 @@ double step_of(const RawFrame& first, double quantization_dn) {
   return std::all_of(values.begin(), values.end(), [](float v) { return v == std::floor(v); })
              ? 1.0
              : 0.0;
-}
-
-// mu and row noise, made of rounded values, where the converter's step hides the noise: what the
-// pairs of codes tell, else how far off they may be.
-void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
-                         PhysicsCalibration& out) {
-  constexpr double kLeastSlope = 0.3;  // below, rows show next to nothing of themselves
-  double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
-  double &row = out.sigma_row.mean[c], &row_error = out.sigma_row.standard_error[c];
-  if (!hidden.known()) {
-    mu_error = std::hypot(mu_error, std::sqrt(hidden.rounding_dn2));
-    row_error = std::max(row_error, row);
-    return;
-  }
-  const double slope = std::max(hidden.slope, kLeastSlope);
-  const double shift = usual_code_dn + hidden.mean_dn - mu;
-  for (auto& frame : out.mu.per_frame) frame[c] += shift;
-  mu += shift;
-  mu_error = std::max(mu_error / slope, hidden.mean_stderr_dn);
-  for (auto& frame : out.sigma_row.per_frame) frame[c] /= slope;
-  row /= slope;
-  row_error /= slope;
-}
-
-void find_hidden_noise(const CodePairCounter& pairs, double step_dn, const RawFrame& first,
-                       DarkPass& dark, PhysicsCalibration& out) {
-  for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
-    dark.hidden.push_back(
-        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
-    if (!dark.hidden[c].hidden) continue;
-    const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
-    take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
-  }
-}
-
-// Level, variances and residuals as they were before the camera cut the noise off at 0. Offsets
-// show by the share of the pixels that are not cut off (Stein's lemma).
-void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analyzer,
-                  const RawFrame& first, DarkPass& dark, BiasFrames& frames,
-                  PhysicsCalibration& out) {
-  const std::vector<double> pixel = mean_over_frames(frames.pixel);
-  for (std::size_t c = 0; c < dark.zero_share.size(); ++c) {
-    dark.cut_off.emplace_back();
-    double &mu = out.mu.mean[c], &row = out.sigma_row.mean[c], &sd = out.temporal_sd_dark_dn[c];
-    if (dark.hidden[c].hidden) continue;
-    const CutOffPlace place{
-        mu + first.black_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn, dark.zero_share[c],
-        analyzer.offset_variance_dn2(static_cast<int>(c), std::max(pixel[c], 0.0))};
-    const CutOffNoise cut = find_cut_off_noise(pooled_over_frames(frames.residuals, c),
-                                               pooled_over_frames(frames.above, c), place);
-    if (!cut.known) continue;
-    dark.cut_off.back() = cut;
-    for (std::size_t f = 0; f < frames.residuals.size(); ++f) {
-      frames.residuals[f][c] =
-          residuals_before_cut_off(frames.residuals[f][c], frames.above[f][c], place, cut);
-      out.mu.per_frame[f][c] -= cut.shift_dn;
-      out.sigma_row.per_frame[f][c] /= cut.slope;
-      frames.pixel[f][c] += cut.variance_dn2;
-    }
-    mu -= cut.shift_dn;
-    out.mu.standard_error[c] /= cut.slope;
-    const double rows_dn2 = row * row * (1.0 / (cut.slope * cut.slope) - 1.0);
-    dark.cut_off.back().rows_dn2 = rows_dn2;
-    row /= cut.slope;
-    out.sigma_row.standard_error[c] /= cut.slope;
-    const double before_dn = std::sqrt(sd * sd + cut.variance_dn2 + rows_dn2);
-    out.temporal_sd_dark_stderr_dn[c] =
-        std::hypot(sd * out.temporal_sd_dark_stderr_dn[c], 0.5 * cut.variance_stderr_dn2) /
-        before_dn;
-    sd = before_dn;
-  }
-  for (std::size_t c = 0; c < dark.cut_off.size(); ++c) out.cut_off_undone |= dark.cut_off[c].known;
-  for (std::size_t c = 0; c < dark.cut_off.size(); ++c)
-    out.cut_off_undone &= dark.cut_off[c].known || dark.zero_share[c] <= kMostUndoneDarkZeros;
 }
 
 void add_black(const RawFrame& first, Image& dn) {
@@ -352,7 +250,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
   level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
-  if (several) find_hidden_noise(pairs, step, first, dark, out);
+  if (several) take_hidden_noise(pairs, step, first, dark, out);
   if (remove_pattern)
     undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count),
                  analyzer, first, dark, frames, out);
@@ -369,22 +267,6 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   for (std::size_t c = 0; c < of_pattern_dn2.size(); ++c)
     out.mu.standard_error[c] = std::hypot(out.mu.standard_error[c], std::sqrt(of_pattern_dn2[c]));
   warn_of_light(out.dark_shading_dn, geometry, mean_of(out.temporal_sd_dark_dn), out);
-}
-
-void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
-  for (std::size_t c = 0; c < dark.hidden.size(); ++c) {
-    const HiddenNoise& hidden = dark.hidden[c];
-    double &dsnu = out.dsnu_dn[c], &error = out.dsnu_stderr_dn[c];
-    if (hidden.known()) {
-      dsnu = hidden.dsnu_dn;
-      if (dsnu > 0) error = hidden.dsnu_stderr_dn;
-    } else if (hidden.hidden) {
-      error = std::hypot(error, std::sqrt(hidden.rounding_dn2));
-    } else if (c < dark.cut_off.size()) {
-      dsnu /= dark.cut_off[c].slope;
-      error /= dark.cut_off[c].slope;
-    }
-  }
 }
 
 }  // namespace malus

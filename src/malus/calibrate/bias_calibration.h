@@ -53,8 +53,4 @@ struct RowGroup {
 void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
                   const CalibrationSettings& settings, Progress& progress, PhysicsCalibration& out);
 
-/// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off at 0: as
-/// `dark` knows it, or with the error that rounding may make where it does not.
-void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out);
-
 }  // namespace malus

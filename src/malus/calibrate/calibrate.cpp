@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/bias_calibration.h"
+#include "malus/calibrate/dark_corrections.h"
 #include "malus/calibrate/defects.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"

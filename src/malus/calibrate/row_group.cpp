@@ -32,10 +32,7 @@ Shared shared(const RowLagAccumulator& rows, int period, int phase, double row_v
               row_variance_dn2};
 }
 
-// Of the rows' offsets, without what pixels alone lift the mean of a row by.
-struct RowVariance {
-  double value_dn2, standard_error_dn2;
-};
+}  // namespace
 
 RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
   Moments variance;
@@ -43,8 +40,6 @@ RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance
   return {variance.mean() - pixel_variance_dn2 / cols,
           std::sqrt(variance.variance() / static_cast<double>(variance.count()))};
 }
-
-}  // namespace
 
 bool row_noise_matters(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
   constexpr double kOfPixels = 0.05;  // a deviation over a pixel's

@@ -7,6 +7,13 @@
 
 namespace malus {
 
+/// Variance of the rows' offsets over the frames, without what pixels alone lift the mean of a row
+/// of so many columns by; negative by chance where there is none. Contract: two frames or more.
+struct RowVariance {
+  double value_dn2 = 0, standard_error_dn2 = 0;
+};
+RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);
+
 /// Whether rows may be lifted by more than a twentieth of a pixel's noise, within three standard
 /// errors: less than that changes nothing that a reader sees, whichever rows share it. Arguments as
 /// below, frames: at least two.

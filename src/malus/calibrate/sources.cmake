@@ -2,12 +2,14 @@ set(calibrate_SOURCES
   across_frames.cpp
   bias_calibration.cpp
   bias_checks.cpp
+  bias_frames.cpp
   calibrate.cpp
   cell_density.cpp
   channel_words.cpp
   clean_frame.cpp
   cut_off_noise.cpp
   dark_codes.cpp
+  dark_corrections.cpp
   dark_point.cpp
   defects.cpp
   equal_values.cpp

@@ -1,0 +1,102 @@
+#include "malus/calibrate/dark_corrections.h"
+
+#include "malus/base/index.h"
+#include "malus/calibrate/cut_off_noise.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+// mu and row noise, made of rounded values, where the converter's step hides the noise: what the
+// pairs of codes tell, else how far off they may be.
+void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
+                         PhysicsCalibration& out) {
+  constexpr double kLeastSlope = 0.3;  // below, rows show next to nothing of themselves
+  double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
+  double &row = out.sigma_row.mean[c], &row_error = out.sigma_row.standard_error[c];
+  if (!hidden.known()) {
+    mu_error = std::hypot(mu_error, std::sqrt(hidden.rounding_dn2));
+    row_error = std::max(row_error, row);
+    return;
+  }
+  const double slope = std::max(hidden.slope, kLeastSlope);
+  const double shift = usual_code_dn + hidden.mean_dn - mu;
+  for (auto& frame : out.mu.per_frame) frame[c] += shift;
+  mu += shift;
+  mu_error = std::max(mu_error / slope, hidden.mean_stderr_dn);
+  for (auto& frame : out.sigma_row.per_frame) frame[c] /= slope;
+  row /= slope;
+  row_error /= slope;
+}
+
+}  // namespace
+
+void take_hidden_noise(const CodePairCounter& pairs, double step_dn, const RawFrame& first,
+                       DarkPass& dark, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
+    dark.hidden.push_back(
+        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
+    if (!dark.hidden[c].hidden) continue;
+    const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
+    take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
+  }
+}
+
+void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analyzer,
+                  const RawFrame& first, DarkPass& dark, BiasFrames& frames,
+                  PhysicsCalibration& out) {
+  const std::vector<double> pixel = mean_over_frames(frames.pixel);
+  for (std::size_t c = 0; c < dark.zero_share.size(); ++c) {
+    dark.cut_off.emplace_back();
+    double &mu = out.mu.mean[c], &row = out.sigma_row.mean[c], &sd = out.temporal_sd_dark_dn[c];
+    if (dark.hidden[c].hidden) continue;
+    const CutOffPlace place{
+        mu + first.black_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn, dark.zero_share[c],
+        analyzer.offset_variance_dn2(static_cast<int>(c), std::max(pixel[c], 0.0))};
+    const CutOffNoise cut = find_cut_off_noise(pooled_over_frames(frames.residuals, c),
+                                               pooled_over_frames(frames.above, c), place);
+    if (!cut.known) continue;
+    dark.cut_off.back() = cut;
+    for (std::size_t f = 0; f < frames.residuals.size(); ++f) {
+      frames.residuals[f][c] =
+          residuals_before_cut_off(frames.residuals[f][c], frames.above[f][c], place, cut);
+      out.mu.per_frame[f][c] -= cut.shift_dn;
+      out.sigma_row.per_frame[f][c] /= cut.slope;
+      frames.pixel[f][c] += cut.variance_dn2;
+    }
+    mu -= cut.shift_dn;
+    out.mu.standard_error[c] /= cut.slope;
+    const double rows_dn2 = row * row * (1.0 / (cut.slope * cut.slope) - 1.0);
+    dark.cut_off.back().rows_dn2 = rows_dn2;
+    row /= cut.slope;
+    out.sigma_row.standard_error[c] /= cut.slope;
+    const double before_dn = std::sqrt(sd * sd + cut.variance_dn2 + rows_dn2);
+    out.temporal_sd_dark_stderr_dn[c] =
+        std::hypot(sd * out.temporal_sd_dark_stderr_dn[c], 0.5 * cut.variance_stderr_dn2) /
+        before_dn;
+    sd = before_dn;
+  }
+  for (std::size_t c = 0; c < dark.cut_off.size(); ++c) out.cut_off_undone |= dark.cut_off[c].known;
+  for (std::size_t c = 0; c < dark.cut_off.size(); ++c)
+    out.cut_off_undone &= dark.cut_off[c].known || dark.zero_share[c] <= kMostUndoneDarkZeros;
+}
+
+void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < dark.hidden.size(); ++c) {
+    const HiddenNoise& hidden = dark.hidden[c];
+    double &dsnu = out.dsnu_dn[c], &error = out.dsnu_stderr_dn[c];
+    if (hidden.known()) {
+      dsnu = hidden.dsnu_dn;
+      if (dsnu > 0) error = hidden.dsnu_stderr_dn;
+    } else if (hidden.hidden) {
+      error = std::hypot(error, std::sqrt(hidden.rounding_dn2));
+    } else if (c < dark.cut_off.size()) {
+      dsnu /= dark.cut_off[c].slope;
+      error /= dark.cut_off[c].slope;
+    }
+  }
+}
+
+}  // namespace malus
