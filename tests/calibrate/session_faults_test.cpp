@@ -105,6 +105,19 @@ TEST(ScaledCodes, AreTold) {
   EXPECT_THAT(said_of(dark), Contains(told));
 }
 
+// Masked rows had made a PRNU of 800 % and the warning that the light changes.
+TEST(UnlitLines, AreTold) {
+  const auto masked = [](RawFrame& frame, int) {
+    if (frame.dn(64, 64) < 120) return;  // in the dark they are as the others
+    for (int r = 0; r < 128; ++r)
+      for (int c = 0; c < 128; ++c)
+        if (r < 8 || c == 127) frame.dn(r, c) = static_cast<float>(80 + (3 * r + 5 * c) % 4);
+  };
+  EXPECT_THAT(said_of(faultless_camera(), masked),
+              Contains(HasSubstr("8 rows (the first is 0) and 1 column (the first is 127) see no "
+                                 "light in the flats")));
+}
+
 TEST(DarkLevel, FarAboveTheDeclaredBlackIsTold) {
   const SimulatedCamera camera = faultless_camera();
   const auto told = HasSubstr("is black that of another bit depth? Give black = 12");

@@ -374,6 +374,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   }
   append_fits(fits, first.layout, out);
   take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
+  if (!series.patterns.response.empty())
+    warn_of_unlit_lines(series.patterns.response.unlit_lines(), out);
   judge_flats(series, first, dark, settings.saturation_limit, cut_off, out);
   if (!series.patterns.response.empty()) {
     Response relative = series.patterns.response.response();

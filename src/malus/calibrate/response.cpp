@@ -290,4 +290,23 @@ Response ResponseAccumulator::response() const {
   return out;
 }
 
+UnlitLines ResponseAccumulator::unlit_lines() const {
+  MALUS_REQUIRE(!empty());
+  constexpr double kOfLight = 0.05;
+  const std::vector<double> mean = channel_means(sum_, geometry_);
+  std::vector<double> of_row(as_index(sum_.rows()), 0.0), of_col(as_index(sum_.cols()), 0.0);
+  for (int r = 0; r < sum_.rows(); ++r)
+    for (int c = 0; c < sum_.cols(); ++c) {
+      const double light = sum_(r, c) / mean[as_index(geometry_.channel(r, c))];
+      of_row[as_index(r)] += light / sum_.cols();
+      of_col[as_index(c)] += light / sum_.rows();
+    }
+  UnlitLines unlit;
+  for (int r = 0; r < sum_.rows(); ++r)
+    if (of_row[as_index(r)] < kOfLight) unlit.rows.push_back(r);
+  for (int c = 0; c < sum_.cols(); ++c)
+    if (of_col[as_index(c)] < kOfLight) unlit.cols.push_back(c);
+  return unlit;
+}
+
 }  // namespace malus

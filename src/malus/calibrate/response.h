@@ -35,6 +35,11 @@ struct LevelResponse {
   double variance = 0, standard_error = 0;
 };
 
+/// Rows and columns of the sensor that see less than a twentieth of the light: masked ones.
+struct UnlitLines {
+  std::vector<int> rows, cols;  ///< rising, from 0
+};
+
 /// Relative response of every pixel, from any number of flat levels weighted by their precision.
 class ResponseAccumulator {
  public:
@@ -42,8 +47,9 @@ class ResponseAccumulator {
   /// Takes the flat's mean frame. Contract: two frames or more.
   LevelResponse add(TemporalAccumulator& flat, const DarkReference& dark);
   bool empty() const { return sum_.empty(); }
-  /// Contract: not empty.
+  /// Contract, of both: not empty.
   Response response() const;
+  UnlitLines unlit_lines() const;
 
  private:
   struct SharedDark {

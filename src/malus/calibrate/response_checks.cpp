@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/calibrate/pixel_location.h"
 
 #include <algorithm>
@@ -193,6 +194,21 @@ void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout
         "the response of next pixels is alike, {:.2g} of its square of {:.3g} %: PRNU holds a "
         "picture of the lit surface, or dust; defocus, or use a diffuser",
         pattern.neighbours / rest, 100 * std::sqrt(pattern.variance)));
+}
+
+void warn_of_unlit_lines(const UnlitLines& unlit, PhysicsCalibration& out) {
+  const auto text = [](const std::vector<int>& lines, const char* what) {
+    return fmt::format("{} {}{} (the first is {})", lines.size(), what, lines.size() > 1 ? "s" : "",
+                       lines.front());
+  };
+  std::vector<std::string> parts;
+  if (!unlit.rows.empty()) parts.push_back(text(unlit.rows, "row"));
+  if (!unlit.cols.empty()) parts.push_back(text(unlit.cols, "column"));
+  if (parts.empty()) return;
+  out.warnings.push_back(fmt::format(
+      "{} see no light in the flats, numbered from 0: masked by the sensor (optical black), or "
+      "lost? PRNU and the light's profile are wrong beside them; crop all frames to the lit part",
+      joined(parts, " and ")));
 }
 
 }  // namespace malus

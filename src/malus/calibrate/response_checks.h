@@ -40,4 +40,7 @@ ResponsePattern response_pattern(const Response& response, const MosaicGeometry&
 void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout,
                       PhysicsCalibration& out);
 
+/// Appends a warning where there are any.
+void warn_of_unlit_lines(const UnlitLines& unlit, PhysicsCalibration& out);
+
 }  // namespace malus
