@@ -35,7 +35,25 @@ std::string whole_number_wanted(Whole minimum, Whole maximum, const std::string&
                      maximum, text.empty() ? "\"\"" : text);
 }
 
+// --kind takes several kinds where the library's setting is a list of them.
+std::string flag_of_setting(std::string_view name) {
+  return flag_name(name == "kinds" ? "kind" : std::string(name));
+}
+
+std::string setting_as_flag(std::string_view name, const SettingValue& value) {
+  const std::string flag = flag_of_setting(name);
+  if (const auto* on = std::get_if<bool>(&value)) return *on ? flag : "--no-" + flag.substr(2);
+  if (const auto* number = std::get_if<double>(&value)) return flag + " " + number_text(*number);
+  if (const auto* text = std::get_if<std::string_view>(&value))
+    return fmt::format("{} {}", flag, *text);
+  return flag;
+}
+
+std::string command_line(std::string_view words) { return fmt::format("`malus {}`", words); }
+
 }  // namespace
+
+constexpr Wording kFlagWording{setting_as_flag, flag_of_setting, command_line};
 
 CLI::Validator in_range(double minimum, double maximum) {
   CLI::Validator validator{CLI::Range(minimum, maximum).get_description()};

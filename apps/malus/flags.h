@@ -3,6 +3,7 @@
 
 #include "malus/base/frame_numbers.h"
 #include "malus/base/parameter.h"
+#include "malus/base/wording.h"
 
 #include <algorithm>
 #include <cmath>
@@ -61,6 +62,9 @@ inline std::string flag_name(std::string name) {
   std::replace(name.begin(), name.end(), '_', '-');
   return "--" + name;
 }
+
+/// Messages of the library name settings as flags.
+extern const Wording kFlagWording;
 
 /// Whether a described field is a number, or holds some.
 template <class Value>

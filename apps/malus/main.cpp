@@ -1,4 +1,5 @@
 #include "commands.h"
+#include "flags.h"
 #include "program_start.h"
 
 int main(int argc, char** argv) {
@@ -6,6 +7,7 @@ int main(int argc, char** argv) {
   remember_start(argc, argv);
   keep_closed_streams_closed();
   report_full_files();
+  malus::use_wording(kFlagWording);
   const auto app = make_program();
   Common common;
 #define MALUS_ADD(name) add_##name(*app, common);

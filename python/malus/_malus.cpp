@@ -6,6 +6,7 @@
 #include "malus/image/layout.h"
 
 #include "arrays.h"
+#include "wording.h"
 #include <pybind11/stl.h>
 
 namespace malus::python {
@@ -38,6 +39,7 @@ PYBIND11_MODULE(_malus, m) {
       if (!PyErr_Occurred()) PyErr_SetString(PyExc_KeyboardInterrupt, "");
     }
   });
+  use_python_wording(m);
   bind_frames(m);
   bind_model(m);
   bind_denoise(m);

@@ -67,7 +67,7 @@ def test_integers_are_codes_and_floats_are_light(model, raw, black):
     given = dict(layout=LAYOUT, white=4095, model=model, gain=12)
     assert malus.denoise(codes, **given)["dn"].mean() == pytest.approx(300, abs=1)
     light = codes.astype(np.float32) - np.float32(black[0])
-    with pytest.warns(UserWarning, match=f"float pixels are taken as DN above black, give --black {black[0]:g}"):
+    with pytest.warns(UserWarning, match=f"float pixels are taken as DN above black, give black={black[0]:g}"):
         assert malus.denoise(light, **given)["dn"].mean() == pytest.approx(300, abs=1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -42,7 +42,7 @@ TEST(DarkCodes, LevelsWithoutRoomAreRefusedWithTheFlag) {
     calibrate(testing::simulated_session(camera), {.level_step = 1e-4}, {"nonparametric"},
               silent_progress());
   });
-  EXPECT_THAT(problem, ::testing::HasSubstr("--level-step"));
+  EXPECT_THAT(problem, ::testing::HasSubstr("level_step: "));
   EXPECT_THAT(problem, ::testing::HasSubstr("raise it to"));
 }
 

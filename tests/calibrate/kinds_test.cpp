@@ -201,7 +201,7 @@ TEST(CalibrateKinds, LevelsWithFewSamplesAreNotMissingFrames) {
   EXPECT_THAT(warnings, Not(Contains(HasSubstr("no frames"))));
   for (const char* place : {"no levels between 0 and", "no levels above"})
     EXPECT_THAT(warnings, Contains(AllOf(HasSubstr(place), HasSubstr("20000 are needed"),
-                                         HasSubstr("lower --level-samples"))));
+                                         HasSubstr("ask for fewer samples"))));
 }
 
 TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
@@ -310,7 +310,7 @@ TEST(CalibrateKinds, TooFewSamplesAreRefusedWithTheNumber) {
     FAIL() << "was accepted";
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("200000 samples"));
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("--level-samples"));
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("fewer samples per level"));
   }
 }
 

@@ -65,9 +65,9 @@ TEST(NoiseCheck, HasNothingAgainstNoiseThatRoundingHides) {
 
 TEST(NoiseCheck, NamesNoiseOfAnotherGain) {
   const NoiseProfile profile = rounded_profile(stepped_camera(1.0));
-  EXPECT_NE(complaint(run(stepped_camera(4.0), profile, 400)).find("check --gain"),
+  EXPECT_NE(complaint(run(stepped_camera(4.0), profile, 400)).find("check gain"),
             std::string::npos);
-  EXPECT_NE(complaint(run(stepped_camera(0.2), profile, 400)).find("check --gain"),
+  EXPECT_NE(complaint(run(stepped_camera(0.2), profile, 400)).find("check gain"),
             std::string::npos);
 }
 

@@ -46,16 +46,16 @@ TEST(ConfigSettings, QuotedTextsAreTexts) {
 
 TEST(ConfigSettings, MistakesNameTheSetting) {
   for (const char* wrong : {"train.steps", "=7", "train..steps=7", ""})
-    EXPECT_NE(problem_of([&] { with({wrong}); }).find(std::string("--set ") + wrong + ": is no"),
+    EXPECT_NE(problem_of([&] { with({wrong}); }).find(std::string("set ") + wrong + ": is no"),
               std::string::npos)
         << wrong;
   EXPECT_EQ(problem_of([] {
               (void)with({"train.steps=many"}).section("train")->whole_number("steps", 0, 9);
-            }).find("--set train.steps=many: steps"),
+            }).find("set train.steps=many: steps"),
             0u);
   EXPECT_EQ(problem_of([] {
               with({"train.stepz=3"}).section("train")->require_known({"steps", "loss"});
-            }).find("--set train.stepz=3: unknown key"),
+            }).find("set train.stepz=3: unknown key"),
             0u);
   // What the file itself says is still found in the file.
   EXPECT_EQ(problem_of([] {

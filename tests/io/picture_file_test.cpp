@@ -130,7 +130,7 @@ TEST(PictureFile, ExistingOutputsNeedForce) {
     const auto path = folder / ("a" + ending);
     save_picture(path, Image(2, 2, 1.0f));
     EXPECT_THAT([&] { save_picture(path, Image(2, 2, 2.0f)); },
-                ThrowsMessage<InputError>(HasSubstr("--force")));
+                ThrowsMessage<InputError>(HasSubstr("use force true")));
     EXPECT_EQ(load_picture(path).planes[0](0, 0), 1.0f);
     SaveOptions options;
     options.force = true;

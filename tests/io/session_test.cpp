@@ -234,7 +234,7 @@ TEST(Session, WhatIsSavedIsReadBack) {
     EXPECT_EQ(back.groups[i].paths, session.groups[i].paths);
   }
   EXPECT_THAT([&] { save_session(folder / "s.toml", session, false); },
-              ThrowsMessage<InputError>(HasSubstr("--force")));
+              ThrowsMessage<InputError>(HasSubstr("use force true")));
   // The folder may move with its frames.
   std::filesystem::create_directories(folder / "moved");
   std::filesystem::rename(folder / "a b", folder / "moved/a b");

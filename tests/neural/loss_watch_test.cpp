@@ -40,7 +40,7 @@ TEST(LossWatch, SaysSoOfWeightsWhoseLossExplodedAndStopsWhereItStaysThere) {
     ADD_FAILURE() << "went on";
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), HasSubstr("1e+06 at step 106"));
-    EXPECT_THAT(error.what(), HasSubstr("-o NEW or --force"));
+    EXPECT_THAT(error.what(), HasSubstr("into another folder or with force true"));
   }
   EXPECT_EQ(first, 0.5);
 }

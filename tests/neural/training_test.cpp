@@ -336,7 +336,7 @@ TEST(Config, NamesFileLineAndValues) {
             0u);
   EXPECT_EQ(problem(layout, "").find("c.toml:9: models in [noise] is missing"), 0u);
   EXPECT_EQ(problem(layout, model, {"data.patch=63"})
-                .find("--set data.patch=63: patch in [data] = "
+                .find("set data.patch=63: patch in [data] = "
                       "63 is not made of whole cells"),
             0u);
   EXPECT_EQ(problem(layout, model, {"data.example=16"}),

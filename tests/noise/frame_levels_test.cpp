@@ -48,7 +48,7 @@ TEST(LevelsOfModel, YieldToWhatIsKnown) {
 
 TEST(LevelsOfModel, FloatPixelsAreAboveBlackAndThatIsSaid) {
   RawFrame frame = frame_of(0);
-  EXPECT_NE(take_levels_of_model(sensor(), frame).find("give --black 82"), std::string::npos);
+  EXPECT_NE(take_levels_of_model(sensor(), frame).find("give black 82"), std::string::npos);
   EXPECT_EQ(frame.black_dn, (std::vector<double>{0, 0, 0, 0}));
   EXPECT_EQ(frame.white_dn, 4095 - 85);  // the highest black: all channels reach it
   NoiseModel black_free = sensor();

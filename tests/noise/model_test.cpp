@@ -58,13 +58,13 @@ TEST(ModelAtGain, RefusesWhatIsNotCalibrated) {
   const PhysicsNoise beyond = model.physics_at(db(18), GainRange::kAllowExtrapolation);
   EXPECT_NEAR(beyond.channels[0].gain_dn_per_e, 0.98 * 0.4 * std::pow(10.0, 0.9), 1e-9);
   EXPECT_NE(problem_of([&] { (void)model.physics_at(iso(200)); }).find("dB"), std::string::npos);
-  EXPECT_NE(problem_of([&] { (void)model.physics_at({}); }).find("--gain"), std::string::npos);
+  EXPECT_NE(problem_of([&] { (void)model.physics_at({}); }).find("give gain"), std::string::npos);
   NoiseModel no_joint = model;
   no_joint.joint.reset();
   EXPECT_NE(problem_of([&] { (void)no_joint.physics_at(db(9)); }), "");
   NoiseModel no_physics = model;
   no_physics.physics.clear();
-  EXPECT_NE(problem_of([&] { (void)no_physics.physics_at(db(6)); }).find("--kind physics"),
+  EXPECT_NE(problem_of([&] { (void)no_physics.physics_at(db(6)); }).find("kinds physics"),
             std::string::npos);
   NoiseModel no_K = model;
   no_K.physics[0].K = {};

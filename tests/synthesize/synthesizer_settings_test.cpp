@@ -67,7 +67,7 @@ TEST(Synthesizer, NoSettingIsIgnored) {
       try {
         EXPECT_NE(drawn(changed), frame) << kind;
       } catch (const InputError& error) {
-        EXPECT_EQ(error.problem(), std::string("is not defined for --kind ") + kind);
+        EXPECT_EQ(error.problem(), std::string("is not defined for kind ") + kind);
         ++refused;
       }
     }

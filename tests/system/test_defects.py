@@ -62,7 +62,7 @@ def test_a_crop_of_the_sensor_says_where_it_lies(malus, refused, camera, tmp_pat
     done = malus(*run, "--origin", "12,20")
     assert done.json["defect_pixels"] == 2 and done.json["origin_row_col"] == [12, 20] and "--origin" not in done.err
     assert abs(np.load(tmp_path / "out" / "crop_denoised.npy").reshape(80, 80) - 200).max() < 20
-    assert "--origin 13,20: is not a multiple of 4 rows and 4 columns" in refused(*run, "--origin", "13,20")
+    assert "row 13, column 20 of the sensor, where it begins, is not a multiple of 4 rows and 4 columns" in refused(*run, "--origin", "13,20")
     assert "reach beyond the model's sensor of 120 x 96" in refused(*run, "--origin", "20,20")
 
 

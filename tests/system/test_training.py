@@ -326,7 +326,7 @@ VALIDATED = CONFIG + '[validation]\nscenes = ["scene"]\ncases = ["12:10"]\ncrop 
     ("another validation.crop: 64, now 32", ["validation.crop=32"]),
     ("another validation.cases: [\"12:10\"], now [\"12:20\"]", ["validation.cases=12:20"]),
     ("another noise.models", ["noise.models=imx250myr-simulated", "package.layout=polar-mono"]),
-    ("another --seed: 0, now 3", ["--seed", "3"])])
+    ("another seed: 0, now 3", ["--seed", "3"])])
 def test_what_another_run_was_of_is_told(malus, refused, config, tmp_path, told, changed):
     path, out = config(2, text=VALIDATED), tmp_path / "run"
     malus("train", path, "-o", out)

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/unfinished_files.h"
+#include "malus/base/wording.h"
 
 #include <cerrno>
 #include <cstdio>
@@ -48,7 +49,8 @@ void check_output(const fs::path& path, bool force) {
         fmt::format("the folder {} cannot be written: {}", folder.string(), std::strerror(errno)),
         "change its permissions or choose another output");
   if (!force && fs::exists(fs::symlink_status(path, error)))
-    throw InputError(path.string(), "exists already", "use --force to replace it");
+    throw InputError(path.string(), "exists already",
+                     "use " + setting("force", true) + " to replace it");
 }
 
 void make_output_folder(const fs::path& folder) {

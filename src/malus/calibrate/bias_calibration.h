@@ -28,7 +28,7 @@ struct DarkPass {
   SuccessiveFrames successive;
   double step_dn = 0;          ///< of the codes as the files hold them; 0: not whole numbers
   double code_spacing_dn = 0;  ///< occupied_spacing of its first channel
-  /// Per channel, by measure_bias; empty of a single frame and with --single-frame.
+  /// Per channel, by measure_bias; empty of a single frame and where single_frame is set.
   std::vector<CutOffNoise> cut_off = {};
   std::vector<FarthestValue> farthest = {};  ///< by measure_bias
 };

@@ -220,7 +220,7 @@ void warn_of_own_black(const RawFrame& own, const RawFrame& first, PhysicsCalibr
   out.warnings.push_back(fmt::format(
       "its files tell a black level of {0:.6g} DN, those of the highest gain {1:.6g} DN: "
       "mu is above each file's own; frames at this gain that tell none need "
-      "--black {0:.6g}",
+      "the black level {0:.6g}",
       black, mean_of(first.black_dn)));
 }
 

@@ -131,7 +131,7 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
                     "of all levels differs by up to {:+.1f} % from "
                     "that without "
                     "light, which its standard error now holds; K is nearer to it with a lower "
-                    "--saturation-limit",
+                    "saturation limit",
                     channels_text(bent, layout), most_percent));
   if (!scattered.empty())
     out.warnings.push_back(fmt::format(
@@ -293,7 +293,7 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
       "there the variance falls while the mean rises. Left out of K and PRNU: {}. Full well and "
       "dynamic range count to there; use "
       "shorter "
-      "exposures, or --saturation-limit {:.2f}",
+      "exposures, or a saturation limit of {:.2f}",
       lowest, joined(names), advised));
 }
 

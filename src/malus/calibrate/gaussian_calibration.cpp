@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 
 #include <algorithm>
 #include <cmath>
@@ -130,7 +131,7 @@ NoiseModel gaussian_model_of(const DngNoiseProfile& profile, const RawFrame& fra
     const double range = frame.white_dn - frame.black_dn[static_cast<std::size_t>(c)];
     if (!(range > 0))
       throw InputError("NoiseProfile", fmt::format("white {} lies not above black", frame.white_dn),
-                       "give --black and --white");
+                       "give " + setting("black") + " and " + setting("white"));
     const Color color = model.layout.site(c).color;
     const std::size_t plane = profile.slope.size() < 3 || color == Color::kRed ? 0
                               : color == Color::kBlue                          ? 2

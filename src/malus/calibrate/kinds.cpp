@@ -1,6 +1,7 @@
 // The kinds of model beside the physics one, and which are made of what.
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/gaussian_calibration.h"
 #include "malus/calibrate/nonparametric_calibration.h"
@@ -120,8 +121,8 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
       throw InputError(input.origin,
                        fmt::format("{}no line of variance against signal: {}",
                                    gain_prefix(levels.distributions.gain), line.reason()),
-                       "give a burst of a scene with many signal levels, or flats, or lower "
-                       "--level-samples");
+                       "give a burst of a scene with many signal levels, or flats, or lower " +
+                           setting("level_samples"));
     model.gaussian.push_back(*line);
   }
   std::sort(model.gaussian.begin(), model.gaussian.end(),
@@ -183,7 +184,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
                      const std::vector<std::string>& kinds, Progress& progress) {
   for (const std::string& kind : kinds)
     if (!contains(calibrated_kinds(), kind.c_str()))
-      throw InputError("--kind", fmt::format("{} is not a kind of model", kind),
+      throw InputError(setting_name("kinds"), fmt::format("{} is not a kind of model", kind),
                        "choose of " + joined(calibrated_kinds()));
   NoiseModel model;
   if (contains(kinds, "physics") || contains(kinds, "dark-frames") ||

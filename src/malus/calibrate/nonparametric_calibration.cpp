@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 #include "malus/calibrate/dark_codes.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/level_pass.h"
@@ -46,7 +47,7 @@ void require_room(double levels, std::size_t channels, const CalibrationSettings
   constexpr double kMostCounts = 1 << 28;
   const double counts = levels * settings.bins * static_cast<double>(channels);
   if (counts > kMostCounts)
-    throw InputError("--level-step",
+    throw InputError(setting_name("level_step"),
                      fmt::format("{:g} DN makes {:.0f} levels of {} bins: {:.1f} GB of counts",
                                  settings.level_step, levels, settings.bins, 4e-9 * counts),
                      fmt::format("raise it to {:.3g} DN or more",
@@ -115,7 +116,7 @@ std::string too_few_between(const RefusedLevels& refused, double low_dn, double 
 }
 
 constexpr const char* kMoreSamples =
-    "take more frames, or lower --level-samples or raise --level-step";
+    "take more frames, ask for fewer samples per level or set the levels further apart";
 
 // Above the brightest level that every channel has, its noise is drawn, widened where K is known.
 void warn_of_missing_light(const RawFrame& first, const std::vector<RefusedLevels>& refused,

@@ -1,5 +1,7 @@
 #include "malus/capture/camera.h"
 
+#include "malus/base/text.h"
+
 #include <algorithm>
 #include <cstring>
 #include <iterator>
@@ -140,12 +142,22 @@ std::vector<CameraIdentity> list_cameras(bool with_fake) {
   return cameras;
 }
 
+namespace {
+
+std::string cameras_here() {
+  std::vector<std::string> ids;
+  for (const auto& camera : list_cameras(false)) ids.push_back(camera.id);
+  return "cameras here: " + (ids.empty() ? "none" : joined(ids)) + "; the fake camera is Fake_1";
+}
+
+}  // namespace
+
 CameraIdentity describe_camera(const std::string& id) {
   CameraIdentity identity;
   for (const auto& listed : list_cameras(id.starts_with("Fake")))
     if (listed.id == id) identity = listed;
   if (identity.id.empty())
-    throw InputError(fmt::format("camera {}", id), "not found", "see malus capture --list");
+    throw InputError(fmt::format("camera {}", id), "not found", cameras_here());
   ErrorSlot error;
   ArvCamera* camera = arv_camera_new(id.c_str(), error.out());
   if (!camera)
@@ -174,7 +186,7 @@ Camera::Camera(const std::string& id) : handle_(std::make_unique<Handle>()) {
   if (!handle_->camera)
     throw InputError(id.empty() ? "camera" : fmt::format("camera {}", id),
                      listed ? fmt::format("cannot be opened ({})", error.message()) : "none found",
-                     "see malus capture --list; the fake camera is Fake_1");
+                     cameras_here());
   // The largest packets that the link carries; a link that does not tell keeps the camera's own.
   if (arv_camera_is_gv_device(handle_->camera))
     arv_camera_gv_auto_packet_size(handle_->camera, error.out());

@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/denoise/censored_error.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/baselines.h"
@@ -116,9 +117,9 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
     names.push_back(method.name);
   }
   if (name.ends_with(".safetensors"))
-    throw InputError("--method " + name, "networks run in the program alone",
+    throw InputError(setting("method", name), "networks run in the program alone",
                      "run malus denoise with it, or choose one of " + joined(names));
-  throw InputError("--method " + name, "is no method",
+  throw InputError(setting("method", name), "is no method",
                    did_you_mean(name, names) + "there are " + joined(names) + also);
 }
 
@@ -127,7 +128,8 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   const DenoiseMethod& method = denoise_method(settings.method);
   check_frame(frame, given);
   if (want_variance && !method.on_mosaic)
-    throw InputError("--method " + method.name, "gives no uncertainty", "use nl-ridge or bm3d");
+    throw InputError(setting("method", method.name), "gives no uncertainty",
+                     "use nl-ridge or bm3d");
   Denoised result;
   const Stopwatch preparation;
   const CutOff cut_off = measure_cut_off(frame);

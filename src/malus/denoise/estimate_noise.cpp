@@ -2,6 +2,7 @@
 
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/row_noise.h"
@@ -176,10 +177,10 @@ std::string too_few_blocks(std::size_t blocks, const Image& plane, double range_
   return fmt::format("{} of {} x {} pixels per channel, {} are needed",
                      counted(std::int64_t(blocks), "unsaturated block"), kBlock, kBlock,
                      kLeastBlocks) +
-         (share > kManyWhite ? fmt::format("; {} % of the pixels are at white or above it: is the "
-                                           "white level right (--white)?",
-                                           percent_text(share))
-                             : "");
+         (share > kManyWhite
+              ? fmt::format("; {} % of the pixels are at white or above it: is {} right?",
+                            percent_text(share), setting("white"))
+              : "");
 }
 
 // What the planes tell, before texture is taken off.

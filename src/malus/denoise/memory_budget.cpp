@@ -1,6 +1,7 @@
 #include "malus/denoise/internal/memory_budget.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 
 #include <cmath>
 
@@ -18,7 +19,7 @@ double pixel_budget_bytes(double memory_mib) { return kPixelShare * memory_mib *
 
 void refuse_memory(double memory_mib, double needed_bytes, int rows, int cols) {
   throw InputError(
-      "--memory",
+      setting_name("memory"),
       fmt::format("{:.0f} MiB is too little for a frame of {} x {} pixels", memory_mib, cols, rows),
       fmt::format("give at least {:.0f} MiB", std::ceil(needed_bytes / (kPixelShare * 0x1p20))));
 }

@@ -1,5 +1,6 @@
 #include "malus/denoise/noise_check.h"
 
+#include "malus/base/wording.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/denoise/prepared_frame.h"
 
@@ -126,6 +127,9 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
 }
 
 std::string noise_complaint(const NoiseCheck& check) {
+  const auto check_settings = [] {
+    return fmt::format("check {}, {} and {}", setting("gain"), setting("black"), setting("model"));
+  };
   const double ratio = check.frame_sd_dn / check.profile_sd_dn;
   const std::string numbers =
       fmt::format("its noise is {:.3g} DN at the mean signal, that of the model {:.3g} DN",
@@ -133,16 +137,13 @@ std::string noise_complaint(const NoiseCheck& check) {
   if (check.below_dark_share > kMostBelowDark)
     return fmt::format(
         "{:.3g} % of its pixels lie below the model's dark level by more than {:g} deviations of "
-        "the dark noise: another camera, black level or gain? check --model, --black and --gain",
-        100 * check.below_dark_share, kBelowDeviations);
+        "the dark noise: another camera, black level or gain? {}",
+        100 * check.below_dark_share, kBelowDeviations, check_settings());
   if (ratio < kFarBelow && check.sd_in_steps > kFewSteps)
-    return numbers +
-           ": another gain or camera, or a frame that was smoothed before; check --gain, --black "
-           "and --model";
+    return numbers + ": another gain or camera, or a frame that was smoothed before; " +
+           check_settings();
   if (ratio > kFarAbove && check.texture_share < kMostTexture)
-    return numbers +
-           ", and little of it is texture: another gain or camera? check --gain, --black and "
-           "--model";
+    return numbers + ", and little of it is texture: another gain or camera? " + check_settings();
   return {};
 }
 

@@ -1,6 +1,7 @@
 #include "malus/evaluate/noise_comparison.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/noise_structure.h"
 
@@ -75,8 +76,9 @@ class NoiseSource {
     if (set.count == 0) throw InputError(name, "no frames", "name at least one");
     if (remove_fixed_pattern) {
       if (set.count < 2)
-        throw InputError(name, "one frame has no mean to subtract",
-                         "give two frames or more, or leave out --remove-fixed-pattern");
+        throw InputError(
+            name, "one frame has no mean to subtract",
+            "give two frames or more, or leave out " + setting("remove_fixed_pattern"));
       pattern_ = mean_frame(set_, progress);
       // The mean holds 1/n of each frame's own noise; this gives the residual its variance back.
       scale_ = static_cast<float>(std::sqrt(set.count / (set.count - 1.0)));

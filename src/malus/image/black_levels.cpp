@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 
 #include <cmath>
 #include <numeric>
@@ -52,7 +53,7 @@ void require_levels(const RawFrame& frame) {
       throw InputError(
           frame.source,
           fmt::format("black {:g} DN is not below white {:g} DN", black, frame.white_dn),
-          "check black and white (--black, --white, or the session file)");
+          fmt::format("check {} and {}, or the session file", setting("black"), setting("white")));
 }
 
 }  // namespace malus

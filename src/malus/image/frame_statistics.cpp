@@ -1,6 +1,7 @@
 #include "malus/image/frame_statistics.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 #include "malus/image/pack.h"
 
 #include <algorithm>
@@ -194,14 +195,15 @@ std::string level_complaint(const RawFrame& frame) {
       ++pixels;
     }
   if (above > kMostAbove * pixels)
-    return fmt::format("{:.3g} % of its pixels lie above the white level (--white)",
-                       100 * above / pixels);
+    return fmt::format("{:.3g} % of its pixels lie above the white level, check {}",
+                       100 * above / pixels, setting("white"));
   if (below > kMostBelow * pixels)
-    return fmt::format("{:.3g} % of its pixels lie far below the black level (--black)",
-                       100 * below / pixels);
+    return fmt::format("{:.3g} % of its pixels lie far below the black level, check {}",
+                       100 * below / pixels, setting("black"));
   const double most = std::ldexp(1.0, frame.bits) - 1;
   if (frame.bits > 0 && frame.white_dn > most && largest <= most)
-    return fmt::format("its {} bits do not reach the white level (--white)", frame.bits);
+    return fmt::format("its {} bits do not reach the white level, check {}", frame.bits,
+                       setting("white"));
   return "";
 }
 

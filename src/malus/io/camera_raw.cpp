@@ -1,6 +1,7 @@
 #include "malus/io/internal/camera_raw.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/jpeg_check.h"
 
@@ -20,9 +21,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kReadable =
-    "read are TIFF, PNG, BMP, binary PGM, EXR, FITS, .npy, camera raw, and headerless files with "
-    "--raw-format and --size";
+std::string readable_types() {
+  return fmt::format(
+      "read are TIFF, PNG, BMP, binary PGM, EXR, FITS, .npy, camera raw, and headerless files with "
+      "{} and {}",
+      setting("raw_format"), setting("size"));
+}
 
 // LibRaw moves the corner of a DNG's ActiveArea to even rows and columns, and its colours with it,
 // but not its black levels, which count from that corner (DNG 1.4, BlackLevel). Only a reader that
@@ -57,7 +61,7 @@ void check_open(int code, const fs::path& path) {
   if (begins_as_jpeg(read_bytes(path, 3)))
     throw InputError(path.string(), "is a JPEG picture, which holds no raw values",
                      "give the camera's raw frame; pictures go through malus simulate");
-  throw InputError(path.string(), "is not a picture of a known type", kReadable);
+  throw InputError(path.string(), "is not a picture of a known type", readable_types());
 }
 
 void check_unpack(int code, const fs::path& path) {

@@ -1,6 +1,7 @@
 #include "malus/io/config_section.h"
 
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/io/internal/file_bytes.h"
 
 #include <algorithm>
@@ -38,18 +39,18 @@ toml::table parsed(std::string_view text, const std::string& source) {
 }
 
 // "SECTION.KEY=VALUE"; what is no TOML value is a text.
-toml::table parsed_setting(const std::string& setting) {
-  const std::string source = "--set " + setting;
-  const std::size_t equals = setting.find('=');
-  const std::string key = setting.substr(0, equals);
+toml::table parsed_setting(const std::string& given) {
+  const std::string source = setting("set", given);
+  const std::size_t equals = given.find('=');
+  const std::string key = given.substr(0, equals);
   if (equals != std::string::npos) {
-    const std::string value = setting.substr(equals + 1);
+    const std::string value = given.substr(equals + 1);
     for (const std::string& text : {value, "'''" + value + "'''"}) try {
         return toml::parse(key + " = " + text, source);
       } catch (const toml::parse_error&) {  // the other one, or the line below
       }
   }
-  throw InputError(source, "is no setting", "write SECTION.KEY=VALUE, e.g. --set train.steps=500");
+  throw InputError(source, "is no setting", "write SECTION.KEY=VALUE, e.g. train.steps=500");
 }
 
 // Nodes are moved: copies would forget which file or setting they come from.
@@ -69,7 +70,7 @@ void merge(toml::table& into, toml::table&& from) {
 ConfigSection ConfigSection::parse(std::string_view text, const std::string& source,
                                    std::string title, const std::vector<std::string>& settings) {
   auto root = std::make_shared<toml::table>(parsed(text, source));
-  for (const std::string& setting : settings) merge(*root, parsed_setting(setting));
+  for (const std::string& given : settings) merge(*root, parsed_setting(given));
   auto table = std::make_shared<Table>();
   table->at = root.get();
   table->root = std::move(root);

@@ -1,6 +1,7 @@
 #include "malus/io/frame_file.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 #include "malus/image/black_levels.h"
 #include "malus/io/internal/codecs.h"
 #include "malus/io/internal/decoded.h"
@@ -28,7 +29,8 @@ using internal::Decoded;
 Decoded read_headerless(const fs::path& path, const FrameOptions& options, bool pixels) {
   const RawFormat format = *options.raw_format;
   if (options.rows < 1 || options.cols < 1)
-    throw InputError(path.string(), "a headerless file needs its size", "give --size WIDTHxHEIGHT");
+    throw InputError(path.string(), "a headerless file needs its size",
+                     "give " + setting("size") + " (width and height)");
   internal::check_picture_size(path, options.rows, options.cols, 1);
   const std::uintmax_t present = internal::require_file(path);
   const std::size_t needed = raw_format_bytes(format, options.rows, options.cols);
@@ -36,7 +38,7 @@ Decoded read_headerless(const fs::path& path, const FrameOptions& options, bool 
     throw InputError(path.string(),
                      fmt::format("it has {} bytes, {}x{} pixels of {} need {}", present,
                                  options.cols, options.rows, raw_format_name(format), needed),
-                     "check --size and --raw-format");
+                     "check " + setting("size") + " and " + setting("raw_format"));
   Decoded decoded;
   decoded.format = raw_format_name(format);
   decoded.sample = fmt::format("uint{}", raw_format_bits(format));
@@ -78,7 +80,7 @@ void require_black_of_codes(const RawFrame& frame, const Decoded& decoded) {
       throw InputError(
           frame.source,
           fmt::format("black {:g} DN is negative, its {} codes begin at 0", black, decoded.sample),
-          "check black (--black, or the session file)");
+          "check " + setting("black") + ", or the session file");
 }
 
 // The user's word, then the file's, then the default.
@@ -123,7 +125,7 @@ Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixe
     throw InputError(path.string(),
                      fmt::format("it is {}x{} pixels, {}x{} were declared", decoded.cols,
                                  decoded.rows, options.cols, options.rows),
-                     "check the file, or the size in the session file or --size");
+                     "check the file, or the size in the session file or " + setting("size"));
   return decoded;
 }
 

@@ -1,6 +1,7 @@
 #include "malus/neural/checkpoint.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 #include "malus/neural/same_run.h"
 
 #include <cmath>
@@ -12,7 +13,10 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kStartAgain = "train anew: without --resume, with --force";
+std::string start_again() {
+  return fmt::format("train anew: without {}, with {}", setting("resume", true),
+                     setting("force", true));
+}
 
 // Every tensor of the state under its name in the file.
 template <class Visit>
@@ -73,7 +77,7 @@ void load_checkpoint(TrainingState& state, const Json& description,
   const TensorFile file = load_tensor_file(path);
   const auto found = file.metadata.find(kCheckpointKey);
   if (found == file.metadata.end())
-    throw InputError(path.string(), "is not a checkpoint", kStartAgain);
+    throw InputError(path.string(), "is not a checkpoint", start_again());
   try {
     const Json facts = Json::parse(found->second);
     Json stored = facts.at("description");
@@ -90,7 +94,8 @@ void load_checkpoint(TrainingState& state, const Json& description,
     state.first_loss = facts.value("first_loss", 0.0);
     state.brightest = facts.value("brightest", 0.0);  // 0: infinite, or of an older checkpoint
   } catch (const Json::exception& error) {
-    throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()), kStartAgain);
+    throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()),
+                     start_again());
   }
   const Json train = description.value("train", Json::object());
   if (const auto steps = train.value("steps", state.step); state.step > steps)
@@ -101,7 +106,7 @@ void load_checkpoint(TrainingState& state, const Json& description,
     const auto stored = file.tensors.find(name);
     if (stored == file.tensors.end() || torch::IntArrayRef(stored->second.shape) != tensor.sizes())
       throw InputError(path.string(), fmt::format("lacks \"{}\" or its size differs", name),
-                       kStartAgain);
+                       start_again());
     tensor.copy_(to_torch(stored->second));
   });
 }

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/base/wording.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/gpu.h"
 #include "malus/neural/loss.h"
@@ -29,7 +30,7 @@ struct Setup {
 torch::Device device_of(const std::string& name) {
   if (name == "cpu") return torch::kCPU;
   if (!torch::cuda::is_available())
-    throw InputError("--device " + name, "this libtorch finds no CUDA device",
+    throw InputError(setting("device", name), "this libtorch finds no CUDA device",
                      "leave it out, or build with a libtorch that has CUDA");
   return torch::kCUDA;
 }

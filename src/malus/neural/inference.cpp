@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/base/wording.h"
 #include "malus/image/pack.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/gpu.h"
@@ -30,7 +31,7 @@ bool takes_bfloat16(const std::string& architecture, const std::string& device,
                     const TileDemand& demand) {
   if (device == "cpu") return demand.own_kernels && internal::rounded_products_pay();
   if (!autocast_suits(architecture))
-    throw InputError("--precision bfloat16",
+    throw InputError(setting("precision", "bfloat16"),
                      fmt::format("is not offered for {} on {}", architecture, device),
                      "leave it out: float32");
   return true;
@@ -49,7 +50,8 @@ TileCore core_within(double memory_mib, double held_bytes, std::int64_t rows, st
   const TileCore core = tile_core(rows, cols, memory_mib * 0x1p20 - held_bytes, batch, demand);
   if (core.rows == 0)
     throw InputError(
-        "--memory", fmt::format("{:.0f} MiB is too little for this network and frame", memory_mib),
+        setting_name("memory"),
+        fmt::format("{:.0f} MiB is too little for this network and frame", memory_mib),
         fmt::format(
             "give at least {:.0f} MiB",
             std::ceil((least_tile_bytes(rows, cols, batch, demand) + held_bytes) / 0x1p20)));
@@ -58,11 +60,12 @@ TileCore core_within(double memory_mib, double held_bytes, std::int64_t rows, st
 
 void require_no_classical_settings(const DenoiseSettings& settings) {
   if (settings.strength != 1)
-    throw InputError("--strength", "a network takes out what it was trained to",
-                     "leave it out, or use --method nl-ridge");
+    throw InputError(setting_name("strength"), "a network takes out what it was trained to",
+                     "leave it out, or use " + setting("method", "nl-ridge"));
   if (settings.profile != DenoiseSettings().profile)
-    throw InputError("--profile", "a network has none; that of its guide is in its file",
-                     "leave it out, or use --method nl-ridge");
+    throw InputError(setting_name("profile"),
+                     "a network has none; that of its guide is in its file",
+                     "leave it out, or use " + setting("method", "nl-ridge"));
 }
 
 // Light of a frame never is: broken weights give it, or a model and gain of another frame.
@@ -73,11 +76,12 @@ void require_plausible(double least, double largest, double white,
                        const std::filesystem::path& weights) {
   const double extreme = std::max(-least, largest) / white;
   if (std::isfinite(least) && std::isfinite(largest) && !(extreme > kMostWhites)) return;
-  throw InputError(weights.string(),
-                   std::isfinite(extreme)
-                       ? fmt::format("gives up to {:.3g} times the white of this frame", extreme)
-                       : "gives values that are not numbers for this frame",
-                   "train the network again, or check --model and --gain");
+  throw InputError(
+      weights.string(),
+      std::isfinite(extreme)
+          ? fmt::format("gives up to {:.3g} times the white of this frame", extreme)
+          : "gives values that are not numbers for this frame",
+      "train the network again, or check " + setting("model") + " and " + setting("gain"));
 }
 
 // Highlights of a frame that are brighter than those of training are no news.
@@ -92,7 +96,7 @@ std::string brighter_than_training(const std::string& frame, double share,
       frame, 100 * share,
       package.corrects_guide()
           ? fmt::format("there the result is that of {}", package.settings.guide)
-          : std::string("there it may take detail away: compare it with --method nl-ridge"));
+          : "there it may take detail away: compare it with " + setting("method", "nl-ridge"));
 }
 
 }  // namespace
@@ -118,7 +122,7 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
                      takes_bfloat16(architecture, settings.device, state_->demand);
   if (settings.device == "cuda") {
     if (!torch::cuda::is_available())
-      throw InputError("--device cuda", "this libtorch finds no CUDA device",
+      throw InputError(setting("device", "cuda"), "this libtorch finds no CUDA device",
                        "leave it out, or build with a libtorch that has CUDA");
     state_->device = torch::kCUDA;
     // Without choose_fast_gpu_kernels: tiles come in many shapes, and trying kernels for each takes
@@ -198,13 +202,13 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
                                    const DenoiseSettings& settings, Progress& progress,
                                    bool want_variance) {
   if (target() != "mosaic")
-    throw InputError("--method", "this network gives pictures, not denoised mosaics",
+    throw InputError(setting_name("method"), "this network gives pictures, not denoised mosaics",
                      "give a network trained with target = \"mosaic\"");
   if (want_variance && !state_->loaded.package.corrects_guide())
     throw InputError(
-        "--uncertainty",
+        setting_name("uncertainty"),
         state_->weights.string() + " corrects no classical result, whose error could be stated",
-        "leave it out, or use --method nl-ridge");
+        "leave it out, or use " + setting("method", "nl-ridge"));
   const torch::InferenceMode no_gradients;
   Filtered filtered = filter(std::move(frame), profile, settings, progress);
   Image mosaic_dn =

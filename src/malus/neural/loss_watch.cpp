@@ -1,6 +1,7 @@
 #include "malus/neural/loss_watch.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,9 +15,12 @@ namespace {
 constexpr double kExploded = 100;
 constexpr int kMostExplodedSteps = 100;
 
-constexpr const char* kAdvice =
-    "lower learning_rate and train anew, with -o NEW or --force; begin_with can name weights of "
-    "before";
+std::string lower_the_rate() {
+  return fmt::format(
+      "lower learning_rate and train anew, into another folder or with {}; begin_with can name "
+      "weights of before",
+      setting("force", true));
+}
 
 }  // namespace
 
@@ -24,7 +28,7 @@ void LossWatch::see(double loss, double base_loss, double gradient_norm, std::in
                     double& first_loss) {
   if (!std::isfinite(loss) || !std::isfinite(gradient_norm))
     throw InputError(source_, fmt::format("the loss is no number any more at step {}", step),
-                     kAdvice);
+                     lower_the_rate());
   if (first_loss == 0) first_loss = loss;
   // Dark patches may come first: a loss that is like that of the input is none that exploded.
   usual_ = std::isfinite(base_loss) ? std::max(first_loss, base_loss) : first_loss;
@@ -35,7 +39,7 @@ void LossWatch::see(double loss, double base_loss, double gradient_norm, std::in
                      fmt::format("the loss has exploded: {:.3g} at step {}, over {:g} times what "
                                  "it began with for {} steps",
                                  loss, step, kExploded, kMostExplodedSteps),
-                     kAdvice);
+                     lower_the_rate());
 }
 
 std::string LossWatch::complaint() const {
@@ -43,7 +47,7 @@ std::string LossWatch::complaint() const {
   return fmt::format(
       "{}: the loss has exploded, it ended at {:.3g}, {:.2g} times what it began "
       "with: the weights are of no use; {}",
-      source_, last_, last_ / usual_, kAdvice);
+      source_, last_, last_ / usual_, lower_the_rate());
 }
 
 }  // namespace malus

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/base/wording.h"
 #include "malus/image/pack.h"
 #include "malus/neural/network.h"
 #include "malus/neural/noise_flow.h"
@@ -189,7 +190,9 @@ Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& ga
   const torch::NoGradGuard no_gradients;
   const OneNetworkThread one_thread;
   const NoiseFlowSensor& known = state_->sensor;
-  if (!gain.decibel()) throw InputError("the gain", "is not known", "give --gain or --iso");
+  if (!gain.decibel())
+    throw InputError("the gain", "is not known",
+                     "give " + setting("gain") + " or " + setting("iso"));
   const double gain_db = *gain.decibel();
   if (gain_db < known.lowest_gain_db - 0.01 || gain_db > known.highest_gain_db + 0.01)
     throw InputError(fmt::format("gain {:.4g} dB", gain_db),

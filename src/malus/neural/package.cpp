@@ -159,7 +159,7 @@ NetworkPackage described_package(const TensorFile& file, const std::string& sour
   };
   if (text("architecture") == kNoiseFlowArchitecture)
     throw InputError(source, "is a Noise Flow: it makes noise, and takes none out",
-                     "give it to malus synthesize --model; to denoise, give a network's weights");
+                     "give it as model to malus synthesize; to denoise, give a network's weights");
   NetworkPackage package;
   package.network = {text("architecture"), Json::parse(text("settings"))};
   const Json description = Json::parse(text(kPackageKey));

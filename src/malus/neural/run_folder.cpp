@@ -1,6 +1,7 @@
 #include "malus/neural/run_folder.h"
 
 #include "malus/base/unfinished_files.h"
+#include "malus/base/wording.h"
 #include "malus/neural/validation.h"
 
 #include <string>
@@ -31,7 +32,8 @@ RunFolder::RunFolder(const fs::path& folder, bool resume, bool force)
   if (const fs::path checkpoint = file("checkpoint.safetensors");
       !force && !resume && fs::exists(checkpoint))
     throw InputError(checkpoint.string(), "exists already",
-                     "use --resume to go on from it, or --force to train anew");
+                     fmt::format("use {} to go on from it, or {} to train anew",
+                                 setting("resume", true), setting("force", true)));
   for (const char* name : {"checkpoint.safetensors", "weights.safetensors", "best.safetensors"})
     check_output(file(name), force || goes_on_);
   check_output(file("log.jsonl"), force || resume);

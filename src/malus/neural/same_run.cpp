@@ -1,6 +1,7 @@
 #include "malus/neural/same_run.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 
 #include <fmt/format.h>
 
@@ -28,7 +29,7 @@ constexpr Part kParts[] = {{"package", "package"},
                            {"validation", "validation"},
                            {"validation_scenes", "validation.scenes"},
                            {"cases", "validation.cases"},
-                           {"seed", "--seed"}};
+                           {"seed", "seed"}};
 constexpr Part kContents[] = {
     {"models", "noise.models"},        {"pictures", "data.pictures"},
     {"scenes", "data.scenes"},         {"shards", "data.shards"},
@@ -98,11 +99,12 @@ void require_same_run(Workers& workers, const Json& description, const torch::De
   workers.sum(others);
   if (others.item<float>() == 0) return;
   const std::string who = fmt::format("worker {} of {}", workers.rank(), workers.size());
-  constexpr const char* kAdvice = "start all with the same configuration, --set and --seed";
-  if (!differs) throw InputError(who, "another worker has another configuration", kAdvice);
+  const std::string advice = fmt::format("start all with the same configuration, {} and {}",
+                                         setting("set"), setting("seed"));
+  if (!differs) throw InputError(who, "another worker has another configuration", advice);
   throw InputError(who,
                    fmt::format("has {} than worker 0", first_difference(description, leaders).what),
-                   kAdvice);
+                   advice);
 }
 
 }  // namespace malus

@@ -10,7 +10,7 @@
 namespace malus {
 
 /// A setting that is not the same in two descriptions (config_json), by its name in the
-/// configuration: "another train.batch", "other files of data.pictures", "another --seed".
+/// configuration: "another train.batch", "other files of data.pictures", "another seed".
 struct Difference {
   std::string what;       ///< empty: there is none
   std::string now, then;  ///< its values; empty where they say nothing, or too much for a line

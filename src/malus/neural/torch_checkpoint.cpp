@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/neural/json_text.h"
 #include "malus/neural/named_networks.h"
 #include "malus/neural/package.h"
@@ -52,21 +53,21 @@ PackageSettings package_settings(const Json& wanted) {
     const Json& given = wanted.at(info.name);
     if (given.is_boolean() != std::is_same_v<std::decay_t<decltype(value)>, bool> ||
         !(given.is_boolean() || given.is_string()))
-      throw InputError("--package", fmt::format("\"{}\" is {}", info.name, given.dump()),
-                       info.help);
+      throw InputError(setting_name("package"),
+                       fmt::format("\"{}\" is {}", info.name, given.dump()), info.help);
     value = given.get<std::decay_t<decltype(value)>>();
     if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
       if (!info.choices.empty() &&
           std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
         throw InputError(
-            "--package", fmt::format("\"{}\" is \"{}\"", info.name, value),
+            setting_name("package"), fmt::format("\"{}\" is \"{}\"", info.name, value),
             did_you_mean(value, info.choices, true) + "known: " + joined(info.choices));
     ++used;
   });
   if (used != wanted.size())
     for (const auto& [name, value] : wanted.items())
       if (std::find(known.begin(), known.end(), name) == known.end())
-        throw InputError("--package", fmt::format("\"{}\" is not known", name),
+        throw InputError(setting_name("package"), fmt::format("\"{}\" is not known", name),
                          did_you_mean(name, known, true) + "known: " + joined(known));
   return settings;
 }

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/base/wording.h"
 #include "malus/neural/autocast.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/example_pool.h"
@@ -274,8 +275,9 @@ class Trainer {
   }
 
   void say_that_it_stops() {
-    progress_.note(fmt::format("{}: a checkpoint of step {} of {}; --resume goes on from it",
-                               options_.folder.string(), state_.step, config_.train.steps));
+    progress_.note(fmt::format("{}: a checkpoint of step {} of {}; {} goes on from it",
+                               options_.folder.string(), state_.step, config_.train.steps,
+                               setting("resume", true)));
   }
 
   bool validation_due(const Validation& validation) const {

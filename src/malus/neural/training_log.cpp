@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 
 #include <string>
 
@@ -27,7 +28,9 @@ TrainingLog::TrainingLog(const std::filesystem::path& path, std::int64_t last_st
 void TrainingLog::write(const OrderedJson& line) {
   lines_.push_back(line);
   out_ << line.dump() << std::endl;
-  if (!out_) throw InputError(path_.string(), "cannot be written", "check the disk, then --resume");
+  if (!out_)
+    throw InputError(path_.string(), "cannot be written",
+                     "check the disk, then " + setting("resume", true));
 }
 
 }  // namespace malus

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/base/worker_place.h"
 
 #include <chrono>
@@ -91,7 +92,8 @@ class WorkerGroup final : public Workers {
       const std::string text = error.what();
       throw InputError(fmt::format("worker {} of {}", place_.rank, place_.size),
                        "another worker was lost (" + text.substr(0, text.find('\n')) + ")",
-                       "start all workers again with --resume: the last checkpoint is good");
+                       "start all workers again with " + setting("resume", true) +
+                           ": the last checkpoint is good");
     }
   }
 

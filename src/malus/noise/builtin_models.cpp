@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/noise/internal/published_cameras.h"
 #include "malus/noise/tukey_lambda.h"
 
@@ -213,7 +214,7 @@ std::optional<NoiseModel> builtin_model_for(const std::filesystem::path& path) {
   const std::string nearest = nearest_name(name, builtin_model_names());
   throw InputError(path.string(), "is no built-in noise model",
                    (nearest.empty() ? "" : "did you mean builtin:" + nearest + "? ") +
-                       "`malus model list` shows all");
+                       command("model list") + " shows all");
 }
 
 std::vector<std::string> builtin_model_names() {

@@ -1,6 +1,7 @@
 #include "malus/noise/frame_levels.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 #include "malus/image/black_levels.h"
 #include "malus/noise/same_sensor.h"
 
@@ -19,9 +20,9 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
       frame.black_dn.assign(model.black_dn.size(), 0.0);
       white_dn = white_above_black(white_dn, model.black_dn);
       warning = fmt::format(
-          "black level not known; float pixels are taken as DN above black, give --black {:g} if "
-          "they hold the camera's",
-          black);
+          "black level not known; float pixels are taken as DN above black, give {} if they hold "
+          "the camera's",
+          setting("black", black));
     } else {
       frame.black_dn = model.black_dn;
     }

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/noise/column_noise.h"
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/level_noise.h"
@@ -49,7 +50,7 @@ const Calibration* find_gain(const NoiseModel& model, const std::vector<Calibrat
     throw InputError(
         name_of(model),
         fmt::format("the gain is not known and the model holds {}", gains_text(calibrations)),
-        "name the gain with --gain (dB) or --iso");
+        "give " + setting(calibrations.front().gain.gain_db ? "gain" : "iso"));
   const GainSetting& first = calibrations.front().gain;
   if (gain.gain_db.has_value() != first.gain_db.has_value())
     throw InputError(gain.text(),
@@ -122,8 +123,9 @@ const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain,
         gain.text(),
         fmt::format("outside the calibrated range {} to {}", model.physics.front().gain.text(),
                     model.physics.back().gain.text()),
-        "use a gain inside it, or allow extrapolation (--extrapolate-gain; in configurations and "
-        "Python extrapolate_gain)");
+        fmt::format("use a gain inside it, or allow extrapolation with {} (in configurations "
+                    "extrapolate_gain)",
+                    setting("extrapolate_gain", true)));
   return below ? segments.front() : segments.back();
 }
 
@@ -173,9 +175,9 @@ template <class Calibration>
 void require_kind(const NoiseModel& model, const std::vector<Calibration>& calibrations,
                   const char* kind) {
   if (calibrations.empty())
-    throw InputError(
-        name_of(model), fmt::format("holds no {} model", kind),
-        fmt::format("calibrate with --kind {}, or use one of: {}", kind, joined(model.kinds())));
+    throw InputError(name_of(model), fmt::format("holds no {} model", kind),
+                     fmt::format("calibrate with {}, or use one of: {}", setting("kinds", kind),
+                                 joined(model.kinds())));
 }
 
 // The physics part knows a break between the two gains.
@@ -257,7 +259,7 @@ std::vector<std::string> NoiseModel::kinds() const {
 GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange range) const {
   if (physics.empty())
     throw InputError(name_of(*this), "holds no physics model, which tells the gain in DN/e-",
-                     "calibrate with --kind physics too (--kind physics,dark-frames)");
+                     "calibrate with " + setting("kinds", "physics") + " too");
   if (const PhysicsCalibration* calibration = find_gain(*this, physics, gain))
     return measured_parameters(*calibration, layout.channels());
   GainParameters p = joint_parameters(segment_at(*this, gain, range), *gain.decibel());
@@ -351,7 +353,7 @@ NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, Ga
   if (!model.nonparametric.empty())
     return nonparametric_profile(model, model.nonparametric_at(gain));
   throw InputError(name_of(model), "holds no model of the pixel noise",
-                   "calibrate with --kind physics");
+                   "calibrate with " + setting("kinds", "physics"));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 
 #include <algorithm>
 #include <memory>
@@ -61,18 +62,18 @@ void check_window(const NoiseProfile& profile, Size sensor, SensorPlace origin, 
   const int row_step = std::lcm(profile.layout.rows(), profile.row_group),
             col_step = profile.layout.cols();
   if (origin.row % row_step != 0 || origin.col % col_step != 0)
-    throw InputError(
-        fmt::format("--origin {},{}", origin.row, origin.col),
-        fmt::format("is not a multiple of {} rows and {} columns, the cell and row group of {}",
-                    row_step, col_step, profile.layout.name()),
-        "cut frames at whole cells");
+    throw InputError(source,
+                     fmt::format("row {}, column {} of the sensor, where it begins, is not a "
+                                 "multiple of {} rows and {} columns, the cell and row group of {}",
+                                 origin.row, origin.col, row_step, col_step, profile.layout.name()),
+                     "cut frames at whole cells, or correct " + setting("origin"));
   if (sensor.rows > 0 && (origin.row < 0 || origin.col < 0 || rows > sensor.rows - origin.row ||
                           cols > sensor.cols - origin.col))
     throw InputError(source,
                      fmt::format("{} x {} pixels from row {}, column {} on reach beyond the "
                                  "model's sensor of {} x {}",
                                  cols, rows, origin.row, origin.col, sensor.cols, sensor.rows),
-                     "correct --origin, or use this sensor's model");
+                     "correct " + setting("origin") + ", or use this sensor's model");
 }
 
 }  // namespace
@@ -103,8 +104,8 @@ std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols) 
                        kOfThisSensor);
   return fmt::format(
       "{} x {} pixels of a sensor of {} x {}: the model's {}; say where the frame lies on the "
-      "sensor with --origin ROW,COLUMN",
-      cols, rows, sensor.cols, sensor.rows, places_left_out(profile));
+      "sensor with {} (row, column)",
+      cols, rows, sensor.cols, sensor.rows, places_left_out(profile), setting("origin"));
 }
 
 }  // namespace malus

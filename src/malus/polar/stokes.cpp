@@ -1,6 +1,7 @@
 #include "malus/polar/stokes.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/wording.h"
 
 #include <array>
 
@@ -74,8 +75,8 @@ void require_polarized(const SensorLayout& layout, std::string_view subject) {
   throw InputError(
       subject,
       fmt::format("its layout \"{}\" has no four polarizer angles 0, 45, 90, 135", layout.name()),
-      "name a polarization layout, such as --layout polar-mono or --layout "
-      "polar-bayer-rggb");
+      fmt::format("name a polarization layout, such as {} or {}", setting("layout", "polar-mono"),
+                  setting("layout", "polar-bayer-rggb")));
 }
 
 SiteMean mean_of_sites(const Planes& packed, const SensorLayout& layout, Color color,

@@ -4,6 +4,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/poisson.h"
 
@@ -49,7 +50,7 @@ class ShotUniforms {
 void check_channel(const PhysicsChannel& channel, const std::string& name) {
   const auto fail = [&](const char* what, double value) {
     throw InputError("noise parameters", fmt::format("channel {}: {} is {}", name, what, value),
-                     "check the noise model with `malus model show`");
+                     "check the noise model with " + command("model show"));
   };
   if (!(channel.gain_dn_per_e > 0 && std::isfinite(channel.gain_dn_per_e)))
     fail("K", channel.gain_dn_per_e);
@@ -80,7 +81,7 @@ void check_physics(const PhysicsNoise& noise) {
                      "declare a step of 0 or more");
   if (const std::string problem = contradiction_in(noise.row_drift); !problem.empty())
     throw InputError("noise parameters", "the row drift " + problem,
-                     "check the noise model with `malus model show`");
+                     "check the noise model with " + command("model show"));
   for (int c = 0; c < noise.layout.channels(); ++c)
     check_channel(noise.channels[static_cast<std::size_t>(c)], noise.layout.channel_name(c));
 }

@@ -4,6 +4,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/pick.h"
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 #include "malus/synthesize/exact.h"
 
 #include <algorithm>
@@ -104,21 +105,22 @@ PhysicsParts parts_of(const SynthesisSettings& settings) {
 void refuse_settings_without_meaning(const SynthesisSettings& s) {
   const bool gaussian = s.kind == "gaussian", levels = s.kind == "nonparametric",
              dark = s.kind == "dark-frames";
-  struct Setting {
-    const char* flag;
+  struct Changed {
+    const char* name;
+    SettingValue to;
     bool changed, means_nothing;
   };
-  for (const Setting& setting :
-       {Setting{"--exact", s.exact, s.kind != "physics"},
-        {"--parameters mean", s.parameters == "mean", gaussian || levels || dark},
-        {"--no-shot", !s.shot, levels},
-        {"--no-read", !s.read, levels || dark},
-        {"--no-row", !s.row, gaussian || dark},
-        {"--no-bias", !s.bias, levels || dark},
-        {"--no-quantization", !s.quantization, levels || dark}})
-    if (setting.changed && setting.means_nothing)
-      throw InputError(setting.flag, fmt::format("is not defined for --kind {}", s.kind),
-                       "use it with --kind physics");
+  for (const Changed& part :
+       {Changed{"exact", true, s.exact, s.kind != "physics"},
+        {"parameters", "mean", s.parameters == "mean", gaussian || levels || dark},
+        {"shot", false, !s.shot, levels},
+        {"read", false, !s.read, levels || dark},
+        {"row", false, !s.row, gaussian || dark},
+        {"bias", false, !s.bias, levels || dark},
+        {"quantization", false, !s.quantization, levels || dark}})
+    if (part.changed && part.means_nothing)
+      throw InputError(setting(part.name, part.to), "is not defined for " + setting("kind", s.kind),
+                       "use it with " + setting("kind", "physics"));
 }
 
 }  // namespace
@@ -133,7 +135,8 @@ Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
   if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
     throw InputError(model_.sensor.empty() ? "noise model" : model_.sensor,
                      fmt::format("holds no {} model", needed),
-                     fmt::format("calibrate with --kind {}, or give another --kind", needed));
+                     fmt::format("calibrate with {}, or give another {}", setting("kinds", needed),
+                                 setting("kind")));
   refuse_settings_without_meaning(settings_);
 }
 

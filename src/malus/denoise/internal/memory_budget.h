@@ -1,4 +1,4 @@
-// What --memory leaves for pixels, and one refusal for all methods.
+// What the setting memory leaves for pixels, and one refusal for all methods.
 #pragma once
 
 namespace malus::internal {

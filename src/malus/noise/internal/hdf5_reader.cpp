@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/noise/builtin_models.h"
 #include "malus/noise/internal/hdf5_archive.h"
 
@@ -39,8 +40,8 @@ Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : path_(path.string())
   std::error_code error;
   if (!std::filesystem::exists(path, error))
     throw InputError(path_, "does not exist",
-                     did_you_mean(path_, builtin_model_names()) +
-                         "check the path, or see `malus model list` for built-in models");
+                     did_you_mean(path_, builtin_model_names()) + "check the path, or see " +
+                         command("model list") + " for built-in models");
   if (std::filesystem::is_directory(path, error))
     throw InputError(path_, "is a folder", "name a noise model file");
   if (H5Fis_hdf5(path.c_str()) <= 0)
