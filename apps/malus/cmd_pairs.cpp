@@ -6,6 +6,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/io/session.h"
 #include "malus/noise/model.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/pairs.h"
 
@@ -118,10 +119,7 @@ RawFrame load_above_bias(const PairJob& job, const FrameGroup& group, const fs::
   if (!job.model) return frame;
   const NoiseProfile profile = profile_at(job, frame.gain);
   require_layout_of_model(frame, profile.layout);
-  for (int r = 0; r < frame.dn.rows(); ++r)
-    for (int c = 0; c < frame.dn.cols(); ++c)
-      frame.dn(r, c) -= static_cast<float>(
-          profile.channels[static_cast<std::size_t>(frame.layout.channel_at(r, c))].bias_dn);
+  subtract_bias(frame.dn, profile);
   return frame;
 }
 

@@ -147,7 +147,7 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, RawFrame& frame) {
   if (!model) return load_variance(arguments.variance[index], frame);
-  warn_of_clipped_dark(*model, frame.gain, arguments.model, false);
+  warn_of_model(*model, frame.gain, arguments.model, false);
   return naming_model(arguments.model, [&] {
     return take_out_bias(frame, *model, gain_range(arguments.extrapolate_gain));
   });

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <string>
 #include <system_error>
 
@@ -17,31 +16,6 @@ namespace malus::app {
 namespace {
 
 namespace fs = std::filesystem;
-
-// A filter keeps means unless the noise it was told of is not the frame's.
-std::string moved_mean(const RawFrame& frame, const Denoised& result, const NoiseProfile& profile,
-                       const std::string& network) {
-  constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
-  if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
-    return {};                           // nothing had a mean
-  if (result.cut_off_undone) return {};  // dark places are meant to come out darker
-  std::optional<std::size_t> worst;
-  for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
-    const double shift = std::abs(result.mean_shift_dn[k]);
-    if (shift > kOfMean * std::abs(result.mean_dn[k]) + kOfDeviation * result.sigma_used_dn[k] &&
-        (!worst || shift > std::abs(result.mean_shift_dn[*worst])))
-      worst = k;
-  }
-  if (!worst) return {};
-  const double before = result.mean_dn[*worst], after = before + result.mean_shift_dn[*worst];
-  return fmt::format(
-      "denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}{}",
-      frame.layout.channel_names()[*worst], before, after,
-      network.empty() ? "" : network + " does not suit the frame (see with --method nl-ridge), or ",
-      profile.estimated_from_picture
-          ? "texture was taken for noise; give the camera's model with --model"
-          : "the frame's noise is not the model's; check --gain, --black and --model");
-}
 
 // The offsets that were taken out.
 std::string lines_text(const nlohmann::ordered_json& run) {
@@ -90,53 +64,16 @@ void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vect
     warn_of(frame.source, left_out);
 }
 
-void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain, const fs::path& path) {
-  if (model.physics.empty()) return;
-  const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
-  if (!lowest.decibel()) {  // the only gain there is, whatever it is called
-    if (gain.decibel())
-      warn_of(path.string(), fmt::format("does not say its gain; it is taken for {}", gain.text()));
-    return;
-  }
-  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
-    warn_of(path.string(), fmt::format("extrapolated to {} from the calibrated range {} to {}",
-                                       gain.text(), lowest.text(), highest.text()));
-}
-
-void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain, const fs::path& path,
-                          bool undone) {
-  for (const PhysicsCalibration& p : model.physics) {
-    if (model.physics.size() > 1 && p.gain != gain) continue;
-    if (!p.dark_was_cut_off()) continue;
-    const auto most = std::max_element(p.dark_zero_share.begin(), p.dark_zero_share.end());
-    const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
-    warn_of(path.string(),
-            fmt::format(
-                "{} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is "
-                "that of noise cut off at 0, and {}; raise the camera's black level and calibrate "
-                "again",
-                percent_text(*most), bias_dn,
-                undone ? "what it was before is worked out as of normal noise"
-                       : "light comes out about as much too dark"));
-  }
-}
-
 void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile,
                     const std::string& network) {
-  const auto say = [&](const std::string& line) {
-    if (!line.empty()) warn_of(before.source, line);
-  };
-  for (const std::string& line : frame_complaints(result)) say(line);
-  if (const double share = static_cast<double>(result.defect_pixels) /
-                           static_cast<double>(result.dn_above_black.size());
-      share > kManyDefects)
-    say(
-        fmt::format("{} pixels, {} % of the frame, are defects by the model's list and were "
-                    "filled from their neighbours; --no-defects keeps them",
-                    result.defect_pixels, percent_text(share)));
-  // One cause, one line: a mean moves because the noise is another.
-  const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
-  say(noise.empty() ? moved_mean(before, result, profile, network) : noise);
+  for (const std::string& line : result_complaints(before, result, profile, network))
+    warn_of(before.source, line);
+}
+
+void warn_of_model(const NoiseModel& model, const GainSetting& gain, const fs::path& path,
+                   bool undone) {
+  for (const std::string& line : cut_off_complaints(model, gain, undone))
+    warn_of(path.string(), line);
 }
 
 void warn_of_picture(const std::string& source, const NetworkInference::Rendered& made) {

@@ -20,18 +20,11 @@ namespace malus::app {
 void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
                    bool fill_defects);
 
-/// Says that the gain lies outside the calibrated range, or that the model does not tell its own.
-/// profile_at refuses a gain outside unless --extrapolate-gain asks for it.
-void warn_of_extrapolation(const NoiseModel& model, const GainSetting& gain,
-                           const std::filesystem::path& path);
+/// Says cut_off_complaints (malus/denoise/frame_complaints.h) of the model of this file.
+void warn_of_model(const NoiseModel& model, const GainSetting& gain,
+                   const std::filesystem::path& path, bool undone);
 
-/// Says where the model's bias at this gain is that of dark frames that the camera cut off at 0;
-/// undone: whether the caller works with what it was before.
-void warn_of_clipped_dark(const NoiseModel& model, const GainSetting& gain,
-                          const std::filesystem::path& path, bool undone);
-
-/// Says what a result tells against its frame, its profile or the network that made it; `network`
-/// is that one's file, empty where a filter did. `before` needs no pixels.
+/// Says result_complaints (malus/denoise/frame_complaints.h).
 void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile,
                     const std::string& network = "");
 

@@ -7,6 +7,7 @@
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
@@ -128,12 +129,6 @@ Image above_black(const RawFrame& frame) {
   RawFrame copy = frame;
   subtract_black(copy);
   return std::move(copy.dn);
-}
-
-float saturation_dn(const RawFrame& above_black) {
-  if (!above_black.white_known) return std::numeric_limits<float>::quiet_NaN();
-  constexpr double kRounding = 1e-6;  // of black and white to float32
-  return static_cast<float>(above_black.white_dn * (1 - kRounding));
 }
 
 std::int64_t warn_of_saturation(const RawFrame& above_black) {

@@ -60,9 +60,6 @@ std::string_view fate_of_nonfinite(bool as_float);
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
 
-/// The least value of a saturated pixel of a frame above black; NaN where white is not known.
-float saturation_dn(const RawFrame& above_black);
-
 /// Cells of a frame above black that hold saturated pixels. Says on stderr how many, if any.
 std::int64_t warn_of_saturation(const RawFrame& above_black);
 

@@ -6,6 +6,7 @@
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/angle_pictures.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -15,6 +16,7 @@
 #include <cmath>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "report_pages.h"
 #include <fmt/format.h>
 
@@ -183,13 +185,8 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoise
     test_dn = (*denoiser)(scene.frame, scene.profile, silent_progress()).dn_above_black;
     score.seconds += stopwatch.seconds();
   } else {
-    test_dn = scene.frame.dn;
-    for (int r = 0; r < test_dn.rows(); ++r)
-      for (int c = 0; c < test_dn.cols(); ++c) {
-        const auto channel = static_cast<std::size_t>(scene.frame.layout.channel_at(r, c));
-        test_dn(r, c) -= static_cast<float>(scene.frame.black_at(r, c) +
-                                            scene.profile.channels[channel].bias_dn);
-      }
+    test_dn = above_black(scene.frame);
+    subtract_bias(test_dn, scene.profile);
   }
   for (float& v : test_dn.values()) v *= static_cast<float>(scene.ratio);
   const Evaluation e =

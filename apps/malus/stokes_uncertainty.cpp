@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/uncertainty.h"
 
@@ -47,25 +48,9 @@ Image mean_over_channels(const Planes& planes) {
 }
 
 Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range) {
-  const SensorLayout& layout = above_black.layout;
   require_layout_of_model(above_black, model.layout);
   const NoiseProfile profile = profile_for(above_black, model, range);
-  const float limit_dn = saturation_dn(above_black);
-  for (int r = 0; r < above_black.dn.rows(); ++r)
-    for (int c = 0; c < above_black.dn.cols(); ++c) {
-      const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
-      float& pixel = above_black.dn(r, c);
-      if (!(pixel >= limit_dn)) pixel -= static_cast<float>(profile.channels[k].bias_dn);
-    }
-  Planes variance = pack(above_black.dn, layout);
-  for (int k = 0; k < variance.channels(); ++k) {
-    const ChannelProfile& channel = profile.channels[static_cast<std::size_t>(k)];
-    const double row = channel.sigma_row_dn * channel.sigma_row_dn;
-    for (float& v : variance[k].values())
-      v = static_cast<float>(channel.variance(std::max(double{v}, 0.0)) + row);
-  }
-  forget_saturated(variance, above_black);
-  return variance;
+  return pack(malus::take_out_bias(above_black, profile), above_black.layout);
 }
 
 Planes load_variance(const std::filesystem::path& path, const RawFrame& above_black) {

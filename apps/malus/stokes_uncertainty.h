@@ -22,10 +22,9 @@ inline constexpr std::array kConfidenceProducts = {"s0_sd",   "s1_sd",   "s2_sd"
 /// One entry per product, in their order.
 using Confidence = std::array<Planes, kConfidenceProducts.size()>;
 
-/// Takes the model's bias at the frame's gain off a noisy frame above black, but for saturated
-/// pixels. Returns the variance of every packed pixel: the variance curve at the pixel itself, row
-/// noise added as if independent; NaN for saturated pixels. Throws InputError when the gain is not
-/// known or the layouts differ.
+/// take_out_bias (malus/noise/raw_variance.h) with the model's profile at the frame's gain: the
+/// variance of every packed pixel. Throws InputError when the gain is not known or the layouts
+/// differ.
 Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range);
 
 /// Packed planes that malus denoise --uncertainty wrote, in the layout's order; NaN where the frame

@@ -1,10 +1,56 @@
 #include "malus/denoise/frame_complaints.h"
 
 #include "malus/base/text.h"
+#include "malus/base/wording.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 
 namespace malus {
+namespace {
+
+// A filter keeps means unless the noise it was told of is not the frame's.
+std::string moved_mean(const RawFrame& frame, const Denoised& result, const NoiseProfile& profile,
+                       const std::string& network) {
+  constexpr double kOfMean = 0.05, kOfDeviation = 0.05;
+  if (static_cast<std::size_t>(result.nonfinite_pixels) == result.dn_above_black.size())
+    return {};                           // nothing had a mean
+  if (result.cut_off_undone) return {};  // dark places are meant to come out darker
+  std::optional<std::size_t> worst;
+  for (std::size_t k = 0; k < result.mean_dn.size(); ++k) {
+    const double shift = std::abs(result.mean_shift_dn[k]);
+    if (shift > kOfMean * std::abs(result.mean_dn[k]) + kOfDeviation * result.sigma_used_dn[k] &&
+        (!worst || shift > std::abs(result.mean_shift_dn[*worst])))
+      worst = k;
+  }
+  if (!worst) return {};
+  const double before = result.mean_dn[*worst], after = before + result.mean_shift_dn[*worst];
+  return fmt::format(
+      "denoising moved the mean of channel {} from {:.4g} to {:.4g} DN: {}{}",
+      frame.layout.channel_names()[*worst], before, after,
+      network.empty() ? ""
+                      : fmt::format("{} does not suit the frame (see with {}), or ", network,
+                                    setting("method", "nl-ridge")),
+      profile.estimated_from_picture
+          ? "texture was taken for noise; give the camera's model with " + setting("model")
+          : fmt::format("the frame's noise is not the model's; check {}, {} and {}",
+                        setting("gain"), setting("black"), setting("model")));
+}
+
+std::string many_defects(const Denoised& result) {
+  const double share =
+      static_cast<double>(result.defect_pixels) / static_cast<double>(result.dn_above_black.size());
+  if (!(share > kManyDefects)) return {};
+  return fmt::format(
+      "{} pixels, {} % of the frame, are defects by the model's list and were filled from their "
+      "neighbours; {} keeps them",
+      result.defect_pixels, percent_text(share), setting("defects", false));
+}
+
+}  // namespace
 
 std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t of_picture) {
   constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
@@ -31,6 +77,50 @@ std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t o
         percent_text(result.cut_off_share),
         result.cut_off_undone ? "their light is worked out as far as the noise is known"
                               : "the light there and its DoLP come out wrong"));
+  return lines;
+}
+
+std::vector<std::string> result_complaints(const RawFrame& before, const Denoised& result,
+                                           const NoiseProfile& profile,
+                                           const std::string& network) {
+  std::vector<std::string> lines = frame_complaints(result);
+  const auto add = [&](std::string line) {
+    if (!line.empty()) lines.push_back(std::move(line));
+  };
+  add(many_defects(result));
+  // One cause, one line: a mean moves because the noise is another.
+  const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
+  add(noise.empty() ? moved_mean(before, result, profile, network) : noise);
+  return lines;
+}
+
+std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& gain) {
+  if (model.physics.empty()) return {};
+  const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
+  if (!lowest.decibel())  // the only gain there is, whatever it is called
+    return gain.decibel() ? fmt::format("does not say its gain; it is taken for {}", gain.text())
+                          : std::string();
+  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
+    return fmt::format("extrapolated to {} from the calibrated range {} to {}", gain.text(),
+                       lowest.text(), highest.text());
+  return {};
+}
+
+std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainSetting& gain,
+                                            bool undone) {
+  std::vector<std::string> lines;
+  for (const PhysicsCalibration& p : model.physics) {
+    if (model.physics.size() > 1 && p.gain != gain) continue;
+    if (!p.dark_was_cut_off()) continue;
+    const auto most = std::max_element(p.dark_zero_share.begin(), p.dark_zero_share.end());
+    const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
+    lines.push_back(fmt::format(
+        "{} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is that of "
+        "noise cut off at 0, and {}; raise the camera's black level and calibrate again",
+        percent_text(*most), bias_dn,
+        undone ? "what it was before is worked out as of normal noise"
+               : "light comes out about as much too dark"));
+  }
   return lines;
 }
 

@@ -1,7 +1,9 @@
-// What a denoised frame's pixels could not tell: lines for people, from what denoise_frame counted.
+// What speaks against a denoised frame, its model or the gain: lines for people, from what
+// denoise_frame counted.
 #pragma once
 
 #include "malus/denoise/denoiser.h"
+#include "malus/noise/model.h"
 
 #include <cstdint>
 #include <string>
@@ -13,5 +15,22 @@ namespace malus {
 /// camera cut off at 0. Without the frame's name. Contract: dn_above_black has the frame's
 /// size; or it is empty, and a network made a picture of so many pixels, all of them numbers.
 std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t of_picture = 0);
+
+/// All that a result tells against its frame, its profile or the network that made it: the lines
+/// above, many defects, noise that is not the profile's or else a mean that moved. `network` is
+/// that one's file, empty where a filter did. `before` needs no pixels.
+std::vector<std::string> result_complaints(const RawFrame& before, const Denoised& result,
+                                           const NoiseProfile& profile,
+                                           const std::string& network = "");
+
+/// That the gain lies outside the calibrated range (profile_at refuses such a gain unless it is
+/// asked for), or that the model does not tell its own; empty where neither is so. Without the
+/// model's name.
+std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& gain);
+
+/// That the model's bias at this gain is that of dark frames that the camera cut off at 0, each
+/// channel's worst; undone: whether the caller works with what it was before.
+std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainSetting& gain,
+                                            bool undone);
 
 }  // namespace malus

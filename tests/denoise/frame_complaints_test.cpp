@@ -1,0 +1,94 @@
+// What is said of a result, a model and a gain: each line where it is due, and not beside it.
+#include "malus/denoise/frame_complaints.h"
+
+#include <optional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+RawFrame mono_frame() {
+  RawFrame frame;
+  frame.black_dn = {0.0};
+  frame.source = "f.npy";
+  return frame;
+}
+
+Denoised plain_result() {
+  Denoised result;
+  result.dn_above_black = Image(100, 100);
+  result.mean_dn = {200};
+  result.mean_shift_dn = {1};
+  result.sigma_used_dn = {10};
+  return result;
+}
+
+TEST(ResultComplaints, AreNoneOfAPlainResult) {
+  EXPECT_THAT(result_complaints(mono_frame(), plain_result(), {}), IsEmpty());
+}
+
+TEST(ResultComplaints, NameWhatWasFilled) {
+  Denoised result = plain_result();
+  result.defect_pixels = 101;
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}),
+              ElementsAre(AllOf(HasSubstr("101 pixels, 1 % of the frame, are defects"),
+                                HasSubstr("defects false keeps them"))));
+  result.defect_pixels = 99;
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
+}
+
+TEST(ResultComplaints, NameAMeanThatMoved) {
+  Denoised result = plain_result();
+  result.mean_shift_dn = {-11};  // the limit is 5 % of the mean and of the deviation: 10.5
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}),
+              ElementsAre(AllOf(HasSubstr("from 200 to 189 DN"),
+                                HasSubstr("is not the model's; check gain, black and model"))));
+  NoiseProfile estimated;
+  estimated.estimated_from_picture = true;
+  EXPECT_THAT(result_complaints(mono_frame(), result, estimated),
+              ElementsAre(HasSubstr("texture was taken for noise; give the camera's model")));
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}, "net.safetensors"),
+              ElementsAre(HasSubstr("net.safetensors does not suit the frame (see with method")));
+  result.cut_off_undone = true;  // dark places come out darker, as they should
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
+}
+
+TEST(ExtrapolationComplaint, IsOfGainsOutside) {
+  const NoiseModel model = load_model("builtin:imx250myr-simulated");  // 0 to 30 dB
+  for (const double inside : {0.0, 7.5, 30.0})
+    EXPECT_EQ(extrapolation_complaint(model, {inside, std::nullopt}), "");
+  for (const double outside : {-1.0, 31.0})
+    EXPECT_THAT(extrapolation_complaint(model, {outside, std::nullopt}),
+                AllOf(HasSubstr("extrapolated to"), HasSubstr("range 0 dB to 30 dB")));
+  NoiseModel nameless = model;
+  nameless.physics.resize(1);
+  nameless.physics[0].gain = {};
+  EXPECT_EQ(extrapolation_complaint(nameless, {12.0, std::nullopt}),
+            "does not say its gain; it is taken for 12 dB");
+  EXPECT_EQ(extrapolation_complaint(nameless, {}), "");
+}
+
+TEST(CutOffComplaints, AreOfTheGainAlone) {
+  NoiseModel model = load_model("builtin:imx250myr-simulated");
+  const GainSetting first = model.physics[0].gain;
+  EXPECT_THAT(cut_off_complaints(model, first, true), IsEmpty());
+  model.physics[0].dark_zero_share.assign(16, 0.0);
+  model.physics[0].dark_zero_share[3] = 0.25;
+  model.physics[0].mu.mean[3] = 2.5;
+  EXPECT_THAT(cut_off_complaints(model, first, true),
+              ElementsAre(AllOf(HasSubstr("25 % of the dark pixels"), HasSubstr("2.5 DN"),
+                                HasSubstr("is worked out as of normal noise"))));
+  EXPECT_THAT(cut_off_complaints(model, first, false),
+              ElementsAre(HasSubstr("light comes out about as much too dark")));
+  EXPECT_THAT(cut_off_complaints(model, model.physics[1].gain, true), IsEmpty());
+}
+
+}  // namespace
+}  // namespace malus

@@ -1,0 +1,67 @@
+// The variance of raw pixels from a profile whose numbers are known.
+#include "malus/noise/raw_variance.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr double kSlope = 0.5, kOffset = 9, kBias = 3, kRow = 2, kWhite = 1000;
+
+RawFrame ramp(bool white_known) {
+  RawFrame frame;
+  frame.layout = SensorLayout::named("polar-mono");
+  frame.black_dn.assign(4, 0.0);
+  frame.white_dn = kWhite;
+  frame.white_known = white_known;
+  frame.dn = Image(2, 4);
+  const float values[] = {-5, 0, 3, 103, 999, 1000, 1200, NAN};
+  std::copy(std::begin(values), std::end(values), frame.dn.values().begin());
+  return frame;
+}
+
+NoiseProfile profile() {
+  NoiseProfile profile;
+  profile.layout = SensorLayout::named("polar-mono");
+  profile.channels.assign(4, ChannelProfile{.variance = VarianceCurve::affine(kSlope, kOffset),
+                                            .bias_dn = kBias,
+                                            .sigma_row_dn = kRow});
+  return profile;
+}
+
+TEST(RawVariance, IsTheCurveAtThePixelWithItsRow) {
+  RawFrame frame = ramp(true);
+  const Image variance = take_out_bias(frame, profile());
+  EXPECT_FLOAT_EQ(variance(0, 0), kOffset + kRow * kRow);  // no light is less than none
+  EXPECT_FLOAT_EQ(frame.dn(0, 0), -5 - kBias);
+  EXPECT_FLOAT_EQ(variance(0, 3), kSlope * 100 + kOffset + kRow * kRow);
+  EXPECT_FLOAT_EQ(frame.dn(0, 3), 100);
+  EXPECT_FLOAT_EQ(variance(1, 0), kSlope * 996 + kOffset + kRow * kRow);
+  EXPECT_TRUE(std::isnan(variance(1, 3)));
+}
+
+TEST(RawVariance, OfSaturatedPixelsIsNotKnownAndTheyStay) {
+  RawFrame frame = ramp(true);
+  const Image variance = take_out_bias(frame, profile());
+  for (const int col : {1, 2}) EXPECT_TRUE(std::isnan(variance(1, col)));
+  EXPECT_EQ(frame.dn(1, 1), 1000);
+  EXPECT_EQ(frame.dn(1, 2), 1200);
+  RawFrame unknown = ramp(false);
+  EXPECT_FLOAT_EQ(take_out_bias(unknown, profile())(1, 1), kSlope * 997 + kOffset + kRow * kRow);
+}
+
+TEST(RawVariance, BiasIsEachChannelsOwn) {
+  NoiseProfile uneven = profile();
+  for (std::size_t k = 0; k < 4; ++k) uneven.channels[k].bias_dn = static_cast<double>(k);
+  Image dn(4, 4);
+  subtract_bias(dn, uneven);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 4; ++c) EXPECT_EQ(dn(r, c), -(2 * (r % 2) + c % 2));
+}
+
+}  // namespace
+}  // namespace malus
