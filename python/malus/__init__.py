@@ -8,44 +8,60 @@
 
 Arrays are [row, column] mosaics or [channel, row, column] packed planes, float32, in DN above the black level unless said
 otherwise. The same seed, frame and pixel give the same noise for any number of threads. Bad input raises malus.InputError
-(a ValueError) with the words that the command line prints.
+(a ValueError): what is wrong with what, and what to do.
 """
 
 from ._malus import (
     Frame,
     FrameGroup,
+    FrameSet,
     InputError,
     Model,
     Noise,
     Session,
     __version__,
     calibrate,
+    check_layout,
     compare_noise,
     denoise,
+    estimate_noise,
     evaluate,
     jsd_bits,
     kld_nats,
     layouts,
     load_frame,
+    models,
+    mosaic,
+    normals,
+    pack,
     set_threads,
     stokes,
+    unpack,
 )
 
 __all__ = [
     "Frame",
     "FrameGroup",
+    "FrameSet",
     "InputError",
     "Model",
     "Noise",
     "Session",
     "calibrate",
+    "check_layout",
     "compare_noise",
     "denoise",
+    "estimate_noise",
     "evaluate",
     "jsd_bits",
     "kld_nats",
     "layouts",
     "load_frame",
+    "models",
+    "mosaic",
+    "normals",
+    "pack",
     "set_threads",
     "stokes",
+    "unpack",
 ]

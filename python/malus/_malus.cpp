@@ -42,7 +42,9 @@ PYBIND11_MODULE(_malus, m) {
   use_python_wording(m);
   bind_frames(m);
   bind_model(m);
+  bind_calibrate(m);
   bind_denoise(m);
+  bind_polarization(m);
   bind_evaluate(m);
   m.def("layouts", &SensorLayout::known_names, "Names of the mosaic layouts.");
   m.def("set_threads", &set_threads, py::arg("threads"),

@@ -16,12 +16,29 @@ class DLPack(Protocol):
     def __dlpack__(self) -> Any: ...
     def __dlpack_device__(self) -> tuple[int, int]: ...
 
+class Frames(Protocol):
+    """Mosaics or Frames by number: an array [frame, row, column], a list, a data set in a file."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> Any: ...
+
 Arrays = ArrayLike | DLPack
 Out = TypeVar("Out", Floats, DLPack)
 
 class InputError(ValueError): ...
 
 class Frame:
+    def __init__(
+        self,
+        dn: Arrays,
+        layout: str | None = None,
+        black: float | Sequence[float] | None = None,
+        white: float | None = None,
+        *,
+        gain_db: float | None = None,
+        iso: float | None = None,
+        exposure_s: float | None = None,
+    ) -> None: ...
     @property
     def dn(self) -> Floats: ...
     @property
@@ -64,6 +81,19 @@ class Session:
     @property
     def groups(self) -> list[FrameGroup]: ...
     def load(self, group: int | FrameGroup, index: int) -> Frame: ...
+
+class FrameSet:
+    def __init__(
+        self,
+        kind: str,
+        frames: Frames,
+        *,
+        gain_db: float | None = None,
+        iso: float | None = None,
+        exposure_s: float | None = None,
+        level: int | None = None,
+    ) -> None: ...
+    def __len__(self) -> int: ...
 
 class Noise:
     @overload
@@ -150,6 +180,9 @@ class Model:
     @property
     def kinds(self) -> list[str]: ...
 
+def models() -> list[str]: ...
+def pack(mosaic: Arrays, layout: str) -> Floats: ...
+def unpack(planes: Arrays, layout: str) -> Floats: ...
 def load_frame(
     path: str | PathLike[str],
     layout: str | None = None,
@@ -160,9 +193,14 @@ def load_frame(
     size: tuple[int, int] | None = None,
 ) -> Frame: ...
 def calibrate(
-    session: Session | str | PathLike[str],
-    kinds: Sequence[str] = ("physics",),
+    session: Session | str | PathLike[str] | Sequence[FrameSet],
+    kinds: str | Sequence[str] = ("physics",),
     *,
+    sensor: str = "",
+    layout: str | None = None,
+    black: float | Sequence[float] | None = None,
+    white: float | None = None,
+    row_group: int | None = None,
     saturation_limit: float = 0.7,
     shape: str = "likelihood",
     single_frame: bool = False,
@@ -178,10 +216,11 @@ def denoise(
     layout: str | None = None,
     black: float | Sequence[float] | None = None,
     white: float | None = None,
-    model: Model | None = None,
+    model: Model | str | PathLike[str] | None = None,
     gain: float | None = None,
     origin: tuple[int, int] | None = None,
     variance: bool = False,
+    extrapolate_gain: bool = False,
     method: str = "nl-ridge",
     profile: str = "normal",
     memory: float = 1024.0,
@@ -191,14 +230,38 @@ def denoise(
     defects: bool = True,
     fixed_pattern: bool = True,
 ) -> dict[str, Any]: ...
+def estimate_noise(
+    raw: Frame | Arrays,
+    *,
+    layout: str | None = None,
+    black: float | Sequence[float] | None = None,
+    white: float | None = None,
+) -> dict[str, Any]: ...
 def stokes(
-    dn_above_black: Arrays,
-    layout: str,
+    dn_above_black: Frame | Arrays,
+    layout: str | None = None,
     *,
     demosaick: str | None = None,
     variance: Arrays | None = None,
     denoised: bool = True,
+    model: Model | str | PathLike[str] | None = None,
+    gain: float | None = None,
+    extrapolate_gain: bool = False,
 ) -> dict[str, Floats]: ...
+def normals(
+    dn_above_black: Frame | Arrays,
+    layout: str | None = None,
+    *,
+    mask: Arrays | None = None,
+    demosaick: str | None = None,
+    index: float = 1.5,
+    model: str = "diffuse",
+    azimuth: str = "convex",
+    above_brewster: bool = False,
+    foreground: float = 0.05,
+) -> Floats: ...
+def check_layout(dn_above_black: Arrays) -> dict[str, Any]: ...
+def mosaic(s0: Arrays, s1: Arrays, s2: Arrays, layout: str) -> Floats: ...
 def evaluate(reference: Arrays, test: Arrays, layout: str, peak: float) -> dict[str, float]: ...
 def compare_noise(
     reference: Arrays,

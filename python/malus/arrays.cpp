@@ -71,6 +71,11 @@ bool whole_floats(const py::array& array) {
   return true;
 }
 
+[[noreturn]] void throw_wrong_shape(const py::array& array, const char* name, const char* wanted) {
+  const auto shape = py::repr(array.attr("shape")).cast<std::string>();
+  throw py::value_error(fmt::format("{} has to be {}, not of shape {}", name, wanted, shape));
+}
+
 int size_of(const py::array& array, py::ssize_t dimension) {
   const py::ssize_t size = array.shape(dimension);
   if (size > std::numeric_limits<int>::max())
@@ -89,6 +94,11 @@ py::array array_from(const py::object& object) {
 }
 
 py::array numbers_from(const py::object& object, const char* name) {
+  if (py::hasattr(object, "mask") && py::hasattr(object, "filled"))
+    throw py::type_error(fmt::format(
+        "{} is a masked array, whose mask would be lost; give {}.astype(float).filled(nan), or "
+        "its data",
+        name, name));
   py::array array = array_from(object);
   if (kNumberKinds.find(array.dtype().kind()) == std::string_view::npos)
     throw py::type_error(fmt::format("{} must be an array of numbers, not of {}", name,
@@ -133,8 +143,8 @@ void require_apart_or_same(const py::array& input, const py::array& out) {
                    "give clean itself, or an array that shares no memory with it");
 }
 
-View<const float> view_of(const Array& array) {
-  if (array.ndim() != 2) throw py::value_error("expected a 2-D array [row, column]");
+View<const float> view_of(const Array& array, const char* name) {
+  if (array.ndim() != 2) throw_wrong_shape(array, name, "[row, column]");
   const int rows = size_of(array, 0), cols = size_of(array, 1);
   return {{array.data(), static_cast<std::size_t>(array.size())}, rows, cols, cols};
 }
@@ -159,15 +169,31 @@ py::array array_of(Image image) {
   return py::array_t<float>({plane.rows(), plane.cols()}, plane.values().data(), owner);
 }
 
+py::object stack_of(std::vector<Image> planes) {
+  py::list list;
+  for (Image& plane : planes) list.append(array_of(std::move(plane)));
+  return py::module_::import("numpy").attr("stack")(list);
+}
+
 py::array array_sharing(Image& image, const py::object& owner) {
   return py::array_t<float>({image.rows(), image.cols()}, image.values().data(), owner);
 }
 
-Image image_of(const Array& array) {
-  const auto view = view_of(array);
+Image image_of(const Array& array, const char* name) {
+  const auto view = view_of(array, name);
   Image image(view.rows(), view.cols());
   std::copy_n(view.data(), image.size(), image.values().data());
   return image;
+}
+
+std::vector<Image> images_of(const py::object& stack, const char* name, const char* plane) {
+  const Array array = input_from(stack, name);
+  if (array.ndim() != 3)
+    throw_wrong_shape(array, name, fmt::format("[{}, row, column]", plane).c_str());
+  std::vector<Image> images;
+  for (py::ssize_t i = 0; i < array.shape(0); ++i)
+    images.push_back(image_of(part_of(array, i).cast<Array>(), name));
+  return images;
 }
 
 py::str text_of(std::string_view message) {

@@ -46,17 +46,22 @@ Array input_from(const py::object& object, const char* name);
 /// aligned, with contiguous rows.
 py::array output_from(const py::object& object);
 
-/// 2-D arrays as views. Throws ValueError for other numbers of dimensions.
-View<const float> view_of(const Array& array);
+/// 2-D arrays as views. Throws ValueError, with name and shape, for other numbers of dimensions.
+View<const float> view_of(const Array& array, const char* name);
 View<float> writable_view_of(py::array& array);
 /// Index i of the first dimension: shares memory.
 py::array part_of(const py::array& array, py::ssize_t i);
 
 /// Takes the plane over without copying its pixels.
 py::array array_of(Image image);
+/// Planes of one size as [plane, row, column].
+py::object stack_of(std::vector<Image> planes);
 /// Pixels of something that Python keeps alive: the owner.
 py::array array_sharing(Image& image, const py::object& owner);
-Image image_of(const Array& array);
+Image image_of(const Array& array, const char* name);
+/// [plane, row, column] as its planes. Throws ValueError for other numbers of dimensions, and says
+/// what the planes are.
+std::vector<Image> images_of(const py::object& stack, const char* name, const char* plane);
 
 /// Text that may hold a path, whose bytes need not be UTF-8: those that are not become lone
 /// surrogates, as in Python's own paths. Messages are UTF-8 besides; a path alone has the file
@@ -94,7 +99,9 @@ void require_apart_or_same(const py::array& input, const py::array& out);
 
 void bind_frames(py::module_& m);
 void bind_model(py::module_& m);
+void bind_calibrate(py::module_& m);
 void bind_denoise(py::module_& m);
+void bind_polarization(py::module_& m);
 void bind_evaluate(py::module_& m);
 
 }  // namespace malus::python

@@ -1,16 +1,12 @@
-// Denoising and polarization.
+// Denoising, and the noise of a picture.
 #include "malus/base/error.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/denoise/frame_complaints.h"
 #include "malus/image/black_levels.h"
-#include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/sensor_window.h"
-#include "malus/polar/demosaick.h"
-#include "malus/polar/stokes.h"
-#include "malus/polar/uncertainty.h"
 
 #include <algorithm>
 #include <optional>
@@ -18,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "arrays.h"
+#include "array_frame.h"
 #include "model_with_sampler.h"
 #include "settings.h"
 #include <fmt/format.h>
@@ -28,42 +24,25 @@
 namespace malus::python {
 namespace {
 
-// The element type tells, as the type of a file does, whether pixels are the camera's codes.
-int bits_of(const py::array& array) {
-  return array.dtype().kind() == 'f' ? 0 : static_cast<int>(8 * array.dtype().itemsize());
-}
-
 // A Frame, or an array with what an array does not know. What a model tells of its sensor, it fills
 // in later (take_levels_of_model).
-RawFrame frame_from(const py::object& raw, const std::optional<std::string>& layout,
-                    const Black& black, const std::optional<double>& white,
-                    const NoiseModel* model) {
+RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model) {
   RawFrame frame;
   if (py::isinstance<RawFrame>(raw)) {
     frame = raw.cast<const RawFrame&>();
   } else {
-    if (!(layout || model) || !(white || (model && model->white_dn > 0)))
-      throw InputError("array", "does not know its layout and white level",
-                       "give layout and white (and black), a model that tells them, or a Frame");
-    const py::array numbers = numbers_from(raw, "raw");
-    frame.dn = image_of(input_from(numbers, "raw"));
-    frame.bits = bits_of(numbers);
-    frame.source = "array";
-    frame.black_dn = {0.0};
-    if (model && !layout) {
+    if (!(told.layout || model) || !(told.white || (model && model->white_dn > 0)))
+      throw InputError(
+          "array", "does not know its layout and white level",
+          "give layout= and white= (and black=), a model= that tells them, or a Frame");
+    frame = pixels_of(raw, "raw");
+    if (model && !told.layout) {
       frame.layout = model->layout;
       frame.black_dn.assign(model->black_dn.size(), 0.0);
     }
   }
-  const SensorLayout wanted = layout ? SensorLayout::named(*layout) : frame.layout;
-  frame.black_dn = black ? black_per_channel(levels_of(black), wanted, "black")
-                         : blacks_for_layout(frame, wanted);
-  frame.layout = wanted;
-  frame.layout_known = frame.layout_known || layout.has_value();
-  frame.black_known = frame.black_known || black.has_value();
-  frame.white_known = frame.white_known || white.has_value();
-  if (white) frame.white_dn = *white;
-  if ((black || white) && !model) require_levels(frame);
+  take_told(told, frame);
+  if ((told.black || told.white) && !model) require_levels(frame);
   return frame;
 }
 
@@ -80,41 +59,44 @@ std::string fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const Or
   return {};
 }
 
-py::dict denoise(const py::object& raw, const std::optional<std::string>& layout,
-                 const Black& black, const std::optional<double>& white,
-                 const ModelWithSampler* model, const Gain& gain, const Origin& origin,
-                 bool variance, const py::kwargs& kwargs) {
-  const auto settings = settings_from<DenoiseSettings>(kwargs);
-  denoise_method(settings.method);  // a wrong one is refused before any work
-  RawFrame frame = frame_from(raw, layout, black, white, model ? &model->description() : nullptr);
-  const std::string source = frame.source;
-  PythonProgress progress;
-  if (model)
-    if (const auto warning = take_levels_of_model(model->description(), frame); !warning.empty())
-      progress.warn(source + ": " + warning);
-  NoiseProfile profile;
-  Denoised result;
-  std::string left_out, estimated;
-  {
-    const py::gil_scoped_release release;
-    if (model) {
-      const GainSetting setting = gain ? model->model().gain_setting(*gain) : frame.gain;
-      profile = denoising_profile(frame, model->description(), setting);
-      if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model->description(), setting);
-      left_out = fit_to_sensor(profile, frame, origin, settings.defects);
-    } else {
-      PictureNoise picture = require_estimate(frame, "give a model");
-      profile = std::move(picture.profile);
-      estimated = std::move(picture.trust);
-    }
-    result = denoise_frame(std::move(frame), profile, settings, progress, variance);
+// What is told of the noise, with or without a model.
+struct ToldOfNoise {
+  std::optional<Model> model;
+  Gain gain;
+  Origin origin;
+  bool extrapolate_gain = false;
+};
+
+void require_used(const ToldOfNoise& told) {
+  for (const auto& [name, given] : {std::pair{"origin", told.origin.has_value()},
+                                    std::pair{"extrapolate_gain", told.extrapolate_gain}})
+    if (given && !told.model)
+      throw InputError(name, "is of a model, and none is given", "give model=, or leave it out");
+}
+
+// The noise that is taken out; what is to be said of it goes to complaints, whole lines.
+NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
+                              const DenoiseSettings& settings,
+                              std::vector<std::string>& complaints) {
+  const auto add = [&](const std::string& line) {
+    if (!line.empty()) complaints.push_back(frame.source + ": " + line);
+  };
+  if (!told.model) {
+    PictureNoise picture = require_estimate(frame, "give model=");
+    add(picture.trust);
+    return std::move(picture.profile);
   }
-  const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
-  std::vector<std::string> complaints = frame_complaints(result);
-  complaints.insert(complaints.begin(), {estimated, left_out, noise});
-  for (const std::string& complaint : complaints)
-    if (!complaint.empty()) progress.warn(source + ": " + complaint);
-  progress.give_warnings();
+  const NoiseModel& model = told.model->description();
+  const GainSetting gain = told.gain ? told.model->gain_setting(*told.gain) : frame.gain;
+  NoiseProfile profile = denoising_profile(frame, model, gain, gain_range(told.extrapolate_gain));
+  if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model, gain);
+  for (std::string& line : model_complaints(model, gain, true))
+    complaints.push_back(std::move(line));
+  add(fit_to_sensor(profile, frame, told.origin, settings.defects));
+  return profile;
+}
+
+py::dict dict_of(Denoised& result, bool noise_estimated) {
   py::dict out;
   out["dn"] = array_of(std::move(result.dn_above_black));
   out["variance"] =
@@ -133,93 +115,84 @@ py::dict denoise(const py::object& raw, const std::optional<std::string>& layout
   out["response_pattern_share"] = result.response_pattern_share;
   out["mean_dn"] = result.mean_dn;
   out["mean_shift_dn"] = result.mean_shift_dn;
-  out["noise_estimated_from_picture"] = profile.estimated_from_picture;
+  out["noise_estimated_from_picture"] = noise_estimated;
   return out;
 }
 
-Demosaicking demosaicking_named(const std::string& name) {
-  const auto found = std::find(kDemosaickingNames.begin(), kDemosaickingNames.end(), name);
-  if (found == kDemosaickingNames.end())
-    throw InputError("demosaick", fmt::format("\"{}\" is not known", name),
-                     fmt::format("give {}, or None for one value per cell",
-                                 fmt::join(kDemosaickingNames, " or ")));
-  return static_cast<Demosaicking>(found - kDemosaickingNames.begin());
-}
-
-// [colour, row, column]
-template <class Colors, class PlaneOf>
-py::object stacked(const Colors& colors, const PlaneOf& plane_of) {
-  py::list planes;
-  for (const auto& color : colors) planes.append(array_of(plane_of(color)));
-  return py::module_::import("numpy").attr("stack")(planes);
-}
-
-void add_uncertainty(py::dict& out, const std::vector<StokesUncertainty>& colors) {
-  const auto numpy = py::module_::import("numpy");
-  for (const auto& [name, variance] : {std::pair{"s0_sd", &StokesUncertainty::s0_variance},
-                                       {"s1_sd", &StokesUncertainty::s1_variance},
-                                       {"s2_sd", &StokesUncertainty::s2_variance}})
-    out[name] = numpy.attr("sqrt")(
-        stacked(colors, [&](const StokesUncertainty& u) { return u.*variance; }));
-  for (const auto& [name, plane] : {std::pair{"dolp_sd", &StokesUncertainty::dolp_sd},
-                                    {"aolp_sd_deg", &StokesUncertainty::aolp_sd_deg},
-                                    {"dolp_corrected", &StokesUncertainty::dolp_corrected}})
-    out[name] = stacked(colors, [&](const StokesUncertainty& u) { return u.*plane; });
-}
-
-// Per colour of the picture, from the variance of every pixel of the mosaic.
-std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
-                                                const StokesPicture& picture,
-                                                View<const float> mosaic,
-                                                const SensorLayout& layout, bool denoised) {
-  const Array variance = input_from(given, "variance");
-  const auto view = view_of(variance);
-  if (view.rows() != mosaic.rows() || view.cols() != mosaic.cols())
-    throw InputError("variance",
-                     fmt::format("{} x {}, the mosaic {} x {}", view.cols(), view.rows(),
-                                 mosaic.cols(), mosaic.rows()),
-                     "give what denoise(variance=True) returned beside the mosaic");
-  const py::gil_scoped_release release;
-  return uncertainty_of(picture, pack(view, layout), layout,
-                        denoised ? Intensities::kDenoised : Intensities::kMeasured);
-}
-
-py::dict stokes(const py::object& dn_above_black, const std::string& layout_name,
-                const std::optional<std::string>& demosaick_name,
-                const std::optional<py::object>& variance, bool denoised) {
-  const auto layout = SensorLayout::named(layout_name);
-  require_polarized(layout, "array");
-  const Array mosaic = input_from(dn_above_black, "dn_above_black");
-  const auto view = view_of(mosaic);
-  require_whole_cell(view, layout, "dn_above_black");
-  std::optional<Demosaicking> method;
-  if (demosaick_name) method = demosaicking_named(*demosaick_name);
-  if (method && variance)
-    throw InputError("demosaick", "errors are known per cell only", "leave it or variance out");
-  std::optional<StokesPicture> picture;
+py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const ToldOfNoise& told,
+                 bool variance, const py::kwargs& kwargs) {
+  const auto settings = settings_from<DenoiseSettings>(kwargs);
+  denoise_method(settings.method);  // a wrong one is refused before any work
+  require_used(told);
+  const NoiseModel* model = told.model ? &told.model->description() : nullptr;
+  RawFrame frame = frame_from(raw, told_of_frame, model);
+  RawFrame before;
+  before.source = frame.source;
+  before.layout = frame.layout;
+  PythonProgress progress;
+  if (model)
+    if (const auto warning = take_levels_of_model(*model, frame); !warning.empty())
+      progress.warn(before.source + ": " + warning);
+  Denoised result;
+  std::vector<std::string> complaints;
+  bool estimated = false;
   {
     const py::gil_scoped_release release;
-    picture = method ? demosaick(view, layout, *method, "dn_above_black")
-                     : merge_greens(stokes_per_color(pack(view, layout), layout), layout);
+    const NoiseProfile profile = profile_of_frame(frame, told, settings, complaints);
+    estimated = profile.estimated_from_picture;
+    result = denoise_frame(std::move(frame), profile, settings, progress, variance);
+    for (const std::string& line : result_complaints(before, result, profile))
+      complaints.push_back(before.source + ": " + line);
   }
-  py::dict out;
-  const std::vector<StokesPlanes>& colors = picture->planes;
-  out["s0"] = stacked(colors, [](const StokesPlanes& s) { return s.s0; });
-  out["s1"] = stacked(colors, [](const StokesPlanes& s) { return s.s1; });
-  out["s2"] = stacked(colors, [](const StokesPlanes& s) { return s.s2; });
-  out["dolp"] = stacked(colors, [](const StokesPlanes& s) { return dolp_of(s); });
-  out["aolp_deg"] = stacked(colors, [](const StokesPlanes& s) { return aolp_deg_of(s); });
-  if (variance) add_uncertainty(out, uncertainty_from(*variance, *picture, view, layout, denoised));
-  return out;
+  for (const std::string& line : complaints) progress.warn(line);
+  progress.give_warnings();
+  return dict_of(result, estimated);
+}
+
+// A line's slope and offset, of one that is cut off at the bottom too.
+std::pair<double, double> line_of(const VarianceCurve& curve, double white_dn) {
+  const double slope = 2 * (curve(white_dn) - curve(white_dn / 2)) / white_dn;
+  return {slope, curve(white_dn) - slope * white_dn};
+}
+
+py::dict noise_of_picture(const py::object& raw, const std::optional<std::string>& layout,
+                          const Black& black, const std::optional<double>& white) {
+  const RawFrame frame = frame_from(raw, {layout, black, white}, nullptr);
+  std::optional<PictureNoise> noise;
+  {
+    const py::gil_scoped_release release;
+    noise = require_estimate(frame, "give a larger picture, or calibrate the camera");
+  }
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
+  std::vector<double> slope, offset, rows;
+  for (const ChannelProfile& channel : noise->profile.channels) {
+    const auto [rise, dark] = line_of(channel.variance, range_dn);
+    slope.push_back(rise);
+    offset.push_back(dark);
+    rows.push_back(channel.sigma_row_dn);
+  }
+  using namespace py::literals;
+  return py::dict("slope_dn"_a = slope, "offset_dn2"_a = offset, "sigma_row_dn"_a = rows,
+                  "relative_error"_a = noise->relative_error, "levels"_a = noise->levels,
+                  "smooth_share"_a = noise->smooth_share, "texture_share"_a = noise->texture_share,
+                  "trust"_a = noise->trust);
 }
 
 }  // namespace
 
 void bind_denoise(py::module_& m) {
   m.def(
-      "denoise", &denoise, py::arg("raw"), py::kw_only(), py::arg("layout") = py::none(),
-      py::arg("black") = py::none(), py::arg("white") = py::none(), py::arg("model") = py::none(),
-      py::arg("gain") = py::none(), py::arg("origin") = py::none(), py::arg("variance") = false,
+      "denoise",
+      [](const py::object& raw, const std::optional<std::string>& layout, const Black& black,
+         const std::optional<double>& white, const py::object& model, const Gain& gain,
+         const Origin& origin, bool variance, bool extrapolate_gain, const py::kwargs& kwargs) {
+        return denoise(raw, {layout, black, white},
+                       {model_from(model), gain, origin, extrapolate_gain}, variance, kwargs);
+      },
+      py::arg("raw"), py::kw_only(), py::arg("layout") = py::none(), py::arg("black") = py::none(),
+      py::arg("white") = py::none(), py::arg("model") = py::none(), py::arg("gain") = py::none(),
+      py::arg("origin") = py::none(), py::arg("variance") = false,
+      py::arg("extrapolate_gain") = false,
       ("Denoises one raw mosaic.\n\n"
        "raw: a Frame, or an array [row, column] in DN, black included. layout: the Frame's, else "
        "the model's.\n"
@@ -227,11 +200,12 @@ void bind_denoise(py::module_& m) {
        "the model's for integers, 0\n"
        "    for float pixels, which are taken as DN above black, and without a model. white: the "
        "Frame's, else the model's.\n"
-       "model: a Model; None estimates the noise from the picture. gain [dB or ISO]: that of "
+       "model: a Model, or the path or name of one; None estimates the noise from the picture. "
+       "gain [dB or ISO]: that of "
        "the Frame if not given.\n"
        "origin: (row, column) on the calibrated sensor of the first pixel, where raw is a part of "
        "it: for the model's defects\n"
-       "    and fixed pattern.\n\n"
+       "    and fixed pattern. extrapolate_gain: a gain outside the calibrated range is taken.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
        "sigma_used_dn (per channel), "
@@ -240,16 +214,16 @@ void bind_denoise(py::module_& m) {
        "noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())
           .c_str());
-  m.def("stokes", &stokes, py::arg("dn_above_black"), py::arg("layout"), py::kw_only(),
-        py::arg("demosaick") = py::none(), py::arg("variance") = py::none(),
-        py::arg("denoised") = true,
-        "Stokes parameters of a raw mosaic [row, column] in DN above black: dict of s0, s1, s2 "
-        "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at one "
-        "value per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") at one per "
-        "pixel.\n\n"
-        "variance: of every pixel of the mosaic [DN^2], as denoise(variance=True) gives it: adds "
-        "the standard deviations s0_sd, s1_sd, s2_sd [DN], dolp_sd, aolp_sd_deg, and "
-        "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent.");
+  m.def("estimate_noise", &noise_of_picture, py::arg("raw"), py::kw_only(),
+        py::arg("layout") = py::none(), py::arg("black") = py::none(),
+        py::arg("white") = py::none(),
+        "The noise of a single picture, without a model: raw, layout, black, white as denoise "
+        "takes them.\n\n"
+        "Returns a dict: per channel the line variance = slope_dn * signal + offset_dn2 of the "
+        "pixel noise against the signal above black, and sigma_row_dn; relative_error (of the "
+        "deviation at the mean signal, one standard error), levels (of brightness that carry the "
+        "fit), smooth_share and texture_share of the blocks, trust (one sentence with the "
+        "numbers). InputError where the picture is too small or has no noise.");
 }
 
 }  // namespace malus::python

@@ -24,7 +24,7 @@ namespace {
 py::dict evaluate(const py::object& reference, const py::object& test, const std::string& layout,
                   double peak) {
   const Array first = input_from(reference, "reference"), second = input_from(test, "test");
-  const auto a = view_of(first), b = view_of(second);
+  const auto a = view_of(first, "reference"), b = view_of(second, "test");
   if (a.rows() != b.rows() || a.cols() != b.cols())
     throw InputError("test",
                      fmt::format("has {} rows and {} columns, the reference {} and {}", b.rows(),
@@ -46,15 +46,6 @@ py::dict evaluate(const py::object& reference, const py::object& test, const std
   return out;
 }
 
-std::vector<Image> images_of(const py::object& frames, const char* name) {
-  const Array stack = input_from(frames, name);
-  if (stack.ndim() != 3) throw py::value_error("expected frames as [frame, row, column]");
-  std::vector<Image> images;
-  for (py::ssize_t i = 0; i < stack.shape(0); ++i)
-    images.push_back(image_of(part_of(stack, i).cast<Array>()));
-  return images;
-}
-
 NoiseFrames frames_of(const std::vector<Image>& images) {
   return {static_cast<int>(images.size()),
           [&images](int i) { return images[static_cast<std::size_t>(i)]; }};
@@ -69,9 +60,10 @@ py::dict dict_of(const NoiseDistance& d) {
 py::dict compare(const py::object& reference, const py::object& test, const std::string& layout,
                  const py::object& clean, const py::kwargs& kwargs) {
   const auto settings = settings_from<NoiseComparisonSettings>(kwargs);
-  const auto first = images_of(reference, "reference"), second = images_of(test, "test");
+  const auto first = images_of(reference, "reference", "frame"),
+             second = images_of(test, "test", "frame");
   std::optional<Image> scene;
-  if (!clean.is_none()) scene = image_of(input_from(clean, "clean"));
+  if (!clean.is_none()) scene = image_of(input_from(clean, "clean"), "clean");
   const auto sensor = SensorLayout::named(layout);
   PythonProgress progress;
   NoiseComparison result;

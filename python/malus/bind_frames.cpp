@@ -1,16 +1,18 @@
 // Frames and sessions.
 #include "malus/base/error.h"
+#include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/session.h"
 
 #include <algorithm>
+#include <iterator>
 #include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
 #include <variant>
 
-#include "arrays.h"
+#include "array_frame.h"
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <pybind11/stl.h>
@@ -86,9 +88,84 @@ RawFrame load_of_session(const Session& session, const WhichGroup& which, std::s
   return load_session_frame(settled, frames, frames.paths[index]);
 }
 
+RawFrame frame_from_array(const py::object& dn, const std::optional<std::string>& layout,
+                          const Black& black, const std::optional<double>& white,
+                          const std::optional<double>& gain_db, const std::optional<double>& iso,
+                          const std::optional<double>& exposure_s) {
+  RawFrame frame = frame_of_array(dn, "dn", {layout, black, white});
+  frame.gain = one_gain(gain_db, iso);
+  frame.exposure_s = exposure_s;
+  return frame;
+}
+
+py::tuple state_of_frame(const py::object& self) {
+  const auto& f = self.cast<const RawFrame&>();
+  if (!(SensorLayout::named(f.layout.name()) == f.layout))
+    throw InputError(f.source, "has a layout of its own, which is not pickled",
+                     "load it in each process");
+  return py::make_tuple(self.attr("dn"), f.layout.name(), f.black_dn, f.white_dn, f.gain.gain_db,
+                        f.gain.iso, f.exposure_s, f.bits, f.black_known, f.white_known,
+                        f.layout_known, f.file_layout, text_of_path(f.source));
+}
+
+RawFrame frame_of_state(const py::tuple& state) {
+  RawFrame f;
+  std::size_t i = 0;
+  f.dn = image_of(input_from(state[i++], "dn"), "dn");
+  f.layout = SensorLayout::named(state[i++].cast<std::string>());
+  f.black_dn = state[i++].cast<std::vector<double>>();
+  f.white_dn = state[i++].cast<double>();
+  f.gain.gain_db = state[i++].cast<std::optional<double>>();
+  f.gain.iso = state[i++].cast<std::optional<double>>();
+  f.exposure_s = state[i++].cast<std::optional<double>>();
+  f.bits = state[i++].cast<int>();
+  f.black_known = state[i++].cast<bool>();
+  f.white_known = state[i++].cast<bool>();
+  f.layout_known = state[i++].cast<bool>();
+  f.file_layout = state[i++].cast<std::string>();
+  f.source = state[i++].cast<std::filesystem::path>().string();
+  return f;
+}
+
+// Planes [channel, row, column] in the order of the layout's channels.
+py::object packed(const py::object& mosaic_object, const std::string& layout_name) {
+  const auto layout = SensorLayout::named(layout_name);
+  const Array mosaic = input_from(mosaic_object, "mosaic");
+  const auto view = view_of(mosaic, "mosaic");
+  require_whole_cell(view, layout, "mosaic");
+  Planes planes;
+  {
+    const py::gil_scoped_release release;
+    planes = pack(view, layout);
+  }
+  return stack_of({std::make_move_iterator(planes.begin()), std::make_move_iterator(planes.end())});
+}
+
+py::array unpacked(const py::object& planes_object, const std::string& layout_name) {
+  const auto layout = SensorLayout::named(layout_name);
+  auto given = images_of(planes_object, "planes", "channel");
+  if (std::ssize(given) != layout.channels())
+    throw InputError("planes", fmt::format("are {}", given.size()),
+                     fmt::format("give one for each of the {} channels of {}", layout.channels(),
+                                 layout.name()));
+  Planes planes(layout.channels(), 0, 0);
+  std::move(given.begin(), given.end(), planes.begin());
+  Image mosaic(planes[0].rows() * layout.rows(), planes[0].cols() * layout.cols());
+  {
+    const py::gil_scoped_release release;
+    unpack(planes, layout, mosaic);
+  }
+  return array_of(std::move(mosaic));
+}
+
 void bind_frame(py::module_& m) {
   py::class_<RawFrame>(m, "Frame",
-                       "One raw mosaic with its black and white level, gain and exposure.")
+                       "One raw mosaic with its black and white level, gain and exposure, from "
+                       "load_frame or of an array.")
+      .def(py::init(&frame_from_array), py::arg("dn"), py::arg("layout") = py::none(),
+           py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
+           py::arg("gain_db") = py::none(), py::arg("iso") = py::none(),
+           py::arg("exposure_s") = py::none())
       .def_property_readonly(
           "dn",
           [](const py::object& self) { return array_sharing(self.cast<RawFrame&>().dn, self); },
@@ -108,6 +185,7 @@ void bind_frame(py::module_& m) {
       .def_property_readonly(
           "source", [](const RawFrame& f) { return text_of_path(f.source); },
           "the file it came from")
+      .def(py::pickle(&state_of_frame, &frame_of_state))
       .def("__repr__", [](const RawFrame& f) { return text_of(summary_of(f)); });
 }
 
@@ -152,6 +230,11 @@ void bind_session(py::module_& m) {
 void bind_frames(py::module_& m) {
   bind_frame(m);
   bind_session(m);
+  m.def("pack", &packed, py::arg("mosaic"), py::arg("layout"),
+        "A mosaic [row, column] as planes [channel, row, column], float32, in the order of the "
+        "layout's channels. Where it ends inside a cell, the last samples are repeated.");
+  m.def("unpack", &unpacked, py::arg("planes"), py::arg("layout"),
+        "The mosaic of such planes: whole cells.");
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),

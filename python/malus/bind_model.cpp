@@ -1,16 +1,19 @@
-// Noise models: load, calibrate, draw.
+// Noise models: load, draw, save.
 #include "malus/base/error.h"
 #include "malus/base/frame_numbers.h"
-#include "malus/calibrate/calibrate.h"
-#include "malus/io/session.h"
+#include "malus/denoise/frame_complaints.h"
+#include "malus/noise/builtin_models.h"
 #include "malus/synthesize/model.h"
 
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "arrays.h"
@@ -55,7 +58,7 @@ Planes3D planes_of(const py::array& clean, const py::array& noisy) {
   for (py::ssize_t k = 0; k < clean.shape(0); ++k) {
     const auto from = part_of(clean, k).cast<Array>();
     auto to = part_of(noisy, k);
-    planes.clean.push_back(view_of(from));
+    planes.clean.push_back(view_of(from, "clean"));
     planes.noisy.push_back(writable_view_of(to));
     planes.keep_alive.push_back(from);
     planes.keep_alive.push_back(to);
@@ -72,7 +75,7 @@ LevelCoverage draw_packed(const NoiseAtGain& noise, const py::array& clean, cons
 
 LevelCoverage draw_mosaic(const NoiseAtGain& noise, const Array& clean, py::array& noisy,
                           const Place& place) {
-  const auto from = view_of(clean);
+  const auto from = view_of(clean, "clean");
   const auto to = writable_view_of(noisy);
   const int row0 = checked_start("row0", place.row0, from.rows());
   const int col0 = checked_start("col0", place.col0, from.cols());
@@ -119,32 +122,6 @@ py::object python_of(const nlohmann::ordered_json& json) {
       json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
 }
 
-std::filesystem::path session_path(const py::object& path) {
-  try {
-    return path.cast<std::filesystem::path>();
-  } catch (const py::cast_error&) {
-    throw py::type_error("session must be a Session or the path of a session file");
-  }
-}
-
-ModelWithSampler calibrate_session(const py::object& session_or_path,
-                                   const std::vector<std::string>& kinds,
-                                   const py::kwargs& kwargs) {
-  const auto settings = settings_from<CalibrationSettings>(kwargs);
-  PythonProgress progress;
-  std::optional<Session> session;
-  if (py::isinstance<Session>(session_or_path)) session = session_or_path.cast<Session>();
-  const auto path = session ? std::filesystem::path{} : session_path(session_or_path);
-  std::optional<NoiseModel> model;
-  {
-    const py::gil_scoped_release release;
-    if (!session) session = load_session(path);
-    model = calibrate(calibration_input(*session), settings, kinds, progress);
-  }
-  progress.give_warnings();
-  return ModelWithSampler(Model(std::move(*model)));
-}
-
 std::string synthesize_help() {
   return "Noisy version of clean, float32, in the same shape.\n\n"
          "clean: signal in DN above the black level: [row, column] mosaic, [channel, row, column] "
@@ -176,7 +153,9 @@ void bind_noise(py::module_& m) {
             return synthesize(noise, clean, {seed, frame, row0, col0}, out);
           },
           py::arg("clean"), py::arg("seed") = 0, py::arg("frame") = 0, py::arg("out") = py::none(),
-          py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0, synthesize_help().c_str());
+          py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0, synthesize_help().c_str())
+      .def("__repr__",
+           [](const NoiseAtGain& noise) { return fmt::format("<malus.Noise {}>", noise.text()); });
 }
 
 using ModelClass = py::class_<ModelWithSampler>;
@@ -212,6 +191,32 @@ void add_drawing(ModelClass& model_class) {
           "The gain [dB or ISO] that synthesize(gain=None) draws for this seed and frame.");
 }
 
+// Pickled is the model file itself, by way of a folder that goes with the call.
+template <class Use>
+auto with_temporary_file(const Use& use) {
+  const py::object folder = py::module_::import("tempfile").attr("TemporaryDirectory")();
+  const auto result =
+      use(std::filesystem::path(folder.attr("name").cast<std::string>()) / "model.h5");
+  folder.attr("cleanup")();
+  return result;
+}
+
+py::bytes bytes_of_model(const ModelWithSampler& model) {
+  return with_temporary_file([&](const std::filesystem::path& path) {
+    save_model(model.description(), path);
+    std::ifstream file(path, std::ios::binary);
+    return py::bytes(std::string(std::istreambuf_iterator<char>(file), {}));
+  });
+}
+
+std::unique_ptr<ModelWithSampler> model_of_bytes(const py::bytes& bytes) {
+  return std::make_unique<ModelWithSampler>(
+      with_temporary_file([&](const std::filesystem::path& path) {
+        std::ofstream(path, std::ios::binary) << std::string_view(bytes);
+        return Model::load(path);
+      }));
+}
+
 void add_file(ModelClass& model_class) {
   model_class
       .def(py::init([](const std::filesystem::path& path) {
@@ -226,7 +231,8 @@ void add_file(ModelClass& model_class) {
             save_model(model.description(), path, force);
           },
           py::arg("path"), py::arg("force") = false,
-          "Writes HDF5; an existing file needs force=True.");
+          "Writes HDF5; an existing file needs force=True.")
+      .def(py::pickle(&bytes_of_model, &model_of_bytes));
 }
 
 std::string summary_of(const NoiseModel& model) {
@@ -262,6 +268,29 @@ void add_description(ModelClass& model_class) {
 
 }  // namespace
 
+std::optional<Model> model_from(const py::object& given) {
+  if (given.is_none()) return std::nullopt;
+  if (py::isinstance<ModelWithSampler>(given)) return given.cast<ModelWithSampler&>().model();
+  std::filesystem::path path;
+  try {
+    path = given.cast<std::filesystem::path>();
+  } catch (const py::cast_error&) {
+    throw py::type_error("model must be a Model, the path of one or a built-in model's name");
+  }
+  const py::gil_scoped_release release;
+  return Model::load(path);
+}
+
+std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
+                                          bool undone) {
+  std::vector<std::string> lines = cut_off_complaints(model, gain, undone);
+  lines.insert(lines.begin(), extrapolation_complaint(model, gain));
+  std::erase(lines, "");
+  for (std::string& line : lines)
+    line = fmt::format("{}: {}", model.sensor.empty() ? "noise model" : model.sensor, line);
+  return lines;
+}
+
 void bind_model(py::module_& m) {
   bind_noise(m);
   ModelClass model_class(m, "Model",
@@ -270,13 +299,7 @@ void bind_model(py::module_& m) {
   add_file(model_class);
   add_drawing(model_class);
   add_description(model_class);
-
-  m.def("calibrate", &calibrate_session, py::arg("session"),
-        py::arg("kinds") = std::vector<std::string>{"physics"},
-        ("Session (or path of a session file) -> Model. kinds: of physics, gaussian, "
-         "nonparametric, dark-frames." +
-         settings_help<CalibrationSettings>())
-            .c_str());
+  m.def("models", &builtin_model_names, "Names of the built-in models.");
 }
 
 }  // namespace malus::python

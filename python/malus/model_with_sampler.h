@@ -48,4 +48,12 @@ class ModelWithSampler {
   std::optional<NoiseAtGain> last_;  ///< of gain_
 };
 
+/// A Model, the name or path of one, or None. Throws TypeError, InputError.
+std::optional<Model> model_from(const pybind11::object& given);
+
+/// What a model says of itself at this gain, by the sensor's name: that it lies outside the
+/// calibrated range, and cut_off_complaints (malus/denoise/frame_complaints.h).
+std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
+                                          bool undone);
+
 }  // namespace malus::python

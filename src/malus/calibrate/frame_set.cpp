@@ -17,13 +17,6 @@
 namespace malus {
 namespace {
 
-std::string set_name(const FrameSet& set) {
-  std::string name = fmt::format("{}, {}", frame_kind_name(set.kind), set.gain.text());
-  if (set.exposure_s) name += fmt::format(", {:g} s", *set.exposure_s);
-  if (set.level) name += fmt::format(", level {}", *set.level);
-  return name;
-}
-
 void check_frame(const RawFrame& frame, const RawFrame* like) {
   if (like && (frame.dn.rows() != like->dn.rows() || frame.dn.cols() != like->dn.cols()))
     throw InputError(frame.source,
@@ -100,6 +93,13 @@ struct DecodedFrame {
 
 }  // namespace
 
+std::string frame_set_name(const FrameSet& set) {
+  std::string name = fmt::format("{}, {}", frame_kind_name(set.kind), set.gain.text());
+  if (set.exposure_s) name += fmt::format(", {:g} s", *set.exposure_s);
+  if (set.level) name += fmt::format(", level {}", *set.level);
+  return name;
+}
+
 CalibrationInput calibration_input(const Session& declared) {
   const Session session = with_settings_of_files(declared);
   CalibrationInput input;
@@ -119,7 +119,7 @@ CalibrationInput calibration_input(const Session& declared) {
       set.gain = group.gain;
       set.exposure_s = group.exposure_s;
       set.level = group.level;
-      set.name = set_name(set);
+      set.name = frame_set_name(set);
       input.sets.push_back(std::move(set));
       files.push_back(group);
     } else {

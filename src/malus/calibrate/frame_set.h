@@ -32,6 +32,9 @@ struct CalibrationInput {
   std::vector<FrameSet> sets;
 };
 
+/// "flat, 12 dB, 0.01 s, level 3".
+std::string frame_set_name(const FrameSet& set);
+
 /// The frames of a session. Groups of one kind, gain, exposure and level become one set; gain and
 /// exposure that the session does not tell are the files' (with_settings_of_files).
 CalibrationInput calibration_input(const Session& session);

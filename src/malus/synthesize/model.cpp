@@ -124,6 +124,10 @@ NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
   return {synthesizer_, setting};
 }
 
+std::string NoiseAtGain::text() const {
+  return synthesizer_->settings().kind + " at " + (gain_ ? gain_->text() : "random gains");
+}
+
 Model Model::load(const std::filesystem::path& path) { return Model(load_model(path)); }
 
 Model::Model(NoiseModel description)

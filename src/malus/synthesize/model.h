@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
 
 namespace malus {
 
@@ -31,6 +32,8 @@ class NoiseAtGain {
   /// The same settings at another gain, as Model::at_gain (empty: random, as at_random_gain),
   /// without a new copy of the model.
   NoiseAtGain with_gain(const std::optional<double>& gain) const;
+  /// "physics at 24 dB", "gaussian at random gains".
+  std::string text() const;
 
  private:
   friend class Model;

@@ -1,0 +1,60 @@
+#include "array_frame.h"
+
+#include "malus/base/error.h"
+#include "malus/image/black_levels.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus::python {
+namespace {
+
+// White where nobody tells it: the largest code; of floats, and of types that no camera fills, the
+// largest pixel.
+double white_of_type(const RawFrame& frame) {
+  constexpr int kMostBits = 16;
+  if (frame.bits > 0 && frame.bits <= kMostBits) return std::ldexp(1.0, frame.bits) - 1.0;
+  float largest = 0.0F;
+  for (const float value : frame.dn.values())
+    if (std::isfinite(value)) largest = std::max(largest, value);
+  return static_cast<double>(largest);
+}
+
+}  // namespace
+
+RawFrame pixels_of(const py::object& array, const char* name) {
+  RawFrame frame;
+  const py::array numbers = numbers_from(array, name);
+  frame.dn = image_of(input_from(numbers, name), name);
+  const py::dtype type = numbers.dtype();
+  frame.bits = type.kind() == 'f' ? 0 : static_cast<int>(8 * type.itemsize());
+  frame.source = "array";
+  frame.black_dn = {0.0};
+  return frame;
+}
+
+void take_told(const ToldOfFrame& told, RawFrame& frame) {
+  const SensorLayout wanted = told.layout ? SensorLayout::named(*told.layout) : frame.layout;
+  frame.black_dn = told.black ? black_per_channel(levels_of(told.black), wanted, "black")
+                              : blacks_for_layout(frame, wanted);
+  frame.layout = wanted;
+  frame.layout_known = frame.layout_known || told.layout.has_value();
+  frame.black_known = frame.black_known || told.black.has_value();
+  frame.white_known = frame.white_known || told.white.has_value();
+  if (told.white) frame.white_dn = *told.white;
+}
+
+GainSetting one_gain(const std::optional<double>& gain_db, const std::optional<double>& iso) {
+  if (gain_db && iso) throw InputError("gain_db", "is given with iso", "leave one of them out");
+  return {gain_db, iso};
+}
+
+RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told) {
+  RawFrame frame = pixels_of(array, name);
+  frame.white_dn = white_of_type(frame);
+  take_told(told, frame);
+  require_levels(frame);
+  return frame;
+}
+
+}  // namespace malus::python

@@ -1,0 +1,35 @@
+// Arrays as frames: what a file tells of its pixels, the caller tells of an array's.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+
+#include <optional>
+#include <string>
+
+#include "arrays.h"
+
+namespace malus::python {
+
+/// What is told of an array, or in place of what a Frame tells.
+struct ToldOfFrame {
+  std::optional<std::string> layout;
+  Black black;
+  std::optional<double> white;
+};
+
+/// The pixels of a mosaic [row, column] with the bits of its element type, which tells, as a file's
+/// does, whether they are the camera's codes. Nothing else is known of it yet.
+RawFrame pixels_of(const py::object& array, const char* name);
+
+/// Layout, black and white of the frame as told; of a black that is not told, what the frame has of
+/// its own in the layout. What the model or nobody tells is left to the caller.
+void take_told(const ToldOfFrame& told, RawFrame& frame);
+
+/// Throws InputError where both are given.
+GainSetting one_gain(const std::optional<double>& gain_db, const std::optional<double>& iso);
+
+/// An array as a frame, whose unknown white is that of its type, as of a file. Throws InputError as
+/// load_frame.
+RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told);
+
+}  // namespace malus::python

@@ -1,0 +1,201 @@
+// Calibration, of sessions and of arrays.
+#include "malus/base/error.h"
+#include "malus/calibrate/calibrate.h"
+#include "malus/io/session.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "array_frame.h"
+#include "model_with_sampler.h"
+#include "settings.h"
+#include <fmt/format.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+namespace malus::python {
+namespace {
+
+/// Frames of one setting that Python holds: a sequence of mosaics or Frames, asked for one at a
+/// time, so that it may be a file that is mapped into memory.
+struct ArraySet {
+  FrameSet set;  ///< without its function
+  py::object frames;
+};
+
+/// What is known of a sensor whose frames are arrays.
+struct ArraySensor {
+  std::string name;
+  ToldOfFrame told;
+  std::optional<int> row_group;
+};
+
+FrameKind kind_named(const std::string& name) {
+  const std::vector<std::string> names = frame_kind_names();
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end())
+    throw InputError("kind", fmt::format("\"{}\" is no kind of frames", name),
+                     did_you_mean(name, names) + "there are " + joined(names));
+  return static_cast<FrameKind>(found - names.begin());
+}
+
+ArraySet array_set(const std::string& kind, const py::object& frames,
+                   const std::optional<double>& gain_db, const std::optional<double>& iso,
+                   const std::optional<double>& exposure_s, const std::optional<int>& level) {
+  if (!py::hasattr(frames, "__getitem__") || !py::hasattr(frames, "__len__"))
+    throw py::type_error("frames has to be a sequence of mosaics [row, column] or of Frames");
+  const std::size_t count = py::len(frames);
+  if (count > static_cast<std::size_t>(std::numeric_limits<int>::max()))
+    throw InputError("frames", "are too many", "give fewer");
+  ArraySet out;
+  out.set.kind = kind_named(kind);
+  out.set.gain = one_gain(gain_db, iso);
+  out.set.exposure_s = exposure_s;
+  out.set.level = level;
+  out.set.count = static_cast<int>(count);
+  out.set.name = frame_set_name(out.set);
+  out.frames = frames;
+  if (count == 0)
+    throw InputError(out.set.name, "holds no frames", "give at least one, or leave the set out");
+  return out;
+}
+
+RawFrame frame_of_set(const ArraySet& held, const ArraySensor& sensor, int i) {
+  const py::object given = held.frames.attr("__getitem__")(i);
+  RawFrame frame;
+  if (py::isinstance<RawFrame>(given)) {
+    frame = given.cast<const RawFrame&>();
+    take_told(sensor.told, frame);
+  } else {
+    frame = frame_of_array(given, "frames", sensor.told);
+    frame.source = fmt::format("{}, frame {}", held.set.name, i);
+  }
+  frame.gain = held.set.gain;
+  frame.exposure_s = held.set.exposure_s;
+  return frame;
+}
+
+// The last copy of the function may go without the interpreter's lock, Python's objects may not.
+template <class Held>
+std::shared_ptr<const Held> with_the_lock(Held held) {
+  return {new Held(std::move(held)), [](const Held* object) {
+            const py::gil_scoped_acquire gil;
+            delete object;
+          }};
+}
+
+CalibrationInput input_of(const std::vector<ArraySet>& sets, const ArraySensor& sensor) {
+  CalibrationInput input;
+  input.sensor = sensor.name;
+  input.origin = "arrays";
+  input.row_group = sensor.row_group;
+  for (const ArraySet& each : sets) {
+    for (const FrameSet& before : input.sets)
+      if (before.name == each.set.name)
+        throw InputError(each.set.name, "there are two such sets", "give their frames as one");
+    input.sets.push_back(each.set);
+    input.sets.back().load = [held = with_the_lock(each), sensor](int i) {
+      const py::gil_scoped_acquire gil;
+      return frame_of_set(*held, sensor, i);
+    };
+  }
+  return input;
+}
+
+CalibrationInput input_of(const Session& session, const ArraySensor& sensor) {
+  const ToldOfFrame& told = sensor.told;
+  if (!sensor.name.empty() || told.layout || told.black || told.white || sensor.row_group)
+    throw InputError("session", "tells sensor, layout, black, white and row_group itself",
+                     "write them in its [sensor] section, or calibrate arrays");
+  return calibration_input(session);
+}
+
+using Frames = std::variant<Session, std::vector<ArraySet>, std::filesystem::path>;
+
+ModelWithSampler calibrated(const Frames& frames,
+                            const std::variant<std::string, std::vector<std::string>>& given_kinds,
+                            const ArraySensor& sensor, const py::kwargs& kwargs) {
+  const auto settings = settings_from<CalibrationSettings>(kwargs);
+  const auto* one = std::get_if<std::string>(&given_kinds);
+  const auto kinds = one ? std::vector{*one} : std::get<std::vector<std::string>>(given_kinds);
+  PythonProgress progress;
+  std::optional<CalibrationInput> input;
+  if (const auto* sets = std::get_if<std::vector<ArraySet>>(&frames)) {
+    if (sets->empty()) throw InputError("session", "holds no sets of frames", "give bias frames");
+    input = input_of(*sets, sensor);
+  }
+  std::optional<NoiseModel> model;
+  {
+    const py::gil_scoped_release release;
+    if (const auto* path = std::get_if<std::filesystem::path>(&frames))
+      input = input_of(load_session(*path), sensor);
+    else if (const auto* session = std::get_if<Session>(&frames))
+      input = input_of(*session, sensor);
+    model = calibrate(*input, settings, kinds, progress);
+  }
+  progress.give_warnings();
+  return ModelWithSampler(Model(std::move(*model)));
+}
+
+// By hand: what pybind11 would say of a variant names C++ types.
+Frames frames_from(const py::object& session) {
+  if (py::isinstance<Session>(session)) return session.cast<Session>();
+  const bool list = py::isinstance<py::list>(session) || py::isinstance<py::tuple>(session);
+  try {
+    if (list) return session.cast<std::vector<ArraySet>>();
+    return session.cast<std::filesystem::path>();
+  } catch (const py::cast_error&) {
+    throw py::type_error(
+        "session must be a Session, the path of a session file or a list of FrameSet");
+  }
+}
+
+void bind_set(py::module_& m) {
+  py::class_<ArraySet>(m, "FrameSet",
+                       "Arrays of one setting, for calibrate. Throws InputError.\n\n"
+                       "kind: bias (dark frames), flat (one light level, two frames or more) or "
+                       "burst.\n"
+                       "frames: [frame, row, column] in DN, black included, or any sequence of "
+                       "mosaics or of Frames; asked for one at a time.")
+      .def(py::init(&array_set), py::arg("kind"), py::arg("frames"), py::kw_only(),
+           py::arg("gain_db") = py::none(), py::arg("iso") = py::none(),
+           py::arg("exposure_s") = py::none(), py::arg("level") = py::none())
+      .def("__len__", [](const ArraySet& s) { return s.set.count; })
+      .def("__repr__", [](const ArraySet& s) {
+        return fmt::format("<malus.FrameSet {}: {} frames>", s.set.name, s.set.count);
+      });
+}
+
+}  // namespace
+
+void bind_calibrate(py::module_& m) {
+  bind_set(m);
+  m.def(
+      "calibrate",
+      [](const py::object& session,
+         const std::variant<std::string, std::vector<std::string>>& kinds,
+         const std::string& sensor, const std::optional<std::string>& layout, const Black& black,
+         const std::optional<double>& white, const std::optional<int>& row_group,
+         const py::kwargs& kwargs) {
+        return calibrated(frames_from(session), kinds, {sensor, {layout, black, white}, row_group},
+                          kwargs);
+      },
+      py::arg("session"), py::arg("kinds") = std::vector<std::string>{"physics"}, py::kw_only(),
+      py::arg("sensor") = "", py::arg("layout") = py::none(), py::arg("black") = py::none(),
+      py::arg("white") = py::none(), py::arg("row_group") = py::none(),
+      ("A Session, the path of a session file, or a list of FrameSet -> Model. kinds: of physics, "
+       "gaussian, nonparametric, dark-frames.\n\n"
+       "Of arrays alone: sensor (its name), layout, black and white [DN], row_group (mosaic rows "
+       "that are read out together; None: found in the frames)." +
+       settings_help<CalibrationSettings>())
+          .c_str());
+}
+
+}  // namespace malus::python

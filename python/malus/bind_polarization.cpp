@@ -1,0 +1,309 @@
+// Stokes parameters, normals, and mosaics of them.
+#include "malus/base/error.h"
+#include "malus/image/pack.h"
+#include "malus/image/raw_frame.h"
+#include "malus/noise/frame_levels.h"
+#include "malus/noise/raw_variance.h"
+#include "malus/noise/same_sensor.h"
+#include "malus/polar/demosaick.h"
+#include "malus/polar/layout_check.h"
+#include "malus/polar/normals.h"
+#include "malus/polar/render.h"
+#include "malus/polar/stokes.h"
+#include "malus/polar/uncertainty.h"
+#include "malus/synthesize/scene.h"
+
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "array_frame.h"
+#include "model_with_sampler.h"
+#include "settings.h"
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <pybind11/stl.h>
+
+namespace malus::python {
+namespace {
+
+constexpr const char* kLight = "dn_above_black";
+
+/// The light of a mosaic.
+struct Light {
+  Array dn;  ///< above black
+  SensorLayout layout;
+  View<const float> view() const { return view_of(dn, kLight); }
+};
+
+// An array in DN above black, or a Frame, which knows its black level and its layout.
+Light light_of(const py::object& given, const std::optional<std::string>& layout) {
+  Light light;
+  if (py::isinstance<RawFrame>(given)) {
+    RawFrame frame = given.cast<const RawFrame&>();
+    take_told({layout, {}, {}}, frame);
+    subtract_black(frame);
+    light = {array_of(std::move(frame.dn)).cast<Array>(), frame.layout};
+  } else {
+    if (!layout) throw InputError("layout", "is not told by an array", "name it, or give a Frame");
+    light = {input_from(given, kLight), SensorLayout::named(*layout)};
+  }
+  require_polarized(light.layout, "array");
+  require_whole_cell(light.view(), light.layout, kLight);
+  return light;
+}
+
+/// None: one value per cell.
+using Method = std::optional<Demosaicking>;
+
+Method method_named(const std::optional<std::string>& name) {
+  if (!name) return std::nullopt;
+  const auto found = std::find(kDemosaickingNames.begin(), kDemosaickingNames.end(), *name);
+  if (found == kDemosaickingNames.end())
+    throw InputError("demosaick", fmt::format("\"{}\" is not known", *name),
+                     fmt::format("give {}, or None for one value per cell",
+                                 fmt::join(kDemosaickingNames, " or ")));
+  return static_cast<Demosaicking>(found - kDemosaickingNames.begin());
+}
+
+StokesPicture stokes_picture(View<const float> mosaic, const SensorLayout& layout,
+                             const Method& method) {
+  return method ? demosaick(mosaic, layout, *method, kLight)
+                : merge_greens(stokes_per_color(pack(mosaic, layout), layout), layout);
+}
+
+// [colour, row, column]
+template <class Colors, class PlaneOf>
+py::object stacked(const Colors& colors, const PlaneOf& plane_of) {
+  std::vector<Image> planes;
+  for (const auto& color : colors) planes.push_back(plane_of(color));
+  return stack_of(std::move(planes));
+}
+
+void add_uncertainty(py::dict& out, const std::vector<StokesUncertainty>& colors) {
+  const auto numpy = py::module_::import("numpy");
+  for (const auto& [name, variance] : {std::pair{"s0_sd", &StokesUncertainty::s0_variance},
+                                       {"s1_sd", &StokesUncertainty::s1_variance},
+                                       {"s2_sd", &StokesUncertainty::s2_variance}})
+    out[name] = numpy.attr("sqrt")(
+        stacked(colors, [&](const StokesUncertainty& u) { return u.*variance; }));
+  for (const auto& [name, plane] : {std::pair{"dolp_sd", &StokesUncertainty::dolp_sd},
+                                    {"aolp_sd_deg", &StokesUncertainty::aolp_sd_deg},
+                                    {"dolp_corrected", &StokesUncertainty::dolp_corrected}})
+    out[name] = stacked(colors, [&](const StokesUncertainty& u) { return u.*plane; });
+}
+
+// Per colour of the picture, from the variance of every pixel of the mosaic.
+std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
+                                                const StokesPicture& picture,
+                                                View<const float> mosaic,
+                                                const SensorLayout& layout, bool denoised) {
+  const Array variance = input_from(given, "variance");
+  const auto view = view_of(variance, "variance");
+  if (view.rows() != mosaic.rows() || view.cols() != mosaic.cols())
+    throw InputError("variance",
+                     fmt::format("{} x {}, the mosaic {} x {}", view.cols(), view.rows(),
+                                 mosaic.cols(), mosaic.rows()),
+                     "give what denoise(variance=True) returned beside the mosaic");
+  const py::gil_scoped_release release;
+  return uncertainty_of(picture, pack(view, layout), layout,
+                        denoised ? Intensities::kDenoised : Intensities::kMeasured);
+}
+
+py::dict dict_of(const StokesPicture& picture) {
+  const std::vector<StokesPlanes>& colors = picture.planes;
+  py::dict out;
+  out["s0"] = stacked(colors, [](const StokesPlanes& s) { return s.s0; });
+  out["s1"] = stacked(colors, [](const StokesPlanes& s) { return s.s1; });
+  out["s2"] = stacked(colors, [](const StokesPlanes& s) { return s.s2; });
+  out["dolp"] = stacked(colors, [](const StokesPlanes& s) { return dolp_of(s); });
+  out["aolp_deg"] = stacked(colors, [](const StokesPlanes& s) { return aolp_deg_of(s); });
+  return out;
+}
+
+// A raw frame as light, with the levels that it does not know from the model.
+RawFrame raw_light_of(const py::object& given, const std::optional<std::string>& layout,
+                      const NoiseModel& model) {
+  RawFrame frame;
+  if (py::isinstance<RawFrame>(given)) {
+    frame = given.cast<const RawFrame&>();
+    take_told({layout, {}, {}}, frame);
+    if (const auto warning = take_levels_of_model(model, frame); !warning.empty())
+      give_warning(frame.source + ": " + warning);
+    subtract_black(frame);
+  } else {
+    frame = pixels_of(given, kLight);
+    frame.layout = layout ? SensorLayout::named(*layout) : model.layout;
+  }
+  require_layout_of_model(frame, model.layout);
+  require_polarized(frame.layout, frame.source);
+  require_whole_cell(frame.dn, frame.layout, kLight);
+  return frame;
+}
+
+// Of raw pixels, whose noise a model tells: its bias is taken out.
+py::dict stokes_by_model(const py::object& given, const std::optional<std::string>& layout_name,
+                         const Model& model, const Gain& gain_given, bool extrapolate) {
+  RawFrame frame = raw_light_of(given, layout_name, model.description());
+  const SensorLayout& layout = frame.layout;
+  const GainSetting gain = gain_given ? model.gain_setting(*gain_given) : frame.gain;
+  std::optional<StokesPicture> picture;
+  std::vector<StokesUncertainty> uncertainty;
+  {
+    const py::gil_scoped_release release;
+    const auto profile = model.description().profile_at(gain, gain_range(extrapolate));
+    const Image variance = take_out_bias(frame, profile);
+    picture = stokes_picture(frame.dn, layout, std::nullopt);
+    uncertainty = uncertainty_of(*picture, pack(variance, layout), layout, Intensities::kMeasured);
+  }
+  for (const std::string& line : model_complaints(model.description(), gain, false))
+    give_warning(line);
+  py::dict out = dict_of(*picture);
+  add_uncertainty(out, uncertainty);
+  return out;
+}
+
+py::dict stokes(const py::object& dn_above_black, const std::optional<std::string>& layout_name,
+                const std::optional<std::string>& demosaick_name,
+                const std::optional<py::object>& variance, bool denoised,
+                const py::object& given_model, const Gain& gain, bool extrapolate_gain) {
+  const Method method = method_named(demosaick_name);
+  const std::optional<Model> model = model_from(given_model);
+  if (method && (variance || model))
+    throw InputError("demosaick", "errors are known per cell only",
+                     model ? "leave it or model out" : "leave it or variance out");
+  if (variance && model)
+    throw InputError("variance", "and model tell the same", "leave one of them out");
+  if (model) return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain);
+  const Light light = light_of(dn_above_black, layout_name);
+  const auto view = light.view();
+  std::optional<StokesPicture> picture;
+  {
+    const py::gil_scoped_release release;
+    picture = stokes_picture(view, light.layout, method);
+  }
+  py::dict out = dict_of(*picture);
+  if (variance)
+    add_uncertainty(out, uncertainty_from(*variance, *picture, view, light.layout, denoised));
+  return out;
+}
+
+// The object's pixels, of one colour's size.
+Image mask_from(const py::object& given, const Image& s0) {
+  Image mask = image_of(input_from(given, "mask"), "mask");
+  if (mask.rows() != s0.rows() || mask.cols() != s0.cols())
+    throw InputError(
+        "mask",
+        fmt::format("{} x {}, the normals {} x {}", mask.cols(), mask.rows(), s0.cols(), s0.rows()),
+        "give one value per cell, or per pixel with demosaick=");
+  return mask;
+}
+
+py::object normals(const py::object& dn_above_black, const std::optional<std::string>& layout_name,
+                   const std::optional<py::object>& mask,
+                   const std::optional<std::string>& demosaick_name, const py::kwargs& kwargs) {
+  const auto settings = settings_from<NormalSettings>(kwargs);
+  const Light light = light_of(dn_above_black, layout_name);
+  const SensorLayout& layout = light.layout;
+  const auto view = light.view();
+  const Method method = method_named(demosaick_name);
+  StokesPlanes mean;
+  {
+    const py::gil_scoped_release release;
+    mean = mean_stokes(stokes_picture(view, layout, method).planes);
+  }
+  std::optional<Image> object;
+  if (mask) object = mask_from(*mask, mean.s0);
+  NormalMap map;
+  {
+    const py::gil_scoped_release release;
+    map = normals_of(mean, object ? *object : foreground_mask(mean.s0, settings.foreground),
+                     settings);
+  }
+  return stacked(std::vector{&NormalMap::x, &NormalMap::y, &NormalMap::z},
+                 [&](Image NormalMap::*axis) { return map.*axis; });
+}
+
+py::array mosaic_from_stokes(const py::object& s0, const py::object& s1, const py::object& s2,
+                             const std::string& layout_name) {
+  const auto layout = SensorLayout::named(layout_name);
+  auto planes = images_of(s0, "s0", "colour"), second = images_of(s1, "s1", "colour"),
+       third = images_of(s2, "s2", "colour");
+  if (planes.size() != 1 && planes.size() != 3)
+    throw InputError("s0", fmt::format("has {} colours", planes.size()),
+                     "give one, or red, green and blue");
+  std::vector<StokesPlanes> stokes;
+  for (std::size_t i = 0; i < planes.size(); ++i) {
+    const auto same_size = [&](const std::vector<Image>& others) {
+      return others.size() == planes.size() && others[i].rows() == planes[i].rows() &&
+             others[i].cols() == planes[i].cols();
+    };
+    if (!same_size(second) || !same_size(third))
+      throw py::value_error("s0, s1 and s2 have to be of one shape");
+    stokes.push_back({std::move(planes[i]), std::move(second[i]), std::move(third[i])});
+  }
+  std::optional<Image> mosaic;
+  {
+    const py::gil_scoped_release release;
+    mosaic = mosaic_of(stokes, layout);
+  }
+  return array_of(std::move(*mosaic));
+}
+
+py::dict layout_check(const py::object& dn_above_black) {
+  const Array mosaic = input_from(dn_above_black, kLight);
+  const auto view = view_of(mosaic, kLight);
+  LayoutCheck check;
+  {
+    const py::gil_scoped_release release;
+    check = check_layout(view);
+  }
+  using namespace py::literals;
+  return py::dict("diagonal"_a = check.diagonal, "row"_a = check.row, "column"_a = check.column,
+                  "winner"_a = std::string(pairing_name(check.winner())),
+                  "margin"_a = check.margin(), "decided"_a = check.decided());
+}
+
+}  // namespace
+
+void bind_polarization(py::module_& m) {
+  m.def(
+      "stokes", &stokes, py::arg("dn_above_black"), py::arg("layout") = py::none(), py::kw_only(),
+      py::arg("demosaick") = py::none(), py::arg("variance") = py::none(),
+      py::arg("denoised") = true, py::arg("model") = py::none(), py::arg("gain") = py::none(),
+      py::arg("extrapolate_gain") = false,
+      "Stokes parameters of a raw mosaic [row, column] in DN above black, or of a Frame: dict of "
+      "s0, s1, s2 "
+      "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at one "
+      "value per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") at one per "
+      "pixel.\n\n"
+      "variance: of every pixel of the mosaic [DN^2], as denoise(variance=True) gives it: adds "
+      "the standard deviations s0_sd, s1_sd, s2_sd [DN], dolp_sd, aolp_sd_deg, and "
+      "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent.\n\n"
+      "model: a Model, or the path or name of one, that tells the variance of raw pixels at gain "
+      "[dB or ISO] (that of the Frame if not given), adds the same, and takes its bias out first.");
+  m.def("normals", &normals, py::arg("dn_above_black"), py::arg("layout") = py::none(),
+        py::kw_only(), py::arg("mask") = py::none(), py::arg("demosaick") = py::none(),
+        ("Surface normals from the polarization of a raw mosaic [row, column] in DN above black, "
+         "or of a Frame: "
+         "float32 [3, row, column], unit vectors x right, y up, z towards the camera; NaN outside "
+         "the object. One per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") "
+         "one per pixel.\n\n"
+         "mask: of the normals' size, above 0 where the object is; None: bright pixels." +
+         settings_help<NormalSettings>())
+            .c_str());
+  m.def("mosaic", &mosaic_from_stokes, py::arg("s0"), py::arg("s1"), py::arg("s2"),
+        py::arg("layout"),
+        "What a sensor's pixels see of Stokes parameters, without noise: the mosaic [row, column], "
+        "float32, in the unit of s0. Each [colour, row, column] at one value per pixel, as "
+        "stokes(demosaick=...) gives them: red, green and blue, or one.");
+  m.def("check_layout", &layout_check, py::arg("dn_above_black"),
+        "Which pixels of a polarization mosaic [row, column] in DN above black hold crossed "
+        "polarizers, by Malus's law (as `malus info` tells): dict of the mismatch of the pairings "
+        "diagonal, row and column [1], the winner (of the least), its margin, and whether they "
+        "decide: an unpolarized scene does not.");
+}
+
+}  // namespace malus::python
