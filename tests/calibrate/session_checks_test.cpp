@@ -57,8 +57,8 @@ TEST(BlackOfTheFiles, MayDifferBetweenGains) {
     EXPECT_EQ(model.physics[gain].K.mean, expected.physics[gain].K.mean);
     EXPECT_EQ(model.physics[gain].sigma_tl.mean, expected.physics[gain].sigma_tl.mean);
   }
-  EXPECT_THAT(model.physics[0].warnings,
-              Contains(AllOf(HasSubstr("a black level of 60 DN"), HasSubstr("the black level 60"))));
+  EXPECT_THAT(model.physics[0].warnings, Contains(AllOf(HasSubstr("a black level of 60 DN"),
+                                                        HasSubstr("the black level 60"))));
 }
 
 TEST(BlackOfTheFiles, MayDifferWithinASet) {
