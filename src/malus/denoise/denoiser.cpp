@@ -8,6 +8,7 @@
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/frame_filter.h"
+#include "malus/denoise/internal/joint_bilateral.h"
 #include "malus/denoise/kept_points.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/noise/rounding.h"
@@ -83,12 +84,17 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
     const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
     return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));
   };
-  const int frames = (result.variance_dn2 ? 3 : 2) + (profile.pattern ? 2 : 0);
+  Image* const error = result.variance_dn2 ? &*result.variance_dn2 : nullptr;
+  const int frames = (error ? 3 : 2) + (profile.pattern ? 2 : 0);
   const double resident = frames * static_cast<double>(frame.dn.size()) + settings.held_values;
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
-      settings.memory_mib, resident, result.dn_above_black,
-      {.error = result.variance_dn2 ? &*result.variance_dn2 : nullptr}, progress);
+      settings.memory_mib, resident, result.dn_above_black, {.error = error}, progress);
+  std::vector<float> white;
+  for (std::size_t k = 0; k < stabilizers.size(); ++k)
+    white.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k])));
+  internal::average_alike_pixels(pixel, white, frame.layout, settings.memory_mib, resident,
+                                 result.dn_above_black, error, progress);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

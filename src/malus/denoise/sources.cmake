@@ -1,5 +1,6 @@
 set(denoise_SOURCES
     baselines.cpp
+    bilateral_kernel.cpp
     bm3d.cpp
     bm3d_filter.cpp
     bm3d_match.cpp
@@ -20,6 +21,7 @@ set(denoise_SOURCES
     frame_filter.cpp
     gaussian_means.cpp
     impulses.cpp
+    joint_bilateral.cpp
     kept_points.cpp
     memory_budget.cpp
     mosaic_filter.cpp

@@ -1,0 +1,302 @@
+#include "malus/denoise/internal/joint_bilateral.h"
+
+#include "malus/base/parallel.h"
+#include "malus/denoise/internal/bilateral_kernel.h"
+#include "malus/denoise/internal/frame_filter.h"
+#include "malus/denoise/internal/gaussian_means.h"
+#include "malus/denoise/internal/memory_budget.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+namespace malus::internal {
+namespace {
+
+// All measured (docs/denoising-experiments.md, "Pixels that are alike").
+// The first round looks near and tells where there is something to gain; there the second looks
+// further, with what the first has made for its guide.
+struct BilateralRound {
+  int reach;  // steps of the layout
+  float cut;  // in deviations of the guide's error
+};
+constexpr BilateralRound kBilateralRounds[] = {{4, 6.0f}, {8, 7.5f}};
+constexpr float kLeastDeviation = 0.3f;  // of the guide's error
+// An estimate keeps the more of the noise the less it differs from the samples. Of neighbourhoods
+// (deviation and radius in cells) where it keeps less than the first share nothing is changed, from
+// the second on all that is to be gained.
+constexpr float kNoiseDeviation = 4.0f;
+constexpr int kNoiseRadius = 10;
+constexpr float kLeastNoise = 0.08f, kEnoughNoise = 0.16f;
+// What is gained is asked of smaller ones, and this many standard errors are taken off.
+constexpr float kGainDeviation = 2.5f;
+constexpr int kGainRadius = 6;
+constexpr float kGainErrors = 2.0f;
+// The second round works where the first has gained this share of the noise, and fully where it
+// has gained twice as much.
+constexpr float kWorthwhile = 0.1f;
+constexpr float kLeastShare = 0.05f;  // of the noise, for that ratio
+// A pixel that is most of its own mean has no like around it, as a star.
+constexpr float kMostOwn = 0.7f;
+constexpr float kFromWhite = 2.0f;  // deviations of the noise
+constexpr int kBandCells = 8;       // rows of cells of a task
+
+float ramp(float value, float begin, float end) {
+  return std::clamp((value - begin) / (end - begin), 0.0f, 1.0f);
+}
+
+// Means over cells of what a round finds, and what it is told.
+struct BilateralSums {
+  Image kept;    // of the noise, by the estimate
+  Image gate;    // how much of a change may be taken
+  Image gain;    // Stein's estimate of (truth - estimate) (mean - estimate)
+  Image energy;  // (mean - estimate)²
+  Image own;     // weight of a pixel's own sample in its mean
+};
+
+// A strip of the frame with its surroundings above and below. Its rows begin at a whole cell.
+struct Strip {
+  Image samples, estimate;
+  const std::vector<float>& white;  // per channel
+  Image* error;                     // the frame's, or null
+  int first_row;                    // of the frame
+  int core, core_end;               // rows of the strip whose error changes
+};
+
+class Averaging {
+ public:
+  Averaging(const SensorLayout& layout, Strip& strip, Progress& progress)
+      : layout_(layout),
+        strip_(strip),
+        samples_(strip.samples),
+        estimate_(strip.estimate),
+        progress_(progress),
+        rows_(strip.estimate.rows()),
+        cols_(strip.estimate.cols()) {}
+
+  void run() {
+    for (const BilateralRound& round : kBilateralRounds) {
+      measure_kept_noise();
+      if (cells_.gate.size() == 0) open_gates();
+      if (std::none_of(cells_.gate.values().begin(), cells_.gate.values().end(),
+                       [](float gate) { return gate > 0; }))
+        return;
+      average(round);
+      take_change();
+    }
+  }
+
+ private:
+  // Where white cuts the noise off the residual is less, whatever the estimate keeps.
+  bool is_cut_off(int r, int c) const {
+    const auto channel = static_cast<std::size_t>(layout_.channel_at(strip_.first_row + r, c));
+    return estimate_(r, c) > strip_.white[channel] - kFromWhite;
+  }
+  Image cell_map() const { return Image(cell_count(rows_), cell_count(cols_)); }
+  int pixels_of(int i, int k) const {
+    return std::min(kCell, rows_ - i * kCell) * std::min(kCell, cols_ - k * kCell);
+  }
+
+  // An orthogonal projection that keeps the share p of the noise leaves a squared residual of 1 -
+  // p.
+  void measure_kept_noise() {
+    cells_.kept = cell_map();
+    parallel_for(0, cells_.kept.rows(), kBandCells, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int r = static_cast<int>(begin) * kCell;
+           r < std::min(static_cast<int>(end) * kCell, rows_); ++r)
+        for (int c = 0; c < cols_; ++c) {
+          const float rest = samples_(r, c) - estimate_(r, c);
+          cells_.kept(r / kCell, c / kCell) += is_cut_off(r, c) ? 1.0f : rest * rest;
+        }
+      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
+        for (int k = 0; k < cells_.kept.cols(); ++k)
+          cells_.kept(i, k) = 1.0f - cells_.kept(i, k) / static_cast<float>(pixels_of(i, k));
+    });
+    cells_.kept = gaussian_means(cells_.kept, kNoiseDeviation, kNoiseRadius);
+  }
+
+  void open_gates() {
+    cells_.gate = cell_map();
+    for (std::size_t i = 0; i < cells_.gate.size(); ++i)
+      cells_.gate.values()[i] = ramp(cells_.kept.values()[i], kLeastNoise, kEnoughNoise);
+  }
+
+  float kept(int i, int k) const { return std::clamp(cells_.kept(i, k), 0.0f, 1.0f); }
+
+  // Fills difference_ and the sums.
+  void average(const BilateralRound& round) {
+    if (difference_.size() == 0) difference_ = Image(rows_, cols_);
+    cells_.gain = cell_map();
+    cells_.energy = cell_map();
+    cells_.own = cell_map();
+    const int cell_rows = cells_.gate.rows(), bands = (cell_rows + kBandCells - 1) / kBandCells;
+    parallel_for(0, bands, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int b = static_cast<int>(begin); b < static_cast<int>(end); ++b) {
+        check_stop(progress_);
+        average_band(round, b * kBandCells, std::min((b + 1) * kBandCells, cell_rows));
+      }
+    });
+  }
+
+  // Rows of cells [first, end).
+  void average_band(const BilateralRound& round, int first, int end) {
+    const int blocks = (cols_ + kLanes - 1) / kLanes;
+    const int margin_rows = round.reach * layout_.rows(),
+              margin_cols = round.reach * layout_.cols();
+    const int row0 = first * kCell, row1 = std::min(end * kCell, rows_);
+    const int band_rows = row1 - row0 + 2 * margin_rows,
+              band_cols = blocks * kLanes + 2 * margin_cols;
+    Image samples(band_rows, band_cols), guide(band_rows, band_cols, kNoGuide);
+    for (int r = 0; r < band_rows; ++r) {
+      const int row = row0 + r - margin_rows;
+      if (row < 0 || row >= rows_) continue;
+      std::copy_n(samples_.row(row), cols_, samples.row(r) + margin_cols);
+      std::copy_n(estimate_.row(row), cols_, guide.row(r) + margin_cols);
+    }
+    const auto width = static_cast<std::size_t>(blocks) * kLanes;
+    std::vector<float> per_cut(width, 1.0f), mean(width), own(width), slope(width);
+    std::vector<std::uint8_t> is_wanted(static_cast<std::size_t>(blocks));
+    for (int i = first; i < end; ++i) {
+      plan_cells(round, i, per_cut, is_wanted);
+      for (int r = i * kCell; r < std::min((i + 1) * kCell, rows_); ++r) {
+        const int inside = r - row0 + margin_rows;
+        average_alike({samples.row(inside) + margin_cols, guide.row(inside) + margin_cols,
+                       band_cols, layout_.rows(), layout_.cols(), round.reach, blocks,
+                       is_wanted.data(), per_cut.data(), mean.data(), own.data(), slope.data()});
+        add_row(r, is_wanted, mean, own, slope);
+      }
+    }
+  }
+
+  // Of the row of cells i.
+  void plan_cells(const BilateralRound& round, int i, std::vector<float>& per_cut,
+                  std::vector<std::uint8_t>& is_wanted) const {
+    std::fill(is_wanted.begin(), is_wanted.end(), std::uint8_t{0});
+    for (int c = 0; c < cols_; ++c) {
+      const int k = c / kCell;
+      per_cut[static_cast<std::size_t>(c)] =
+          1.0f / (round.cut * std::max(std::sqrt(kept(i, k)), kLeastDeviation));
+      if (cells_.gate(i, k) > 0) is_wanted[static_cast<std::size_t>(c / kLanes)] = 1;
+    }
+  }
+
+  void add_row(int r, const std::vector<std::uint8_t>& is_wanted, const std::vector<float>& mean,
+               const std::vector<float>& own, const std::vector<float>& slope) {
+    const int i = r / kCell;
+    for (int c = 0; c < cols_; ++c) {
+      const auto at = static_cast<std::size_t>(c);
+      float& difference = difference_(r, c);
+      difference = 0;
+      if (!is_wanted[at / kLanes] || is_cut_off(r, c) || own[at] > kMostOwn) continue;
+      const float rest = samples_(r, c) - estimate_(r, c);
+      difference = mean[at] - estimate_(r, c);
+      const int k = c / kCell;
+      const float share = 1.0f / static_cast<float>(pixels_of(i, k));
+      // The last two terms are the noise in the product before: that of the estimate, of which the
+      // mean keeps its slope, less that of the mean's own sample.
+      cells_.gain(i, k) += share * (rest * difference + (1.0f - slope[at]) * kept(i, k) - own[at]);
+      cells_.energy(i, k) += share * difference * difference;
+      cells_.own(i, k) += share * own[at];
+    }
+  }
+
+  // The share of the change that leaves least error, as far as it is certain.
+  void take_change() {
+    const Image gain = gaussian_means(cells_.gain, kGainDeviation, kGainRadius);
+    const Image energy = gaussian_means(cells_.energy, kGainDeviation, kGainRadius);
+    constexpr float kPixels =
+        4 * std::numbers::pi_v<float> * kGainDeviation * kGainDeviation * kCell * kCell;
+    parallel_for(0, gain.rows(), kBandCells, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
+        for (int k = 0; k < gain.cols(); ++k) {
+          const float moved = energy(i, k);
+          const float certain = gain(i, k) - kGainErrors * std::sqrt(moved / kPixels);
+          float share = 0;
+          if (certain > 0) share = cells_.gate(i, k) * std::min(certain / moved, 1.0f);
+          const float noise = std::max(kept(i, k), kLeastShare);
+          const auto gained = [&](float along) {
+            return share * (2 * along - share * moved) / noise;
+          };
+          if (share > 0) change_cell(i, k, share, 1 - gained(gain(i, k)));
+          cells_.gate(i, k) *= ramp(gained(certain), kWorthwhile, 2 * kWorthwhile);
+        }
+    });
+  }
+
+  // left: of the error around here.
+  void change_cell(int i, int k, float share, float left) {
+    const float own = std::sqrt(cells_.own(i, k));
+    for (int r = i * kCell; r < std::min((i + 1) * kCell, rows_); ++r)
+      for (int c = k * kCell; c < std::min((k + 1) * kCell, cols_); ++c) {
+        if (difference_(r, c) == 0) continue;
+        estimate_(r, c) += share * difference_(r, c);
+        if (!strip_.error || r < strip_.core || r >= strip_.core_end) continue;
+        // The two errors are of the same samples: they add up. But where some pixels are alike and
+        // others are not, as along edges, the others' error remains.
+        float& error = (*strip_.error)(strip_.first_row + r, c);
+        const float alike = (1 - share) * std::sqrt(error) + share * own;
+        error = std::min(std::max(alike * alike, left * error), error);
+      }
+  }
+
+  const SensorLayout& layout_;
+  Strip& strip_;
+  const Image& samples_;
+  Image& estimate_;
+  Progress& progress_;
+  int rows_, cols_;
+  Image difference_;
+  BilateralSums cells_;
+};
+
+// A pixel depends on none further above or below. Whole cells.
+int averaging_reach(const SensorLayout& layout) {
+  int reach = 0;
+  for (const BilateralRound& round : kBilateralRounds)
+    reach += (kGainRadius + 1) * kCell +
+             std::max(round.reach * layout.rows(), (kNoiseRadius + 1) * kCell);
+  return cell_count(reach) * kCell;
+}
+
+// What the tiles of the filter had before is free; the least that they need is more than this.
+int strip_rows(const Image& estimate, int reach, double memory_mib, double resident_values) {
+  constexpr double kBytesPerPixel = 14;  // samples, estimate, difference, maps of cells and bands
+  const double bytes = pixel_budget_bytes(memory_mib) - 4 * resident_values;
+  const double rows = bytes / (kBytesPerPixel * std::max(estimate.cols(), 1)) - 2 * reach;
+  if (rows >= estimate.rows()) return std::max(estimate.rows(), 1);
+  return std::max(static_cast<int>(rows) / kCell, kBandCells) * kCell;
+}
+
+}  // namespace
+
+void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& white,
+                          const SensorLayout& layout, double memory_mib, double resident_values,
+                          Image& estimate, Image* error, Progress& progress) {
+  const int rows = estimate.rows(), cols = estimate.cols(), reach = averaging_reach(layout);
+  const int core_rows = strip_rows(estimate, reach, memory_mib, resident_values);
+  Image above;  // the estimate before the change, up to the strip
+  for (int core = 0; core < rows; core += core_rows) {
+    const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
+              end = std::min(core_end + reach, rows);
+    Strip strip{
+        Image(end - first, cols), Image(end - first, cols), white, error, first, core - first,
+        core_end - first};
+    parallel_for(first, end, kRowsPerTask, [&](std::ptrdiff_t task, std::ptrdiff_t task_end) {
+      for (int r = static_cast<int>(task); r < static_cast<int>(task_end); ++r) {
+        const float* from = r < core ? above.row(r - core + above.rows()) : estimate.row(r);
+        std::copy_n(from, cols, strip.estimate.row(r - first));
+        for (int c = 0; c < cols; ++c) strip.samples(r - first, c) = pixel(r, c);
+      }
+    });
+    above = Image(std::min(reach, core_end), cols);
+    for (int i = 0; i < above.rows(); ++i)
+      std::copy_n(strip.estimate.row(core_end - above.rows() + i - first), cols, above.row(i));
+    Averaging(layout, strip, progress).run();
+    for (int r = core; r < core_end; ++r)
+      std::copy_n(strip.estimate.row(r - first), cols, estimate.row(r));
+  }
+}
+
+}  // namespace malus::internal

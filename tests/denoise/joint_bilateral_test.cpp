@@ -1,0 +1,182 @@
+// Truth: pictures without noise, Gaussian noise of deviation 1 with fixed seeds, and estimates
+// whose error is known because the test made them.
+#include "malus/denoise/internal/joint_bilateral.h"
+
+#include "malus/base/error.h"
+#include "malus/base/progress.h"
+#include "malus/base/random.h"
+#include "malus/denoise/internal/bilateral_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+#include "denoise/instruction_sets.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr int kPrintRows = 200, kPrintCols = 180;
+constexpr float kPaper = 60, kInk = 45;
+
+Image with_unit_noise(const Image& clean, std::uint64_t seed) {
+  RandomSequence random(seed, 0, Draw::kUser);
+  Image noisy = clean;
+  for (float& v : noisy.values()) v += static_cast<float>(random.normal());
+  return noisy;
+}
+
+// Squares of `side` pixels, ink or paper by chance, as in a QR code; every channel has its own
+// levels.
+Image printed(int side) {
+  RandomSequence random(5, 0, Draw::kUser);
+  Image squares(kPrintRows, kPrintCols), picture(kPrintRows, kPrintCols);
+  for (float& v : squares.values()) v = random.normal() > 0 ? kInk : kPaper;
+  for (int r = 0; r < kPrintRows; ++r)
+    for (int c = 0; c < kPrintCols; ++c)
+      picture(r, c) = squares(r / side, c / side) + 3.0f * static_cast<float>(r % 4 + c % 4);
+  return picture;
+}
+
+double squared_error(const Image& estimate, const Image& clean) {
+  double sum = 0;
+  for (std::size_t i = 0; i < clean.size(); ++i)
+    sum += std::pow(double{estimate.values()[i]} - double{clean.values()[i]}, 2);
+  return sum / static_cast<double>(clean.size());
+}
+
+struct Averaged {
+  Image estimate, error;
+};
+
+Averaged averaged(const Image& samples, const Image& estimate, float error,
+                  double memory_mib = 1024, float white = 1e5f) {
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  Averaged result{estimate, Image(estimate.rows(), estimate.cols(), error)};
+  internal::average_alike_pixels([&](int r, int c) { return samples(r, c); },
+                                 std::vector<float>(16, white), layout, memory_mib, 0,
+                                 result.estimate, &result.error, silent_progress());
+  return result;
+}
+
+// A filter of blocks that finds none alike leaves the samples as they are.
+TEST(JointBilateral, AveragesPrintThatTheFilterLeftNoisyAndStatesItsError) {
+  const Image clean = printed(3), noisy = with_unit_noise(clean, 1);
+  const Averaged result = averaged(noisy, noisy, 1.0f);
+  const double error = squared_error(result.estimate, clean);
+  EXPECT_LT(error, 0.03);
+  double stated = 0;
+  for (const float v : result.error.values()) stated += double{v} / double(result.error.size());
+  EXPECT_GT(stated, error / 2);
+  EXPECT_LT(stated, error * 2);
+}
+
+// Every value once: nothing is alike, so whatever is averaged is lost.
+TEST(JointBilateral, LeavesTextureAsItIs) {
+  RandomSequence random(2, 0, Draw::kUser);
+  Image clean(kPrintRows, kPrintCols, 50);
+  for (float& v : clean.values()) v += 3 * static_cast<float>(random.normal());
+  const Image noisy = with_unit_noise(clean, 3);
+  EXPECT_LT(squared_error(averaged(noisy, noisy, 1.0f).estimate, clean),
+            1.005 * squared_error(noisy, clean));
+}
+
+// An estimate that has lost detail, and no noise left to take.
+TEST(JointBilateral, LeavesAnEstimateWithoutNoise) {
+  const Image clean(kPrintRows, kPrintCols, 50), noisy = with_unit_noise(clean, 4);
+  const Image estimate(kPrintRows, kPrintCols, 50.1f);
+  EXPECT_EQ(averaged(noisy, estimate, 0.01f).estimate, estimate);
+}
+
+// White cuts the noise off: the samples differ by less from the estimate, which tells nothing.
+TEST(JointBilateral, LeavesLightNearWhite) {
+  Image clean(kPrintRows, kPrintCols, 50);
+  for (int c = 0; c < kPrintCols; ++c)
+    for (int r = 0; r < kPrintRows; ++r) clean(r, c) += 0.002f * static_cast<float>(c * (r % 2));
+  Image noisy = with_unit_noise(clean, 6);
+  for (float& v : noisy.values()) v = std::min(v, 50.0f);
+  EXPECT_EQ(averaged(noisy, clean, 0.1f, 1024, 50.0f).estimate, clean);
+}
+
+// A star: nothing around it is like it.
+TEST(JointBilateral, LeavesAPixelThatIsAlone) {
+  Image clean = printed(3);
+  clean(100, 90) = 200;
+  const Image noisy = with_unit_noise(clean, 7);
+  Image estimate = noisy;
+  estimate(100, 90) = 190;
+  const Averaged result = averaged(noisy, estimate, 1.0f);
+  EXPECT_EQ(result.estimate(100, 90), 190);
+  EXPECT_EQ(result.error(100, 90), 1.0f);
+}
+
+TEST(JointBilateral, StripsAreAsTheWholeFrame) {
+  const Image clean = printed(5), noisy = with_unit_noise(clean, 8);
+  const Averaged whole = averaged(noisy, noisy, 1.0f), strips = averaged(noisy, noisy, 1.0f, 0.0);
+  EXPECT_EQ(whole.estimate, strips.estimate);
+  EXPECT_EQ(whole.error, strips.error);
+  EXPECT_LT(squared_error(whole.estimate, clean), 0.05);
+}
+
+TEST(JointBilateral, StopsWhenAsked) {
+  class Stopped : public Progress {
+    void begin(std::string_view, std::int64_t) override {}
+    void advance(std::int64_t) override {}
+    void warn(std::string_view) override {}
+    bool stop_requested() const override { return true; }
+  } stopped;
+  Image estimate = printed(3);
+  EXPECT_THROW(internal::average_alike_pixels(
+                   [&](int r, int c) { return estimate(r, c); }, std::vector<float>(16, 1e5f),
+                   SensorLayout::named("polar-bayer-rggb"), 1024, 0, estimate, nullptr, stopped),
+               Cancelled);
+}
+
+// The definition, in double precision.
+TEST(BilateralKernel, IsTheWeightedMeanAndItsDerivative) {
+  constexpr int kReach = 2, kStep = 2, kMargin = kReach * kStep, kSide = 2 * kMargin + 1;
+  constexpr int kWidth = kSide - 1 + internal::kLanes;
+  RandomSequence random(9, 0, Draw::kUser);
+  Image samples(kSide, kWidth), guide(kSide, kWidth, internal::kNoGuide);
+  for (float& v : samples.values()) v = static_cast<float>(random.normal());
+  for (int r = 1; r < kSide; ++r)
+    for (int c = 0; c < kWidth; ++c) guide(r, c) = static_cast<float>(random.normal());
+  constexpr float kPerCut = 0.6f;
+  const auto compute = [&] {
+    std::vector<float> per_cut(internal::kLanes, kPerCut);
+    const std::uint8_t wanted = 1;
+    Image out(3, internal::kLanes);
+    const std::ptrdiff_t at = kMargin * kWidth + kMargin;
+    internal::average_alike({samples.values().data() + at, guide.values().data() + at, kWidth,
+                             kStep, kStep, kReach, 1, &wanted, per_cut.data(), out.row(0),
+                             out.row(1), out.row(2)});
+    return out;
+  };
+  const Image out = compute();
+  for (int lane = 0; lane < internal::kLanes; ++lane) {
+    const auto mean = [&](double moved, double* own) {
+      double weights = 0, sum = 0;
+      for (int i = -kReach; i <= kReach; ++i)
+        for (int k = -kReach; k <= kReach; ++k) {
+          const int r = kMargin + i * kStep, c = kMargin + lane + k * kStep;
+          const double u = (double{guide(r, c)} - guide(kMargin, kMargin + lane) - moved) * kPerCut;
+          const double weight = u * u < 1 ? std::pow(1 - u * u, 4) : 0;
+          weights += weight;
+          sum += weight * samples(r, c);
+        }
+      if (own) *own = 1 / weights;
+      return sum / weights;
+    };
+    double own = 0;
+    EXPECT_NEAR(out(0, lane), mean(0, &own), 1e-5) << lane;
+    EXPECT_NEAR(out(1, lane), own, 1e-5) << lane;
+    EXPECT_NEAR(out(2, lane), (mean(1e-4, nullptr) - mean(-1e-4, nullptr)) / 2e-4, 1e-4) << lane;
+  }
+  expect_same_on_every_instruction_set(compute, 1e-5);
+}
+
+}  // namespace
+}  // namespace malus
