@@ -5,7 +5,8 @@
 
 Writes FOLDER/NAME/I0.png, I45.png, I90.png, I135.png (16 bits, RGB) for every NAME of SCENES; with --charts of CHARTS:
 checkerboards of light and, in even light, of polarization, by the size of their squares in pixels; with --patterns of
-PATTERNS: weaves by their period, one word over and over, a page of letters, checkerboards of AoLP alone, bars, slanted and fine.
+PATTERNS: weaves by their period, one word over and over, a page of letters, checkerboards of AoLP alone, bars, slanted and fine, codes of
+squares by chance by the size of these in pixels, lines of one pixel.
 """
 import argparse
 import pathlib
@@ -51,6 +52,16 @@ def pattern(name, size):
         light = np.where(x // 2 % 2 == 0, 0.7, 0.15)
         return colour(light, (0.9, 1.0, 0.8)), np.where(light > 0.5, 0.1, 0.4), 0.5 * even
     random = np.random.default_rng(11)
+    if name.startswith("code"):  # as QR codes
+        side = int(name.rpartition("_")[2])
+        ink = random.integers(0, 2, (size // side + 1,) * 2).repeat(side, 0).repeat(side, 1)[:size, :size]
+        return colour(0.8 - 0.7 * ink, (0.95, 1.0, 0.85)), 0.1 + 0.3 * ink, 0.4 + 0.5 * ink
+    if name == "lines":
+        ink = np.zeros_like(x)
+        for x0, y0, x1, y1 in random.uniform(0, size, (size // 10, 4)):
+            steps = np.linspace(0, 1, 2 * size)
+            ink[(y0 + (y1 - y0) * steps).astype(int), (x0 + (x1 - x0) * steps).astype(int)] = 1
+        return colour(0.8 - 0.7 * ink, (0.95, 1.0, 0.85)), 0.1 + 0.3 * ink, 0.4 + 0.5 * ink
     across, down = size // 12 + 1, size // 20 + 1
     lines = ["MALUS " * (across // 6 + 1)] * down
     if name == "page":
@@ -103,7 +114,7 @@ def scene(name, size):
 
 SCENES = ("flat", "ramp", "waves", "blobs", "discs")
 CHARTS = ("board_8", "board_12", "board_16", "polboard_8", "polboard_16")
-PATTERNS = ("weave_9", "weave_17", "word", "page", "aolboard_16", "bars", "bars_2")
+PATTERNS = ("weave_9", "weave_17", "word", "page", "aolboard_16", "bars", "bars_2", "code_3", "code_5", "lines")
 
 
 def write_png(path, picture):
