@@ -53,11 +53,11 @@ struct Averaged {
 };
 
 Averaged averaged(const Image& samples, const Image& estimate, float error,
-                  double memory_mib = 1024, float white = 1e5f) {
+                  double memory_mib = 1024, float white = 1e5f, float sure_noise = 1.0f) {
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   Averaged result{estimate, Image(estimate.rows(), estimate.cols(), error)};
   internal::average_alike_pixels([&](int r, int c) { return samples(r, c); },
-                                 std::vector<float>(16, white), layout, memory_mib, 0,
+                                 std::vector<float>(16, white), sure_noise, layout, memory_mib, 0,
                                  result.estimate, &result.error, silent_progress());
   return result;
 }
@@ -101,6 +101,18 @@ TEST(JointBilateral, LeavesLightNearWhite) {
   EXPECT_EQ(averaged(noisy, clean, 0.1f, 1024, 50.0f).estimate, clean);
 }
 
+// Less noise than was told looks like noise that the estimate has kept.
+TEST(JointBilateral, BelievesNoMoreNoiseThanIsSure) {
+  RandomSequence random(10, 0, Draw::kUser);
+  Image clean(kPrintRows, kPrintCols), noisy(kPrintRows, kPrintCols);
+  for (std::size_t i = 0; i < clean.size(); ++i) {
+    clean.values()[i] = 50 + 0.3f * static_cast<float>(random.normal());
+    noisy.values()[i] = clean.values()[i] + 0.85f * static_cast<float>(random.normal());
+  }
+  EXPECT_NE(averaged(noisy, clean, 0.1f).estimate, clean);
+  EXPECT_EQ(averaged(noisy, clean, 0.1f, 1024, 1e5f, 0.7f).estimate, clean);
+}
+
 // A star: nothing around it is like it.
 TEST(JointBilateral, LeavesAPixelThatIsAlone) {
   Image clean = printed(3);
@@ -130,7 +142,7 @@ TEST(JointBilateral, StopsWhenAsked) {
   } stopped;
   Image estimate = printed(3);
   EXPECT_THROW(internal::average_alike_pixels(
-                   [&](int r, int c) { return estimate(r, c); }, std::vector<float>(16, 1e5f),
+                   [&](int r, int c) { return estimate(r, c); }, std::vector<float>(16, 1e5f), 1.0f,
                    SensorLayout::named("polar-bayer-rggb"), 1024, 0, estimate, nullptr, stopped),
                Cancelled);
 }

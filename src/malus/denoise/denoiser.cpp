@@ -22,6 +22,10 @@
 namespace malus {
 namespace {
 
+// A picture shows its noise too large where it has texture: this share of its variance is sure
+// (docs/denoising-experiments.md, "Pixels that are alike").
+constexpr float kSureNoise = 0.9f;
+
 // From the stabilised estimate and its error back to DN.
 void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& frame,
             Denoised& result) {
@@ -93,8 +97,9 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   std::vector<float> white;
   for (std::size_t k = 0; k < stabilizers.size(); ++k)
     white.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k])));
-  internal::average_alike_pixels(pixel, white, frame.layout, settings.memory_mib, resident,
-                                 result.dn_above_black, error, progress);
+  internal::average_alike_pixels(pixel, white, profile.estimated_from_picture ? kSureNoise : 1.0f,
+                                 frame.layout, settings.memory_mib, resident, result.dn_above_black,
+                                 error, progress);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

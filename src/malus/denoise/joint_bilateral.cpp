@@ -29,7 +29,7 @@ constexpr float kLeastDeviation = 0.3f;  // of the guide's error
 // the second on all that is to be gained.
 constexpr float kNoiseDeviation = 4.0f;
 constexpr int kNoiseRadius = 10;
-constexpr float kLeastNoise = 0.08f, kEnoughNoise = 0.16f;
+constexpr float kLeastKept = 0.08f, kEnoughKept = 0.16f;
 // What is gained is asked of smaller ones, and this many standard errors are taken off.
 constexpr float kGainDeviation = 2.5f;
 constexpr int kGainRadius = 6;
@@ -60,9 +60,10 @@ struct BilateralSums {
 struct Strip {
   Image samples, estimate;
   const std::vector<float>& white;  // per channel
-  Image* error;                     // the frame's, or null
-  int first_row;                    // of the frame
-  int core, core_end;               // rows of the strip whose error changes
+  float sure_noise;
+  Image* error;        // the frame's, or null
+  int first_row;       // of the frame
+  int core, core_end;  // rows of the strip whose error changes
 };
 
 class Averaging {
@@ -108,11 +109,12 @@ class Averaging {
            r < std::min(static_cast<int>(end) * kCell, rows_); ++r)
         for (int c = 0; c < cols_; ++c) {
           const float rest = samples_(r, c) - estimate_(r, c);
-          cells_.kept(r / kCell, c / kCell) += is_cut_off(r, c) ? 1.0f : rest * rest;
+          cells_.kept(r / kCell, c / kCell) += is_cut_off(r, c) ? strip_.sure_noise : rest * rest;
         }
       for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
         for (int k = 0; k < cells_.kept.cols(); ++k)
-          cells_.kept(i, k) = 1.0f - cells_.kept(i, k) / static_cast<float>(pixels_of(i, k));
+          cells_.kept(i, k) =
+              strip_.sure_noise - cells_.kept(i, k) / static_cast<float>(pixels_of(i, k));
     });
     cells_.kept = gaussian_means(cells_.kept, kNoiseDeviation, kNoiseRadius);
   }
@@ -120,7 +122,7 @@ class Averaging {
   void open_gates() {
     cells_.gate = cell_map();
     for (std::size_t i = 0; i < cells_.gate.size(); ++i)
-      cells_.gate.values()[i] = ramp(cells_.kept.values()[i], kLeastNoise, kEnoughNoise);
+      cells_.gate.values()[i] = ramp(cells_.kept.values()[i], kLeastKept, kEnoughKept);
   }
 
   float kept(int i, int k) const { return std::clamp(cells_.kept(i, k), 0.0f, 1.0f); }
@@ -272,17 +274,23 @@ int strip_rows(const Image& estimate, int reach, double memory_mib, double resid
 }  // namespace
 
 void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& white,
-                          const SensorLayout& layout, double memory_mib, double resident_values,
-                          Image& estimate, Image* error, Progress& progress) {
+                          float sure_noise, const SensorLayout& layout, double memory_mib,
+                          double resident_values, Image& estimate, Image* error,
+                          Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols(), reach = averaging_reach(layout);
   const int core_rows = strip_rows(estimate, reach, memory_mib, resident_values);
   Image above;  // the estimate before the change, up to the strip
   for (int core = 0; core < rows; core += core_rows) {
     const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
               end = std::min(core_end + reach, rows);
-    Strip strip{
-        Image(end - first, cols), Image(end - first, cols), white, error, first, core - first,
-        core_end - first};
+    Strip strip{Image(end - first, cols),
+                Image(end - first, cols),
+                white,
+                sure_noise,
+                error,
+                first,
+                core - first,
+                core_end - first};
     parallel_for(first, end, kRowsPerTask, [&](std::ptrdiff_t task, std::ptrdiff_t task_end) {
       for (int r = static_cast<int>(task); r < static_cast<int>(task_end); ++r) {
         const float* from = r < core ? above.row(r - core + above.rows()) : estimate.row(r);
