@@ -124,6 +124,12 @@ variant("ordinary: hot and telegraph pixels", light=with_hot_pixels)
 variant("ordinary: response bent by 3 %, shading of 50 %", recorded=bent, falloff=0.5)
 variant("ordinary: response bent by 3 %, shading of 10 %", recorded=bent)
 variant("ordinary: lamp flickers by 1.5 %", light=lambda self, e, shot: e * (1 + 0.015 * self.rng.standard_normal()))
+variant("ordinary: lamp flickers by 3 %", light=lambda self, e, shot: e * (1 + 0.03 * self.rng.standard_normal()))
+variant("ordinary: lamp flickers by 3 %, 10 flats", light=lambda self, e, shot: e * (1 + 0.03 * self.rng.standard_normal()), count={"bias": BIASES, "flat": 10})
+variant("ordinary: lamp flickers by 3 %, polar-Bayer, shading of 50 %", light=lambda self, e, shot: e * (1 + 0.03 * self.rng.standard_normal()), layout="polar-bayer-rggb", colour=GREY, falloff=0.5)
+variant("ordinary: lamp flickers by 3 %, response bent by 3 %", light=lambda self, e, shot: e * (1 + 0.03 * self.rng.standard_normal()), recorded=bent)
+variant("ordinary: lamp drifts by 1 % a frame, 10 flats", light=lambda self, e, shot: e * (1 - 0.01 * shot["number"]), count={"bias": BIASES, "flat": 10})
+variant("ordinary: 10 flats", count={"bias": BIASES, "flat": 10})
 variant("ordinary: noise of 0.3 DN", k=0.1, read=2.5, row=0.02, dsnu=0.1)
 variant("ordinary: no PRNU, no DSNU, no shading", prnu=0.0, dsnu=0.0, falloff=0.0)
 variant("10 bits replicated into 16", **in_16_bits(10, lambda v: v << 6 | v >> 4))
@@ -186,6 +192,20 @@ def recursive(weight):
     return recorded
 
 
+def lagging(share):
+    """Each frame holds that share of the charge that the pixels held before."""
+
+    def analog(self, electrons, shot):
+        if shot["number"] == 0:
+            self.state["charge"] = electrons * 1.0
+            for _ in range(4):
+                mean = np.maximum(shot["share"] * (WHITE - BLACK) / K * self.shade * self.response, 0)
+                self.state["charge"] = (1 - share) * self.rng.poisson(mean) + share * self.state["charge"]
+        self.state["charge"] = (1 - share) * electrons + share * self.state["charge"]
+        return Camera.analog(self, self.state["charge"], shot)
+    return analog
+
+
 def averaged(frames):
     def frame(self, kind, share, number):
         parts = [Camera.analog(self, self.rng.poisson(share * (WHITE - BLACK) / K * self.shade * self.response).astype(float), {}) for _ in range(frames)]
@@ -194,6 +214,10 @@ def averaged(frames):
 
 
 variant("4 frames averaged in the camera", frame=averaged(4))
+variant("image lag of 1 %", analog=lagging(0.01))
+variant("image lag of 2 %", analog=lagging(0.02))
+variant("image lag of 3 %", analog=lagging(0.03))
+variant("image lag of 2 %, 10 flats", analog=lagging(0.02), count={"bias": BIASES, "flat": 10})
 variant("recursive temporal filter, weight 0.5", recorded=recursive(0.5))
 variant("recursive temporal filter, weight 0.8", recorded=recursive(0.8))
 variant("auto-exposure between frames", light=lambda self, e, shot: e * (1 + 0.04 * np.sin(2.1 * shot["number"])))

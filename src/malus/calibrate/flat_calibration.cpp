@@ -180,22 +180,6 @@ void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& da
         {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
 }
 
-// Variance of frames that had all been of their mean light. Scaling a frame by a, to that mean,
-// makes a times of its shot noise what such a frame has, and a² times of the noise without light.
-double steady_variance_dn2(const TemporalAccumulator& temporal, std::size_t channel, double mean_dn,
-                           double variance_dn2, double dark_variance_dn2) {
-  if (temporal.alignment() != FrameAlignment::kMultiplicative) return variance_dn2;
-  double scale = 0, square = 0;
-  const auto& frames = temporal.frame_means_dn();
-  for (const std::vector<double>& frame : frames) {
-    if (!(frame[channel] > 0)) return variance_dn2;
-    const double a = mean_dn / frame[channel];
-    scale += a / static_cast<double>(frames.size());
-    square += a * a / static_cast<double>(frames.size());
-  }
-  return dark_variance_dn2 + (variance_dn2 - square * dark_variance_dn2) / scale;
-}
-
 void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                const RawFrame& first, const std::vector<double>& frame_deviation_dn,
                int bias_frames, double saturation_limit, FlatSeries& series) {
@@ -224,6 +208,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     series.levels[c].push_back(std::move(point));
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
+  if (!good) level.seen.successive = {};
   series.seen.push_back(std::move(level.seen));
   series.in_patterns.push_back(good);
   series.gains.push_back(good ? std::move(level.gains) : GainBlocks());
@@ -313,7 +298,10 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
                  double saturation_limit, bool cut_off, PhysicsCalibration& out) {
   warn_of_full_well(series, saturation_limit, first.white_dn - mean_of(first.black_dn), out);
   for (std::size_t i = 0; i < series.gains.size(); ++i)
-    if (saturated_in_any(series, i)) series.gains[i] = {};
+    if (saturated_in_any(series, i)) {
+      series.gains[i] = {};
+      series.seen[i].successive = {};
+    }
   const std::size_t said = out.warnings.size();  // other light explains another variance
   warn_of_flats(series.seen,
                 {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
@@ -330,6 +318,7 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
   if (out.warnings.size() == said) warn_of_gain_map(series.gains, out);
+  warn_of_image_lag(series.seen, dark.successive, out);
   warn_of_colors(first.layout, series.light_dn, out);
   warn_of_angles(first.layout, series.light_dn, out);
   warn_of_lit_darkness(first, out);

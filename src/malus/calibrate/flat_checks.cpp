@@ -220,6 +220,35 @@ void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReferenc
   warn_of_changing_light(flats, reference, out);
 }
 
+// y = (1 - ρ) x + ρ y' of the frame before has x's mean, (1 - ρ)/(1 + ρ) of its variance and
+// correlates by ρ, ρ², ...: the sample variance of M such frames misses 2 ρ / M more, to first
+// order.
+void warn_of_image_lag(const std::vector<FlatObservation>& flats, const SuccessiveFrames& dark,
+                       PhysicsCalibration& out) {
+  constexpr double kLeast = 0.005, kErrors = 5.0, kOfLevels = 0.5;
+  SuccessiveProducts all;
+  std::vector<double> of_level, per_frame;
+  for (const FlatObservation& flat : flats) {
+    if (!(flat.successive.pixels > 0)) continue;
+    all.merge(flat.successive);
+    of_level.push_back(flat.successive.correlation());
+    per_frame.push_back(1.0 / static_cast<double>(flat.sources.size()));
+  }
+  const double lag = all.correlation(), error = all.standard_error();
+  if (mixes_frames(dark) || out.K.mean.empty() || !(lag > std::max(kLeast, kErrors * error)))
+    return;
+  if (!(median_of(of_level) > kOfLevels * lag)) return;  // one frame that is partly stale
+  const double kept = (1.0 - lag) / (1.0 + lag) * (1.0 - 2.0 * lag * mean_of(per_frame));
+  out.warnings.push_back(fmt::format(
+      "a pixel's noise in a flat correlates by {:.3f} ± {:.1g} with that in the frame before: "
+      "image "
+      "lag, or the camera mixes frames. K is some {:.2g} % too small, and what is told in "
+      "electrons "
+      "too large; let the sensor reset between frames (pauses, single triggered frames), or turn "
+      "off temporal noise reduction",
+      lag, error, 100 * (1.0 - kept)));
+}
+
 void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_exposure_s,
                           PhysicsCalibration& out) {
   constexpr double kLong_s = 1.0, kOfBias = 10.0, kOfExposure = 1.2, kOfSquare = 1.5, kErrors = 5.0;

@@ -3,6 +3,7 @@
 
 #include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/light_profile.h"
+#include "malus/calibrate/temporal_filter.h"
 #include "malus/noise/calibration.h"
 
 #include <cstdint>
@@ -49,6 +50,7 @@ struct FlatObservation {
   double variance_dn2 = 0;           ///< temporal, of the first channel; 0: not known
   double mean_variance_dn2 = 0;      ///< of all channels
   LightChange light;                 ///< inside the frame
+  SuccessiveProducts successive;     ///< empty: not to be judged
 };
 
 /// What they are judged by.
@@ -80,6 +82,12 @@ void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReferenc
 /// occur lie closer than two deviations of the dark noise.
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                           PhysicsCalibration& out);
+
+/// Appends a warning where the flats' noise correlates from a frame to the next by more than 0.005
+/// and five standard errors, with what that takes off K: the camera's charge or files hold a share
+/// of the frame before. Not where the dark frames have told so.
+void warn_of_image_lag(const std::vector<FlatObservation>& flats, const SuccessiveFrames& dark,
+                       PhysicsCalibration& out);
 
 /// A level of the response that has no dark frames of its own exposure.
 struct DarklessLevel {

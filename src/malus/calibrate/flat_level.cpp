@@ -5,6 +5,7 @@
 #include "malus/calibrate/light_profile.h"
 #include "malus/image/quantization.h"
 
+#include <algorithm>
 #include <cstdint>
 
 namespace malus {
@@ -48,6 +49,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   level.seen.name = flat.name;
   FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
   LightProfile profile(geometry, dark.level_dn);
+  SuccessiveFlats successive(geometry, dark.level_dn, dark.shading_dn());
   double step_dn = 0;
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
@@ -62,6 +64,8 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
             TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
     }
     level.temporal.add(frame.dn);
+    if (level.temporal.alignment() == FrameAlignment::kMultiplicative && flat.count >= 3)
+      successive.add(frame.dn, level.temporal.frame_means_dn().back());
     pairs.add(frame.dn);
     profile.add(frame.dn);
     level.seen.sources.push_back(frame.source);
@@ -74,6 +78,8 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     level.seen.variance_dn2 = variance.front();
     level.seen.mean_variance_dn2 = mean_of(variance);
     level.seen.light = profile.change(level.seen.mean_variance_dn2);
+    level.seen.successive = successive.products(
+        std::clamp(1.0 - mean_of(dark.variance_dn2) / level.seen.mean_variance_dn2, 0.0, 1.0));
     level.gains = gain_blocks(level.temporal, geometry, dark.variance_dn2, step_dn);
   }
   for (int c = 0; c < geometry.channels(); ++c) {
@@ -82,6 +88,20 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     level.at_zero[as_index(c)] /= pixels;
   }
   return level;
+}
+
+double steady_variance_dn2(const TemporalAccumulator& temporal, std::size_t channel, double mean_dn,
+                           double variance_dn2, double dark_variance_dn2) {
+  if (temporal.alignment() != FrameAlignment::kMultiplicative) return variance_dn2;
+  double scale = 0, square = 0;
+  const auto& frames = temporal.frame_means_dn();
+  for (const std::vector<double>& frame : frames) {
+    if (!(frame[channel] > 0)) return variance_dn2;
+    const double a = mean_dn / frame[channel];
+    scale += a / static_cast<double>(frames.size());
+    square += a * a / static_cast<double>(frames.size());
+  }
+  return dark_variance_dn2 + (variance_dn2 - square * dark_variance_dn2) / scale;
 }
 
 }  // namespace malus

@@ -25,4 +25,10 @@ struct FlatLevel {
 FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
                         Progress& progress);
 
+/// Variance of frames that had all been of their mean light, DN². Scaling a frame by a, to that
+/// mean, makes a times of its shot noise what such a frame has, and a² times of the noise without
+/// light.
+double steady_variance_dn2(const TemporalAccumulator& temporal, std::size_t channel, double mean_dn,
+                           double variance_dn2, double dark_variance_dn2);
+
 }  // namespace malus

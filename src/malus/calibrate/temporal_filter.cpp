@@ -1,9 +1,11 @@
 #include "malus/calibrate/temporal_filter.h"
 
 #include "malus/base/index.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -11,6 +13,7 @@ namespace malus {
 namespace {
 
 constexpr int kTriples = 8;
+constexpr std::size_t kFlatTriples = 3;  // of each level
 
 Image copy_of(View<const float> dn) {
   Image out(dn.rows(), dn.cols());
@@ -18,8 +21,9 @@ Image copy_of(View<const float> dn) {
   return out;
 }
 
-// Takes out what the pixels of one channel in a row share: row noise and the frame's level.
-void level_rows(const MosaicGeometry& geometry, Image& noise) {
+// Takes out what the pixels of one channel in a row share, and in a column: row noise, the frame's
+// level, light that moves.
+void level_lines(const MosaicGeometry& geometry, Image& noise) {
   std::vector<double> mean(as_index(geometry.cell_cols()));
   for (int r = 0; r < noise.rows(); ++r) {
     std::fill(mean.begin(), mean.end(), 0.0);
@@ -28,6 +32,15 @@ void level_rows(const MosaicGeometry& geometry, Image& noise) {
           double{noise(r, c)} / geometry.channel_cols(c % geometry.cell_cols());
     for (int c = 0; c < noise.cols(); ++c)
       noise(r, c) -= static_cast<float>(mean[as_index(c % geometry.cell_cols())]);
+  }
+  const int cell_rows = geometry.cell_rows();
+  for (int phase = 0; phase < cell_rows; ++phase) {
+    mean.assign(as_index(noise.cols()), 0.0);
+    const double rows = (noise.rows() - phase + cell_rows - 1) / cell_rows;
+    for (int r = phase; r < noise.rows(); r += cell_rows)
+      for (int c = 0; c < noise.cols(); ++c) mean[as_index(c)] += double{noise(r, c)} / rows;
+    for (int r = phase; r < noise.rows(); r += cell_rows)
+      for (int c = 0; c < noise.cols(); ++c) noise(r, c) -= static_cast<float>(mean[as_index(c)]);
   }
 }
 
@@ -42,7 +55,69 @@ double mean_change(const Image& first, const Image& second) {
   return changed > 0 ? sum / changed : 0.0;
 }
 
+// Pixels far out are left out: telegraph noise stays for several frames where it is, and a few such
+// pixels would be most of the variance. The bound is an ellipse of independent frames' differences:
+// it takes as much of the products as of the squares, whatever the pixels' deviations are.
+SuccessiveProducts products_of(const MosaicGeometry& geometry, Image& first, Image& second,
+                               View<const float> third) {
+  constexpr double kFarOut = 5.0;  // mean changes: four deviations of normal noise
+  const double most = kFarOut * mean_change(first, second);
+  Image& d1 = first;
+  Image& d2 = second;
+  for (int r = 0; r < d1.rows(); ++r)
+    for (int c = 0; c < d1.cols(); ++c) {
+      d1(r, c) = second(r, c) - first(r, c);
+      d2(r, c) = third(r, c) - second(r, c);
+    }
+  level_lines(geometry, d1);
+  level_lines(geometry, d2);
+  SuccessiveProducts sum;
+  for (int r = 0; r < d1.rows(); ++r)
+    for (int c = 0; c < d1.cols(); ++c) {
+      const double a = d1(r, c), b = d2(r, c);
+      const double product = a * b, square = 0.5 * (a * a + b * b);
+      if (2.0 * square + product > 0.75 * most * most) continue;
+      sum.products += product;
+      sum.squares += square;
+      sum.product2 += product * product;
+      sum.cross += product * square;
+      sum.square2 += square * square;
+      sum.pixels += 1.0;
+    }
+  return sum;
+}
+
 }  // namespace
+
+void SuccessiveProducts::merge(const SuccessiveProducts& other) {
+  products += other.products;
+  squares += other.squares;
+  product2 += other.product2;
+  cross += other.cross;
+  square2 += other.square2;
+  pixels += other.pixels;
+}
+
+SuccessiveProducts SuccessiveProducts::scaled(double of_products, double of_squares) const {
+  SuccessiveProducts out = *this;
+  out.products *= of_products;
+  out.squares *= of_squares;
+  out.product2 *= of_products * of_products;
+  out.cross *= of_products * of_squares;
+  out.square2 *= of_squares * of_squares;
+  return out;
+}
+
+double SuccessiveProducts::correlation() const {
+  return squares > 0 ? 1.0 + 2.0 * products / squares : 0.0;
+}
+
+double SuccessiveProducts::standard_error() const {
+  if (!(squares > 0)) return 0.0;
+  const double ratio = products / squares;
+  const double scatter = product2 - 2.0 * ratio * cross + ratio * ratio * square2;
+  return 2.0 * std::sqrt(std::max(scatter, 0.0)) / squares;
+}
 
 void SuccessiveFrames::add(View<const float> dn) {
   if (triples_ >= kTriples) return;
@@ -51,59 +126,60 @@ void SuccessiveFrames::add(View<const float> dn) {
   } else if (second_.empty()) {
     second_ = copy_of(dn);
   } else {
-    use(dn);
+    sum_.merge(products_of(geometry_, first_, second_, dn));
     first_ = second_ = Image();
     ++triples_;
   }
 }
 
-// Pixels far out are left out: telegraph noise stays for several frames where it is, and a few such
-// pixels would be most of the variance.
-void SuccessiveFrames::use(View<const float> third) {
-  constexpr double kFarOut = 5.0;  // mean changes: four deviations of normal noise
-  const double most = kFarOut * mean_change(first_, second_);
-  Image& d1 = first_;
-  Image& d2 = second_;
-  for (int r = 0; r < d1.rows(); ++r)
-    for (int c = 0; c < d1.cols(); ++c) {
-      d1(r, c) = second_(r, c) - first_(r, c);
-      d2(r, c) = third(r, c) - second_(r, c);
+void SuccessiveFlats::add(View<const float> dn, const std::vector<double>& light_dn) {
+  if (first_light_dn_.empty()) first_light_dn_ = light_dn;
+  lit_ = lit_ && std::all_of(light_dn.begin(), light_dn.end(), [](double v) { return v > 0; });
+  if (!lit_ || triples_.size() >= kFlatTriples) return;
+  Image scaled(geometry_.rows(), geometry_.cols());
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) {
+      const auto channel = as_index(geometry_.channel(r, c));
+      scaled(r, c) = static_cast<float>((double{dn(r, c)} - dark_dn_[channel] - shading_dn_(r, c)) *
+                                        (first_light_dn_[channel] / light_dn[channel]));
     }
-  level_rows(geometry_, d1);
-  level_rows(geometry_, d2);
-  for (int r = 0; r < d1.rows(); ++r)
-    for (int c = 0; c < d1.cols(); ++c) {
-      const double a = d1(r, c), b = d2(r, c);
-      if (std::max(std::abs(a), std::abs(b)) > most) continue;
-      const double product = a * b, square = 0.5 * (a * a + b * b);
-      products_ += product;
-      squares_ += square;
-      product2_ += product * product;
-      cross_ += product * square;
-      square2_ += square * square;
-    }
+  waiting_.push_back(std::move(scaled));
+  scales_.push_back(mean_of(first_light_dn_) / mean_of(light_dn));
+  if (waiting_.size() < 3) return;
+  triples_.push_back({products_of(geometry_, waiting_[0], waiting_[1], waiting_[2]), scales_});
+  waiting_.clear();
+  scales_.clear();
 }
 
-double SuccessiveFrames::correlation() const {
-  return squares_ > 0 ? 1.0 + 2.0 * products_ / squares_ : 0.0;
+// Of independent frames' variances v, the product's mean is -v2 and the squares' (v1 + 2 v2 +
+// v3)/2.
+SuccessiveProducts SuccessiveFlats::products(double shot_share) const {
+  SuccessiveProducts sum;
+  for (const Triple& triple : triples_) {
+    if (!(triple.sum.squares > 0)) continue;
+    const auto variance = [&](std::size_t frame) {
+      const double scale = triple.scale[frame];
+      return scale * (shot_share + (1.0 - shot_share) * scale);
+    };
+    const double unit = triple.sum.pixels / triple.sum.squares;
+    sum.merge(triple.sum.scaled(
+        unit * (variance(0) + 2.0 * variance(1) + variance(2)) / (4.0 * variance(1)), unit));
+  }
+  return sum;
 }
 
-double SuccessiveFrames::standard_error() const {
-  if (!(squares_ > 0)) return 0.0;
-  const double ratio = products_ / squares_;
-  const double scatter = product2_ - 2.0 * ratio * cross_ + ratio * ratio * square2_;
-  return 2.0 * std::sqrt(std::max(scatter, 0.0)) / squares_;
+bool mixes_frames(const SuccessiveFrames& dark) {
+  constexpr double kLeast = 0.1, kErrors = 8.0;
+  return dark.correlation() > std::max(kLeast, kErrors * dark.standard_error());
 }
 
 void warn_of_temporal_filter(const SuccessiveFrames& dark, PhysicsCalibration& out) {
-  constexpr double kLeast = 0.1, kErrors = 8.0;
-  const double correlation = dark.correlation(), error = dark.standard_error();
-  if (correlation > std::max(kLeast, kErrors * error))
+  if (mixes_frames(dark))
     out.warnings.push_back(fmt::format(
         "a pixel's noise in a dark frame correlates by {:.2f} ± {:.2g} with that in the frame "
         "before: the camera mixes frames, and K and the noise are not the sensor's; turn off its "
         "temporal noise reduction",
-        correlation, error));
+        dark.correlation(), dark.standard_error()));
 }
 
 }  // namespace malus
