@@ -76,9 +76,10 @@ void warn_of_few_frames(PhysicsCalibration& out) {
 }
 
 // White where the frames do not show more. What drift moves from the rows' variance in a frame to
-// the frame's mean is given back to the former.
-void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& frames,
-                   PhysicsCalibration& out) {
+// the frame's mean is given back to the former. The result is, per channel, the relative error that
+// the drift's own error gives the rows' variance so.
+std::vector<double> measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& frames,
+                                  PhysicsCalibration& out) {
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
   std::vector<double> explained;
   for (int g = 0; g < geometry.group_phases(); ++g) {
@@ -90,8 +91,11 @@ void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& fram
     explained.push_back(kept * variance / (pixels * pixels));
   }
   const auto count = static_cast<double>(frames.row_offset.size());
-  out.row_drift = fit_row_drift(frames.row_offset, explained, static_cast<int>(kept * count + 0.5))
-                      .value_or({});
+  const FittedRowDrift fitted =
+      fit_row_drift(frames.row_offset, explained, static_cast<int>(kept * count + 0.5))
+          .value_or({});
+  out.row_drift = fitted;
+  std::vector<double> error;
   for (int c = 0; c < geometry.channels(); ++c) {
     const int groups = geometry.channel_groups(c);
     const double lost =
@@ -101,7 +105,10 @@ void measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& fram
       frames.row[f][as_index(c)] += given_back;
       frames.total[f][as_index(c)] += given_back;
     }
+    error.push_back(drift_of_means_stderr(fitted, groups, geometry.group_stride(c)) /
+                    ((groups - 1.0) * (1.0 - lost)));
   }
+  return error;
 }
 
 void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
@@ -118,6 +125,17 @@ void fill_components(const BiasFrames& frames, const MosaicGeometry& geometry,
   out.temporal_sd_dark_stderr_dn =
       deviation_statistics(frames.total, sampling.total, kept).standard_error;
   out.row_correlation = nearest_correlation(correlation_of(row_covariance));
+}
+
+// relative: measure_drift's. Half of a variance's relative error is the deviation's.
+void widen_by_drift(const std::vector<double>& relative, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < relative.size(); ++c) {
+    const double row = out.sigma_row.mean[c], all = out.temporal_sd_dark_dn[c];
+    double& of_row = out.sigma_row.standard_error[c];
+    double& of_all = out.temporal_sd_dark_stderr_dn[c];
+    of_row = std::hypot(of_row, 0.5 * relative[c] * row);
+    if (all > 0) of_all = std::hypot(of_all, 0.5 * relative[c] * row * row / all);
+  }
 }
 
 // Hot pixels are as bright in every frame as in their mean.
@@ -247,9 +265,11 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   });
   dark.farthest = farthest.release();
   const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
-  if (row_group.known && remove_pattern) measure_drift(geometry, kept, frames, out);
+  std::vector<double> of_drift(first.black_dn.size(), 0.0);
+  if (row_group.known && remove_pattern) of_drift = measure_drift(geometry, kept, frames, out);
   level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
+  widen_by_drift(of_drift, out);
   if (several) take_hidden_noise(pairs, step, first, dark, out);
   if (remove_pattern)
     undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count),

@@ -143,8 +143,8 @@ Fit best_fit(const Spectrum& spectrum) {
   return best_share(spectrum, std::exp(log_length));
 }
 
-// Standard errors of share and length from Whittle's information, the variance estimated too.
-std::pair<double, double> standard_errors(const Spectrum& spectrum, const Fit& fit, int frames) {
+// Covariance of share's and length's errors from Whittle's information, the variance estimated too.
+Eigen::Matrix2d error_covariance(const Spectrum& spectrum, const Fit& fit, int frames) {
   constexpr double kStep = 1e-3;  // of ln length
   const Values slow = slow_spectrum(spectrum, fit.length);
   const Values longer = slow_spectrum(spectrum, fit.length * std::exp(kStep));
@@ -155,8 +155,7 @@ std::pair<double, double> standard_errors(const Spectrum& spectrum, const Fit& f
                                 fit.share * (longer[j] - slow[j]) / (kStep * fit.length) / shape);
     information += frames * slope * slope.transpose();
   }
-  const Eigen::Matrix3d covariance = information.inverse();
-  return {std::sqrt(std::max(covariance(1, 1), 0.0)), std::sqrt(std::max(covariance(2, 2), 0.0))};
+  return information.inverse().bottomRightCorner<2, 2>();
 }
 
 // Mean over n groups of one channel of the sum over those of another.
@@ -174,8 +173,8 @@ double lag_sum(const RowDrift& drift, int n, int stride, int shift, const Functi
 
 }  // namespace
 
-Estimate<MeasuredRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Values& explained_dn2,
-                                         int independent_frames) {
+Estimate<FittedRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Values& explained_dn2,
+                                       int independent_frames) {
   MALUS_REQUIRE(!offsets_dn.empty() && !explained_dn2.empty());
   if (offsets_dn.size() < kLeastFrames || offsets_dn.front().size() < kLeastGroups)
     return Undecided{fmt::format("{} frames of {} row groups; {} of {} are needed",
@@ -191,17 +190,34 @@ Estimate<MeasuredRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Va
   if (!(evidence > kRowDriftEvidence))
     return Undecided{fmt::format("2 ln L = {:.1f} against white rows; {:.0f} are needed", evidence,
                                  kRowDriftEvidence)};
-  const auto [share_error, length_error] = standard_errors(spectrum, fit, independent_frames);
+  const Eigen::Matrix2d errors = error_covariance(spectrum, fit, independent_frames);
   // The likeliest variance holds what slow waves give to the frames' means; beyond the pixels' part
   // of it lies the rows'.
   const double variance = best_variance(spectrum, slow_spectrum(spectrum, fit.length), fit.share);
   const double of_rows = variance / (variance - rows.explained);
-  return MeasuredRowDrift{
-      {std::min(fit.share * of_rows, 1.0), fit.length}, share_error * of_rows, length_error};
+  return FittedRowDrift{{{std::min(fit.share * of_rows, 1.0), fit.length},
+                         std::sqrt(std::max(errors(0, 0), 0.0)) * of_rows,
+                         std::sqrt(std::max(errors(1, 1), 0.0))},
+                        errors(0, 1) * of_rows};
 }
 
 double drift_of_means(const RowDrift& drift, int n, int stride, int shift) {
   return lag_sum(drift, n, stride, shift, [](double rho) { return rho; });
+}
+
+double drift_of_means_stderr(const FittedRowDrift& fitted, int n, int stride) {
+  if (fitted.drift.white()) return 0.0;
+  constexpr double kStep = 1e-3;  // of the length
+  RowDrift longer = fitted.drift;
+  longer.length_groups *= 1.0 + kStep;
+  const double sum = drift_of_means(fitted.drift, n, stride, 0);
+  const double by_share = sum / fitted.drift.share;
+  const double by_length =
+      (drift_of_means(longer, n, stride, 0) - sum) / (kStep * fitted.drift.length_groups);
+  const double share = by_share * fitted.share_stderr, length = by_length * fitted.length_stderr;
+  return std::sqrt(std::max(
+      share * share + length * length + 2.0 * by_share * by_length * fitted.share_length_covariance,
+      0.0));
 }
 
 double drift_of_variances(const RowDrift& drift, int n, int stride, int shift) {
