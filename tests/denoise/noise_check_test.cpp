@@ -71,6 +71,46 @@ TEST(NoiseCheck, NamesNoiseOfAnotherGain) {
             std::string::npos);
 }
 
+// A frame cannot have more noise than it shows; of print it shows less than there is.
+TEST(NoiseCheck, NoMoreNoiseIsSureThanTheFrameShows) {
+  EXPECT_EQ(sure_noise_share(std::nullopt), 1);
+  EXPECT_EQ(sure_noise_share(NoiseCheck{.frame_sd_dn = std::nan(""), .profile_sd_dn = 2}), 1);
+  EXPECT_EQ(sure_noise_share(NoiseCheck{.frame_sd_dn = 3, .profile_sd_dn = 2}), 1);
+  EXPECT_DOUBLE_EQ(sure_noise_share(NoiseCheck{.frame_sd_dn = 1, .profile_sd_dn = 2}), 0.25);
+  const NoiseCheck print{.frame_sd_dn = 1.6, .profile_sd_dn = 2, .texture_share = 0.9};
+  EXPECT_EQ(sure_noise_share(print), 1);
+  const NoiseCheck smoothed{.frame_sd_dn = 0.4, .profile_sd_dn = 2, .texture_share = 1};
+  EXPECT_NEAR(sure_noise_share(smoothed), 0.0711, 1e-4);
+}
+
+// Waves of half the deviation that the profile tells, of which the frame has two thirds:
+// what it leaves of them is no noise to be averaged.
+TEST(NoiseCheck, WhereNoiseIsToldTooLargeDetailStays) {
+  const PhysicsNoise noise = stepped_camera(4.0);
+  Image clean(kFrameSide, kFrameSide);
+  for (int r = 0; r < kFrameSide; ++r)
+    for (int c = 0; c < kFrameSide; ++c)
+      clean(r, c) = 400 + 30 * static_cast<float>(std::sin(0.25 * r) * std::sin(0.2 * c));
+  const RawFrame frame = drawn_frame(clean, noise, {.black_dn = 20}, 3);
+  const auto squared_error_over_stated = [&](double deviation, double strength) {
+    PhysicsNoise told = noise;
+    for (PhysicsChannel& channel : told.channels) {
+      channel.gain_dn_per_e *= deviation * deviation;
+      channel.sigma_tl_dn *= deviation;
+    }
+    const Denoised result =
+        denoise_frame(frame, profile_of(told), {.strength = strength}, silent_progress(), true);
+    double square = 0, stated = 0;
+    for (std::size_t i = 0; i < clean.size(); ++i) {
+      square += std::pow(double{result.dn_above_black.values()[i]} - clean.values()[i], 2);
+      stated += double{result.variance_dn2->values()[i]};
+    }
+    return square / stated;
+  };
+  EXPECT_LT(squared_error_over_stated(1.5, 1), 2);
+  EXPECT_LT(squared_error_over_stated(1, 1.5), 2);
+}
+
 // Pixels of one signal that all round alike say nothing of where in the step it lies.
 TEST(NoiseCheck, WhatRoundingHidesIsStated) {
   const PhysicsNoise noise = stepped_camera(0.05);

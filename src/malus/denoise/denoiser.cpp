@@ -26,6 +26,14 @@ namespace {
 // (docs/denoising-experiments.md, "Pixels that are alike").
 constexpr float kSureNoise = 0.9f;
 
+// Variance that the noise has at least, in units of what the filter is told.
+float sure_noise(const NoiseProfile& profile, const DenoiseSettings& settings,
+                 const Denoised& result) {
+  const double share =
+      profile.estimated_from_picture ? double{kSureNoise} : sure_noise_share(result.noise);
+  return static_cast<float>(std::min(share / (settings.strength * settings.strength), 1.0));
+}
+
 // From the stabilised estimate and its error back to DN.
 void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& frame,
             Denoised& result) {
@@ -97,9 +105,9 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   std::vector<float> white;
   for (std::size_t k = 0; k < stabilizers.size(); ++k)
     white.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k])));
-  internal::average_alike_pixels(pixel, white, profile.estimated_from_picture ? kSureNoise : 1.0f,
-                                 frame.layout, settings.memory_mib, resident, result.dn_above_black,
-                                 error, progress);
+  internal::average_alike_pixels(pixel, white, sure_noise(profile, settings, result), frame.layout,
+                                 settings.memory_mib, resident, result.dn_above_black, error,
+                                 progress);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

@@ -23,6 +23,10 @@ constexpr double kFewSteps = 0.3;
 // docs/noise-estimate.md says what they were measured on.
 constexpr double kFarBelow = 0.7, kFarAbove = 1.6, kMostTexture = 0.1, kMostBelowDark = 0.1;
 
+// Texture shares of photographs and grain, and of print, which shows at least this share of its
+// noise (docs/denoising-experiments.md, "Pixels that are alike").
+constexpr double kSceneTexture = 0.5, kPrintTexture = 0.7, kPrintShows = 0.75;
+
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
 // Saturated pixels are at range_dn.
 Image sample_of(const PreparedFrame& frame) {
@@ -124,6 +128,14 @@ std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoisePro
   // A frame cut off at 0 shows no noise, and that it lies below the dark level all the same.
   if (!shown && check.below_dark_share <= kMostBelowDark) return std::nullopt;
   return check;
+}
+
+double sure_noise_share(const std::optional<NoiseCheck>& check) {
+  if (!check || !std::isfinite(check->frame_sd_dn) || !(check->profile_sd_dn > 0)) return 1;
+  const double like_print = std::clamp(
+      (check->texture_share - kSceneTexture) / (kPrintTexture - kSceneTexture), 0.0, 1.0);
+  const double least = check->profile_sd_dn * (1 - (1 - kPrintShows) * like_print);
+  return std::min(std::pow(check->frame_sd_dn / least, 2), 1.0);
 }
 
 std::string noise_complaint(const NoiseCheck& check) {

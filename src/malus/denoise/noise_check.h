@@ -30,6 +30,11 @@ struct NoiseCheck {
 /// level.
 std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoiseProfile& profile);
 
+/// Of the profile's variance, the share that the frame surely has: less than 1 where the frame
+/// shows less noise than the profile says. Print and codes, of which much looks like texture, may
+/// show three quarters of the deviation all the same. 1 without a check.
+double sure_noise_share(const std::optional<NoiseCheck>& check);
+
 /// What the check says against the profile, in one sentence with the numbers; empty where
 /// texture, chance or smoothing by rounding may explain the difference.
 std::string noise_complaint(const NoiseCheck& check);
