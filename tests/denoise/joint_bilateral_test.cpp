@@ -74,6 +74,30 @@ TEST(JointBilateral, AveragesPrintThatTheFilterLeftNoisyAndStatesItsError) {
   EXPECT_LT(stated, error * 2);
 }
 
+// Of each 2x2 pixels the filter has left the mean as it was, and knows the rest: polarization.
+TEST(JointBilateral, LeavesWhatTheFilterKnowsOfPolarization) {
+  const Image clean = printed(4), noisy = with_unit_noise(clean, 11);
+  const auto common = [](const Image& a, const Image& b, int r, int c) {
+    float sum = 0;
+    for (int i = r / 2 * 2; i < r / 2 * 2 + 2; ++i)
+      for (int k = c / 2 * 2; k < c / 2 * 2 + 2; ++k) sum += a(i, k) - b(i, k);
+    return sum / 4;
+  };
+  Image estimate = clean;
+  for (int r = 0; r < kPrintRows; ++r)
+    for (int c = 0; c < kPrintCols; ++c) estimate(r, c) += common(noisy, clean, r, c);
+  const Image result = averaged(noisy, estimate, 0.25f).estimate;
+  double mean_square = 0, rest_square = 0;
+  for (int r = 0; r < kPrintRows; ++r)
+    for (int c = 0; c < kPrintCols; ++c) {
+      const float mean = common(result, clean, r, c);
+      mean_square += double{mean} * mean / double(clean.size());
+      rest_square += std::pow(double{result(r, c) - clean(r, c) - mean}, 2) / double(clean.size());
+    }
+  EXPECT_LT(mean_square, 0.05);    // of 0.25
+  EXPECT_LT(rest_square, 0.0045);  // 0.006 with one share for all
+}
+
 // Every value once: nothing is alike, so whatever is averaged is lost.
 TEST(JointBilateral, LeavesTextureAsItIs) {
   RandomSequence random(2, 0, Draw::kUser);

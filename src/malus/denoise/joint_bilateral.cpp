@@ -47,13 +47,29 @@ float ramp(float value, float begin, float end) {
   return std::clamp((value - begin) / (end - begin), 0.0f, 1.0f);
 }
 
-// Means over cells of what a round finds, and what it is told.
+// Means over cells of what a round finds, and what it is told. What 2x2 pixels have in common,
+// their mean, is counted by itself: the estimate keeps less noise of what they differ by, colour
+// and polarization, where these are simpler than the light.
 struct BilateralSums {
-  Image kept;    // of the noise, by the estimate
-  Image gate;    // how much of a change may be taken
-  Image gain;    // Stein's estimate of (truth - estimate) (mean - estimate)
-  Image energy;  // (mean - estimate)²
-  Image own;     // weight of a pixel's own sample in its mean
+  Image kept, kept_common;      // of the noise, by the estimate
+  Image gate;                   // how much of a change may be taken
+  Image gain, gain_common;      // Stein's estimate of (truth - estimate) (mean - estimate)
+  Image energy, energy_common;  // (mean - estimate)²
+  Image blind;                  // what the mean has of the guide's error, taken from 1
+  Image own;                    // weight of a pixel's own sample in its mean
+};
+
+// 2x2 pixels, or what of them lies inside.
+struct PixelGroup {
+  int row, col, row_end, col_end;
+  int size() const { return (row_end - row) * (col_end - col); }
+  template <class Value>
+  float mean(Value value) const {
+    float sum = 0;
+    for (int r = row; r < row_end; ++r)
+      for (int c = col; c < col_end; ++c) sum += value(r, c);
+    return sum / static_cast<float>(size());
+  }
 };
 
 // A strip of the frame with its surroundings above and below. Its rows begin at a whole cell.
@@ -96,6 +112,13 @@ class Averaging {
     return estimate_(r, c) > strip_.white[channel] - kFromWhite;
   }
   Image cell_map() const { return Image(cell_count(rows_), cell_count(cols_)); }
+  // Of the cell.
+  template <class Use>
+  void for_groups(int i, int k, Use use) const {
+    for (int r = i * kCell; r < std::min((i + 1) * kCell, rows_); r += 2)
+      for (int c = k * kCell; c < std::min((k + 1) * kCell, cols_); c += 2)
+        use(PixelGroup{r, c, std::min(r + 2, rows_), std::min(c + 2, cols_)});
+  }
   int pixels_of(int i, int k) const {
     return std::min(kCell, rows_ - i * kCell) * std::min(kCell, cols_ - k * kCell);
   }
@@ -104,6 +127,7 @@ class Averaging {
   // p.
   void measure_kept_noise() {
     cells_.kept = cell_map();
+    cells_.kept_common = cell_map();
     parallel_for(0, cells_.kept.rows(), kBandCells, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (int r = static_cast<int>(begin) * kCell;
            r < std::min(static_cast<int>(end) * kCell, rows_); ++r)
@@ -112,11 +136,29 @@ class Averaging {
           cells_.kept(r / kCell, c / kCell) += is_cut_off(r, c) ? strip_.sure_noise : rest * rest;
         }
       for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
-        for (int k = 0; k < cells_.kept.cols(); ++k)
-          cells_.kept(i, k) =
-              strip_.sure_noise - cells_.kept(i, k) / static_cast<float>(pixels_of(i, k));
+        for (int k = 0; k < cells_.kept.cols(); ++k) {
+          const auto pixels = static_cast<float>(pixels_of(i, k));
+          cells_.kept(i, k) = strip_.sure_noise - cells_.kept(i, k) / pixels;
+          cells_.kept_common(i, k) = strip_.sure_noise - common_residual(i, k) / pixels;
+        }
     });
     cells_.kept = gaussian_means(cells_.kept, kNoiseDeviation, kNoiseRadius);
+    cells_.kept_common = gaussian_means(cells_.kept_common, kNoiseDeviation, kNoiseRadius);
+  }
+
+  // Sum over the cell's pixels of the squared deviation of their groups' means.
+  float common_residual(int i, int k) const {
+    float sum = 0;
+    for_groups(i, k, [&](const PixelGroup& group) {
+      bool is_known = true;
+      const float mean = group.mean([&](int r, int c) {
+        is_known = is_known && !is_cut_off(r, c);
+        return samples_(r, c) - estimate_(r, c);
+      });
+      const auto size = static_cast<float>(group.size());
+      sum += size * (is_known ? size * mean * mean : strip_.sure_noise);
+    });
+    return sum;
   }
 
   void open_gates() {
@@ -126,13 +168,18 @@ class Averaging {
   }
 
   float kept(int i, int k) const { return std::clamp(cells_.kept(i, k), 0.0f, 1.0f); }
+  float kept_common(int i, int k) const { return std::clamp(cells_.kept_common(i, k), 0.0f, 1.0f); }
+  // Of four pixels three differences.
+  float kept_unlike(int i, int k) const {
+    return std::clamp((4 * cells_.kept(i, k) - cells_.kept_common(i, k)) / 3, 0.0f, 1.0f);
+  }
 
   // Fills difference_ and the sums.
   void average(const BilateralRound& round) {
     if (difference_.size() == 0) difference_ = Image(rows_, cols_);
-    cells_.gain = cell_map();
-    cells_.energy = cell_map();
-    cells_.own = cell_map();
+    for (Image* map : {&cells_.gain, &cells_.gain_common, &cells_.energy, &cells_.energy_common,
+                       &cells_.blind, &cells_.own})
+      *map = cell_map();
     const int cell_rows = cells_.gate.rows(), bands = (cell_rows + kBandCells - 1) / kBandCells;
     parallel_for(0, bands, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (int b = static_cast<int>(begin); b < static_cast<int>(end); ++b) {
@@ -169,6 +216,7 @@ class Averaging {
                        is_wanted.data(), per_cut.data(), mean.data(), own.data(), slope.data()});
         add_row(r, is_wanted, mean, own, slope);
       }
+      for (int k = 0; k < cells_.gate.cols(); ++k) add_common(i, k);
     }
   }
 
@@ -196,51 +244,86 @@ class Averaging {
       difference = mean[at] - estimate_(r, c);
       const int k = c / kCell;
       const float share = 1.0f / static_cast<float>(pixels_of(i, k));
-      // The last two terms are the noise in the product before: that of the estimate, of which the
-      // mean keeps its slope, less that of the mean's own sample.
-      cells_.gain(i, k) += share * (rest * difference + (1.0f - slope[at]) * kept(i, k) - own[at]);
+      cells_.gain(i, k) += share * rest * difference;
+      cells_.blind(i, k) += share * (1.0f - slope[at]);
       cells_.energy(i, k) += share * difference * difference;
       cells_.own(i, k) += share * own[at];
     }
   }
 
-  // The share of the change that leaves least error, as far as it is certain.
+  // What the groups of the cell have in common, and in both gains the noise of the products: that
+  // of the estimate, of which the mean keeps its slope, less that of the mean's own sample.
+  void add_common(int i, int k) {
+    for_groups(i, k, [&](const PixelGroup& group) {
+      const float share = static_cast<float>(group.size()) / static_cast<float>(pixels_of(i, k));
+      const float change = group.mean([&](int r, int c) { return difference_(r, c); });
+      cells_.gain_common(i, k) += share * change * group.mean([&](int r, int c) {
+        return samples_(r, c) - estimate_(r, c);
+      });
+      cells_.energy_common(i, k) += share * change * change;
+    });
+    const float common = 0.25f * (cells_.blind(i, k) * kept_common(i, k) - cells_.own(i, k));
+    cells_.gain_common(i, k) += common;
+    cells_.gain(i, k) +=
+        common + 0.75f * (cells_.blind(i, k) * kept_unlike(i, k) - cells_.own(i, k));
+  }
+
+  // The shares of a change that leave least error, as far as they are certain.
+  struct Shares {
+    float common = 0, unlike = 0;
+  };
+
   void take_change() {
-    const Image gain = gaussian_means(cells_.gain, kGainDeviation, kGainRadius);
-    const Image energy = gaussian_means(cells_.energy, kGainDeviation, kGainRadius);
+    for (Image* map : {&cells_.gain, &cells_.gain_common, &cells_.energy, &cells_.energy_common})
+      *map = gaussian_means(*map, kGainDeviation, kGainRadius);
+    parallel_for(0, cells_.gain.rows(), kBandCells, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
+        for (int k = 0; k < cells_.gain.cols(); ++k) take_change_of(i, k);
+    });
+  }
+
+  void take_change_of(int i, int k) {
     constexpr float kPixels =
         4 * std::numbers::pi_v<float> * kGainDeviation * kGainDeviation * kCell * kCell;
-    parallel_for(0, gain.rows(), kBandCells, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
-        for (int k = 0; k < gain.cols(); ++k) {
-          const float moved = energy(i, k);
-          const float certain = gain(i, k) - kGainErrors * std::sqrt(moved / kPixels);
-          float share = 0;
-          if (certain > 0) share = cells_.gate(i, k) * std::min(certain / moved, 1.0f);
-          const float noise = std::max(kept(i, k), kLeastShare);
-          const auto gained = [&](float along) {
-            return share * (2 * along - share * moved) / noise;
-          };
-          if (share > 0) change_cell(i, k, share, 1 - gained(gain(i, k)));
-          cells_.gate(i, k) *= ramp(gained(certain), kWorthwhile, 2 * kWorthwhile);
+    const float noise = std::max(kept(i, k), kLeastShare);
+    float gained = 0, certain = 0;  // of the noise
+    const auto share_of = [&](float gain, float moved) {
+      const float sure = gain - kGainErrors * std::sqrt(std::max(moved, 0.0f) / kPixels);
+      if (!(sure > 0) || !(moved > 0)) return 0.0f;
+      const float share = cells_.gate(i, k) * std::min(sure / moved, 1.0f);
+      gained += share * (2 * gain - share * moved) / noise;
+      certain += share * (2 * sure - share * moved) / noise;
+      return share;
+    };
+    const float common = cells_.energy_common(i, k);
+    const Shares shares{
+        share_of(cells_.gain_common(i, k), common),
+        share_of(cells_.gain(i, k) - cells_.gain_common(i, k), cells_.energy(i, k) - common)};
+    if (shares.common > 0 || shares.unlike > 0)
+      change_cell(i, k, shares, std::max(1 - gained, 0.0f));
+    cells_.gate(i, k) *= ramp(certain, kWorthwhile, 2 * kWorthwhile);
+  }
+
+  // left: of the error around here.
+  void change_cell(int i, int k, const Shares& shares, float left) {
+    for_groups(i, k, [&](const PixelGroup& group) {
+      const float common = group.mean([&](int r, int c) { return difference_(r, c); });
+      for (int r = group.row; r < group.row_end; ++r)
+        for (int c = group.col; c < group.col_end; ++c) {
+          if (difference_(r, c) == 0) continue;
+          estimate_(r, c) += shares.common * common + shares.unlike * (difference_(r, c) - common);
+          if (strip_.error && r >= strip_.core && r < strip_.core_end)
+            state_error(i, k, shares, left, (*strip_.error)(strip_.first_row + r, c));
         }
     });
   }
 
-  // left: of the error around here.
-  void change_cell(int i, int k, float share, float left) {
-    const float own = std::sqrt(cells_.own(i, k));
-    for (int r = i * kCell; r < std::min((i + 1) * kCell, rows_); ++r)
-      for (int c = k * kCell; c < std::min((k + 1) * kCell, cols_); ++c) {
-        if (difference_(r, c) == 0) continue;
-        estimate_(r, c) += share * difference_(r, c);
-        if (!strip_.error || r < strip_.core || r >= strip_.core_end) continue;
-        // The two errors are of the same samples: they add up. But where some pixels are alike and
-        // others are not, as along edges, the others' error remains.
-        float& error = (*strip_.error)(strip_.first_row + r, c);
-        const float alike = (1 - share) * std::sqrt(error) + share * own;
-        error = std::min(std::max(alike * alike, left * error), error);
-      }
+  // The two errors are of the same samples: they add up. But where some pixels are alike and others
+  // are not, as along edges, the others' error remains.
+  void state_error(int i, int k, const Shares& shares, float left, float& error) const {
+    const float share = 0.25f * shares.common + 0.75f * shares.unlike;
+    const float alike = (1 - share) * std::sqrt(error) + share * std::sqrt(cells_.own(i, k));
+    error = std::min(std::max(alike * alike, left * error), error);
   }
 
   const SensorLayout& layout_;
@@ -264,7 +347,7 @@ int averaging_reach(const SensorLayout& layout) {
 
 // What the tiles of the filter had before is free; the least that they need is more than this.
 int strip_rows(const Image& estimate, int reach, double memory_mib, double resident_values) {
-  constexpr double kBytesPerPixel = 14;  // samples, estimate, difference, maps of cells and bands
+  constexpr double kBytesPerPixel = 15;  // samples, estimate, difference, maps of cells and bands
   const double bytes = pixel_budget_bytes(memory_mib) - 4 * resident_values;
   const double rows = bytes / (kBytesPerPixel * std::max(estimate.cols(), 1)) - 2 * reach;
   if (rows >= estimate.rows()) return std::max(estimate.rows(), 1);
