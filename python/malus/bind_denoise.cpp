@@ -201,17 +201,15 @@ void bind_denoise(py::module_& m) {
        "    for float pixels, which are taken as DN above black, and without a model. white: the "
        "Frame's, else the model's.\n"
        "model: a Model, or the path or name of one; None estimates the noise from the picture. "
-       "gain [dB or ISO]: that of "
-       "the Frame if not given.\n"
+       "gain [dB or ISO]: that of the Frame if not given.\n"
        "origin: (row, column) on the calibrated sensor of the first pixel, where raw is a part of "
        "it: for the model's defects\n"
        "    and fixed pattern. extrapolate_gain: a gain outside the calibrated range is taken.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
-       "sigma_used_dn (per channel), "
-       "row_noise_removed_dn, column_noise_removed_dn, defect_pixels, impulse_pixels, kept_pixels, "
-       "mean_dn, mean_shift_dn, "
-       "noise_estimated_from_picture." +
+       "sigma_used_dn (per channel), row_noise_removed_dn, column_noise_removed_dn, defect_pixels, "
+       "impulse_pixels, kept_pixels, "
+       "mean_dn, mean_shift_dn, noise_estimated_from_picture." +
        settings_help<DenoiseSettings>())
           .c_str());
   m.def("estimate_noise", &noise_of_picture, py::arg("raw"), py::kw_only(),

@@ -275,8 +275,8 @@ void bind_polarization(py::module_& m) {
       py::arg("denoised") = true, py::arg("model") = py::none(), py::arg("gain") = py::none(),
       py::arg("extrapolate_gain") = false,
       "Stokes parameters of a raw mosaic [row, column] in DN above black, or of a Frame: dict of "
-      "s0, s1, s2 "
-      "[DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at one "
+      "s0, s1, s2 [DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at "
+      "one "
       "value per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") at one per "
       "pixel.\n\n"
       "variance: of every pixel of the mosaic [DN^2], as denoise(variance=True) gives it: adds "
@@ -287,8 +287,8 @@ void bind_polarization(py::module_& m) {
   m.def("normals", &normals, py::arg("dn_above_black"), py::arg("layout") = py::none(),
         py::kw_only(), py::arg("mask") = py::none(), py::arg("demosaick") = py::none(),
         ("Surface normals from the polarization of a raw mosaic [row, column] in DN above black, "
-         "or of a Frame: "
-         "float32 [3, row, column], unit vectors x right, y up, z towards the camera; NaN outside "
+         "or of a Frame: float32 [3, row, column], unit vectors x right, y up, z towards the "
+         "camera; NaN outside "
          "the object. One per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") "
          "one per pixel.\n\n"
          "mask: of the normals' size, above 0 where the object is; None: bright pixels." +

@@ -126,13 +126,12 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
         fmt::format("K rests on {} light levels; {} or more show whether the sensor is linear",
                     used, kFewLevels));
   if (!bent.empty())
-    out.warnings.push_back(
-        fmt::format("{}: the sensor is not linear (or its light or dark frames are not as told): K "
-                    "of all levels differs by up to {:+.1f} % from "
-                    "that without "
-                    "light, which its standard error now holds; K is nearer to it with a lower "
-                    "saturation limit",
-                    channels_text(bent, layout), most_percent));
+    out.warnings.push_back(fmt::format(
+        "{}: the sensor is not linear (or its light or dark frames are not as told): K "
+        "of all levels differs by up to {:+.1f} % from "
+        "that without light, which its standard error now holds; K is nearer to it with a lower "
+        "saturation limit",
+        channels_text(bent, layout), most_percent));
   if (!scattered.empty())
     out.warnings.push_back(fmt::format(
         "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
@@ -276,9 +275,7 @@ void warn_of_full_well(const FlatSeries& series, double limit, double range_dn,
   out.warnings.push_back(fmt::format(
       "the sensor saturates (or its response has a knee) at {:.4g} DN above black, below white: "
       "there the variance falls while the mean rises. Left out of K and PRNU: {}. Full well and "
-      "dynamic range count to there; use "
-      "shorter "
-      "exposures, or a saturation limit of {:.2f}",
+      "dynamic range count to there; use shorter exposures, or a saturation limit of {:.2f}",
       lowest, joined(names), advised));
 }
 

@@ -241,10 +241,9 @@ void warn_of_image_lag(const std::vector<FlatObservation>& flats, const Successi
   const double kept = (1.0 - lag) / (1.0 + lag) * (1.0 - 2.0 * lag * mean_of(per_frame));
   out.warnings.push_back(fmt::format(
       "a pixel's noise in a flat correlates by {:.3f} ± {:.1g} with that in the frame before: "
-      "image "
-      "lag, or the camera mixes frames. K is some {:.2g} % too small, and what is told in "
-      "electrons "
-      "too large; let the sensor reset between frames (pauses, single triggered frames), or turn "
+      "image lag, or the camera mixes frames. K is some {:.2g} % too small, and what is told in "
+      "electrons too large; let the sensor reset between frames (pauses, single triggered frames), "
+      "or turn "
       "off temporal noise reduction",
       lag, error, 100 * (1.0 - kept)));
 }
@@ -275,8 +274,7 @@ void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_
   const auto percent = [](double square) { return 100 * std::sqrt(std::max(square, 0.0)); };
   out.warnings.push_back(
       fmt::format("PRNU is {:.3g} % at {:.4g} DN and {:.3g} s, {:.3g} % at {:.4g} DN and {:.3g} s: "
-                  "dark current "
-                  "that differs from pixel to pixel counts as PRNU; {}",
+                  "dark current that differs from pixel to pixel counts as PRNU; {}",
                   percent(high->prnu2), high->signal_dn, high->exposure_s, percent(low->prnu2),
                   low->signal_dn, low->exposure_s, kRemedy));
 }
