@@ -229,6 +229,7 @@ def denoise(
     column_noise: bool = True,
     defects: bool = True,
     fixed_pattern: bool = True,
+    like_pixels: bool = True,
 ) -> dict[str, Any]: ...
 def estimate_noise(
     raw: Frame | Arrays,

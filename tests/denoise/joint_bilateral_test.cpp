@@ -5,7 +5,9 @@
 #include "malus/base/error.h"
 #include "malus/base/progress.h"
 #include "malus/base/random.h"
+#include "malus/denoise/denoiser.h"
 #include "malus/denoise/internal/bilateral_kernel.h"
+#include "malus/noise/model.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,6 +15,7 @@
 #include <string_view>
 #include <vector>
 
+#include "denoise/drawn_frame.h"
 #include "denoise/instruction_sets.h"
 #include <gtest/gtest.h>
 
@@ -155,6 +158,21 @@ TEST(JointBilateral, StripsAreAsTheWholeFrame) {
   EXPECT_EQ(whole.estimate, strips.estimate);
   EXPECT_EQ(whole.error, strips.error);
   EXPECT_LT(squared_error(whole.estimate, clean), 0.05);
+}
+
+// The whole pipeline, of which the step is a setting.
+TEST(JointBilateral, IsLeftOutIfAsked) {
+  PhysicsNoise noise = equal_channels("polar-bayer-rggb", {1.5, 0.1, -0.4, 1.8, 0.6});
+  noise.row_group = 2;
+  Image clean = printed(3);
+  for (float& v : clean.values()) v *= 8;
+  const RawFrame frame = drawn_frame(clean, noise, {.black_dn = 82}, 8);
+  const auto error = [&](bool like_pixels) {
+    return squared_error(
+        denoise_frame(frame, profile_of(noise), {.like_pixels = like_pixels}).dn_above_black,
+        clean);
+  };
+  EXPECT_LT(error(true), 0.5 * error(false));
 }
 
 TEST(JointBilateral, StopsWhenAsked) {

@@ -102,12 +102,14 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident, result.dn_above_black, {.error = error}, progress);
-  std::vector<float> white;
-  for (std::size_t k = 0; k < stabilizers.size(); ++k)
-    white.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k])));
-  internal::average_alike_pixels(pixel, white, sure_noise(profile, settings, result), frame.layout,
-                                 settings.memory_mib, resident, result.dn_above_black, error,
-                                 progress);
+  if (settings.like_pixels) {
+    std::vector<float> white;
+    for (std::size_t k = 0; k < stabilizers.size(); ++k)
+      white.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k])));
+    internal::average_alike_pixels(pixel, white, sure_noise(profile, settings, result),
+                                   frame.layout, settings.memory_mib, resident,
+                                   result.dn_above_black, error, progress);
+  }
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

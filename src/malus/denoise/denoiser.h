@@ -25,6 +25,7 @@ struct DenoiseSettings {
   bool column_noise = true;
   bool defects = true;
   bool fixed_pattern = true;
+  bool like_pixels = true;
   /// What the caller holds besides while it denoises, in float32 values: it counts in memory_mib.
   double held_values = 0;
 
@@ -55,6 +56,10 @@ struct DenoiseSettings {
           ParameterInfo{"fixed_pattern", "",
                         "take out what the frame shows of the model's dark shading and PRNU maps, "
                         "in frames of the sensor's whole size or of known place on it"});
+    field(self.like_pixels,
+          ParameterInfo{"like_pixels", "",
+                        "average pixels once more where the result says that they are alike, as "
+                        "in print; without it faint marks on print stay clearer"});
   }
 };
 
