@@ -114,7 +114,7 @@ def test_what_a_flow_cannot_do_is_refused(refused, trained):
     assert "24" in refused(*noise, "--layout", "bayer-rggb", "--gain", "24")
     line = refused("denoise", trained / "noisy_0.npy", "--method", flow, "--black", BLACK, "--white", WHITE,
                    "--layout", "bayer-rggb", "-o", trained / "out")
-    assert "is a Noise Flow" in line and "synthesize --model" in line
+    assert "is a Noise Flow" in line and "malus synthesize" in line
     whole = flow.read_bytes()
     flow.write_bytes(whole[:-8])
     assert "weights.safetensors" in refused(*base, "--model", flow, "--gain", "12")

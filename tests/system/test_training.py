@@ -172,7 +172,7 @@ def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, confi
 
 
 @pytest.mark.parametrize("second,setting", [(("--set", "train.learning_rate=0.1"), "train.learning_rate"),
-                                            (("--set", "network.width=8"), "network.width"), (("--seed", "7"), "--seed")])
+                                            (("--set", "network.width=8"), "network.width"), (("--seed", "7"), "seed")])
 def test_workers_of_unlike_configurations_do_not_start(malus, config, tmp_path, second, setting):
     lines = []
     for process in start_two(config(3), tmp_path / "run", second=second):
