@@ -1,6 +1,8 @@
 #include "module_file.h"
 
 #include "program_start.h"
+#include <dlfcn.h>
+#include <fmt/format.h>
 
 namespace malus::app {
 
@@ -11,6 +13,18 @@ std::filesystem::path module_file(const char* name) {
        {folder / name, folder / ".." / MALUS_LIBRARY_FOLDER / "malus" / name})
     if (std::filesystem::exists(candidate, error)) return candidate;
   return {};
+}
+
+OpenModule open_module(const std::filesystem::path& path, const char* entry,
+                       const std::string& advice) {
+  void* const handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr)
+    throw InputError(path.string(), fmt::format("cannot be loaded ({})", dlerror()), advice);
+  return {handle, dlsym(handle, entry)};
+}
+
+InputError other_version(const std::filesystem::path& path) {
+  return InputError(path.string(), "is of another version than the program", "build both again");
 }
 
 }  // namespace malus::app
