@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <cstdlib>
+#include <exception>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -51,6 +52,7 @@ using Backend = c10d::ProcessGroup;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kBetweenLooks(100);
+constexpr std::chrono::microseconds kBetweenLooksAtAGpu(100);
 constexpr double kPatienceS = 5;  // of one that is to stop, for the others
 
 class WorkerGroup final : public Workers {
@@ -97,14 +99,22 @@ class WorkerGroup final : public Workers {
     }
   }
 
-  // Looks at the wish to stop between short waits. NCCL's wait blocks nothing but the GPU's queue.
+  // Looks at the wish to stop between short waits.
   template <class Work>
   void finish(Work& work, const torch::Tensor& values) {
+    Stopwatch since_asked;
     if (values.is_cuda()) {
-      work.wait();
+      while (!work.isCompleted()) {
+        leave_when_asked(since_asked);
+        std::this_thread::sleep_for(kBetweenLooksAtAGpu);
+      }
+      if (work.exception()) {
+        abandon();
+        std::rethrow_exception(work.exception());
+      }
+      work.wait();  // blocks nothing but the GPU's queue
       return;
     }
-    Stopwatch since_asked;
     for (;;) try {
         work.wait(kBetweenLooks);
         return;
@@ -117,9 +127,16 @@ class WorkerGroup final : public Workers {
   void leave_when_asked(Stopwatch& since_asked) {
     if (!progress_.stop_requested()) since_asked = Stopwatch();
     if (since_asked.seconds() < kPatienceS) return;
-    // Its end would wait for the message that is under way.
-    static_cast<void>(group_.release());
+    abandon();
     throw Cancelled();
+  }
+
+  // Its end would wait for the message that is under way; on a GPU so would everything else.
+  void abandon() {
+#if TORCH_VERSION_MAJOR >= 2
+    group_->abort();
+#endif
+    static_cast<void>(group_.release());
   }
 
   WorkerPlace place_;
@@ -135,6 +152,9 @@ c10::intrusive_ptr<Backend> make_group(const WorkerPlace& place,
                                        [[maybe_unused]] const torch::Device& device) {
 #if defined(MALUS_WITH_NCCL)
   if (device.is_cuda()) {
+    // Else PyTorch's watchdog ends the process, without our words, where another worker is lost.
+    for (const char* name : {"TORCH_NCCL_ASYNC_ERROR_HANDLING", "NCCL_ASYNC_ERROR_HANDLING"})
+      setenv(name, "0", 0);
     auto options = c10d::ProcessGroupNCCL::Options::create();
     options->timeout = timeout;
     return c10::make_intrusive<c10d::ProcessGroupNCCL>(store, place.rank, place.size, options);
