@@ -7,6 +7,7 @@
 #include "malus/polar/stokes.h"
 
 #include <cstdint>
+#include <deque>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -41,6 +42,13 @@ class CleanScenes {
 
  private:
   using Light = std::vector<StokesPlanes>;
+  // Kept as far as data.memory reaches; the first to come are the first to go.
+  struct Kept {
+    std::map<std::filesystem::path, std::shared_ptr<const Light>> light;
+    std::deque<std::filesystem::path> order;
+    std::size_t bytes = 0;
+  };
+  const std::filesystem::path& path_of(std::size_t index) const;
   std::shared_ptr<const Light> source(std::size_t index) const;
   Light piece_of(const Light& whole, bool picture, std::uint64_t seed, std::uint32_t number) const;
 
@@ -49,8 +57,7 @@ class CleanScenes {
   int cell_;  ///< pieces are whole multiples of it
   std::vector<std::filesystem::path> pictures_, scenes_;
   mutable std::mutex mutex_;
-  mutable std::map<std::size_t, std::shared_ptr<const Light>> held_;
-  mutable std::size_t held_pixels_ = 0;
+  mutable Kept kept_;
 };
 
 }  // namespace malus

@@ -35,13 +35,16 @@ struct TrainingDataSettings {
                                       "one leaves the pool",
                                       1e-4, 1});
     field(self.memory_mib,
-          ParameterInfo{"memory", "MiB", "examples together take no more than this", 16, 1 << 20});
+          ParameterInfo{
+              "memory", "MiB",
+              "examples together take no more than this, nor do the clean pictures beside them", 16,
+              1 << 20});
     field(self.exposure_low,
           ParameterInfo{"exposure_low", "1", "least factor on a picture's light", 1e-3, 1e3});
     field(self.exposure_high,
           ParameterInfo{"exposure_high", "1", "largest factor on a picture's light", 1e-3, 1e3});
     field(self.zoom,
-          ParameterInfo{"zoom", "1", "pictures are enlarged by up to this factor", 1, 8});
+          ParameterInfo{"zoom", "1", "every other piece is enlarged by up to this factor", 1, 8});
     field(self.polarized,
           ParameterInfo{"polarized", "", "pictures are given a relief that polarizes their light"});
     field(self.symmetries, ParameterInfo{"symmetries", "",
