@@ -230,7 +230,7 @@ TEST(PicturePool, CutsTargetsWhereItCutsInputs) {
                         .first_place = 0,
                         .places = 3,
                         .pool = 1,
-                        .refresh = 1,
+                        .refresh = {1},
                         .patch_rows = 4,
                         .patch_cols = 3};
   ExamplePool pool(maker, shape, 5, 0);

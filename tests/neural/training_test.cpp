@@ -6,7 +6,6 @@
 #include "malus/io/picture_file.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/clean_scenes.h"
-#include "malus/neural/example_pool.h"
 #include "malus/neural/raw_pairs.h"
 #include "malus/neural/trainer.h"
 #include "malus/neural/training_log.h"
@@ -62,51 +61,6 @@ TEST(Augmentation, TurnsPolarizationWithThePicture) {
     EXPECT_NEAR(mosaic(1, 1), expected, 1e-3 * expected);
   }
   EXPECT_EQ(seen.size(), 4u);
-}
-
-TEST(Pool, IsTheSameHoweverTheBatchIsSharedAndWhereverItBegins) {
-  const auto maker = [](std::uint32_t number) {
-    RandomSequence random(1, number, Draw::kUser);
-    const auto value = static_cast<float>(random.uniform());
-    const auto planes = torch::arange(2 * 6 * 6, torch::kFloat32).reshape({2, 6, 6}) + 1000 * value;
-    return TrainingExample{planes, planes.slice(0, 0, 1)};
-  };
-  PoolShape shape{.batch = 4,
-                  .first_place = 0,
-                  .places = 4,
-                  .pool = 3,
-                  .refresh = 0.4,
-                  .patch_rows = 2,
-                  .patch_cols = 3};
-  ExamplePool whole(maker, shape, 9, 0);
-  shape.makers = 3;
-  ExamplePool many(maker, shape, 9, 0);
-  shape.places = 2;
-  ExamplePool first(maker, shape, 9, 0);
-  shape.first_place = 2;
-  ExamplePool late(maker, shape, 9, 11);
-  for (int step = 0; step < 30; ++step) {
-    const auto all = whole.batch(step);
-    ASSERT_EQ(all.input.sizes(), (std::vector<std::int64_t>{4, 2, 2, 3}));
-    EXPECT_TRUE(torch::equal(many.batch(step).input, all.input));
-    EXPECT_TRUE(torch::equal(first.batch(step).input, all.input.slice(0, 0, 2)));
-    if (step >= 11) {
-      EXPECT_TRUE(torch::equal(late.batch(step).input, all.input.slice(0, 2, 4)));
-    }
-  }
-}
-
-TEST(Pool, HandsOnWhatItsMakerThrows) {
-  const PoolShape shape{.batch = 1,
-                        .first_place = 0,
-                        .places = 1,
-                        .pool = 1,
-                        .refresh = 1,
-                        .patch_rows = 2,
-                        .patch_cols = 2};
-  ExamplePool pool([](std::uint32_t) -> TrainingExample { throw InputError("a", "b", "c"); }, shape,
-                   0, 0);
-  EXPECT_THROW(pool.batch(0), InputError);
 }
 
 TEST(Sensors, AreVariedByTheStatedSpread) {

@@ -67,6 +67,7 @@ void save_checkpoint(const TrainingState& state, const Json& description,
       {"seconds", state.seconds},
       {"first_loss", state.first_loss},
       {"brightest", std::isfinite(state.brightest) ? state.brightest : 0},
+      {"refresh", {state.refresh.per_step, state.refresh.from, state.refresh.generation}},
       {"description", description}}.dump();
   save_tensor_file(file, path);
 }
@@ -93,6 +94,8 @@ void load_checkpoint(TrainingState& state, const Json& description,
     state.seconds = facts.at("seconds").get<double>();
     state.first_loss = facts.value("first_loss", 0.0);
     state.brightest = facts.value("brightest", 0.0);  // 0: infinite, or of an older checkpoint
+    const Json refresh = facts.value("refresh", Json::array({0.0, 0, 0}));  // since 2026-11-26
+    state.refresh = {refresh.at(0), refresh.at(1), refresh.at(2)};
   } catch (const Json::exception& error) {
     throw InputError(path.string(), fmt::format("cannot be read ({})", error.what()),
                      start_again());

@@ -16,6 +16,10 @@ namespace malus {
 namespace {
 
 constexpr std::int64_t kAhead = 1;  // generations made before they are needed
+// Where the refresh is measured: the first batches, which do not count (a GPU chooses its kernels),
+// and the share of the makers' pace that is asked of them.
+constexpr int kSettlingSteps = ExamplePool::kMeasuringSteps / 5;
+constexpr double kShareOfPace = 0.9;
 
 std::int64_t below(RandomSequence& random, std::int64_t count) {
   return std::min(count - 1,
@@ -24,7 +28,8 @@ std::int64_t below(RandomSequence& random, std::int64_t count) {
 
 }  // namespace
 
-PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu) {
+PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu,
+                     const Refresh& refresh) {
   if (config.train.batch % workers.size() != 0)
     throw InputError(config.source.string(),
                      fmt::format("batch = {} cannot be shared by {} workers evenly",
@@ -36,7 +41,7 @@ PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool 
   shape.places = config.train.batch / workers.size();
   shape.first_place = workers.rank() * shape.places;
   shape.pool = config.data.pool;
-  shape.refresh = config.data.refresh;
+  shape.refresh = refresh;
   shape.patch_rows = config.data.patch / layout.rows();
   shape.patch_cols = config.data.patch / layout.cols();
   // The steps of a CPU need the cores themselves.
@@ -64,8 +69,9 @@ TrainingExample make_example(const RawPair& pair, const NetworkPackage& package)
 ExamplePool::ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed,
                          std::int64_t first_step)
     : maker_(std::move(maker)), shape_(shape), seed_(seed) {
-  wanted_ = newest_generation(first_step) + kAhead;
-  first_generation_ = std::max<std::int64_t>(0, newest_generation(first_step) - shape_.pool + 1);
+  wanted_ = newest_wanted(first_step);
+  first_generation_ =
+      std::max<std::int64_t>(0, shape_.refresh.newest(first_step) - shape_.pool + 1);
   next_place_ = shape_.places;
   for (int i = 0; i < std::max(shape_.makers, 1); ++i) threads_.emplace_back([this] { work(); });
 }
@@ -79,8 +85,35 @@ ExamplePool::~ExamplePool() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-std::int64_t ExamplePool::newest_generation(std::int64_t step) const {
-  return static_cast<std::int64_t>(std::floor(static_cast<double>(step) * shape_.refresh));
+std::int64_t Refresh::newest(std::int64_t step) const {
+  const auto counted = static_cast<double>(std::max<std::int64_t>(0, step - from));
+  return generation + static_cast<std::int64_t>(std::floor(counted * per_step));
+}
+
+// As far as the pool reaches, while the pace is measured for the first time.
+std::int64_t ExamplePool::newest_wanted(std::int64_t step) const {
+  const std::int64_t room = std::max<std::int64_t>(shape_.pool - 1, kAhead);
+  return shape_.refresh.newest(step) + (shape_.refresh.per_step > 0 ? kAhead : room);
+}
+
+bool ExamplePool::refresh_is_due(std::int64_t step) const {
+  const Refresh& now = shape_.refresh;
+  return pace_.steps >= kMeasuringSteps && step >= (now.per_step > 0 ? 2 * now.from : now.from);
+}
+
+double ExamplePool::measured_refresh() const {
+  const std::lock_guard lock(mutex_);
+  const double steps_s = pace_.since.seconds() - (waiting_s_ - pace_.waited_s);
+  const double step_s = steps_s / (pace_.steps + 1 - kSettlingSteps);
+  const double examples_per_s = std::max(shape_.makers, 1) * pace_.examples / pace_.making_s;
+  return std::clamp(kShareOfPace * examples_per_s * step_s / shape_.places, 1e-4, 1.0);
+}
+
+void ExamplePool::set_refresh(const Refresh& refresh) {
+  const std::lock_guard lock(mutex_);
+  shape_.refresh = refresh;
+  // The makers may have nothing to do for a while: what they have shown counts on, for less.
+  pace_ = {.examples = pace_.examples / 4, .making_s = pace_.making_s / 4};
 }
 
 void ExamplePool::work() {
@@ -113,9 +146,12 @@ void ExamplePool::make_next(std::unique_lock<std::mutex>& lock) {
       first_generation_ + static_cast<std::int64_t>(generations_.size()) - 1;
   const int place = next_place_++;
   lock.unlock();
+  const Stopwatch stopwatch;
   TrainingExample made =
       maker_(static_cast<std::uint32_t>(number * shape_.batch + shape_.first_place + place));
   lock.lock();
+  ++pace_.examples;
+  pace_.making_s += stopwatch.seconds();
   // Steps that leap may have left the generation behind meanwhile.
   if (number < first_generation_) return;
   Generation& generation = generations_[static_cast<std::size_t>(number - first_generation_)];
@@ -130,10 +166,14 @@ bool ExamplePool::complete(std::int64_t generation) const {
 }
 
 TrainingExample ExamplePool::batch(std::int64_t step) {
-  const std::int64_t newest = newest_generation(step);
+  const std::int64_t newest = shape_.refresh.newest(step);
   const std::int64_t oldest = std::max<std::int64_t>(0, newest - shape_.pool + 1);
   std::unique_lock lock(mutex_);
-  wanted_ = newest + kAhead;
+  wanted_ = newest_wanted(step);
+  if (++pace_.steps == kSettlingSteps) {
+    pace_.since = {};
+    pace_.waited_s = waiting_s_;
+  }
   // The last one stays: it may be in the making.
   for (; first_generation_ < oldest && generations_.size() > 1; ++first_generation_)
     generations_.pop_front();
@@ -173,6 +213,21 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
     targets.push_back(cut(example.target));
   }
   return {torch::stack(inputs), torch::stack(targets)};
+}
+
+Refresh first_refresh(const TrainingConfig& config, const Refresh& known, std::int64_t step) {
+  if (config.data.refresh > 0) return {config.data.refresh};
+  return known.per_step > 0 ? known : Refresh{0, step + ExamplePool::kMeasuringSteps};
+}
+
+Refresh settled_refresh(ExamplePool& pool, const Refresh& before, std::int64_t step,
+                        Workers& workers, const torch::Device& device) {
+  torch::Tensor measured =
+      torch::full({}, pool.measured_refresh(), torch::dtype(torch::kFloat64).device(device));
+  workers.sum(measured);
+  const Refresh refresh{measured.item<double>() / workers.size(), step, before.newest(step)};
+  pool.set_refresh(refresh);
+  return refresh;
 }
 
 }  // namespace malus

@@ -3,9 +3,13 @@
 // nor on how many workers share the batch, nor on where an interrupted run went on.
 //
 // Every place of the whole batch has its own lane of examples: number = generation * batch + place.
-// At a step the lane holds the last `pool` generations up to floor(step * refresh).
+// At a step the lane holds the last `pool` generations up to the newest that its refresh asks for.
+// Where that is to be measured, the first steps draw from generation 0 alone while the makers go on
+// as they can, and those after them get as many new examples as none of them waits for; it is
+// measured again when twice as many steps were made.
 #pragma once
 
+#include "malus/base/stopwatch.h"
 #include "malus/neural/raw_pairs.h"
 #include "malus/neural/workers.h"
 
@@ -35,17 +39,26 @@ struct TrainingExample {
 /// the clean mosaic demosaicked. Throws InputError.
 TrainingExample make_example(const RawPair& pair, const NetworkPackage& package);
 
+/// How quickly the examples change.
+struct Refresh {
+  double per_step = 0;          ///< new examples per place and step; 0: measured until `from`
+  std::int64_t from = 0;        ///< at this step
+  std::int64_t generation = 0;  ///< this one is the newest
+  std::int64_t newest(std::int64_t step) const;
+};
+
 struct PoolShape {
   int batch = 8;                    ///< of all workers
   int first_place = 0, places = 8;  ///< this worker's
   int pool = 32;
-  double refresh = 0.25;
+  Refresh refresh = {0.25};
   std::int64_t patch_rows = 32, patch_cols = 32;  ///< in planes
   int makers = 1;                                 ///< threads that make examples
 };
 
 /// Of a training by these workers. Throws InputError where they cannot share its batch evenly.
-PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu);
+PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu,
+                     const Refresh& refresh);
 
 class ExamplePool {
  public:
@@ -61,15 +74,32 @@ class ExamplePool {
   /// channels, rows, cols]; targets as much larger as the examples' are. Waits for examples that
   /// are not there yet; throws what the maker threw. Steps must not fall.
   TrainingExample batch(std::int64_t step);
-  /// Share of the time since the start that batch() waited.
+  /// Seconds since the start that batch() waited.
   double waiting_s() const { return waiting_s_; }
+
+  /// Steps that show the makers' pace; a GPU chooses its kernels in the first of them.
+  static constexpr int kMeasuringSteps = 100;
+  /// Whether enough was seen for another refresh from the step on that comes next.
+  bool refresh_is_due(std::int64_t step) const;
+  /// New examples per place and step that the makers keep up with, a tenth of their pace left.
+  /// Contract: it is due.
+  double measured_refresh() const;
+  /// Contract: refresh.from is the step that comes next.
+  void set_refresh(const Refresh& refresh);
 
  private:
   struct Generation {
     std::vector<TrainingExample> examples;  ///< [place]
     int missing;
   };
-  std::int64_t newest_generation(std::int64_t step) const;
+  // What makers and steps took since the refresh was set.
+  struct Pace {
+    double examples = 0, making_s = 0;  ///< of all makers together
+    int steps = 0;
+    double waited_s = 0;   ///< at the first step that counts
+    Stopwatch since = {};  ///< that step
+  };
+  std::int64_t newest_wanted(std::int64_t step) const;
   void work();
   void make_next(std::unique_lock<std::mutex>& lock);
   bool complete(std::int64_t generation) const;
@@ -84,9 +114,19 @@ class ExamplePool {
   std::exception_ptr failure_;
   bool stop_ = false;
   double waiting_s_ = 0;
-  std::mutex mutex_;
+  Pace pace_;
+  mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<std::thread> threads_;
 };
+
+/// What the configuration says, or what the run has known so far; else it is measured from `step`
+/// on.
+Refresh first_refresh(const TrainingConfig& config, const Refresh& known, std::int64_t step);
+
+/// As the pools of all workers measured it, their mean, for they share the batch; from `step` on,
+/// which comes next. All call it when it is due.
+Refresh settled_refresh(ExamplePool& pool, const Refresh& before, std::int64_t step,
+                        Workers& workers, const torch::Device& device);
 
 }  // namespace malus

@@ -66,6 +66,7 @@ class Trainer {
     if (leader() && !(state_.brightest > 0))
       state_.brightest = brightest_light(config_.package, *source, options_.seed, progress_);
     begin_log(validation);
+    state_.refresh = first_refresh(config_, state_.refresh, state_.step);
     ExamplePool pool(
         [&](std::uint32_t number) {
           TrainingExample made = make_example(source->pair(options_.seed, number), config_.package);
@@ -73,7 +74,8 @@ class Trainer {
           made.target = made.target.to(device_);
           return made;
         },
-        pool_shape(config_, workers_, device_.is_cuda()), options_.seed, state_.step);
+        pool_shape(config_, workers_, device_.is_cuda(), state_.refresh), options_.seed,
+        state_.step);
     progress_.begin("training", config_.train.steps);
     progress_.advance(state_.step);
     const double before = state_.seconds;
@@ -82,6 +84,8 @@ class Trainer {
       const StepFigures figures = step_or_save(pool);
       ++state_.step;
       state_.seconds = before + stopwatch.seconds();
+      if (config_.data.refresh == 0 && pool.refresh_is_due(state_.step))
+        state_.refresh = settled_refresh(pool, state_.refresh, state_.step, workers_, device_);
       after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
     }
     if (!leader()) return {{"rank", workers_.rank()}};
@@ -126,11 +130,15 @@ class Trainer {
     }
     if (workers_.size() == 1) return at_end;
     torch::Tensor reached =
-        torch::tensor({static_cast<double>(state_.step), state_.first_loss, at_end ? 1.0 : 0.0},
+        torch::tensor({static_cast<double>(state_.step), state_.first_loss, at_end ? 1.0 : 0.0,
+                       state_.refresh.per_step, static_cast<double>(state_.refresh.from),
+                       static_cast<double>(state_.refresh.generation)},
                       torch::dtype(torch::kFloat64).device(device_));
     workers_.broadcast(reached);
     state_.step = static_cast<std::int64_t>(reached[0].item<double>());
     state_.first_loss = reached[1].item<double>();
+    state_.refresh = {reached[3].item<double>(), reached[4].item<std::int64_t>(),
+                      reached[5].item<std::int64_t>()};
     for (const auto& list :
          {network_->parameters(), average_, adam_.first_moments(), adam_.second_moments()})
       for (const torch::Tensor& values : list) {
@@ -259,7 +267,8 @@ class Trainer {
       line.update({{"rate", figures.rate},
                    {"gradient_norm", figures.gradient_norm},
                    {"seconds", state_.seconds},
-                   {"waiting", waiting}});
+                   {"waiting", waiting},
+                   {"refresh", state_.refresh.per_step}});
       log_->write(line);
     }
     const bool validates = validation_due(validation);

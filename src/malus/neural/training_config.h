@@ -32,8 +32,9 @@ struct TrainingDataSettings {
           ParameterInfo{"pool", "1", "examples that every place of a batch draws from", 1, 100000});
     field(self.refresh, ParameterInfo{"refresh", "1",
                                       "new examples per place of the batch and step; the oldest "
-                                      "one leaves the pool",
-                                      1e-4, 1});
+                                      "one leaves the pool; 0: as many as no step waits for, "
+                                      "measured over the first 100 steps and, as they grow, again",
+                                      0, 1});
     field(self.memory_mib,
           ParameterInfo{
               "memory", "MiB",
