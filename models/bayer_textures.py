@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""The drawn textures among the training pictures of models/bayer.toml: 110 of fine regular texture, 512x512 pixels.
+"""The drawn ones among the training pictures of models/bayer.toml: 110 of fine regular texture, 60 of print, 512x512 pixels.
 
     /usr/bin/python3 models/bayer_textures.py PICTURES
 
 Waves, bars, triangles and cusps of 3.5 to 20 pixels, alone or crossed, slightly bent, in one to four regions of a picture, of
-one colour or three, under slow shading. Writes PICTURES/t_000.png to t_109.png (8 bits, sRGB).
+one colour or three, under slow shading. Print: codes, letters, strokes, bars of whole pixels; ink and paper of one colour or
+three. Writes PICTURES/t_000.png to t_109.png and q_00.png to q_59.png (8 bits, sRGB).
 """
 import pathlib
 import sys
@@ -12,7 +13,9 @@ import sys
 import numpy as np
 from PIL import Image
 
-PICTURES, SIDE = 110, 512
+from print_ink import SIDE, any_ink
+
+PICTURES, PRINTS = 110, 60
 
 
 def wave(phase, kind):
@@ -52,15 +55,36 @@ def picture(random):
         colour = random.uniform(0.2, 1, 3) if random.random() < 0.5 else np.ones(3)
         contrast = np.exp(random.uniform(np.log(0.04), np.log(0.5)))
         light += ((nearest == region) * drawn)[..., None] * contrast * colour * base
-    light = np.clip(light * (1 + 0.4 * slow(300, 1500))[..., None], 0.003, 1)
+    return srgb(light * (1 + 0.4 * slow(300, 1500))[..., None])
+
+
+def srgb(light):
+    light = np.clip(light, 0.003, 1)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def printed(random):
+    ink = any_ink(random)
+    if random.random() < 0.25:
+        wide, rows = random.integers(1, 9), np.mgrid[0:SIDE, 0:SIDE][random.integers(2)]
+        ink = (rows // wide % 2).astype(float)
+    paper = random.uniform(0.2, 0.95) * (np.ones(3) if random.random() < 0.4 else random.uniform(0.5, 1, 3))
+    left = np.exp(random.uniform(np.log(0.04), np.log(0.9))) * (np.ones(3) if random.random() < 0.6 else random.uniform(0.3, 1, 3))
+    return srgb(paper * (1 + ink[..., None] * (left - 1)))
+
+
+def save(path, shown):
+    Image.fromarray(np.round(255 * shown).astype(np.uint8)).save(path)
 
 
 def main(folder):
     folder.mkdir(parents=True, exist_ok=True)
     random = np.random.default_rng(24)
     for number in range(PICTURES):
-        Image.fromarray(np.round(255 * picture(random)).astype(np.uint8)).save(folder / f"t_{number:03d}.png")
+        save(folder / f"t_{number:03d}.png", picture(random))
+    random = np.random.default_rng(26)
+    for number in range(PRINTS):
+        save(folder / f"q_{number:02d}.png", printed(random))
 
 
 if __name__ == "__main__":

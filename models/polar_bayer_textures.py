@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The drawn scenes among the training data of models/polar-bayer.toml: 60 of fine regular texture, 12 of points in
-the dark, 24 of smooth light.
+the dark, 24 of smooth light, 36 of print.
 
     /usr/bin/python3 models/polar_bayer_textures.py SCENES
 
@@ -14,8 +14,9 @@ import sys
 import numpy as np
 
 from bayer_textures import SIDE, texture
+from print_ink import any_ink, strokes
 
-TEXTURES, POINTS, SMOOTH = 60, 12, 24
+TEXTURES, POINTS, SMOOTH, PRINTS = 60, 12, 24, 36
 Y, X = np.mgrid[0:SIDE, 0:SIDE].astype(float)
 
 
@@ -86,6 +87,25 @@ def smooth(random):
     return light, field(0.01, random.choice([0.1, 0.5, 0.9])), random.uniform(0, np.pi) + field(-1.5, 1.5)
 
 
+def printed(random):
+    """Ink on paper, each with its own light and polarization; on every other one faint marks besides: a stain, a scratch."""
+    ink = any_ink(random)
+    paper = random.uniform(0.2, 0.95) * (np.ones(3) if random.random() < 0.4 else random.uniform(0.5, 1, 3))
+    left = np.exp(random.uniform(np.log(0.04), np.log(0.9))) * (np.ones(3) if random.random() < 0.6 else random.uniform(0.3, 1, 3))
+    light = paper * (1 + ink[..., None] * (left - 1))
+    dolp_paper, dolp_ink = random.uniform(0, 0.3), random.uniform(0, 0.7)
+    turn = random.uniform(0, np.pi)
+    dolp = dolp_paper + (dolp_ink - dolp_paper) * ink
+    aolp = turn + random.uniform(-1.5, 1.5) * ink
+    if random.random() < 0.5:
+        row, col, radius = random.uniform(0, SIDE), random.uniform(0, SIDE), random.uniform(10, 120)
+        stain = np.clip((1 - np.hypot(Y - row, X - col) / radius) * random.uniform(1, 8), 0, 1)
+        marks = np.maximum(stain, strokes(random, random.integers(1, 8), random.integers(1, 3)))
+        light = light * (1 + random.uniform(-0.2, 0.1) * marks[..., None])
+        dolp = dolp * (1 + random.uniform(-0.5, 0.5) * marks)
+    return light * (1 + random.choice([0, 0.2]) * slow(random, 300, 1500))[..., None], dolp, aolp
+
+
 def write(folder, light, dolp, aolp):
     folder.mkdir(parents=True, exist_ok=True)
     light = np.clip(light, 0.003, 1)
@@ -107,6 +127,9 @@ def main(scenes):
     random = np.random.default_rng(25)
     for number in range(SMOOTH):
         write(scenes / f"s_{number:02d}", *smooth(random))
+    random = np.random.default_rng(26)
+    for number in range(PRINTS):
+        write(scenes / f"q_{number:02d}", *printed(random))
 
 
 if __name__ == "__main__":

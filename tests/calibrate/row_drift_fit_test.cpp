@@ -51,7 +51,8 @@ TEST(RowDriftFit, IsUnbiasedWithTheScatterItClaims) {
   } cases[] = {{{0.33, 2.0}, 25, 240},
                {{0.8, 5.0}, 40, 120},
                {{0.3, 20.0}, 30, 400},
-               {{0.3, 20.0}, 30, 128}};
+               {{0.3, 20.0}, 30, 128},
+               {{0.5, 150.0}, 30, 1200}};
   for (const auto& c : cases) {
     Moments share, length;
     for (std::uint64_t seed = 0; seed < kSets; ++seed) {
