@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""The drawn ones among the training pictures of models/bayer.toml: 110 of fine regular texture, 60 of print, 512x512 pixels.
+"""The drawn ones among the training pictures of models/bayer.toml: 110 of fine regular texture, 60 of print, 60 of smooth light,
+512x512 pixels.
 
     /usr/bin/python3 models/bayer_textures.py PICTURES
 
 Waves, bars, triangles and cusps of 3.5 to 20 pixels, alone or crossed, slightly bent, in one to four regions of a picture, of
 one colour or three, under slow shading. Print: codes, letters, strokes, bars of whole pixels; ink and paper of one colour or
-three. Writes PICTURES/t_000.png to t_109.png and q_00.png to q_59.png (8 bits, sRGB).
+three. Smooth: slow ramps and hills. Writes PICTURES/t_000.png to t_109.png, q_00.png to q_59.png and s_00.png to s_59.png (8 bits,
+sRGB).
 """
 import pathlib
 import sys
@@ -15,7 +17,7 @@ from PIL import Image
 
 from print_ink import SIDE, any_ink
 
-PICTURES, PRINTS = 110, 60
+PICTURES, PRINTS, SMOOTH = 110, 60, 60
 
 
 def wave(phase, kind):
@@ -73,6 +75,16 @@ def printed(random):
     return srgb(paper * (1 + ink[..., None] * (left - 1)))
 
 
+def smooth(random):
+    y, x = np.mgrid[0:SIDE, 0:SIDE].astype(float)
+    light = np.zeros((SIDE, SIDE, 3)) + random.uniform(0.02, 0.9, 3)
+    for _ in range(random.integers(1, 5)):
+        period = np.exp(random.uniform(np.log(60), np.log(4000)))
+        wave_of = np.sin(2 * np.pi * (x * random.uniform(-1, 1) + y * random.uniform(-1, 1)) / period + random.uniform(0, 6))
+        light *= 1 + random.uniform(0, 0.5) * wave_of[..., None] * random.uniform(0.3, 1, 3)
+    return srgb(np.minimum(light, 1))
+
+
 def save(path, shown):
     Image.fromarray(np.round(255 * shown).astype(np.uint8)).save(path)
 
@@ -85,6 +97,9 @@ def main(folder):
     random = np.random.default_rng(26)
     for number in range(PRINTS):
         save(folder / f"q_{number:02d}.png", printed(random))
+    random = np.random.default_rng(27)
+    for number in range(SMOOTH):
+        save(folder / f"s_{number:02d}.png", smooth(random))
 
 
 if __name__ == "__main__":
