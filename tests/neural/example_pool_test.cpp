@@ -69,9 +69,9 @@ TEST(Pool, HandsOnWhatItsMakerThrows) {
   EXPECT_THROW(pool.batch(0), InputError);
 }
 
-// One maker that takes 2 ms for an example, two places, steps of 8 ms: four examples per step, two
-// for each place, of which nine tenths are asked for; at most one. With 20 and 4 ms they are 0.2
-// and 0.09. Sleeps are never too short, and a busy machine lengthens both.
+// One maker that takes 1 ms for an example, two places, steps of 12 ms: twelve examples per step,
+// six for each place, of which nine tenths are asked for; at most one. With 20 and 4 ms they are
+// 0.2 and 0.09. Sleeps are never too short, and a busy machine lengthens both.
 TEST(Pool, MeasuresHowManyNewExamplesNoStepWaitsFor) {
   const auto sleep_ms = [](int ms) { std::this_thread::sleep_for(std::chrono::milliseconds(ms)); };
   const auto measured = [&](int maker_ms, int step_ms) {
@@ -95,7 +95,7 @@ TEST(Pool, MeasuresHowManyNewExamplesNoStepWaitsFor) {
     EXPECT_TRUE(pool.refresh_is_due(ExamplePool::kMeasuringSteps));
     return pool.measured_refresh();
   };
-  EXPECT_EQ(measured(2, 8), 1);
+  EXPECT_EQ(measured(1, 12), 1);
   const double slow = measured(20, 4);
   EXPECT_GT(slow, 0.03);
   EXPECT_LT(slow, 0.27);
