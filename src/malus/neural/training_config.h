@@ -38,8 +38,8 @@ struct TrainingDataSettings {
     field(self.memory_mib,
           ParameterInfo{
               "memory", "MiB",
-              "examples together take no more than this, nor do the clean pictures beside them", 16,
-              1 << 20});
+              "examples together take no more than this, nor do the clean pictures that are kept",
+              16, 1 << 20});
     field(self.exposure_low,
           ParameterInfo{"exposure_low", "1", "least factor on a picture's light", 1e-3, 1e3});
     field(self.exposure_high,
