@@ -15,7 +15,7 @@ import sys
 import numpy as np
 from PIL import Image
 
-from print_ink import SIDE, any_ink
+from print_ink import SIDE, any_ink, on_paper
 
 PICTURES, PRINTS, SMOOTH = 110, 60, 60
 
@@ -70,9 +70,7 @@ def printed(random):
     if random.random() < 0.25:
         wide, rows = random.integers(1, 9), np.mgrid[0:SIDE, 0:SIDE][random.integers(2)]
         ink = (rows // wide % 2).astype(float)
-    paper = random.uniform(0.2, 0.95) * (np.ones(3) if random.random() < 0.4 else random.uniform(0.5, 1, 3))
-    left = np.exp(random.uniform(np.log(0.04), np.log(0.9))) * (np.ones(3) if random.random() < 0.6 else random.uniform(0.3, 1, 3))
-    return srgb(paper * (1 + ink[..., None] * (left - 1)))
+    return srgb(on_paper(ink, random))
 
 
 def smooth(random):

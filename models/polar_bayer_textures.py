@@ -13,8 +13,8 @@ import sys
 
 import numpy as np
 
-from bayer_textures import SIDE, texture
-from print_ink import any_ink, strokes
+from bayer_textures import texture
+from print_ink import SIDE, any_ink, on_paper, strokes
 
 TEXTURES, POINTS, SMOOTH, PRINTS = 60, 12, 24, 36
 Y, X = np.mgrid[0:SIDE, 0:SIDE].astype(float)
@@ -90,9 +90,7 @@ def smooth(random):
 def printed(random):
     """Ink on paper, each with its own light and polarization; on every other one faint marks besides: a stain, a scratch."""
     ink = any_ink(random)
-    paper = random.uniform(0.2, 0.95) * (np.ones(3) if random.random() < 0.4 else random.uniform(0.5, 1, 3))
-    left = np.exp(random.uniform(np.log(0.04), np.log(0.9))) * (np.ones(3) if random.random() < 0.6 else random.uniform(0.3, 1, 3))
-    light = paper * (1 + ink[..., None] * (left - 1))
+    light = on_paper(ink, random)
     dolp_paper, dolp_ink = random.uniform(0, 0.3), random.uniform(0, 0.7)
     turn = random.uniform(0, np.pi)
     dolp = dolp_paper + (dolp_ink - dolp_paper) * ink

@@ -44,3 +44,10 @@ def any_ink(random):
     """In two of five calls as a lens softens it."""
     ink = [dots, letters, lambda r: strokes(r, r.integers(10, 80), r.integers(1, 4))][random.integers(3)](random)
     return softened(ink, random.uniform(0.3, 0.8)) if random.random() < 0.4 else ink
+
+
+def on_paper(ink, random):
+    """Light (SIDE, SIDE, 3): paper, and what ink leaves of it, grey or of a colour each."""
+    paper = random.uniform(0.2, 0.95) * (np.ones(3) if random.random() < 0.4 else random.uniform(0.5, 1, 3))
+    left = np.exp(random.uniform(np.log(0.04), np.log(0.9))) * (np.ones(3) if random.random() < 0.6 else random.uniform(0.3, 1, 3))
+    return paper * (1 + ink[..., None] * (left - 1))
