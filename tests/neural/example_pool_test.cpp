@@ -70,14 +70,14 @@ TEST(Pool, HandsOnWhatItsMakerThrows) {
 }
 
 // One maker that takes 1 ms for an example, two places, steps of 12 ms: twelve examples per step,
-// six for each place, of which nine tenths are asked for; at most one. With 20 and 4 ms they are
-// 0.2 and 0.09. Sleeps are never too short, and a busy machine lengthens both.
+// six for each place, of which nine tenths are asked for; at most one. With 10 ms, eight places and
+// 8 ms they are 0.8 and 0.09. Sleeps are never too short, and a busy machine lengthens both.
 TEST(Pool, MeasuresHowManyNewExamplesNoStepWaitsFor) {
   const auto sleep_ms = [](int ms) { std::this_thread::sleep_for(std::chrono::milliseconds(ms)); };
-  const auto measured = [&](int maker_ms, int step_ms) {
-    const PoolShape shape{.batch = 2,
+  const auto measured = [&](int maker_ms, int places, int step_ms) {
+    const PoolShape shape{.batch = places,
                           .first_place = 0,
-                          .places = 2,
+                          .places = places,
                           .pool = 1000,
                           .refresh = {0, ExamplePool::kMeasuringSteps},
                           .patch_rows = 2,
@@ -95,14 +95,15 @@ TEST(Pool, MeasuresHowManyNewExamplesNoStepWaitsFor) {
     EXPECT_TRUE(pool.refresh_is_due(ExamplePool::kMeasuringSteps));
     return pool.measured_refresh();
   };
-  EXPECT_EQ(measured(1, 12), 1);
-  const double slow = measured(20, 4);
+  EXPECT_EQ(measured(1, 2, 12), 1);
+  const double slow = measured(10, 8, 8);
   EXPECT_GT(slow, 0.03);
   EXPECT_LT(slow, 0.27);
 }
 
 // Until the refresh is known all steps draw from the first generation; from there on they are the
-// same whether this pool measured it or a checkpoint brought it.
+// same whether this pool measured it or a checkpoint brought it. Another one is due when a hundred
+// steps were seen and twice as many made.
 TEST(Pool, CountsFromWhereItsRefreshWasMeasured) {
   constexpr std::int64_t kFrom = 10;
   PoolShape shape{.batch = 1,
@@ -115,16 +116,28 @@ TEST(Pool, CountsFromWhereItsRefreshWasMeasured) {
   ExamplePool measuring(example_of, shape, 9, 0);
   for (std::int64_t step = 0; step < kFrom; ++step)
     EXPECT_TRUE(torch::equal(measuring.batch(step).input[0], example_of(0).input)) << step;
-  measuring.set_refresh({0.3, kFrom});
-  shape.refresh = {0.3, kFrom};
-  ExamplePool resumed(example_of, shape, 9, kFrom);
-  bool changed = false;
-  for (std::int64_t step = kFrom; step < kFrom + 30; ++step) {
-    const torch::Tensor seen = measuring.batch(step).input;
-    EXPECT_TRUE(torch::equal(resumed.batch(step).input, seen)) << step;
-    changed = changed || !torch::equal(seen[0], example_of(0).input);
-  }
-  EXPECT_TRUE(changed);
+  const auto expect_the_same = [&](const Refresh& refresh, std::int64_t end, std::int64_t due) {
+    measuring.set_refresh(refresh);
+    shape.refresh = refresh;
+    ExamplePool resumed(example_of, shape, 9, refresh.from);
+    bool changed = false;
+    for (std::int64_t step = refresh.from; step < end; ++step) {
+      const torch::Tensor seen = measuring.batch(step).input;
+      EXPECT_TRUE(torch::equal(resumed.batch(step).input, seen)) << step;
+      EXPECT_EQ(measuring.refresh_is_due(step + 1), step + 1 >= due) << step;
+      changed = changed || !torch::equal(seen[0], example_of(0).input);
+    }
+    EXPECT_TRUE(changed);
+  };
+  expect_the_same({0.3, kFrom}, 150, kFrom + ExamplePool::kMeasuringSteps);
+  const std::int64_t newest = measuring.refresh().newest(150);
+  EXPECT_EQ(newest, 42);  // 140 steps
+  expect_the_same({0.1, 150, newest}, 310, 300);
+  // Lanes of three: at step 309 the newest example is 42 + 15.
+  bool recent = false;
+  for (std::uint32_t number : {55u, 56u, 57u})
+    recent = recent || torch::equal(measuring.batch(309).input[0], example_of(number).input);
+  EXPECT_TRUE(recent);
 }
 
 TEST(Training, GoesOnWithTheRefreshThatItMeasured) {

@@ -2,9 +2,9 @@
 // written beside its name and renamed: killed at any instant, there is a whole checkpoint.
 #pragma once
 
-#include "malus/neural/example_pool.h"
 #include "malus/neural/network.h"
 #include "malus/neural/optimizer.h"
+#include "malus/neural/refresh.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -26,7 +26,7 @@ struct TrainingState {
   double seconds = 0;                   ///< of training so far, over all parts of the run
   double first_loss = 0;                ///< of the run's first step (loss_watch.h); 0 before it
   double brightest = 0;                 ///< light of the examples (trained_light.h); 0: not known
-  Refresh refresh = {};                 ///< of the examples (example_pool.h), once it is known
+  Refresh refresh = {};                 ///< of the examples, once it is known
 };
 
 /// description: the configuration, compared when the run goes on.

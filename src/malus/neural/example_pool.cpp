@@ -85,11 +85,6 @@ ExamplePool::~ExamplePool() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-std::int64_t Refresh::newest(std::int64_t step) const {
-  const auto counted = static_cast<double>(std::max<std::int64_t>(0, step - from));
-  return generation + static_cast<std::int64_t>(std::floor(counted * per_step));
-}
-
 // As far as the pool reaches, while the pace is measured for the first time.
 std::int64_t ExamplePool::newest_wanted(std::int64_t step) const {
   const std::int64_t room = std::max<std::int64_t>(shape_.pool - 1, kAhead);
@@ -220,12 +215,13 @@ Refresh first_refresh(const TrainingConfig& config, const Refresh& known, std::i
   return known.per_step > 0 ? known : Refresh{0, step + ExamplePool::kMeasuringSteps};
 }
 
-Refresh settled_refresh(ExamplePool& pool, const Refresh& before, std::int64_t step,
-                        Workers& workers, const torch::Device& device) {
+Refresh settled_refresh(ExamplePool& pool, std::int64_t step, Workers& workers,
+                        const torch::Device& device) {
   torch::Tensor measured =
       torch::full({}, pool.measured_refresh(), torch::dtype(torch::kFloat64).device(device));
   workers.sum(measured);
-  const Refresh refresh{measured.item<double>() / workers.size(), step, before.newest(step)};
+  const Refresh refresh{measured.item<double>() / workers.size(), step,
+                        pool.refresh().newest(step)};
   pool.set_refresh(refresh);
   return refresh;
 }

@@ -11,6 +11,7 @@
 
 #include "malus/base/stopwatch.h"
 #include "malus/neural/raw_pairs.h"
+#include "malus/neural/refresh.h"
 #include "malus/neural/workers.h"
 
 #include <condition_variable>
@@ -38,14 +39,6 @@ struct TrainingExample {
 /// A pair in the network's domain, guide and all. A picture's target is the pair's own light, else
 /// the clean mosaic demosaicked. Throws InputError.
 TrainingExample make_example(const RawPair& pair, const NetworkPackage& package);
-
-/// How quickly the examples change.
-struct Refresh {
-  double per_step = 0;          ///< new examples per place and step; 0: measured until `from`
-  std::int64_t from = 0;        ///< at this step
-  std::int64_t generation = 0;  ///< this one is the newest
-  std::int64_t newest(std::int64_t step) const;
-};
 
 struct PoolShape {
   int batch = 8;                    ///< of all workers
@@ -79,6 +72,7 @@ class ExamplePool {
 
   /// Steps that show the makers' pace; a GPU chooses its kernels in the first of them.
   static constexpr int kMeasuringSteps = 100;
+  const Refresh& refresh() const { return shape_.refresh; }
   /// Whether enough was seen for another refresh from the step on that comes next.
   bool refresh_is_due(std::int64_t step) const;
   /// New examples per place and step that the makers keep up with, a tenth of their pace left.
@@ -126,7 +120,7 @@ Refresh first_refresh(const TrainingConfig& config, const Refresh& known, std::i
 
 /// As the pools of all workers measured it, their mean, for they share the batch; from `step` on,
 /// which comes next. All call it when it is due.
-Refresh settled_refresh(ExamplePool& pool, const Refresh& before, std::int64_t step,
-                        Workers& workers, const torch::Device& device);
+Refresh settled_refresh(ExamplePool& pool, std::int64_t step, Workers& workers,
+                        const torch::Device& device);
 
 }  // namespace malus

@@ -85,7 +85,7 @@ class Trainer {
       ++state_.step;
       state_.seconds = before + stopwatch.seconds();
       if (config_.data.refresh == 0 && pool.refresh_is_due(state_.step))
-        state_.refresh = settled_refresh(pool, state_.refresh, state_.step, workers_, device_);
+        state_.refresh = settled_refresh(pool, state_.step, workers_, device_);
       after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
     }
     if (!leader()) return {{"rank", workers_.rank()}};
