@@ -39,17 +39,11 @@ TEST(CleanScenes, EveryOtherPieceKeepsItsPixels) {
 }
 
 TEST(CleanScenes, AreTheSameFromAnyThreadAndWhateverIsKept) {
-  const TemporaryFolder folder;
-  const AngleScene scene(folder);
+  const TemporaryFolder folder, wide_folder, high_folder;
+  const AngleScene scene(folder), wide(wide_folder, 48, 90), high(high_folder, 80, 64);
   TrainingConfig config = scene_config(scene);
-  config.scenes.assign(4, scene.path);
-  for (std::size_t i = 1; i < 4; ++i) {
-    config.scenes[i] = folder / std::to_string(i);
-    if (i == 3)
-      std::filesystem::create_directory_symlink(scene.path, config.scenes[i]);
-    else
-      std::filesystem::copy(scene.path, config.scenes[i]);
-  }
+  config.scenes = {scene.path, wide.path, high.path, folder / "link"};
+  std::filesystem::create_directory_symlink(wide.path, folder / "link");
   const CleanScenes plenty(config);
   config.data.memory_mib = 1e-3;  // of one scene at most
   const CleanScenes little(config);
