@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Whether stated errors of denoised pixels are true: the first tables of docs/uncertainty.md.
 
-    PYTHONPATH=build/release/python /usr/bin/python3 bench/uncertainty.py build/release/malus [--pictures PICTURE...] [--scenes SCENE...]
+    PYTHONPATH=build/release/python /usr/bin/python3 bench/uncertainty.py build/release/malus [--pictures PICTURE...] [--scenes SCENE...] [--marks]
 
 A NumPy camera (Poisson, read noise of 2 DN, rows of half of that, 0.5 DN/e-, 12 bit), calibrated from its own frames, at 30, 200 and 2000 DN
 for white, and scenes known without noise: those of drawn_scenes.py (256 pixels), points on a slow sky, the pictures polarized by `malus
@@ -77,6 +77,32 @@ def scenes(layout, arguments, folder):
     return found + [("public scenes", photographed(scene, layout)) for scene in arguments.scenes]
 
 
+def marked(clean, depth):
+    """clean with three stains of 40 pixels and two scratches of two to three, both darker by `depth` deviations of the noise; where these are."""
+    y, x = np.mgrid[:SIDE, :SIDE].astype(float)
+    stains = sum(1 / (1 + np.exp(np.hypot(y - row, x - col) - 20)) for row, col in ((60, 60), (60, 190), (190, 60)))
+    scratches = np.zeros(clean.shape, bool)
+    for row, col, angle in ((128, 20, 0.2), (200, 150, 1.1)):
+        along, across = (x - col) * np.cos(angle) + (y - row) * np.sin(angle), (y - row) * np.cos(angle) - (x - col) * np.sin(angle)
+        scratches |= (np.abs(across) <= 1) & (along > 0) & (along < 130)
+    return clean - depth * np.sqrt(camera.K * clean + camera.READ**2) * (stains + scratches), (stains > 0.5) & ~scratches, scratches
+
+
+def judge_marks(layout, model):
+    """Prints the table of faint marks on print: squared error over what is stated, and the share in two deviations, in stains and scratches."""
+    print(f"\n| {layout} | depth [deviations] | all pixels | stains | scratches |\n|---|---|---|---|---|")
+    for name in ("word", "page", "lines", "code_5"):
+        for depth in (1, 2):
+            cells = []
+            for white in LIGHTS[1:]:
+                clean, stains, scratches = marked(white * through_mosaic(layout, *drawn(name)), depth)
+                raw = camera.frame(clean, 0.5 * camera.READ, 0, camera.group_of(layout), np.random.default_rng(white))
+                done = malus.denoise(raw, layout=layout, black=camera.BLACK, white=camera.WHITE, model=model, gain=0, variance=True)
+                cells.append([judged(clean, done, place) for place in (np.ones_like(stains), stains, scratches)])
+            print(f"| {name} | {depth} | " + " | ".join(f"{np.exp(np.log(place[:, 0]).mean()):.2f}, {100 * place[:, 2].mean():.0f}"
+                                                        for place in np.swapaxes(cells, 0, 1)) + " |", flush=True)
+
+
 def places(clean, period):
     r, c = np.mgrid[:SIDE, :SIDE]
     border = np.minimum(np.minimum(r, c), SIDE - 1 - np.maximum(r, c)) < 8
@@ -86,15 +112,17 @@ def places(clean, period):
     return np.ones_like(border), border, (step >= limit) & (step > 0.02 * clean.max())
 
 
-def checked(clean, raw, done, period):
+def judged(clean, done, place):
+    """Ratio of squares, shares in one and in two deviations."""
+    stated = done["variance"].astype(float)
+    here = place & np.isfinite(stated)
+    error2, stated = (done["dn"][here] - clean[here]) ** 2.0, stated[here]
+    return error2.sum() / stated.sum(), np.mean(error2 <= stated), np.mean(error2 <= 4 * stated)
+
+
+def checked(clean, done, period):
     """Per place ratio of squares, shares in one and in two deviations; None where a place has few pixels."""
-    error2, stated = (done["dn"] - clean) ** 2.0, done["variance"].astype(float)
-    result = []
-    for place in places(clean, period):
-        here = place & np.isfinite(stated)
-        e, s = error2[here], stated[here]
-        result.append((e.sum() / s.sum(), np.mean(e <= s), np.mean(e <= 4 * s)) if here.sum() > 50 else None)
-    return result
+    return [judged(clean, done, place) if place.sum() > 50 else None for place in places(clean, period)]
 
 
 def row(kind, frames):
@@ -115,14 +143,18 @@ def main():
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--scenes", nargs="+", type=pathlib.Path, default=[])
     parser.add_argument("--runs", nargs="+", type=int, default=range(len(RUNS)), help="of the list RUNS")
+    parser.add_argument("--marks", action="store_true", help="faint marks on print in place of the scenes, nl-ridge in its normal profile")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")  # of maps of the fixed pattern, which the camera has none of
     for method, profile, layout in [RUNS[number] for number in arguments.runs]:
-        print(f"\n| {method}, `{profile}`, `{layout}` | all pixels | border | edges |\n|---|---|---|---|", flush=True)
         with tempfile.TemporaryDirectory() as folder:
             model = camera.calibrated(layout, 0.5, pathlib.Path(folder), columns=0)
         with tempfile.TemporaryDirectory() as folder:
             found = scenes(layout, arguments, pathlib.Path(folder))
+        if arguments.marks:
+            judge_marks(layout, model)
+            continue
+        print(f"\n| {method}, `{profile}`, `{layout}` | all pixels | border | edges |\n|---|---|---|---|", flush=True)
         frames = {}
         for number, (kind, light) in enumerate(found):
             for white in LIGHTS:
@@ -130,7 +162,7 @@ def main():
                 raw = camera.frame(clean, 0.5 * camera.READ, 0, camera.group_of(layout), np.random.default_rng(100 * number + white))
                 done = malus.denoise(raw, layout=layout, black=camera.BLACK, white=camera.WHITE, model=model, gain=0, variance=True,
                                      method=method, profile=profile)
-                frames.setdefault(kind, []).append(checked(clean, raw, done, 4 if layout == "polar-bayer-rggb" else 2))
+                frames.setdefault(kind, []).append(checked(clean, done, 4 if layout == "polar-bayer-rggb" else 2))
         for kind, results in frames.items():
             print(row(kind, results), flush=True)
         print(row(f"all {sum(map(len, frames.values()))} frames", sum(frames.values(), [])), flush=True)

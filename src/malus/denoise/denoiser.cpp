@@ -9,6 +9,7 @@
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/internal/joint_bilateral.h"
+#include "malus/denoise/internal/missed_signal.h"
 #include "malus/denoise/kept_points.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/noise/rounding.h"
@@ -25,6 +26,10 @@ namespace {
 // A picture shows its noise too large where it has texture: this share of its variance is sure
 // (docs/denoising-experiments.md, "Pixels that are alike").
 constexpr float kSureNoise = 0.9f;
+
+// Nearer to white, in deviations of the noise, it is cut off, and residuals are smaller and below
+// zero whatever the estimate.
+constexpr double kFromWhite = 2;
 
 // Variance that the noise has at least, in units of what the filter is told.
 float sure_noise(const NoiseProfile& profile, const DenoiseSettings& settings,
@@ -102,14 +107,14 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident, result.dn_above_black, {.error = error}, progress);
-  if (settings.like_pixels) {
-    std::vector<float> white;
-    for (std::size_t k = 0; k < stabilizers.size(); ++k)
-      white.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k])));
-    internal::average_alike_pixels(pixel, white, sure_noise(profile, settings, result),
+  std::vector<float> uncut;
+  for (std::size_t k = 0; k < stabilizers.size(); ++k)
+    uncut.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k]) - kFromWhite));
+  if (settings.like_pixels)
+    internal::average_alike_pixels(pixel, uncut, sure_noise(profile, settings, result),
                                    frame.layout, settings.memory_mib, resident,
                                    result.dn_above_black, error, progress);
-  }
+  if (error) internal::add_missed_signal(pixel, uncut, frame.layout, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

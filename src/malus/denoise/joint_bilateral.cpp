@@ -40,8 +40,7 @@ constexpr float kWorthwhile = 0.1f;
 constexpr float kLeastShare = 0.05f;  // of the noise, for that ratio
 // A pixel that is most of its own mean has no like around it, as a star.
 constexpr float kMostOwn = 0.7f;
-constexpr float kFromWhite = 2.0f;  // deviations of the noise
-constexpr int kBandCells = 8;       // rows of cells of a task
+constexpr int kBandCells = 8;  // rows of cells of a task
 
 float ramp(float value, float begin, float end) {
   return std::clamp((value - begin) / (end - begin), 0.0f, 1.0f);
@@ -75,7 +74,7 @@ struct PixelGroup {
 // A strip of the frame with its surroundings above and below. Its rows begin at a whole cell.
 struct Strip {
   Image samples, estimate;
-  const std::vector<float>& white;  // per channel
+  const std::vector<float>& uncut;  // per channel
   float sure_noise;
   Image* error;        // the frame's, or null
   int first_row;       // of the frame
@@ -109,7 +108,7 @@ class Averaging {
   // Where white cuts the noise off the residual is less, whatever the estimate keeps.
   bool is_cut_off(int r, int c) const {
     const auto channel = static_cast<std::size_t>(layout_.channel_at(strip_.first_row + r, c));
-    return estimate_(r, c) > strip_.white[channel] - kFromWhite;
+    return estimate_(r, c) > strip_.uncut[channel];
   }
   Image cell_map() const { return Image(cell_count(rows_), cell_count(cols_)); }
   // Of the cell.
@@ -356,7 +355,7 @@ int strip_rows(const Image& estimate, int reach, double memory_mib, double resid
 
 }  // namespace
 
-void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& white,
+void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& uncut,
                           float sure_noise, const SensorLayout& layout, double memory_mib,
                           double resident_values, Image& estimate, Image* error,
                           Progress& progress) {
@@ -368,7 +367,7 @@ void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& wh
               end = std::min(core_end + reach, rows);
     Strip strip{Image(end - first, cols),
                 Image(end - first, cols),
-                white,
+                uncut,
                 sure_noise,
                 error,
                 first,

@@ -24,6 +24,7 @@ set(denoise_SOURCES
     joint_bilateral.cpp
     kept_points.cpp
     memory_budget.cpp
+    missed_signal.cpp
     mosaic_filter.cpp
     mosaic_filter_plan.cpp
     noise_check.cpp
