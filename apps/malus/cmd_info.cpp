@@ -7,8 +7,6 @@
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
-#include <bit>
-#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <vector>
@@ -43,13 +41,6 @@ double largest_value(const Findings& findings) {
   return largest;
 }
 
-// Of the sensors that there are: the least that hold so many bits.
-int converter_bits(int needed) {
-  for (const int bits : {8, 10, 12, 14})
-    if (needed <= bits) return bits;
-  return 16;
-}
-
 // "multiples of 16", "16 n + 15", "16 n + 15 to 16".
 std::string grid_text(const ValueGrid& grid) {
   if (grid.offset == 0 && grid.spread == 0) return fmt::format("multiples of {}", grid.step);
@@ -66,16 +57,12 @@ void collect_warnings(Findings& findings) {
         "all values are {}: the data are scaled up, {} of {} levels are used",
         grid_text(*findings.grid), (1 << frame.bits) / findings.grid->step, 1 << frame.bits));
   const double largest = largest_value(findings);
-  if (!frame.white_known && frame.bits > 8 && findings.grid && largest >= 0) {
-    const int fits = converter_bits(std::bit_width(static_cast<unsigned>(largest)));
-    // The last code of data that are scaled up is a whole step below the end.
-    const int step = std::max(findings.grid->spread == 0 ? findings.grid->step : 1, 1);
-    if (fits < frame.bits || step > 1)
+  if (!frame.white_known && findings.grid)
+    if (const auto guess = converter_guess(frame.bits, largest, *findings.grid))
       findings.warnings.push_back(
           fmt::format("the largest value {:g} fits in {} bits; if the sensor has as many, give "
                       "--white {}",
-                      largest, fits, (1 << fits) - step));
-  }
+                      largest, guess->bits, guess->white_dn));
   if (const std::string note = declaration_note(frame); !note.empty())
     findings.warnings.push_back(note);
   if (const std::string complaint = layout_complaint(frame.layout, findings.check);

@@ -127,6 +127,34 @@ TEST(ValueGrid, ExactAndLooseSteps) {
   EXPECT_FALSE(value_grid(image.view()).decided());
 }
 
+TEST(ConverterGuess, IsTheLeastThatHoldsTheData) {
+  const auto expect = [](const std::optional<ConverterGuess>& guess, int bits, int white_dn) {
+    ASSERT_TRUE(guess.has_value());
+    EXPECT_EQ(guess->bits, bits);
+    EXPECT_EQ(guess->white_dn, white_dn);
+  };
+  const ValueGrid every{1, 0, 0};
+  expect(converter_guess(16, 0, every), 8, 255);
+  expect(converter_guess(16, 255, every), 8, 255);
+  expect(converter_guess(16, 256, every), 10, 1023);
+  expect(converter_guess(16, 4095, every), 12, 4095);
+  expect(converter_guess(16, 4096, every), 14, 16383);
+  expect(converter_guess(12, 1000, every), 10, 1023);
+  // Twelve bits in the upper part of sixteen; a loose grid's last code may be anywhere in its step.
+  expect(converter_guess(16, 65520, {16, 0, 0}), 16, 65520);
+  expect(converter_guess(16, 4000, {16, 15, 1}), 12, 4095);
+  expect(converter_guess(16, 5, {0, 5, 0}), 8, 255);
+}
+
+TEST(ConverterGuess, NoneWhereTheDataTellNothing) {
+  const ValueGrid every{1, 0, 0};
+  EXPECT_FALSE(converter_guess(16, 20000, every).has_value());
+  EXPECT_FALSE(converter_guess(12, 2000, every).has_value());
+  EXPECT_FALSE(converter_guess(8, 16, {16, 0, 0}).has_value());
+  EXPECT_FALSE(converter_guess(16, -1, every).has_value());
+  EXPECT_FALSE(converter_guess(16, std::numeric_limits<double>::quiet_NaN(), every).has_value());
+}
+
 TEST(LevelComplaint, NamesTheLevelThatThePixelsContradict) {
   RawFrame frame = noisy_frame("polar-mono", 64, 64, 4.0);  // 200 to 1100 DN
   EXPECT_EQ(level_complaint(frame), "");

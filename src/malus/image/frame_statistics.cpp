@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -205,6 +206,18 @@ std::string level_complaint(const RawFrame& frame) {
     return fmt::format("its {} bits do not reach the white level, check {}", frame.bits,
                        setting("white"));
   return "";
+}
+
+std::optional<ConverterGuess> converter_guess(int bits, double largest_dn, const ValueGrid& grid) {
+  constexpr std::array kConverters = {8, 10, 12, 14};  // of the sensors that there are, and 16
+  if (bits <= 8 || !(largest_dn >= 0)) return std::nullopt;
+  const int needed = std::bit_width(static_cast<unsigned>(largest_dn));
+  const auto* const least = std::find_if(kConverters.begin(), kConverters.end(),
+                                         [needed](int width) { return needed <= width; });
+  const int fits = least == kConverters.end() ? 16 : *least;
+  const int step = std::max(grid.spread == 0 ? grid.step : 1, 1);
+  if (fits >= bits && step == 1) return std::nullopt;
+  return ConverterGuess{fits, (1 << fits) - step};
 }
 
 }  // namespace malus

@@ -5,6 +5,7 @@
 #include "malus/image/raw_frame.h"
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -49,5 +50,16 @@ struct ValueGrid {
 /// values keep to within an eighth of the step counts, too (16 n and 16 n - 1 from careless
 /// scaling). Undecided for float data that are not whole numbers, and without finite pixels.
 Estimate<ValueGrid> value_grid(View<const float> mosaic);
+
+/// The converter that integer data tell of.
+struct ConverterGuess {
+  int bits = 0;      ///< 8, 10, 12, 14 or 16
+  int white_dn = 0;  ///< its last code; of data that are scaled up, a step below the end
+};
+
+/// The least converter that holds the frame's largest value, or none where it is as wide as the
+/// data's type and no step tells of scaling, or that type has no more than 8 bits. bits: of the
+/// type; largest_dn: none where negative or NaN.
+std::optional<ConverterGuess> converter_guess(int bits, double largest_dn, const ValueGrid& grid);
 
 }  // namespace malus
