@@ -13,7 +13,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "program.h"
 #include <fmt/format.h>
@@ -132,17 +131,14 @@ Image above_black(const RawFrame& frame) {
 }
 
 std::int64_t warn_of_saturation(const RawFrame& above_black) {
-  const Planes packed = pack(above_black.dn, above_black.layout);
-  const float limit_dn = saturation_dn(above_black);
-  std::int64_t cells = 0;
-  for (std::size_t i = 0; i < packed[0].size(); ++i)
-    cells += std::any_of(packed.begin(), packed.end(),
-                         [&](const Image& plane) { return plane.values()[i] >= limit_dn; });
+  const std::int64_t cells = saturated_cells(above_black);
+  const std::int64_t all =
+      std::int64_t{packed_size(above_black.dn.rows(), above_black.layout.rows())} *
+      packed_size(above_black.dn.cols(), above_black.layout.cols());
   if (cells > 0)
-    warn(fmt::format(
-        "{}: {} {} ({} %) with saturated pixels: S0, DoLP and AoLP are wrong there",
-        above_black.source, cells, cells == 1 ? "cell" : "cells",
-        percent_text(static_cast<double>(cells) / static_cast<double>(packed[0].size()))));
+    warn(fmt::format("{}: {} {} ({} %) with saturated pixels: S0, DoLP and AoLP are wrong there",
+                     above_black.source, cells, cells == 1 ? "cell" : "cells",
+                     percent_text(static_cast<double>(cells) / static_cast<double>(all))));
   return cells;
 }
 

@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <span>
 #include <utility>
 
@@ -20,15 +19,6 @@
 namespace malus::app {
 
 namespace {
-
-void forget_saturated(Planes& variance, const RawFrame& above_black) {
-  const float limit_dn = saturation_dn(above_black);
-  const Planes packed = pack(above_black.dn, above_black.layout);
-  for (int k = 0; k < variance.channels(); ++k)
-    for (std::size_t i = 0; i < packed[k].size(); ++i)
-      if (packed[k].values()[i] >= limit_dn)
-        variance[k].values()[i] = std::numeric_limits<float>::quiet_NaN();
-}
 
 constexpr std::size_t kStokesDeviations = 3;  // the first of the products
 

@@ -1,6 +1,8 @@
 // The variance of raw pixels from a profile whose numbers are known.
 #include "malus/noise/raw_variance.h"
 
+#include "malus/image/pack.h"
+
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -61,6 +63,24 @@ TEST(RawVariance, BiasIsEachChannelsOwn) {
   subtract_bias(dn, uneven);
   for (int r = 0; r < 4; ++r)
     for (int c = 0; c < 4; ++c) EXPECT_EQ(dn(r, c), -(2 * (r % 2) + c % 2));
+}
+
+// Two cells of 2x2 pixels; white is 1000 DN.
+TEST(Saturation, IsCountedByCellAndForgotten) {
+  RawFrame frame = ramp(true);
+  EXPECT_EQ(saturated_cells(frame), 2);
+  frame.dn(1, 1) = 999;
+  EXPECT_EQ(saturated_cells(frame), 1);
+  Planes variance(4, 1, 2);
+  for (Image& plane : variance)
+    for (float& v : plane.values()) v = 7;
+  forget_saturated(variance, frame);
+  const Planes pixels = pack(frame.dn, frame.layout);
+  for (int k = 0; k < 4; ++k)
+    for (std::size_t i = 0; i < 2; ++i)
+      EXPECT_EQ(std::isnan(variance[k].values()[i]), pixels[k].values()[i] >= 1000) << k << i;
+  RawFrame unknown = ramp(false);
+  EXPECT_EQ(saturated_cells(unknown), 0);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "malus/noise/raw_variance.h"
 
 #include "malus/base/error.h"
+#include "malus/image/pack.h"
 
 #include <algorithm>
 #include <limits>
@@ -11,6 +12,28 @@ float saturation_dn(const RawFrame& above_black) {
   if (!above_black.white_known) return std::numeric_limits<float>::quiet_NaN();
   constexpr double kRounding = 1e-6;  // of black and white to float32
   return static_cast<float>(above_black.white_dn * (1 - kRounding));
+}
+
+std::int64_t saturated_cells(const RawFrame& above_black) {
+  const Planes packed = pack(above_black.dn, above_black.layout);
+  const float limit_dn = saturation_dn(above_black);
+  std::int64_t cells = 0;
+  for (std::size_t i = 0; i < packed[0].size(); ++i)
+    cells += std::any_of(packed.begin(), packed.end(),
+                         [&](const Image& plane) { return plane.values()[i] >= limit_dn; });
+  return cells;
+}
+
+void forget_saturated(Planes& variance, const RawFrame& above_black) {
+  const float limit_dn = saturation_dn(above_black);
+  const Planes packed = pack(above_black.dn, above_black.layout);
+  MALUS_REQUIRE(variance.channels() == packed.channels());
+  for (int k = 0; k < variance.channels(); ++k) {
+    MALUS_REQUIRE(variance[k].size() == packed[k].size());
+    for (std::size_t i = 0; i < packed[k].size(); ++i)
+      if (packed[k].values()[i] >= limit_dn)
+        variance[k].values()[i] = std::numeric_limits<float>::quiet_NaN();
+  }
 }
 
 void subtract_bias(Image& dn, const NoiseProfile& profile) {

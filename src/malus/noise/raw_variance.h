@@ -5,10 +5,20 @@
 #include "malus/image/raw_frame.h"
 #include "malus/noise/profile.h"
 
+#include <cstdint>
+
 namespace malus {
 
 /// The least value of a saturated pixel of a frame above black; NaN where white is not known.
 float saturation_dn(const RawFrame& above_black);
+
+/// How many of the layout's cells have a saturated pixel, cells that the frame's edge cuts too: all
+/// that is worked out of a whole cell, such as S0, DoLP and AoLP, is wrong there.
+std::int64_t saturated_cells(const RawFrame& above_black);
+
+/// NaN in the packed variance of the frame where its pixel is saturated, for there the noise tells
+/// nothing of the error. Contract: the packed planes of that frame's size.
+void forget_saturated(Planes& variance, const RawFrame& above_black);
 
 /// Takes each channel's bias off a mosaic above black, saturated pixels too. Contract: the mosaic
 /// is of the profile's layout.
