@@ -5,6 +5,7 @@
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/polar/demosaick.h"
+#include "malus/polar/dolp_summary.h"
 #include "malus/polar/render.h"
 #include "malus/polar/stokes.h"
 
@@ -106,26 +107,10 @@ std::vector<Product> product_pictures(const StokesPicture& picture, const Stokes
           [&] { return render_aolp(aolp_deg_of(mean), dolp_of(mean), settings); }};
 }
 
-// Mean over the defined pixels, the share of the others, and that of pixels above 1: those are of
-// noise, for light has none, and count as 1 here as in evaluate. A few of them, where S0 is hardly
-// above 0, would be most of the mean.
-Json summary_of(const Planes& dolp) {
-  double sum = 0;
-  std::size_t defined = 0, above_one = 0, all = 0;
-  for (const Image& plane : dolp)
-    for (float v : plane.values()) {
-      ++all;
-      if (!std::isfinite(v)) continue;
-      sum += std::min(v, 1.0f);
-      above_one += v > 1.0f;
-      ++defined;
-    }
-  const auto share = [all](std::size_t pixels) {
-    return all > 0 ? static_cast<double>(pixels) / static_cast<double>(all) : 0.0;
-  };
-  return {{"mean_dolp", defined > 0 ? Json(sum / static_cast<double>(defined)) : Json()},
-          {"undefined", share(all - defined)},
-          {"dolp_above_one", share(above_one)}};
+Json summary_json(const DolpSummary& dolp) {
+  return {{"mean_dolp", dolp.mean ? Json(*dolp.mean) : Json()},
+          {"undefined", dolp.undefined},
+          {"dolp_above_one", dolp.above_one}};
 }
 
 std::string above_one_text(double share) {
@@ -189,7 +174,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
             {"cols", picture.planes[0].s0.cols()},
             {"channels", channels},
             {"saturated_cells", saturated_cells}};
-  json.update(summary_of(data[3]()));
+  json.update(summary_json(summarize_dolp(data[3]())));
   if (arguments.confidence())
     for (const Planes& planes : confidence) data.push_back([&planes] { return planes; });
   SaveOptions save;

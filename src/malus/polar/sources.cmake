@@ -1,6 +1,7 @@
 set(polar_SOURCES
   color_map.cpp
   demosaick.cpp
+  dolp_summary.cpp
   fresnel.cpp
   internal/bayer.cpp
   internal/lattice.cpp
