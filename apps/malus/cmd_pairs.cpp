@@ -142,23 +142,12 @@ RawFrame reference_of(const PairJob& job, const FrameGroup& group) {
   return last;
 }
 
-// Mean over the channels [DN/e-]; 0 where the model does not hold it.
-double system_gain(const NoiseProfile& profile) {
-  double sum = 0;
-  for (const ChannelProfile& channel : profile.channels) sum += channel.gain_dn_per_e;
-  return sum / static_cast<double>(profile.channels.size());
-}
-
-// How much more DN the reference's gain makes of the same light: as measured where a model holds
-// it, which knows of conversion gains and of ISO; else by the decibels.
-double gain_ratio(const PairJob& job, const GainSetting& reference, const GainSetting& other) {
-  if (job.model) {
-    const double above = system_gain(profile_at(job, reference)),
-                 below = system_gain(profile_at(job, other));
-    if (above > 0 && below > 0) return above / below;
-  }
-  const auto long_db = reference.decibel(), short_db = other.decibel();
-  return long_db && short_db ? std::pow(10.0, (*long_db - *short_db) / 20.0) : 1.0;
+// As measured where a model holds it, else by the decibels.
+double gain_ratio_of(const PairJob& job, const GainSetting& reference, const GainSetting& other) {
+  if (job.model)
+    if (const auto measured = gain_ratio(profile_at(job, reference), profile_at(job, other)))
+      return *measured;
+  return gain_ratio(reference, other);
 }
 
 double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGroup& group) {
@@ -168,17 +157,7 @@ double ratio_of(const PairJob& job, const FrameGroup& reference, const FrameGrou
                      "reference or short frames without exposure_s, nor do the files tell it: the "
                      "ratio is not known",
                      "give exposure_s to both, or --ratio");
-  return *reference.exposure_s / *group.exposure_s * gain_ratio(job, reference.gain, group.gain);
-}
-
-// Share of the reference's pixels that white cuts off, in some of its frames at least.
-double clipped_share(const RawFrame& reference) {
-  constexpr float kNearWhite = 0.98f;
-  const auto top =
-      kNearWhite * static_cast<float>(white_above_black(reference.white_dn, reference.black_dn));
-  const auto clipped =
-      std::ranges::count_if(reference.dn.values(), [top](float dn) { return dn >= top; });
-  return static_cast<double>(clipped) / static_cast<double>(reference.dn.size());
+  return *reference.exposure_s / *group.exposure_s * gain_ratio_of(job, reference.gain, group.gain);
 }
 
 void warn_of_pair(const Json& pair) {
@@ -241,16 +220,18 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   save_frame(files.reference, clean, save);
   save.type = noisy.bits > 0 ? SampleType::kUint16 : SampleType::kFloat;
   save_frame(files.noisy, noisy, save);
-  Json entry{{"name", name},
-             {"reference", files.reference.filename().string()},
-             {"short", files.noisy.filename().string()},
-             {"source", chosen.string()},
-             {"ratio", ratio},
-             {"reference_frames", reference_group.paths.size()},
-             {"reference_clipped_share", clipped_share(reference)},
-             {"candidates", intensities},
-             {"deviation", nearest.deviation},
-             {"flicker", nearest.flicker}};
+  Json entry{
+      {"name", name},
+      {"reference", files.reference.filename().string()},
+      {"short", files.noisy.filename().string()},
+      {"source", chosen.string()},
+      {"ratio", ratio},
+      {"reference_frames", reference_group.paths.size()},
+      {"reference_clipped_share",
+       clipped_share(reference.dn, white_above_black(reference.white_dn, reference.black_dn))},
+      {"candidates", intensities},
+      {"deviation", nearest.deviation},
+      {"flicker", nearest.flicker}};
   entry.update(gain_json(group.gain));
   return entry;
 }

@@ -71,5 +71,38 @@ TEST(RelativeIntensity, LeavesOutWhatIsSaturatedAndSaysWhenNothingIsLeft) {
   EXPECT_FALSE(relative_intensity(frame, reference, 5000, 6000).decided());
 }
 
+TEST(ClippedShare, CountsFromALittleBelowWhite) {
+  Image reference(10, 10);
+  reference(0, 0) = 979;
+  reference(0, 1) = 981;
+  reference(0, 2) = 1000;
+  reference(0, 3) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_DOUBLE_EQ(clipped_share(reference, 1000), 0.02);
+  EXPECT_DOUBLE_EQ(clipped_share(reference, 1100), 0.0);
+}
+
+TEST(GainRatio, IsMeasuredWhereProfilesHoldGains) {
+  NoiseProfile one, other;
+  one.channels.resize(2);
+  other.channels.resize(2);
+  one.channels[0].gain_dn_per_e = 3;
+  one.channels[1].gain_dn_per_e = 5;
+  other.channels[0].gain_dn_per_e = 1;
+  other.channels[1].gain_dn_per_e = 1.5;
+  ASSERT_TRUE(gain_ratio(one, other).has_value());
+  EXPECT_DOUBLE_EQ(*gain_ratio(one, other), 3.2);
+  other.channels[0].gain_dn_per_e = other.channels[1].gain_dn_per_e = 0;
+  EXPECT_FALSE(gain_ratio(one, other).has_value());
+  EXPECT_FALSE(gain_ratio(other, one).has_value());
+}
+
+TEST(GainRatio, OfDecibelsIsOfAmplitudes) {
+  const GainSetting none, six{6.0, {}}, twenty_six{26.0, {}};
+  EXPECT_DOUBLE_EQ(gain_ratio(twenty_six, six), 10);
+  EXPECT_DOUBLE_EQ(gain_ratio(six, twenty_six), 0.1);
+  EXPECT_DOUBLE_EQ(gain_ratio(none, six), 1);
+  EXPECT_DOUBLE_EQ(gain_ratio(six, none), 1);
+}
+
 }  // namespace
 }  // namespace malus

@@ -19,6 +19,13 @@ struct Products {
   std::int64_t pixels = 0;
 };
 
+// 0 where the profile does not hold it.
+double mean_gain_dn_per_e(const NoiseProfile& profile) {
+  double sum = 0;
+  for (const ChannelProfile& channel : profile.channels) sum += channel.gain_dn_per_e;
+  return sum / static_cast<double>(profile.channels.size());
+}
+
 }  // namespace
 
 void FrameMean::add(View<const float> frame_dn) {
@@ -67,6 +74,29 @@ Estimate<double> relative_intensity(View<const float> short_dn, View<const float
     return Undecided{fmt::format("{} of the reference between {:.4g} and {:.4g} DN, {} are needed",
                                  counted(total.pixels, "pixel"), low_dn, high_dn, kFewestPixels)};
   return total.cross / total.square;
+}
+
+double clipped_share(View<const float> reference_dn, double white_dn) {
+  constexpr float kNearWhite = 0.98f;
+  const auto top = kNearWhite * static_cast<float>(white_dn);
+  std::int64_t clipped = 0, pixels = 0;
+  for (int r = 0; r < reference_dn.rows(); ++r)
+    for (int c = 0; c < reference_dn.cols(); ++c) {
+      clipped += reference_dn(r, c) >= top;
+      ++pixels;
+    }
+  return static_cast<double>(clipped) / static_cast<double>(pixels);
+}
+
+std::optional<double> gain_ratio(const NoiseProfile& one, const NoiseProfile& other) {
+  const double above = mean_gain_dn_per_e(one), below = mean_gain_dn_per_e(other);
+  if (!(above > 0 && below > 0)) return std::nullopt;
+  return above / below;
+}
+
+double gain_ratio(const GainSetting& one, const GainSetting& other) {
+  const auto above_db = one.decibel(), below_db = other.decibel();
+  return above_db && below_db ? std::pow(10.0, (*above_db - *below_db) / 20.0) : 1.0;
 }
 
 NearestFrame nearest_frame(const std::vector<double>& intensities, double ratio) {

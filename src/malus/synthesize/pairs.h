@@ -4,9 +4,12 @@
 #pragma once
 
 #include "malus/base/estimate.h"
+#include "malus/image/raw_frame.h"
 #include "malus/image/view.h"
+#include "malus/noise/profile.h"
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace malus {
@@ -30,6 +33,17 @@ class FrameMean {
 /// black. NaN pixels are left out. Undecided with fewer than 100 such pixels.
 Estimate<double> relative_intensity(View<const float> short_dn, View<const float> reference_dn,
                                     double low_dn, double high_dn);
+
+/// Share of a reference's pixels at 98 % of white or beyond: white cuts them off, in some of its
+/// frames at least, and they are darker than the scene. white_dn: above black, like the reference.
+double clipped_share(View<const float> reference_dn, double white_dn);
+
+/// How much more DN a camera makes of the same light at one gain than at another, by the K of a
+/// model's profiles (means over the channels), which knows of conversion gains and of ISO. Nothing
+/// where a profile does not hold K.
+std::optional<double> gain_ratio(const NoiseProfile& one, const NoiseProfile& other);
+/// The same by the decibels; 1 where one of the gains is not told in them.
+double gain_ratio(const GainSetting& one, const GainSetting& other);
 
 struct NearestFrame {
   std::size_t index = 0;
