@@ -3,7 +3,6 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
-#include "malus/image/pack.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/synthesizer.h"
 
@@ -112,13 +111,6 @@ StandIn stand_in_for(const NoiseArguments& arguments) {
                                                        : calibrated_stand_in(arguments);
 }
 
-Moments moments_over(const Image& image) {
-  Moments moments;
-  for (const float v : image.values())
-    if (std::isfinite(v)) moments.add(static_cast<double>(v));
-  return moments;
-}
-
 // Numbers of drawn frames begin here: the reference may be what synthesize drew of the same seed,
 // and noise must not be compared with itself.
 constexpr std::uint32_t kFirstFrame = 1u << 31;
@@ -127,47 +119,21 @@ DrawAddress address_of(const Common& common, int frame) {
   return {common.seed, kFirstFrame + static_cast<std::uint32_t>(frame), 0, 0};
 }
 
-// The uniform scene that the reference's frames show: their channels' means less those of as many
-// frames drawn without light (one frame's mean has its row noise and the lamp's flicker). Below a
-// twentieth of the noise a channel counts as dark.
-Image uniform_scene(const StandIn& stand_in, const NoiseFrames& reference, const RawFrame& first,
-                    const Common& common, int drawn) {
-  constexpr double kDark = 0.05;
-  constexpr int kMostFrames = 16;
-  const SensorLayout& layout = stand_in.levels.layout;
-  const auto channels = static_cast<std::size_t>(layout.channels());
-  const int frames = std::min(reference.count, kMostFrames);
-  const Image unlit(first.dn.rows(), first.dn.cols());
-  std::vector<double> light(channels), variance(channels);
-  for (int f = 0; f < frames; ++f) {
-    const Planes lit = pack(reference.load(f), layout),
-                 dark = pack(stand_in.draw(unlit, first.gain, address_of(common, drawn + f),
-                                           first.bits > 0),
-                             layout);
-    for (std::size_t k = 0; k < channels; ++k) {
-      const Moments without = moments_over(dark[static_cast<int>(k)]);
-      light[k] += (moments_over(lit[static_cast<int>(k)]).mean() - without.mean()) / frames;
-      variance[k] += without.variance() / frames;
-    }
-  }
-  Image scene(unlit.rows(), unlit.cols());
-  for (int r = 0; r < scene.rows(); ++r)
-    for (int c = 0; c < scene.cols(); ++c) {
-      const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
-      if (light[k] > kDark * std::sqrt(variance[k])) scene(r, c) = static_cast<float>(light[k]);
-    }
-  return scene;
-}
-
 // Rounded and clipped when the reference's are whole numbers.
 NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& arguments,
                          const Common& common, const NoiseFrames& reference, const RawFrame& first,
                          const std::optional<Image>& clean) {
   const int count = arguments.frames > 0 ? arguments.frames : reference.count;
-  const Image scene = clean ? *clean : uniform_scene(stand_in, reference, first, common, count);
-  return {count, [=, draw = stand_in.draw, gain = first.gain, rounded = first.bits > 0](int k) {
-            return draw(scene, gain, address_of(common, k), rounded);
-          }};
+  const auto drawn = [draw = stand_in.draw, gain = first.gain, rounded = first.bits > 0, common](
+                         const Image& scene, int number) {
+    return draw(scene, gain, address_of(common, number), rounded);
+  };
+  // Without light, under numbers of their own.
+  const NoiseFrames unlit{reference.count, [&](int k) {
+                            return drawn(Image(first.dn.rows(), first.dn.cols()), count + k);
+                          }};
+  const Image scene = clean ? *clean : uniform_scene(reference, unlit, stand_in.levels.layout);
+  return {count, [=](int k) { return drawn(scene, k); }};
 }
 
 Json distance_json(const NoiseDistance& d) {

@@ -7,6 +7,7 @@
 #include "malus/io/frame_file.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/compiled.h"
+#include "malus/synthesize/equivalent_models.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/pairs.h"
 #include "malus/synthesize/renoise.h"
@@ -57,11 +58,13 @@ Gains gains_of(const RenoiseExperimentArguments& arguments) {
 Image camera_frame(const Gains& gains, Image dn) {
   const NoiseModel& model = gains.model;
   round_as_camera(dn, model.layout, {model.black_dn, model.white_dn, model.quantization_dn});
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c)
-      dn(r, c) -= static_cast<float>(
-          model.black_dn[static_cast<std::size_t>(model.layout.channel_at(r, c))]);
-  return dn;
+  RawFrame frame;
+  frame.dn = std::move(dn);
+  frame.layout = model.layout;
+  frame.black_dn = model.black_dn;
+  frame.white_dn = model.white_dn;
+  subtract_black(frame);
+  return std::move(frame.dn);
 }
 
 Image noisy_frame(const Gains& gains, const PhysicsNoise& noise, const Image& clean_dn,
@@ -87,29 +90,6 @@ Image denoised(const Gains& gains, const Image& noisy_dn, const std::string& met
       .dn_above_black;
 }
 
-// The difference of the two gains' variances as Gaussian noise at the guide's level, added to the
-// noisy frame.
-Image gaussian_on_noisy(const Gains& gains, const Image& noisy_dn, const Image& guide_dn,
-                        const DrawAddress& address) {
-  std::vector<GaussianChannel> channels;
-  for (std::size_t c = 0; c < gains.to.channels.size(); ++c) {
-    const PhysicsChannel &one = gains.from.channels[c], &two = gains.to.channels[c];
-    const double rounding = gains.from.quantization_dn * gains.from.quantization_dn / 12.0;
-    channels.push_back(
-        {.slope_dn = two.gain_dn_per_e - one.gain_dn_per_e,
-         .offset_dn2 = read_variance_dn2(two) - read_variance_dn2(one) - rounding,
-         .sigma_row_dn = std::sqrt(std::max(
-             two.sigma_row_dn * two.sigma_row_dn - one.sigma_row_dn * one.sigma_row_dn, 0.0)),
-         .mu_dn = two.mu_dn - one.mu_dn});
-  }
-  Image dn(guide_dn.rows(), guide_dn.cols());
-  CompiledNoise::gaussian(gains.to.layout, channels, gains.to.row_group)
-      .apply(guide_dn, dn, second_noise(address));
-  for (std::size_t i = 0; i < dn.size(); ++i)
-    dn.values()[i] += noisy_dn.values()[i] - guide_dn.values()[i];
-  return dn;
-}
-
 // One row of the table: how frame number i is made from its noisy source.
 struct Variant {
   std::string name;
@@ -126,6 +106,8 @@ std::vector<Variant> variants_of(const RenoiseExperimentArguments& arguments, co
     renoiser->apply(noisy_dn, guide_dn, dn, address);
     return dn;
   };
+  const auto difference =
+      std::make_shared<CompiledNoise>(gaussian_difference(gains.from, gains.to));
   const std::string weak = arguments.weak_guide;
   return {
       {"noise on noise, true signal",
@@ -141,8 +123,9 @@ std::vector<Variant> variants_of(const RenoiseExperimentArguments& arguments, co
          return on_noisy(noisy_dn, denoised(gains, noisy_dn, weak), address);
        }},
       {"Gaussian on noise, bm3d",
-       [&gains](const Image& noisy_dn, const DrawAddress& address) {
-         return gaussian_on_noisy(gains, noisy_dn, denoised(gains, noisy_dn, "bm3d"), address);
+       [difference, &gains](const Image& noisy_dn, const DrawAddress& address) {
+         return gaussian_on_noise(*difference, noisy_dn, denoised(gains, noisy_dn, "bm3d"),
+                                  address);
        }},
       {"naive: bm3d + new noise",
        [&gains](const Image& noisy_dn, const DrawAddress& address) {
@@ -153,22 +136,11 @@ std::vector<Variant> variants_of(const RenoiseExperimentArguments& arguments, co
   };
 }
 
-// PSNR of the frames' mean, target bias taken off, against the clean mosaic: what of the picture is
-// left when the noise averages out.
-double detail_psnr_db(const Gains& gains, const std::vector<Image>& frames, const Image& clean_dn) {
-  FrameMean mean;
-  for (const Image& frame : frames) mean.add(frame);
-  const Image average = mean.mean();
-  double squares = 0;
-  for (int r = 0; r < clean_dn.rows(); ++r)
-    for (int c = 0; c < clean_dn.cols(); ++c) {
-      const auto channel = static_cast<std::size_t>(gains.model.layout.channel_at(r, c));
-      const double error = static_cast<double>(average(r, c)) -
-                           static_cast<double>(clean_dn(r, c)) - gains.to.channels[channel].mu_dn;
-      squares += error * error;
-    }
-  const double white = white_above_black(gains.model.white_dn, gains.model.black_dn);
-  return 10 * std::log10(white * white * static_cast<double>(clean_dn.size()) / squares);
+// Per channel.
+std::vector<double> biases_of(const PhysicsNoise& noise) {
+  std::vector<double> bias_dn;
+  for (const PhysicsChannel& channel : noise.channels) bias_dn.push_back(channel.mu_dn);
+  return bias_dn;
 }
 
 Json score_of(const std::string& name, const Gains& gains, const Image& clean_dn,
@@ -182,11 +154,16 @@ Json score_of(const std::string& name, const Gains& gains, const Image& clean_dn
   const auto mean_of = [](const std::vector<double>& values) {
     return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
   };
+  FrameMean mean;
+  for (const Image& frame : frames) mean.add(frame);
+  const auto detail =
+      kept_detail_psnr_db(mean.mean(), clean_dn, gains.model.layout, biases_of(gains.to),
+                          white_above_black(gains.model.white_dn, gains.model.black_dn));
   return {{"name", name},
           {"sqrt_jsd", c.pooled.sqrt_jsd},
           {"sqrt_jsd_floor", c.pooled.sqrt_jsd_floor},
           {"sd_dn", mean_of(c.test.sd_dn)},
-          {"detail_psnr_db", detail_psnr_db(gains, frames, clean_dn)}};
+          {"detail_psnr_db", detail.value_or(std::nan(""))}};
 }
 
 void run_renoise_experiment(const RenoiseExperimentArguments& arguments, const Common& common) {

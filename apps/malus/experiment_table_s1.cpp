@@ -149,11 +149,7 @@ FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
         gaussian_difference(model.layout, gaussian_of(model, bench.from),
                             gaussian_of(model, bench.to), model.quantization_dn));
     return [added](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
-      Image dn(guide_dn.rows(), guide_dn.cols());
-      added->apply(guide_dn, dn, second_noise(address));
-      for (std::size_t i = 0; i < dn.size(); ++i)
-        dn.values()[i] += noisy_dn.values()[i] - guide_dn.values()[i];
-      return dn;
+      return gaussian_on_noise(*added, noisy_dn, guide_dn, address);
     };
   }
   const double white_dn = white_above_black(model.white_dn, model.black_dn);

@@ -2,6 +2,7 @@
 #include "malus/synthesize/equivalent_models.h"
 
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <cmath>
@@ -74,10 +75,7 @@ TEST(GaussianDifference, AddsWhatTheNoisierGainHasMore) {
   const Image noisy = Synthesizer(model, settings).draw(clean, kFrom, {.seed = 3}).dn;
   GaussianCalibration from = gaussian_of(model, kFrom), to = gaussian_of(model, kTo);
   const CompiledNoise added = gaussian_difference(model.layout, from, to, 0);
-  Image sum(512, 512);
-  added.apply(clean, sum, {.seed = 4});
-  for (std::size_t i = 0; i < sum.size(); ++i)
-    sum.values()[i] += noisy.values()[i] - clean.values()[i];
+  const Image sum = gaussian_on_noise(added, noisy, clean, {.seed = 4});
   const double row_from = std::pow(model.physics_at(kFrom).channels[0].sigma_row_dn, 2);
   const double wanted = to.slope_dn[0] * 900 + to.offset_dn2[0] - row_from;
   // Five standard errors of a variance of 262,144 samples: 5 sqrt(2 / n) = 1.4 %.
@@ -86,6 +84,34 @@ TEST(GaussianDifference, AddsWhatTheNoisierGainHasMore) {
   double bias = 0;
   for (std::size_t c = 0; c < 4; ++c) bias += (to.bias_dn[c] - from.bias_dn[c]) / 4;
   EXPECT_NEAR(moments_of(sum).mean(), 900 + bias, 5 * std::sqrt(wanted) / 512);
+}
+
+// The same of physics noise with its rows. A picture from which detail was lost says how much noise
+// there is, and the detail stays.
+TEST(GaussianDifference, OfPhysicsNoiseHasRowsOfItsOwnAndKeepsTheDetail) {
+  PhysicsNoise from, to;
+  from.layout = to.layout = SensorLayout::named("mono");
+  from.channels = {{.gain_dn_per_e = 0.2, .lambda = 0.14, .sigma_tl_dn = 1}};
+  to.channels = {{.gain_dn_per_e = 0.6, .lambda = 0.14, .mu_dn = 2, .sigma_tl_dn = 3}};
+  from.channels[0].sigma_row_dn = 3;
+  to.channels[0].sigma_row_dn = 5;
+  from.quantization_dn = to.quantization_dn = 2;
+  const Image noisy(512, 512, 910), guide(512, 512, 900);
+  const CompiledNoise added = gaussian_difference(from, to);
+  const Image sum = gaussian_on_noise(added, noisy, guide, {.seed = 4});
+  const double pixel = 0.4 * 900 + read_variance_dn2(to.channels[0]) -
+                       read_variance_dn2(from.channels[0]) - 4 / 12.0;
+  Moments rows, pixels;
+  for (int r = 0; r < sum.rows(); ++r) {
+    Moments row;
+    for (int c = 0; c < sum.cols(); ++c) row.add(sum(r, c));
+    rows.add(row.mean());
+    pixels.add(row.variance());
+  }
+  // Five standard errors: of 262,144 pixels, and of 512 rows of sqrt(5² - 3²) DN.
+  EXPECT_NEAR(pixels.mean(), pixel, 0.014 * pixel);
+  EXPECT_NEAR(rows.variance(), 16 + pixel / 512, 5 * std::sqrt(2.0 / 512) * 16.7);
+  EXPECT_NEAR(rows.mean(), 912, 5 * 4.1 / std::sqrt(512));
 }
 
 }  // namespace

@@ -1,8 +1,10 @@
 #include "malus/evaluate/noise_comparison.h"
 
+#include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
 #include "malus/evaluate/divergence.h"
+#include "malus/evaluate/image_metrics.h"
 #include "malus/evaluate/noise_structure.h"
 
 #include <algorithm>
@@ -280,6 +282,24 @@ std::vector<Quantity> quantities_of(const NoiseComparison& c) {
                        "correlation of a pixel in a frame and in the next", {s->between_frames}));
   }
   return all;
+}
+
+Estimate<double> kept_detail_psnr_db(View<const float> mean_dn, View<const float> clean_dn,
+                                     const SensorLayout& layout, const std::vector<double>& bias_dn,
+                                     double peak_dn) {
+  MALUS_REQUIRE(mean_dn.rows() == clean_dn.rows() && mean_dn.cols() == clean_dn.cols() &&
+                static_cast<int>(bias_dn.size()) == layout.channels());
+  SquaredError squares;
+  for (int r = 0; r < clean_dn.rows(); ++r)
+    for (int c = 0; c < clean_dn.cols(); ++c) {
+      const double error = static_cast<double>(mean_dn(r, c)) -
+                           static_cast<double>(clean_dn(r, c)) -
+                           bias_dn[static_cast<std::size_t>(layout.channel_at(r, c))];
+      if (!std::isfinite(error)) continue;
+      squares.sum += error * error;
+      ++squares.count;
+    }
+  return psnr_db(squares, peak_dn);
 }
 
 }  // namespace malus

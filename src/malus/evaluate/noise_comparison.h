@@ -93,4 +93,21 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
 
 std::vector<Quantity> quantities_of(const NoiseComparison& comparison);
 
+/// The uniform scene that frames show, for frames without noise in its place: the channels' means
+/// less those of as many frames without light, for one frame's mean has its row noise and the
+/// lamp's flicker. A channel that is lit by less than a twentieth of the noise without light counts
+/// as dark, 0. All DN above black; pixels that are not finite are left out. Result: of the size of
+/// the frames without light. Frames beyond the smaller set's count and beyond kMostSceneFrames are
+/// not loaded. Contract: neither set is empty.
+Image uniform_scene(const NoiseFrames& lit, const NoiseFrames& unlit, const SensorLayout& layout);
+inline constexpr int kMostSceneFrames = 16;
+
+/// What of a picture is left where noise averages out: PSNR in dB of noisy frames' mean, less the
+/// channels' biases, against the clean mosaic. peak_dn: white above black. All DN above black;
+/// pixels that are not finite are left out. Undecided without a finite pixel. Contract: equal
+/// sizes, one bias per channel.
+Estimate<double> kept_detail_psnr_db(View<const float> mean_dn, View<const float> clean_dn,
+                                     const SensorLayout& layout, const std::vector<double>& bias_dn,
+                                     double peak_dn);
+
 }  // namespace malus

@@ -7,4 +7,5 @@ set(evaluate_SOURCES
   noise_structure.cpp
   polarization_metrics.cpp
   uncertainty_check.cpp
+  uniform_scene.cpp
 )

@@ -1,5 +1,6 @@
 #include "malus/synthesize/equivalent_models.h"
 
+#include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/synthesize/renoise.h"
 
@@ -94,6 +95,31 @@ CompiledNoise gaussian_difference(const SensorLayout& layout, const GaussianCali
                                       quantization_dn * quantization_dn / 12.0,
                         .mu_dn = at(to.bias_dn, c) - at(from.bias_dn, c)});
   return CompiledNoise::gaussian(layout, channels, 1);
+}
+
+CompiledNoise gaussian_difference(const PhysicsNoise& from, const PhysicsNoise& to) {
+  std::vector<GaussianChannel> channels;
+  const double rounding = from.quantization_dn * from.quantization_dn / 12.0;
+  for (std::size_t c = 0; c < to.channels.size(); ++c) {
+    const PhysicsChannel &one = from.channels[c], &two = to.channels[c];
+    channels.push_back(
+        {.slope_dn = two.gain_dn_per_e - one.gain_dn_per_e,
+         .offset_dn2 = read_variance_dn2(two) - read_variance_dn2(one) - rounding,
+         .sigma_row_dn = std::sqrt(std::max(
+             two.sigma_row_dn * two.sigma_row_dn - one.sigma_row_dn * one.sigma_row_dn, 0.0)),
+         .mu_dn = two.mu_dn - one.mu_dn});
+  }
+  return CompiledNoise::gaussian(to.layout, channels, to.row_group);
+}
+
+Image gaussian_on_noise(const CompiledNoise& difference, View<const float> noisy_dn,
+                        View<const float> guide_dn, const DrawAddress& address) {
+  MALUS_REQUIRE(noisy_dn.rows() == guide_dn.rows() && noisy_dn.cols() == guide_dn.cols());
+  Image dn(guide_dn.rows(), guide_dn.cols());
+  difference.apply(guide_dn, dn, second_noise(address));
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) dn(r, c) += noisy_dn(r, c) - guide_dn(r, c);
+  return dn;
 }
 
 }  // namespace malus

@@ -36,5 +36,12 @@ GaussianCalibration gaussian_of(const NoiseModel& model, const GainSetting& gain
 /// result is rounded by the camera, which the target's variance already holds: quantization_dn.
 CompiledNoise gaussian_difference(const SensorLayout& layout, const GaussianCalibration& from,
                                   const GaussianCalibration& to, double quantization_dn);
+/// Of physics noise at two gains of one sensor: row noise stays noise of rows.
+CompiledNoise gaussian_difference(const PhysicsNoise& from, const PhysicsNoise& to);
+
+/// A frame of the target gain: noisy + a draw of the difference at the guide's signal, at
+/// second_noise(address) (renoise.h). All DN above black and of one size.
+Image gaussian_on_noise(const CompiledNoise& difference, View<const float> noisy_dn,
+                        View<const float> guide_dn, const DrawAddress& address);
 
 }  // namespace malus
