@@ -4,6 +4,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/denoise/cut_off.h"
+#include "malus/denoise/internal/texture_removal.h"
 #include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/image/pack.h"

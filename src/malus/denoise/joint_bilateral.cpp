@@ -2,8 +2,8 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/bilateral_kernel.h"
-#include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/internal/gaussian_means.h"
+#include "malus/denoise/internal/kept_noise.h"
 #include "malus/denoise/internal/memory_budget.h"
 
 #include <algorithm>
@@ -24,13 +24,11 @@ struct BilateralRound {
 };
 constexpr BilateralRound kBilateralRounds[] = {{4, 6.0f}, {8, 7.5f}};
 constexpr float kLeastDeviation = 0.3f;  // of the guide's error
-// An estimate keeps the more of the noise the less it differs from the samples. Of neighbourhoods
-// (deviation and radius in cells) where it keeps less than the first share nothing is changed, from
-// the second on all that is to be gained.
-constexpr float kNoiseDeviation = 4.0f;
-constexpr int kNoiseRadius = 10;
+// Of neighbourhoods where the estimate keeps less of the noise than the first share nothing is
+// changed, from the second on all that is to be gained.
 constexpr float kLeastKept = 0.08f, kEnoughKept = 0.16f;
-// What is gained is asked of smaller ones, and this many standard errors are taken off.
+// What is gained is asked of smaller ones (deviation and radius in cells), and this many standard
+// errors are taken off.
 constexpr float kGainDeviation = 2.5f;
 constexpr int kGainRadius = 6;
 constexpr float kGainErrors = 2.0f;
@@ -46,11 +44,9 @@ float ramp(float value, float begin, float end) {
   return std::clamp((value - begin) / (end - begin), 0.0f, 1.0f);
 }
 
-// Means over cells of what a round finds, and what it is told. What 2x2 pixels have in common,
-// their mean, is counted by itself: the estimate keeps less noise of what they differ by, colour
-// and polarization, where these are simpler than the light.
+// Means over cells of what a round finds, and what it is told. What 2x2 pixels have in common is
+// counted by itself (kept_noise.h).
 struct BilateralSums {
-  Image kept, kept_common;      // of the noise, by the estimate
   Image gate;                   // how much of a change may be taken
   Image gain, gain_common;      // Stein's estimate of (truth - estimate) (mean - estimate)
   Image energy, energy_common;  // (mean - estimate)²
@@ -58,43 +54,27 @@ struct BilateralSums {
   Image own;                    // weight of a pixel's own sample in its mean
 };
 
-// 2x2 pixels, or what of them lies inside.
-struct PixelGroup {
-  int row, col, row_end, col_end;
-  int size() const { return (row_end - row) * (col_end - col); }
-  template <class Value>
-  float mean(Value value) const {
-    float sum = 0;
-    for (int r = row; r < row_end; ++r)
-      for (int c = col; c < col_end; ++c) sum += value(r, c);
-    return sum / static_cast<float>(size());
-  }
-};
-
-// A strip of the frame with its surroundings above and below. Its rows begin at a whole cell.
-struct Strip {
-  Image samples, estimate;
-  const std::vector<float>& uncut;  // per channel
-  float sure_noise;
-  Image* error;        // the frame's, or null
-  int first_row;       // of the frame
-  int core, core_end;  // rows of the strip whose error changes
+// Whose stated error changes with the estimate.
+struct ErrorRows {
+  Image* error;    // the frame's, or null
+  int begin, end;  // of the strip
 };
 
 class Averaging {
  public:
-  Averaging(const SensorLayout& layout, Strip& strip, Progress& progress)
-      : layout_(layout),
+  Averaging(PixelStrip& strip, const ErrorRows& stated, Progress& progress)
+      : layout_(strip.layout),
         strip_(strip),
         samples_(strip.samples),
         estimate_(strip.estimate),
+        stated_(stated),
         progress_(progress),
-        rows_(strip.estimate.rows()),
-        cols_(strip.estimate.cols()) {}
+        rows_(strip.rows()),
+        cols_(strip.cols()) {}
 
   void run() {
     for (const BilateralRound& round : kBilateralRounds) {
-      measure_kept_noise();
+      kept_ = measure_kept_noise(strip_);
       if (cells_.gate.size() == 0) open_gates();
       if (std::none_of(cells_.gate.values().begin(), cells_.gate.values().end(),
                        [](float gate) { return gate > 0; }))
@@ -105,72 +85,10 @@ class Averaging {
   }
 
  private:
-  // Where white cuts the noise off the residual is less, whatever the estimate keeps.
-  bool is_cut_off(int r, int c) const {
-    const auto channel = static_cast<std::size_t>(layout_.channel_at(strip_.first_row + r, c));
-    return estimate_(r, c) > strip_.uncut[channel];
-  }
-  Image cell_map() const { return Image(cell_count(rows_), cell_count(cols_)); }
-  // Of the cell.
-  template <class Use>
-  void for_groups(int i, int k, Use use) const {
-    for (int r = i * kCell; r < std::min((i + 1) * kCell, rows_); r += 2)
-      for (int c = k * kCell; c < std::min((k + 1) * kCell, cols_); c += 2)
-        use(PixelGroup{r, c, std::min(r + 2, rows_), std::min(c + 2, cols_)});
-  }
-  int pixels_of(int i, int k) const {
-    return std::min(kCell, rows_ - i * kCell) * std::min(kCell, cols_ - k * kCell);
-  }
-
-  // An orthogonal projection that keeps the share p of the noise leaves a squared residual of 1 -
-  // p.
-  void measure_kept_noise() {
-    cells_.kept = cell_map();
-    cells_.kept_common = cell_map();
-    parallel_for(0, cells_.kept.rows(), kBandCells, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-      for (int r = static_cast<int>(begin) * kCell;
-           r < std::min(static_cast<int>(end) * kCell, rows_); ++r)
-        for (int c = 0; c < cols_; ++c) {
-          const float rest = samples_(r, c) - estimate_(r, c);
-          cells_.kept(r / kCell, c / kCell) += is_cut_off(r, c) ? strip_.sure_noise : rest * rest;
-        }
-      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
-        for (int k = 0; k < cells_.kept.cols(); ++k) {
-          const auto pixels = static_cast<float>(pixels_of(i, k));
-          cells_.kept(i, k) = strip_.sure_noise - cells_.kept(i, k) / pixels;
-          cells_.kept_common(i, k) = strip_.sure_noise - common_residual(i, k) / pixels;
-        }
-    });
-    cells_.kept = gaussian_means(cells_.kept, kNoiseDeviation, kNoiseRadius);
-    cells_.kept_common = gaussian_means(cells_.kept_common, kNoiseDeviation, kNoiseRadius);
-  }
-
-  // Sum over the cell's pixels of the squared deviation of their groups' means.
-  float common_residual(int i, int k) const {
-    float sum = 0;
-    for_groups(i, k, [&](const PixelGroup& group) {
-      bool is_known = true;
-      const float mean = group.mean([&](int r, int c) {
-        is_known = is_known && !is_cut_off(r, c);
-        return samples_(r, c) - estimate_(r, c);
-      });
-      const auto size = static_cast<float>(group.size());
-      sum += size * (is_known ? size * mean * mean : strip_.sure_noise);
-    });
-    return sum;
-  }
-
   void open_gates() {
-    cells_.gate = cell_map();
+    cells_.gate = strip_.cell_map();
     for (std::size_t i = 0; i < cells_.gate.size(); ++i)
-      cells_.gate.values()[i] = ramp(cells_.kept.values()[i], kLeastKept, kEnoughKept);
-  }
-
-  float kept(int i, int k) const { return std::clamp(cells_.kept(i, k), 0.0f, 1.0f); }
-  float kept_common(int i, int k) const { return std::clamp(cells_.kept_common(i, k), 0.0f, 1.0f); }
-  // Of four pixels three differences.
-  float kept_unlike(int i, int k) const {
-    return std::clamp((4 * cells_.kept(i, k) - cells_.kept_common(i, k)) / 3, 0.0f, 1.0f);
+      cells_.gate.values()[i] = ramp(kept_.all.values()[i], kLeastKept, kEnoughKept);
   }
 
   // Fills difference_ and the sums.
@@ -178,7 +96,7 @@ class Averaging {
     if (difference_.size() == 0) difference_ = Image(rows_, cols_);
     for (Image* map : {&cells_.gain, &cells_.gain_common, &cells_.energy, &cells_.energy_common,
                        &cells_.blind, &cells_.own})
-      *map = cell_map();
+      *map = strip_.cell_map();
     const int cell_rows = cells_.gate.rows(), bands = (cell_rows + kBandCells - 1) / kBandCells;
     parallel_for(0, bands, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (int b = static_cast<int>(begin); b < static_cast<int>(end); ++b) {
@@ -226,7 +144,7 @@ class Averaging {
     for (int c = 0; c < cols_; ++c) {
       const int k = c / kCell;
       per_cut[static_cast<std::size_t>(c)] =
-          1.0f / (round.cut * std::max(std::sqrt(kept(i, k)), kLeastDeviation));
+          1.0f / (round.cut * std::max(std::sqrt(kept_.of_all(i, k)), kLeastDeviation));
       if (cells_.gate(i, k) > 0) is_wanted[static_cast<std::size_t>(c / kLanes)] = 1;
     }
   }
@@ -238,11 +156,11 @@ class Averaging {
       const auto at = static_cast<std::size_t>(c);
       float& difference = difference_(r, c);
       difference = 0;
-      if (!is_wanted[at / kLanes] || is_cut_off(r, c) || own[at] > kMostOwn) continue;
+      if (!is_wanted[at / kLanes] || strip_.is_cut_off(r, c) || own[at] > kMostOwn) continue;
       const float rest = samples_(r, c) - estimate_(r, c);
       difference = mean[at] - estimate_(r, c);
       const int k = c / kCell;
-      const float share = 1.0f / static_cast<float>(pixels_of(i, k));
+      const float share = 1.0f / static_cast<float>(strip_.pixels_of(i, k));
       cells_.gain(i, k) += share * rest * difference;
       cells_.blind(i, k) += share * (1.0f - slope[at]);
       cells_.energy(i, k) += share * difference * difference;
@@ -253,18 +171,19 @@ class Averaging {
   // What the groups of the cell have in common, and in both gains the noise of the products: that
   // of the estimate, of which the mean keeps its slope, less that of the mean's own sample.
   void add_common(int i, int k) {
-    for_groups(i, k, [&](const PixelGroup& group) {
-      const float share = static_cast<float>(group.size()) / static_cast<float>(pixels_of(i, k));
+    strip_.for_groups(i, k, [&](const PixelGroup& group) {
+      const float share =
+          static_cast<float>(group.size()) / static_cast<float>(strip_.pixels_of(i, k));
       const float change = group.mean([&](int r, int c) { return difference_(r, c); });
       cells_.gain_common(i, k) += share * change * group.mean([&](int r, int c) {
         return samples_(r, c) - estimate_(r, c);
       });
       cells_.energy_common(i, k) += share * change * change;
     });
-    const float common = 0.25f * (cells_.blind(i, k) * kept_common(i, k) - cells_.own(i, k));
+    const float common = 0.25f * (cells_.blind(i, k) * kept_.of_common(i, k) - cells_.own(i, k));
     cells_.gain_common(i, k) += common;
     cells_.gain(i, k) +=
-        common + 0.75f * (cells_.blind(i, k) * kept_unlike(i, k) - cells_.own(i, k));
+        common + 0.75f * (cells_.blind(i, k) * kept_.of_unlike(i, k) - cells_.own(i, k));
   }
 
   // The shares of a change that leave least error, as far as they are certain.
@@ -284,7 +203,7 @@ class Averaging {
   void take_change_of(int i, int k) {
     constexpr float kPixels =
         4 * std::numbers::pi_v<float> * kGainDeviation * kGainDeviation * kCell * kCell;
-    const float noise = std::max(kept(i, k), kLeastShare);
+    const float noise = std::max(kept_.of_all(i, k), kLeastShare);
     float gained = 0, certain = 0;  // of the noise
     const auto share_of = [&](float gain, float moved) {
       const float sure = gain - kGainErrors * std::sqrt(std::max(moved, 0.0f) / kPixels);
@@ -305,14 +224,14 @@ class Averaging {
 
   // left: of the error around here.
   void change_cell(int i, int k, const Shares& shares, float left) {
-    for_groups(i, k, [&](const PixelGroup& group) {
+    strip_.for_groups(i, k, [&](const PixelGroup& group) {
       const float common = group.mean([&](int r, int c) { return difference_(r, c); });
       for (int r = group.row; r < group.row_end; ++r)
         for (int c = group.col; c < group.col_end; ++c) {
           if (difference_(r, c) == 0) continue;
           estimate_(r, c) += shares.common * common + shares.unlike * (difference_(r, c) - common);
-          if (strip_.error && r >= strip_.core && r < strip_.core_end)
-            state_error(i, k, shares, left, (*strip_.error)(strip_.first_row + r, c));
+          if (stated_.error && r >= stated_.begin && r < stated_.end)
+            state_error(i, k, shares, left, (*stated_.error)(strip_.first_row + r, c));
         }
     });
   }
@@ -326,12 +245,14 @@ class Averaging {
   }
 
   const SensorLayout& layout_;
-  Strip& strip_;
+  PixelStrip& strip_;
   const Image& samples_;
   Image& estimate_;
+  ErrorRows stated_;
   Progress& progress_;
   int rows_, cols_;
   Image difference_;
+  KeptNoise kept_;
   BilateralSums cells_;
 };
 
@@ -365,14 +286,8 @@ void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& un
   for (int core = 0; core < rows; core += core_rows) {
     const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
               end = std::min(core_end + reach, rows);
-    Strip strip{Image(end - first, cols),
-                Image(end - first, cols),
-                uncut,
-                sure_noise,
-                error,
-                first,
-                core - first,
-                core_end - first};
+    PixelStrip strip{layout, Image(end - first, cols), Image(end - first, cols), uncut, sure_noise,
+                     first};
     parallel_for(first, end, kRowsPerTask, [&](std::ptrdiff_t task, std::ptrdiff_t task_end) {
       for (int r = static_cast<int>(task); r < static_cast<int>(task_end); ++r) {
         const float* from = r < core ? above.row(r - core + above.rows()) : estimate.row(r);
@@ -383,7 +298,7 @@ void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& un
     above = Image(std::min(reach, core_end), cols);
     for (int i = 0; i < above.rows(); ++i)
       std::copy_n(strip.estimate.row(core_end - above.rows() + i - first), cols, above.row(i));
-    Averaging(layout, strip, progress).run();
+    Averaging(strip, {error, core - first, core_end - first}, progress).run();
     for (int r = core; r < core_end; ++r)
       std::copy_n(strip.estimate.row(r - first), cols, estimate.row(r));
   }

@@ -22,6 +22,7 @@ set(denoise_SOURCES
     gaussian_means.cpp
     impulses.cpp
     joint_bilateral.cpp
+    kept_noise.cpp
     kept_points.cpp
     memory_budget.cpp
     missed_signal.cpp
@@ -42,4 +43,5 @@ set(denoise_SOURCES
     stack_kernel.cpp
     stack_stage.cpp
     stated_error.cpp
+    texture_removal.cpp
     variance_lines.cpp)

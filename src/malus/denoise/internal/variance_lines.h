@@ -1,9 +1,7 @@
-// How the noise's variance rises with the signal, channel by channel: lines through its levels, and
-// what of them is texture. Of estimate_profile.
+// How the noise's variance rises with the signal, channel by channel: lines through its levels. Of
+// estimate_profile.
 #pragma once
 
-#include "malus/image/layout.h"
-#include "malus/image/view.h"
 #include "malus/noise/variance_curve.h"
 
 #include <vector>
@@ -34,19 +32,10 @@ struct VarianceLines {
   void add(std::vector<VarianceLevel> of_channel, bool black_known);
   /// Lines through their levels that know of each other: channels share their gain.
   void settle();
+  /// Both anew, for levels that have changed.
+  void refit();
   /// The channels' curves; kept: 1 for their own, 0 for that of them all.
   std::vector<VarianceCurve> curves(double kept) const;
 };
-
-/// Levels become what the floors (noise_floor.h) leave of the lines through them: never more, for
-/// texture that no direction escapes lifts the floors too. How channels differ is kept as far as
-/// there is no texture: its size in one channel says nothing of the noise there. lines: settled
-/// before and after; untouched where there is little texture. Then smooth patches between texture
-/// (quiet_patches.h) are heard if wanted, where they clearly tell of less noise. dn: mosaic above
-/// black.
-/// Returns the share of the variance that was texture.
-double take_texture_off(const Image& dn, const SensorLayout& layout,
-                        const std::vector<float>& saturated_dn, bool hear_quiet,
-                        VarianceLines& lines);
 
 }  // namespace malus::internal
