@@ -18,6 +18,7 @@
 #include "denoise_checks.h"
 #include "denoise_files.h"
 #include "denoise_method.h"
+#include "denoise_plan.h"
 #include "denoise_run.h"
 #include "flags.h"
 #include "frame_input.h"
@@ -32,87 +33,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-struct DenoiseArguments {
-  RawOptions raw;
-  DenoiseSettings settings;
-  InferenceSettings inference;
-  std::vector<fs::path> inputs;
-  std::vector<fs::path> references;
-  double reference_ratio = 1;
-  std::optional<double> reference_black_dn;
-  std::vector<int> origin;  ///< row, column on the sensor; empty: not told
-  fs::path model, folder, report;
-  std::string format = "tif";
-  bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
-  const CLI::App* command = nullptr;  ///< knows which flags were given
-};
-
-// What there is none of where the result is a picture, and what no picture file can hold.
-void check_result_flags(const DenoiseArguments& arguments, const std::string& target) {
-  if (target != "mosaic")
-    for (const auto& [given, flag] : {std::pair{arguments.planes, "--planes"},
-                                      {arguments.u16, "--u16"},
-                                      {arguments.uncertainty, "--uncertainty"},
-                                      {!arguments.references.empty(), "--reference"},
-                                      {!arguments.report.empty(), "--report"}})
-      if (given)
-        throw InputError(flag, "the network gives pictures, not denoised mosaics", "leave it out");
-  if (arguments.format == "png" && target != "srgb")
-    throw InputError("--format png", "holds no float values", "use tif or exr");
-}
-
-std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
-                                             const std::string& target, bool force) {
-  std::vector<OutputNames> names(arguments.inputs.size());
-  const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
-    if (!wanted) return;
-    const auto paths = output_names(arguments.inputs, arguments.folder, suffix);
-    for (std::size_t i = 0; i < paths.size(); ++i) {
-      names[i].*name = paths[i];
-      check_output(paths[i], force);
-    }
-  };
-  if (target != "mosaic") {
-    plan(true, "_" + target + "." + arguments.format, &OutputNames::picture);
-    return names;
-  }
-  plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);
-  plan(true, "_denoised.json", &OutputNames::record);
-  plan(arguments.u16, "_denoised_u16.tif", &OutputNames::integers);
-  plan(arguments.planes, "_planes.exr", &OutputNames::planes);
-  plan(arguments.uncertainty, "_variance.exr", &OutputNames::variance);
-  return names;
-}
-
-std::vector<fs::path> files_read(const DenoiseArguments& arguments) {
-  std::vector<fs::path> read = arguments.inputs;
-  read.insert(read.end(), arguments.references.begin(), arguments.references.end());
-  read.push_back(arguments.model);
-  return read;
-}
-
-// What an earlier run may have left beside a result and this one does not write again: it would
-// look like a part of the new result.
-std::vector<fs::path> stale_files(const DenoiseArguments& arguments, const OutputNames& names,
-                                  const fs::path& input) {
-  std::vector<fs::path> paths;
-  for (const auto& [written, suffix] : {std::pair{&names.integers, "_denoised_u16.tif"},
-                                        {&names.planes, "_planes.exr"},
-                                        {&names.variance, "_variance.exr"}})
-    if (written->empty()) paths.push_back(arguments.folder / (stem_of(input) + suffix));
-  return existing_apart(paths, files_read(arguments));
-}
-
-// A report that replaced a frame or a result would lose it.
-void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,
-                  bool force) {
-  std::vector<fs::path> written;
-  for (const OutputNames& n : names)
-    for (const fs::path& path : {n.picture, n.mosaic, n.record, n.integers, n.planes, n.variance})
-      written.push_back(path);
-  check_output_apart("--report", arguments.report, files_read(arguments), written, force);
-}
 
 // The noise that is taken out, and in words where it comes from.
 struct ProfileChoice {

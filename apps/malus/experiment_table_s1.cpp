@@ -5,13 +5,10 @@
 #include "malus/base/error.h"
 #include "malus/io/config_section.h"
 #include "malus/io/picture_file.h"
-#include "malus/synthesize/equivalent_models.h"
 #include "malus/synthesize/model.h"
-#include "malus/synthesize/renoise.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
-#include <functional>
 #include <memory>
 
 #include "captures.h"
@@ -21,6 +18,7 @@
 #include "networks_door.h"
 #include "output_check.h"
 #include "report_pages.h"
+#include "table_s1_frames.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -33,21 +31,6 @@ struct TableS1Arguments {
   fs::path rows, folder, report, pairs, test_pairs;
   std::vector<fs::path> pictures, test_pictures;
   int crop = 512;
-};
-
-// What makes the training frames of one row: 001 Table S1's first three columns.
-struct TableS1Row {
-  std::string noise;     // "NP", "HG"; of captures ""
-  std::string scheme;    // "noise-on-noise", "calibrated", "captured"
-  std::string denoiser;  // "UNet", "BM3D"; of captures ""
-
-  std::string title() const {
-    if (scheme == "captured") return "captured (upper bound)";
-    return noise + (scheme == "calibrated" ? " Calibrated" : " Noise-on-noise");
-  }
-  std::string folder() const {
-    return scheme == "captured" ? scheme : noise + "-" + scheme + "-" + denoiser;
-  }
 };
 
 struct TableS1Setup {
@@ -138,62 +121,12 @@ TestBench open_test_bench(const TableS1Arguments& arguments, const TableS1Setup&
   return bench;
 }
 
-// A frame of the noisier gain, DN above black, from a noisy frame and what a denoiser says of it.
-using FrameMaker =
-    std::function<Image(const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address)>;
-
-FrameMaker noise_on_noise(const TestBench& bench, const std::string& noise) {
-  const NoiseModel& model = bench.model;
-  if (noise == "HG") {
-    const auto added = std::make_shared<CompiledNoise>(
-        gaussian_difference(model.layout, gaussian_of(model, bench.from),
-                            gaussian_of(model, bench.to), model.quantization_dn));
-    return [added](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
-      return gaussian_on_noise(*added, noisy_dn, guide_dn, address);
-    };
-  }
-  const double white_dn = white_above_black(model.white_dn, model.black_dn);
-  std::shared_ptr<const Renoiser> renoiser;
-  if (!model.nonparametric.empty()) {
-    renoiser = std::make_shared<Renoiser>(model.layout, model.nonparametric_at(bench.from),
-                                          model.nonparametric_at(bench.to), model.row_group,
-                                          white_dn, model.quantization_dn);
-  } else {
-    PhysicsNoise target = model.physics_at(bench.to);
-    target.parts.quantization = false;  // the camera's rounding is drawn later
-    renoiser = std::make_shared<Renoiser>(model.physics_at(bench.from), target, white_dn);
-  }
-  return [renoiser](const Image& noisy_dn, const Image& guide_dn, const DrawAddress& address) {
-    Image dn(noisy_dn.rows(), noisy_dn.cols());
-    renoiser->apply(noisy_dn, guide_dn, dn, address);
-    return dn;
-  };
-}
-
-// The calibrated noise of the noisier gain on the denoised frame.
-FrameMaker calibrated(const TestBench& bench, const std::string& noise) {
-  const NoiseModel& model = bench.model;
-  SynthesisSettings settings;
-  settings.kind = noise == "HG"                  ? "gaussian"
-                  : !model.nonparametric.empty() ? "nonparametric"
-                                                 : "physics";
-  if (settings.kind == "physics") settings.parameters = "mean";
-  settings.quantization = settings.kind == "nonparametric";  // rounding is a part of those
-  const auto synthesizer = std::make_shared<Synthesizer>(
-      noise == "HG" ? with_equivalents(model, {bench.to}) : model, settings);
-  return [synthesizer, to = bench.to](const Image&, const Image& guide_dn,
-                                      const DrawAddress& address) {
-    return synthesizer->draw(guide_dn, to, second_noise(address)).dn;
-  };
-}
-
 // Frames that a row's ISP is trained on, written beside their list.
 std::vector<RecordedPair> make_captures(const TestBench& bench, const TableS1Row& row,
                                         const std::string& weights, const Common& common,
                                         Progress& progress) {
   if (row.scheme == "captured") return bench.targets;
-  const FrameMaker make =
-      row.scheme == "calibrated" ? calibrated(bench, row.noise) : noise_on_noise(bench, row.noise);
+  const FrameMaker make = frame_maker(row, bench.model, bench.from, bench.to);
   DenoiseSettings settings;
   settings.method = row.denoiser == "UNet" ? weights : "bm3d";
   const NoiseModel& model = bench.model;

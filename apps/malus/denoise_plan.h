@@ -1,0 +1,50 @@
+// What `malus denoise` is asked for, and the files that it will write: refused before the work
+// begins where that cannot be.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "denoise_files.h"
+#include "denoise_method.h"
+#include "program.h"
+#include "raw_options.h"
+
+namespace malus::app {
+
+struct DenoiseArguments {
+  RawOptions raw;
+  DenoiseSettings settings;
+  InferenceSettings inference;
+  std::vector<std::filesystem::path> inputs;
+  std::vector<std::filesystem::path> references;
+  double reference_ratio = 1;
+  std::optional<double> reference_black_dn;
+  std::vector<int> origin;  ///< row, column on the sensor; empty: not told
+  std::filesystem::path model, folder, report;
+  std::string format = "tif";
+  bool planes = false, uncertainty = false, u16 = false, extrapolate_gain = false;
+  const CLI::App* command = nullptr;  ///< knows which flags were given
+};
+
+/// Refuses what there is none of where the result is a picture (target: the denoiser's), and what
+/// no picture file can hold. Throws InputError.
+void check_result_flags(const DenoiseArguments& arguments, const std::string& target);
+
+/// The files of every input. Throws InputError where one exists already, unless forced.
+std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
+                                             const std::string& target, bool force);
+
+/// A report that replaced a frame or a result would lose it: throws InputError.
+void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,
+                  bool force);
+
+/// What an earlier run may have left beside an input's result and this one does not write again: it
+/// would look like a part of the new result.
+std::vector<std::filesystem::path> stale_files(const DenoiseArguments& arguments,
+                                               const OutputNames& names,
+                                               const std::filesystem::path& input);
+
+}  // namespace malus::app
