@@ -95,12 +95,12 @@ TEST(GaussianDifference, OfPhysicsNoiseHasRowsOfItsOwnAndKeepsTheDetail) {
   to.channels = {{.gain_dn_per_e = 0.6, .lambda = 0.14, .mu_dn = 2, .sigma_tl_dn = 3}};
   from.channels[0].sigma_row_dn = 3;
   to.channels[0].sigma_row_dn = 5;
-  from.quantization_dn = to.quantization_dn = 2;
+  from.quantization_dn = to.quantization_dn = 20;
   const Image noisy(512, 512, 910), guide(512, 512, 900);
   const CompiledNoise added = gaussian_difference(from, to);
   const Image sum = gaussian_on_noise(added, noisy, guide, {.seed = 4});
   const double pixel = 0.4 * 900 + read_variance_dn2(to.channels[0]) -
-                       read_variance_dn2(from.channels[0]) - 4 / 12.0;
+                       read_variance_dn2(from.channels[0]) - 400 / 12.0;
   Moments rows, pixels;
   for (int r = 0; r < sum.rows(); ++r) {
     Moments row;
