@@ -99,6 +99,17 @@ double mean_pixel_variance(const DarkPass& dark) {
          static_cast<double>(variance.size());
 }
 
+int update_row_group(const DarkPass& dark, RowGroupDecision& decision,
+                     std::vector<std::string>& warnings) {
+  if (dark.rows.frames() < 2)
+    return decision.update(Undecided{"one bias frame cannot tell row noise from fixed rows"}, true,
+                           warnings);
+  const double pixel_dn2 = mean_pixel_variance(dark);
+  const RowVariance row = row_variance_of(dark.rows, pixel_dn2, dark.rows.cols());
+  return decision.update(detect_row_group(dark.rows, row), row_noise_matters(row, pixel_dn2),
+                         warnings);
+}
+
 // Row noise is the spread of a channel's row groups.
 void require_row_groups(const RawFrame& first, int row_group) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
@@ -143,11 +154,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   out.gain = plan.gain;
   DarkPass dark = measure_dark(*plan.bias, first, quantization_dn, progress);
   const bool temporal = plan.bias->count >= 2;
-  const double pixel_dn2 = temporal ? mean_pixel_variance(dark) : 0.0;
-  const int group = row_group.update(
-      temporal ? detect_row_group(dark.rows, pixel_dn2, first.dn.cols())
-               : Estimate<int>(Undecided{"one bias frame cannot tell row noise from fixed rows"}),
-      !temporal || row_noise_matters(dark.rows, pixel_dn2, first.dn.cols()), out.warnings);
+  const int group = update_row_group(dark, row_group, out.warnings);
   require_row_groups(first, group);
   measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, settings,
                progress, out);

@@ -72,9 +72,8 @@ struct UsualPixel {
 
 UsualPixel usual_pixel(const DarkPixels& dark, const MosaicGeometry& geometry, int channel,
                        double chance) {
-  const double squares = location_of(geometry, channel, [&](int r, int c) {
-                           return dark.sum_of_squares(r, c);
-                         }).centre;
+  const double squares = median_of(enough_of(
+      geometry, channel, [&](int r, int c) { return double{dark.sum_of_squares(r, c)}; }));
   UsualPixel usual{
       location_of(geometry, channel, [&](int r, int c) { return dark.shading_dn(r, c); }),
       squares / (dark.frames - 1.0), dark.constancy[as_index(channel)] < chance};

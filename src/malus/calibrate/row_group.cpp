@@ -41,16 +41,14 @@ RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance
           std::sqrt(variance.variance() / static_cast<double>(variance.count()))};
 }
 
-bool row_noise_matters(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
+bool row_noise_matters(const RowVariance& row, double pixel_variance_dn2) {
   constexpr double kOfPixels = 0.05;  // a deviation over a pixel's
-  const RowVariance row = row_variance_of(rows, pixel_variance_dn2, cols);
   return row.value_dn2 + kStandardErrors * row.standard_error_dn2 >
          kOfPixels * kOfPixels * pixel_variance_dn2;
 }
 
-Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
-  if (rows.frames() < 2) return Undecided{"one bias frame cannot tell row noise from fixed rows"};
-  const auto [row_variance, row_variance_se] = row_variance_of(rows, pixel_variance_dn2, cols);
+Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance& row) {
+  const auto [row_variance, row_variance_se] = row;
   if (row_variance < kStandardErrors * row_variance_se)
     return Undecided{fmt::format(
         "row noise is too weak: {:.3g} DN² against a standard error of {:.3g} DN², and 3 of these "

@@ -8,25 +8,25 @@
 namespace malus {
 
 /// Variance of the rows' offsets over the frames, without what pixels alone lift the mean of a row
-/// of so many columns by; negative by chance where there is none. Contract: two frames or more.
+/// of so many columns by; negative by chance where there is none. pixel_variance_dn2: temporal
+/// variance of a pixel without row noise, averaged over channels. Contract: two frames or more.
 struct RowVariance {
   double value_dn2 = 0, standard_error_dn2 = 0;
 };
 RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);
 
 /// Whether rows may be lifted by more than a twentieth of a pixel's noise, within three standard
-/// errors: less than that changes nothing that a reader sees, whichever rows share it. Arguments as
-/// below, frames: at least two.
-bool row_noise_matters(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);
+/// errors: less than that changes nothing that a reader sees, whichever rows share it.
+/// pixel_variance_dn2: as above.
+bool row_noise_matters(const RowVariance& row, double pixel_variance_dn2);
 
 /// Groups that can be told apart: 1, 2, 4 or 8 rows, starting at row 0.
-/// pixel_variance_dn2: temporal variance of a pixel without row noise, averaged over channels.
+/// row: of the same rows (row_variance_of).
 /// Decides by the covariance of neighbouring rows' means over frames, for pairs inside and across
 /// the groups, relative to the row noise itself: shared is what lies above the middle between
 /// 1 and the smallest ratio (0, or what slow drift gives any two rows). Undecided when a ratio is
-/// within three standard errors of that middle (row noise too weak), when fewer than two frames
-/// were seen, or when pairs on odd rows are shared and even ones are not (the groups start on an
-/// odd row: the frames were cropped).
-Estimate<int> detect_row_group(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);
+/// within three standard errors of that middle (row noise too weak), or when pairs on odd rows are
+/// shared and even ones are not (the groups start on an odd row: the frames were cropped).
+Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance& row);
 
 }  // namespace malus
