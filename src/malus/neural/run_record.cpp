@@ -72,4 +72,25 @@ OrderedJson finished_record(const TrainingConfig& config, const RunFacts& facts,
   return record;
 }
 
+nlohmann::json training_told(const TrainingConfig& config, const RunFacts& facts,
+                             const nlohmann::json& description,
+                             const std::vector<OrderedJson>& log) {
+  nlohmann::json told{{"steps", facts.steps},
+                      {"device", facts.device},
+                      {"workers", facts.workers},
+                      {"pictures", config.pictures.size()},
+                      {"scenes", config.scenes.size()},
+                      {"shards", config.shards.size()},
+                      {"pairs", config.pairs.size()},
+                      {"seed", description.at("seed")},
+                      {"data", description.at("data")},
+                      {"noise", description.at("noise")},
+                      {"train", description.at("train")}};
+  if (description.contains("begin_with")) told["begin_with"] = description["begin_with"];
+  for (const OrderedJson& line : log)
+    for (const char* score : {"guide", "validation"})
+      if (line.contains(score)) told[score] = line[score];
+  return told;
+}
+
 }  // namespace malus

@@ -37,4 +37,11 @@ bool is_finished(const TrainingConfig& config, const RunFacts& facts,
 nlohmann::ordered_json finished_record(const TrainingConfig& config, const RunFacts& facts,
                                        const std::vector<nlohmann::ordered_json>& log);
 
+/// What a weight file tells of the training that made it: the numbers of its data, its settings
+/// (description: config_json with the seed) and the log's last scores. No times: equal trainings
+/// give equal files.
+nlohmann::json training_told(const TrainingConfig& config, const RunFacts& facts,
+                             const nlohmann::json& description,
+                             const std::vector<nlohmann::ordered_json>& log);
+
 }  // namespace malus

@@ -51,5 +51,6 @@ set(neural_SOURCES
   unet.cpp
   validation.cpp
   windows.cpp
+  worker_sharing.cpp
   workers.cpp
 )

@@ -16,6 +16,7 @@
 #include "malus/neural/trained_light.h"
 #include "malus/neural/training_log.h"
 #include "malus/neural/validation.h"
+#include "malus/neural/worker_sharing.h"
 
 #include <algorithm>
 #include <cmath>
@@ -128,24 +129,7 @@ class Trainer {
         at_end = is_finished(config_, facts(), log_->lines());
       }
     }
-    if (workers_.size() == 1) return at_end;
-    torch::Tensor reached =
-        torch::tensor({static_cast<double>(state_.step), state_.first_loss, at_end ? 1.0 : 0.0,
-                       state_.refresh.per_step, static_cast<double>(state_.refresh.from),
-                       static_cast<double>(state_.refresh.generation)},
-                      torch::dtype(torch::kFloat64).device(device_));
-    workers_.broadcast(reached);
-    state_.step = static_cast<std::int64_t>(reached[0].item<double>());
-    state_.first_loss = reached[1].item<double>();
-    state_.refresh = {reached[3].item<double>(), reached[4].item<std::int64_t>(),
-                      reached[5].item<std::int64_t>()};
-    for (const auto& list :
-         {network_->parameters(), average_, adam_.first_moments(), adam_.second_moments()})
-      for (const torch::Tensor& values : list) {
-        torch::Tensor shared = values.detach();
-        workers_.broadcast(shared);
-      }
-    return reached[2].item<double>() > 0;
+    return take_leaders_state(workers_, state_, at_end, device_);
   }
 
   OrderedJson finished() const {
@@ -206,7 +190,7 @@ class Trainer {
     torch::Tensor told =
         torch::stack({loss.detach().to(torch::kFloat32), base_loss_of(batch.input, batch.target),
                       torch::full({}, stop, loss.options())});
-    share(parameters, told);
+    told = mean_over_workers(workers_, parameters, told);
     // A GPU is waited for here and only here: reading a value of it stops the work ahead.
     StepFigures figures{.gradient_norm = clip_gradients(parameters, config_.train.clip),
                         .rate = learning_rate_at(config_.train, state_.step)};
@@ -234,27 +218,6 @@ class Trainer {
     if (config_.package.gives_picture()) return torch::full({}, std::nan(""), input.options());
     const torch::NoGradGuard no_gradients;
     return loss_of(input, input.slice(1, 0, target.size(1)), target);
-  }
-
-  // Gradients, losses and the wish to stop (`told`) become the mean over the workers, in one
-  // message.
-  void share(const std::vector<torch::Tensor>& parameters, torch::Tensor& told) {
-    if (workers_.size() == 1) return;
-    std::vector<torch::Tensor> parts;
-    for (const torch::Tensor& parameter : parameters)
-      parts.push_back(parameter.grad().defined() ? parameter.grad().flatten()
-                                                 : torch::zeros_like(parameter).flatten());
-    parts.push_back(told);
-    torch::Tensor all = torch::cat(parts);
-    workers_.sum(all);
-    all.div_(workers_.size());
-    std::int64_t at = 0;
-    for (const torch::Tensor& parameter : parameters) {
-      if (parameter.grad().defined())
-        parameter.grad().copy_(all.slice(0, at, at + parameter.numel()).view_as(parameter));
-      at += parameter.numel();
-    }
-    told = all.slice(0, at, at + told.numel());
   }
 
   void after_step(const StepFigures& figures, const Validation& validation, double waiting) {
@@ -335,28 +298,11 @@ class Trainer {
     log_->write({{"step", state_.step}, {"validation", json}});
   }
 
-  // validation: of these weights, where the log does not hold it yet. No times: equal trainings
-  // give equal files.
+  // validation: of these weights, where the log does not hold it yet.
   void save_package(const fs::path& path, const OrderedJson& validation = {}) {
     const AveragedWeights in_force = averaged();
     NetworkPackage package = this->package();
-    package.training = {{"steps", state_.step},
-                        {"device", device_.str()},
-                        {"workers", workers_.size()},
-                        {"pictures", config_.pictures.size()},
-                        {"scenes", config_.scenes.size()},
-                        {"shards", config_.shards.size()},
-                        {"pairs", config_.pairs.size()},
-                        {"seed", options_.seed},
-                        {"data", description_["data"]},
-                        {"noise", description_["noise"]},
-                        {"train", description_["train"]}};
-    if (description_.contains("begin_with"))
-      package.training["begin_with"] = description_["begin_with"];
-    for (const OrderedJson& line : log_->lines()) {
-      if (line.contains("guide")) package.training["guide"] = line["guide"];
-      if (line.contains("validation")) package.training["validation"] = line["validation"];
-    }
+    package.training = training_told(config_, facts(), description_, log_->lines());
     if (!validation.is_null()) package.training["validation"] = validation;
     save_tensor_file(package_file(package, *network_), path);
   }
