@@ -58,13 +58,6 @@ Image cut(const Image& from, double row0, double col0, double zoom, int rows, in
   return out;
 }
 
-std::size_t bytes_of(const std::vector<StokesPlanes>& light) {
-  std::size_t values = 0;
-  for (const StokesPlanes& color : light)
-    values += color.s0.size() + color.s1.size() + color.s2.size();
-  return values * sizeof(float);
-}
-
 int random_bumps(RandomSequence& random) {
   return static_cast<int>(kBumpsLow * std::pow(kBumpsHigh / kBumpsLow, random.uniform()));
 }
@@ -165,34 +158,18 @@ CleanScenes::CleanScenes(const TrainingConfig& config)
       tone_(config.tone),
       cell_(std::lcm(std::lcm(config.package.layout().rows(), config.package.layout().cols()), 2)),
       pictures_(config.pictures),
-      scenes_(config.scenes) {}
+      scenes_(config.scenes),
+      kept_(config.data.memory_mib) {}
 
 const fs::path& CleanScenes::path_of(std::size_t index) const {
   return index < pictures_.size() ? pictures_[index] : scenes_[index - pictures_.size()];
 }
 
-// Read while others use what is there: several threads make examples.
 std::shared_ptr<const CleanScenes::Light> CleanScenes::source(std::size_t index) const {
   const fs::path& path = path_of(index);
-  // One that is named twice, by a link, is kept once.
-  const fs::path name = fs::weakly_canonical(path);
-  {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = kept_.light.find(name); found != kept_.light.end()) return found->second;
-  }
-  auto light = std::make_shared<const Light>(
-      index < pictures_.size() ? load_picture_scene(path, tone_) : load_angle_scene(path));
-  const std::lock_guard lock(mutex_);
-  if (!kept_.light.emplace(name, light).second) return light;
-  kept_.order.push_back(name);
-  kept_.bytes += bytes_of(*light);
-  while (static_cast<double>(kept_.bytes) > data_.memory_mib * 0x1p20 && kept_.order.size() > 1) {
-    const auto first = kept_.light.find(kept_.order.front());
-    kept_.bytes -= bytes_of(*first->second);
-    kept_.light.erase(first);
-    kept_.order.pop_front();
-  }
-  return light;
+  return kept_.light(path, [&] {
+    return index < pictures_.size() ? load_picture_scene(path, tone_) : load_angle_scene(path);
+  });
 }
 
 CleanScenes::Light CleanScenes::piece_of(const Light& whole, bool picture, std::uint64_t seed,

@@ -3,15 +3,13 @@
 #pragma once
 
 #include "malus/image/view.h"
+#include "malus/neural/light_cache.h"
 #include "malus/neural/training_config.h"
 #include "malus/polar/stokes.h"
 
 #include <cstdint>
-#include <deque>
 #include <filesystem>
-#include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <vector>
 
@@ -41,13 +39,7 @@ class CleanScenes {
   std::vector<StokesPlanes> draw(std::uint64_t seed, std::uint32_t number) const;
 
  private:
-  using Light = std::vector<StokesPlanes>;
-  // Kept as far as data.memory reaches; the first to come are the first to go.
-  struct Kept {
-    std::map<std::filesystem::path, std::shared_ptr<const Light>> light;
-    std::deque<std::filesystem::path> order;
-    std::size_t bytes = 0;
-  };
+  using Light = LightCache::Light;
   const std::filesystem::path& path_of(std::size_t index) const;
   std::shared_ptr<const Light> source(std::size_t index) const;
   Light piece_of(const Light& whole, bool picture, std::uint64_t seed, std::uint32_t number) const;
@@ -56,8 +48,7 @@ class CleanScenes {
   std::string tone_;
   int cell_;  ///< pieces are whole multiples of it
   std::vector<std::filesystem::path> pictures_, scenes_;
-  mutable std::mutex mutex_;
-  mutable Kept kept_;
+  mutable LightCache kept_;  ///< as far as data.memory reaches
 };
 
 }  // namespace malus

@@ -18,6 +18,7 @@ set(neural_SOURCES
   kernels_product.cpp
   kernels_winograd.cpp
   layers.cpp
+  light_cache.cpp
   loss.cpp
   loss_watch.cpp
   measure.cpp
