@@ -195,7 +195,13 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   return run;
 }
 
-void check_references(const DenoiseArguments& arguments) {
+// What no file could make go together.
+void check_usage(const DenoiseArguments& arguments) {
+  const std::string& method = arguments.settings.method;
+  if (arguments.uncertainty && !is_weight_file(method) && !denoise_method(method).on_mosaic)
+    throw CLI::ValidationError(
+        "--uncertainty",
+        fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", method));
   if (!arguments.references.empty() && arguments.references.size() != arguments.inputs.size())
     throw CLI::ValidationError("--reference", "one file per RAW, in the same order");
 }
@@ -208,9 +214,10 @@ void print_runs(const DenoiseArguments& arguments, const Json& runs, const Commo
 }
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
+  check_usage(arguments);
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
-  check_references(arguments);
-  denoiser.require_used(given_flags<InferenceSettings>(*arguments.command));
+  if (!denoiser.precision_complaint().empty()) warn(denoiser.precision_complaint());
+  denoiser.require_used(given_settings<InferenceSettings>(*arguments.command));
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;
   const FrameOptions options = arguments.raw.resolve();

@@ -9,6 +9,7 @@
 #include <string>
 #include <system_error>
 
+#include "denoise_method.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -77,11 +78,7 @@ void warn_of_model(const NoiseModel& model, const GainSetting& gain, const fs::p
 }
 
 void warn_of_picture(const std::string& source, const NetworkInference::Rendered& made) {
-  const auto pixels = std::int64_t{made.picture.rows()} * made.picture.cols();
-  for (const std::string& line : frame_complaints(made.report, pixels)) warn_of(source, line);
-  if (!made.report.noise) return;
-  if (const std::string noise = noise_complaint(*made.report.noise); !noise.empty())
-    warn_of(source, noise);
+  for (const std::string& line : picture_complaints(made)) warn_of(source, line);
 }
 
 nlohmann::ordered_json noise_json(const Denoised& result) {

@@ -38,7 +38,9 @@ std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
     network.precision = "bfloat16";
     name.resize(name.rfind('/'));
   }
-  return std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
+  auto denoiser = std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
+  if (!denoiser->precision_complaint().empty()) warn(denoiser->precision_complaint());
+  return denoiser;
 }
 
 void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const Common& common) {

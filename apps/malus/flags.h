@@ -99,13 +99,13 @@ void add_flags(CLI::App& command, Settings& settings) {
   });
 }
 
-/// Those flags of add_flags that the user gave.
+/// The settings whose flags of add_flags the user gave.
 template <class Settings>
-std::vector<std::string> given_flags(const CLI::App& command) {
+std::vector<std::string> given_settings(const CLI::App& command) {
   std::vector<std::string> given;
   const Settings settings;
   Settings::describe(settings, [&](const auto&, const ParameterInfo& info) {
-    if (command.count(flag_name(info.name)) > 0) given.push_back(flag_name(info.name));
+    if (command.count(flag_name(info.name)) > 0) given.push_back(info.name);
   });
   return given;
 }

@@ -1,5 +1,6 @@
-// What malus_networks.so gives to the program.
-#include "malus/base/parallel.h"
+// What malus_networks.so gives to those who open it.
+#include "malus/base/fork.h"
+#include "malus/base/wording.h"
 #include "malus/neural/failures.h"
 #include "malus/neural/inference.h"
 #include "malus/neural/threads.h"
@@ -22,20 +23,29 @@ decltype(auto) guarded(const Call& call) {
   }
 }
 
+// The threads of the caller, whose number may have changed since the last call.
+template <class Call>
+decltype(auto) guarded_with_threads(const Call& call) {
+  return guarded([&]() -> decltype(auto) {
+    const NetworkThreads threads;
+    return call();
+  });
+}
+
 class PackageDenoiser final : public NetworkDenoiser {
  public:
   explicit PackageDenoiser(const NetworkDenoiserOptions& options)
       : inference_(options.weights, options.settings) {}
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress, bool want_variance) override {
-    return guarded([&] {
+    return guarded_with_threads([&] {
       return inference_.denoise(std::move(frame), profile, settings, progress, want_variance);
     });
   }
   const std::string& target() const override { return inference_.target(); }
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                     const DenoiseSettings& settings, Progress& progress) override {
-    return guarded(
+    return guarded_with_threads(
         [&] { return inference_.render(std::move(frame), profile, settings, progress); });
   }
   nlohmann::ordered_json description() const override { return inference_.description(); }
@@ -66,7 +76,7 @@ std::unique_ptr<FlowSampler> open_flow(const std::filesystem::path& weights) {
 }
 
 std::unique_ptr<NetworkDenoiser> open_denoiser(const NetworkDenoiserOptions& options) {
-  return guarded([&] { return std::make_unique<PackageDenoiser>(options); });
+  return guarded_with_threads([&] { return std::make_unique<PackageDenoiser>(options); });
 }
 
 nlohmann::ordered_json train_guarded(const TrainCall& call, Progress& progress) {
@@ -86,6 +96,19 @@ NetworkCost measure_guarded(const NamedNetwork& network, int channels, int rows,
   return guarded([&] { return measure_network(network, channels, rows, cols, repetitions); });
 }
 
+void use_threads(int threads) {
+  try {
+    use_network_threads(threads);
+  } catch (...) {
+    rethrow_libtorch_failure("it asks /proc for the processor: see that /proc is there");
+  }
+}
+
+void share(const Wording& wording, bool alone) {
+  use_wording(wording);
+  work_alone(alone);
+}
+
 std::vector<DeviceSpeed> measure_device_speed_guarded(const NamedNetwork& network,
                                                       const DeviceWork& work) {
   return guarded([&] { return measure_device_speed(network, work); });
@@ -97,6 +120,8 @@ std::vector<DeviceSpeed> measure_device_speed_guarded(const NamedNetwork& networ
 extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
   using namespace malus::app;
   static const NetworkFunctions functions{.interface = kModulesInterface,
+                                          .use_threads = use_threads,
+                                          .share = share,
                                           .open_denoiser = open_denoiser,
                                           .train = train_guarded,
                                           .check_training = check_training_guarded,
@@ -105,10 +130,5 @@ extern "C" const malus::app::NetworkFunctions* malus_network_functions() {
                                           .measure = measure_guarded,
                                           .named_networks = malus::named_networks,
                                           .measure_device_speed = measure_device_speed_guarded};
-  try {
-    malus::use_network_threads(malus::thread_count());
-  } catch (...) {
-    malus::rethrow_libtorch_failure("it asks /proc for the processor: see that /proc is there");
-  }
   return &functions;
 }

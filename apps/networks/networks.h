@@ -1,10 +1,12 @@
-// The door between the program and the networks. libtorch is large and must find its environment
-// set before it is loaded, so everything that needs it lives in a shared module, malus_networks.so,
-// that the program opens when a command asks for it. Both sides include this header and nothing
-// else of each other; it names no libtorch type, nor do the headers that it includes.
+// The door between the program, or the Python module, and the networks. libtorch is large and must
+// find its environment set before it is loaded, so everything that needs it lives in a shared
+// module, malus_networks.so, that is opened when somebody asks for a network. Both sides include
+// this header and nothing else of each other; it names no libtorch type, nor do the headers that it
+// includes.
 #pragma once
 
 #include "malus/base/progress.h"
+#include "malus/base/wording.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/neural/device_speed.h"
 #include "malus/neural/inference.h"
@@ -67,9 +69,16 @@ class FlowSampler {
                             const DrawAddress& address) = 0;
 };
 
-/// The module's functions. Threads were set before it was opened. They throw InputError, Cancelled.
+/// The module's functions. They throw InputError, Cancelled.
 struct NetworkFunctions {
   std::uint64_t interface;  ///< kModulesInterface of the module (cmake/ModulesInterface.cmake)
+  /// For the whole process, before other calls. A network that denoises uses as many threads as
+  /// malus (malus/base/parallel.h) at every call by itself.
+  void (*use_threads)(int threads);
+  /// What an opener with functions of its own that do not serve the module (Python's libraries see
+  /// nothing of each other) shares with it before every call. alone: works_alone
+  /// (malus/base/fork.h).
+  void (*share)(const Wording& wording, bool alone);
   std::unique_ptr<NetworkDenoiser> (*open_denoiser)(const NetworkDenoiserOptions& options);
   nlohmann::ordered_json (*train)(const TrainCall& call, Progress& progress);
   /// What train would refuse in the configuration before its first step, without the data.

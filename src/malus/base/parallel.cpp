@@ -41,7 +41,8 @@ thread_local bool serial = false;
 
 }  // namespace
 
-void work_alone() { alone = true; }
+void work_alone(bool wanted) { alone = wanted; }
+bool works_alone() { return alone; }
 
 SerialLoops::SerialLoops() : before_(std::exchange(serial, true)) {}
 SerialLoops::~SerialLoops() { serial = before_; }

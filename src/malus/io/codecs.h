@@ -11,7 +11,7 @@ const Codecs& linked_codecs();
 
 /// What everything in this module reads and writes pictures with: the linked ones. A program that
 /// defines this function itself leaves them out of its file, and the libraries with them: malus
-/// opens the module that holds them when the first picture comes (apps/malus/pictures_door.cpp).
+/// opens the module that holds them when the first picture comes (apps/doors/pictures_door.cpp).
 /// Throws InputError where they cannot be had.
 const Codecs& codecs();
 

@@ -1,12 +1,31 @@
 #include "malus/neural/threads.h"
 
+#include "malus/base/parallel.h"
 #include "malus/neural/internal/tasks.h"
 
 #include <ATen/Parallel.h>
 
+#if defined(_OPENMP)
+#include <omp.h>
+#endif
+
 namespace malus {
 
 void use_network_threads(int threads) { at::set_num_threads(threads); }
+
+// at::set_num_threads would also start the threads of another pool anew, under a lock that a
+// process that is forked meanwhile would find taken.
+NetworkThreads::NetworkThreads() : before_(at::get_num_threads()) {
+#if defined(_OPENMP)
+  omp_set_num_threads(thread_count());
+#endif
+}
+
+NetworkThreads::~NetworkThreads() {
+#if defined(_OPENMP)
+  omp_set_num_threads(before_);
+#endif
+}
 
 std::ptrdiff_t internal::task_threads() {
   return at::in_parallel_region() ? 1 : at::get_num_threads();

@@ -1,22 +1,19 @@
 #include "denoise_method.h"
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
+#include "malus/denoise/frame_complaints.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <filesystem>
 #include <system_error>
 
 #include "networks_door.h"
-#include "program.h"
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 namespace malus::app {
-namespace {
-
 bool is_weight_file(const std::string& method) { return method.ends_with(".safetensors"); }
-
-}  // namespace
 
 void require_method(const std::string& name) {
   if (is_weight_file(name)) return;
@@ -25,7 +22,7 @@ void require_method(const std::string& name) {
       denoise_methods(), [&](const DenoiseMethod& method) { return method.name == name; });
   if (!known && std::filesystem::is_directory(name, none)) {
     const std::filesystem::path weights = std::filesystem::path(name) / "weights.safetensors";
-    throw InputError("--method " + name, "is a folder",
+    throw InputError(setting("method", name), "is a folder",
                      std::filesystem::exists(weights, none)
                          ? "give the weights in it: " + weights.string()
                          : "give a network's weight file (weights.safetensors of a training)");
@@ -33,22 +30,24 @@ void require_method(const std::string& name) {
   denoise_method(name, ", and networks' weight files (.safetensors)");
 }
 
+std::vector<std::string> picture_complaints(const NetworkInference::Rendered& made) {
+  const auto pixels = std::int64_t{made.picture.rows()} * made.picture.cols();
+  std::vector<std::string> lines = frame_complaints(made.report, pixels);
+  if (made.report.noise) lines.push_back(noise_complaint(*made.report.noise));
+  std::erase(lines, "");
+  return lines;
+}
+
 FrameDenoiser::FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
                              bool uncertainty)
     : settings_(settings), uncertainty_(uncertainty) {
   require_method(settings.method);
-  const bool network = is_weight_file(settings.method);
-  // No file could make these two go together: wrong usage.
-  if (uncertainty && !network && !denoise_method(settings.method).on_mosaic)
-    throw CLI::ValidationError(
-        "--uncertainty",
-        fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", settings.method));
-  if (!network) return;
+  if (!is_weight_file(settings.method)) return;
   network_ = networks().open_denoiser({settings.method, inference});
   if (const auto taken = network_->description().at("precision").get<std::string>();
       taken != inference.precision)
-    warn(fmt::format("{}: on this processor it is no faster with {}; {} is taken", settings.method,
-                     inference.precision, taken));
+    precision_complaint_ = fmt::format("{}: on this processor it is no faster with {}; {} is taken",
+                                       settings.method, inference.precision, taken);
 }
 
 FrameDenoiser::~FrameDenoiser() = default;
@@ -74,15 +73,16 @@ bool FrameDenoiser::undoes_cut_off() const {
   return !network_ || network_->description().at("package").at("domain") == "stabilised";
 }
 
-void FrameDenoiser::require_used(const std::vector<std::string>& inference_flags) const {
-  for (const std::string& flag : inference_flags) {
-    if (flag == "--ratio" && !takes_ratio())
-      throw InputError(flag, fmt::format("{} does not amplify by it", settings_.method),
+void FrameDenoiser::require_used(const std::vector<std::string>& inference_settings) const {
+  for (const std::string& name : inference_settings) {
+    if (name == "ratio" && !takes_ratio())
+      throw InputError(setting_name(name),
+                       fmt::format("{} does not amplify by it", settings_.method),
                        "leave it out, or use a network trained with amplification = \"ratio\"");
     if (!network_)
-      throw InputError(flag,
+      throw InputError(setting_name(name),
                        fmt::format("{} is no network and does not look at it", settings_.method),
-                       "leave it out, or name a network's weight file with --method");
+                       "leave it out, or name a network's weight file with " + setting("method"));
   }
 }
 

@@ -1,15 +1,26 @@
-// Parts of the program in files of their own, opened on first need.
+// Parts of the program and of the Python module in files of their own, opened on first need.
 #pragma once
 
 #include "malus/base/error.h"
+#include "malus/base/wording.h"
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace malus::app {
 
-/// Beside the program in the build folder; in lib/malus beside bin/ when installed. Empty where
-/// there is none.
+/// Who opens them.
+struct ModuleOpener {
+  std::string name;                            ///< within messages: "the program"
+  std::vector<std::filesystem::path> folders;  ///< where its modules may lie, the first wins
+  const Wording& wording;                      ///< of the messages that they make
+};
+
+/// Each opener defines it.
+const ModuleOpener& module_opener();
+
+/// Empty where there is none.
 std::filesystem::path module_file(const char* name);
 
 struct OpenModule {

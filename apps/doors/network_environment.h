@@ -11,18 +11,18 @@ struct EnvironmentSetting {
   std::string name, value;
 };
 
-/// The settings for this processor, without those that the user has made already.
-std::vector<EnvironmentSetting> missing_network_environment();
+struct NetworkEnvironment {
+  /// For this processor, without those that the user has made already.
+  std::vector<EnvironmentSetting> settings;
+  /// Where the BLAS lies that shares libtorch's threads, to come first in LD_LIBRARY_PATH; empty
+  /// where there is none.
+  std::string blas_folder;
+};
 
-/// Starts this program anew, with the same arguments and these settings; returns only when that
-/// cannot be done.
-void restart_with(const std::vector<EnvironmentSetting>& settings);
+NetworkEnvironment network_environment();
 
 /// Whether the products of matrices of an opened library come from the reference BLAS, which Debian
 /// installs where nobody asks for another.
 bool has_reference_blas(void* library);
-
-/// glibc keeps freed blocks instead of giving them back to the kernel after every layer.
-void keep_freed_memory();
 
 }  // namespace malus::app

@@ -1,4 +1,4 @@
-// The method of one `malus denoise` run: a classical one by name, or a network from a weight file.
+// A method of denoising as users name it: a classical one by name, or a network by its weight file.
 #pragma once
 
 #include "malus/denoise/denoiser.h"
@@ -14,14 +14,19 @@ namespace malus::app {
 
 class NetworkDenoiser;
 
+/// Whether it ends like a network's weight file.
+bool is_weight_file(const std::string& method);
+
 /// Throws InputError unless name is a classical method's or ends like a weight file's.
 void require_method(const std::string& name);
+
+/// What a picture that a network made tells against its frame, lines without the frame's name.
+std::vector<std::string> picture_complaints(const NetworkInference::Rendered& made);
 
 class FrameDenoiser {
  public:
   /// Opens the weight file where settings.method ends in .safetensors; inference holds its
-  /// settings; warns where the precision that they ask for is not taken. Throws InputError on an
-  /// unknown method, CLI::ValidationError where uncertainty is asked of one that gives none.
+  /// settings. Throws InputError, also on an unknown method.
   FrameDenoiser(const DenoiseSettings& settings, const InferenceSettings& inference,
                 bool uncertainty);
   ~FrameDenoiser();
@@ -33,8 +38,11 @@ class FrameDenoiser {
   std::string target() const;
   /// Whether light that the camera cut off at 0 is worked out: not by linear networks.
   bool undoes_cut_off() const;
-  /// Throws InputError for a flag of InferenceSettings that the method would not look at.
-  void require_used(const std::vector<std::string>& inference_flags) const;
+  /// Throws InputError for a setting of InferenceSettings that was given and that the method would
+  /// not look at.
+  void require_used(const std::vector<std::string>& inference_settings) const;
+  /// That another precision is taken than the one that was asked for; empty where it is not so.
+  const std::string& precision_complaint() const { return precision_complaint_; }
   /// Of a network that gives pictures (malus/neural/inference.h).
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                     Progress& progress) const;
@@ -46,6 +54,7 @@ class FrameDenoiser {
 
   DenoiseSettings settings_;
   bool uncertainty_;
+  std::string precision_complaint_;
   std::unique_ptr<NetworkDenoiser> network_;
 };
 

@@ -1,6 +1,5 @@
 #include "module_file.h"
 
-#include "program_start.h"
 #include <dlfcn.h>
 #include <fmt/format.h>
 
@@ -8,10 +7,8 @@ namespace malus::app {
 
 std::filesystem::path module_file(const char* name) {
   std::error_code error;
-  const std::filesystem::path folder = program_start().file.parent_path();
-  for (const std::filesystem::path& candidate :
-       {folder / name, folder / ".." / MALUS_LIBRARY_FOLDER / "malus" / name})
-    if (std::filesystem::exists(candidate, error)) return candidate;
+  for (const std::filesystem::path& folder : module_opener().folders)
+    if (std::filesystem::exists(folder / name, error)) return folder / name;
   return {};
 }
 
@@ -24,7 +21,8 @@ OpenModule open_module(const std::filesystem::path& path, const char* entry,
 }
 
 InputError other_version(const std::filesystem::path& path) {
-  return InputError(path.string(), "is of another version than the program", "build both again");
+  return InputError(path.string(), "is of another version than " + module_opener().name,
+                    "build both again");
 }
 
 }  // namespace malus::app

@@ -4,16 +4,10 @@
 #include <filesystem>
 #include <thread>
 
-#include "program_start.h"
 #include <dlfcn.h>
-#include <malloc.h>
-#include <unistd.h>
 
 namespace malus::app {
 namespace {
-
-// Says that the settings have been made, so that a program started anew does not do it again.
-constexpr const char* kDone = "MALUS_NETWORK_ENVIRONMENT";
 
 bool has_avx512() {
 #if defined(__x86_64__)
@@ -44,11 +38,10 @@ bool machine_is_busy() {
 
 }  // namespace
 
-std::vector<EnvironmentSetting> missing_network_environment() {
-  std::vector<EnvironmentSetting> missing;
-  if (std::getenv(kDone) != nullptr) return missing;
+NetworkEnvironment network_environment() {
+  NetworkEnvironment environment;
   const auto want = [&](const char* name, const std::string& value) {
-    if (!value.empty() && std::getenv(name) == nullptr) missing.push_back({name, value});
+    if (std::getenv(name) == nullptr) environment.settings.push_back({name, value});
   };
   if (has_avx512()) {
     // OpenBLAS 0.3.21 knows no recent AMD processor and takes kernels for 256 bits; ATen stays with
@@ -62,23 +55,9 @@ std::vector<EnvironmentSetting> missing_network_environment() {
     want("GOMP_SPINCOUNT", "1000");
   // libtorch writes a line for every try to meet other workers; what fails is also thrown.
   want("GLOG_minloglevel", "3");
-  if (const std::string folder = openmp_blas_folder(); !folder.empty()) {
-    const char* before = std::getenv("LD_LIBRARY_PATH");
-    missing.push_back({"LD_LIBRARY_PATH", before ? folder + ":" + before : folder});
-  } else {
-    want("OPENBLAS_NUM_THREADS", "1");
-  }
-  missing.push_back({kDone, "1"});
-  return missing;
-}
-
-void restart_with(const std::vector<EnvironmentSetting>& settings) {
-  std::vector<std::string> arguments = program_start().arguments;
-  for (const EnvironmentSetting& s : settings) setenv(s.name.c_str(), s.value.c_str(), 1);
-  std::vector<char*> argv;
-  for (std::string& argument : arguments) argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  execv(program_start().file.c_str(), argv.data());
+  environment.blas_folder = openmp_blas_folder();
+  if (environment.blas_folder.empty()) want("OPENBLAS_NUM_THREADS", "1");
+  return environment;
 }
 
 bool has_reference_blas(void* library) {
@@ -90,12 +69,6 @@ bool has_reference_blas(void* library) {
       dlsym(library, "openblas_get_config") || dlsym(library, "bli_info_get_version_str");
   const std::string file = std::filesystem::path(where.dli_fname).filename();
   return file.starts_with("libblas.so") && !is_other;
-}
-
-void keep_freed_memory() {
-  mallopt(M_MMAP_MAX, 0);
-  mallopt(M_TRIM_THRESHOLD, -1);
-  mallopt(M_TOP_PAD, 256 << 20);
 }
 
 }  // namespace malus::app
