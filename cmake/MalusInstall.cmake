@@ -76,5 +76,8 @@ if(TARGET malus_python)
   execute_process(COMMAND ${PYTHON_EXECUTABLE} -c "import sys; v = sys.version_info; print(f'python3 (>= 3.{v.minor}), python3 (<< 3.{v.minor + 1})')"
                   OUTPUT_VARIABLE malus_python_versions OUTPUT_STRIP_TRAILING_WHITESPACE)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${malus_python_versions}, python3-numpy")
+  if(TARGET malus_networks)
+    set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS malus-networks)
+  endif()
 endif()
 include(CPack)

@@ -6,6 +6,7 @@
 #include "malus/image/layout.h"
 
 #include "arrays.h"
+#include "modules.h"
 #include "wording.h"
 #include <pybind11/stl.h>
 
@@ -40,6 +41,7 @@ PYBIND11_MODULE(_malus, m) {
     }
   });
   use_python_wording(m);
+  remember_modules();
   bind_frames(m);
   bind_model(m);
   bind_calibrate(m);

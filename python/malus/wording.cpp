@@ -1,7 +1,5 @@
 #include "wording.h"
 
-#include "malus/base/wording.h"
-
 #include <array>
 #include <string>
 #include <string_view>
@@ -40,12 +38,12 @@ std::string function(std::string_view words) {
   return fmt::format("`malus {}`", words);
 }
 
-constexpr Wording kWording{keyword, keyword_name, function};
-
 }  // namespace
 
+constexpr Wording kKeywordWording{keyword, keyword_name, function};
+
 void use_python_wording(pybind11::module_& m) {
-  use_wording(kWording);
+  use_wording(kKeywordWording);
   pybind11::dict keywords;
   for (const auto& [setting, keyword] : kKeywords)
     keywords[pybind11::str(setting.data(), setting.size())] =

@@ -13,8 +13,9 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("MALUS_BUILD", ROOT / "build/release"))
 pytestmark = pytest.mark.slow
 
-USE = """
+USE = f"""
 import malus, numpy as np
+assert malus.load_frame({str(ROOT / "examples/imx250mzr/fruits.png")!r}).dn.shape == (2048, 2448)
 assert np.std(malus.Model("imx250myr-simulated").synthesize(np.zeros((8, 8), np.float32), gain=24)) > 1
 print(malus.__file__)
 """

@@ -38,9 +38,9 @@ def test_installed_python_module_works(prefix):
     if not found:
         pytest.skip("the Python module is not built (pybind11 is missing)")
     folder = found[0].parents[1]
-    done = subprocess.run(["/usr/bin/python3", "-c", "import malus; print(malus.__file__, malus.layouts())"], text=True,
-                          capture_output=True, env={"PYTHONPATH": str(folder)}, check=True)
-    assert str(folder) in done.stdout and "polar-bayer-rggb" in done.stdout
+    use = f"import malus; print(malus.__file__, malus.load_frame({str(PICTURE)!r}))"
+    done = subprocess.run(["/usr/bin/python3", "-c", use], text=True, capture_output=True, env={"PYTHONPATH": str(folder)}, check=True)
+    assert str(folder) in done.stdout and "2448x2048" in done.stdout
 
 
 def test_a_project_of_its_own_builds_and_runs(prefix, tmp_path):
@@ -85,3 +85,4 @@ def test_debian_packages_name_what_they_need(packages):
     assert "libtbb-dev" in field(packages["libmalus-dev"], "Depends")
     if "python3-malus" in packages:
         assert "python3-numpy" in field(packages["python3-malus"], "Depends")
+        assert "libopenimageio" in field(packages["python3-malus"], "Depends")
