@@ -6,6 +6,7 @@
 #include "malus/image/layout.h"
 
 #include "arrays.h"
+#include "kept_network.h"
 #include "modules.h"
 #include "wording.h"
 #include <pybind11/stl.h>
@@ -21,7 +22,10 @@ int set_threads(int threads) {
 // A forked process (a worker of a torch DataLoader) has the one thread that called fork.
 void one_thread_after_fork() {
   py::module_::import("os").attr("register_at_fork")(py::arg("after_in_child") =
-                                                         py::cpp_function([] { work_alone(); }));
+                                                         py::cpp_function([] {
+                                                           work_alone();
+                                                           forget_networks();
+                                                         }));
 }
 
 }  // namespace

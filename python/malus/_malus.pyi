@@ -221,7 +221,7 @@ def denoise(
     origin: tuple[int, int] | None = None,
     variance: bool = False,
     extrapolate_gain: bool = False,
-    method: str = "nl-ridge",
+    method: str | PathLike[str] = "nl-ridge",
     profile: str = "normal",
     memory: float = 1024.0,
     strength: float = 1.0,
@@ -230,6 +230,10 @@ def denoise(
     defects: bool = True,
     fixed_pattern: bool = True,
     like_pixels: bool = True,
+    device: str = "cpu",
+    precision: str = "float32",
+    tile_batch: int = 1,
+    ratio: float | None = None,
 ) -> dict[str, Any]: ...
 def estimate_noise(
     raw: Frame | Arrays,

@@ -9,13 +9,18 @@
 #include "malus/noise/sensor_window.h"
 
 #include <algorithm>
+#include <iterator>
+#include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "array_frame.h"
+#include "kept_network.h"
 #include "model_with_sampler.h"
+#include "modules.h"
 #include "settings.h"
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -76,7 +81,7 @@ void require_used(const ToldOfNoise& told) {
 
 // The noise that is taken out; what is to be said of it goes to complaints, whole lines.
 NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
-                              const DenoiseSettings& settings,
+                              const DenoiseSettings& settings, bool cut_off_undone,
                               std::vector<std::string>& complaints) {
   const auto add = [&](const std::string& line) {
     if (!line.empty()) complaints.push_back(frame.source + ": " + line);
@@ -90,17 +95,15 @@ NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
   const GainSetting gain = told.gain ? told.model->gain_setting(*told.gain) : frame.gain;
   NoiseProfile profile = denoising_profile(frame, model, gain, gain_range(told.extrapolate_gain));
   if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model, gain);
-  for (std::string& line : model_complaints(model, gain, true))
+  for (std::string& line : model_complaints(model, gain, cut_off_undone))
     complaints.push_back(std::move(line));
   add(fit_to_sensor(profile, frame, told.origin, settings.defects));
   return profile;
 }
 
-py::dict dict_of(Denoised& result, bool noise_estimated) {
+// Facts about the frame, its noise and what was done.
+py::dict facts_of(const Denoised& result, bool noise_estimated) {
   py::dict out;
-  out["dn"] = array_of(std::move(result.dn_above_black));
-  out["variance"] =
-      result.variance_dn2 ? py::object(array_of(std::move(*result.variance_dn2))) : py::none();
   out["sigma_used_dn"] = result.sigma_used_dn;
   out["row_noise_removed_dn"] = result.row_noise_removed_dn;
   out["column_noise_removed_dn"] = result.column_noise_removed_dn;
@@ -119,34 +122,90 @@ py::dict dict_of(Denoised& result, bool noise_estimated) {
   return out;
 }
 
-py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const ToldOfNoise& told,
-                 bool variance, const py::kwargs& kwargs) {
-  const auto settings = settings_from<DenoiseSettings>(kwargs);
-  denoise_method(settings.method);  // a wrong one is refused before any work
-  require_used(told);
-  const NoiseModel* model = told.model ? &told.model->description() : nullptr;
-  RawFrame frame = frame_from(raw, told_of_frame, model);
+// A denoised mosaic, or the picture that a network gives in its place.
+struct Result {
+  Denoised mosaic;
+  std::optional<NetworkInference::Rendered> rendered;
+};
+
+py::dict dict_of(Result& result, const std::string& target, bool noise_estimated) {
+  const bool picture = result.rendered.has_value();
+  py::dict out = facts_of(picture ? result.rendered->report : result.mosaic, noise_estimated);
+  out["target"] = target;
+  out["dn"] = picture ? py::object(py::none()) : array_of(std::move(result.mosaic.dn_above_black));
+  out["variance"] = result.mosaic.variance_dn2
+                        ? py::object(array_of(std::move(*result.mosaic.variance_dn2)))
+                        : py::none();
+  out["picture"] = py::none();
+  out["scale_dn"] = py::none();
+  if (!picture) return out;
+  Planes& planes = result.rendered->picture;
+  out["picture"] =
+      stack_of({std::make_move_iterator(planes.begin()), std::make_move_iterator(planes.end())});
+  out["scale_dn"] = result.rendered->scale_dn;
+  return out;
+}
+
+// One frame through a denoiser; what is to be said of it goes to complaints.
+Result run(const app::FrameDenoiser& denoiser, RawFrame frame, const NoiseProfile& profile,
+           const std::string& method, Progress& progress, std::vector<std::string>& complaints) {
   RawFrame before;
   before.source = frame.source;
   before.layout = frame.layout;
+  Result result;
+  std::vector<std::string> lines;
+  if (denoiser.target() == "mosaic") {
+    result.mosaic = denoiser(std::move(frame), profile, progress);
+    lines = result_complaints(before, result.mosaic, profile,
+                              app::is_weight_file(method) ? method : "");
+  } else {
+    result.rendered = denoiser.render(std::move(frame), profile, progress);
+    lines = app::picture_complaints(*result.rendered);
+  }
+  for (const std::string& line : lines) complaints.push_back(before.source + ": " + line);
+  return result;
+}
+
+// A path is the name of a network's file.
+void take_path_as_text(py::kwargs& kwargs) {
+  if (kwargs.contains("method") && py::hasattr(kwargs["method"], "__fspath__"))
+    kwargs["method"] = py::module_::import("os").attr("fspath")(kwargs["method"]);
+}
+
+py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const ToldOfNoise& told,
+                 bool variance, py::kwargs kwargs) {
+  take_path_as_text(kwargs);
+  const auto settings = settings_from<DenoiseKeywords>(kwargs);
+  const std::string& method = settings.filter.method;
+  app::require_method(method);  // a wrong one is refused before any work
+  require_used(told);
+  const NoiseModel* model = told.model ? &told.model->description() : nullptr;
+  RawFrame frame = frame_from(raw, told_of_frame, model);
   PythonProgress progress;
   if (model)
     if (const auto warning = take_levels_of_model(*model, frame); !warning.empty())
-      progress.warn(before.source + ": " + warning);
-  Denoised result;
-  std::vector<std::string> complaints;
+      progress.warn(frame.source + ": " + warning);
+  const std::shared_ptr<SharedDenoiser> shared = denoiser_for(settings, variance);
+  const app::FrameDenoiser& denoiser = shared->denoiser;
+  denoiser.require_used(given_settings<InferenceSettings>(kwargs));
+  if (variance && denoiser.target() != "mosaic")
+    throw InputError("variance", "the network gives pictures, not denoised mosaics",
+                     "leave it out");
+  std::vector<std::string> complaints{take_networks_complaint(), denoiser.precision_complaint()};
+  Result result;
   bool estimated = false;
   {
     const py::gil_scoped_release release;
-    const NoiseProfile profile = profile_of_frame(frame, told, settings, complaints);
+    const std::lock_guard one_at_a_time(shared->mutex);
+    const NoiseProfile profile =
+        profile_of_frame(frame, told, settings.filter, denoiser.undoes_cut_off(), complaints);
     estimated = profile.estimated_from_picture;
-    result = denoise_frame(std::move(frame), profile, settings, progress, variance);
-    for (const std::string& line : result_complaints(before, result, profile))
-      complaints.push_back(before.source + ": " + line);
+    result = run(denoiser, std::move(frame), profile, method, progress, complaints);
   }
-  for (const std::string& line : complaints) progress.warn(line);
+  for (const std::string& line : complaints)
+    if (!line.empty()) progress.warn(line);
   progress.give_warnings();
-  return dict_of(result, estimated);
+  return dict_of(result, denoiser.target(), estimated);
 }
 
 // A line's slope and offset, of one that is cut off at the bottom too.
@@ -204,13 +263,20 @@ void bind_denoise(py::module_& m) {
        "gain [dB or ISO]: that of the Frame if not given.\n"
        "origin: (row, column) on the calibrated sensor of the first pixel, where raw is a part of "
        "it: for the model's defects\n"
-       "    and fixed pattern. extrapolate_gain: a gain outside the calibrated range is taken.\n\n"
+       "    and fixed pattern. extrapolate_gain: a gain outside the calibrated range is taken.\n"
+       "method: one of those by name, or a network's weight file (.safetensors), which device, "
+       "precision, tile_batch\n"
+       "    and ratio are for; the last one is kept for the next call.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
        "sigma_used_dn (per channel), row_noise_removed_dn, column_noise_removed_dn, defect_pixels, "
        "impulse_pixels, kept_pixels, "
-       "mean_dn, mean_shift_dn, noise_estimated_from_picture." +
-       settings_help<DenoiseSettings>())
+       "mean_dn, mean_shift_dn, noise_estimated_from_picture, target ('mosaic'). Of a network that "
+       "gives pictures, target is 'rgb' or 'srgb', dn None, and picture (float32 [3, row, column]) "
+       "DN above black, or displayed values of about 0 to 1 at scale_dn, the light that is shown "
+       "as "
+       "1." +
+       settings_help<DenoiseKeywords>())
           .c_str());
   m.def("estimate_noise", &noise_of_picture, py::arg("raw"), py::kw_only(),
         py::arg("layout") = py::none(), py::arg("black") = py::none(),

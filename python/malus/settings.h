@@ -17,6 +17,29 @@
 
 namespace malus::python {
 
+/// As help texts show it; text bare.
+template <class Value>
+std::string value_text(const Value& value) {
+  if constexpr (requires { value.has_value(); })
+    return value ? value_text(*value) : "None";
+  else if constexpr (std::is_same_v<Value, bool>)
+    return value ? "True" : "False";
+  else
+    return fmt::format("{}", value);
+}
+
+/// Throws InputError for a number outside the range of its setting.
+template <class Value>
+void require_in_range(const Value& value, const ParameterInfo& info) {
+  if constexpr (requires { value.has_value(); }) {
+    if (value) require_in_range(*value, info);
+  } else if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>) {
+    if (!(static_cast<double>(value) >= info.minimum && static_cast<double>(value) <= info.maximum))
+      throw InputError(info.name, fmt::format("{} is outside its range", value),
+                       fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+  }
+}
+
 /// Throws InputError for a value outside its range or choices, TypeError for a wrong type or an
 /// unknown name (with the nearest).
 template <class Settings>
@@ -35,11 +58,7 @@ Settings settings_from(const pybind11::kwargs& kwargs) {
       throw py::type_error(
           fmt::format("{}: {} has the wrong type", info.name, py::repr(given).cast<std::string>()));
     }
-    if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>)
-      if (!(static_cast<double>(value) >= info.minimum &&
-            static_cast<double>(value) <= info.maximum))
-        throw InputError(info.name, fmt::format("{} is outside its range", value),
-                         fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+    require_in_range(value, info);
     if constexpr (std::is_same_v<Value, std::string>)
       if (!info.choices.empty() &&
           std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
@@ -60,9 +79,20 @@ template <class Settings>
 std::vector<std::string> values_of(const Settings& settings) {
   std::vector<std::string> values;
   Settings::describe(settings, [&](const auto& value, const ParameterInfo&) {
-    values.push_back(fmt::format("{}", value));
+    values.push_back(value_text(value));
   });
   return values;
+}
+
+/// The settings among them that the caller gave.
+template <class Settings>
+std::vector<std::string> given_settings(const pybind11::kwargs& kwargs) {
+  std::vector<std::string> given;
+  const Settings settings;
+  Settings::describe(settings, [&](const auto&, const ParameterInfo& info) {
+    if (kwargs.contains(info.name.c_str())) given.push_back(info.name);
+  });
+  return given;
 }
 
 /// One line per setting: name, default, unit, meaning.
@@ -71,14 +101,9 @@ std::string settings_help() {
   std::string text = "\n\nFurther keyword arguments:\n";
   const Settings settings;
   Settings::describe(settings, [&](const auto& value, const ParameterInfo& info) {
-    using Value = std::decay_t<decltype(value)>;
-    std::string shown;
-    if constexpr (std::is_same_v<Value, bool>)
-      shown = value ? "True" : "False";
-    else if constexpr (std::is_same_v<Value, std::string>)
-      shown = "'" + value + "'";
-    else
-      shown = fmt::format("{}", value);
+    std::string shown = value_text(value);
+    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
+      shown = "'" + shown + "'";
     text += fmt::format("    {} = {}", info.name, shown);
     if (!info.unit.empty() && info.unit != "1") text += fmt::format(" [{}]", info.unit);
     text += ": " + info.help;

@@ -117,16 +117,6 @@ def test_blacks_are_counted(model, raw, blacks):
         malus.denoise(malus.load_frame(raw, layout=LAYOUT), black=blacks, model=model, gain=12)
 
 
-def test_networks_are_named_as_the_program_s(raw):
-    frame = malus.load_frame(raw, layout=LAYOUT, black=0)
-    with pytest.raises(malus.InputError, match="networks run in the program alone; run malus denoise"):
-        malus.denoise(frame, method="weights/bayer.safetensors")
-    with pytest.raises(malus.InputError, match="is no method") as raised:
-        malus.denoise(frame, method="bm3")
-    assert "safetensors" not in str(raised.value)
-    assert "network" not in malus.denoise.__doc__
-
-
 def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
     """In the program's words, and by the pixels of all planes and frames."""
     model = malus.calibrate(ROOT / "examples/emva/session.toml", kinds=["nonparametric"], level_samples=2000)

@@ -76,8 +76,6 @@ ERRORS = [
     (lambda m, f: malus.denoise(codes(), model=m), r"the gain is not known and the model holds .*; give gain=$"),
     (lambda m, f: malus.denoise(codes(), model=m, gain=99), r"allow extrapolation with extrapolate_gain=True"),
     (lambda m, f: malus.denoise(codes(), model=m, gain=12, method="bm3"), r'^method="bm3": is no method; did you mean bm3d\?'),
-    (lambda m, f: malus.denoise(codes(), model=m, gain=12, method="x.safetensors"),
-     r'^method="x.safetensors": networks run in the program alone; run malus denoise with it'),
     (lambda m, f: malus.denoise(codes(), model=m, gain=12, method="vst-bm3d", variance=True),
      r'^method="vst-bm3d": gives no uncertainty; use nl-ridge or bm3d$'),
     (lambda m, f: malus.denoise(codes(), layout="mono", model=m, gain=12),

@@ -43,6 +43,16 @@ def test_installed_python_module_works(prefix):
     assert str(folder) in done.stdout and "2448x2048" in done.stdout
 
 
+def test_installed_python_module_finds_the_networks(prefix):
+    package, networks = list(prefix.glob("lib/python3*/*-packages/malus/_malus*.so")), list(prefix.glob("lib/**/malus_networks.so"))
+    if not package or not networks:
+        pytest.skip("the Python module or the networks are not built")
+    use = ("import malus, numpy as np; print(malus.denoise(np.full((64, 64), 300, np.uint16), model='imx250myr-simulated', black=82, white=4095,"
+           f" gain=12, method={str(ROOT / 'models/polar-bayer.safetensors')!r})['dn'].mean())")
+    done = subprocess.run(["/usr/bin/python3", "-c", use], text=True, capture_output=True, env={"PYTHONPATH": str(package[0].parents[1])})
+    assert done.returncode == 0 and 200 < float(done.stdout) < 230, done.stderr
+
+
 def test_a_project_of_its_own_builds_and_runs(prefix, tmp_path):
     source = ROOT / "examples/cpp"
     lines = [line for line in (source / "noisy_frame.cpp").read_text().splitlines() if line.strip()]

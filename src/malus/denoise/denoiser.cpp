@@ -143,7 +143,7 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
     names.push_back(method.name);
   }
   if (name.ends_with(".safetensors"))
-    throw InputError(setting("method", name), "networks run in the program alone",
+    throw InputError(setting("method", name), "is a network, which this library does not run",
                      "run malus denoise with it, or choose one of " + joined(names));
   throw InputError(setting("method", name), "is no method",
                    did_you_mean(name, names) + "there are " + joined(names) + also);
