@@ -6,11 +6,8 @@
 #include "malus/denoise/denoiser.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
-#include "malus/synthesize/compiled.h"
-#include "malus/synthesize/level_coverage.h"
 #include "malus/synthesize/model.h"
-#include "malus/synthesize/renoise.h"
-#include "malus/synthesize/synthesizer.h"
+#include "malus/synthesize/model_renoiser.h"
 
 #include <filesystem>
 #include <memory>
@@ -34,17 +31,11 @@ struct RenoiseArguments {
   std::vector<fs::path> inputs, guides;
   fs::path model, folder;
   double from = 0, to = 0;
-  std::string kind = "physics", method = "noise-on-noise", format = "tif";
+  RenoiseSettings settings;
+  std::string format = "tif";
   std::uint32_t first_frame = 0;
   bool as_float = false;
 };
-
-// Where the output is rounded, rounding is the target's quantisation noise.
-PhysicsNoise target_physics(const NoiseModel& model, const GainSetting& gain, bool rounded) {
-  PhysicsNoise noise = model.physics_at(gain);
-  noise.parts.quantization = !rounded;
-  return noise;
-}
 
 // The clean signal as a denoiser sees it: only the noise level is taken from it.
 Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFrame& frame,
@@ -56,8 +47,8 @@ Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFr
   options.cols = frame.dn.cols();
   RawFrame guide = load_frame(arguments.guides[index], options);
   check_finite(guide.dn, guide.source,
-               arguments.method == "naive" ? fate_of_nonfinite(arguments.as_float)
-                                           : "no noise is added there");
+               arguments.settings.method == "naive" ? fate_of_nonfinite(arguments.as_float)
+                                                    : "no noise is added there");
   subtract_black(guide);
   return std::move(guide.dn);
 }
@@ -76,26 +67,9 @@ RawFrame load_noisy(const RenoiseArguments& arguments, const fs::path& input,
                                          arguments.raw.float_black()));
   check_gain_of(frame, from);
   // New noise on a given guide: the frame's pixels are not in the result.
-  if (arguments.method != "naive" || arguments.guides.empty())
+  if (arguments.settings.method != "naive" || arguments.guides.empty())
     check_finite(frame.dn, frame.source, fate_of_nonfinite(arguments.as_float));
   return frame;
-}
-
-Renoiser make_renoiser(const RenoiseArguments& arguments, const NoiseModel& model,
-                       const GainSetting& from, const GainSetting& to) {
-  const double white_dn = white_above_black(model.white_dn, model.black_dn);
-  if (arguments.kind == "nonparametric")
-    return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
-                    model.row_group, white_dn, arguments.as_float ? 0.0 : model.quantization_dn);
-  return Renoiser(model.physics_at(from), target_physics(model, to, !arguments.as_float), white_dn);
-}
-
-// Signals that a non-parametric model knows the added noise of; empty for other noise.
-std::vector<LevelRange> ranges_of(const RenoiseArguments& arguments, const NoiseModel& model,
-                                  const GainSetting& from, const GainSetting& to) {
-  if (arguments.kind != "nonparametric" || arguments.method == "naive") return {};
-  return common_ranges(level_ranges(model.nonparametric_at(from)),
-                       level_ranges(model.nonparametric_at(to)));
 }
 
 RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& model,
@@ -111,7 +85,6 @@ RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& mod
     out.black_dn = model.black_dn;
     out.white_dn = model.white_dn;
     out.bits = 16;
-    round_as_camera(dn, model.layout, {model.black_dn, model.white_dn, model.quantization_dn});
   }
   out.dn = std::move(dn);
   return out;
@@ -125,14 +98,10 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   const GainSetting from = door.gain_setting(arguments.from), to = door.gain_setting(arguments.to);
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   const FrameOptions options = arguments.raw.resolve();
-  const bool naive = arguments.method == "naive";
-  const std::vector<LevelRange> ranges =
-      naming_model(arguments.model, [&] { return ranges_of(arguments, model, from, to); });
   LevelCoverage coverage;
-  std::optional<Renoiser> renoiser;
-  if (!naive)
-    renoiser.emplace(
-        naming_model(arguments.model, [&] { return make_renoiser(arguments, model, from, to); }));
+  const ModelRenoiser renoiser = naming_model(arguments.model, [&] {
+    return ModelRenoiser(model, from, to, arguments.settings, !arguments.as_float);
+  });
   const auto names =
       output_names(arguments.inputs, arguments.folder, "_renoised." + arguments.format);
   const OutputFolder output(arguments.folder);
@@ -148,15 +117,10 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
     const fs::path& input = arguments.inputs[i];
     RawFrame frame = load_noisy(arguments, input, options, model, from);
     Image result = guide_of(arguments, i, frame, model, from, *progress);
-    if (!ranges.empty()) coverage.add(level_coverage(model.layout, ranges, result));
     subtract_black(frame);
     const DrawAddress address{.seed = common.seed,
                               .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
-    if (naive)
-      CompiledNoise(target_physics(model, to, !arguments.as_float))
-          .apply(result.view(), result.view(), second_noise(address));
-    else
-      renoiser->apply(frame.dn, result, result, address);
+    coverage.add(renoiser.apply(frame.dn, result, address));
     save_frame(names[i], renoised_frame(arguments, model, to, std::move(result)), save);
     frames.push_back({{"input", arguments.inputs[i].string()},
                       {"output", names[i].string()},
@@ -169,8 +133,8 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
                {{"model", arguments.model.string()},
                 {"from", from.text()},
                 {"to", to.text()},
-                {"method", arguments.method},
-                {"kind", arguments.kind},
+                {"method", arguments.settings.method},
+                {"kind", arguments.settings.kind},
                 {"seed", common.seed},
                 {"frames", frames}},
                text);
@@ -195,14 +159,7 @@ void add_renoise(CLI::App& app, Common& common) {
   command->add_option("--guide", arguments->guides,
                       "denoised frames in DN above black, one per frame; otherwise made with the "
                       "calibrated denoiser");
-  command->add_option("--kind", arguments->kind, "noise model")
-      ->check(one_of({"physics", "nonparametric"}))
-      ->capture_default_str();
-  command
-      ->add_option("--method", arguments->method,
-                   "noise-on-noise adds to the noisy frame; naive puts new noise on the guide")
-      ->check(one_of({"noise-on-noise", "naive"}))
-      ->capture_default_str();
+  add_flags(*command, arguments->settings);
   command
       ->add_option("--first-frame", arguments->first_frame,
                    "number of the first frame; seed and number decide the noise")

@@ -4,7 +4,6 @@
 #include "malus/io/picture_file.h"
 #include "malus/synthesize/scene.h"
 
-#include <algorithm>
 #include <filesystem>
 #include <iterator>
 #include <memory>
@@ -34,19 +33,9 @@ struct SimulateArguments {
 // Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
 Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
   const Picture picture = load_clean_picture(path);
-  const int rows = picture.planes.rows() / layout.rows() * layout.rows();
-  const int cols = picture.planes.cols() / layout.cols() * layout.cols();
-  if (rows == 0 || cols == 0)
-    throw InputError(
-        path.string(),
-        fmt::format("is smaller than one cell of {} x {}", layout.rows(), layout.cols()),
-        "use a larger picture");
-  const Planes light = linear_light(picture.planes, picture.names, picture.white,
-                                    tone == "srgb" || (tone == "auto" && picture.bits > 0));
-  Planes cropped(light.channels(), rows, cols);
-  for (int k = 0; k < light.channels(); ++k)
-    for (int r = 0; r < rows; ++r) std::copy_n(light[k].row(r), cols, cropped[k].row(r));
-  return cropped;
+  const bool srgb = tone == "srgb" || (tone == "auto" && picture.bits > 0);
+  return whole_cells(linear_light(picture.planes, picture.names, picture.white, srgb), layout,
+                     path.string());
 }
 
 constexpr const char *kS0 = "_s0.exr", *kS1 = "_s1.exr", *kS2 = "_s2.exr", *kDolp = "_dolp.exr",

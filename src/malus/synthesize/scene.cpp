@@ -158,6 +158,19 @@ Planes linear_light(const Planes& picture, const std::vector<std::string>& names
   return linear;
 }
 
+Planes whole_cells(const Planes& planes, const SensorLayout& layout, const std::string& source) {
+  const int rows = planes.rows() / layout.rows() * layout.rows();
+  const int cols = planes.cols() / layout.cols() * layout.cols();
+  if (rows == 0 || cols == 0)
+    throw InputError(
+        source, fmt::format("is smaller than one cell of {} x {}", layout.rows(), layout.cols()),
+        "use a larger picture");
+  Planes cropped(planes.channels(), rows, cols);
+  for (int k = 0; k < planes.channels(); ++k)
+    for (int r = 0; r < rows; ++r) std::copy_n(planes[k].row(r), cols, cropped[k].row(r));
+  return cropped;
+}
+
 Planes camera_rgb_of(const Planes& linear_rgb, const CameraResponse& response) {
   MALUS_REQUIRE(linear_rgb.channels() == 3 || linear_rgb.channels() == 1);
   const auto& balance = response.white_balance;

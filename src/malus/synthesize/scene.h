@@ -67,6 +67,10 @@ struct FilmSettings {
 Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
                     bool srgb);
 
+/// The planes without rows and columns that do not fill a cell of the layout. Throws InputError,
+/// which names `source`, where they do not fill one.
+Planes whole_cells(const Planes& planes, const SensorLayout& layout, const std::string& source);
+
 /// Linear sRGB -> camera RGB in DN above black: matrix and white balance undone, scaled to white.
 /// Throws InputError on a matrix that is not 3 x 3 or cannot be inverted, or a balance not of
 /// three.

@@ -1,0 +1,51 @@
+#include "malus/synthesize/model_renoiser.h"
+
+#include "malus/synthesize/synthesizer.h"
+
+namespace malus {
+namespace {
+
+PhysicsNoise target_physics(const NoiseModel& model, const GainSetting& gain, bool rounded) {
+  PhysicsNoise noise = model.physics_at(gain);
+  noise.parts.quantization = !rounded;
+  return noise;
+}
+
+Renoiser make_renoiser(const NoiseModel& model, const GainSetting& from, const GainSetting& to,
+                       const std::string& kind, bool rounded) {
+  const double white_dn = white_above_black(model.white_dn, model.black_dn);
+  if (kind == "nonparametric")
+    return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
+                    model.row_group, white_dn, rounded ? model.quantization_dn : 0.0);
+  return Renoiser(model.physics_at(from), target_physics(model, to, rounded), white_dn);
+}
+
+}  // namespace
+
+ModelRenoiser::ModelRenoiser(const NoiseModel& model, const GainSetting& from,
+                             const GainSetting& to, const RenoiseSettings& settings, bool rounded)
+    : layout_(model.layout) {
+  if (rounded) rounding_ = CameraOutput{model.black_dn, model.white_dn, model.quantization_dn};
+  if (settings.method == "naive") {
+    naive_.emplace(target_physics(model, to, rounded));
+    return;
+  }
+  if (settings.kind == "nonparametric")
+    ranges_ = common_ranges(level_ranges(model.nonparametric_at(from)),
+                            level_ranges(model.nonparametric_at(to)));
+  renoiser_.emplace(make_renoiser(model, from, to, settings.kind, rounded));
+}
+
+LevelCoverage ModelRenoiser::apply(View<const float> noisy_dn, View<float> guide_dn,
+                                   const DrawAddress& address) const {
+  LevelCoverage coverage;
+  if (!ranges_.empty()) coverage = level_coverage(layout_, ranges_, guide_dn);
+  if (naive_)
+    naive_->apply(guide_dn, guide_dn, second_noise(address));
+  else
+    renoiser_->apply(noisy_dn, guide_dn, guide_dn, address);
+  if (rounding_) round_as_camera(guide_dn, layout_, *rounding_);
+  return coverage;
+}
+
+}  // namespace malus
