@@ -34,7 +34,9 @@ from ._malus import (
     mosaic,
     normals,
     pack,
+    renoise,
     set_threads,
+    simulate,
     stokes,
     unpack,
 )
@@ -61,7 +63,9 @@ __all__ = [
     "mosaic",
     "normals",
     "pack",
+    "renoise",
     "set_threads",
+    "simulate",
     "stokes",
     "unpack",
 ]

@@ -51,6 +51,7 @@ PYBIND11_MODULE(_malus, m) {
   bind_calibrate(m);
   bind_denoise(m);
   bind_polarization(m);
+  bind_synthesis(m);
   bind_evaluate(m);
   m.def("layouts", &SensorLayout::known_names, "Names of the mosaic layouts.");
   m.def("set_threads", &set_threads, py::arg("threads"),

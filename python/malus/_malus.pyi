@@ -266,6 +266,40 @@ def normals(
     foreground: float = 0.05,
 ) -> Floats: ...
 def check_layout(dn_above_black: Arrays) -> dict[str, Any]: ...
+def simulate(
+    picture: Arrays | str | PathLike[str],
+    layout: str = "polar-bayer-rggb",
+    *,
+    polarized: bool = False,
+    truth: bool = False,
+    tone: str = "auto",
+    seed: int = 0,
+    scene: int = 0,
+    full_scale: float = 4000.0,
+    exposure: float = 1.0,
+    color_matrix: Sequence[float] = (),
+    white_balance: Sequence[float] = (),
+    index: float = 1.5,
+    relief: float = 70.0,
+    gloss: float = 0.4,
+    bumps: int = 24,
+) -> dict[str, Floats]: ...
+def renoise(
+    raw: Frame | Arrays,
+    model: Model | str | PathLike[str],
+    to_gain: float,
+    *,
+    from_gain: float | None = None,
+    guide: Arrays | None = None,
+    rounded: bool = False,
+    seed: int = 0,
+    frame: int = 0,
+    layout: str | None = None,
+    black: float | Sequence[float] | None = None,
+    white: float | None = None,
+    kind: str = "physics",
+    method: str = "noise-on-noise",
+) -> Floats: ...
 def mosaic(s0: Arrays, s1: Arrays, s2: Arrays, layout: str) -> Floats: ...
 def evaluate(reference: Arrays, test: Arrays, layout: str, peak: float) -> dict[str, float]: ...
 def compare_noise(

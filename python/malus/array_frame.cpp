@@ -57,4 +57,24 @@ RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfF
   return frame;
 }
 
+RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model) {
+  RawFrame frame;
+  if (py::isinstance<RawFrame>(raw)) {
+    frame = raw.cast<const RawFrame&>();
+  } else {
+    if (!(told.layout || model) || !(told.white || (model && model->white_dn > 0)))
+      throw InputError(
+          "array", "does not know its layout and white level",
+          "give layout= and white= (and black=), a model= that tells them, or a Frame");
+    frame = pixels_of(raw, "raw");
+    if (model && !told.layout) {
+      frame.layout = model->layout;
+      frame.black_dn.assign(model->black_dn.size(), 0.0);
+    }
+  }
+  take_told(told, frame);
+  if ((told.black || told.white) && !model) require_levels(frame);
+  return frame;
+}
+
 }  // namespace malus::python

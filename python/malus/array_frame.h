@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
+#include "malus/noise/model.h"
 
 #include <optional>
 #include <string>
@@ -31,5 +32,9 @@ GainSetting one_gain(const std::optional<double>& gain_db, const std::optional<d
 /// An array as a frame, whose unknown white is that of its type, as of a file. Throws InputError as
 /// load_frame.
 RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told);
+
+/// A Frame, or an array with what an array does not know. What a model tells of its sensor, it
+/// fills in later (take_levels_of_model); null where there is none. Throws InputError.
+RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model);
 
 }  // namespace malus::python

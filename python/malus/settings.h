@@ -24,6 +24,8 @@ std::string value_text(const Value& value) {
     return value ? value_text(*value) : "None";
   else if constexpr (std::is_same_v<Value, bool>)
     return value ? "True" : "False";
+  else if constexpr (std::is_same_v<Value, std::vector<double>>)
+    return fmt::format("[{}]", fmt::join(value, ", "));
   else
     return fmt::format("{}", value);
 }
@@ -33,6 +35,8 @@ template <class Value>
 void require_in_range(const Value& value, const ParameterInfo& info) {
   if constexpr (requires { value.has_value(); }) {
     if (value) require_in_range(*value, info);
+  } else if constexpr (std::is_same_v<Value, std::vector<double>>) {
+    for (const double part : value) require_in_range(part, info);
   } else if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>) {
     if (!(static_cast<double>(value) >= info.minimum && static_cast<double>(value) <= info.maximum))
       throw InputError(info.name, fmt::format("{} is outside its range", value),
