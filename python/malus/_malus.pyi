@@ -183,6 +183,15 @@ class Model:
 def models() -> list[str]: ...
 def pack(mosaic: Arrays, layout: str) -> Floats: ...
 def unpack(planes: Arrays, layout: str) -> Floats: ...
+def info(
+    raw: Frame | Arrays | str | PathLike[str],
+    layout: str | None = None,
+    black: float | Sequence[float] | None = None,
+    white: float | None = None,
+    *,
+    raw_format: str | None = None,
+    size: tuple[int, int] | None = None,
+) -> dict[str, Any]: ...
 def load_frame(
     path: str | PathLike[str],
     layout: str | None = None,

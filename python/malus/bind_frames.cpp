@@ -13,6 +13,8 @@
 #include <variant>
 
 #include "array_frame.h"
+#include "frame_findings.h"
+#include "json_objects.h"
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <pybind11/stl.h>
@@ -21,18 +23,64 @@
 namespace malus::python {
 namespace {
 
-RawFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
-              const Black& black, const std::optional<double>& white,
-              const std::optional<std::string>& raw_format,
-              const std::optional<std::pair<int, int>>& size) {
+FrameOptions options_of(const std::optional<std::string>& layout, const Black& black,
+                        const std::optional<double>& white,
+                        const std::optional<std::string>& raw_format,
+                        const std::optional<std::pair<int, int>>& size) {
   FrameOptions options;
   if (raw_format) options.raw_format = raw_format_named(*raw_format);
   if (size) std::tie(options.cols, options.rows) = *size;
   if (layout) options.layout = SensorLayout::named(*layout);
   options.black_dn = levels_of(black);
   options.white_dn = white;
+  return options;
+}
+
+RawFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
+              const Black& black, const std::optional<double>& white,
+              const std::optional<std::string>& raw_format,
+              const std::optional<std::pair<int, int>>& size) {
+  const FrameOptions options = options_of(layout, black, white, raw_format, size);
   const py::gil_scoped_release release;
   return load_frame(path, options);
+}
+
+bool is_path(const py::object& given) {
+  return py::isinstance<py::str>(given) || py::hasattr(given, "__fspath__");
+}
+
+// A file, a Frame or an array, looked at as `malus info` does.
+py::object info(const py::object& raw, const std::optional<std::string>& layout, const Black& black,
+                const std::optional<double>& white, const std::optional<std::string>& raw_format,
+                const std::optional<std::pair<int, int>>& size) {
+  FrameInfo looked;
+  if (is_path(raw)) {
+    const FrameOptions options = options_of(layout, black, white, raw_format, size);
+    const auto path = raw.cast<std::filesystem::path>();
+    const py::gil_scoped_release release;
+    looked = load_frame_info(path, options);
+  } else {
+    if (raw_format || size)
+      throw InputError(raw_format ? "raw_format" : "size", "is of a headerless file",
+                       "give the path of one, or leave it out");
+    const ToldOfFrame told{layout, black, white};
+    if (py::isinstance<RawFrame>(raw)) {
+      looked.frame = raw.cast<const RawFrame&>();
+      take_told(told, looked.frame);
+      require_levels(looked.frame);
+    } else {
+      looked.frame = frame_of_array(raw, "raw", told);
+    }
+    looked.rows = looked.frame.dn.rows();
+    looked.cols = looked.frame.dn.cols();
+    looked.format = looked.sample = "array";
+  }
+  nlohmann::ordered_json found;
+  {
+    const py::gil_scoped_release release;
+    found = app::findings_json(app::findings_of(std::move(looked)));
+  }
+  return python_of(found);
 }
 
 std::string exposure_text(const std::optional<double>& exposure_s) {
@@ -235,6 +283,17 @@ void bind_frames(py::module_& m) {
         "layout's channels. Where it ends inside a cell, the last samples are repeated.");
   m.def("unpack", &unpacked, py::arg("planes"), py::arg("layout"),
         "The mosaic of such planes: whole cells.");
+  m.def(
+      "info", &info, py::arg("raw"), py::arg("layout") = py::none(), py::arg("black") = py::none(),
+      py::arg("white") = py::none(), py::kw_only(), py::arg("raw_format") = py::none(),
+      py::arg("size") = py::none(),
+      "What `malus info --json` tells of a frame: the path of one (other arguments as load_frame "
+      "takes them), a Frame, or an array.\n\n"
+      "dict of layout, black, white and whether each is known or assumed, bits, exposure_s, "
+      "gain_db, iso; per channel mean, minimum, maximum [DN], saturated_share, below_black_share, "
+      "noise_sd [DN, None where the scene decides nothing]; value_grid (how integers fill their "
+      "type), layout_check (as check_layout, and the declared pairing), nonfinite_pixels, "
+      "warnings: what speaks against the levels or the layout.");
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "arrays.h"
+#include "json_objects.h"
 #include "model_json.h"
 #include "model_with_sampler.h"
 #include "settings.h"
@@ -113,13 +114,6 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   if (const std::string complaint = coverage.complaint(); !complaint.empty())
     give_warning(complaint);
   return out.is_none() ? py::object(noisy) : out;
-}
-
-// JSON results become dictionaries through Python's own parser. Names in model files may be no
-// UTF-8: such bytes are replaced.
-py::object python_of(const nlohmann::ordered_json& json) {
-  return py::module_::import("json").attr("loads")(
-      json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
 }
 
 std::string synthesize_help() {
