@@ -70,7 +70,7 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     package = build_module()
     suffix = sysconfig.get_config_var("EXT_SUFFIX")
     files = {f"malus/{name}": (package / name).read_bytes()
-             for name in ("__init__.py", "_malus.pyi", "py.typed", f"_malus{suffix}")}
+             for name in ("__init__.py", "_arguments.py", "_malus.pyi", "py.typed", f"_malus{suffix}")}
     # What the module opens on first need; the networks where they were built.
     files |= {f"malus/{path.name}": path.read_bytes()
               for path in (package.parents[1] / "malus_pictures.so", package.parents[1] / "malus_networks.so") if path.exists()}

@@ -5,6 +5,7 @@
 #include "malus/base/parallel.h"
 #include "malus/image/layout.h"
 
+#include "argument_errors.h"
 #include "arrays.h"
 #include "kept_network.h"
 #include "modules.h"
@@ -58,6 +59,7 @@ PYBIND11_MODULE(_malus, m) {
         "Number of threads of the whole process; 0 = all cores. Returns the number in force. "
         "Forked processes start with one.");
   one_thread_after_fork();
+  explain_argument_errors(m);
 }
 
 }  // namespace malus::python

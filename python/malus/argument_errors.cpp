@@ -1,0 +1,66 @@
+#include "argument_errors.h"
+
+namespace malus::python {
+namespace {
+
+namespace py = pybind11;
+
+// All functions that pybind11 makes share it. It tries their overloads and gives up with the list.
+PyCFunctionWithKeywords g_dispatcher = nullptr;
+
+// Leaves the error that there is in place where it has nothing better to say.
+void explain(PyObject* args, PyObject* kwargs) {
+  PyObject *type = nullptr, *value = nullptr, *trace = nullptr;
+  PyErr_Fetch(&type, &value, &trace);
+  PyErr_NormalizeException(&type, &value, &trace);
+  try {
+    const py::str message{py::handle(value)};
+    const py::object line =
+        py::module_::import("malus._arguments")
+            .attr("explain")(message, py::handle(args),
+                             kwargs ? py::reinterpret_borrow<py::dict>(kwargs) : py::dict());
+    if (!line.is_none()) {
+      PyErr_SetObject(PyExc_TypeError, line.ptr());
+      Py_XDECREF(type);
+      Py_XDECREF(value);
+      Py_XDECREF(trace);
+      return;
+    }
+  } catch (const py::error_already_set&) {
+    // A value whose repr fails, say.
+  }
+  PyErr_Restore(type, value, trace);
+}
+
+PyObject* dispatch(PyObject* self, PyObject* args, PyObject* kwargs) {
+  PyObject* const result = g_dispatcher(self, args, kwargs);
+  if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError)) explain(args, kwargs);
+  return result;
+}
+
+void replace_dispatcher(py::handle function) {
+  if (PyInstanceMethod_Check(function.ptr()))
+    function = PyInstanceMethod_GET_FUNCTION(function.ptr());
+  if (!PyCFunction_Check(function.ptr())) return;
+  PyMethodDef* const method = reinterpret_cast<PyCFunctionObject*>(function.ptr())->m_ml;
+  const auto current =
+      reinterpret_cast<PyCFunctionWithKeywords>(reinterpret_cast<void (*)()>(method->ml_meth));
+  if (g_dispatcher == nullptr) g_dispatcher = current;
+  if (current == g_dispatcher)
+    method->ml_meth = reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&dispatch));
+}
+
+}  // namespace
+
+void explain_argument_errors(const py::module_& m) {
+  // layouts is surely one of pybind11's: whatever else is callable here must not set the pattern.
+  replace_dispatcher(m.attr("layouts"));
+  for (const auto& [name, member] : m.attr("__dict__").cast<py::dict>()) {
+    replace_dispatcher(member);
+    if (!PyType_Check(member.ptr())) continue;
+    const py::dict members(member.attr("__dict__"));
+    for (const auto& [method, function] : members) replace_dispatcher(function);
+  }
+}
+
+}  // namespace malus::python
