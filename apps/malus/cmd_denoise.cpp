@@ -197,11 +197,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
 
 // What no file could make go together.
 void check_usage(const DenoiseArguments& arguments) {
-  const std::string& method = arguments.settings.method;
-  if (arguments.uncertainty && !is_weight_file(method) && !denoise_method(method).on_mosaic)
-    throw CLI::ValidationError(
-        "--uncertainty",
-        fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", method));
+  if (arguments.uncertainty) check_states_error("--uncertainty", arguments.settings.method);
   if (!arguments.references.empty() && arguments.references.size() != arguments.inputs.size())
     throw CLI::ValidationError("--reference", "one file per RAW, in the same order");
 }

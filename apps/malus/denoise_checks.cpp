@@ -11,6 +11,7 @@
 
 #include "denoise_method.h"
 #include "program.h"
+#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -54,6 +55,12 @@ std::string metrics_text(const nlohmann::ordered_json& run) {
 }
 
 }  // namespace
+
+void check_states_error(const std::string& asked, const std::string& method) {
+  if (is_weight_file(method) || denoise_method(method).on_mosaic) return;
+  throw CLI::ValidationError(
+      asked, fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", method));
+}
 
 void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
                    bool fill_defects) {

@@ -14,6 +14,10 @@
 
 namespace malus::app {
 
+/// Throws CLI::ValidationError, naming what asks for it, unless the method states its error or is a
+/// network, which is asked when its file is open: no file could make the two go together.
+void check_states_error(const std::string& asked, const std::string& method);
+
 /// Cuts the profile's defects and maps to the frame, whose first pixel lies at `origin` (row,
 /// column) on the sensor; where that is empty, says that those of a sensor of another size are left
 /// out. Throws InputError.

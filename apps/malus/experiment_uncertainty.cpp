@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "denoise_checks.h"
 #include "experiments.h"
 #include "scene_scores.h"
 #include <fmt/format.h>
@@ -103,6 +104,7 @@ void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
   const NoiseModel model = load_model(arguments.runs.model);
   std::vector<std::unique_ptr<FrameDenoiser>> denoisers;
   for (const std::string& method : arguments.methods) {
+    check_states_error("stated errors", method);
     DenoiseSettings settings;
     settings.method = method;
     settings.profile = arguments.profile;
