@@ -43,6 +43,7 @@ void replace_dispatcher(py::handle function) {
     function = PyInstanceMethod_GET_FUNCTION(function.ptr());
   if (!PyCFunction_Check(function.ptr())) return;
   PyMethodDef* const method = reinterpret_cast<PyCFunctionObject*>(function.ptr())->m_ml;
+  if (method->ml_flags != (METH_VARARGS | METH_KEYWORDS)) return;  // of a pybind11 to come
   const auto current =
       reinterpret_cast<PyCFunctionWithKeywords>(reinterpret_cast<void (*)()>(method->ml_meth));
   if (g_dispatcher == nullptr) g_dispatcher = current;
