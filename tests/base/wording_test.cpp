@@ -11,7 +11,7 @@ namespace {
 std::string shouted(std::string_view name, const SettingValue& value) {
   return std::string(name) + "!" + std::to_string(value.index());
 }
-std::string named(std::string_view name) { return "<" + std::string(name) + ">"; }
+std::string named(std::string_view name) { return std::string("<").append(name) + ">"; }
 constexpr Wording kShouting{shouted, named, named};
 
 TEST(Wording, IsPlainUntilAnotherIsUsed) {
