@@ -61,6 +61,34 @@ def test_result_is_the_programs(raw, tmp_path, name, layout, sensor):
 
 
 @needs_networks
+@pytest.mark.parametrize("target", ["rgb", "srgb"])
+def test_a_picture_is_the_programs(tmp_path, target):
+    """Of a network that denoises and demosaicks, or is the whole ISP: trained for two steps, none ships."""
+    if not PROGRAM.exists():
+        pytest.skip("needs the program")
+    config = (ROOT / "experiments/denoise-demosaic/physics.toml").read_text()
+    for old, new in (("../pictures/*", str(ROOT / "examples/still_life/*.exr")), ('target = "rgb"', f'target = "{target}"'),
+                     ("steps = 1200", "steps = 2"), ("warm_up = 20", "warm_up = 1")):
+        assert old in config
+        config = config.replace(old, new)
+    (tmp_path / "train.toml").write_text(config)
+    subprocess.run([PROGRAM, "train", tmp_path / "train.toml", "-o", tmp_path / "run", "-q"], check=True)
+    weights = tmp_path / "run/weights.safetensors"
+    camera = malus.Model("nikon-d850")
+    raw = camera.synthesize(np.tile(np.linspace(500, 9000, 96, dtype=np.float32), (64, 1)), gain=1600, seed=1)
+    np.save(tmp_path / "raw.npy", raw)
+    subprocess.run([PROGRAM, "denoise", tmp_path / "raw.npy", "--layout", "bayer-rggb", "--black", "0", "--model", "nikon-d850", "--iso", "1600",
+                    "--method", weights, "--format", "npy", "-o", tmp_path], check=True)
+    given = dict(model=camera, gain=1600, black=0, method=weights)
+    result = malus.denoise(raw, **given)
+    assert result["target"] == target and result["dn"] is None and result["scale_dn"] > 0
+    assert result["picture"].shape == (3, 64, 96) and result["picture"].std() > 0
+    assert np.array_equal(result["picture"], np.load(tmp_path / f"raw_{target}.npy"))
+    with pytest.raises(malus.InputError, match="^variance: the network gives pictures"):
+        malus.denoise(raw, **given, variance=True)
+
+
+@needs_networks
 def test_a_network_is_kept_until_its_file_changes(model, raw, tmp_path):
     weights = shutil.copy2(WEIGHTS, tmp_path / "w.safetensors")
     denoise = lambda **more: malus.denoise(raw, model=model, method=weights, **GIVEN, **more)["dn"]
