@@ -1,17 +1,16 @@
 // malus renoise: noisy frames taken at one gain, made to look like frames of a noisier gain (001,
 // S6).
 #include "malus/base/atomic_file.h"
-#include "malus/base/error.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/model_renoiser.h"
 
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "flags.h"
@@ -53,19 +52,12 @@ Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFr
   return std::move(guide.dn);
 }
 
-void check_gain_of(const RawFrame& frame, const GainSetting& from) {
-  if (frame.gain.contradicts(from))
-    throw InputError(frame.source,
-                     fmt::format("was taken at {}, --from says {}", frame.gain.text(), from.text()),
-                     "give the frame's own gain");
-}
-
 RawFrame load_noisy(const RenoiseArguments& arguments, const fs::path& input,
                     const FrameOptions& options, const NoiseModel& model, const GainSetting& from) {
   RawFrame frame =
       load_frame(input, options_for_file(input, options_for_model(options, model, input),
                                          arguments.raw.float_black()));
-  check_gain_of(frame, from);
+  require_gain(frame, from, "--from");
   // New noise on a given guide: the frame's pixels are not in the result.
   if (arguments.settings.method != "naive" || arguments.guides.empty())
     check_finite(frame.dn, frame.source, fate_of_nonfinite(arguments.as_float));

@@ -33,9 +33,9 @@ struct SimulateArguments {
 // Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
 Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
   const Picture picture = load_clean_picture(path);
-  const bool srgb = tone == "srgb" || (tone == "auto" && picture.bits > 0);
-  return whole_cells(linear_light(picture.planes, picture.names, picture.white, srgb), layout,
-                     path.string());
+  return whole_cells(
+      linear_light(picture.planes, picture.names, picture.white, is_srgb(tone, picture.bits)),
+      layout, path.string());
 }
 
 constexpr const char *kS0 = "_s0.exr", *kS1 = "_s1.exr", *kS2 = "_s2.exr", *kDolp = "_dolp.exr",
@@ -150,7 +150,7 @@ void add_simulate(CLI::App& app, Common& common) {
       ->add_option("--tone", arguments->tone,
                    "tone curve of the pictures: auto = sRGB for "
                    "integers, none for float")
-      ->check(one_of({"auto", "srgb", "linear"}))
+      ->check(one_of(picture_tones()))
       ->capture_default_str();
   command->add_option("--first-scene", arguments->first_scene, "number of the first scene")
       ->check(frame_number());

@@ -25,6 +25,11 @@ namespace py = pybind11;
 using Array = py::array_t<float, py::array::c_style | py::array::forcecast |
                                      py::detail::npy_api::NPY_ARRAY_ALIGNED_>;
 
+/// Whether it names a file.
+inline bool is_path(const py::object& given) {
+  return py::isinstance<py::str>(given) || py::hasattr(given, "__fspath__");
+}
+
 /// A NumPy array of anything array-like, without copying where it is an array or offers DLPack (a
 /// torch tensor on the CPU). Throws InputError for tensors in a GPU's memory, TypeError for
 /// bfloat16 and other types that NumPy lacks.

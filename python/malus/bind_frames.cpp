@@ -45,10 +45,6 @@ RawFrame load(const std::filesystem::path& path, const std::optional<std::string
   return load_frame(path, options);
 }
 
-bool is_path(const py::object& given) {
-  return py::isinstance<py::str>(given) || py::hasattr(given, "__fspath__");
-}
-
 // A file, a Frame or an array, looked at as `malus info` does.
 py::object info(const py::object& raw, const std::optional<std::string>& layout, const Black& black,
                 const std::optional<double>& white, const std::optional<std::string>& raw_format,

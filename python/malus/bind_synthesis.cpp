@@ -1,5 +1,6 @@
 // Clean mosaics from pictures, and frames of one gain as if taken at another.
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/io/picture_file.h"
@@ -7,6 +8,7 @@
 #include "malus/synthesize/model_renoiser.h"
 #include "malus/synthesize/scene.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <iterator>
@@ -65,17 +67,16 @@ Picture picture_of_array(const py::object& object) {
 }
 
 Picture picture_from(const py::object& given) {
-  if (!py::isinstance<py::str>(given) && !py::hasattr(given, "__fspath__"))
-    return picture_of_array(given);
+  if (!is_path(given)) return picture_of_array(given);
   const auto path = given.cast<std::filesystem::path>();
   const py::gil_scoped_release release;
   return load_clean_picture(path);
 }
 
-bool undoes_srgb(const std::string& tone, const Picture& picture) {
-  if (tone != "auto" && tone != "srgb" && tone != "linear")
-    throw InputError("tone", tone + " is not known", "choose one of auto, srgb, linear");
-  return tone == "srgb" || (tone == "auto" && picture.bits > 0);
+void require_tone(const std::string& tone) {
+  const std::vector<std::string>& tones = picture_tones();
+  if (std::ranges::find(tones, tone) == tones.end())
+    throw InputError("tone", tone + " is not known", "choose one of " + joined(tones));
 }
 
 template <class ImageOf>
@@ -104,12 +105,13 @@ py::dict simulate(const py::object& given, const std::string& layout_name, bool 
   const auto settings = settings_from<SimulateKeywords>(kwargs);
   const auto layout = SensorLayout::named(layout_name);
   const Picture picture = picture_from(given);
-  const bool srgb = undoes_srgb(tone, picture);
+  require_tone(tone);
   PolarScene scene;
   Image mosaic;
   {
     const py::gil_scoped_release release;
-    const Planes light = linear_light(picture.planes, picture.names, picture.white, srgb);
+    const Planes light =
+        linear_light(picture.planes, picture.names, picture.white, is_srgb(tone, picture.bits));
     const Planes camera = camera_rgb_of(whole_cells(light, layout, "picture"), settings.response);
     if (polarized)
       scene = polarized_scene(camera, settings.scene, seed, number);
@@ -142,11 +144,7 @@ Image guide_from(const py::object& guide, const RawFrame& frame, const NoiseMode
 GainSetting source_gain(const Model& model, const RawFrame& frame, const Gain& told) {
   if (!told) return frame.gain;
   const GainSetting gain = model.gain_setting(*told);
-  if (frame.gain.contradicts(gain))
-    throw InputError(
-        frame.source,
-        fmt::format("was taken at {}, from_gain says {}", frame.gain.text(), gain.text()),
-        "give the frame's own gain");
+  require_gain(frame, gain, "from_gain");
   return gain;
 }
 

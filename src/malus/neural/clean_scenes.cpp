@@ -139,8 +139,8 @@ std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
 std::vector<StokesPlanes> load_picture_scene(const fs::path& path, const std::string& tone) {
   const Picture picture = load_clean_picture(path);
   for (const Image& plane : picture.planes) require_finite(plane, path.string());
-  const Planes linear = linear_light(picture.planes, picture.names, picture.white,
-                                     tone == "srgb" || (tone == "auto" && picture.bits > 0));
+  const Planes linear =
+      linear_light(picture.planes, picture.names, picture.white, is_srgb(tone, picture.bits));
   std::vector<StokesPlanes> light;
   for (const Image& plane : linear) light.push_back({plane, Image(), Image()});
   return light;

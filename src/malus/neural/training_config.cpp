@@ -10,6 +10,7 @@
 #include "malus/neural/noise_flow_file.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/light_case.h"
+#include "malus/synthesize/scene.h"
 
 #include <algorithm>
 #include <cmath>
@@ -218,7 +219,7 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
     config.pairs = matches(*data, "pairs", folder);
   }
   config.tone = data->text("tone").value_or("auto");
-  const std::vector<std::string> tones{"auto", "srgb", "linear"};
+  const std::vector<std::string>& tones = picture_tones();
   if (std::find(tones.begin(), tones.end(), config.tone) == tones.end())
     data->fail("tone", fmt::format("\"{}\" is not known", config.tone),
                did_you_mean(config.tone, tones, true) + "known: " + joined(tones));

@@ -36,4 +36,12 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
   return warning;
 }
 
+void require_gain(const RawFrame& frame, const GainSetting& told, const std::string& asked) {
+  if (!frame.gain.contradicts(told)) return;
+  throw InputError(
+      frame.source,
+      fmt::format("was taken at {}, {} says {}", frame.gain.text(), asked, told.text()),
+      "give the frame's own gain");
+}
+
 }  // namespace malus

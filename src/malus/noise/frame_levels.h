@@ -1,5 +1,5 @@
-// Black and white levels of a frame that is read with its sensor's noise model: what neither the
-// user nor the file states comes from the model.
+// Levels and gain of a frame that is read with its sensor's noise model: what neither the user nor
+// the file states comes from the model.
 #pragma once
 
 #include "malus/noise/model.h"
@@ -14,5 +14,9 @@ namespace malus {
 /// frame's name), for the case that they are not; empty otherwise. Throws InputError where frame
 /// and model have different layouts, or the levels contradict each other.
 std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame);
+
+/// Throws InputError where the frame knows that it was taken at another gain than it is said to be.
+/// asked: the name of what says so.
+void require_gain(const RawFrame& frame, const GainSetting& told, const std::string& asked);
 
 }  // namespace malus

@@ -130,6 +130,15 @@ Surface surface_of(double right, double down, double scale, double steepest_slop
 
 }  // namespace
 
+const std::vector<std::string>& picture_tones() {
+  static const std::vector<std::string> tones{"auto", "srgb", "linear"};
+  return tones;
+}
+
+bool is_srgb(const std::string& tone, int bits) {
+  return tone == "srgb" || (tone == "auto" && bits > 0);
+}
+
 Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
                     bool srgb) {
   constexpr float kBrightest = 65504.0f;

@@ -61,6 +61,12 @@ struct FilmSettings {
   int bumps = 12;               ///< hills of the random stress and of the random axis, >= 1
 };
 
+/// What is known of a picture's tone curve: "auto", sRGB of integers and none of floats; "srgb";
+/// "linear".
+const std::vector<std::string>& picture_tones();
+/// Whether it is sRGB. bits: of the picture's integers, 0 of floats. Contract: one of those.
+bool is_srgb(const std::string& tone, int bits);
+
 /// The light of a picture: its channels named R, G, B (else the first three; the first alone of
 /// fewer than three), divided by white, the sRGB curve undone where srgb says so. NaN and negative
 /// light are dark, and nothing is brighter than a half float.
