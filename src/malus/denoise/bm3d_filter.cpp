@@ -46,7 +46,7 @@ HWY_INLINE float sum_lanes(const Floats& v, int lanes) {
   return sum;
 }
 
-/// Adds the weighted residual of one block: half of a pair.
+/// Adds the weighted residual of one block.
 HWY_INLINE void add_row(const Floats8& weighted, float* residual) {
   Floats8 sum;
   load(residual, sum);
@@ -54,18 +54,53 @@ HWY_INLINE void add_row(const Floats8& weighted, float* residual) {
   store(sum, residual);
 }
 
-HWY_INLINE void aggregate(const Pair& pair, const FilterKernelJob& job, std::int32_t first,
-                          std::int32_t second, float weight, bool single) {
-  const FilterTarget& t = job.target;
+/// Inverse 2-D transform and aggregation of one block.
+template <bool kWiener>
+HWY_INLINE void write_back(Floats8 (&block)[kPatch], const FilterTarget& t, std::int32_t position,
+                           const float* window, float weight) {
+  inverse_2d<kWiener>(block);
   HWY_UNROLL(8)
   for (int r = 0; r < kPatch; ++r) {
-    const std::ptrdiff_t row = r * t.stride;
-    Floats window, noisy;
-    load(job.window + r * GroupFilter::kLanes, window);
-    load_row(t.noisy + first + row, t.noisy + second + row, noisy);
-    const Floats weighted = (pair.row[r] - noisy) * (window * weight);
-    add_row(low_half(weighted), t.residual + first + row);
-    if (!single) add_row(high_half(weighted), t.residual + second + row);
+    const std::ptrdiff_t at = position + r * t.stride;
+    Floats8 share, noisy;
+    load(window + r * GroupFilter::kLanes, share);
+    load(t.noisy + at, noisy);
+    add_row((block[r] - noisy) * (share * weight), t.residual + at);
+  }
+}
+
+/// Of a pair.
+template <bool kWiener, class Vector>
+HWY_INLINE void write_back(Vector (&rows)[kPatch], const FilterTarget& t, std::int32_t first,
+                           std::int32_t second, const float* window, float weight, bool single) {
+  if constexpr (kIsTwo<Vector>) {
+    Floats8 block[kPatch];
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) copy(rows[r].low, block[r]);
+    write_back<kWiener>(block, t, first, window, weight);
+    if (single) return;
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) copy(rows[r].high, block[r]);
+    write_back<kWiener>(block, t, second, window, weight);
+  } else {
+    inverse_2d<kWiener>(rows);
+    Floats weighted[kPatch];
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) {
+      const std::ptrdiff_t row = r * t.stride;
+      Floats share, noisy;
+      load(window + r * GroupFilter::kLanes, share);
+      load_row(t.noisy + first + row, t.noisy + second + row, noisy);
+      weighted[r] = (rows[r] - noisy) * (share * weight);
+    }
+    // Blocks may overlap: the order of additions is that of the other instruction sets.
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r)
+      add_row(low_half(weighted[r]), t.residual + first + r * t.stride);
+    if (single) return;
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r)
+      add_row(high_half(weighted[r]), t.residual + second + r * t.stride);
   }
 }
 
@@ -77,45 +112,49 @@ HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
   // Less than the inverse variance 1 / energy: overlapping estimates are not independent
   // (docs/bm3d.md).
   const float weight = 1 / std::sqrt(energy * std::sqrt(energy));
-  for (int i = 0; i < kPairs; ++i) {
-    Pair& pair = pairs[i];
-    if constexpr (kWiener) {
-      dct_inverse(pair);
-      transpose(pair.row);
-      dct_inverse(pair);
-    } else {
-      biorthogonal_inverse(pair);
-      transpose(pair.row);
-      biorthogonal_inverse(pair);
-    }
-    aggregate(pair, job, group.position[i], group.position[kSingle ? 0 : kPairs + i], weight,
-              kSingle);
-  }
+  for (int i = 0; i < kPairs; ++i)
+    write_back<kWiener>(pairs[i].row, job.target, group.position[i],
+                        group.position[kSingle ? 0 : kPairs + i], job.window, weight, kSingle);
   for (int i = 0; i < kBlocks; ++i) job.target.weight[group.position[i]] += weight;
   if (job.target.passed_noise)
     for (int i = 0; i < kBlocks; ++i)
       job.target.passed_noise[group.position[i]] += weight * energy / (kBlocks * kPatchPixels);
 }
 
+/// 2-D transforms of a pair. One block after the other where registers hold half a pair: the rows
+/// of both would not stay in them.
+template <bool kWiener, class Vector>
+HWY_INLINE void load_transformed(const float* first, const float* second, std::ptrdiff_t stride,
+                                 Vector (&rows)[kPatch]) {
+  if constexpr (kIsTwo<Vector>) {
+    Floats8 block[kPatch];
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) load(first + r * stride, block[r]);
+    forward_2d<kWiener>(block);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) copy(block[r], rows[r].low);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) load(second + r * stride, block[r]);
+    forward_2d<kWiener>(block);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) copy(block[r], rows[r].high);
+  } else {
+    Vector both[kPatch];
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) load_row(first + r * stride, second + r * stride, both[r]);
+    forward_2d<kWiener>(both);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) rows[r] = both[r];
+  }
+}
+
 template <bool kWiener, int kPairs, bool kSingle>
 HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const BlockGroup& group,
                                 Pair (&pairs)[kPairs]) {
-  for (int i = 0; i < kPairs; ++i) {
-    Pair pair;
-    load_pair(plane + group.position[i], plane + group.position[kSingle ? 0 : kPairs + i], stride,
-              pair);
-    if constexpr (kWiener) {
-      dct_forward(pair);
-      transpose(pair.row);
-      dct_forward(pair);
-    } else {
-      biorthogonal_forward(pair);
-      transpose(pair.row);
-      biorthogonal_forward(pair);
-    }
-    HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) copy(pair.row[r], pairs[i].row[r]);
-  }
+  for (int i = 0; i < kPairs; ++i)
+    load_transformed<kWiener>(plane + group.position[i],
+                              plane + group.position[kSingle ? 0 : kPairs + i], stride,
+                              pairs[i].row);
 }
 
 template <int kPairs, bool kSingle>

@@ -98,6 +98,18 @@ void run_tiles(const Work& work, const std::vector<PaddedPlane>* pilot, const Bm
   }
 }
 
+/// out[c] = sum over k of w[k] * from(k)[c], the sums in registers.
+template <class From>
+void add_windowed(const std::array<float, kPatch>& w, From from, std::span<float> out) {
+  std::array<const float*, kPatch> source;
+  for (std::size_t k = 0; k < kPatch; ++k) source[k] = from(k);
+  for (std::size_t c = 0; c < out.size(); ++c) {
+    float sum = 0;
+    for (std::size_t k = 0; k < kPatch; ++k) sum += w[k] * source[k][c];
+    out[c] = sum;
+  }
+}
+
 /// Spreads block weights, which are stored at the blocks' first pixels, over the blocks' pixels
 /// with the window: rows [first, last) of the unpadded picture.
 void spread(const Image& at_corner, int pad, int row, std::vector<float>& scratch,
@@ -105,15 +117,15 @@ void spread(const Image& at_corner, int pad, int row, std::vector<float>& scratc
   static const auto window = kaiser_window();
   std::array<float, kPatch> w{};
   for (std::size_t i = 0; i < kPatch; ++i) w[i] = static_cast<float>(window[i]);
-  scratch.assign(out.size() + kPatch - 1, 0.0F);
-  for (int r = 0; r < kPatch; ++r) {
-    const float* source = at_corner.row(pad + row - r) + pad - (kPatch - 1);
-    for (std::size_t c = 0; c < scratch.size(); ++c)
-      scratch[c] += w[static_cast<std::size_t>(r)] * source[c];
-  }
-  std::ranges::fill(out, 0.0F);
-  for (std::size_t k = 0; k < kPatch; ++k)
-    for (std::size_t c = 0; c < out.size(); ++c) out[c] += w[k] * scratch[c + kPatch - 1 - k];
+  scratch.resize(out.size() + kPatch - 1);
+  add_windowed(
+      w,
+      [&](std::size_t k) {
+        return at_corner.row(pad + row - static_cast<int>(k)) + pad - (kPatch - 1);
+      },
+      scratch);
+  add_windowed(
+      w, [&](std::size_t k) { return scratch.data() + kPatch - 1 - k; }, out);
 }
 
 /// noisy + weighted mean of the residuals. error: receives the expected squared error in units of

@@ -33,15 +33,17 @@ std::pair<int, int> quantise_plane(const PaddedPlane& plane, float scale, float 
                                    std::int16_t* out) {
   const float base = rounded(scale * first);
   std::vector<std::int16_t> line(static_cast<std::size_t>(extent.cols));
-  int smallest = 0, largest = 0;
+  std::int16_t smallest = 0, largest = 0;
   for (int r = extent.first_row; r < extent.end_row; ++r) {
     const float* source = plane.data.row(extent.row + r) + extent.col;
     for (int c = extent.first_col; c < extent.end_col; ++c) {
       const float value = rounded(scale * source[c]) - base;
-      const int steps = static_cast<int>(std::max(std::min(value, kMaxStep), -kMaxStep));
-      smallest = std::min(smallest, steps);
-      largest = std::max(largest, steps);
-      line[static_cast<std::size_t>(c)] = static_cast<std::int16_t>(steps);
+      line[static_cast<std::size_t>(c)] =
+          static_cast<std::int16_t>(std::max(std::min(value, kMaxStep), -kMaxStep));
+    }
+    for (int c = extent.first_col; c < extent.end_col; ++c) {  // apart: of eight at once
+      smallest = std::min(smallest, line[static_cast<std::size_t>(c)]);
+      largest = std::max(largest, line[static_cast<std::size_t>(c)]);
     }
     for (int phase = 0; phase < step; ++phase) {
       std::int16_t* cells = out + r * layout.row_stride + phase * layout.phase_stride;
@@ -60,9 +62,15 @@ void fill_outside(const Extent& extent, int step, const MatchSteps& layout, std:
       std::fill_n(row, layout.row_stride, value);
       continue;
     }
-    for (int c = 0; c < extent.cols; ++c) {
-      if (c == extent.first_col) c = std::max(c, extent.end_col);
-      if (c < extent.cols) row[c % step * layout.phase_stride + c / step] = value;
+    for (int phase = 0; phase < step; ++phase, row += layout.phase_stride) {
+      const auto cells_before = [&](int col) {
+        return (std::max(col - phase, 0) + step - 1) / step;
+      };
+      const int all = cells_before(extent.cols);
+      const int first = std::min(cells_before(extent.first_col), all);
+      std::fill_n(row, first, value);
+      const int end = std::clamp(cells_before(extent.end_col), first, all);
+      std::fill(row + end, row + all, value);
     }
   }
 }

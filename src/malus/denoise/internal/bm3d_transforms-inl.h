@@ -14,12 +14,6 @@ HWY_INLINE void load_row(const float* first, const float* second, Floats& out) {
   out = joined(a, b);
 }
 
-HWY_INLINE void load_pair(const float* first, const float* second, std::ptrdiff_t stride,
-                          Pair& pair) {
-  HWY_UNROLL(8)
-  for (int r = 0; r < kPatch; ++r) load_row(first + r * stride, second + r * stride, pair.row[r]);
-}
-
 /// The named lanes of every eight of a (0-7) and b (8-15).
 template <int... kLane, class Vector>
 HWY_INLINE Vector mixed(const Vector& a, const Vector& b) {
@@ -33,17 +27,7 @@ HWY_INLINE Vector mixed(const Vector& a, const Vector& b) {
 /// Transposes the 8x8 values in every eight lanes.
 template <class Vector>
 HWY_INLINE void transpose(Vector (&x)[kPatch]) {
-  if constexpr (kIsTwo<Vector> && sizeof(Vector) > 32) {
-    decltype(x[0].low) half[kPatch];
-    HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) half[r] = x[r].low;
-    transpose(half);
-    HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) x[r].low = half[r], half[r] = x[r].high;
-    transpose(half);
-    HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) x[r].high = half[r];
-  } else if constexpr (kIsTwo<Vector>) {  // of registers of four
+  if constexpr (kIsTwo<Vector>) {  // of registers of four
     float from[kPatch][kPatch], to[kPatch][kPatch];
     for (int r = 0; r < kPatch; ++r) store(x[r], from[r]);
     for (int r = 0; r < kPatch; ++r)
@@ -74,17 +58,17 @@ HWY_INLINE void transpose(Vector (&x)[kPatch]) {
 
 /// Biorthogonal 1.5 along the rows, without its scaling (biorthogonal_matrix): every level adds and
 /// subtracts.
-HWY_INLINE void biorthogonal_forward(Pair& p) {
+template <class Vector>
+HWY_INLINE void biorthogonal_forward(Vector (&x)[kPatch]) {
   constexpr float kCorrection = static_cast<float>(kBiorthogonalCorrection);
-  Floats* x = p.row;
-  Floats s0 = x[0] + x[1], s1 = x[2] + x[3], s2 = x[4] + x[5], s3 = x[6] + x[7];
-  const Floats d0 = x[0] - x[1], d1 = x[2] - x[3], d2 = x[4] - x[5], d3 = x[6] - x[7];
-  const Floats even = kCorrection * (d1 - d3), odd = kCorrection * (d2 - d0);
+  Vector s0 = x[0] + x[1], s1 = x[2] + x[3], s2 = x[4] + x[5], s3 = x[6] + x[7];
+  const Vector d0 = x[0] - x[1], d1 = x[2] - x[3], d2 = x[4] - x[5], d3 = x[6] - x[7];
+  const Vector even = kCorrection * (d1 - d3), odd = kCorrection * (d2 - d0);
   s0 += even;
   s1 += odd;
   s2 -= even;
   s3 -= odd;
-  const Floats low0 = s0 + s1, low1 = s2 + s3;
+  const Vector low0 = s0 + s1, low1 = s2 + s3;
   x[0] = low0 + low1;
   x[1] = low0 - low1;
   x[2] = s0 - s1;
@@ -96,14 +80,14 @@ HWY_INLINE void biorthogonal_forward(Pair& p) {
 }
 
 /// Its inverse for coefficients scaled by the squares of the forward norms.
-HWY_INLINE void biorthogonal_inverse(Pair& p) {
+template <class Vector>
+HWY_INLINE void biorthogonal_inverse(Vector (&x)[kPatch]) {
   constexpr float kCorrection = static_cast<float>(kBiorthogonalCorrection);
-  Floats* x = p.row;
-  const Floats low0 = x[0] + x[1], low1 = x[0] - x[1];
-  const Floats d0 = x[4], d1 = x[5], d2 = x[6], d3 = x[7];
-  const Floats even = kCorrection * (d1 - d3), odd = kCorrection * (d2 - d0);
-  const Floats s0 = low0 + x[2] - even, s1 = low0 - x[2] - odd;
-  const Floats s2 = low1 + x[3] + even, s3 = low1 - x[3] + odd;
+  const Vector low0 = x[0] + x[1], low1 = x[0] - x[1];
+  const Vector d0 = x[4], d1 = x[5], d2 = x[6], d3 = x[7];
+  const Vector even = kCorrection * (d1 - d3), odd = kCorrection * (d2 - d0);
+  const Vector s0 = low0 + x[2] - even, s1 = low0 - x[2] - odd;
+  const Vector s2 = low1 + x[3] + even, s3 = low1 - x[3] + odd;
   x[0] = s0 + d0;
   x[1] = s0 - d0;
   x[2] = s1 + d1;
@@ -120,19 +104,19 @@ constexpr float kC4 = 0.70710678F, kC6 = 0.38268343F, kC2MinusC6 = 0.54119610F,
                 kC2PlusC6 = 1.30656296F, kRoot2 = 1.41421356F, kTwiceC2 = 1.84775907F,
                 kTwiceC2MinusC6 = 1.08239220F, kTwiceC2PlusC6 = 2.61312593F;
 
-HWY_INLINE void dct_forward(Pair& p) {
-  Floats* x = p.row;
-  const Floats s07 = x[0] + x[7], d07 = x[0] - x[7], s16 = x[1] + x[6], d16 = x[1] - x[6];
-  const Floats s25 = x[2] + x[5], d25 = x[2] - x[5], s34 = x[3] + x[4], d34 = x[3] - x[4];
-  const Floats outer = s07 + s34, outer_d = s07 - s34, inner = s16 + s25, inner_d = s16 - s25;
-  const Floats turn = kC4 * (inner_d + outer_d);
+template <class Vector>
+HWY_INLINE void dct_forward(Vector (&x)[kPatch]) {
+  const Vector s07 = x[0] + x[7], d07 = x[0] - x[7], s16 = x[1] + x[6], d16 = x[1] - x[6];
+  const Vector s25 = x[2] + x[5], d25 = x[2] - x[5], s34 = x[3] + x[4], d34 = x[3] - x[4];
+  const Vector outer = s07 + s34, outer_d = s07 - s34, inner = s16 + s25, inner_d = s16 - s25;
+  const Vector turn = kC4 * (inner_d + outer_d);
   x[0] = outer + inner;
   x[4] = outer - inner;
   x[2] = outer_d + turn;
   x[6] = outer_d - turn;
-  const Floats e = d34 + d25, f = d25 + d16, g = d16 + d07;
-  const Floats shared = kC6 * (e - g), z2 = kC2MinusC6 * e + shared, z4 = kC2PlusC6 * g + shared;
-  const Floats z3 = kC4 * f, plus = d07 + z3, minus = d07 - z3;
+  const Vector e = d34 + d25, f = d25 + d16, g = d16 + d07;
+  const Vector shared = kC6 * (e - g), z2 = kC2MinusC6 * e + shared, z4 = kC2PlusC6 * g + shared;
+  const Vector z3 = kC4 * f, plus = d07 + z3, minus = d07 - z3;
   x[5] = minus + z2;
   x[3] = minus - z2;
   x[1] = plus + z4;
@@ -140,16 +124,16 @@ HWY_INLINE void dct_forward(Pair& p) {
 }
 
 /// Its inverse: for dct_forward's outputs times 1/8.
-HWY_INLINE void dct_inverse(Pair& p) {
-  Floats* x = p.row;
-  const Floats s04 = x[0] + x[4], d04 = x[0] - x[4], s26 = x[2] + x[6];
-  const Floats d26 = kRoot2 * (x[2] - x[6]) - s26;
-  const Floats e0 = s04 + s26, e3 = s04 - s26, e1 = d04 + d26, e2 = d04 - d26;
-  const Floats s53 = x[5] + x[3], d53 = x[5] - x[3], s17 = x[1] + x[7], d17 = x[1] - x[7];
-  const Floats o7 = s17 + s53, turned = kRoot2 * (s17 - s53);
-  const Floats shared = kTwiceC2 * (d53 + d17);
-  const Floats o6 = shared - kTwiceC2PlusC6 * d53 - o7, o5 = turned - o6;
-  const Floats o4 = shared - kTwiceC2MinusC6 * d17 - o5;
+template <class Vector>
+HWY_INLINE void dct_inverse(Vector (&x)[kPatch]) {
+  const Vector s04 = x[0] + x[4], d04 = x[0] - x[4], s26 = x[2] + x[6];
+  const Vector d26 = kRoot2 * (x[2] - x[6]) - s26;
+  const Vector e0 = s04 + s26, e3 = s04 - s26, e1 = d04 + d26, e2 = d04 - d26;
+  const Vector s53 = x[5] + x[3], d53 = x[5] - x[3], s17 = x[1] + x[7], d17 = x[1] - x[7];
+  const Vector o7 = s17 + s53, turned = kRoot2 * (s17 - s53);
+  const Vector shared = kTwiceC2 * (d53 + d17);
+  const Vector o6 = shared - kTwiceC2PlusC6 * d53 - o7, o5 = turned - o6;
+  const Vector o4 = shared - kTwiceC2MinusC6 * d17 - o5;
   x[0] = e0 + o7;
   x[7] = e0 - o7;
   x[1] = e1 + o6;
@@ -158,6 +142,33 @@ HWY_INLINE void dct_inverse(Pair& p) {
   x[5] = e2 - o5;
   x[3] = e3 + o4;
   x[4] = e3 - o4;
+}
+
+/// Of one block, or of the two of a pair; kDct: else biorthogonal.
+template <bool kDct, class Vector>
+HWY_INLINE void forward_2d(Vector (&x)[kPatch]) {
+  if constexpr (kDct) {
+    dct_forward(x);
+    transpose(x);
+    dct_forward(x);
+  } else {
+    biorthogonal_forward(x);
+    transpose(x);
+    biorthogonal_forward(x);
+  }
+}
+
+template <bool kDct, class Vector>
+HWY_INLINE void inverse_2d(Vector (&x)[kPatch]) {
+  if constexpr (kDct) {
+    dct_inverse(x);
+    transpose(x);
+    dct_inverse(x);
+  } else {
+    biorthogonal_inverse(x);
+    transpose(x);
+    biorthogonal_inverse(x);
+  }
 }
 
 /// Sum and difference of a vector's two blocks.
