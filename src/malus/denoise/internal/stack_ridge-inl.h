@@ -97,17 +97,38 @@ HWY_INLINE void derive_weights(const CellMatrix& negative, const CellMatrix& shi
 }
 
 using DoubleMatrix = std::array<std::array<double, kLanes>, kLanes>;
+using Doubles = double __attribute__((vector_size(HWY_MAX_BYTES < 16 ? 16 : HWY_MAX_BYTES)));
+constexpr int kDoublesPerVector = sizeof(Doubles) / sizeof(double);
+constexpr int kDoubleParts = kLanes / kDoublesPerVector;
 
-HWY_INLINE void products(const Floats* a, const Floats* b, int count, double diagonal,
+/// Blocks of one quarter in double precision.
+struct DoubleBlocks {
+  alignas(64) double values[kMaxStack][kLanes];
+
+  DoubleBlocks(const Floats* blocks, int count) {
+    for (int n = 0; n < count; ++n)
+      for (int k = 0; k < kLanes; ++k)
+        values[n][k] = static_cast<double>(lanes_of(blocks[n * kQuarters])[k]);
+  }
+};
+
+/// diagonal * I + sum over n of a[n] b[n]^T; two rows at a time, whose sums stay in registers.
+HWY_INLINE void products(const DoubleBlocks& a, const DoubleBlocks& b, int count, double diagonal,
                          DoubleMatrix& matrix) {
+  constexpr int kRows = 2;
   matrix = {};
   for (std::size_t i = 0; i < kLanes; ++i) matrix[i][i] = diagonal;
-  for (int n = 0; n < count; ++n)
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      const double value = lanes_of(a[n * kQuarters])[i];
-      for (std::size_t k = 0; k < kLanes; ++k)
-        matrix[i][k] += value * static_cast<double>(lanes_of(b[n * kQuarters])[k]);
-    }
+  for (int row = 0; row < kLanes; row += kRows) {
+    Doubles sums[kRows][kDoubleParts];
+    std::memcpy(&sums, matrix[static_cast<std::size_t>(row)].data(), sizeof(sums));
+    for (int n = 0; n < count; ++n)
+      for (int part = 0; part < kDoubleParts; ++part) {
+        Doubles values;
+        std::memcpy(&values, &b.values[n][part * kDoublesPerVector], sizeof(values));
+        for (int i = 0; i < kRows; ++i) sums[i][part] += a.values[n][row + i] * values;
+      }
+    std::memcpy(matrix[static_cast<std::size_t>(row)].data(), &sums, sizeof(sums));
+  }
 }
 
 HWY_INLINE void invert(DoubleMatrix& m) {
@@ -130,8 +151,9 @@ HWY_INLINE void invert(DoubleMatrix& m) {
 HWY_INLINE void solve_in_doubles(const Floats* pilot, const Floats* residual, int count,
                                  float diagonal, CellMatrix& negative, QuarterWeights& weights) {
   DoubleMatrix inverse, shift;  // the inverse is negative too
-  products(pilot, pilot, count, diagonal, inverse);
-  products(pilot, residual, count, -diagonal, shift);
+  const DoubleBlocks p(pilot, count), r(residual, count);
+  products(p, p, count, diagonal, inverse);
+  products(p, r, count, -diagonal, shift);
   invert(inverse);
   double squares = 0;
   for (std::size_t i = 0; i < kLanes; ++i) {
