@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 namespace malus {
 namespace {
@@ -73,23 +75,68 @@ struct CellSums {
   }
 };
 
-CellSums sum_cells(const PixelSource& pixel, int rows, int cols, const SensorLayout& layout,
-                   int row_phase, int col_phase) {
-  const int down = (rows - row_phase + layout.rows() - 1) / layout.rows();
-  const int across = (cols - col_phase + layout.cols() - 1) / layout.cols();
-  const double cells = static_cast<double>(std::max(down, 0)) * std::max(across, 0);
-  const int skip = std::max(1, static_cast<int>(std::ceil(std::sqrt(cells / kCellsPerAlignment))));
-  CellSums sums;
-  CellVector cell;
-  for (int i = 0; i < down; i += skip)
-    for (int k = 0; k < across; k += skip) {
-      for (int r = 0; r < kCell; ++r)
-        for (int c = 0; c < kCell; ++c)
-          cell[static_cast<std::size_t>(r * kCell + c)] =
-              pixel(folded(i * layout.rows() + row_phase + r, rows, layout.rows()),
-                    folded(k * layout.cols() + col_phase + c, cols, layout.cols()));
-      sums.add(cell);
+/// Every so many cells are read each way: about kCellsPerAlignment of every alignment.
+int cells_apart(int rows, int cols, const SensorLayout& layout) {
+  const double cells = std::ceil(static_cast<double>(rows) / layout.rows()) *
+                       std::ceil(static_cast<double>(cols) / layout.cols());
+  return std::max(1, static_cast<int>(std::ceil(std::sqrt(cells / kCellsPerAlignment))));
+}
+
+/// Where the cells of one row or column phase begin.
+std::vector<int> cell_starts(int phase, int size, int period, int apart) {
+  std::vector<int> starts;
+  for (int at = phase; at < size; at += apart * period) starts.push_back(at);
+  return starts;
+}
+
+/// The pixels of cells that begin in one row, by column; asked for once, as they serve the cells of
+/// all column phases.
+class CellRow {
+ public:
+  CellRow(const std::vector<std::vector<int>>& starts, int cols, int period) {
+    std::vector<bool> read(static_cast<std::size_t>(cols + kCell));
+    for (const auto& phase : starts)
+      for (const int start : phase)
+        for (int c = 0; c < kCell; ++c) read[static_cast<std::size_t>(start + c)] = true;
+    for (int c = 0; c < cols + kCell; ++c)
+      if (read[static_cast<std::size_t>(c)]) columns_.push_back({c, folded(c, cols, period)});
+    values_.resize(read.size() * kCell);
+  }
+  void load(const PixelSource& pixel, int row, int rows, int period) {
+    for (int r = 0; r < kCell; ++r) {
+      const int from = folded(row + r, rows, period);
+      for (const auto& [column, folded_column] : columns_)
+        values_[static_cast<std::size_t>(column * kCell + r)] = pixel(from, folded_column);
     }
+  }
+  CellVector cell(int start) const {
+    CellVector cell;
+    for (int r = 0; r < kCell; ++r)
+      for (int c = 0; c < kCell; ++c)
+        cell[static_cast<std::size_t>(r * kCell + c)] =
+            values_[static_cast<std::size_t>((start + c) * kCell + r)];
+    return cell;
+  }
+
+ private:
+  std::vector<std::pair<int, int>> columns_;  ///< and where those beyond the border are mirrored
+  std::vector<float> values_;                 ///< [column][row]
+};
+
+/// Of the cells of one row phase, by column phase.
+std::vector<CellSums> sum_cells(const PixelSource& pixel, int rows, int cols,
+                                const SensorLayout& layout, int row_phase) {
+  const int apart = cells_apart(rows, cols, layout);
+  std::vector<std::vector<int>> starts;
+  for (int phase = 0; phase < layout.cols(); ++phase)
+    starts.push_back(cell_starts(phase, cols, layout.cols(), apart));
+  CellRow cells(starts, cols, layout.cols());
+  std::vector<CellSums> sums(starts.size());
+  for (const int row : cell_starts(row_phase, rows, layout.rows(), apart)) {
+    cells.load(pixel, row, rows, layout.rows());
+    for (std::size_t phase = 0; phase < starts.size(); ++phase)
+      for (const int start : starts[phase]) sums[phase].add(cells.cell(start));
+  }
   return sums;
 }
 
@@ -105,17 +152,17 @@ CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
   statistics.rotations.resize(alignments);
   statistics.axes_prior.resize(alignments);
   statistics.smoothing.resize(alignments);
-  parallel_for(0, layout.channels(), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (std::ptrdiff_t a = begin; a < end; ++a) {
-      const auto i = static_cast<std::size_t>(a);
-      const CellSums sums =
-          sum_cells(pixel, rows, cols, layout, static_cast<int>(a) / layout.cols(),
-                    static_cast<int>(a) % layout.cols());
-      CellVector eigenvalues;
-      statistics.means[i] = sums.mean();
-      statistics.rotations[i] = internal::principal_axes(sums.covariance(), &eigenvalues);
-      statistics.axes_prior[i] = axes_prior(statistics.rotations[i]);
-      statistics.smoothing[i] = wiener_matrix(statistics.rotations[i], eigenvalues);
+  parallel_for(0, layout.rows(), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (std::ptrdiff_t row_phase = begin; row_phase < end; ++row_phase) {
+      const auto sums = sum_cells(pixel, rows, cols, layout, static_cast<int>(row_phase));
+      for (std::size_t phase = 0; phase < sums.size(); ++phase) {
+        const auto i = static_cast<std::size_t>(row_phase) * sums.size() + phase;
+        CellVector eigenvalues;
+        statistics.means[i] = sums[phase].mean();
+        statistics.rotations[i] = internal::principal_axes(sums[phase].covariance(), &eigenvalues);
+        statistics.axes_prior[i] = axes_prior(statistics.rotations[i]);
+        statistics.smoothing[i] = wiener_matrix(statistics.rotations[i], eigenvalues);
+      }
     }
   });
   return statistics;
