@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <string_view>
 
 #include "program.h"
@@ -73,6 +74,11 @@ Chart chart_of(const Json& json) {
 // Mosaics of one scene in DN above black, as float files.
 PicturesBlock pictures_block(const Json& json, const std::filesystem::path& folder) {
   const double white = json.at("white_dn").get<double>();
+  // The steps that pictures are stored in are parts of it.
+  if (!(white >= std::numeric_limits<float>::min() && white <= std::numeric_limits<float>::max()))
+    throw InputError(fmt::format("pictures \"{}\"", text_at(json, "title")),
+                     fmt::format("white_dn is {:g}", white),
+                     "give the white level above black, which is above 0");
   PicturesBlock block{.title = text_at(json, "title"),
                       .text = text_at(json, "text"),
                       .layout = SensorLayout::named(json.at("layout").get<std::string>()),

@@ -1,10 +1,12 @@
 #include "malus/report/write_report.h"
 
 #include "malus/base/error.h"
+#include "malus/report/svg.h"
 
 #include <cmath>
 #include <fstream>
 #include <random>
+#include <regex>
 #include <sstream>
 
 #include "support.h"
@@ -205,6 +207,27 @@ TEST(WriteFigures, PointsLieWhereTheAxesSay) {
   EXPECT_NEAR(x[1] - x[0], x[2] - x[1], 0.2);  // decades are as wide as each other
   EXPECT_NEAR(y[0] - y[1], y[1] - y[2], 0.2);
   EXPECT_GT(y[0], y[2]);  // up is more
+}
+
+// Texts of the ticks on the y axis, the only texts that end at the axis.
+std::vector<std::string> y_labels(const std::string& svg) {
+  static const std::regex kLabel(R"x(text-anchor="end">([^<]*)</text>)x");
+  std::vector<std::string> labels;
+  for (std::sregex_iterator at(svg.begin(), svg.end(), kLabel), end; at != end; ++at)
+    labels.push_back((*at)[1]);
+  return labels;
+}
+
+TEST(WriteFigures, ValuesThatDifferByRoundingAloneHaveAFewTicks) {
+  for (const double value : {0.3, 1.0, -1e-9, 1e9, 1e20, 1e300}) {
+    PointSeries line{.name = "l", .mark = Mark::kLine};
+    line.x = {1, 2, 3};
+    line.y = {std::nextafter(value, HUGE_VAL), value, value};
+    const std::string svg = chart_svg({"Line", "", {"x"}, {"y"}, {line}});
+    EXPECT_GE(y_labels(svg).size(), 1U) << value;
+    EXPECT_LE(y_labels(svg).size(), 10U) << value;
+    EXPECT_THAT(svg, Not(HasSubstr("nan"))) << value;
+  }
 }
 
 }  // namespace

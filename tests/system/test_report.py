@@ -60,6 +60,9 @@ def test_a_denoised_headerless_frame_becomes_a_page(malus, tmp_path):
     ({"tables": [{"title": "no columns"}]}, "does not hold what a page needs"),
     ({"pictures": [{"title": "x", "layout": "polar-mono", "white_dn": 4095, "files": [{"name": "a", "file": "none.npy"}]}]}, "none.npy"),
     ({"pictures": [{"title": "x", "layout": "polar-mini", "white_dn": 4095, "files": []}]}, "polar-mini"),
+    # What is no whole number is stored in parts of the white level.
+    *[({"pictures": [{"title": "x", "layout": "polar-mono", "white_dn": white, "files": [{"name": "a", "file": "noisy.npy"}]}]},
+       f"pictures \"x\": white_dn is {white:g}; give") for white in (0, -4095, 1e-200, 1e300)],
 ])
 def test_bad_records_are_one_line_and_leave_nothing(refused, tmp_path, changes, words):
     error = refused("report", record(tmp_path, **changes), "-o", tmp_path / "page.html")
@@ -78,6 +81,14 @@ def test_bad_records_are_one_line_and_leave_nothing(refused, tmp_path, changes, 
 def test_json_that_malus_did_not_write_is_one_line(refused, tmp_path, made):
     (tmp_path / "made.json").write_text(json.dumps(made))
     assert "made.json" in refused("report", tmp_path / "made.json", "-o", tmp_path / "page.html")
+
+
+def test_curves_that_differ_by_rounding_alone_become_figures(malus, tmp_path):
+    charts = [{"title": "Loss", "x": {"name": "step"}, "y": {"name": "loss"},
+               "series": [{"name": "a", "x": [1, 2, 3], "y": [0.30000000000000004, 0.3, 0.3]}]}]
+    malus("report", record(tmp_path, charts=charts), "--figures", tmp_path / "figures", timeout=60)
+    (svg,) = (tmp_path / "figures").iterdir()
+    assert svg.stat().st_size < 10_000
 
 
 @pytest.mark.parametrize("changes, words", [

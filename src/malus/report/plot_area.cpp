@@ -46,23 +46,31 @@ PlotAxis::PlotAxis(const Axis& axis, double low, double high, double from, doubl
     low_ = std::log10(std::max(low_, 1e-300));
     high_ = std::log10(std::max(high_, 1e-300));
   }
-  if (!(high_ > low_)) {
-    low_ -= 0.5;
-    high_ += 0.5;
-  }
+  widen_if_narrow();
   if (logarithmic_)
     logarithmic_ticks();
   else
     linear_ticks();
 }
 
+// Values that differ by rounding alone are one value: no ticks fit between them.
+void PlotAxis::widen_if_narrow() {
+  constexpr double kRounding = 1e-12, kLeast = 0.5, kLeastPart = 1e-9;
+  const double magnitude = std::max(std::abs(low_), std::abs(high_));
+  if (high_ - low_ > kRounding * magnitude) return;
+  const double by = std::max(kLeast, kLeastPart * magnitude);
+  low_ -= by;
+  high_ += by;
+}
+
 void PlotAxis::linear_ticks() {
   const double margin = 0.04 * (high_ - low_);
   if (low_ != 0) low_ -= margin;
   high_ += margin;
-  const double step = round_step(high_ - low_);
-  for (double value = std::ceil(low_ / step) * step; value <= high_ + 1e-9 * step; value += step)
-    ticks_.push_back({place(value), label_of(value, step)});
+  const double step = round_step(high_ - low_), first = std::ceil(low_ / step);
+  const auto tick = [&](int i) { return (first + i) * step; };
+  for (int i = 0; tick(i) <= high_ + 1e-9 * step; ++i)
+    ticks_.push_back({place(tick(i)), label_of(tick(i), step)});
 }
 
 void PlotAxis::logarithmic_ticks() {

@@ -27,6 +27,7 @@ class PlotAxis {
   double to() const { return to_; }
 
  private:
+  void widen_if_narrow();
   void linear_ticks();
   void logarithmic_ticks();
 
