@@ -230,5 +230,14 @@ TEST(WriteFigures, ValuesThatDifferByRoundingAloneHaveAFewTicks) {
   }
 }
 
+TEST(WriteFigures, PointsOfUnknownErrorCountForTheAxis) {
+  PointSeries points{.name = "p"};
+  points.x = {1, 2, 3};
+  points.y = {500, 700, 900};
+  points.error = {NAN, 10, NAN};
+  const auto labels = y_labels(chart_svg({"Points", "", {"x"}, {"y"}, {points}}));
+  EXPECT_THAT(labels, ::testing::IsSupersetOf({"500", "700", "900"}));
+}
+
 }  // namespace
 }  // namespace malus

@@ -115,9 +115,10 @@ Range range_of(const Chart& chart, bool horizontal) {
     if (const auto* points = std::get_if<PointSeries>(&series)) {
       const auto& values = horizontal ? points->x : points->y;
       for (std::size_t i = 0; i < values.size(); ++i) {
-        const double error = !horizontal && !points->error.empty() ? points->error[i] : 0;
-        take(values[i] - error);
-        take(values[i] + error);
+        take(values[i]);
+        if (horizontal || points->error.empty()) continue;
+        take(values[i] - points->error[i]);  // an unknown error hides no point
+        take(values[i] + points->error[i]);
       }
       if (!horizontal && points->mark == Mark::kBars) take(0);
     } else if (const auto* boxes = std::get_if<BoxSeries>(&series); boxes && !horizontal) {
