@@ -239,5 +239,44 @@ TEST(WriteFigures, PointsOfUnknownErrorCountForTheAxis) {
   EXPECT_THAT(labels, ::testing::IsSupersetOf({"500", "700", "900"}));
 }
 
+Report three_charts() {
+  Chart first = box_chart(), second = box_chart();
+  first.text = "first";
+  second.text = "second";
+  Report report = report_of(ChartsBlock{"", {{"", first}}});
+  report.sections[0].blocks.emplace_back(ChartsBlock{"", {{"", second}}});
+  second.title = "Boxes 2";
+  report.sections[0].blocks.emplace_back(ChartsBlock{"", {{"", second}}});
+  return report;
+}
+
+TEST(WriteFigures, ChartsOfTheSameNameAreNumbered) {
+  const testing::TemporaryFolder folder;
+  const auto written = write_figures(three_charts(), folder.path(), false);
+  EXPECT_THAT(written, ::testing::ElementsAre(folder / "one_Boxes.svg", folder / "one_Boxes_2.svg",
+                                              folder / "one_Boxes_2_2.svg"));
+  EXPECT_THAT(text_of(written[0]), HasSubstr("<desc>first</desc>"));
+  EXPECT_THAT(text_of(written[1]), HasSubstr("<desc>second</desc>"));
+}
+
+TEST(WriteFigures, NothingIsWrittenWhereOneFileExists) {
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder / "one_Boxes_2.svg") << "mine";
+  EXPECT_THROW(write_figures(three_charts(), folder.path(), false), InputError);
+  EXPECT_FALSE(std::filesystem::exists(folder / "one_Boxes.svg"));
+  EXPECT_EQ(text_of(folder / "one_Boxes_2.svg"), "mine");
+}
+
+TEST(WriteFigures, NamesKeepTheSignOfAGain) {
+  const testing::TemporaryFolder folder;
+  Chart low = box_chart(), high = box_chart();
+  low.title = "Bias at -3 dB";
+  high.title = "Bias at 3 dB, 0-1 DN";
+  const auto written = write_figures(
+      report_of(ChartsBlock{"Gain", {{"-3 dB", low}, {"3 dB", high}}}), folder.path(), false);
+  EXPECT_THAT(written, ::testing::ElementsAre(folder / "one_Bias_at_minus3_dB.svg",
+                                              folder / "one_Bias_at_3_dB_0_1_DN.svg"));
+}
+
 }  // namespace
 }  // namespace malus

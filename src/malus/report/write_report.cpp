@@ -40,14 +40,25 @@ std::string spelled_out(std::string text) {
   return text;
 }
 
-std::string file_stem(const std::string& text) {
+bool is_letter_or_digit(char character) {
+  return std::isalnum(static_cast<unsigned char>(character)) != 0;
+}
+
+// "at -3 dB", but not "0-3 dB".
+bool is_minus(const std::string& text, std::size_t at) {
+  return text[at] == '-' && (at == 0 || !is_letter_or_digit(text[at - 1])) &&
+         at + 1 < text.size() && std::isdigit(static_cast<unsigned char>(text[at + 1])) != 0;
+}
+
+std::string file_stem(const std::string& title) {
+  const std::string text = spelled_out(title);
   std::string stem;
-  for (const char character : spelled_out(text)) {
-    const bool plain = std::isalnum(static_cast<unsigned char>(character)) != 0 || character == '.';
-    if (plain)
-      stem += character;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (is_letter_or_digit(text[i]) || text[i] == '.')
+      stem += text[i];
     else if (!stem.empty() && stem.back() != '_')
       stem += '_';
+    if (is_minus(text, i)) stem += "minus";
   }
   while (!stem.empty() && stem.back() == '_') stem.pop_back();
   return stem;
@@ -58,6 +69,32 @@ bool titles_tell_apart(const ChartsBlock& block) {
   std::set<std::string> stems;
   for (const auto& [name, chart] : block.charts) stems.insert(file_stem(chart.title));
   return stems.size() == block.charts.size();
+}
+
+struct Figure {
+  std::filesystem::path path;
+  const Chart* chart = nullptr;
+};
+
+// Charts of the same name are numbered from the second on.
+std::vector<Figure> figures_of(const Report& report, const std::filesystem::path& folder) {
+  std::vector<Figure> figures;
+  std::set<std::string> taken;
+  for (const Section& section : report.sections)
+    for (const Block& block : section.blocks) {
+      const auto* charts = std::get_if<ChartsBlock>(&block);
+      if (charts == nullptr) continue;
+      const bool titles_suffice = titles_tell_apart(*charts);
+      for (const auto& [name, chart] : charts->charts) {
+        const std::string stem =
+            file_stem(fmt::format("{}_{}_{}", section.id, chart.title, titles_suffice ? "" : name));
+        std::string unlike = stem;
+        for (int number = 2; !taken.insert(unlike).second; ++number)
+          unlike = fmt::format("{}_{}", stem, number);
+        figures.push_back({folder / (unlike + ".svg"), &chart});
+      }
+    }
+  return figures;
 }
 
 }  // namespace
@@ -90,19 +127,13 @@ void write_report(const Report& report, const std::filesystem::path& path,
 std::vector<std::filesystem::path> write_figures(const Report& report,
                                                  const std::filesystem::path& folder, bool force) {
   make_output_folder(folder);
+  const std::vector<Figure> figures = figures_of(report, folder);
+  for (const auto& [path, chart] : figures) check_output(path, force);
   std::vector<std::filesystem::path> written;
-  for (const Section& section : report.sections)
-    for (const Block& block : section.blocks) {
-      const auto* charts = std::get_if<ChartsBlock>(&block);
-      if (charts == nullptr) continue;
-      for (const auto& [name, chart] : charts->charts) {
-        const std::string variant = titles_tell_apart(*charts) ? "" : name;
-        const std::string stem =
-            file_stem(fmt::format("{}_{}_{}", section.id, chart.title, variant));
-        written.push_back(folder / (stem + ".svg"));
-        write_file(written.back(), chart_svg(chart), force);
-      }
-    }
+  for (const auto& [path, chart] : figures) {
+    write_file(path, chart_svg(*chart), force);
+    written.push_back(path);
+  }
   return written;
 }
 

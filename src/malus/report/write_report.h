@@ -23,8 +23,9 @@ std::string report_html(const Report& report, const ReportSettings& settings = {
 void write_report(const Report& report, const std::filesystem::path& path,
                   const ReportSettings& settings = {});
 
-/// Every chart of the report as <section>-<title>[-<variant>].svg; returns the files written.
-/// Throws InputError.
+/// Every chart of the report as <section>_<title>[_<variant>].svg, with _2, _3, … behind it where
+/// several have the same name; returns the files written. Throws InputError, and where a file
+/// exists and force is false before any is written.
 std::vector<std::filesystem::path> write_figures(const Report& report,
                                                  const std::filesystem::path& folder, bool force);
 
