@@ -4,6 +4,7 @@
 
 #include "support.h"
 #include "tiff_directory.h"
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 namespace malus {
@@ -14,16 +15,19 @@ using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 using testing::TiffDirectory;
 
+constexpr std::uint16_t kWhiteIsZero = 0, kBlackIsZero = 1;
+
 // One uncompressed grey picture of one strip.
 std::string tiff(std::uint32_t rows, std::uint32_t cols, std::uint16_t bits,
-                 std::uint16_t sample_format, const std::string& pixels) {
+                 std::uint16_t sample_format, const std::string& pixels,
+                 std::uint16_t photometric = kBlackIsZero) {
   const auto build = [&](std::uint32_t pixels_at) {
     TiffDirectory d;
     d.longs(256, {cols});
     d.longs(257, {rows});
     d.shorts(258, {bits});
     d.shorts(259, {1});
-    d.shorts(262, {1});
+    d.shorts(262, {photometric});
     d.longs(273, {pixels_at});
     d.shorts(277, {1});
     d.longs(278, {rows});
@@ -51,6 +55,21 @@ TEST(Tiff, PackedTwelveAndTenBitsAreNotStretched) {
   const RawFrame ten = load_frame(folder / "b.tif");
   EXPECT_THAT(ten.dn.values(), ElementsAre(0x001, 0x2aa, 0x155, 0x3ff));
   EXPECT_EQ(ten.bits, 10);
+}
+
+TEST(Tiff, PixelsAreAsStoredWhereWhiteIsZeroToo) {
+  const testing::TemporaryFolder folder;
+  const auto stored = [&](std::uint16_t bits, const std::string& pixels) {
+    const auto path = folder / fmt::format("{}.tif", bits);
+    write_file(path, tiff(1, 4, bits, 1, pixels, kWhiteIsZero), false);
+    return load_frame(path).dn.values();
+  };
+  EXPECT_THAT(stored(1, "\x50"), ElementsAre(0, 1, 0, 1));
+  EXPECT_THAT(stored(4, "\x12\xef"), ElementsAre(1, 2, 14, 15));
+  EXPECT_THAT(stored(8, "\x01\x02\x80\xff"), ElementsAre(1, 2, 128, 255));
+  EXPECT_THAT(stored(12, "\x12\x3a\xbc\xff\xf8\x01"), ElementsAre(0x123, 0xabc, 0xfff, 0x801));
+  EXPECT_THAT(stored(16, std::string("\x01\x00\x02\x00\x00\x80\xff\xff", 8)),
+              ElementsAre(1, 2, 0x8000, 0xffff));
 }
 
 TEST(Tiff, SignedAndWideSamplesAreRefusedNotReinterpreted) {

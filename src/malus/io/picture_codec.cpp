@@ -106,12 +106,22 @@ void read_stored(const fs::path& path, OIIO::ImageInput& input, const OIIO::Imag
   if (!good || !message.empty()) unreadable(path, message);
 }
 
+// OpenImageIO turns TIFF samples whose white is 0 round, but those of 8 bits and fewer alone:
+// pixels are wanted as stored.
+bool is_turned(const OIIO::ImageSpec& spec) {
+  constexpr int kWhiteIsZero = 0, kBlackIsZero = 1;
+  return spec.format == TypeDesc::UINT8 &&
+         spec.get_int_attribute("tiff:PhotometricInterpretation", kBlackIsZero) == kWhiteIsZero;
+}
+
 template <class T>
 void read_integers(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec,
                    Decoded& decoded) {
   const auto channels = static_cast<std::size_t>(spec.nchannels);
   std::vector<T> stored(spec.image_pixels() * channels);
   read_stored(path, input, spec, spec.format, stored.data());
+  if (is_turned(spec))
+    for (T& value : stored) value = static_cast<T>(std::numeric_limits<T>::max() - value);
   // Types narrower than their container (10 or 12 bits in TIFF, 1 to 4 in PNG) arrive widened.
   const int shift = static_cast<int>(8 * sizeof(T)) - decoded.bits;
   for (std::size_t k = 0; k < channels; ++k) {
