@@ -4,6 +4,7 @@ import { createRequire } from "node:module";
 import path from "node:path";
 import { test } from "node:test";
 import { pathToFileURL } from "node:url";
+import { deflateSync } from "node:zlib";
 import { root, temporaryFolder } from "./support.mjs";
 
 /** A module of the page's sources, as JavaScript. */
@@ -24,4 +25,21 @@ test("the angle of polarization stays below 180 degrees after rounding to float"
   const expected = [0, 22.5, 157.5, 180 - 9e-2 / Math.PI, 180 - 9e-5 / Math.PI, 0, 0];
   expected.forEach((angle, i) => assert.ok(Math.abs(angles[i] - angle) < 2e-5, `${s2[i]}: ${angles[i]}`));
   assert.ok(angles.every((angle) => angle >= 0 && angle < 180));
+});
+
+// The code of a pixel without a value is -1,048,576, the lowest of a number one more. Planes of one pixel have every dither.
+test("a pixel without a value has none at any dither, and the lowest number is one", async (t) => {
+  const { decode } = await source(t, "viewer/raster.ts");
+  const kPlanes = 4000;
+  const decoded = async (firstByte) => {
+    const text = deflateSync(Buffer.concat(Array(kPlanes).fill(Buffer.from([firstByte, 0xff, 0x7f])))).toString("base64");
+    globalThis.document = { getElementById: () => ({ textContent: text }) };
+    t.after(() => delete globalThis.document);
+    const planes = await decode({ blob: "b", rows: 1, cols: 1, scales: Array(kPlanes).fill({ slope: 0, offset: 1, step: 1 }), dithered: true });
+    return planes.map(({ values }) => values[0]);
+  };
+  const lowest = await decoded(0xfd);
+  assert.ok(new Set(lowest).size >= 16, "too few dithers");  // floats there are 1/16 apart
+  assert.ok(lowest.every((value) => Math.abs(value + 1_048_575) < 0.6));
+  assert.ok((await decoded(0xff)).every(Number.isNaN));
 });

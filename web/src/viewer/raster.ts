@@ -9,8 +9,8 @@ export interface Plane {
   values: Float32Array;
 }
 
-/** In 1/256 of a step: half a step above the code of a pixel without a value. */
-const kNoValue = -1_048_575.5 * 256;
+/** Of a pixel without a value, in 1/256 of a step: its code with the lowest dither, -128, taken off; every real code lies above. */
+const kLargestNoValue = -1_048_576 * 256 + 128;
 
 function bytesOf(base64: string): Uint8Array<ArrayBuffer> {
   const text = atob(base64);
@@ -87,8 +87,7 @@ export async function decode(raster: Raster): Promise<Plane[]> {
     const root = Math.sqrt(offset);
     for (let i = 0; i < size; ++i) {
       const value = placed[channel * size + i];
-      // A code below every real one stands for "no value", whatever its dither.
-      values[i] = value < kNoValue ? NaN : valueOf((value / 256) * step, root, slope, offset);
+      values[i] = value <= kLargestNoValue ? NaN : valueOf((value / 256) * step, root, slope, offset);
     }
     return { rows, cols, values };
   });
