@@ -1,5 +1,6 @@
 // Pages of evaluations and records: bars, which a browser draws and no JSON shows.
 import assert from "node:assert/strict";
+import { readFileSync, writeFileSync } from "node:fs";
 import path from "node:path";
 import { test } from "node:test";
 import { accessibilityFaults, drawAll, malus, noBrowser, open, temporaryFolder, writeNpy } from "./support.mjs";
@@ -61,4 +62,16 @@ test("a page of one section has no navigation, whose only word would be the titl
   assert.equal(await page.locator("nav").count(), 0);
   assert.equal(await page.locator("h1").textContent(), "Evaluation");
   assert.equal(await page.locator("h2").textContent(), "Results");
+});
+
+test("pictures that cannot be shown say so in their place", { skip: noBrowser }, async (t) => {
+  const folder = temporaryFolder(t), html = path.join(folder, "page.html");
+  writeNpy(path.join(folder, "one.npy"), 4, 4, Array(16).fill(1));
+  const record = { title: "one", charts: [], pictures: [{ title: "p", layout: "mono", white_dn: 1, files: [{ name: "one", file: "one.npy" }] }] };
+  writeFileSync(path.join(folder, "record.json"), JSON.stringify(record));
+  malus("report", path.join(folder, "record.json"), "-o", html);
+  writeFileSync(html, readFileSync(html, "utf8").replace('"cell":{"rows":1', '"cell":{"rows":2'));
+  const page = await open(t, html);
+  assert.match(await page.locator(".viewer [role=alert]").textContent({ timeout: 10_000 }), /^The pictures cannot be shown: /);
+  assert.deepEqual(page.problems, []);
 });

@@ -43,3 +43,47 @@ test("a pixel without a value has none at any dither, and the lowest number is o
   assert.ok(lowest.every((value) => Math.abs(value + 1_048_575) < 0.6));
   assert.ok((await decoded(0xff)).every(Number.isNaN));
 });
+
+/** A block of one picture whose cell has these sites, each pixel its site's place in the cell plus 1. */
+function blockOf(rows) {
+  const sites = rows.flat().map((name) => {
+    const [, color, angle] = name.match(/^(R|G1|G2|B|mono)?_?(\d+)?$/);
+    return { name, color: color ?? "mono", angle: angle === undefined ? null : Number(angle) };
+  });
+  const cell = { rows: rows.length, cols: rows[0].length, sites };
+  const block = { kind: "pictures", rows: cell.rows, cols: cell.cols, cell, gain: [], white: 1, pictures: [{ name: "one" }], layers: [] };
+  return { block, channels: sites.map((_, i) => plane([i + 1])) };
+}
+
+const kPolarized = ["DoLP", "AoLP", "AoLP, brightness by DoLP", "S1", "S2"];
+const withSuffix = (names, suffix) => names.map((name) => `${name}, ${suffix}`);
+
+for (const { what, rows, names, shown } of [
+  { what: "a complete cell of four angles", rows: [["90", "45"], ["135", "0"]],
+    names: ["S0, intensity", ...kPolarized, "0°", "45°", "90°", "135°", "mosaic"], shown: { "45°": [2] } },
+  { what: "three colours", rows: [["R", "G1"], ["G2", "B"]], names: ["colour", "mosaic"], shown: { colour: [1, 2.5, 4] } },
+  // No colour has all four angles.
+  { what: "angles of another colour each", rows: [["R0", "G1_45"], ["G2_90", "B135"]], names: ["mosaic"], shown: {} },
+  { what: "three angles", rows: [["0", "45"], ["90", "mono"]], names: ["mosaic"], shown: {} },
+  { what: "angles beside colours without", rows: [["R", "0", "G1", "45"], ["90", "G2", "135", "B"]],
+    names: ["colour", "mosaic"], shown: { colour: [1, 4.5, 8] } },
+  // Two colours make no picture in colour, and white light is none of the three.
+  { what: "two colours and mono", rows: [["R", "mono"], ["mono", "B"]],
+    names: ["red", "blue", "mono", "mosaic"], shown: { red: [1], blue: [4], mono: [2.5] } },
+  { what: "three colours and mono", rows: [["R", "G1"], ["B", "mono"]], names: ["colour", "mono", "mosaic"], shown: { colour: [1, 2, 3], mono: [4] } },
+  { what: "one colour with all angles beside mono with all", rows: [["R0", "R45", "0", "45"], ["R135", "R90", "135", "90"]],
+    names: [...withSuffix(["S0, intensity"], "red"), ...withSuffix(["S0, intensity"], "mono"), ...kPolarized, ...withSuffix(kPolarized, "red"),
+      ...withSuffix(kPolarized, "mono"), ...["0°", "45°", "90°", "135°"].flatMap((name) => [`${name}, red`, `${name}, mono`]), "mosaic"],
+    shown: { "S0, intensity, red": [7], "S0, intensity, mono": [11], "45°, mono": [4] } },
+])
+  test(`views of ${what}`, async (t) => {
+    const { viewsOf } = await source(t, "viewer/views.ts");
+    const { block, channels } = blockOf(rows);
+    const views = viewsOf(block, []);
+    assert.deepEqual(views.map(({ name }) => name), names);
+    for (const view of views) {
+      const planes = view.of(channels, 0).planes.map(({ values }) => values[0]);
+      assert.ok(planes.length === 1 || planes.length === 3, view.name);
+      if (shown[view.name]) assert.deepEqual(planes, shown[view.name], view.name);
+    }
+  });

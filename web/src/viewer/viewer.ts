@@ -61,6 +61,7 @@ class Viewer {
       );
       this.views = viewsOf(this.block, layers);
       this.view = firstView(this.views, this.sides.length > 1);
+      this.refresh();
     } catch (error) {
       wait.textContent = `The pictures cannot be shown: ${(error as Error).message}`;
       wait.setAttribute("role", "alert");
@@ -69,7 +70,6 @@ class Viewer {
     wait.remove();
     this.controls();
     this.stage.onPick = (x, y, spoken) => this.showPixel(x, y, spoken);
-    this.refresh();
     addEventListener("malus-theme", () => this.showLegend());
     this.root.dataset.ready = "true";
   }

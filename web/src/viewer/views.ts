@@ -77,16 +77,35 @@ function mosaic(block: PicturesBlock, channels: Plane[]): Plane {
   return { rows, cols, values };
 }
 
-/** Colours that the reader may choose: the names of filters, grouped. */
-function colorGroups(cell: Cell): { name: string; filters: Site["color"][] }[] {
+/** A colour that the reader may choose: the names of its filters. */
+interface Group {
+  name: string;
+  filters: Site["color"][];
+}
+
+function colorGroups(cell: Cell): Group[] {
   const present = new Set(cell.sites.map((site) => site.color));
   if (present.size === 1) return [{ name: "", filters: [...present] }];
-  const groups: { name: string; filters: Site["color"][] }[] = [
+  const groups: Group[] = [
     { name: "red", filters: ["R"] },
     { name: "green", filters: ["G1", "G2"] },
     { name: "blue", filters: ["B"] },
+    { name: "mono", filters: ["mono"] },
   ];
   return groups.filter(({ filters }) => filters.some((f) => present.has(f)));
+}
+
+/** What one picture of light shows: red, green and blue together where the cell has all three, anything else by itself. */
+function lights(groups: Group[]): { name: string; groups: Group[] }[] {
+  const colored = groups.filter(({ name }) => name !== "mono");
+  const together = colored.length === 3 ? [{ name: "", groups: colored }] : [];
+  const alone = groups.filter(({ name }) => !together.length || name === "mono");
+  return [...together, ...alone.map((group) => ({ name: group.name, groups: [group] }))];
+}
+
+/** SensorLayout::polarized: all four angles are present for every colour. */
+function polarized({ sites }: Cell): boolean {
+  return sites.every(({ color }) => [0, 45, 90, 135].every((angle) => sites.some((site) => site.color === color && site.angle === angle)));
 }
 
 function select(cell: Cell, channels: Plane[], filters: Site["color"][], angle: number | null): Plane {
@@ -105,9 +124,12 @@ function polarViews(block: PicturesBlock): View[] {
   const signed: Look = { kind: "palette", palette: "diverging", low: -1, high: 1, fitted: true };
   const degree: Look = { kind: "palette", palette: "sequential", low: 0, high: 1, fitted: true };
   const wheel: Look = { kind: "palette", palette: "cyclic", low: 0, high: 180 };
-  const views: View[] = [
-    { name: "S0, intensity", unit: "DN", look: { kind: "light" }, of: (channels) => ({ planes: groups.map(({ filters }) => stokesOf(cell, channels, filters).s0) }) },
-  ];
+  const light = (title: string, of: (channels: Plane[], filters: Site["color"][]) => Plane): View[] =>
+    lights(groups).map(({ name, groups: together }) => ({
+      name: name ? `${title}, ${name}` : title, unit: "DN", look: { kind: "light" },
+      of: (channels) => ({ planes: together.map(({ filters }) => of(channels, filters)) }),
+    }));
+  const views = light("S0, intensity", (channels, filters) => stokesOf(cell, channels, filters).s0);
   const sets = groups.length > 1 ? [{ name: "", filters: all }, ...groups] : groups;
   for (const { name, filters } of sets) {
     const suffix = name ? `, ${name}` : "";
@@ -126,22 +148,25 @@ function polarViews(block: PicturesBlock): View[] {
       { name: `S2${suffix}`, unit: "DN", look: signed, of: of((s) => s.s2) },
     );
   }
-  for (const angle of [0, 45, 90, 135])
-    views.push({
-      name: `${angle}°`, unit: "DN", look: { kind: "light" },
-      of: (channels) => ({ planes: groups.map(({ filters }) => select(cell, channels, filters, angle)) }),
-    });
+  for (const angle of [0, 45, 90, 135]) views.push(...light(`${angle}°`, (channels, filters) => select(cell, channels, filters, angle)));
   return views;
+}
+
+/** Colours of pixels without a polarizer. One kind of pixels alone is the mosaic. */
+function colorViews({ cell }: PicturesBlock): View[] {
+  const bare = (group: Group) => cell.sites.some(({ color, angle }) => group.filters.includes(color) && angle === null);
+  const groups = colorGroups(cell);
+  if (groups.length === 1) return [];
+  return lights(groups.filter(bare)).map(({ name, groups: together }) => ({
+    name: name || "colour", unit: "DN", look: { kind: "light" },
+    of: (channels) => ({ planes: together.map(({ filters }) => select(cell, channels, filters, null)) }),
+  }));
 }
 
 /** All views of a block, the most telling first. */
 export function viewsOf(block: PicturesBlock, layers: (Plane | null)[][]): View[] {
   const { cell } = block;
-  const polarized = [0, 45, 90, 135].every((angle) => cell.sites.some((site) => site.angle === angle));
-  const groups = colorGroups(cell);
-  const views = polarized ? polarViews(block) : [];
-  if (!polarized && groups.length > 1)
-    views.push({ name: "colour", unit: "DN", look: { kind: "light" }, of: (channels) => ({ planes: groups.map(({ filters }) => select(cell, channels, filters, null)) }) });
+  const views = polarized(cell) ? polarViews(block) : colorViews(block);
   if (block.pictures.length)
     views.push({ name: cell.sites.length > 1 ? "mosaic" : "picture", unit: "DN", look: { kind: "light" }, of: (channels) => ({ planes: [mosaic(block, channels)] }) });
   block.layers.forEach(({ name, unit, palette, low, high }, l) =>
