@@ -4,6 +4,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/calibrate/gaussian_calibration.h"
+#include "malus/image/black_levels.h"
 #include "malus/io/dng_noise.h"
 
 #include <filesystem>
@@ -38,8 +39,7 @@ RawFrame layout_and_levels(const std::filesystem::path& path, const FrameOptions
     return told_by_the_file(path, options);
   RawFrame frame;
   frame.layout = *options.layout;
-  frame.black_dn = options.black_dn;
-  frame.black_dn.resize(static_cast<std::size_t>(frame.layout.channels()), frame.black_dn.front());
+  frame.black_dn = black_per_channel(options.black_dn, frame.layout, path.string());
   frame.white_dn = *options.white_dn;
   frame.gain = options.gain;
   return frame;

@@ -149,6 +149,8 @@ def test_noise_profile_of_a_dng_becomes_a_model(malus, refused, tmp_path):
     assert "that is none" in refused("model", "from-dng", write_dng(tmp_path / "no.dng", []), *facts, "-o", tmp_path / "n.h5")
     refused("model", "from-dng", tmp_path / "flat.npy", *facts, "-o", tmp_path / "n.h5")
     refused("model", "from-dng", frame, *facts, "-o", tmp_path / "m.h5")
+    three = refused("model", "from-dng", frame, *facts[:3], "64,65,66", *facts[4:], "-o", tmp_path / "n.h5")
+    assert "frame.dng: 3 black levels for the 4 channels of bayer-grbg; give one number, or one per channel" in three
     # A frame that nobody here decodes, a JPEG-XL DNG for one: what to do is said.
     told = refused("model", "from-dng", frame, *facts[:4], "-o", tmp_path / "n.h5")
     assert "frame.dng" in told and "without its pixels: give --layout, --black and --white" in told
