@@ -119,10 +119,27 @@ std::vector<ReportInput> all_inputs(const std::vector<fs::path>& given) {
   return inputs;
 }
 
-std::vector<fs::path> paths_of(const std::vector<ReportInput>& inputs) {
-  std::vector<fs::path> paths;
-  for (const ReportInput& input : inputs) paths.push_back(input.path);
-  return paths;
+// What records name: "file" of a picture; "input_file", "result_file" and "reference_file" of a
+// denoise run.
+void add_files_in(const Json& json, const fs::path& folder, std::vector<fs::path>& files) {
+  for (const auto& [key, value] : json.items()) {
+    if (value.is_structured()) add_files_in(value, folder, files);
+    if (value.is_string() && json.is_object() && (key == "file" || key.ends_with("_file")))
+      files.push_back(folder / value.get<std::string>());
+  }
+}
+
+// The inputs and all files behind them. What is wrong with one is said when its page is made.
+std::vector<fs::path> files_behind(const std::vector<ReportInput>& inputs) {
+  std::vector<fs::path> files;
+  for (const auto& [path, of_folder] : inputs) {
+    files.push_back(path);
+    if (!is_json(path)) continue;
+    std::ifstream file(path);
+    const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+    if (json.is_object()) add_files_in(json, path.parent_path(), files);
+  }
+  return files;
 }
 
 // Some errors are of the file itself, others of one that it names.
@@ -172,7 +189,7 @@ void run_report(const ReportArguments& arguments, const Common& common) {
   if (arguments.output.empty() && arguments.figures.empty())
     throw CLI::RequiredError("one of --output and --figures");
   const std::vector<ReportInput> inputs = all_inputs(arguments.inputs);
-  check_output_apart("--output", arguments.output, paths_of(inputs), {}, common.force);
+  check_output_apart("--output", arguments.output, files_behind(inputs), {}, common.force);
   const Report report = report_of(arguments, inputs);
   Json files = Json::array();
   if (!arguments.output.empty()) {

@@ -8,8 +8,10 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "flags.h"
+#include "output_check.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -33,6 +35,9 @@ void add_session_from_emva(CLI::App& app, Common& common) {
                       group.gain.gain_db = arguments->gain_db;
                       frames += std::ssize(group.paths);
                     }
+                    std::vector<std::filesystem::path> read = files_read(session);
+                    read.push_back(arguments->description);
+                    check_output_apart("--output", arguments->output, read, {}, common.force);
                     save_session(arguments->output, session, common.force);
                     for (const auto& line : converted.notes) warn(line);
                     print_result(common,

@@ -165,6 +165,10 @@ def test_emva_description(malus, refused, tmp_path):
     assert 'paths = [\n  "i/b.png",\n]' in out.read_text()
     assert "--force" in refused("session-from-emva", tmp_path / "d.txt", "-o", out)
     assert "does not exist" in refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / "no" / "s.toml")
+    for read in ("d.txt", "i/b.png", "i/d.png"):
+        before = (tmp_path / read).read_bytes()
+        line = refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / read, "--force")
+        assert f"{read}: is an input and would be replaced" in line and (tmp_path / read).read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["d.txt", "i", "s.toml"]
     assert json.loads(malus("info", "--json", tmp_path / "i" / "b.png", "--session", out).out)["white"] == 65535
 

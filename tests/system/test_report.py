@@ -116,6 +116,20 @@ def test_damaged_records_of_runs_are_one_line_that_names_them(malus, refused, tm
     assert "frame_denoised.json" in error and words in error
 
 
+def test_what_a_page_is_made_of_is_never_replaced(malus, refused, tmp_path):
+    np.save(tmp_path / "frame.npy", np.full((32, 48), 500, np.uint16))
+    np.save(tmp_path / "ideal.npy", np.full((32, 48), 420, np.float32))
+    malus("denoise", tmp_path / "frame.npy", "--layout", "polar-mono", "--black", 80, "--white", 4095, "--model", "imx250mzr-simulated",
+          "--gain", 12, "--reference", tmp_path / "ideal.npy", "-o", tmp_path / "out")
+    for made, read in ((tmp_path / "out/frame_denoised.json", ["out/frame_denoised.json", "out/frame_denoised.tif", "frame.npy", "ideal.npy"]),
+                       (record(tmp_path), ["record.json", "clean.npy", "noisy.npy"])):
+        for path in (tmp_path / name for name in read):
+            before = path.read_bytes()
+            assert f"--output {path}: is an input and would be replaced" in refused("report", made, "-o", path, "--force")
+            assert path.read_bytes() == before
+        malus("report", made, "-o", tmp_path / "page.html", "--force")
+
+
 def test_a_number_that_is_no_double_is_one_line(refused, tmp_path):
     (tmp_path / "made.json").write_text('{"kind": "denoise", "white_dn": 1e999}')
     assert "made.json: is not JSON: " in refused("report", tmp_path / "made.json", "-o", tmp_path / "page.html")
