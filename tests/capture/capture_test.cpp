@@ -150,6 +150,13 @@ TEST(Capture, RefusesTheFolderOfAnotherPlanAndImpossibleSettings) {
   EXPECT_THROW(Camera("Fake_99"), InputError);
 }
 
+TEST(Capture, RefusesAPlanInThePlaceOfItsCopy) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  EXPECT_THROW(capture(plan, folder.path(), {}, silent_progress()), InputError);
+  EXPECT_FALSE(std::filesystem::exists(folder / "bias"));
+}
+
 TEST(Capture, ListsTheFakeCameraWithItsFormats) {
   const auto camera = describe_camera("Fake_1");
   EXPECT_FALSE(camera.pixel_formats.empty());

@@ -36,6 +36,10 @@ void claim_folder(const CapturePlan& plan, const fs::path& folder) {
   };
   make_output_folder(folder);
   const fs::path copy = folder / kPlanCopy;
+  std::error_code absent;
+  if (fs::equivalent(plan.source, copy, absent))  // a change of it could not be told
+    throw InputError(plan.source.string(), "lies where its copy is kept beside the frames",
+                     "move it out of that folder, or choose another one");
   if (!fs::exists(copy)) {
     write_file(copy, content(plan.source), false);
   } else if (content(copy) != content(plan.source)) {
