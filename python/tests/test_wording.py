@@ -89,7 +89,7 @@ ERRORS = [
     (lambda m, f: malus.load_frame(f / "codes.npy", black=-1), r"its uint16 codes begin at 0; check black=, or the session file$"),
     (lambda m, f: malus.load_frame(f / "codes.npy", black=99, white=98), r"check black= and white=, or the session file$"),
     (lambda m, f: malus.load_frame(f / "pixels.raw", raw_format="mono8"), r"needs its size; give size= \(width and height\)$"),
-    (lambda m, f: malus.load_frame(f / "pixels.raw", raw_format="mono8", size=(20, 20)), r"check size= and raw_format=$"),
+    (lambda m, f: malus.load_frame(f / "pixels.raw", raw_format="mono8", size=(20, 20)), r"check size= and raw_format=, or the session file$"),
     (lambda m, f: malus.load_frame(f / "codes.npy", size=(20, 20)), r"or the size in the session file or size=$"),
     (lambda m, f: malus.load_frame(f / "text.tif"), r"headerless files with raw_format= and size=$"),
     (lambda m, f: malus.Model("builtin:imx250"), r"; did you mean builtin:.*\? malus.models\(\) shows all$"),

@@ -98,6 +98,17 @@ TEST(CapturePlan, MistakesNameTheKey) {
   EXPECT_NE(problem_of(write_plan(folder, twice)).find("twice"), std::string::npos);
 }
 
+TEST(CapturePlan, WhatIsOfHeaderlessFilesIsRefused) {
+  const TemporaryFolder folder;
+  for (const char* line : {"raw_format = \"mono12p\"\nsize = \"64x32\"\n", "size = \"64x32\"\n"}) {
+    std::string plan = kFakePlan;
+    plan.insert(plan.find("[camera]"), line);
+    const std::string problem = problem_of(write_plan(folder, plan));
+    EXPECT_NE(problem.find(line[0] == 'r' ? "raw_format" : "size"), std::string::npos) << problem;
+    EXPECT_NE(problem.find("written as TIFF"), std::string::npos) << problem;
+  }
+}
+
 TEST(Capture, FakeCameraGivesASessionThatLoads) {
   const TemporaryFolder folder;
   const auto plan = load_capture_plan(write_plan(folder, kFakePlan));

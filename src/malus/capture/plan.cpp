@@ -67,7 +67,13 @@ CapturePlan load_capture_plan(const std::filesystem::path& path) {
   file.require_known({"sensor", "camera", "capture"});
   CapturePlan plan;
   plan.source = path;
-  if (const auto sensor = file.section("sensor")) plan.sensor = parse_sensor(*sensor);
+  if (const auto sensor = file.section("sensor")) {
+    for (const char* key : {"raw_format", "size"})
+      if (sensor->has(key))
+        sensor->fail(key, "is for headerless files, and frames are written as TIFF",
+                     "leave it out: the camera is set by pixel_format, width and height");
+    plan.sensor = parse_sensor(*sensor);
+  }
   if (const auto camera = file.section("camera")) read_camera(*camera, plan);
   const auto entries = file.sections("capture");
   if (entries.empty()) file.fail("capture", "is missing", "describe what to take with [[capture]]");

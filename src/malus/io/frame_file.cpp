@@ -38,7 +38,8 @@ Decoded read_headerless(const fs::path& path, const FrameOptions& options, bool 
     throw InputError(path.string(),
                      fmt::format("it has {} bytes, {}x{} pixels of {} need {}", present,
                                  options.cols, options.rows, raw_format_name(format), needed),
-                     "check " + setting("size") + " and " + setting("raw_format"));
+                     fmt::format("check {} and {}, or the session file", setting("size"),
+                                 setting("raw_format")));
   Decoded decoded;
   decoded.format = raw_format_name(format);
   decoded.sample = fmt::format("uint{}", raw_format_bits(format));
