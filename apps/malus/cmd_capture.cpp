@@ -9,6 +9,7 @@
 #include "live_progress.h"
 #include "program.h"
 #include <fmt/format.h>
+#include <poll.h>
 #include <unistd.h>
 
 namespace malus::app {
@@ -41,11 +42,20 @@ void print_cameras(const Common& common) {
   print_result(common, {{"cameras", json}}, text);
 }
 
+// Reading goes on after Ctrl-C as if nothing had been: it begins where there is a line to read.
+void wait_for_line(const Progress& progress) {
+  constexpr int kPatience_ms = 200;
+  pollfd input{STDIN_FILENO, POLLIN, 0};
+  do check_stop(progress);
+  while (poll(&input, 1, kPatience_ms) <= 0);
+}
+
 // Without a terminal nobody can answer: the prompt is shown and the work goes on.
-void ask(const CaptureStep& step) {
+void ask(const CaptureStep& step, const Progress& progress) {
   tell(step.prompt + "\n");
   if (isatty(STDIN_FILENO) != 1) return;
   tell("Press Enter when ready. ");
+  wait_for_line(progress);
   for (int c = std::getchar(); c != '\n' && c != EOF; c = std::getchar()) continue;
 }
 
@@ -60,7 +70,8 @@ void take(const Common& common, const std::string& plan_path, const std::string&
   const auto progress = make_live_progress(common, remark);
   const auto report =
       capture(plan, folder,
-              {.ask = ask, .watch = [&](const StepReport& step) { remark->set(live_text(step)); }},
+              {.ask = [&](const CaptureStep& step) { ask(step, *progress); },
+               .watch = [&](const StepReport& step) { remark->set(live_text(step)); }},
               *progress);
   Json steps = Json::array();
   std::string text = fmt::format("{}, {}, {:g} frames per second\n", report.camera,

@@ -161,6 +161,23 @@ TEST(Capture, RefusesTheFolderOfAnotherPlanAndImpossibleSettings) {
   EXPECT_THROW(Camera("Fake_99"), InputError);
 }
 
+// A prompt asks for work at the camera: nobody is asked for frames that are there.
+TEST(Capture, AsksForWhatIsLeftToTake) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  std::vector<std::string> asked;
+  const CaptureWatcher watcher{
+      .ask = [&](const CaptureStep& step) { asked.push_back(step.prompt); }};
+  capture(plan, folder / "out", watcher, silent_progress());
+  EXPECT_EQ(asked.size(), 1u);
+  std::filesystem::remove(folder / "out" / "flat/g6/e0.001_l1/f000002.tif");
+  capture(plan, folder / "out", watcher, silent_progress());
+  EXPECT_EQ(asked.size(), 1u);  // the flats have no prompt
+  std::filesystem::remove(folder / "out" / "bias/g6/e0.0001/f000002.tif");  // the second step
+  capture(plan, folder / "out", watcher, silent_progress());
+  EXPECT_EQ(asked, std::vector<std::string>(2, "cover the lens"));
+}
+
 TEST(Capture, RefusesAPlanInThePlaceOfItsCopy) {
   const TemporaryFolder folder;
   const auto plan = load_capture_plan(write_plan(folder, kFakePlan));

@@ -167,6 +167,25 @@ def test_stopped_by_the_user_and_continued(malus, plan, tmp_path):
     check_complete(folder, 600, malus("capture", path, "-o", folder, "--json").json)
 
 
+def test_stopped_where_it_waits_for_the_user(plan, tmp_path):
+    path = plan(5)
+    path.write_text(path.read_text() + 'prompt = "Cover the lens"\n')
+    ours, terminal = os.openpty()
+    with subprocess.Popen([PROGRAM, "capture", path, "-o", tmp_path / "out"], stdin=terminal, stdout=subprocess.DEVNULL,
+                          stderr=subprocess.PIPE, text=True) as process:
+        said = ""
+        while "Press Enter when ready" not in said:
+            said += process.stderr.read(1)
+        process.send_signal(signal.SIGINT)
+        try:
+            assert process.wait(timeout=20) == 130
+        finally:
+            process.kill()
+    os.close(ours)
+    os.close(terminal)
+    assert not (tmp_path / "out" / STEP).exists()
+
+
 def test_what_the_camera_cannot_do_is_refused_before_the_first_frame(refused, plan, tmp_path):
     path = plan(5, more='[[capture]]\nkind = "flat"\ngain_db = 600\nexposure_s = 0.01\nframes = 5\n')
     assert "600 dB" in refused("capture", path, "-o", tmp_path / "out")

@@ -159,6 +159,10 @@ class Run {
       const CaptureWatcher& watcher, Progress& progress)
       : plan_(plan), folder_(folder), camera_(camera), watcher_(watcher), progress_(progress) {}
 
+  bool is_taken(const CaptureStep& step) const {
+    return whole_frames(folder_ / step.folder(), step.frames) == step.frames;
+  }
+
   StepReport take(const CaptureStep& step) {
     StepReport report;
     report.step = step;
@@ -283,8 +287,17 @@ CaptureReport capture(const CapturePlan& plan, const fs::path& folder,
   claim_folder(plan, folder);
   report.frame_rate_hz = camera.set_frame_rate_hz(plan.frame_rate_hz.value_or(0));
   Run run(plan, folder, camera, watcher, progress);
+  const CaptureStep* first = nullptr;  // of its entry
+  bool asked = false;
   for (const auto& step : plan.steps) {
-    if (!step.prompt.empty()) watcher.ask(step);
+    if (!first || first->entry != step.entry) {
+      first = &step;
+      asked = step.prompt.empty();
+    }
+    if (!asked && !run.is_taken(step)) {
+      asked = true;
+      watcher.ask(*first);
+    }
     report.steps.push_back(run.take(step));
   }
   report.session = write_session(plan, folder, report);

@@ -30,7 +30,8 @@ struct CaptureReport {
 
 /// Who stands at the camera.
 struct CaptureWatcher {
-  /// A step with a prompt is about to start: "cover the lens".
+  /// The first frames of an entry with a prompt are about to be taken: "cover the lens". Given its
+  /// first step.
   std::function<void(const CaptureStep&)> ask = [](const CaptureStep&) {};
   /// The live check: the step so far, about once a second and at its end.
   std::function<void(const StepReport&)> watch = [](const StepReport&) {};

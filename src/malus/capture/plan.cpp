@@ -27,9 +27,10 @@ void read_camera(const ConfigSection& section, CapturePlan& plan) {
       plan.features.emplace_back(key, features->text(key).value_or(""));
 }
 
-void add_steps(const ConfigSection& section, std::vector<CaptureStep>& steps) {
+void add_steps(const ConfigSection& section, int entry, std::vector<CaptureStep>& steps) {
   section.require_known({"kind", "gain_db", "exposure_s", "frames", "level", "prompt"});
   CaptureStep step;
+  step.entry = entry;
   step.kind = parse_frame_kind(section);
   step.frames = section.whole_number("frames", 1, kMostFrames).value_or(0);
   if (step.frames == 0)
@@ -77,7 +78,8 @@ CapturePlan load_capture_plan(const std::filesystem::path& path) {
   if (const auto camera = file.section("camera")) read_camera(*camera, plan);
   const auto entries = file.sections("capture");
   if (entries.empty()) file.fail("capture", "is missing", "describe what to take with [[capture]]");
-  for (const auto& entry : entries) add_steps(entry, plan.steps);
+  for (std::size_t i = 0; i < entries.size(); ++i)
+    add_steps(entries[i], static_cast<int>(i), plan.steps);
   std::set<std::string> folders;
   for (const auto& step : plan.steps)
     if (!folders.insert(step.folder()).second)

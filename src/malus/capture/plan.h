@@ -19,7 +19,8 @@ struct CaptureStep {
   double exposure_s = 0;
   int frames = 0;
   std::optional<int> level;  ///< light level: flats number their exposures
-  std::string prompt;        ///< shown before the first step of its entry: "cover the lens"
+  std::string prompt;        ///< of an entry's first step: "cover the lens"
+  int entry = 0;             ///< its [[capture]], from 0
   /// "bias/g24/e0.01": folder of its frames, unique in the plan
   std::string folder() const;
 };
