@@ -9,6 +9,7 @@
 #include <string>
 
 #include "support.h"
+#include <fcntl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -97,6 +98,35 @@ TEST(AtomicFile, TakesAwayWhatAKilledRunLeftOfTheSameFile) {
   write_file(folder / "y.tif", "whole", false);
   EXPECT_FALSE(std::filesystem::exists(other));
   EXPECT_EQ(files_in(folder.path()), 3);
+}
+
+// /dev/stdout is such a link, which a file would have taken the place of.
+TEST(AtomicFile, StreamsAreWrittenWhereTheyArePipes) {
+  const testing::TemporaryFolder folder;
+  const auto stream = folder / "stream", link = folder / "link";
+  const auto lead_to = [&](int fd) {
+    std::filesystem::remove(stream);
+    std::filesystem::create_symlink("/proc/self/fd/" + std::to_string(fd), stream);
+  };
+  std::filesystem::create_symlink("stream", link);
+  const auto target = folder / "target";
+  write_file(target, "old", false);
+  const int file = ::open(target.c_str(), O_WRONLY);
+  lead_to(file);
+  for (const bool force : {false, true}) EXPECT_THROW(write_file(link, "new", force), InputError);
+  ::close(file);
+  EXPECT_THROW(write_file(link, "new", true), InputError);
+  EXPECT_TRUE(std::filesystem::is_symlink(link) && std::filesystem::is_symlink(stream));
+  EXPECT_EQ(content(target), "old");
+
+  int ends[2];
+  ASSERT_EQ(::pipe(ends), 0);
+  lead_to(ends[1]);
+  write_file(link, "new", false);
+  char read[4] = {};
+  EXPECT_EQ(::read(ends[0], read, 3), 3);
+  EXPECT_STREQ(read, "new");
+  for (const int end : ends) ::close(end);
 }
 
 TEST(OutputFolder, GoesAgainWhereNothingWasWritten) {

@@ -29,6 +29,22 @@ bool is_device(const fs::path& path) {
          type == fs::file_type::socket;
 }
 
+// Whether it is a process's open file, as /dev/stdout is.
+bool is_open_stream(fs::path path) {
+  constexpr int kMostLinks = 40;  // as many as the system follows
+  std::error_code error;
+  for (int i = 0; i < kMostLinks; ++i) {
+    const fs::path folder = fs::canonical(folder_of(path), error);
+    if (error) return false;
+    if (folder == "/dev/fd" || (folder.filename() == "fd" && folder.string().starts_with("/proc/")))
+      return true;
+    const fs::path target = fs::read_symlink(path, error);
+    if (error) return false;
+    path = folder / target;
+  }
+  return false;
+}
+
 }  // namespace
 
 void check_output(const fs::path& path, bool force) {
@@ -37,6 +53,10 @@ void check_output(const fs::path& path, bool force) {
       fs::is_directory(path, error))
     throw InputError(path.string(), "is a folder, not a file name", "name a file to write");
   if (is_device(path)) return;
+  // Renaming would replace the link, and the run's own words would be written over the file.
+  if (is_open_stream(path))
+    throw InputError(path.string(), "is an open stream that leads to no pipe or device",
+                     "name the file to write");
   const fs::path folder = folder_of(path);
   if (!fs::is_directory(folder, error))
     throw InputError(path.string(),

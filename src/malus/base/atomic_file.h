@@ -10,7 +10,8 @@
 namespace malus {
 
 /// Fails early, before hours of work: throws InputError when path exists and force is false, is a
-/// folder, or lies in a folder that is missing or cannot be written.
+/// folder, lies in a folder that is missing or cannot be written, or is an open stream
+/// (/dev/stdout) that leads to a file.
 void check_output(const std::filesystem::path& path, bool force);
 
 /// Makes the folder and its parents where they are missing; throws InputError when that fails or a
@@ -31,8 +32,8 @@ class OutputFolder {
 };
 
 /// A file under construction. Without commit() nothing remains of it. An existing device or pipe
-/// (/dev/null, /dev/stdout) is written directly. What a killed run left of the same file goes
-/// (unfinished_files.h).
+/// (/dev/null, /dev/stdout where it is one) is written directly. What a killed run left of the same
+/// file goes (unfinished_files.h).
 class AtomicFile {
  public:
   /// As check_output.
