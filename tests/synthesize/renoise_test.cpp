@@ -6,11 +6,13 @@
 #include "malus/base/statistics.h"
 #include "malus/noise/distribution.h"
 #include "malus/synthesize/compiled.h"
+#include "malus/synthesize/model_renoiser.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "bayer_model.h"
 #include "sample_moments.h"
 #include <gtest/gtest.h>
 
@@ -201,6 +203,22 @@ TEST(Renoiser, RoundingOfTheResultIsNoMoreNoise) {
   const double target = testing::moments_of(round(recorded(to, 6))).variance();
   // q²/12 twice would be 0.046 of it more; five standard errors of the two are 0.017.
   EXPECT_NEAR(testing::moments_of(round(ours)).variance(), target, 0.02 * target);
+}
+
+// Frames of floats have no step: what is written is whole numbers all the same.
+TEST(ModelRenoiser, RoundsToWholeNumbersWhereTheModelHasNoStep) {
+  NoiseModel model = testing::bayer_model();
+  model.quantization_dn = 0;
+  for (const char* method : {"naive", "noise-on-noise"}) {
+    RenoiseSettings settings;
+    settings.method = method;
+    const ModelRenoiser renoiser(model, testing::kGain, testing::kGain, settings, true);
+    const Image noisy(64, 64, 500.0f);
+    Image dn(64, 64, 500.0f);
+    renoiser.apply(noisy, dn, {.seed = 3});
+    EXPECT_NEAR(testing::moments_of(dn).mean(), 64 + 500, 10) << method;
+    for (const float v : dn.values()) ASSERT_EQ(v, std::nearbyint(v)) << method;
+  }
 }
 
 TEST(Renoiser, GainsWithoutACommonLevelAreRefused) {

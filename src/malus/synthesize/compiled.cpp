@@ -145,7 +145,7 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
   job.cols = cols;
   job.in_u16 = in_u16;
   job.out_u16 = out_u16;
-  job.step_dn = static_cast<float>(camera.step_dn);
+  job.step_dn = static_cast<float>(camera.whole_step_dn());
   job.white_dn = static_cast<float>(std::min(camera.white_dn, 65535.0));
   std::vector<double> deviates(static_cast<std::size_t>(rows), 0.0);
   if (parts_.row_noise) deviates = row_deviates(address, rows, parts_.row_group, parts_.row_drift);

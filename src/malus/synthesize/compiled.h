@@ -30,7 +30,9 @@ struct GaussianChannel {
 struct CameraOutput {
   std::vector<double> black_dn;  ///< one per channel
   double white_dn = 65535;       ///< black included
-  double step_dn = 1;
+  double step_dn = 1;            ///< 0: of a model whose frames no converter rounded
+  /// What is written is whole numbers all the same.
+  double whole_step_dn() const { return step_dn > 0 ? step_dn : 1.0; }
 };
 
 /// One channel's numbers in the sampler's precision.

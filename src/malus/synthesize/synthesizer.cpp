@@ -290,8 +290,7 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
   noise.dn = Image(clean_dn.rows(), clean_dn.cols());
   static_cast<FrameParameters&>(noise) = noisy(clean_dn, noise.dn, gain, address, true);
   if (drawn) *drawn = noise;
-  CameraOutput camera{black_dn, white_dn,
-                      model_.quantization_dn > 0 ? model_.quantization_dn : 1.0};
+  CameraOutput camera{black_dn, white_dn, model_.quantization_dn};
   round_as_camera(noise.dn, model_.layout, camera, address.row0, address.col0);
   RawFrame raw;
   raw.layout = model_.layout;
@@ -322,7 +321,8 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
 
 void round_as_camera(View<float> dn, const SensorLayout& layout, const CameraOutput& camera,
                      int row0, int col0) {
-  const auto step = static_cast<float>(camera.step_dn), white = static_cast<float>(camera.white_dn);
+  const auto step = static_cast<float>(camera.whole_step_dn()),
+             white = static_cast<float>(camera.white_dn);
   parallel_for(0, dn.rows(), kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < end; ++r)
       for (int c = 0; c < dn.cols(); ++c) {
