@@ -1,8 +1,10 @@
 // What every switch of synthesis means to each kind, and where dark frames are laid.
 #include "malus/base/error.h"
 #include "malus/base/random.h"
+#include "malus/synthesize/formation.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <cmath>
 #include <set>
 
 #include "bayer_model.h"
@@ -146,6 +148,31 @@ TEST(Synthesizer, RoundedDarkFramesKeepTheMeanOfTheLight) {
     const double variance = 0.5 * light_dn + 1.0 / 6;
     EXPECT_NEAR(sum / (kSide * kSide), light_dn, 4 * std::sqrt(variance) / kSide) << light_dn;
   }
+}
+
+// Two pixels share a block of random words (pixel_words): what goes before the rounding of one is
+// not the shot noise of the other.
+TEST(Synthesizer, PixelsOfRoundedDarkFramesHaveNothingInCommon) {
+  NoiseModel model = bayer_model();
+  constexpr int kSide = 512;
+  model.dark_frames = {{.gain = kGain, .frames_dn = {Image(kSide, kSide, 2.0f)}}};
+  for (auto& calibration : model.physics)
+    for (auto& K : calibration.K.mean) K = 0.5;
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  const RawFrame frame =
+      Synthesizer(model, settings)
+          .draw_raw(Image(kSide, kSide, 1.0f), kGain, {.seed = 8}, {64, 64, 64, 64}, 4095);
+  double sum_a = 0, sum_b = 0, square_a = 0, square_b = 0, product = 0, pairs = 0;
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide / 2; ++c) {
+      const double a = frame.dn(r, c), b = frame.dn(r, kGroupColumns * (c / 16) + 16 + c % 16);
+      sum_a += a, sum_b += b, square_a += a * a, square_b += b * b, product += a * b, ++pairs;
+    }
+  const double covariance = product / pairs - sum_a * sum_b / pairs / pairs,
+               variance_a = square_a / pairs - sum_a * sum_a / pairs / pairs,
+               variance_b = square_b / pairs - sum_b * sum_b / pairs / pairs;
+  EXPECT_LT(std::abs(covariance) / std::sqrt(variance_a * variance_b), 5 / std::sqrt(pairs));
 }
 
 TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {

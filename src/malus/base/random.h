@@ -75,6 +75,7 @@ enum class Draw : std::uint32_t {
   kRow = 1,         ///< per row group of a frame
   kParameters = 2,  ///< per frame: gains, biases, sampled model parameters
   kScene = 3,       ///< clean material: crops, textures, polarization
+  kDither = 4,      ///< per pixel of a frame: what goes before a rounding
   kUser = 64,       ///< first of the caller's own
 };
 

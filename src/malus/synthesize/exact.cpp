@@ -120,11 +120,6 @@ std::vector<double> row_deviates(const DrawAddress& address, int rows, int row_g
   return z;
 }
 
-double quantization_draw(double step_dn, const DrawAddress& address, int row, int col) {
-  return quantization_of(
-      step_dn, random_block(address.seed, address.frame, pixel_index(row, col), Draw::kPixel));
-}
-
 double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn,
                         const DrawAddress& address, int row, int col) {
   if (!std::isfinite(signal_dn)) return signal_dn;

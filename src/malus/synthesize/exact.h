@@ -41,9 +41,6 @@ double row_group_draw(const DrawAddress& address, std::int64_t group);
 std::vector<double> row_deviates(const DrawAddress& address, int rows, int row_group,
                                  const RowDrift& drift);
 
-/// Quantisation noise of one pixel, U(-step/2, step/2) [DN]: the draw that draw_pixel_exact adds.
-double quantization_draw(double step_dn, const DrawAddress& address, int row, int col);
-
 /// One pixel without its row term. signal_dn <= 0 has no shot noise and keeps its (negative) value;
 /// NaN and infinities stay what they are.
 double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn,

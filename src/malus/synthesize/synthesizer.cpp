@@ -37,6 +37,14 @@ double mean_bias(const PhysicsNoise& noise) {
   return sum / static_cast<double>(noise.channels.size());
 }
 
+// U(-step/2, step/2), of words that no pixel's noise is made of.
+float dither(double step_dn, const DrawAddress& address, int row, int col) {
+  const std::uint64_t index =
+      std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | static_cast<std::uint32_t>(col);
+  const PhiloxBlock block = random_block(address.seed, address.frame, index, Draw::kDither);
+  return static_cast<float>(step_dn * (uniform_open(block.word[0]) - 0.5));
+}
+
 // The frame's bias frame, laid over the picture so that pixels meet their own place on the sensor;
 // banks smaller than the picture repeat. Codes are whole numbers, and rounding their sums with
 // multiples of K would shift the mean wherever K is near a simple fraction of the step: where the
@@ -49,9 +57,7 @@ void add_dark_frame(const DarkFrameBank& bank, const DrawAddress& address, doubl
     const float* row = dark.row((address.row0 + r) % dark.rows());
     for (int c = 0; c < dn.cols(); ++c) {
       dn(r, c) += row[(address.col0 + c) % dark.cols()];
-      if (dither_dn > 0)
-        dn(r, c) += static_cast<float>(
-            quantization_draw(dither_dn, address, address.row0 + r, address.col0 + c));
+      if (dither_dn > 0) dn(r, c) += dither(dither_dn, address, address.row0 + r, address.col0 + c);
     }
   }
 }
