@@ -78,6 +78,24 @@ TEST(SessionChecks, ACleanSessionIsLeftAlone) {
   EXPECT_THAT(warnings_of(simulated_session(mono_camera())), ::testing::IsEmpty());
 }
 
+// What a gain in ISO is in dB depends on the camera. Said before any frame is read.
+TEST(SessionChecks, GainsInTwoUnitsAreRefusedAtOnce) {
+  CalibrationInput input;
+  for (const GainSetting& gain : {GainSetting{0.0, {}}, GainSetting{{}, 100.0}})
+    for (const FrameKind kind : {FrameKind::kBias, FrameKind::kBurst})
+      input.sets.push_back({.kind = kind,
+                            .gain = gain,
+                            .count = 4,
+                            .load = [](int) -> RawFrame { throw std::logic_error("read"); },
+                            .name = ""});
+  const auto line = [&] {
+    return problem_of([&] { (void)calibrate(input, {}, {"gaussian"}, silent_progress()); });
+  };
+  EXPECT_THAT(line(), AllOf(HasSubstr("0 dB"), HasSubstr("ISO 100")));
+  std::erase_if(input.sets, [](const FrameSet& set) { return set.kind == FrameKind::kBias; });
+  EXPECT_THAT(line(), AllOf(HasSubstr("0 dB"), HasSubstr("ISO 100")));
+}
+
 TEST(SessionChecks, DarkAndFlatFramesExchangedAreSaid) {
   for (const int level : {0, 3}) {
     SimulatedCamera camera = mono_camera();

@@ -39,6 +39,7 @@ struct GainPlan {
 
 // Highest gain first: there row noise is largest against rounding, and the row group is decided.
 std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
+  require_one_gain_unit(input);
   std::vector<GainPlan> plans;
   for (const FrameSet& set : input.sets) {
     if (set.kind != FrameKind::kBias && set.kind != FrameKind::kFlat) continue;

@@ -145,6 +145,19 @@ const FrameSet* bias_set_at(const GainSetting& gain, const CalibrationInput& inp
   return largest;
 }
 
+void require_one_gain_unit(const CalibrationInput& input) {
+  const FrameSet *in_db = nullptr, *in_iso = nullptr;
+  for (const FrameSet& set : input.sets) {
+    if (set.gain.gain_db && !in_db) in_db = &set;
+    if (set.gain.iso && !in_iso) in_iso = &set;
+  }
+  if (in_db && in_iso)
+    throw InputError(input.origin.empty() ? "session" : input.origin,
+                     fmt::format("names gains in dB ({}) and in ISO ({})", in_db->gain.text(),
+                                 in_iso->gain.text()),
+                     "give gain_db for all frames, or iso for all");
+}
+
 RawFrame load_first(const FrameSet& set) {
   constexpr int kFewestCells = 4;
   RawFrame first = set.load(0);

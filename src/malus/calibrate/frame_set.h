@@ -43,6 +43,10 @@ CalibrationInput calibration_input(const Session& session);
 /// and their dark signal. Null where there is none.
 const FrameSet* bias_set_at(const GainSetting& gain, const CalibrationInput& input);
 
+/// Throws InputError where some sets name their gain in dB and others in ISO: what one is of the
+/// other depends on the camera, and no model over gain is made of both.
+void require_one_gain_unit(const CalibrationInput& input);
+
 /// The set's first frame, which tells size, layout, black and white. Throws InputError when it is
 /// smaller than four cells of its layout in either direction: there is nothing to average.
 RawFrame load_first(const FrameSet& set);

@@ -191,6 +191,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
       has_frames(input, FrameKind::kBias)) {
     model = calibrate_physics(input, settings, progress);
   } else {
+    require_one_gain_unit(input);
     model.sensor = input.sensor;
     model.origin = input.origin;
     model.row_group = input.row_group.value_or(1);
