@@ -8,6 +8,7 @@
 #include "malus/noise/distribution.h"
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/compiled_kernel.h"
+#include "malus/synthesize/formation.h"
 #include "malus/synthesize/scalar_formation.h"
 
 #include <algorithm>
@@ -283,6 +284,28 @@ TEST(Compiled, PureShotNoiseIsWholeElectrons) {
     ASSERT_GE(v, -1e-5f);
     ASSERT_NEAR(v, std::round(v), 2e-5f);
   }
+}
+
+// A tenth of a thousandth of an electron is light, too.
+TEST(Compiled, ShotNoiseKeepsTheFaintestLight) {
+  for (const float mean : {1e-4f, 1e-5f, 1e-6f, 1e-7f}) {
+    const auto word = [mean](double share) {
+      return static_cast<std::uint32_t>(share * static_cast<double>(mean) * 0x1p32);
+    };
+    EXPECT_EQ(shot_upper_tail(mean, word(0.5)), 1.0f) << mean;
+    EXPECT_EQ(shot_upper_tail(mean, word(2.0)), 0.0f) << mean;
+  }
+  EXPECT_EQ(shot_upper_tail(0.0f, 0), 0.0f);
+  PhysicsNoise noise = mono_noise({.gain_dn_per_e = 1.0});
+  noise.parts = {.shot = true, .read = false, .row = false, .quantization = false, .bias = false};
+  constexpr int kSide = 2048;
+  const Image clean(kSide, kSide, 3e-5f);
+  Image noisy(kSide, kSide);
+  CompiledNoise(noise).apply(clean, noisy, {.seed = 3});
+  double electrons = 0;
+  for (const float v : noisy.values()) electrons += std::round(static_cast<double>(v));
+  const double expected = 3e-5 * kSide * kSide;
+  EXPECT_NEAR(electrons, expected, 4 * std::sqrt(expected));
 }
 
 TEST(Compiled, GaussianKindHasTheStatedVariance) {

@@ -61,9 +61,11 @@ MALUS_HOST_DEVICE inline float shot_upper_tail(float mean, std::uint32_t word) {
   const double p = (static_cast<double>(word & 0x7FFFFFFFu) + 0.5) * 0x1p-32;
   const double m = static_cast<double>(mean);
   constexpr int kFar = 60;
+  constexpr double kLeast = 1e-300;  // below, double precision loses digits, then everything
   double probability = exp(-m), beyond = 0.0;  // of k, and of all from k on
-  for (int k = 1; k <= kFar; ++k) probability *= m / k;
-  for (int k = kFar; k > 0 && probability > 0.0; --k) {
+  int far = 0;
+  while (far < kFar && probability * m > kLeast * (far + 1)) probability *= m / ++far;
+  for (int k = far; k > 0; --k) {
     beyond += probability;
     if (beyond > p) return static_cast<float>(k);
     probability *= k / m;
