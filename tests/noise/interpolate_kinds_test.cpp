@@ -23,10 +23,11 @@ double true_sd(double iso_value, double signal_dn) {
   return std::sqrt(K * signal_dn + 4.0 * K * K + 0.25);
 }
 
-NonparametricCalibration gaussian_noise(double iso_value, const Values& levels, double step_dn) {
+NonparametricCalibration gaussian_noise(double iso_value, const Values& levels,
+                                        const Values& edges) {
   NonparametricChannel channel;
   channel.level_dn = levels;
-  for (double edge = -40; edge <= 40; edge += step_dn) channel.bin_edges_dn.push_back(edge);
+  channel.bin_edges_dn = edges;
   for (double level : levels) {
     Values pmf;
     double sum = 0;
@@ -47,6 +48,24 @@ NonparametricCalibration gaussian_noise(double iso_value, const Values& levels, 
   n.sigma_row_dn = {0.1 * iso_value / 100};
   n.K = {iso_value / 400};
   return n;
+}
+
+NonparametricCalibration gaussian_noise(double iso_value, const Values& levels, double step_dn) {
+  Values edges;
+  for (double edge = -40; edge <= 40; edge += step_dn) edges.push_back(edge);
+  return gaussian_noise(iso_value, levels, edges);
+}
+
+// As calibration chooses them: a sixth of the dark deviation near zero, growing outwards.
+Values growing_edges(double iso_value, double brightest_dn) {
+  double width = true_sd(iso_value, 0) / 6;
+  Values edges{0};
+  for (int i = 0; edges.back() < 7 * true_sd(iso_value, brightest_dn); ++i) {
+    if (i >= 42) width *= 1.05;
+    edges.insert(edges.begin(), edges.front() - width);
+    edges.push_back(edges.back() + width);
+  }
+  return edges;
 }
 
 // √JSD in bits of the interpolated level against the true Gaussian, on the interpolated bins.
@@ -96,8 +115,28 @@ TEST(InterpolateNonparametric, UniformStaysUniform) {
   const NonparametricChannel middle = interpolated(low, high, iso(400)).channels[0];
   EXPECT_NEAR(middle.bin_edges_dn.front(), -1.0, 1e-12);
   EXPECT_NEAR(middle.bin_edges_dn.back(), 1.0, 1e-12);
-  const double even = 1.0 / static_cast<double>(middle.pmf[0].size());
-  for (double p : middle.pmf[0]) EXPECT_NEAR(p, even, 1e-12);
+  for (std::size_t b = 0; b < middle.pmf[0].size(); ++b)
+    EXPECT_NEAR(middle.pmf[0][b], 0.5 * (middle.bin_edges_dn[b + 1] - middle.bin_edges_dn[b]),
+                1e-12);
+}
+
+TEST(InterpolateNonparametric, BinsThatGrowOutwardsLeaveTheDarkNoiseAsItIs) {
+  const Values levels = {0, 100, 4000};
+  const auto low = gaussian_noise(100, levels, growing_edges(100, 4000));
+  const auto high = gaussian_noise(800, levels, growing_edges(800, 4000));
+  const auto sd = [](const NonparametricCalibration& n, std::size_t level) {
+    return std::sqrt(level_moments(n.channels[0], level).variance_dn2);
+  };
+  for (const double iso_value : {110.0, 200.0, 400.0, 760.0}) {
+    const NonparametricCalibration middle = interpolated(low, high, iso(iso_value));
+    const double t = std::log(iso_value / 100) / std::log(8.0);
+    for (std::size_t level = 0; level < levels.size(); ++level)
+      EXPECT_NEAR(sd(middle, level),
+                  std::exp((1 - t) * std::log(sd(low, level)) + t * std::log(sd(high, level))),
+                  0.01 * sd(middle, level))
+          << "ISO " << iso_value << ", " << levels[level] << " DN";
+    EXPECT_LE(middle.channels[0].pmf[0].size(), 2 + low.channels[0].pmf[0].size());
+  }
 }
 
 TEST(InterpolateNonparametric, LevelsOfBothInTheSharedRange) {

@@ -13,8 +13,6 @@ namespace {
 
 using Values = std::vector<double>;
 
-constexpr std::size_t kMaxBins = 4096;
-
 double share(const GainSetting& low, const GainSetting& high, const GainSetting& gain) {
   const double t = (*gain.decibel() - *low.decibel()) / (*high.decibel() - *low.decibel());
   MALUS_REQUIRE(t >= 0 && t <= 1);
@@ -61,30 +59,47 @@ std::int64_t fewest_samples(const NonparametricChannel& channel) {
              : *std::min_element(channel.samples.begin(), channel.samples.end());
 }
 
+// The i-th of `bins` + 1 edges that divide a channel's bins as evenly as their number allows.
+double edge_of(const NonparametricChannel& channel, std::size_t i, std::size_t bins) {
+  const Values& edges = channel.bin_edges_dn;
+  const double at =
+      static_cast<double>(i) * static_cast<double>(edges.size() - 1) / static_cast<double>(bins);
+  const std::size_t below = std::min(static_cast<std::size_t>(at), edges.size() - 2);
+  return edges[below] + (at - static_cast<double>(below)) * (edges[below + 1] - edges[below]);
+}
+
+// Edge by edge as the quantiles of the darkest level are mixed: bins that are fine for the dark
+// noise of both gains are fine for what lies between them. Ends at first and last.
+Values mixed_edges(const NonparametricChannel& low, const NonparametricChannel& high, double t,
+                   double first_dn, double last_dn) {
+  const std::size_t bins = std::max(low.bin_edges_dn.size(), high.bin_edges_dn.size()) - 1;
+  Values edges{first_dn};
+  for (std::size_t i = 0; i <= bins; ++i) {
+    const double edge = (1 - t) * edge_of(low, i, bins) + t * edge_of(high, i, bins);
+    if (edge > edges.back() && edge < last_dn) edges.push_back(edge);
+  }
+  edges.push_back(last_dn);
+  return edges;
+}
+
 NonparametricChannel interpolated_channel(const NonparametricChannel& low,
                                           const NonparametricChannel& high, double t) {
   NonparametricChannel out;
   out.level_dn = common_levels(low, high);
   std::vector<Cumulative> levels;
-  double first = 0, last = 0;
+  double first = 0, last = 0, darkest_t = t;
   for (double level : out.level_dn) {
     const Cumulative a = noise_at(low, level), b = noise_at(high, level);
     const double sd_a = a.standard_deviation(), sd_b = b.standard_deviation();
     const double sd = mixed(sd_a, sd_b, t);
-    levels.push_back(quantile_mean(a, b, sd_a == sd_b ? t : (sd - sd_a) / (sd_b - sd_a)));
+    const double level_t = sd_a == sd_b ? t : (sd - sd_a) / (sd_b - sd_a);
+    if (levels.empty()) darkest_t = level_t;
+    levels.push_back(quantile_mean(a, b, level_t));
     first = std::min(first, levels.back().x.front());
     last = std::max(last, levels.back().x.back());
   }
-  const auto width = [](const NonparametricChannel& channel) {
-    return (channel.bin_edges_dn.back() - channel.bin_edges_dn.front()) /
-           static_cast<double>(channel.bin_edges_dn.size() - 1);
-  };
-  const double wanted = (last - first) / mixed(width(low), width(high), t);
-  const auto bins =
-      std::clamp<std::size_t>(static_cast<std::size_t>(std::ceil(wanted)), 1, kMaxBins);
-  for (std::size_t b = 0; b <= bins; ++b)
-    out.bin_edges_dn.push_back(first +
-                               (last - first) * static_cast<double>(b) / static_cast<double>(bins));
+  out.bin_edges_dn = mixed_edges(low, high, darkest_t, first, last);
+  const std::size_t bins = out.bin_edges_dn.size() - 1;
   for (const Cumulative& level : levels) {
     Values pmf;
     double below = 0;

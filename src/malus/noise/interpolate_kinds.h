@@ -16,7 +16,8 @@ GaussianCalibration interpolated(const GaussianCalibration& low, const GaussianC
 /// Quantile functions at equal probability: Q = (1-t) Q_low + t Q_high per level, with t such that
 /// the standard deviation goes geometrically with the gain in dB, as noise does. Levels are those
 /// of both gains inside the range they share; between a gain's levels its distributions are mixed
-/// by the fractional distance, as when sampling. samples holds the smaller count.
+/// by the fractional distance, as when sampling. Bin edges are mixed like the quantiles of the
+/// darkest level, which bins are finest for. samples holds the smaller count.
 NonparametricCalibration interpolated(const NonparametricCalibration& low,
                                       const NonparametricCalibration& high,
                                       const GainSetting& gain);
