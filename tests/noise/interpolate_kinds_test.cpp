@@ -189,6 +189,22 @@ TEST(InterpolateNonparametric, ThroughTheModel) {
   EXPECT_NEAR(low, 200, 40);
 }
 
+TEST(ConversionGainBreaks, AreNoneBetweenGainsThatKnowKAndGainsThatDoNot) {
+  const Values levels = {0, 100};
+  std::vector<NonparametricCalibration> gains;
+  for (const double iso_value : {100.0, 200.0, 400.0, 800.0})
+    gains.push_back(gaussian_noise(iso_value, levels, 0.5));
+  EXPECT_TRUE(conversion_gain_breaks(gains).empty());
+  for (const std::size_t unknown : {0U, 1U, 3U}) {
+    auto some = gains;
+    some[unknown].K.clear();
+    EXPECT_TRUE(conversion_gain_breaks(some).empty()) << unknown;
+  }
+  // Where all know it, a step of K alone is one.
+  for (const std::size_t i : {2U, 3U}) gains[i].K[0] *= 3;
+  EXPECT_EQ(conversion_gain_breaks(gains), (std::vector<int>{1}));
+}
+
 TEST(InterpolateGaussian, GoesGeometricallyAndThroughZeroLinearly) {
   GaussianCalibration low, high;
   low.gain = iso(100);

@@ -159,9 +159,13 @@ std::vector<int> conversion_gain_breaks(const std::vector<GaussianCalibration>& 
 
 std::vector<int> conversion_gain_breaks(const std::vector<NonparametricCalibration>& calibrations) {
   Values db, log_K, log_noise;
+  // Logarithms of K and of the gain setting differ by that of K at 0 dB: the two do not mix.
+  const bool K_known = std::all_of(
+      calibrations.begin(), calibrations.end(),
+      [](const NonparametricCalibration& n) { return !n.K.empty() && mean_of(n.K) > 0; });
   for (const NonparametricCalibration& n : calibrations) {
     db.push_back(*n.gain.decibel());
-    log_K.push_back(n.K.empty() ? kLogPerDb * db.back() : std::log(mean_of(n.K)));
+    log_K.push_back(K_known ? std::log(mean_of(n.K)) : kLogPerDb * db.back());
     double sum = 0;
     for (const NonparametricChannel& channel : n.channels)
       sum += 0.5 * std::log(std::max(level_moments(channel, 0).variance_dn2, 1e-12));

@@ -23,7 +23,8 @@ NonparametricCalibration interpolated(const NonparametricCalibration& low,
                                       const GainSetting& gain);
 
 /// Indices i such that calibrations i and i+1 lie on different conversion gains, judged by the
-/// calibrations alone (joint_gain.h, conversion_gain_breaks).
+/// calibrations alone (joint_gain.h, conversion_gain_breaks). Where a non-parametric one lacks K,
+/// that of all counts as the gain setting tells it.
 std::vector<int> conversion_gain_breaks(const std::vector<GaussianCalibration>& calibrations);
 std::vector<int> conversion_gain_breaks(const std::vector<NonparametricCalibration>& calibrations);
 
