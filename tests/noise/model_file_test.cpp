@@ -172,6 +172,28 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { m.dark_frames[0].frames_dn[0] = Image(4, 5); }), "");
 }
 
+// What is drawn between the measured gains is as possible as what is drawn at them.
+TEST(ModelFile, RefusesJointModelsThatGiveNoNoise) {
+  const auto problem_after = [](auto change) {
+    NoiseModel model = testing::full_model();
+    change(model.joint->segments);
+    return contradiction_in(model);
+  };
+  for (const double lambda : {-0.6, 1e6})
+    EXPECT_NE(problem_after([&](auto& s) { s[0].lambda[1][0] = lambda; }), "");
+  for (const double ratio : {-1.0, 0.0})
+    EXPECT_NE(problem_after([&](auto& s) { s[0].K_ratio[1] = ratio; }), "");
+  for (const double intercept : {2000.0, -2000.0})
+    EXPECT_NE(problem_after([&](auto& s) { s[0].K_of_gain.intercept = intercept; }), "");
+  EXPECT_NE(problem_after([](auto& s) { s[0].sigma_tl[1].intercept = 2000; }), "");
+  EXPECT_NE(problem_after([](auto& s) {
+              s[0].mu_variance[0].signed_linear = true;
+              s[0].mu_variance[0].intercept = -1000;
+            }),
+            "");
+  EXPECT_NE(problem_after([](auto& s) { s.push_back(s[0]); }), "");
+}
+
 // What plots and sums of a model rest on: a number in every pixel and point, cells of some width.
 TEST(ModelFile, RefusesMapsPointsAndCountsThatAreNoNumbers) {
   const auto problem_after = [](auto change) {

@@ -57,6 +57,12 @@ TEST(ModelAtGain, RefusesWhatIsNotCalibrated) {
   EXPECT_NE(problem_of([&] { (void)model.physics_at(db(-1)); }), "");
   const PhysicsNoise beyond = model.physics_at(db(18), GainRange::kAllowExtrapolation);
   EXPECT_NEAR(beyond.channels[0].gain_dn_per_e, 0.98 * 0.4 * std::pow(10.0, 0.9), 1e-9);
+  for (const double far_db : {-9000.0, 9000.0})
+    EXPECT_NE(problem_of([&] {
+                (void)model.physics_at(db(far_db), GainRange::kAllowExtrapolation);
+              }).find("possible"),
+              std::string::npos)
+        << far_db;
   EXPECT_NE(problem_of([&] { (void)model.physics_at(iso(200)); }).find("dB"), std::string::npos);
   EXPECT_NE(problem_of([&] { (void)model.physics_at({}); }).find("give gain"), std::string::npos);
   NoiseModel no_joint = model;

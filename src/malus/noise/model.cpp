@@ -6,6 +6,7 @@
 #include "malus/noise/column_noise.h"
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/level_noise.h"
+#include "malus/noise/parameter_sampler.h"
 
 #include <algorithm>
 #include <cmath>
@@ -274,6 +275,10 @@ NoiseModel sensor_alone(const NoiseModel& model) {
   sensor.black_dn = model.black_dn;
   sensor.white_dn = model.white_dn;
   sensor.quantization_dn = model.quantization_dn;
+  if (!are_possible(p))
+    throw InputError(gain.text(),
+                     "so far from the calibrated gains the laws give no possible noise",
+                     "use a gain nearer to them");
   sensor.row_group = model.row_group;
   sensor.row_group_origin = model.row_group_origin;
   sensor.origin = model.origin;

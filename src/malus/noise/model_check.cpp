@@ -1,5 +1,6 @@
 // Contradictions inside a noise model: what a file may claim and no sensor can be.
 #include "malus/noise/model.h"
+#include "malus/noise/parameter_sampler.h"
 #include "malus/noise/physics.h"
 
 #include <algorithm>
@@ -93,6 +94,14 @@ void check_transfer(Findings& findings, const PhotonTransferPoint& point, int ch
                    where, "holds a value that is not finite");
 }
 
+void check_lambda(Findings& findings, const std::vector<double>& values, const std::string& where) {
+  for (double lambda : values)
+    findings.require(lambda > kNoVarianceLambda && lambda <= kHighestLambda, where,
+                     fmt::format("is {}, not above {} (the read noise would have no variance) and "
+                                 "at most {}",
+                                 lambda, kNoVarianceLambda, kHighestLambda));
+}
+
 void check_physics(Findings& findings, const PhysicsCalibration& p, const SensorLayout& layout) {
   const std::string at = gain_prefix(p.gain);
   const int channels = layout.channels();
@@ -105,11 +114,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   check_statistics(findings, p.sigma_column, channels, at + "sigma_column", Need::kOptional);
   for (double K : p.K.mean)
     findings.require(K > 0, at + "K", fmt::format("is {}, not positive", K));
-  for (double lambda : p.lambda.mean)
-    findings.require(lambda > kNoVarianceLambda && lambda <= kHighestLambda, at + "lambda",
-                     fmt::format("is {}, not above {} (the read noise would have no variance) and "
-                                 "at most {}",
-                                 lambda, kNoVarianceLambda, kHighestLambda));
+  check_lambda(findings, p.lambda.mean, at + "lambda");
   for (const double sigma : p.sigma_tl.mean)
     findings.require(sigma >= 0, at + "sigma_tl", fmt::format("is {}: a negative scale", sigma));
   for (const double sigma : p.sigma_row.mean)
@@ -152,6 +157,14 @@ void check_laws(Findings& findings, const std::vector<LogLinear>& laws, std::siz
   }
 }
 
+// What the laws give at their knots; between them their exponents are linear. Contract: sizes fit.
+void check_knots(Findings& findings, const JointSegment& s) {
+  for (const double gain_db : s.knots_db)
+    findings.require(are_possible(joint_parameters(s, gain_db)),
+                     fmt::format("joint model: the laws at {:g} dB", gain_db),
+                     "give a value that is not finite, or a K that is not positive");
+}
+
 void check_segment(Findings& findings, const JointSegment& s, int channels) {
   const auto n = static_cast<std::size_t>(channels);
   const std::size_t knots = s.knots_db.size();
@@ -161,6 +174,8 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
                    "joint model: gains", "are not rising");
   check_values(findings, s.knots_log_K, knots, "joint model: log K", Need::kRequired);
   check_values(findings, s.K_ratio, n, "joint model: K_ratio", Need::kRequired);
+  for (const double ratio : s.K_ratio)
+    findings.require(ratio > 0, "joint model: K_ratio", fmt::format("is {}, not positive", ratio));
   check_laws(findings, {s.K_of_gain}, 1, knots, "joint model: K_of_gain");
   check_laws(findings, s.minus_mu, n, knots, "joint model: minus_mu");
   check_laws(findings, s.mu_variance, n, knots, "joint model: mu_variance");
@@ -173,12 +188,27 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
   check_matrix(findings, s.mu_correlation, channels, "joint model: mu_correlation");
   check_matrix(findings, s.sigma_row_correlation, channels, "joint model: sigma_row_correlation");
   findings.require(s.lambda.size() == knots, "joint model: lambda", "does not fit its gains");
-  for (const auto& knot : s.lambda)
+  for (const auto& knot : s.lambda) {
     check_values(findings, knot, n, "joint model: lambda", Need::kRequired);
+    check_lambda(findings, knot, "joint model: lambda");
+  }
   findings.require(s.row_drift.empty() || s.row_drift.size() == knots, "joint model: row drift",
                    "does not fit its gains");
   for (const RowDrift& drift : s.row_drift)
     check_drift(findings, {.drift = drift}, "joint model: ");
+  if (findings.text().empty()) check_knots(findings, s);
+}
+
+void check_joint(Findings& findings, const NoiseModel& m) {
+  if (!m.joint) return;
+  const auto& segments = m.joint->segments;
+  findings.require(!m.physics.empty() && !segments.empty(), "joint model", "has no gains");
+  for (const JointSegment& segment : segments)
+    check_segment(findings, segment, m.layout.channels());
+  if (!findings.text().empty()) return;
+  for (std::size_t i = 1; i < segments.size(); ++i)
+    findings.require(segments[i - 1].knots_db.back() < segments[i].knots_db.front(),
+                     "joint model: segments", "are not rising");
 }
 
 void check_gaussian(Findings& findings, const GaussianCalibration& g, std::size_t channels) {
@@ -312,12 +342,7 @@ std::string contradiction_in(const NoiseModel& m) {
   for (const auto& g : m.gaussian) check_gaussian(findings, g, channels);
   for (const auto& n : m.nonparametric) check_nonparametric(findings, n, channels);
   for (const auto& bank : m.dark_frames) check_bank(findings, bank, m.layout);
-  if (m.joint) {
-    findings.require(!m.physics.empty() && !m.joint->segments.empty(), "joint model",
-                     "has no gains");
-    for (const auto& segment : m.joint->segments)
-      check_segment(findings, segment, m.layout.channels());
-  }
+  check_joint(findings, m);
   check_places(findings, m);
   return findings.text();
 }

@@ -6,6 +6,8 @@
 #include "malus/noise/parameter_sampler.h"
 
 #include <algorithm>
+#include <cmath>
+#include <iterator>
 
 namespace malus {
 namespace {
@@ -80,6 +82,16 @@ GainSetting random_gain_of(const std::vector<Calibration>& calibrations,
 }
 
 }  // namespace
+
+bool are_possible(const GainParameters& p) {
+  const auto finite = [](const std::vector<double>& values) {
+    return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+  };
+  return finite(p.K) && std::all_of(p.K.begin(), p.K.end(), [](double K) { return K > 0; }) &&
+         finite(p.lambda) && finite(p.mu_dn) && finite(p.sigma_row_dn) && finite(p.sigma_tl_dn) &&
+         finite(p.sigma_tl_spread_dn) && finite(p.mu_covariance.values) &&
+         finite(p.sigma_row_covariance.values);
+}
 
 ParameterSampler::ParameterSampler(const NoiseModel& model, GainParameters parameters)
     : parameters_(std::move(parameters)),

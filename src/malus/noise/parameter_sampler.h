@@ -25,6 +25,10 @@ class GaussianSampler {
   SquareMatrix root_;  ///< eigenvectors times the roots of their eigenvalues
 };
 
+/// Noise can be drawn with them: all numbers are finite and K is above 0. Laws over gain may give
+/// others, far from the gains that they were fitted to.
+bool are_possible(const GainParameters& parameters);
+
 class ParameterSampler {
  public:
   /// Parameters as NoiseModel::parameters_at gives them.
