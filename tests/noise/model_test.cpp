@@ -72,9 +72,34 @@ TEST(ModelAtGain, RefusesWhatIsNotCalibrated) {
   no_physics.physics.clear();
   EXPECT_NE(problem_of([&] { (void)no_physics.physics_at(db(6)); }).find("kinds physics"),
             std::string::npos);
-  NoiseModel no_K = model;
-  no_K.physics[0].K = {};
-  EXPECT_NE(problem_of([&] { (void)no_K.physics_at(db(0)); }).find("flat"), std::string::npos);
+}
+
+NoiseModel model_without_K_at(std::size_t gain) {
+  NoiseModel model = testing::full_model();
+  model.physics[gain].K = {};
+  model.joint = fit_joint_model(model.physics).value();
+  return model;
+}
+
+TEST(ModelAtGain, WithoutKIsReachedByTheJointModelAlone) {
+  const NoiseModel lowest = model_without_K_at(0), middle = model_without_K_at(1);
+  EXPECT_NE(problem_of([&] { (void)lowest.physics_at(db(0)); }).find("flat"), std::string::npos);
+  EXPECT_NE(problem_of([&] { (void)lowest.physics_at(db(3)); }).find("6 dB to 12 dB"),
+            std::string::npos);
+  const GainParameters at = middle.parameters_at(db(6)), beside = middle.parameters_at(db(6.0001));
+  EXPECT_FALSE(at.measured);
+  EXPECT_EQ(at.gain, db(6));
+  EXPECT_NEAR(at.K[0] / beside.K[0], 1.0, 1e-4);
+  EXPECT_NEAR(at.sigma_tl_dn[1] / beside.sigma_tl_dn[1], 1.0, 1e-4);
+}
+
+TEST(ModelSampling, RandomGainIsOneThatCanBeDrawn) {
+  NoiseModel model = model_without_K_at(1);
+  for (const bool joint : {true, false}) {
+    if (!joint) model.joint.reset();
+    for (std::uint32_t frame = 0; frame < 50; ++frame)
+      EXPECT_NO_THROW((void)model.physics_at(model.random_gain(1, frame))) << joint;
+  }
 }
 
 TEST(ModelAtGain, AnUnknownGainMeansTheOnlyOne) {

@@ -101,29 +101,38 @@ GainParameters measured_parameters(const PhysicsCalibration& calibration, int ch
   return p;
 }
 
+// The part of the joint model that a gain lies in, or null.
+const JointSegment* segment_around(const NoiseModel& model, const GainSetting& gain) {
+  if (!model.joint || !gain.decibel()) return nullptr;
+  for (const JointSegment& segment : model.joint->segments)
+    if (*gain.decibel() >= segment.knots_db.front() && *gain.decibel() <= segment.knots_db.back())
+      return &segment;
+  return nullptr;
+}
+
+// The gains that the joint model was fitted to are those with K, not all that are held.
 const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain, GainRange range) {
-  const std::string held = gains_text(model.physics);
   if (!model.joint)
     throw InputError(gain.text(),
                      fmt::format("not calibrated, and the noise model has no joint model to "
                                  "interpolate with; it holds {}",
-                                 held),
+                                 gains_text(model.physics)),
                      "use a measured gain or calibrate at two gains or more");
+  if (const JointSegment* around = segment_around(model, gain)) return *around;
   const auto& segments = model.joint->segments;
-  const double db = *gain.decibel();
-  for (const JointSegment& segment : segments)
-    if (db >= segment.knots_db.front() && db <= segment.knots_db.back()) return segment;
-  const auto above = std::find_if(
-      model.physics.begin(), model.physics.end(),
-      [&](const PhysicsCalibration& p) { return p.gain.decibel() && *p.gain.decibel() > db; });
-  const bool below = db < segments.front().knots_db.front();
-  if (!below && db < segments.back().knots_db.back() && above != model.physics.begin())
-    throw_between(gain, (above - 1)->gain, above->gain);
+  const auto named = [&](double db) { return GainSetting::at_decibel(db, gain.iso.has_value()); };
+  const auto above = std::find_if(segments.begin(), segments.end(), [&](const JointSegment& s) {
+    return s.knots_db.front() > *gain.decibel();
+  });
+  const bool below = above == segments.begin();
+  if (!below && above != segments.end())
+    throw_between(gain, named((above - 1)->knots_db.back()), named(above->knots_db.front()));
   if (range == GainRange::kCalibratedOnly)
     throw InputError(
         gain.text(),
-        fmt::format("outside the calibrated range {} to {}", model.physics.front().gain.text(),
-                    model.physics.back().gain.text()),
+        fmt::format("outside the calibrated range {} to {}",
+                    named(segments.front().knots_db.front()).text(),
+                    named(segments.back().knots_db.back()).text()),
         fmt::format("use a gain inside it, or allow extrapolation with {} (in configurations "
                     "extrapolate_gain)",
                     setting("extrapolate_gain", true)));
@@ -261,10 +270,15 @@ GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange rang
   if (physics.empty())
     throw InputError(name_of(*this), "holds no physics model, which tells the gain in DN/e-",
                      "calibrate with " + setting("kinds", "physics") + " too");
-  if (const PhysicsCalibration* calibration = find_gain(*this, physics, gain))
+  const PhysicsCalibration* calibration = find_gain(*this, physics, gain);
+  if (calibration && (!calibration->K.mean.empty() || !segment_around(*this, gain)))
     return measured_parameters(*calibration, layout.channels());
   GainParameters p = joint_parameters(segment_at(*this, gain, range), *gain.decibel());
   p.gain = gain;
+  if (!are_possible(p))
+    throw InputError(gain.text(),
+                     "so far from the calibrated gains the laws give no possible noise",
+                     "use a gain nearer to them");
   return p;
 }
 
@@ -275,10 +289,6 @@ NoiseModel sensor_alone(const NoiseModel& model) {
   sensor.black_dn = model.black_dn;
   sensor.white_dn = model.white_dn;
   sensor.quantization_dn = model.quantization_dn;
-  if (!are_possible(p))
-    throw InputError(gain.text(),
-                     "so far from the calibrated gains the laws give no possible noise",
-                     "use a gain nearer to them");
   sensor.row_group = model.row_group;
   sensor.row_group_origin = model.row_group_origin;
   sensor.origin = model.origin;

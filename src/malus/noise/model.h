@@ -52,7 +52,8 @@ struct NoiseModel {
   /// Contained kinds, of "physics", "gaussian", "nonparametric", "dark-frames".
   std::vector<std::string> kinds() const;
 
-  /// Parameters at a gain: calibrated values where the gain was measured, the joint model between.
+  /// Parameters at a gain: calibrated values where the gain was measured with K, the joint model
+  /// between.
   /// An unknown gain means the only one of a model with one gain. Throws InputError when the model
   /// has no physics part, when the gain is named in dB and the model is in ISO or the reverse,
   /// outside the calibrated range unless allowed, and between two conversion gains.
@@ -71,8 +72,8 @@ struct NoiseModel {
                                  GainRange range = GainRange::kCalibratedOnly) const;
 
   /// A gain whose log K̂ is uniform over the calibrated ranges (000, 5.1: "random log K"), never
-  /// between conversion gains; one of the measured gains where no range was fitted. A model without
-  /// a physics part draws uniformly in dB between the gains of its Gaussian, else its
+  /// between conversion gains; one of the gains measured with K where no range was fitted. A model
+  /// without a physics part draws uniformly in dB between the gains of its Gaussian, else its
   /// non-parametric part.
   GainSetting random_gain(std::uint64_t seed, std::uint32_t frame) const;
 

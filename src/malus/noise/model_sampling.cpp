@@ -135,7 +135,12 @@ GainSetting NoiseModel::random_gain(std::uint64_t seed, std::uint32_t frame) con
   if (joint)
     for (const auto& segment : joint->segments)
       log_K.push_back({segment.log_K_low(), segment.log_K_high()});
-  if (total_length(log_K) <= 0) return one_of(physics, u);
+  if (total_length(log_K) <= 0) {
+    std::vector<PhysicsCalibration> with_K;
+    std::copy_if(physics.begin(), physics.end(), std::back_inserter(with_K),
+                 [](const PhysicsCalibration& p) { return !p.K.mean.empty(); });
+    return one_of(with_K.empty() ? physics : with_K, u);  // without any, drawing tells why
+  }
   const Place place = place_in(log_K, u);
   return gain_like(physics[0].gain, gain_db_of_log_K(joint->segments[place.interval], place.value));
 }
