@@ -92,6 +92,11 @@ MALUS_HOST_DEVICE inline PhiloxBlock random_block(const Seed& seed, std::uint32_
       seed);
 }
 
+/// random_block's index of a pixel of the whole frame.
+MALUS_HOST_DEVICE inline std::uint64_t pixel_index(int row, int col) {
+  return std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | static_cast<std::uint32_t>(col);
+}
+
 /// Uniform on (0,1), never 0 or 1, from one word; the lattice is the centres of 2^32 equal cells.
 MALUS_HOST_DEVICE inline double uniform_open(std::uint32_t word) {
   return (static_cast<double>(word) + 0.5) * 0x1p-32;

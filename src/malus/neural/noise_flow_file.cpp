@@ -62,9 +62,9 @@ Image normals_at(int rows, int cols, const DrawAddress& address) {
   parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < cols; ++c) {
-        const std::uint64_t index = static_cast<std::uint64_t>(address.row0 + r) << 32 |
-                                    static_cast<std::uint32_t>(address.col0 + c);
-        const PhiloxBlock block = random_block(address.seed, address.frame, index, kFlowDraw);
+        const PhiloxBlock block =
+            random_block(address.seed, address.frame,
+                         pixel_index(address.row0 + r, address.col0 + c), kFlowDraw);
         normals(r, c) =
             static_cast<float>(normal_quantile(uniform_open(block.word[0], block.word[1])));
       }

@@ -17,10 +17,6 @@
 namespace malus {
 namespace {
 
-std::uint64_t pixel_index(int row, int col) {
-  return std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | static_cast<std::uint32_t>(col);
-}
-
 double quantization_of(double step_dn, const PhiloxBlock& block) {
   return step_dn * (uniform_open(block.word[2], block.word[3]) - 0.5);
 }

@@ -39,9 +39,8 @@ double mean_bias(const PhysicsNoise& noise) {
 
 // U(-step/2, step/2), of words that no pixel's noise is made of.
 float dither(double step_dn, const DrawAddress& address, int row, int col) {
-  const std::uint64_t index =
-      std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | static_cast<std::uint32_t>(col);
-  const PhiloxBlock block = random_block(address.seed, address.frame, index, Draw::kDither);
+  const PhiloxBlock block =
+      random_block(address.seed, address.frame, pixel_index(row, col), Draw::kDither);
   return static_cast<float>(step_dn * (uniform_open(block.word[0]) - 0.5));
 }
 
