@@ -78,13 +78,21 @@ double largest_of(const RawFrame& frame) {
   return static_cast<double>(largest);
 }
 
-// White above black: --peak, else what reference or test know, else the reference's container.
-double peak_of(const EvaluateArguments& arguments, const fs::path& path, const Subject& reference,
-               const Subject& test) {
+// White above black: --peak, else what the reference knows, else what the test does (which is said:
+// tests that know different whites are judged by different peaks), else the reference's container.
+double peak_of(const EvaluateArguments& arguments, const fs::path& test_path,
+               const Subject& reference, const Subject& test, const Common& common) {
+  const fs::path& path = arguments.noise.reference.front();
   if (arguments.peak_dn) return *arguments.peak_dn;
   if (reference.picture) return arguments.raw.white_dn().value_or(reference.picture->white);
-  for (const RawFrame* frame : {&reference.frame, &test.frame})
-    if (frame->white_known && frame->white_dn > 0) return frame->white_dn;
+  const auto knows = [](const RawFrame& frame) { return frame.white_known && frame.white_dn > 0; };
+  if (knows(reference.frame)) return reference.frame.white_dn;
+  if (knows(test.frame)) {
+    note(common, fmt::format("{}: {:g} DN above black, its own white, is taken as the peak: {} "
+                             "tells none (--peak or --white)",
+                             test_path.string(), test.frame.white_dn, path.string()));
+    return test.frame.white_dn;
+  }
   const bool integer = reference.frame.bits > 0;
   const double assumed = integer ? reference.frame.white_dn : largest_of(reference.frame);
   if (!(assumed > 0))
@@ -114,17 +122,14 @@ void check_comparable(const fs::path& reference_path, const Subject& reference,
                      "compare frames of one sensor, or declare the layout with --layout");
 }
 
-Evaluation evaluate(const EvaluateArguments& arguments, const fs::path& test_path,
-                    const Subject& reference, const Subject& test) {
-  const fs::path& reference_path = arguments.noise.reference.front();
-  check_comparable(reference_path, reference, test_path, test);
-  const double peak = peak_of(arguments, reference_path, reference, test);
+Evaluation evaluate(const fs::path& reference_path, const Subject& reference, const Subject& test,
+                    double peak_dn) {
   if (reference.picture)
-    return evaluate_planes(reference.picture->planes, test.picture->planes, peak);
+    return evaluate_planes(reference.picture->planes, test.picture->planes, peak_dn);
   const SensorLayout& layout =
       reference.frame.layout_known ? reference.frame.layout : test.frame.layout;
   require_whole_cell(reference.frame.dn, layout, reference_path.string());
-  return evaluate_mosaics(reference.frame.dn, test.frame.dn, layout, peak);
+  return evaluate_mosaics(reference.frame.dn, test.frame.dn, layout, peak_dn);
 }
 
 // JSON has no infinity: null where the pictures are equal, as where nothing can be decided.
@@ -132,8 +137,9 @@ Json number(const Estimate<double>& value) {
   return value && std::isfinite(*value) ? Json(*value) : Json();
 }
 
-Json evaluation_json(const Evaluation& e) {
+Json evaluation_json(const Evaluation& e, double peak_dn) {
   Json json;
+  json["peak_dn"] = peak_dn;
   json["image"] = {{"psnr", number(e.image_psnr_db)}, {"ssim", number(e.image_ssim)}};
   json["dolp"] = {{"psnr", number(e.dolp_psnr_db)}};
   json["aolp"] = {{"psnr", number(e.aolp_psnr_db)}, {"circular_deg", number(e.aolp_circular_deg)}};
@@ -161,7 +167,8 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
   read.push_back(arguments.noise.reference.front());
   check_output_apart("--report", arguments.report, read, {}, common.force);
   const FrameOptions options = arguments.raw.resolve();
-  const Subject reference = load_subject(arguments.noise.reference.front(), arguments.raw, options);
+  const fs::path& reference_path = arguments.noise.reference.front();
+  const Subject reference = load_subject(reference_path, arguments.raw, options);
   Json results = Json::array();
   std::size_t width = 32;
   for (const fs::path& path : arguments.noise.test)
@@ -170,7 +177,9 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
   for (const fs::path& path : arguments.noise.test) {
     Subject test = load_subject(path, arguments.raw, options);
     if (arguments.ratio != 1) multiply(test, arguments.ratio);
-    const Evaluation e = evaluate(arguments, path, reference, test);
+    check_comparable(reference_path, reference, path, test);
+    const double peak_dn = peak_of(arguments, path, reference, test, common);
+    const Evaluation e = evaluate(reference_path, reference, test, peak_dn);
     if (e.pixels_left_out > 0)
       warn(fmt::format("{}: {} not finite in it or the reference and left out", path.string(),
                        counted_are(e.pixels_left_out, "pixel")));
@@ -178,7 +187,7 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
       note(common, fmt::format("{}: no DoLP, no AoLP: {}", path.string(), e.dolp_psnr_db.reason()));
     if (!e.image_ssim)
       note(common, fmt::format("{}: no SSIM: {}", path.string(), e.image_ssim.reason()));
-    Json json = evaluation_json(e);
+    Json json = evaluation_json(e, peak_dn);
     if (arguments.noise.test.size() > 1) json["test"] = path.string();
     results.push_back(std::move(json));
     text += table_line(path.string(), width, cells_of(e));

@@ -79,6 +79,22 @@ def test_white_is_the_peak_of_pictures_of_several_channels(malus, tmp_path):
     assert found.json["image"]["psnr"] == pytest.approx(20 * np.log10(4095 / 10), abs=1e-3)
 
 
+def test_the_peak_that_only_the_test_knows_is_said(malus, tmp_path):
+    """Amplified frames state a white that is as much brighter: by it they would look better than they are."""
+    np.save(tmp_path / "clean.npy", mosaic(200, side=64).astype(np.float32))
+    base = ("synthesize", tmp_path / "clean.npy", "-m", "imx250mzr-simulated", "--gain", 12, "--ratio", 4)
+    for name, flags in (("dim", ()), ("bright", ("--amplify",))):
+        malus(*base, *flags, "-o", tmp_path / name)
+    compare = ("evaluate", "--reference", tmp_path / "clean.npy", *LAYOUT, "--json", "--test")
+    dim = malus(*compare, tmp_path / "dim/clean_000.tif", "--ratio", 4)
+    bright = malus(*compare, tmp_path / "bright/clean_000.tif")
+    assert bright.json["peak_dn"] > 3.9 * dim.json["peak_dn"] > 10000
+    for found in (dim, bright):
+        assert f"clean_000.tif: {found.json['peak_dn']:g} DN above black, its own white, is taken as the peak" in found.err
+    told = malus(*compare, tmp_path / "bright/clean_000.tif", "--peak", 4013)
+    assert told.json["peak_dn"] == 4013 and "peak" not in told.err
+
+
 def test_stokes_written_as_fits_can_be_compared(malus, tmp_path):
     rgb = np.random.default_rng(1).uniform(100, 900, (48, 48)).astype(np.float32)
     np.save(tmp_path / "raw.npy", rgb)
