@@ -7,6 +7,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/noise/same_sensor.h"
+#include "malus/noise/sensor_window.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
@@ -103,6 +104,7 @@ RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& argumen
 struct FrameSource {
   std::string sensor;
   SensorLayout layout;
+  int row_group = 1;
   std::function<RawFrame(const Image& clean, const DrawAddress& address)> draw;
   std::shared_ptr<LevelCoverage> coverage = std::make_shared<LevelCoverage>();  ///< of all drawn
   std::function<std::string(const Image& clean)> caution = [](const Image&) { return ""; };
@@ -113,7 +115,10 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
   const auto synthesizer =
       std::make_shared<const Synthesizer>(load_model(arguments.model), arguments.settings);
   const auto coverage = std::make_shared<LevelCoverage>();
-  return {synthesizer->model().sensor, synthesizer->model().layout,
+  const NoiseModel& model = synthesizer->model();
+  return {model.sensor,
+          model.layout,
+          model.row_group,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             return naming_model(arguments.model, [&] {
               return draw(*synthesizer, arguments, clean, gain, address, *coverage);
@@ -134,7 +139,7 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
   if (!gain)
     throw InputError("--gain random", "is not offered by a Noise Flow", "give a gain in dB");
   const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
-  return {"Noise Flow", SensorLayout::named(flow->sensor().layout),
+  return {"Noise Flow", SensorLayout::named(flow->sensor().layout), 1,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             Image signal = clean;
             for (float& value : signal.values())
@@ -149,6 +154,16 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
             frame.black_known = frame.white_known = frame.layout_known = true;
             return frame;
           }};
+}
+
+// What is written names the layout, which begins with a whole cell.
+FrameSource source_of(const SynthesizeArguments& arguments,
+                      const std::optional<GainSetting>& gain) {
+  const bool flow = arguments.model.extension() == ".safetensors";
+  FrameSource source = flow ? flow_source(arguments, gain) : calibrated_source(arguments, gain);
+  require_whole_cells({arguments.origin[0], arguments.origin[1]}, source.layout, source.row_group,
+                      arguments.inputs.front().string());
+  return source;
 }
 
 std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& arguments,
@@ -176,9 +191,7 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
   require_numbers_left("--first-frame", arguments.first_frame,
                        std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
   const auto gain = gain_of(arguments);
-  const FrameSource source = arguments.model.extension() == ".safetensors"
-                                 ? flow_source(arguments, gain)
-                                 : calibrated_source(arguments, gain);
+  const FrameSource source = source_of(arguments, gain);
   const OutputFolder folder(arguments.folder);
   const auto plans = plan_noisy_files(arguments, common.force);
   const auto progress = make_progress(common);

@@ -241,6 +241,17 @@ def test_noise_is_not_compared_with_itself(malus, refused, tmp_path):
     assert "copies" not in malus("evaluate", "--noise", "--reference", a, "--test", b).err
 
 
+def test_synthesized_frames_begin_with_a_whole_cell(malus, refused, tmp_path):
+    """They name the model's layout, which is another at any other place."""
+    np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))
+    run = ["synthesize", tmp_path / "flat.npy", "-m", "imx250mzr-simulated", "--gain", "24", "-o", tmp_path / "out"]
+    for origin in ("1,0", "0,3"):
+        line = refused(*run, "--origin", origin)
+        assert "flat.npy: row" in line and "is not a multiple of" in line and "--origin" in line
+    assert not (tmp_path / "out").exists()
+    malus(*run, "--origin", "4,2")
+
+
 def test_pictures_of_several_channels_have_no_black_level(malus, tmp_path):
     Image.fromarray(np.zeros((16, 16, 3), np.uint8)).save(tmp_path / "p.png")
     found = malus("evaluate", "--reference", tmp_path / "p.png", "--test", tmp_path / "p.png", "--black", 4, code=2)

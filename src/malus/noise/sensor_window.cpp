@@ -59,18 +59,7 @@ void check_window(const NoiseProfile& profile, Size sensor, SensorPlace origin, 
                   const std::string& source) {
   if (is_larger(rows, cols, sensor))
     throw InputError(source, larger_words(rows, cols, sensor), kOfThisSensor);
-  const int row_step = std::lcm(profile.layout.rows(), profile.row_group),
-            col_step = profile.layout.cols();
-  if (origin.row < 0 || origin.col < 0)
-    throw InputError(
-        source, fmt::format("row {}, column {} is no place on a sensor", origin.row, origin.col),
-        "correct " + setting("origin"));
-  if (origin.row % row_step != 0 || origin.col % col_step != 0)
-    throw InputError(source,
-                     fmt::format("row {}, column {} of the sensor, where it begins, is not a "
-                                 "multiple of {} rows and {} columns, the cell and row group of {}",
-                                 origin.row, origin.col, row_step, col_step, profile.layout.name()),
-                     "cut frames at whole cells, or correct " + setting("origin"));
+  require_whole_cells(origin, profile.layout, profile.row_group, source);
   if (sensor.rows > 0 && (rows > sensor.rows - origin.row || cols > sensor.cols - origin.col))
     throw InputError(source,
                      fmt::format("{} x {} pixels from row {}, column {} on reach beyond the "
@@ -80,6 +69,21 @@ void check_window(const NoiseProfile& profile, Size sensor, SensorPlace origin, 
 }
 
 }  // namespace
+
+void require_whole_cells(SensorPlace origin, const SensorLayout& layout, int row_group,
+                         const std::string& source) {
+  const int row_step = std::lcm(layout.rows(), row_group), col_step = layout.cols();
+  if (origin.row < 0 || origin.col < 0)
+    throw InputError(
+        source, fmt::format("row {}, column {} is no place on a sensor", origin.row, origin.col),
+        "correct " + setting("origin"));
+  if (origin.row % row_step != 0 || origin.col % col_step != 0)
+    throw InputError(source,
+                     fmt::format("row {}, column {} of the sensor, where it begins, is not a "
+                                 "multiple of {} rows and {} columns, the cell and row group of {}",
+                                 origin.row, origin.col, row_step, col_step, layout.name()),
+                     "cut frames at whole cells, or correct " + setting("origin"));
+}
 
 void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols,
                    const std::string& source) {

@@ -13,9 +13,15 @@ struct SensorPlace {
   int row = 0, col = 0;
 };
 
+/// Throws InputError, naming `source`, where a frame that begins at `origin` does not begin with a
+/// whole cell of the layout and a whole row group: its channels and rows would be others than the
+/// layout says.
+void require_whole_cells(SensorPlace origin, const SensorLayout& layout, int row_group,
+                         const std::string& source);
+
 /// Cuts the profile's defects and maps to a frame of rows x cols pixels whose first pixel lies at
-/// `origin`. Throws InputError, naming `source`, where that is not a multiple of the layout's cell
-/// and of the row group, and where the frame reaches beyond the sensor.
+/// `origin`. Throws InputError as require_whole_cells, and where the frame reaches beyond the
+/// sensor.
 void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols,
                    const std::string& source);
 
