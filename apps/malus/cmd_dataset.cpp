@@ -113,6 +113,7 @@ class CleanSources {
     if (const auto found = held_.find(index); found != held_.end()) return found->second;
     RawFrame frame = load_frame(plan_.cleans[index], options_[index]);
     if (frame.bits > 0) subtract_black(frame);  // float files hold DN above black already
+    require_finite(frame.dn, plan_.cleans[index].string());
     if (held_pixels_ > kMostPixels) {
       held_.clear();
       held_pixels_ = 0;

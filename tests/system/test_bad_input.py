@@ -241,6 +241,17 @@ def test_noise_is_not_compared_with_itself(malus, refused, tmp_path):
     assert "copies" not in malus("evaluate", "--noise", "--reference", a, "--test", b).err
 
 
+def test_a_data_set_has_no_pairs_of_nan(refused, tmp_path):
+    scene = np.full((64, 64), 300, np.float32)
+    scene[5, 7:9] = np.nan
+    np.save(tmp_path / "scene.npy", scene)
+    (tmp_path / "plan.toml").write_text('model = "imx250mzr-simulated"\nclean = ["scene.npy"]\n[dataset]\nsamples = 2\npatch = 32\n'
+                                        "ratios = [4]\n")
+    line = refused("dataset", tmp_path / "plan.toml", "-o", tmp_path / "out")
+    assert "scene.npy: 2 pixels are NaN or infinite" in line
+    assert not list((tmp_path / "out").glob("shard-*.tar"))
+
+
 def test_synthesized_frames_begin_with_a_whole_cell(malus, refused, tmp_path):
     """They name the model's layout, which is another at any other place."""
     np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))

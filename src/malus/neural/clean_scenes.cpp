@@ -5,6 +5,7 @@
 #include "malus/io/angle_pictures.h"
 #include "malus/neural/raw_pairs.h"
 #include "malus/polar/symmetry.h"
+#include "malus/synthesize/dataset.h"
 #include "malus/synthesize/scene.h"
 
 #include <algorithm>

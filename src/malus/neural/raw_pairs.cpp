@@ -2,7 +2,6 @@
 
 #include "malus/base/error.h"
 #include "malus/base/pick.h"
-#include "malus/base/text.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/recorded_pairs.h"
 #include "malus/synthesize/model.h"
@@ -153,14 +152,6 @@ NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, dou
   sensor.origin += ", varied";
   sensor.physics = {std::move(entry)};
   return sensor;
-}
-
-void require_finite(const Image& image, const std::string& source) {
-  std::size_t odd = 0;
-  for (const float value : image.values()) odd += std::isfinite(value) ? 0 : 1;
-  if (odd > 0)
-    throw InputError(source, counted_are(std::int64_t(odd), "pixel") + " NaN or infinite",
-                     "networks cannot be trained with them: mend or leave out the picture");
 }
 
 std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config) {

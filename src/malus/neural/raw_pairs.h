@@ -46,8 +46,4 @@ NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, dou
                            std::uint64_t seed, std::uint32_t number,
                            GainRange range = GainRange::kCalibratedOnly);
 
-/// Throws InputError that names the source where a pixel is NaN or infinite: no network could be
-/// trained with it.
-void require_finite(const Image& image, const std::string& source);
-
 }  // namespace malus

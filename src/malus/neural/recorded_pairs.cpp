@@ -11,6 +11,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
 #include "malus/noise/same_sensor.h"
+#include "malus/synthesize/dataset.h"
 
 #include <algorithm>
 #include <cmath>

@@ -2,8 +2,10 @@
 
 #include "malus/base/error.h"
 #include "malus/base/pick.h"
+#include "malus/base/text.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -35,6 +37,14 @@ void require_room(const std::string& source, int rows, int cols, const DatasetSe
         fmt::format("has {} x {} pixels and holds no patch of {}{}", cols, rows, settings.patch,
                     settings.symmetries ? " and the cell that turning it needs" : ""),
         "use larger pictures or a smaller patch");
+}
+
+void require_finite(const Image& image, const std::string& source) {
+  const auto odd = std::count_if(image.values().begin(), image.values().end(),
+                                 [](float value) { return !std::isfinite(value); });
+  if (odd > 0)
+    throw InputError(source, counted_are(odd, "pixel") + " NaN or infinite",
+                     "networks cannot be trained with them: mend or leave out the picture");
 }
 
 void require_patch_of_cells(const DatasetSettings& settings, const SensorLayout& layout,

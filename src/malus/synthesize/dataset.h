@@ -54,6 +54,10 @@ struct SampleRecipe {
 void require_room(const std::string& source, int rows, int cols, const DatasetSettings& settings,
                   const SensorLayout& layout);
 
+/// Throws InputError that names the source where a pixel is NaN or infinite: no network could be
+/// trained with it.
+void require_finite(const Image& image, const std::string& source);
+
 /// Throws InputError where a patch is not made of whole cells and row groups.
 void require_patch_of_cells(const DatasetSettings& settings, const SensorLayout& layout,
                             int row_group);
