@@ -121,8 +121,9 @@ std::string normals_text(const Json& json) {
 void run_normals(const NormalsArguments& arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   const OutputFolder output(arguments.folder);
-  const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr");
-  const auto pictures = output_names(arguments.inputs, arguments.folder, "_normals.png");
+  const std::vector<fs::path> besides = {arguments.mask, arguments.reference};
+  const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr", besides);
+  const auto pictures = output_names(arguments.inputs, arguments.folder, "_normals.png", besides);
   for (const auto& list : {data, pictures})
     for (const auto& path : list) check_output(path, common.force);
   note(common, fmt::format("{} reflection, refractive index {:g}; of the two opposite azimuths "

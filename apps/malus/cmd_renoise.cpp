@@ -94,8 +94,8 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   const ModelRenoiser renoiser = naming_model(arguments.model, [&] {
     return ModelRenoiser(model, from, to, arguments.settings, !arguments.as_float);
   });
-  const auto names =
-      output_names(arguments.inputs, arguments.folder, "_renoised." + arguments.format);
+  const auto names = output_names(arguments.inputs, arguments.folder,
+                                  "_renoised." + arguments.format, arguments.guides);
   const OutputFolder output(arguments.folder);
   for (const fs::path& name : names) check_output(name, common.force);
   const auto progress = make_progress(common);

@@ -58,11 +58,15 @@ struct ProductNames {
 };
 
 std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, bool force) {
+  std::vector<fs::path> besides = arguments.variance;
+  besides.push_back(arguments.model);
+  const auto named = [&](const std::string& suffix) {
+    return output_names(arguments.inputs, arguments.folder, suffix, besides);
+  };
   std::vector<ProductNames> plans(arguments.inputs.size());
   for (const std::string& product : arguments.products()) {
     const std::string suffix = fmt::format("_{}.", product);
-    const auto data = output_names(arguments.inputs, arguments.folder, suffix + arguments.format);
-    const auto pictures = output_names(arguments.inputs, arguments.folder, suffix + "png");
+    const auto data = named(suffix + arguments.format), pictures = named(suffix + "png");
     for (std::size_t i = 0; i < plans.size(); ++i) {
       plans[i].data.push_back(data[i]);
       plans[i].picture.push_back(pictures[i]);

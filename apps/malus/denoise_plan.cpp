@@ -13,10 +13,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<fs::path> files_read(const DenoiseArguments& arguments) {
-  std::vector<fs::path> read = arguments.inputs;
-  read.insert(read.end(), arguments.references.begin(), arguments.references.end());
+std::vector<fs::path> read_besides(const DenoiseArguments& arguments) {
+  std::vector<fs::path> read = arguments.references;
   read.push_back(arguments.model);
+  return read;
+}
+
+std::vector<fs::path> files_read(const DenoiseArguments& arguments) {
+  std::vector<fs::path> read = read_besides(arguments);
+  read.insert(read.end(), arguments.inputs.begin(), arguments.inputs.end());
   return read;
 }
 
@@ -40,7 +45,8 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
   std::vector<OutputNames> names(arguments.inputs.size());
   const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
     if (!wanted) return;
-    const auto paths = output_names(arguments.inputs, arguments.folder, suffix);
+    const auto paths = output_names(arguments.inputs, arguments.folder, suffix,
+                                    read_besides(arguments));
     for (std::size_t i = 0; i < paths.size(); ++i) {
       names[i].*name = paths[i];
       check_output(paths[i], force);

@@ -70,12 +70,14 @@ FrameOptions RawOptions::resolve() const {
 
 std::string stem_of(const std::filesystem::path& input) { return input.stem().string(); }
 
-std::vector<std::filesystem::path> output_names(const std::vector<std::filesystem::path>& inputs,
-                                                const std::filesystem::path& folder,
-                                                const std::string& suffix) {
+std::vector<std::filesystem::path> output_names(
+    const std::vector<std::filesystem::path>& inputs, const std::filesystem::path& folder,
+    const std::string& suffix, const std::vector<std::filesystem::path>& read_besides) {
   std::vector<std::filesystem::path> names;
-  std::set<std::filesystem::path> frames;
-  for (const auto& input : inputs) frames.insert(std::filesystem::weakly_canonical(input));
+  std::set<std::filesystem::path> read;
+  for (const auto& list : {inputs, read_besides})
+    for (const auto& path : list)
+      if (!path.empty()) read.insert(std::filesystem::weakly_canonical(path));
   std::map<std::filesystem::path, std::filesystem::path> writer;
   for (const auto& input : inputs) {
     const auto name = folder / (stem_of(input) + suffix);
@@ -84,8 +86,8 @@ std::vector<std::filesystem::path> output_names(const std::vector<std::filesyste
                        fmt::format("its output {} would replace that of {}", name.string(),
                                    other->second.string()),
                        "rename one of them or run them apart");
-    if (frames.contains(std::filesystem::weakly_canonical(name)))
-      throw InputError(name.string(), "is an input and would be replaced by the result of another",
+    if (read.contains(std::filesystem::weakly_canonical(name)))
+      throw InputError(name.string(), "is an input and would be replaced by a result",
                        "choose another output folder, or leave earlier results out of the inputs");
     names.push_back(name);
   }

@@ -44,9 +44,10 @@ class RawOptions {
 std::string stem_of(const std::filesystem::path& input);
 
 /// One output name per input: folder / (<stem> + suffix), e.g. suffix "_denoised.tif". Throws
-/// InputError when two inputs would write the same file, or one would replace another input.
-std::vector<std::filesystem::path> output_names(const std::vector<std::filesystem::path>& inputs,
-                                                const std::filesystem::path& folder,
-                                                const std::string& suffix);
+/// InputError when two inputs would write the same file, or one would replace an input or what the
+/// run reads besides (references, masks, the model); empty names are none.
+std::vector<std::filesystem::path> output_names(
+    const std::vector<std::filesystem::path>& inputs, const std::filesystem::path& folder,
+    const std::string& suffix, const std::vector<std::filesystem::path>& read_besides = {});
 
 }  // namespace malus::app

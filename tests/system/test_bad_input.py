@@ -362,3 +362,25 @@ def test_reports_of_experiments_and_trainings_replace_nothing_that_is_read(refus
     assert "--force" in refused("train", config, *out, "--report", tmp_path / "old.html")
     (tmp_path / "old.html").unlink()
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+def test_results_replace_nothing_that_is_read(refused, frame, tmp_path):
+    """Not with --force either: a truth, mask, guide or variance named as a result would be."""
+    (tmp_path / "sub").mkdir()
+    rng = np.random.default_rng(4)
+    for name in ("frame_denoised.npy", "frame_renoised.npy"):
+        np.save(tmp_path / name, rng.uniform(20, 200, (64, 64)).astype(np.float32))
+    for name, ending in (("frame_normals", "png"), ("frame_s0", "png")):
+        Image.fromarray(np.full((32, 32), 255, np.uint8)).save(tmp_path / f"{name}.{ending}")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    out = ["-o", tmp_path / "sub" / "..", "--force"]
+    model = ["--model", "imx250mzr-simulated"]
+    for arguments, read in (
+            (["denoise", frame, *LAYOUT, "--format", "npy", "--reference"], "frame_denoised.npy"),
+            (["normals", frame, *LAYOUT, "--reference"], "frame_normals.png"),
+            (["normals", frame, *LAYOUT, "--mask"], "frame_normals.png"),
+            (["stokes", frame, *LAYOUT, "--variance"], "frame_s0.png"),
+            (["renoise", frame, *LAYOUT, *model, "--from", 6, "--to", 12, "--format", "npy", "--guide"], "frame_renoised.npy")):
+        line = refused(*arguments, tmp_path / read, *out)
+        assert read in line and "is an input and would be replaced" in line
+    assert before == {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
