@@ -72,11 +72,12 @@ Planes planes_of(const NormalMap& normals) {
 Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
                      const FrameOptions& options, const fs::path& data, const fs::path& picture,
                      bool force) {
-  const RawFrame frame = load_above_black(input, options, arguments.raw.float_black());
+  const FrameAsLight light = load_as_light(input, options, arguments.raw.float_black());
+  const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
-  const std::int64_t saturated_cells = warn_of_saturation(frame);
+  const std::int64_t saturated_cells = warn_of_saturation(light);
   // Stokes vectors of all colours together: the mean of R, G and B.
   const StokesPicture colors =
       arguments.full ? demosaick(frame.dn, frame.layout, Demosaicking::kResidual, frame.source)

@@ -134,11 +134,11 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 // What the noise of one input is: the model's, whose bias is taken out of the frame besides, or
 // what denoise wrote beside it.
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
-                   std::size_t index, RawFrame& frame) {
-  if (!model) return load_variance(arguments.variance[index], frame);
-  warn_of_model(*model, frame.gain, arguments.model, false);
+                   std::size_t index, FrameAsLight& light) {
+  if (!model) return load_variance(arguments.variance[index], light);
+  warn_of_model(*model, light.frame.gain, arguments.model, false);
   return naming_model(arguments.model, [&] {
-    return take_out_bias(frame, *model, gain_range(arguments.extrapolate_gain));
+    return take_out_bias(light, *model, gain_range(arguments.extrapolate_gain));
   });
 }
 
@@ -155,15 +155,16 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
                     bool force) {
   const fs::path& input = arguments.inputs[index];
   if (arguments.confidence()) check_noise_source(input, options, model.has_value());
-  RawFrame frame =
-      load_above_black(input, model ? options_for_model(options, *model, input) : options,
-                       arguments.raw.float_black());
+  FrameAsLight light =
+      load_as_light(input, model ? options_for_model(options, *model, input) : options,
+                    arguments.raw.float_black());
+  const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
-  const std::int64_t saturated_cells = warn_of_saturation(frame);
+  const std::int64_t saturated_cells = warn_of_saturation(light);
   Planes variance;
-  if (arguments.confidence()) variance = variance_of(arguments, model, index, frame);
+  if (arguments.confidence()) variance = variance_of(arguments, model, index, light);
   const StokesPicture picture = stokes_picture(arguments, frame);
   Confidence confidence;
   if (arguments.confidence())

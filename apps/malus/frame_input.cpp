@@ -64,12 +64,18 @@ FrameOptions options_for_file(const std::filesystem::path& path, const FrameOpti
   return above;
 }
 
+FrameAsLight load_as_light(const std::filesystem::path& path, const FrameOptions& options,
+                           FloatBlack float_black) {
+  FrameAsLight light{load_frame(path, options_for_file(path, options, float_black)), {}};
+  if (light.frame.bits == 0) light.frame.black_known = true;
+  light.saturated_dn = saturation_dn(light.frame);
+  subtract_black(light.frame);
+  return light;
+}
+
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
                           FloatBlack float_black) {
-  RawFrame frame = load_frame(path, options_for_file(path, options, float_black));
-  if (frame.bits == 0) frame.black_known = true;
-  subtract_black(frame);
-  return frame;
+  return load_as_light(path, options, float_black).frame;
 }
 
 FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& model_layout,
@@ -130,8 +136,9 @@ Image above_black(const RawFrame& frame) {
   return std::move(copy.dn);
 }
 
-std::int64_t warn_of_saturation(const RawFrame& above_black) {
-  const std::int64_t cells = saturated_cells(above_black);
+std::int64_t warn_of_saturation(const FrameAsLight& light) {
+  const RawFrame& above_black = light.frame;
+  const std::int64_t cells = saturated_cells(above_black, light.saturated_dn);
   const std::int64_t all =
       std::int64_t{packed_size(above_black.dn.rows(), above_black.layout.rows())} *
       packed_size(above_black.dn.cols(), above_black.layout.cols());

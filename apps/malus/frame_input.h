@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "raw_options.h"
 
@@ -20,7 +21,17 @@ namespace malus::app {
 FrameOptions options_for_file(const std::filesystem::path& path, const FrameOptions& options,
                               FloatBlack float_black);
 
+/// A frame above black, and the least value of a saturated pixel of each of its channels
+/// (saturation_dn, malus/noise/raw_variance.h).
+struct FrameAsLight {
+  RawFrame frame;
+  std::vector<float> saturated_dn;
+};
+
 /// A raw frame minus its black level, see options_for_file. white_dn is above black.
+FrameAsLight load_as_light(const std::filesystem::path& path, const FrameOptions& options,
+                           FloatBlack float_black = FloatBlack::kAboveAlready);
+/// The frame alone.
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
                           FloatBlack float_black = FloatBlack::kAboveAlready);
 
@@ -61,7 +72,7 @@ std::string_view fate_of_nonfinite(bool as_float);
 Image above_black(const RawFrame& frame);
 
 /// Cells of a frame above black that hold saturated pixels. Says on stderr how many, if any.
-std::int64_t warn_of_saturation(const RawFrame& above_black);
+std::int64_t warn_of_saturation(const FrameAsLight& light);
 
 /// Says on stderr what a frame was taken for without anybody having stated it, layout, black and
 /// white level, and where its pixels or its file contradict the layout.

@@ -37,14 +37,16 @@ Image mean_over_channels(const Planes& planes) {
   return mean;
 }
 
-Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range) {
+Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range) {
+  RawFrame& above_black = light.frame;
   require_layout_of_model(above_black, model.layout);
   const NoiseProfile profile = profile_for(above_black, model, range);
-  return pack(malus::take_out_bias(above_black, profile), above_black.layout);
+  return pack(malus::take_out_bias(above_black, profile, light.saturated_dn),
+              above_black.layout);
 }
 
-Planes load_variance(const std::filesystem::path& path, const RawFrame& above_black) {
-  const RawFrame& frame = above_black;
+Planes load_variance(const std::filesystem::path& path, const FrameAsLight& light) {
+  const RawFrame& frame = light.frame;
   Picture picture = load_picture(path);
   if (picture.holds != kHoldsVariance)
     throw InputError(path.string(), "is no file of variances",
@@ -65,7 +67,7 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& above_bl
           "give the _variance.exr that malus denoise --uncertainty wrote for the frame");
     ordered[k] = picture.planes[static_cast<int>(found - picture.names.begin())];
   }
-  forget_saturated(ordered, frame);
+  forget_saturated(ordered, frame, light.saturated_dn);
   return ordered;
 }
 

@@ -15,6 +15,8 @@
 #include <string>
 #include <vector>
 
+#include "frame_input.h"
+
 namespace malus::app {
 
 inline constexpr std::array kConfidenceProducts = {"s0_sd",   "s1_sd",   "s2_sd",
@@ -25,11 +27,11 @@ using Confidence = std::array<Planes, kConfidenceProducts.size()>;
 /// take_out_bias (malus/noise/raw_variance.h) with the model's profile at the frame's gain: the
 /// variance of every packed pixel. Throws InputError when the gain is not known or the layouts
 /// differ.
-Planes take_out_bias(RawFrame& above_black, const NoiseModel& model, GainRange range);
+Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range);
 
 /// Packed planes that malus denoise --uncertainty wrote, in the layout's order; NaN where the frame
 /// is saturated.
-Planes load_variance(const std::filesystem::path& path, const RawFrame& above_black);
+Planes load_variance(const std::filesystem::path& path, const FrameAsLight& light);
 
 /// by_model (--model, else --variance): throws InputError for a file that says it is denoised,
 /// since the model's noise is no longer in it. Else warns of integers that do not say so.

@@ -123,30 +123,41 @@ py::dict dict_of(const StokesPicture& picture) {
   return out;
 }
 
-// A raw frame as light, with the levels that it does not know from the model.
-RawFrame raw_light_of(const py::object& given, const std::optional<std::string>& layout,
-                      const NoiseModel& model) {
+// A frame above black, and where its channels are saturated.
+struct RawLight {
   RawFrame frame;
+  std::vector<float> saturated_dn;
+};
+
+// A raw frame as light, with the levels that it does not know from the model.
+RawLight raw_light_of(const py::object& given, const std::optional<std::string>& layout,
+                      const NoiseModel& model) {
+  RawLight light;
+  RawFrame& frame = light.frame;
   if (py::isinstance<RawFrame>(given)) {
     frame = given.cast<const RawFrame&>();
     take_told({layout, {}, {}}, frame);
     if (const auto warning = take_levels_of_model(model, frame); !warning.empty())
       give_warning(frame.source + ": " + warning);
+    light.saturated_dn = saturation_dn(frame);
     subtract_black(frame);
   } else {
     frame = pixels_of(given, kLight);
     frame.layout = layout ? SensorLayout::named(*layout) : model.layout;
+    frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
+    light.saturated_dn = saturation_dn(frame);  // an array tells no white
   }
   require_layout_of_model(frame, model.layout);
   require_polarized(frame.layout, frame.source);
   require_whole_cell(frame.dn, frame.layout, kLight);
-  return frame;
+  return light;
 }
 
 // Of raw pixels, whose noise a model tells: its bias is taken out.
 py::dict stokes_by_model(const py::object& given, const std::optional<std::string>& layout_name,
                          const Model& model, const Gain& gain_given, bool extrapolate) {
-  RawFrame frame = raw_light_of(given, layout_name, model.description());
+  RawLight light = raw_light_of(given, layout_name, model.description());
+  RawFrame& frame = light.frame;
   const SensorLayout& layout = frame.layout;
   const GainSetting gain = gain_given ? model.gain_setting(*gain_given) : frame.gain;
   std::optional<StokesPicture> picture;
@@ -154,7 +165,7 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   {
     const py::gil_scoped_release release;
     const auto profile = model.description().profile_at(gain, gain_range(extrapolate));
-    const Image variance = take_out_bias(frame, profile);
+    const Image variance = take_out_bias(frame, profile, light.saturated_dn);
     picture = stokes_picture(frame.dn, layout, std::nullopt);
     uncertainty = uncertainty_of(*picture, pack(variance, layout), layout, Intensities::kMeasured);
   }

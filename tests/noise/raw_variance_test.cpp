@@ -37,7 +37,7 @@ NoiseProfile profile() {
 
 TEST(RawVariance, IsTheCurveAtThePixelWithItsRow) {
   RawFrame frame = ramp(true);
-  const Image variance = take_out_bias(frame, profile());
+  const Image variance = take_out_bias(frame, profile(), saturation_dn(frame));
   EXPECT_FLOAT_EQ(variance(0, 0), kOffset + kRow * kRow);  // no light is less than none
   EXPECT_FLOAT_EQ(frame.dn(0, 0), -5 - kBias);
   EXPECT_FLOAT_EQ(variance(0, 3), kSlope * 100 + kOffset + kRow * kRow);
@@ -48,12 +48,12 @@ TEST(RawVariance, IsTheCurveAtThePixelWithItsRow) {
 
 TEST(RawVariance, OfSaturatedPixelsIsNotKnownAndTheyStay) {
   RawFrame frame = ramp(true);
-  const Image variance = take_out_bias(frame, profile());
+  const Image variance = take_out_bias(frame, profile(), saturation_dn(frame));
   for (const int col : {1, 2}) EXPECT_TRUE(std::isnan(variance(1, col)));
   EXPECT_EQ(frame.dn(1, 1), 1000);
   EXPECT_EQ(frame.dn(1, 2), 1200);
   RawFrame unknown = ramp(false);
-  EXPECT_FLOAT_EQ(take_out_bias(unknown, profile())(1, 1), kSlope * 997 + kOffset + kRow * kRow);
+  EXPECT_FLOAT_EQ(take_out_bias(unknown, profile(), saturation_dn(unknown))(1, 1), kSlope * 997 + kOffset + kRow * kRow);
 }
 
 TEST(RawVariance, BiasIsEachChannelsOwn) {
@@ -68,19 +68,43 @@ TEST(RawVariance, BiasIsEachChannelsOwn) {
 // Two cells of 2x2 pixels; white is 1000 DN.
 TEST(Saturation, IsCountedByCellAndForgotten) {
   RawFrame frame = ramp(true);
-  EXPECT_EQ(saturated_cells(frame), 2);
+  EXPECT_EQ(saturated_cells(frame, saturation_dn(frame)), 2);
   frame.dn(1, 1) = 999;
-  EXPECT_EQ(saturated_cells(frame), 1);
+  EXPECT_EQ(saturated_cells(frame, saturation_dn(frame)), 1);
   Planes variance(4, 1, 2);
   for (Image& plane : variance)
     for (float& v : plane.values()) v = 7;
-  forget_saturated(variance, frame);
+  forget_saturated(variance, frame, saturation_dn(frame));
   const Planes pixels = pack(frame.dn, frame.layout);
   for (int k = 0; k < 4; ++k)
     for (std::size_t i = 0; i < 2; ++i)
       EXPECT_EQ(std::isnan(variance[k].values()[i]), pixels[k].values()[i] >= 1000) << k << i;
   RawFrame unknown = ramp(false);
-  EXPECT_EQ(saturated_cells(unknown), 0);
+  EXPECT_EQ(saturated_cells(unknown, saturation_dn(unknown)), 0);
+}
+
+// Black levels of 60, 70, 50 and 60 DN below one white: a pixel just under the highest of these
+// limits is whole in one channel and saturated in another.
+TEST(Saturation, IsWhiteLessTheChannelsOwnBlack) {
+  RawFrame frame;
+  frame.layout = SensorLayout::named("polar-mono");
+  frame.black_dn = {60, 70, 50, 60};
+  frame.white_dn = 1000;
+  frame.white_known = true;
+  frame.dn = Image(2, 4, 999.0f);
+  frame.dn(0, 2) = frame.dn(1, 3) = 1000;
+  const std::vector<float> limits_dn = saturation_dn(frame);
+  subtract_black(frame);
+  EXPECT_EQ(saturated_cells(frame, limits_dn), 1);
+  Planes variance(4, 1, 2);
+  forget_saturated(variance, frame, limits_dn);
+  const Image taken = take_out_bias(frame, profile(), limits_dn);
+  for (int r = 0; r < 2; ++r)
+    for (int c = 0; c < 4; ++c) {
+      const bool at_white = (r == 0 && c == 2) || (r == 1 && c == 3);
+      EXPECT_EQ(std::isnan(taken(r, c)), at_white) << r << c;
+      EXPECT_EQ(std::isnan(variance[2 * r + c % 2](0, c / 2)), at_white) << r << c;
+    }
 }
 
 }  // namespace
