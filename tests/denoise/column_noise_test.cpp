@@ -175,6 +175,7 @@ RawFrame raw_of(const NoiseProfile& profile, Image dn) {
   frame.layout = profile.layout;
   frame.black_dn.assign(profile.channels.size(), 0.0);
   frame.white_dn = kLargestDn;
+  frame.white_known = true;
   frame.source = "test";
   frame.dn = std::move(dn);
   return frame;

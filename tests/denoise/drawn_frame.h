@@ -30,6 +30,7 @@ inline RawFrame drawn_frame(const Image& clean, const PhysicsNoise& noise, TestL
   frame.layout = noise.layout;
   frame.black_dn.assign(noise.channels.size(), levels.black_dn);
   frame.white_dn = levels.white_dn;
+  frame.white_known = true;
   frame.source = "test";
   frame.dn = clean;
   add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = seed});

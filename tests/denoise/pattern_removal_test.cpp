@@ -202,6 +202,7 @@ TEST(PatternRemoval, APixelThatIsLiftedOverWhiteIsNotSaturated) {
   frame.layout = profile.layout;
   frame.black_dn.assign(16, 0.0);
   frame.white_dn = 700;
+  frame.white_known = true;
   frame.source = "test";
   frame.dn = drawn([](int, int) { return 650.0; }, *profile.pattern, 0, 1, 8);
   frame.dn(100, 100) = 700;
@@ -229,6 +230,7 @@ TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
   frame.layout = profile.layout;
   frame.black_dn.assign(16, 0.0);
   frame.white_dn = 4095;
+  frame.white_known = true;
   frame.source = "test";
   frame.dn = drawn(smooth_scene, *profile.pattern, 1, 1, 7);
   const auto squared_error = [&](const NoiseProfile& known, bool wanted) {

@@ -63,6 +63,7 @@ UncertaintyCheck measure(const DenoiseSettings& settings, const SensorLayout& la
   frame.layout = layout;
   frame.black_dn.assign(noise.channels.size(), 0.0);
   frame.white_dn = 4095;
+  frame.white_known = true;
   frame.source = "simulated";
   frame.dn = clean;
   add_noise_exact(noise, clean, frame.dn, DrawAddress{.seed = seed});

@@ -41,6 +41,7 @@ RawFrame even_frame(float dn, int rows = 32, int cols = 32) {
   frame.layout = SensorLayout::named("bayer-rggb");
   frame.black_dn.assign(4, 0.0);
   frame.white_dn = 4095;
+  frame.white_known = true;
   frame.source = "even";
   frame.dn = Image(rows, cols, dn);
   return frame;

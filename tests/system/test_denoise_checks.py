@@ -225,3 +225,15 @@ def test_lines_of_text_are_not_taken_for_row_noise(malus, tmp_path, light):
     assert "row noise 0.00 DN removed" in done.out
     denoised = np.array(Image.open(tmp_path / "page_denoised.tif"))
     assert np.square(denoised - page).mean() < 0.7 * np.square(codes - 100 - page).mean()
+
+
+
+def test_a_white_that_leaves_no_range_is_refused(refused, tmp_path):
+    """The tables of the noise reach up to it."""
+    dark = np.random.default_rng(7).normal(-5, 1, (256, 256)).clip(None, -0.1).astype(np.float32)
+    np.save(tmp_path / "dark.npy", dark)
+    assert "white is not known" in refused("denoise", tmp_path / "dark.npy", "-o", tmp_path / "out")
+    np.save(tmp_path / "light.npy", dark + 500)
+    line = refused("denoise", tmp_path / "light.npy", "--layout", "polar-mono", "--model", "imx250mzr-simulated", "--gain", 12,
+                   "--white", "1e300", "-o", tmp_path / "out")
+    assert "light.npy: white 1e+300 DN" in line

@@ -7,6 +7,7 @@
 #include "malus/denoise/internal/texture_removal.h"
 #include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/row_noise.h"
+#include "malus/denoise/saturated_pixels.h"
 #include "malus/image/pack.h"
 #include "malus/image/quantization.h"
 #include "malus/noise/clipped_noise.h"
@@ -62,30 +63,6 @@ bool measure_block(View<const float> plane, int row, int col, double saturated_d
   block.texture = coarse_squares / kCount - (coarse_sum / kCount) * (coarse_sum / kCount);
   block.variance = squares / kCount;
   return true;
-}
-
-// The least value of a pixel that does not tell its light: white, or less where so many pixels
-// share the channel's largest value that they were clipped there, below a white that is not known.
-// Noise ends in a tail: of pixels that are not clipped the largest value has fewer than the one
-// below it.
-float saturation_of(const Image& plane, double white_dn) {
-  constexpr std::int64_t kPile = 4;                 // times the pixels of the value below
-  constexpr std::int64_t kLeast = kBlock * kBlock;  // fewer fill no block
-  float top = -std::numeric_limits<float>::infinity(), below = top;
-  std::int64_t at_top = 0, at_below = 0;
-  for (const float v : plane.values()) {
-    if (!std::isfinite(v) || v < below) continue;
-    if (v > top) {
-      below = std::exchange(top, v);
-      at_below = std::exchange(at_top, 0);
-    } else if (v > below && v < top) {
-      below = v;
-      at_below = 0;
-    }
-    ++(v == top ? at_top : at_below);
-  }
-  const bool clipped = at_below > 0 && at_top >= kLeast && at_top > kPile * at_below;
-  return clipped ? std::min(top, static_cast<float>(white_dn)) : static_cast<float>(white_dn);
 }
 
 std::vector<Block> measure_blocks(View<const float> plane, double saturated_dn) {
@@ -197,18 +174,21 @@ struct PlanesNoise {
 Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame, double step_dn) {
   const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
   const CutOff cut_off = measure_cut_off(frame);
+  // White may lie lower than what is told, and is not known of many frames.
+  const std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
   PlanesNoise out;
   out.channels.rounding_dn2 = step_dn * step_dn / 12;
   double usable = 0, all = 0;
   for (const Image& plane : planes) {
-    out.saturated_dn.push_back(saturation_of(plane, range_dn));
+    const std::size_t k = out.channels.levels.size();
+    const float pile_dn = piles_dn[k] - static_cast<float>(frame.black_dn[k]);  // as the pixels
+    out.saturated_dn.push_back(std::min(pile_dn, static_cast<float>(range_dn)));
     const std::vector<Block> blocks = measure_blocks(plane, out.saturated_dn.back());
     if (blocks.size() < kLeastBlocks)
       return Undecided{too_few_blocks(blocks.size(), plane, range_dn)};
     usable += kSmoothShare * static_cast<double>(blocks.size());
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
     std::vector<VarianceLevel> levels = measure_levels(blocks);
-    const std::size_t k = out.channels.levels.size();
     const bool cut = cut_off.share[k] > 0;
     out.channels.floor_dn.push_back(cut ? -frame.black_dn[k]
                                         : -std::numeric_limits<double>::infinity());

@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/wording.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/impulses.h"
 #include "malus/denoise/internal/channel_levels.h"
@@ -11,6 +12,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+
+#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -148,12 +151,32 @@ std::vector<double> channel_means(View<const float> dn, const SensorLayout& layo
   return sum;
 }
 
+// Tables reach up to white: it has to be above black, and not so far that they never end.
+void require_range(const RawFrame& frame) {
+  constexpr double kMostDn = 4294967296.0;  // integers of 32 bits
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
+  const bool guessed = !frame.white_known && frame.bits == 0;
+  if (!(range_dn > 0))
+    throw InputError(frame.source,
+                     guessed ? "no pixel is above black, and white is not known"
+                             : fmt::format("white {:g} DN is not above black", frame.white_dn),
+                     "give white (" + setting("white") + ")");
+  if (!(range_dn <= kMostDn))
+    throw InputError(
+        frame.source,
+        guessed
+            ? fmt::format("white is not known, and the largest pixel is {:g} DN", frame.white_dn)
+            : fmt::format("white {:g} DN is above all that cameras count", frame.white_dn),
+        "check " + setting("white") + " and the file's scale");
+}
+
 }  // namespace
 
 void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
   if (frame.dn.empty())
     throw InputError(frame.source, "has no pixels", "give a frame with at least one");
   require_layout_of_model(frame, profile.layout);
+  require_range(frame);
 }
 
 PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, PreparationSteps steps,
@@ -169,8 +192,8 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
     for (int c = 0; c < frame.dn.cols(); ++c) {
       const auto k = static_cast<std::size_t>(frame.layout.channel_at(r, c));
       float& pixel = frame.dn(r, c);
-      if (pixel >= frame.white_dn) ++report.saturated_pixels;
       pixel -= levels.zero_dn[k];
+      if (pixel >= saturated_dn[k]) ++report.saturated_pixels;
     }
   prepared.dn = std::move(frame.dn);
   fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);

@@ -40,6 +40,7 @@ set(denoise_SOURCES
     row_noise.cpp
     row_posterior.cpp
     row_stripes.cpp
+    saturated_pixels.cpp
     stack_kernel.cpp
     stack_stage.cpp
     stated_error.cpp

@@ -132,6 +132,7 @@ class ShardPairs final : public PairSource {
     // The sample's zero lies where debias put it; white stays as far above it as it was.
     pair.noisy.black_dn.assign(pair.profile.channels.size(), -removed_bias_dn);
     pair.noisy.white_dn = white_above_black(model_.white_dn, model_.black_dn) - removed_bias_dn;
+    pair.noisy.white_known = true;
     if (!sample.biased) pair.profile.clear_bias();
     return pair;
   }

@@ -1,9 +1,11 @@
 // Where a frame's channels begin and end: what is subtracted before all else, and white above that.
 #pragma once
 
+#include "malus/denoise/saturated_pixels.h"
 #include "malus/image/raw_frame.h"
 #include "malus/noise/profile.h"
 
+#include <algorithm>
 #include <vector>
 
 namespace malus::internal {
@@ -13,12 +15,20 @@ struct ChannelLevels {
   std::vector<float> saturated_dn;  ///< white above them
 };
 
+/// Where nobody tells the white of float pixels it is the largest of them (malus/io/frame_file.h):
+/// a range, but no sign that this pixel is saturated. Then a channel is where its pixels pile up;
+/// one without a pile nowhere, which is said as another range above white.
 inline ChannelLevels channel_levels(const RawFrame& frame, const NoiseProfile& profile) {
   ChannelLevels levels;
+  const bool guessed = !frame.white_known && frame.bits == 0;
+  const std::vector<float> piles_dn =
+      guessed ? piled_up_dn(frame.dn, frame.layout) : std::vector<float>();
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
     levels.zero_dn.push_back(static_cast<float>(frame.black_dn[k] + profile.channels[k].bias_dn));
+    double white_dn = frame.white_dn;
+    if (guessed) white_dn = std::min(double{piles_dn[k]}, 2 * frame.white_dn - frame.black_dn[k]);
     // In single precision, as the pixels: those at white are found again.
-    levels.saturated_dn.push_back(static_cast<float>(frame.white_dn) - levels.zero_dn[k]);
+    levels.saturated_dn.push_back(static_cast<float>(white_dn) - levels.zero_dn[k]);
   }
   return levels;
 }

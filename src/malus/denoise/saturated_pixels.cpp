@@ -1,0 +1,48 @@
+#include "malus/denoise/saturated_pixels.h"
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
+
+namespace malus {
+namespace {
+
+// The two largest values of a channel, and how many pixels have them.
+struct Top {
+  float top = -std::numeric_limits<float>::infinity(), below = top;
+  std::int64_t at_top = 0, at_below = 0;
+
+  void add(float v) {
+    if (!std::isfinite(v) || v < below) return;
+    if (v > top) {
+      below = std::exchange(top, v);
+      at_below = std::exchange(at_top, 0);
+    } else if (v > below && v < top) {
+      below = v;
+      at_below = 0;
+    }
+    ++(v == top ? at_top : at_below);
+  }
+
+  bool is_pile() const {
+    constexpr std::int64_t kPile = 4;    // times the pixels of the value below
+    constexpr std::int64_t kLeast = 64;  // fewer fill no block of estimate_noise.h
+    return at_below > 0 && at_top >= kLeast && at_top > kPile * at_below;
+  }
+};
+
+}  // namespace
+
+std::vector<float> piled_up_dn(View<const float> dn, const SensorLayout& layout) {
+  std::vector<Top> tops(static_cast<std::size_t>(layout.channels()));
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c)
+      tops[static_cast<std::size_t>(layout.channel_at(r, c))].add(dn(r, c));
+  std::vector<float> piles_dn;
+  for (const Top& channel : tops)
+    piles_dn.push_back(channel.is_pile() ? channel.top : std::numeric_limits<float>::infinity());
+  return piles_dn;
+}
+
+}  // namespace malus

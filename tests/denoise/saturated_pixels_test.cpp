@@ -1,0 +1,95 @@
+// Frames whose white nobody tells: known light, noise from the generative law, fixed seeds.
+#include "malus/denoise/saturated_pixels.h"
+
+#include "malus/denoise/denoiser.h"
+#include "malus/denoise/estimate_noise.h"
+#include "malus/noise/model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "denoise/drawn_frame.h"
+#include "problem_of.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using ::malus::testing::problem_of;
+using ::testing::HasSubstr;
+
+constexpr float kEvenDn = 500;
+
+// Float pixels as they are read from a file that tells no white: the largest of them stands for it.
+void forget_white(RawFrame& frame) {
+  const auto& values = frame.dn.values();
+  frame.white_dn = *std::max_element(values.begin(), values.end());
+  frame.white_known = false;
+}
+
+PhysicsNoise even_noise() { return equal_channels("polar-mono", {0.5, 0.1, 0.0, 1.2, 0.0}); }
+
+RawFrame even_light() {
+  return drawn_frame(Image(96, 96, kEvenDn), even_noise(), {.black_dn = 82}, 12);
+}
+
+Denoised denoised_with_error(const RawFrame& frame) {
+  return denoise_frame(frame, profile_of(even_noise()), {.profile = "fast"}, silent_progress(),
+                       true);
+}
+
+TEST(SaturatedPixels, TheBrightestOfUnknownWhiteIsDenoisedAsTheOthers) {
+  RawFrame frame = even_light();
+  const Denoised known = denoised_with_error(frame);
+  forget_white(frame);
+  const Denoised result = denoised_with_error(frame);
+  EXPECT_EQ(result.saturated_pixels, 0);
+  for (std::size_t i = 0; i < frame.dn.size(); ++i) {
+    ASSERT_NEAR(result.dn_above_black.values()[i], known.dn_above_black.values()[i], 0.5) << i;
+    ASSERT_TRUE(std::isfinite(result.variance_dn2->values()[i])) << i;
+  }
+}
+
+TEST(SaturatedPixels, APileAtTheTopIsSaturatedWhoeverTellsWhite) {
+  RawFrame frame = even_light();
+  for (float& v : frame.dn.values()) v = std::min(v, 82 + kEvenDn + 10);
+  forget_white(frame);
+  const Denoised result = denoised_with_error(frame);
+  const auto clipped = std::count(frame.dn.values().begin(), frame.dn.values().end(),
+                                  static_cast<float>(frame.white_dn));
+  ASSERT_GT(clipped, 1000);
+  EXPECT_EQ(result.saturated_pixels, clipped);
+  for (std::size_t i = 0; i < frame.dn.size(); ++i)
+    ASSERT_EQ(std::isnan(result.variance_dn2->values()[i]), frame.dn.values()[i] == frame.white_dn);
+}
+
+TEST(SaturatedPixels, PilesAreEachChannelsOwn) {
+  Image dn = even_light().dn;
+  for (int r = 0; r < dn.rows(); r += 2)
+    for (int c = 0; c < dn.cols(); c += 2) dn(r, c) = std::min(dn(r, c), 580.0f);
+  const std::vector<float> piles_dn = piled_up_dn(dn, SensorLayout::named("polar-mono"));
+  EXPECT_EQ(piles_dn[0], 580);
+  for (std::size_t k = 1; k < 4; ++k) EXPECT_TRUE(std::isinf(piles_dn[k])) << k;
+}
+
+TEST(SaturatedPixels, AWhiteThatLeavesNoRangeIsRefused) {
+  RawFrame dark = even_light();
+  for (float& v : dark.dn.values()) v -= 1000;
+  forget_white(dark);
+  EXPECT_THAT(problem_of([&] { denoised_with_error(dark); }),
+              HasSubstr("no pixel is above black, and white is not known"));
+  RawFrame endless = even_light();
+  endless.white_dn = 1e300;
+  EXPECT_THAT(problem_of([&] { denoised_with_error(endless); }),
+              HasSubstr("white 1e+300 DN is above all that cameras count"));
+  RawFrame broken = even_light();
+  broken.dn(3, 4) = 3e38f;
+  forget_white(broken);
+  EXPECT_THAT(problem_of([&] { denoised_with_error(broken); }),
+              HasSubstr("white is not known, and the largest pixel is 3e+38 DN"));
+}
+
+}  // namespace
+}  // namespace malus
