@@ -154,6 +154,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                     std::vector<DenoisedFrame>* report) {
   OpenedFrame opened = open_frame(arguments, denoiser, model, job, options);
   ProfileChoice& choice = opened.choice;
+  if (arguments.u16) check_integers(opened.described, choice.profile);
   const bool compared = !job.reference.path.empty();
   DenoisedFrame kept;
   kept.profile = choice.profile;

@@ -1,10 +1,13 @@
 #include "denoise_files.h"
 
+#include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 
 #include <algorithm>
 #include <cmath>
+
+#include <fmt/format.h>
 
 namespace malus::app {
 namespace {
@@ -45,6 +48,27 @@ void save_integers(const fs::path& path, const RawFrame& header, double lowered_
 }
 
 }  // namespace
+
+void check_integers(const RawFrame& frame, const NoiseProfile& profile) {
+  constexpr double kHighest = 65535;
+  if (frame.white_dn > kHighest)
+    throw InputError(frame.source,
+                     fmt::format("white {:g} DN is above {:g}, the largest integer of 16 bits",
+                                 frame.white_dn, kHighest),
+                     "leave --u16 out, or give --white where it is lower");
+  if (frame.bits > 0) return;  // integers hold it already
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
+  double deviation_dn = 0;
+  for (const ChannelProfile& channel : profile.channels)
+    deviation_dn = std::max(deviation_dn, std::sqrt(channel.variance(range_dn)));
+  const double rounding_dn = 1 / std::sqrt(12.0);
+  if (deviation_dn < rounding_dn)
+    throw InputError(
+        frame.source,
+        fmt::format("its noise, {:.2g} DN at white, is less than what rounding to integers adds",
+                    deviation_dn),
+        "leave --u16 out, or scale the frame to a camera's DN");
+}
 
 std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,
                                        Denoised& result, const OutputNames& names, bool force) {

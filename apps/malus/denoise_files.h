@@ -16,6 +16,10 @@ struct OutputNames {
   std::filesystem::path picture;  ///< alone, of networks that give pictures
 };
 
+/// Throws InputError for a frame that integers of 16 bits (names.integers) cannot hold: white above
+/// their range, or float pixels on a scale so small that rounding takes more than the noise does.
+void check_integers(const RawFrame& frame, const NoiseProfile& profile);
+
 /// The denoised mosaic and what else names asks for; returns the files. result's pixels exist once:
 /// they move into the file's frame and back. profile: its bias is missing from saturated pixels,
 /// and so from white. Throws InputError.

@@ -227,6 +227,20 @@ def test_lines_of_text_are_not_taken_for_row_noise(malus, tmp_path, light):
     assert np.square(denoised - page).mean() < 0.7 * np.square(codes - 100 - page).mean()
 
 
+def test_integers_that_cannot_hold_the_frame_are_refused(malus, refused, tmp_path):
+    """On a scale of 0 to 1 all of them would be 0; above 16 bits the light ends at 65535."""
+    even = np.random.default_rng(6).normal(0.4, 0.01, (256, 256)).astype(np.float32)
+    for name, scale, white, said in (("unit", 1, 1, "rounding"), ("large", 800000, 800000, "65535"), ("camera", 4095, 4095, "")):
+        np.save(tmp_path / f"{name}.npy", even * scale)
+        command = ["denoise", tmp_path / f"{name}.npy", "--layout", "mono", "--black", 0, "--white", white, "--profile", "fast",
+                   "--u16", "-o", tmp_path / name]
+        if said:
+            line = refused(*command)
+            assert name in line and said in line and "--u16" in line and not list((tmp_path / name).glob("*"))
+        else:
+            malus(*command)
+            assert np.array(Image.open(tmp_path / "camera/camera_denoised_u16.tif")).mean() == pytest.approx(0.4 * 4095, rel=0.01)
+
 
 def test_a_white_that_leaves_no_range_is_refused(refused, tmp_path):
     """The tables of the noise reach up to it."""
