@@ -70,7 +70,8 @@ bool FrameDenoiser::takes_ratio() const {
 }
 
 bool FrameDenoiser::undoes_cut_off() const {
-  return !network_ || network_->description().at("package").at("domain") == "stabilised";
+  if (!network_) return denoise_method(settings_.method).stabilizes;
+  return network_->description().at("package").at("domain") == "stabilised";
 }
 
 void FrameDenoiser::require_used(const std::vector<std::string>& inference_settings) const {

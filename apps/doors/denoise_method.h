@@ -36,7 +36,8 @@ class FrameDenoiser {
                       double held_values = 0) const;
   /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
   std::string target() const;
-  /// Whether light that the camera cut off at 0 is worked out: not by linear networks.
+  /// Whether light that the camera cut off at 0 is worked out: not by linear networks, nor by
+  /// baselines that do not stabilise.
   bool undoes_cut_off() const;
   /// Throws InputError for a setting of InferenceSettings that was given and that the method would
   /// not look at.

@@ -84,6 +84,16 @@ TEST(CutOff, DarkPlacesComeOutAsDarkAsTheyAre) {
   }
 }
 
+// They filter the pixels as they are: nothing there knows of a law.
+TEST(CutOff, MethodsThatDoNotStabiliseUndoNothingAndSayNothingElse) {
+  for (const char* method : {"paper-bm3d", "paper-mbm3d"}) {
+    const Denoised result =
+        denoise_frame(cut_off_frame(0, 3), uncut_profile(), {.method = method, .profile = "fast"});
+    EXPECT_FALSE(result.cut_off_undone) << method;
+    EXPECT_GT(result.cut_off_share, 0.1) << method;
+  }
+}
+
 TEST(CutOff, FarBelowTheBlackLevelNothingChanges) {
   const RawFrame frame = cut_off_frame(60, 3);
   EXPECT_FALSE(measure_cut_off(frame).any());

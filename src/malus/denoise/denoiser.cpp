@@ -130,8 +130,8 @@ const std::vector<DenoiseMethod>& denoise_methods() {
       {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
       {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
       {"vst-bm3d", "baseline: stabilised, each plane filtered alone", false},
-      {"paper-mbm3d", "baseline: all planes jointly with one estimated deviation", false},
-      {"paper-bm3d", "baseline: each plane alone with its estimated deviation", false},
+      {"paper-mbm3d", "baseline: all planes jointly with one estimated deviation", false, false},
+      {"paper-bm3d", "baseline: each plane alone with its estimated deviation", false, false},
   };
   return methods;
 }
@@ -161,7 +161,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   const CutOff cut_off = measure_cut_off(frame);
   const NoiseProfile profile = as_shown(before_cut_off(given, frame), frame, cut_off);
   result.cut_off_share = cut_off.mean_share();
-  result.cut_off_undone = has_cut_off_law(profile);
+  result.cut_off_undone = method.stabilizes && has_cut_off_law(profile);
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile,
                     {.remove_rows = settings.row_noise && method.on_mosaic,

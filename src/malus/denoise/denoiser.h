@@ -83,7 +83,8 @@ struct Denoised {
   std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
   std::int64_t saturated_pixels = 0;
   /// Of the pixels, those at 0 that noise took there (cut_off.h), and whether its law was taken
-  /// back, which needs noise of half a step or more, and of a network a stabilised domain.
+  /// back, which needs noise of half a step or more, a method that stabilises, and of a network
+  /// a stabilised domain.
   double cut_off_share = 0;
   bool cut_off_undone = false;
   std::int64_t defect_pixels = 0;   ///< of the model's list, filled from their neighbours
@@ -100,6 +101,8 @@ struct DenoiseMethod {
   std::string name;
   std::string description;  ///< one line
   bool on_mosaic;           ///< takes out row and column noise, gives variances; baselines do not
+  /// By the noise's law, which takes back what was cut off at 0. Others filter the pixels as given.
+  bool stabilizes = true;
 };
 /// The built-in methods, the default first.
 const std::vector<DenoiseMethod>& denoise_methods();
