@@ -223,7 +223,8 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   const std::vector<OutputNames> names =
       plan_denoised_files(arguments, denoiser.target(), common.force);
   check_report(arguments, names, common.force);
-  const fs::path untold = check_inputs(arguments.inputs, arguments.references, options);
+  const fs::path untold =
+      check_inputs(arguments.inputs, arguments.references, options, model.has_value());
   if (model && !untold.empty())
     note(common, fmt::format("{}: layout not told, taken as the model's, {} (--layout)",
                              untold.string(), model->layout.name()));

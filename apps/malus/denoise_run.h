@@ -33,11 +33,11 @@ struct Reference {
 void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_stated);
 
 /// Opens every file before anything is done: throws InputError for one that is missing or no
-/// mosaic. Returns the first whose layout neither it nor the options tell; empty where there is
-/// none.
+/// mosaic, and with a model, by_model, for a frame that is denoised (require_raw). Returns the
+/// first whose layout neither it nor the options tell; empty where there is none.
 std::filesystem::path check_inputs(const std::vector<std::filesystem::path>& frames,
                                    const std::vector<std::filesystem::path>& references,
-                                   const FrameOptions& options);
+                                   const FrameOptions& options, bool by_model);
 
 /// The metrics of the frame, and of its result; the frame must have a reference.
 void measure_before(DenoisedFrame& frame);

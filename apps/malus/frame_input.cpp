@@ -6,6 +6,7 @@
 #include "malus/denoise/column_noise.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
+#include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
@@ -62,6 +63,12 @@ FrameOptions options_for_file(const std::filesystem::path& path, const FrameOpti
   if (above.white_dn) above.white_dn = white_above_black(*above.white_dn, options.black_dn);
   if (!tells_above) above.black_dn = {0.0};
   return above;
+}
+
+void require_raw(const FrameInfo& info, const std::string& remedy) {
+  if (info.holds == kHoldsDenoised)
+    throw InputError(info.frame.source, "is denoised: --model states the noise of raw frames",
+                     remedy);
 }
 
 FrameAsLight load_as_light(const std::filesystem::path& path, const FrameOptions& options,

@@ -21,6 +21,10 @@ namespace malus::app {
 FrameOptions options_for_file(const std::filesystem::path& path, const FrameOptions& options,
                               FloatBlack float_black);
 
+/// Throws InputError for a file that says it is denoised: a model's noise and bias are no longer in
+/// it.
+void require_raw(const FrameInfo& info, const std::string& remedy);
+
 /// A frame above black, and the least value of a saturated pixel of each of its channels
 /// (saturation_dn, malus/noise/raw_variance.h).
 struct FrameAsLight {

@@ -41,8 +41,7 @@ Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange ran
   RawFrame& above_black = light.frame;
   require_layout_of_model(above_black, model.layout);
   const NoiseProfile profile = profile_for(above_black, model, range);
-  return pack(malus::take_out_bias(above_black, profile, light.saturated_dn),
-              above_black.layout);
+  return pack(malus::take_out_bias(above_black, profile, light.saturated_dn), above_black.layout);
 }
 
 Planes load_variance(const std::filesystem::path& path, const FrameAsLight& light) {
@@ -78,11 +77,9 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
   size_only.rows = options.rows;
   size_only.cols = options.cols;
   const FrameInfo info = probe_frame(input, size_only);
-  const bool denoised = info.holds == kHoldsDenoised;
-  if (by_model && denoised)
-    throw InputError(input.string(), "is denoised: --model states the noise of raw frames",
-                     "give --variance with what denoise --uncertainty wrote, or the raw frame");
-  if (!by_model && !denoised && info.frame.bits > 0)
+  if (by_model)
+    require_raw(info, "give --variance with what denoise --uncertainty wrote, or the raw frame");
+  else if (info.holds != kHoldsDenoised && info.frame.bits > 0)
     warn(fmt::format(
         "{}: is not marked as denoised; --variance is for denoised frames, --model for raw ones",
         input.string()));
