@@ -189,17 +189,30 @@ TEST(Demosaick, LimitsAtEdgesLeaveTheMeanOfNoisyLight) {
   }
 }
 
-TEST(Demosaick, BrokenPixelsAreFilledAndStayLocal) {
+// Also where they are many, or too large for squares in float: nothing is made up at their places,
+// and even light stays even around them.
+TEST(Demosaick, BrokenPixelsAreUnknownAndSpareTheirNeighbours) {
   const auto layout = SensorLayout::named("polar-bayer-rggb");
   Image mosaic = mosaic_of(layout, 64, 64, [](Color color, int, int) {
     return scaled_by_color(color, {1000, 100, 200});
   });
   mosaic(30, 31) = std::numeric_limits<float>::quiet_NaN();
   mosaic(0, 0) = std::numeric_limits<float>::infinity();
+  mosaic(50, 9) = 3e38f;
+  for (int r = 12; r < 30; ++r)
+    for (int c = 40; c < 57; ++c) mosaic(r, c) = std::numeric_limits<float>::quiet_NaN();
   for (const auto method : {Demosaicking::kBilinear, Demosaicking::kResidual}) {
     const auto picture = demosaick(mosaic, layout, method);
     for (const auto& s : picture.planes)
-      for (float v : s.s0.values()) ASSERT_TRUE(std::isfinite(v));
+      for (int r = 0; r < 64; ++r)
+        for (int c = 0; c < 64; ++c) {
+          const bool broken = !(std::abs(mosaic(r, c)) < 1e6f);
+          ASSERT_EQ(std::isnan(s.s0(r, c)), broken) << r << " " << c;
+          if (broken) continue;
+          const double brightest = 1000 * 1.2;
+          ASSERT_GT(s.s0(r, c), 0) << r << " " << c;
+          ASSERT_LT(s.s0(r, c), brightest) << r << " " << c;
+        }
   }
 }
 

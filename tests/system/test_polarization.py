@@ -89,6 +89,21 @@ def test_normals_are_judged_where_the_reference_has_one(malus, refused, tmp_path
     assert "truth.npy: has no normal: every pixel is (0, 0, 0) or not finite" in refused(*command)
 
 
+
+
+def test_full_resolution_makes_no_light_up(malus, tmp_path):
+    """Where the frame has none, nothing is known; and one pixel out of all range spoils no other."""
+    dn = np.full((64, 64), 500, np.float32)
+    dn[20:41, 10:33] = np.nan
+    dn[50, 50] = 3e38
+    np.save(tmp_path / "f.npy", dn)
+    malus("stokes", "-q", tmp_path / "f.npy", *LAYOUT, "--full", "--format", "npy", "-o", tmp_path)
+    s0 = np.load(tmp_path / "f_s0.npy")
+    broken = ~(dn < 1e6)
+    assert np.isnan(s0[broken]).all()
+    assert s0[~broken] == pytest.approx(1000, rel=1e-4)
+
+
 def stokes(mosaic):
     i90, i45, i135, i0 = mosaic[::2, ::2], mosaic[::2, 1::2], mosaic[1::2, ::2], mosaic[1::2, 1::2]
     return (i0 + i45 + i90 + i135) / 2, i0 - i90, i45 - i135

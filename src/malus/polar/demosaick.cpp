@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -211,6 +213,22 @@ void check_size(View<const float> mosaic, const SensorLayout& layout, const std:
                      "use a larger frame, or one value per cell");
 }
 
+// What was filled to spare its neighbours is not known itself; of a whole channel, nothing is.
+void forget_filled(View<const float> mosaic, const SensorLayout& layout, StokesPicture& picture) {
+  std::vector<bool> seen(static_cast<std::size_t>(layout.channels()));
+  for (int r = 0; r < mosaic.rows(); ++r)
+    for (int c = 0; c < mosaic.cols(); ++c)
+      if (internal::is_usable(mosaic(r, c)))
+        seen[static_cast<std::size_t>(layout.channel_at(r, c))] = true;
+  const bool all_seen = std::find(seen.begin(), seen.end(), false) == seen.end();
+  for (StokesPlanes& stokes : picture.planes)
+    for (Image* plane : {&stokes.s0, &stokes.s1, &stokes.s2})
+      for (int r = 0; r < mosaic.rows(); ++r)
+        for (int c = 0; c < mosaic.cols(); ++c)
+          if (!all_seen || !internal::is_usable(mosaic(r, c)))
+            (*plane)(r, c) = std::numeric_limits<float>::quiet_NaN();
+}
+
 }  // namespace
 
 bool supports_residual(const SensorLayout& layout) {
@@ -237,16 +255,18 @@ StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, De
                         const std::string& source) {
   require_polarized(layout, source);
   check_size(mosaic, layout, source);
-  const Image finite = internal::filled(mosaic, layout);
-  if (method == Demosaicking::kBilinear) return bilinear(finite, layout);
-  if (!supports_residual(layout))
+  if (method == Demosaicking::kResidual && !supports_residual(layout))
     throw InputError(
         source,
         fmt::format("residual interpolation needs 2x2 blocks of one colour with four angles, which "
                     "the layout {} does not have",
                     layout.name()),
         "use bilinear interpolation where there is a choice, or one value per cell");
-  return residual(finite, layout);
+  const Image usable = internal::filled(mosaic, layout);
+  StokesPicture picture =
+      method == Demosaicking::kBilinear ? bilinear(usable, layout) : residual(usable, layout);
+  forget_filled(mosaic, layout, picture);
+  return picture;
 }
 
 bool is_bayer(const SensorLayout& layout) {

@@ -30,9 +30,11 @@ inline constexpr std::array<std::string_view, 2> kDemosaickingNames = {"bilinear
 bool supports_residual(const SensorLayout& layout);
 
 /// mosaic: DN above black. Result: planes of the mosaic's size, "R", "G", "B" (G from both greens)
-/// or "" for mono. Pixels that are not finite are filled from their neighbours first; outputs are
-/// finite. Throws InputError, which names `source`, when the layout is not polarized or the mosaic
-/// is smaller than two cells; and when the method does not support the layout.
+/// or "" for mono. Pixels that hold no light (NaN, infinite, 1e15 DN or more) are filled from
+/// their neighbours first, so that others stay as they are; at their own places the result is NaN.
+/// All of it is NaN where a channel has no other pixels. Throws InputError, which names `source`,
+/// when the layout is not polarized or the mosaic is smaller than two cells; and when the method
+/// does not support the layout.
 StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout,
                         Demosaicking method = Demosaicking::kResidual,
                         const std::string& source = "demosaicking");
@@ -40,9 +42,9 @@ StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout,
 /// Two greens on one diagonal of 2x2 sites, red and blue on the other, no polarizers.
 bool is_bayer(const SensorLayout& layout);
 
-/// R, G, B planes of a Bayer mosaic's size in its unit, colours as in kResidual. Pixels that are
-/// not finite are filled first. Throws InputError where the layout is no Bayer pattern or the
-/// mosaic smaller than two cells.
+/// R, G, B planes of a Bayer mosaic's size in its unit, colours as in kResidual. Pixels that hold
+/// no light are filled first, with 0 where a channel has no others: outputs are finite. Throws
+/// InputError where the layout is no Bayer pattern or the mosaic smaller than two cells.
 Planes demosaick_bayer(View<const float> mosaic, const SensorLayout& layout);
 
 }  // namespace malus

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <vector>
 
 namespace malus::internal {
 namespace {
@@ -55,24 +57,43 @@ double mean_square(const Image& image) {
   return sum / static_cast<double>(image.size());
 }
 
+bool is_usable(float dn) {
+  constexpr float kMostDn = 1e15f;
+  return std::abs(dn) < kMostDn;  // NaN is not
+}
+
 Image filled(View<const float> mosaic, const SensorLayout& layout) {
+  struct Hole {
+    int row, col;
+    float dn;
+  };
   Image out(mosaic.rows(), mosaic.cols());
-  for_rows(out.rows(), [&](int r) {
+  std::vector<Hole> holes;
+  for (int r = 0; r < out.rows(); ++r)
     for (int c = 0; c < out.cols(); ++c) {
       out(r, c) = mosaic(r, c);
-      if (std::isfinite(out(r, c))) continue;
-      double sum = 0;
-      int count = 0;
-      for (int dr = -1; dr <= 1; ++dr)
-        for (int dc = -1; dc <= 1; ++dc) {
-          const int row = r + dr * layout.rows(), col = c + dc * layout.cols();
-          if (row < 0 || col < 0 || row >= out.rows() || col >= out.cols()) continue;
-          const float v = mosaic(row, col);
-          if (std::isfinite(v)) sum += v, ++count;
-        }
-      out(r, c) = count > 0 ? static_cast<float>(sum / count) : 0.0f;
+      if (!is_usable(out(r, c))) holes.push_back({r, c, 0.0f});
     }
-  });
+  const auto mean_around = [&](const Hole& hole) {
+    double sum = 0;
+    int count = 0;
+    for (int dr = -1; dr <= 1; ++dr)
+      for (int dc = -1; dc <= 1; ++dc) {
+        const int row = hole.row + dr * layout.rows(), col = hole.col + dc * layout.cols();
+        if (row < 0 || col < 0 || row >= out.rows() || col >= out.cols()) continue;
+        if (is_usable(out(row, col))) sum += out(row, col), ++count;
+      }
+    return count > 0 ? static_cast<float>(sum / count) : std::numeric_limits<float>::quiet_NaN();
+  };
+  while (!holes.empty()) {
+    for (Hole& hole : holes) hole.dn = mean_around(hole);
+    const auto rim = std::partition(holes.begin(), holes.end(),
+                                    [](const Hole& hole) { return std::isnan(hole.dn); });
+    const auto last = rim == holes.end() ? holes.begin() : rim;  // nothing to fill them from
+    for (auto hole = last; hole != holes.end(); ++hole)
+      out(hole->row, hole->col) = std::isnan(hole->dn) ? 0.0f : hole->dn;
+    holes.erase(last, holes.end());
+  }
   return out;
 }
 

@@ -21,7 +21,11 @@ inline Color display_color(Color color) { return color == Color::kGreen2 ? Color
 
 double mean_square(const Image& image);
 
-/// Pixels that are not finite get the mean of the finite samples of their channel one cell away.
+/// Whether arithmetic in float can be done with a pixel: finite, and its square far from the end.
+bool is_usable(float dn);
+
+/// Pixels that are not usable get the mean of the usable samples of their channel one cell away,
+/// from the rim of a hole inwards. 0 in channels that have none.
 Image filled(View<const float> mosaic, const SensorLayout& layout);
 
 /// bayer: finite, at least 4 x 4. color_at: kGreen1 on one diagonal, two other colours on the
