@@ -9,6 +9,7 @@
 #include "malus/polar/stokes.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <vector>
@@ -43,21 +44,57 @@ void require_size(const fs::path& path, const Planes& planes, int channels, cons
       "it has to match the normals: one pixel per cell, or per pixel with --full");
 }
 
+// 1 where any colour is above 0 and alpha does not hide it; where no colour is, alpha is the mask.
 Image load_mask(const fs::path& path, const Image& s0) {
-  const Planes planes = load_picture(path).planes;
-  require_size(path, planes, planes.channels(), s0);
-  return planes[0];
+  const Picture picture = load_picture(path);
+  const int channels = picture.planes.channels();
+  require_size(path, picture.planes, channels, s0);
+  const bool has_alpha = channels > 1 && picture.names.back() == "A";
+  const auto is_object = [](float v) { return v > 0; };
+  Image mask(s0.rows(), s0.cols());
+  for (int k = 0; k < channels - has_alpha; ++k)
+    for (std::size_t i = 0; i < mask.size(); ++i)
+      if (is_object(picture.planes[k].values()[i])) mask.values()[i] = 1.0f;
+  if (has_alpha) {
+    const bool drawn = std::ranges::any_of(mask.values(), is_object);
+    for (std::size_t i = 0; i < mask.size(); ++i)
+      mask.values()[i] = (!drawn || is_object(mask.values()[i])) &&
+                                 is_object(picture.planes[channels - 1].values()[i])
+                             ? 1.0f
+                             : 0.0f;
+  }
+  if (std::ranges::none_of(mask.values(), is_object))
+    throw InputError(path.string(), "no pixel is above 0, so that nothing is the object",
+                     "give a picture that is above 0 where the object is");
+  return mask;
 }
 
+// Maps that were resized or kept as halves have lengths a little off, at outlines more.
+constexpr double kLengthTolerance = 0.05, kLeastUnit = 0.5;
+
 NormalMap load_normals(const fs::path& path, const Image& like) {
-  Planes planes = load_picture(path).planes;
+  const char* const remedy =
+      "give X, Y, Z from -1 to 1 as floats, such as the _normals.exr that malus normals writes";
+  Picture picture = load_picture(path);
+  Planes& planes = picture.planes;
   require_size(path, planes, 3, like);
+  if (picture.bits > 0)
+    throw InputError(path.string(), "holds integers: a picture of normals, not normals", remedy);
   NormalMap normals{std::move(planes[0]), std::move(planes[1]), std::move(planes[2])};
-  bool any = false;
-  for (std::size_t i = 0; i < normals.x.size() && !any; ++i) any = has_normal(normals, i);
-  if (!any)
+  std::size_t count = 0, unit = 0;
+  for (std::size_t i = 0; i < normals.x.size(); ++i) {
+    if (!has_normal(normals, i)) continue;
+    ++count;
+    const double length =
+        std::hypot(normals.x.values()[i], normals.y.values()[i], normals.z.values()[i]);
+    unit += std::abs(length - 1) < kLengthTolerance;
+  }
+  if (count == 0)
     throw InputError(path.string(), "has no normal: every pixel is (0, 0, 0) or not finite",
-                     "give the normals' X, Y, Z of the object's pixels");
+                     remedy);
+  if (static_cast<double>(unit) < kLeastUnit * static_cast<double>(count))
+    throw InputError(path.string(), "its vectors are no normals: most have another length than 1",
+                     remedy);
   return normals;
 }
 
@@ -156,8 +193,10 @@ void add_normals(CLI::App& app, Common& common) {
                   [arguments, &common] { run_normals(*arguments, common); });
   command->add_option("RAW", arguments->inputs, "polarization mosaics")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
-  command->add_option("--mask", arguments->mask,
-                      "picture whose non-zero pixels are the object; else bright pixels are");
+  command->add_option(
+      "--mask", arguments->mask,
+      "picture whose pixels above 0 in any colour (without colour: in alpha) are the "
+      "object; else bright pixels are");
   command->add_option(
       "--reference", arguments->reference,
       "normals (X, Y, Z) to measure the mean angular error against; (0, 0, 0) or NaN "

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 # The cell of polar-mono.
 ANGLES = np.array([[90, 45], [135, 0]])
@@ -89,6 +90,36 @@ def test_normals_are_judged_where_the_reference_has_one(malus, refused, tmp_path
     assert "truth.npy: has no normal: every pixel is (0, 0, 0) or not finite" in refused(*command)
 
 
+def test_a_reference_that_holds_no_normals_is_refused(malus, refused, tmp_path):
+    """A picture of normals has three channels too; its error would be that of another thing."""
+    truth = ellipsoids(64, [(32, 32, 27, 27)]).astype(np.float32)
+    np.save(tmp_path / "f.npy", rendered(truth))
+    command = ["normals", "-q", tmp_path / "f.npy", *LAYOUT, "--index", INDEX, "--force", "-o", tmp_path / "out"]
+    malus(*command)
+    (tmp_path / "out/f_normals.png").rename(tmp_path / "picture.png")
+    line = refused(*command, "--reference", tmp_path / "picture.png")
+    assert "picture.png: holds integers" in line and "_normals.exr" in line
+    np.save(tmp_path / "picture.npy", np.where(np.isfinite(truth), (truth + 1) / 2, 0))
+    assert "picture.npy: its vectors are no normals" in refused(*command, "--reference", tmp_path / "picture.npy")
+    (tmp_path / "out/f_normals.exr").rename(tmp_path / "truth.exr")
+    assert malus(*command, "--reference", tmp_path / "truth.exr", "--json").json["mean_angular_error_deg"] < 0.01
+
+
+def test_a_mask_is_drawn_in_any_colour_or_in_alpha(malus, refused, tmp_path):
+    truth = ellipsoids(64, [(32, 32, 27, 27)]).astype(np.float32)
+    np.save(tmp_path / "f.npy", rendered(truth))
+    inside = np.isfinite(truth[2])
+    drawn = np.where(inside, 255, 0).astype(np.uint8)
+    none, whole = np.zeros_like(drawn), np.full_like(drawn, 255)
+    masks = {"grey": drawn, "green": [none, drawn, none], "palette": drawn, "alpha": [none, none, none, drawn],
+             "opaque": [drawn, drawn, none, whole], "green on nothing": [none, whole, none, drawn]}
+    command = ["normals", "-q", tmp_path / "f.npy", *LAYOUT, "--force", "-o", tmp_path / "out", "--mask", tmp_path / "mask.png"]
+    for name, planes in masks.items():
+        picture = Image.fromarray(np.stack(planes, 2) if isinstance(planes, list) else planes)
+        (picture.convert("P") if name == "palette" else picture).save(tmp_path / "mask.png")
+        assert malus(*command, "--json").json["object_pixels"] == inside.sum(), name
+    Image.fromarray(none).save(tmp_path / "mask.png")
+    assert "mask.png: no pixel is above 0" in refused(*command)
 
 
 def test_full_resolution_makes_no_light_up(malus, tmp_path):
