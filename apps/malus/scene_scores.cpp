@@ -60,6 +60,18 @@ std::string name_of_scene(const fs::path& path) {
   return (path.has_filename() ? path : path.parent_path()).filename().string();
 }
 
+// Of these commands none extrapolates a model.
+void require_calibrated(const NoiseModel& model, const GainSetting& gain) {
+  if (model.physics.empty()) return;
+  const GainSetting &lowest = model.physics.front().gain, &highest = model.physics.back().gain;
+  if (!gain.decibel() || !lowest.decibel()) return;
+  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
+    throw InputError(
+        "--cases " + gain.text(),
+        fmt::format("is outside the calibrated range {} to {}", lowest.text(), highest.text()),
+        "give a gain inside it, or a model of that gain");
+}
+
 }  // namespace
 
 CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
@@ -133,7 +145,11 @@ DenoiseSettings method_settings_of(const std::string& text) {
     const std::string part = text.substr(start, end - start);
     if (field == 0) settings.method = part;
     if (field == 1) settings.profile = part;
-    if (field == 2 && part == "no-row-noise") settings.row_noise = false;
+    if (field == 2 && part == "no-row-noise")
+      settings.row_noise = false;
+    else if (field >= 2)
+      throw InputError("--methods " + text, fmt::format("\"{}\" says nothing there", part),
+                       "give METHOD, METHOD/PROFILE or METHOD/PROFILE/no-row-noise");
     start = end + 1;
   }
   return settings;
@@ -170,6 +186,7 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const Noi
   synthesis.ratio = light.ratio;
   const Synthesizer camera(model, synthesis);
   const GainSetting gain = Model(model).gain_setting(light.gain);
+  require_calibrated(model, gain);
   NoisyScene noisy{camera.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed}, model.black_dn,
                                    model.white_dn),
                    model.profile_at(gain), &scene, light.ratio,

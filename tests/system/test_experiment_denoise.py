@@ -49,6 +49,16 @@ def test_light_above_white_is_white(malus, tmp_path):
     assert scores[0] == scores[1]
 
 
+@pytest.mark.parametrize("method", ["bm3d/fast/no-row-nois", "bm3d/fast/no-row-noise/twice", "bm3d/fast/", "bm3d/fast//"])
+def test_a_part_of_a_method_that_says_nothing_is_refused(refused, scene, method):
+    assert "METHOD/PROFILE/no-row-noise" in refused("experiment", "denoise", scene, "--methods", method, "--cases", "12:10")
+
+
+def test_a_gain_outside_the_model_names_no_flag_that_is_not_there(refused, scene):
+    line = refused("experiment", "denoise", scene, "--methods", "bm3d/fast", "--cases", "99:10")
+    assert "99 dB" in line and "outside the calibrated range" in line and "extrapolat" not in line
+
+
 def test_row_noise_can_be_set(malus, scene):
     run = ["experiment", "denoise", scene, "--methods", "bm3d/fast", "--cases", "12:10"]
     psnr = [[row["image_psnr_db"] for row in malus(*run, "--row-noise", noise, "--json").json["methods"]] for noise in (0, 2)]
