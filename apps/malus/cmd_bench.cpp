@@ -89,11 +89,17 @@ std::vector<BenchmarkLine> run_peer(const BenchArguments& arguments, const fs::p
   if (!json.is_array())
     throw InputError(script.string(), "prints no JSON list", "run it by hand to see why");
   std::vector<BenchmarkLine> lines;
-  for (const Json& line : json) {
-    const BenchmarkLine peer{line.value("name", script.stem().string()), line.value("value", 0.0),
-                             line.value("unit", ""), line.value("note", "")};
-    lines.push_back(peer);
-    if (line.contains("compared")) add_ratios(peer, line.value("compared", ""), ours, lines);
+  try {
+    for (const Json& line : json) {
+      const BenchmarkLine peer{line.value("name", script.stem().string()), line.value("value", 0.0),
+                               line.value("unit", ""), line.value("note", "")};
+      lines.push_back(peer);
+      if (line.contains("compared")) add_ratios(peer, line.value("compared", ""), ours, lines);
+    }
+  } catch (const Json::exception& error) {
+    throw InputError(script.string(),
+                     fmt::format("its JSON list holds no lines of results ({})", error.what()),
+                     "run it by hand to see why");
   }
   return lines;
 }

@@ -63,7 +63,8 @@ std::vector<BenchmarkLine> bm3d_lines(const BenchmarkContext& context) {
   lines.push_back(
       {"normal, 16 channels, " + counted(all, "thread"),
        context.time_s([&] { (void)bm3d(packed, sigma, {.profile = "normal"}, matched); }, 3), "s",
-       "16 x 612x512, matched on three channels"});
+       fmt::format("{} x {}x{}, matched on three channels", packed.channels(), packed.cols(),
+                   packed.rows())});
   return lines;
 }
 

@@ -30,6 +30,18 @@ def test_a_peer_that_fails_is_named(refused, tmp_path):
     assert "bm3d_other.py" in refused("bench", "--only", "bm3d", "--quick", "--peers", tmp_path, "-q")
 
 
+@pytest.mark.parametrize("lines", ['[{"value": "fast"}]', '[{"name": 3}]', "[7]", '[{"note": []}]'])
+def test_a_peer_whose_lines_are_no_results_is_named(refused, tmp_path, lines):
+    (tmp_path / "bm3d_other.py").write_text(f"print({lines!r})")
+    line = refused("bench", "--only", "bm3d", "--quick", "--peers", tmp_path, "-q")
+    assert "bm3d_other.py" in line and "no lines of results" in line
+
+
+def test_notes_tell_the_size_that_was_timed(malus):
+    notes = [line["note"] for line in malus("bench", "--only", "bm3d", "--quick", "--json").json["bm3d"]]
+    assert notes[-1] == "16 x 64x48, matched on three channels"
+
+
 @needs_networks
 def test_chosen_networks_alone_are_timed(malus, refused, tmp_path):
     (tmp_path / "networks_theirs.py").write_text(PEER)
