@@ -62,6 +62,7 @@ def archives():
     good = saved(weights)
     yield "good_state", good
     yield "good_parallel", saved({"state_dict": collections.OrderedDict((f"module.{k}", v) for k, v in weights.items()), "epoch": 3})
+    yield "good_checkpoint", saved({"epoch": 3, "loss": torch.tensor(0.5), "model_state_dict": {"w": torch.ones(2, 2)}})
     yield "good_parameters", saved({"params": {"w": torch.nn.Parameter(torch.ones(2, 2))}})
     yield "good_small_zip", with_pickle(state([2, 2], [2, 1]))  # without ZIP64
     yield "bad_hollow", with_pickle(state([0, 1 << 62], [1, 1]))

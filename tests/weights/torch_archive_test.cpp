@@ -70,6 +70,14 @@ TEST(TorchArchive, GivesTheWeightsThatPyTorchSaved) {
   }
 }
 
+// A tensor beside the table of weights is none of them.
+TEST(TorchArchive, GivesTheWeightsOfACheckpointThatHoldsItsLoss) {
+  const auto bytes = seed("good_checkpoint.pth");
+  auto weights = weights_of(bytes);
+  ASSERT_EQ(weights.size(), 1u);
+  EXPECT_THAT(weights["w"].shape, ElementsAre(2, 2));
+}
+
 TEST(TorchArchive, NamesTheFormatBeforeArchives) {
   const std::string bytes = "\x80\x02\x8a\x0al\xfc\x9c\x46\xf9 j\xa8P\x19."s;
   const std::string problem =

@@ -119,12 +119,15 @@ NamedTensors tensors_in(const PickleValue& value, const Archive& archive) {
   return tensors;
 }
 
+// Under a name that checkpoints give it; else the content itself: tensors beside such a table, a
+// loss for one, are no weights.
 NamedTensors weights_in(const PickleValue& value, const Archive& archive) {
-  NamedTensors tensors = tensors_in(value, archive);
+  NamedTensors tensors;
   for (const char* name :
        {"params_ema", "params", "state_dict", "model_state_dict", "model", "weights"})
     for (const auto& [key, item] : value.table)
       if (tensors.empty() && key->text == name) tensors = tensors_in(*item, archive);
+  if (tensors.empty()) tensors = tensors_in(value, archive);
   if (tensors.empty()) archive.fail("holds no table of weights");
   constexpr std::string_view kParallel = "module.";
   if (std::all_of(tensors.begin(), tensors.end(),
