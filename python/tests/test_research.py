@@ -161,6 +161,9 @@ def test_noise_of_a_picture():
     assert malus.estimate_noise(malus.Frame(codes, "mono", BLACK, WHITE)) == found
     with pytest.raises(malus.InputError, match="cannot be estimated: .*; give a larger picture, or calibrate the camera"):
         malus.estimate_noise(np.zeros((64, 64), np.uint16), layout="mono", white=WHITE)
+    for function in (malus.estimate_noise, malus.denoise):
+        with pytest.raises(malus.InputError, match="has no pixels"):
+            function(np.full((0, 5), 200, np.uint16), layout="polar-mono", white=WHITE)
 
 
 def test_stokes_of_frames_and_mosaics_of_stokes(model):

@@ -343,5 +343,11 @@ TEST(EstimateProfile, RefusesWhatHasNoNoiseOrIsTooSmall) {
   EXPECT_FALSE(estimate_profile(frame_of(Image(64, 64, 100.0f), shot_and_read_noise(1.5, 3.7))));
 }
 
+TEST(EstimateProfile, AFrameWithoutPixelsIsRefused) {
+  RawFrame frame = frame_of(Image(8, 8, 50.0F), shot_and_read_noise(1, 2));
+  frame.dn = Image(0, 8);
+  EXPECT_THROW(require_estimate(frame, "give a model"), InputError);
+}
+
 }  // namespace
 }  // namespace malus

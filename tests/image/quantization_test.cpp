@@ -18,6 +18,7 @@ TEST(QuantizationStep, IsTheGreatestCommonDivisorOfTheDifferences) {
     dn(1, 0) = value;
     EXPECT_EQ(quantization_step(dn), 0.0);
   }
+  EXPECT_EQ(quantization_step(Image(0, 5)), 0.0);
 }
 
 TEST(CodeSpacing, IsOfTheCodesInUse) {

@@ -6,6 +6,7 @@
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/texture_removal.h"
 #include "malus/denoise/internal/variance_lines.h"
+#include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/denoise/saturated_pixels.h"
 #include "malus/image/pack.h"
@@ -257,6 +258,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch sea
 }
 
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy) {
+  require_pixels(frame);
   const Estimate<PictureNoise> noise = estimate_profile(frame);
   if (!noise)
     throw InputError(frame.source.empty() ? "the picture" : frame.source,

@@ -40,7 +40,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
                                         TextureSearch search = TextureSearch::kWhole);
 
 /// The same for callers that cannot go on without it: throws InputError where it is undecided, with
-/// the reason; remedy: what the caller's user can do.
+/// the reason, and on a frame without pixels; remedy: what the caller's user can do.
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy);
 
 }  // namespace malus

@@ -172,9 +172,13 @@ void require_range(const RawFrame& frame) {
 
 }  // namespace
 
-void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
+void require_pixels(const RawFrame& frame) {
   if (frame.dn.empty())
     throw InputError(frame.source, "has no pixels", "give a frame with at least one");
+}
+
+void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
+  require_pixels(frame);
   require_layout_of_model(frame, profile.layout);
   require_range(frame);
 }

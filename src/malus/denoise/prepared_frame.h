@@ -39,6 +39,9 @@ struct PreparedFrame {
   std::vector<double> mean_dn;          ///< per channel
 };
 
+/// Throws InputError on a frame without pixels.
+void require_pixels(const RawFrame& frame);
+
 /// Throws InputError on a frame without pixels or with another layout than the profile's.
 void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 

@@ -10,6 +10,7 @@ namespace malus {
 
 double quantization_step(View<const float> dn) {
   constexpr float kLargest = 4294967296.0F;  // that an integer file holds
+  if (dn.rows() == 0 || dn.cols() == 0) return 0.0;
   std::int64_t step = 0;
   const float origin = dn(0, 0);
   for (int r = 0; r < dn.rows(); ++r)

@@ -8,7 +8,8 @@
 namespace malus {
 
 /// The converter's step: greatest common divisor of the differences between a frame's values (16
-/// for 12 bits stored in the upper part of 16); 0 for fractional values and where all are equal.
+/// for 12 bits stored in the upper part of 16); 0 for fractional values, where all are equal and
+/// where there are none.
 double quantization_step(View<const float> dn);
 
 /// Mean distance of the codes in use among the middle half of these pixels of one channel: above
