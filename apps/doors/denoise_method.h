@@ -50,9 +50,9 @@ class FrameDenoiser {
   /// For the record of a run; null for a classical method, whose settings say everything.
   nlohmann::ordered_json description() const;
 
- private:
   bool takes_ratio() const;  ///< whether InferenceSettings' ratio changes anything
 
+ private:
   DenoiseSettings settings_;
   bool uncertainty_;
   std::string precision_complaint_;

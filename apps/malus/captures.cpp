@@ -166,12 +166,6 @@ NoiseDivergence divergence(const std::vector<RecordedPair>& made,
   return {sum.jsd / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.captures};
 }
 
-const FrameDenoiser& DenoiserByRatio::at(double ratio) {
-  if (!last_ || ratio != ratio_) last_.emplace(settings_, InferenceSettings{.ratio = ratio}, false);
-  ratio_ = ratio;
-  return *last_;
-}
-
 void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,
                   const FrameDenoiser* denoiser) {
   LoadedCapture loaded = load_capture(capture, model);

@@ -7,9 +7,7 @@
 #include "malus/noise/model.h"
 
 #include <filesystem>
-#include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "denoise_method.h"
@@ -53,19 +51,6 @@ struct NoiseDivergence {
 };
 NoiseDivergence divergence(const std::vector<RecordedPair>& made,
                            const std::vector<RecordedPair>& captured, const NoiseModel& model);
-
-/// A method for captures of any light. Some networks take the low-light ratio, so another ratio
-/// makes another denoiser; the last one is kept, its weights are not read again.
-class DenoiserByRatio {
- public:
-  explicit DenoiserByRatio(DenoiseSettings settings) : settings_(std::move(settings)) {}
-  const FrameDenoiser& at(double ratio);
-
- private:
-  DenoiseSettings settings_;
-  double ratio_ = 0;
-  std::optional<FrameDenoiser> last_;
-};
 
 /// Sums over captures.
 struct PictureScore {

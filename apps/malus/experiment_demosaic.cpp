@@ -13,6 +13,7 @@
 #include <optional>
 
 #include "captures.h"
+#include "denoiser_by_ratio.h"
 #include "experiments.h"
 #include "flags.h"
 #include "networks_door.h"

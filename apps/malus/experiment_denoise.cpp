@@ -32,14 +32,15 @@ struct DenoiseExperimentArguments {
 };
 
 // A network's file may be followed by the precision of its products.
-std::unique_ptr<FrameDenoiser> denoiser_of(std::string name) {
+std::unique_ptr<DenoiserByRatio> denoiser_of(std::string name) {
   InferenceSettings network;
   if (name.ends_with(".safetensors/bfloat16")) {
     network.precision = "bfloat16";
     name.resize(name.rfind('/'));
   }
-  auto denoiser = std::make_unique<FrameDenoiser>(method_settings_of(name), network, false);
-  if (!denoiser->precision_complaint().empty()) warn(denoiser->precision_complaint());
+  auto denoiser = std::make_unique<DenoiserByRatio>(method_settings_of(name), network);
+  // Opened before the first frame is drawn: what is wrong with a method is said at once.
+  if (const std::string line = denoiser->at(1).precision_complaint(); !line.empty()) warn(line);
   return denoiser;
 }
 
@@ -51,7 +52,7 @@ void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const C
   if (methods.empty())
     for (const DenoiseMethod& method : denoise_methods()) methods.push_back(method.name);
   std::vector<SceneScore> scores{{.name = "noisy"}};
-  std::vector<std::unique_ptr<FrameDenoiser>> denoisers(1);  // the noisy frame has none
+  std::vector<std::unique_ptr<DenoiserByRatio>> denoisers(1);  // the noisy frame has none
   for (const std::string& name : methods) {
     scores.push_back({.name = name});
     denoisers.push_back(denoiser_of(name));

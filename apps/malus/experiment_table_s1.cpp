@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "captures.h"
+#include "denoiser_by_ratio.h"
 #include "experiments.h"
 #include "flags.h"
 #include "frame_input.h"

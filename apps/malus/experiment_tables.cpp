@@ -43,7 +43,7 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   std::vector<SceneScore> scores;
-  const auto score = [&](const std::string& name, const FrameDenoiser* denoiser) {
+  const auto score = [&](const std::string& name, DenoiserByRatio* denoiser) {
     SceneScore& row = scores.emplace_back(SceneScore{.name = name});
     arguments.runs.for_each(
         model, common.seed, *progress,
@@ -57,7 +57,7 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
                   row.name, {.config = row.config, .folder = arguments.folder / row.config.stem()},
                   common, *progress)
             : row.method;
-    const FrameDenoiser denoiser(method_settings_of(method), InferenceSettings{}, false);
+    DenoiserByRatio denoiser(method_settings_of(method));
     score(row.name, &denoiser);
   }
   const Json json{{"model", arguments.runs.model},

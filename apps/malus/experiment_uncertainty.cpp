@@ -102,22 +102,23 @@ std::string rows_text(const std::vector<CheckedScene>& rows) {
 void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
                                 const Common& common) {
   const NoiseModel model = load_model(arguments.runs.model);
-  std::vector<std::unique_ptr<FrameDenoiser>> denoisers;
+  std::vector<std::unique_ptr<DenoiserByRatio>> denoisers;
   for (const std::string& method : arguments.methods) {
     check_states_error("stated errors", method);
     DenoiseSettings settings;
     settings.method = method;
     settings.profile = arguments.profile;
-    denoisers.push_back(std::make_unique<FrameDenoiser>(settings, InferenceSettings{}, true));
+    denoisers.push_back(std::make_unique<DenoiserByRatio>(settings, InferenceSettings{}, true));
+    denoisers.back()->at(1);  // what is wrong with a method is said at once
   }
   const auto progress = make_progress(common);
   std::vector<CheckedScene> rows;
-  arguments.runs.for_each(
-      model, common.seed, *progress, [&](const NoisyScene& noisy, const std::string& light) {
-        for (std::size_t m = 0; m < denoisers.size(); ++m)
-          rows.push_back(
-              {noisy.clean->name, light, arguments.methods[m], check_scene(noisy, *denoisers[m])});
-      });
+  arguments.runs.for_each(model, common.seed, *progress,
+                          [&](const NoisyScene& noisy, const std::string& light) {
+                            for (std::size_t m = 0; m < denoisers.size(); ++m)
+                              rows.push_back({noisy.clean->name, light, arguments.methods[m],
+                                              check_scene(noisy, denoisers[m]->at(noisy.ratio))});
+                          });
   print_result(common,
                Json{{"model", arguments.runs.model},
                     {"profile", arguments.profile},

@@ -195,11 +195,12 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const Noi
   return noisy;
 }
 
-void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoiser* denoiser) {
+void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* denoiser) {
   Image test_dn;
   if (denoiser) {
+    const FrameDenoiser& opened = denoiser->at(scene.ratio);
     const Stopwatch stopwatch;
-    test_dn = (*denoiser)(scene.frame, scene.profile, silent_progress()).dn_above_black;
+    test_dn = opened(scene.frame, scene.profile, silent_progress()).dn_above_black;
     score.seconds += stopwatch.seconds();
   } else {
     test_dn = above_black(scene.frame);

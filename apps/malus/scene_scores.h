@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "denoise_method.h"
+#include "denoiser_by_ratio.h"
 #include "program.h"
 #include <nlohmann/json.hpp>
 
@@ -69,7 +69,7 @@ struct SceneRuns {
 };
 
 /// Adds what is left of the frame's noise: of the frame itself without a denoiser.
-void add_to_score(SceneScore& score, const NoisyScene& scene, const FrameDenoiser* denoiser);
+void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* denoiser);
 
 /// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md).
 nlohmann::ordered_json score_json(const std::vector<SceneScore>& scores);

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from conftest import ROOT, needs_networks
+from weight_files import unet_package
 
 pytestmark = [pytest.mark.slow, needs_networks]
 
@@ -43,6 +44,20 @@ def test_rows_are_scored_and_not_trained_again(malus, experiment):
     again = malus(*run).json
     assert weights.read_bytes() == written
     assert [row["image_psnr_db"] for row in again["rows"]] == [row["image_psnr_db"] for row in first["rows"]]
+
+
+def test_a_network_that_amplifies_by_the_ratio_is_given_that_of_each_case(malus, experiment):
+    weights = unet_package(experiment / "network.safetensors", amplification="ratio")
+    (experiment / "rows.toml").write_text(f'[[rows]]\nname = "network"\nmethod = "{weights}"\n')
+    shots = ["--cases", "12:10", "12:60", "--json"]
+    rows = malus("experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out", *shots).json["rows"]
+    methods = malus("experiment", "denoise", experiment / "scene", "--methods", weights, *shots).json["methods"]
+    guided = unet_package(experiment / "guided.safetensors", amplification="ratio", guide="nl-ridge")
+    checked = malus("experiment", "uncertainty", experiment / "scene", "--methods", guided, *shots).json["rows"]
+    assert [row["method"] for row in checked] == [str(guided)] * 2
+    # The network corrects nothing: the noisy frames come out, but for what is clipped on the way.
+    for scored in (rows, methods):
+        assert scored[1]["image_psnr_db"] == pytest.approx(scored[0]["image_psnr_db"], abs=0.5)
 
 
 def test_bad_rows_are_refused(refused, experiment):
