@@ -1,4 +1,7 @@
 // malus experiment: the papers' tables, small or full scale.
+#include "malus/base/error.h"
+#include "malus/base/worker_place.h"
+
 #include "experiments.h"
 #include "program.h"
 
@@ -21,6 +24,10 @@ std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesyste
 }
 
 void check_training(TrainCall call, const Common& common) {
+  if (worker_place_of_environment().size > 1)
+    throw InputError(call.config.string(),
+                     "of an experiment is trained by one process, not by several",
+                     "start it without torchrun, mpirun or srun");
   call.settings = common.settings;
   networks().check_training(call);
 }

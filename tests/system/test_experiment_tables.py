@@ -1,5 +1,7 @@
 """`malus experiment table2`: rows trained for a few steps, scored alike, not trained again."""
 
+import os
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -58,6 +60,12 @@ def test_a_network_that_amplifies_by_the_ratio_is_given_that_of_each_case(malus,
     # The network corrects nothing: the noisy frames come out, but for what is clipped on the way.
     for scored in (rows, methods):
         assert scored[1]["image_psnr_db"] == pytest.approx(scored[0]["image_psnr_db"], abs=0.5)
+
+
+def test_one_process_trains_an_experiments_rows(refused, experiment):
+    line = refused("experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out",
+                   "-q", env={**os.environ, "RANK": "1", "WORLD_SIZE": "2"})
+    assert "full.toml: " in line and "by one process" in line and not (experiment / "out").exists()
 
 
 def test_bad_rows_are_refused(refused, experiment):
