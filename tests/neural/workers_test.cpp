@@ -35,13 +35,20 @@ void sums_and_broadcasts(const torch::Device& device) {
   EXPECT_TRUE(torch::equal(same, values));
 }
 
-TEST(Workers, OneOnACpuMeetsItself) {
+constexpr const char* kWithoutC10d = "built without PyTorch's c10d";
+
+bool has_c10d() {
   try {
     sums_and_broadcasts(torch::kCPU);
+    return true;
   } catch (const InputError& error) {
     if (std::string(error.what()).find("for one worker") == std::string::npos) throw;
-    GTEST_SKIP() << "built without PyTorch's c10d";
+    return false;
   }
+}
+
+TEST(Workers, OneOnACpuMeetsItself) {
+  if (!has_c10d()) GTEST_SKIP() << kWithoutC10d;
 }
 
 // A port that nobody listens on.
@@ -57,29 +64,48 @@ std::string free_port() {
   return std::to_string(ntohs(address.sin_port));
 }
 
-TEST(Workers, WaitForTheLeaderLongerThanForAMessage) {
-  constexpr double kTimeoutS = 3;
-  setenv("MASTER_PORT", free_port().c_str(), 1);
+// Two workers of this process, threads that meet through c10d.
+template <class Work>
+void two_workers(double timeout_s, const Work& work, const std::string& port = free_port()) {
+  setenv("MASTER_PORT", port.c_str(), 1);
   setenv("GLOO_SOCKET_IFNAME", "lo", 1);
   const auto worker = [&](int rank) {
-    const auto workers =
-        meet_workers({.rank = rank, .size = 2}, kTimeoutS, torch::kCPU, silent_progress());
-    if (rank == 0) std::this_thread::sleep_for(std::chrono::duration<double>(kTimeoutS + 1.5));
-    workers->wait_for_leader();
-    torch::Tensor values = torch::full({2}, static_cast<float>(rank + 1));
-    workers->sum(values);
-    return values[0].item<float>();
+    work(*meet_workers({.rank = rank, .size = 2}, timeout_s, torch::kCPU, silent_progress()));
   };
-  try {
-    auto other = std::async(std::launch::async, worker, 1);
-    EXPECT_EQ(worker(0), 3);
-    EXPECT_EQ(other.get(), 3);
-  } catch (const InputError& error) {
-    if (std::string(error.what()).find("for one worker") == std::string::npos) throw;
-    GTEST_SKIP() << "built without PyTorch's c10d";
-  }
+  auto other = std::async(std::launch::async, worker, 1);
+  EXPECT_NO_THROW(worker(0));
+  EXPECT_NO_THROW(other.get());
   unsetenv("MASTER_PORT");
   unsetenv("GLOO_SOCKET_IFNAME");
+}
+
+float sum_of_ranks(Workers& workers) {
+  torch::Tensor values = torch::full({2}, static_cast<float>(workers.rank() + 1));
+  workers.sum(values);
+  return values[0].item<float>();
+}
+
+TEST(Workers, WaitForTheLeaderLongerThanForAMessage) {
+  if (!has_c10d()) GTEST_SKIP() << kWithoutC10d;
+  constexpr double kTimeoutS = 3;
+  two_workers(kTimeoutS, [&](Workers& workers) {
+    if (workers.rank() == 0)
+      std::this_thread::sleep_for(std::chrono::duration<double>(kTimeoutS + 1.5));
+    workers.wait_for_leader();
+    EXPECT_EQ(sum_of_ranks(workers), 3);
+  });
+}
+
+// The wish to stop is looked at every 100 ms: a message that ends just then is a good one.
+TEST(Workers, AMessageMayEndWhileTheWishToStopIsLookedAt) {
+  if (!has_c10d()) GTEST_SKIP() << kWithoutC10d;
+  two_workers(30, [](Workers& workers) {
+    for (int i = 0; i < 16; ++i) {
+      if (workers.rank() == 1)
+        std::this_thread::sleep_for(std::chrono::microseconds(99000 + 250 * i));
+      ASSERT_EQ(sum_of_ranks(workers), 3) << i;
+    }
+  });
 }
 
 // One of two whose other does the same, and what it asks of it.

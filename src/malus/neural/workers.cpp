@@ -119,7 +119,8 @@ class WorkerGroup final : public Workers {
         work.wait(kBetweenLooks);
         return;
       } catch (const std::exception&) {
-        if (work.isCompleted()) throw;
+        // It may have ended since the wait did; what went wrong with it is thrown again.
+        if (work.isCompleted()) return static_cast<void>(work.wait());
         leave_when_asked(since_asked);
       }
   }
