@@ -89,6 +89,30 @@ TEST(Validation, ScoresWhatDenoisingGives) {
   }
 }
 
+// The frame that the validation draws, as the sample shows it: "noisy" or "clean", in the clean
+// scene's light.
+Image sample_of(const TrainingConfig& config, const testing::TemporaryFolder& folder,
+                const std::string& name) {
+  const Validation validation(config, kSeed, silent_progress());
+  const auto network = make_network(config.package.network);
+  validation.save_sample(*network, config.package, folder / "sample");
+  return load_picture(folder / "sample" / (name + ".npy")).planes[0];
+}
+
+// Behind every polarizer half the light of a picture is left.
+TEST(Validation, LightOfAPictureIsUnpolarized) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  TrainingConfig config = guided_config(scene);
+  config.validation_scenes = {folder / "grey.exr"};
+  save_picture(config.validation_scenes.front(), Image(64, 64, 0.5F));
+  const NoiseModel camera = load_model(config.models.front());
+  const double white = white_above_black(camera.white_dn, camera.black_dn);
+  const Image clean = sample_of(config, folder, "clean");
+  ASSERT_EQ(clean.size(), std::size_t{kSide} * kSide);
+  for (const float dn : clean.values()) ASSERT_NEAR(dn, 0.25 * white, 0.1);
+}
+
 TEST(Validation, StopsWhereAsked) {
   const testing::TemporaryFolder folder;
   const testing::AngleScene scene(folder);

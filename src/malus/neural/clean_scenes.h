@@ -19,8 +19,8 @@ namespace malus {
 /// red, green and blue (or its single channel), as fractions of white. Throws InputError.
 std::vector<StokesPlanes> load_angle_scene(const std::filesystem::path& folder);
 
-/// A picture's light as unpolarized scene: R, G, B or one plane, fractions of white. tone: as in
-/// TrainingConfig. Throws InputError.
+/// A picture's light as unpolarized scene, S1 and S2 empty: R, G, B or one plane, fractions of
+/// white. tone: as in TrainingConfig. Throws InputError.
 std::vector<StokesPlanes> load_picture_scene(const std::filesystem::path& path,
                                              const std::string& tone);
 

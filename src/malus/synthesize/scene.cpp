@@ -312,12 +312,12 @@ Image mosaic_of(const std::vector<StokesPlanes>& stokes, const SensorLayout& lay
     for (int c = 0; c < cols; ++c) {
       const Site& site = layout.site(layout.channel_at(r, c));
       const StokesPlanes& s = stokes[plane_of(site.color)];
-      mosaic(r, c) = !site.angle_deg
-                         ? s.s0(r, c)
-                         : static_cast<float>(intensity_behind(
-                               {static_cast<double>(s.s0(r, c)), static_cast<double>(s.s1(r, c)),
-                                static_cast<double>(s.s2(r, c))},
-                               *site.angle_deg));
+      const auto at = [&](const Image& plane) {
+        return plane.empty() ? 0.0 : static_cast<double>(plane(r, c));
+      };
+      mosaic(r, c) = !site.angle_deg ? s.s0(r, c)
+                                     : static_cast<float>(intensity_behind(
+                                           {at(s.s0), at(s.s1), at(s.s2)}, *site.angle_deg));
     }
   return mosaic;
 }
