@@ -113,6 +113,24 @@ TEST(Validation, LightOfAPictureIsUnpolarized) {
   for (const float dn : clean.values()) ASSERT_NEAR(dn, 0.25 * white, 0.1);
 }
 
+// The same draws with the bias and without it: taken out of the frames that hold it, they differ
+// by their rounding.
+TEST(Validation, BiasThatWasNotDrawnIsNotTakenOut) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  TrainingConfig config = guided_config(scene);
+  const NoiseProfile profile =
+      load_model(config.models.front()).profile_at({12.0, {}}, GainRange::kCalibratedOnly);
+  ASSERT_GT(std::abs(profile.channels.front().bias_dn), 0.9);
+  const Image with = sample_of(config, folder, "noisy");
+  config.synthesis.bias = false;
+  const Image without = sample_of(config, folder, "noisy");
+  double difference = 0;
+  for (std::size_t i = 0; i < with.size(); ++i)
+    difference += double{with.values()[i]} - without.values()[i];
+  EXPECT_NEAR(difference / static_cast<double>(with.size()) / config.cases.front().ratio, 0, 0.1);
+}
+
 TEST(Validation, StopsWhereAsked) {
   const testing::TemporaryFolder folder;
   const testing::AngleScene scene(folder);

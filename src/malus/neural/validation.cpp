@@ -72,9 +72,10 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
       SynthesisSettings synthesis = config.synthesis;
       synthesis.ratio = shot.ratio;
       const GainSetting gain = model.gain_setting(shot.gain);
-      const NoiseProfile profile = naming_source(config.source.string(), [&] {
+      NoiseProfile profile = naming_source(config.source.string(), [&] {
         return camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
       });
+      if (!synthesis.bias) profile.clear_bias();
       const Synthesizer synthesizer(camera, synthesis);
       RawFrame noisy = synthesizer.draw_raw(
           clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number++),
