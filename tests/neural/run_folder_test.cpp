@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -101,6 +102,34 @@ TEST(RunFolder, ANewRunInheritsNothing) {
   EXPECT_FALSE(fs::exists(run / "sample" / "clean.npy"));
   EXPECT_TRUE(fs::exists(run / "sample" / "mine.txt"));
   EXPECT_EQ(lines_of(run / "log.jsonl").size(), 4u);
+}
+
+// Ends a run before its first step, as a kill does.
+class KilledBeforeTheFirstStep final : public Progress {
+ public:
+  void begin(std::string_view stage, std::int64_t) override {
+    if (stage == "training") throw std::runtime_error("killed");
+  }
+  void advance(std::int64_t) override {}
+  void warn(std::string_view) override {}
+  bool stop_requested() const override { return false; }
+};
+
+TEST(RunFolder, TheRunThatWasToBeReplacedIsNotGoneOnWith) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const fs::path run = folder / "run";
+  TrainingConfig config = scene_config(scene);
+  config.train.steps = 2;
+  run_in(run, config, false, false);
+  config.train.steps = 3;
+  const auto worker = single_worker();
+  KilledBeforeTheFirstStep kill;
+  EXPECT_THROW(train(config, {run, false, true, 3}, *worker, kill), std::runtime_error);
+  EXPECT_FALSE(fs::exists(run / "checkpoint.safetensors"));
+  EXPECT_FALSE(fs::exists(run / "weights.safetensors"));
+  run_in(run, config, true, false);
+  EXPECT_EQ(lines_of(run / "log.jsonl").size(), 3u);
 }
 
 // A long validation must not lose the steps before it.

@@ -43,7 +43,9 @@ RunFolder::RunFolder(const fs::path& folder, bool resume, bool force)
 }
 
 void RunFolder::begin() const {
-  fs::remove(file("best.safetensors"));
+  // The checkpoint first: the run that it is of must not be gone on with if this one ends early.
+  for (const char* name : {"checkpoint.safetensors", "weights.safetensors", "best.safetensors"})
+    fs::remove(file(name));
   for (const fs::path& sample : samples_in(path_)) fs::remove(sample);
   std::error_code holds_others;
   fs::remove(file("sample"), holds_others);
