@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/random.h"
 #include "malus/evaluate/divergence.h"
+#include "malus/io/picture_file.h"
 #include "malus/neural/noise_flow_training.h"
 #include "malus/neural/threads.h"
 
@@ -140,6 +141,7 @@ TEST(NoiseFlow, DrawnFramesAreRoundedOnce) {
         recorded +=
             std::pow(static_cast<double>(pair.noisy_dn(r, c)) - signal, 2) / (6 * 128 * 128);
       }
+    pair.integers = true;
     pairs.push_back(std::move(pair));
   }
   for (const int couplings : {0, 2}) {
@@ -232,6 +234,39 @@ TEST(NoiseFlow, PairsThatAreRefusedAreNamed) {
   unknown.gain = {};
   for (const NoiseFlowPair& pair : {unlike, small, unknown})
     EXPECT_TRUE(refused(pair).starts_with("night_3.npy: ")) << refused(pair);
+}
+
+// A recorded frame of whole numbers and a clean one of floats, two steps of training.
+struct RecordedFlow {
+  RecordedFlow() {
+    SaveOptions integers;
+    integers.type = SampleType::kUint16;
+    const NoiseFlowPair pair = simulated_pair(0);
+    Image codes = pair.noisy_dn;
+    for (float& dn : codes.values()) dn = std::round(dn + 100);
+    save_picture(folder / "noisy.npy", codes, integers);
+    save_picture(folder / "clean.npy", pair.clean_dn);
+  }
+  NoiseFlowFit train(const std::string& black, const std::string& noisy) const {
+    std::ofstream(folder / "flow.toml")
+        << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"bayer-rggb\"\n"
+        << "black = " << black << "\nwhite = 4095\n[[pairs]]\nnoisy = " << noisy
+        << "\nclean = \"clean.npy\"\ngain_db = 12\n[train]\nsteps = 2\ncouplings = 0\n";
+    return train_noise_flow_config(folder / "flow.toml", {}, 0, silent_progress());
+  }
+  testing::TemporaryFolder folder;
+};
+
+TEST(NoiseFlow, RecordedIntegersAreKnownWhateverTheBlack) {
+  const RecordedFlow flow;
+  for (const char* black : {"100", "100.25", "[100, 99.5, 100, 100.5]"})
+    EXPECT_TRUE(flow.train(black, "\"noisy.npy\"").model.sensor().spread_integers) << black;
+}
+
+TEST(NoiseFlow, APatternThatMatchesNoFileIsRefused) {
+  const RecordedFlow flow;
+  const std::string problem = problem_of([&] { flow.train("100", R"(["noisy.npy", "nosy_*"])"); });
+  EXPECT_NE(problem.find("\"nosy_*\" matches no file"), std::string::npos) << problem;
 }
 
 // White between the blacks of two channels leaves one of them no signal.

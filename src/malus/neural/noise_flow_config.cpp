@@ -4,6 +4,9 @@
 #include "malus/io/shard.h"
 #include "malus/neural/noise_flow_training.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include <fmt/format.h>
 
 namespace malus {
@@ -33,6 +36,11 @@ NoiseFlowSensor read_sensor(const ConfigSection& section) {
   return sensor;
 }
 
+bool whole_numbers(const Image& dn) {
+  return std::all_of(dn.values().begin(), dn.values().end(),
+                     [](float value) { return value == std::round(value); });
+}
+
 std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseFlowSensor& sensor) {
   section.require_known({"noisy", "clean", "gain_db", "iso"});
   FrameOptions options;
@@ -41,22 +49,27 @@ std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseF
   options.white_dn = sensor.white_dn;
   const GainSetting gain{section.number("gain_db"), section.number("iso")};
   const auto folder = std::filesystem::path(section.source()).parent_path();
-  const auto load = [&](const std::filesystem::path& path) {
-    RawFrame frame = load_frame(path, options);
+  const auto load = [&](const std::filesystem::path& path) { return load_frame(path, options); };
+  const auto above_black = [](RawFrame frame) {
     // Float files hold DN above black already.
     if (frame.bits > 0) subtract_black(frame);
-    return frame;
+    return std::move(frame.dn);
   };
   const auto clean_name = section.text("clean");
   if (!clean_name) section.fail("clean", "is missing", "give the clean frame");
-  const RawFrame clean = load(folder / *clean_name);
+  const Image clean_dn = above_black(load(folder / *clean_name));
   std::vector<NoiseFlowPair> pairs;
-  for (const std::string& pattern : section.texts("noisy"))
-    for (const auto& path : files_matching(folder, pattern)) {
+  for (const std::string& pattern : section.texts("noisy")) {
+    const auto found = files_matching(folder, pattern);
+    if (found.empty())
+      section.fail("noisy", fmt::format("\"{}\" matches no file", pattern), "check the pattern");
+    for (const auto& path : found) {
       RawFrame noisy = load(path);
-      pairs.push_back(
-          {std::move(noisy.dn), clean.dn, gain.decibel() ? gain : noisy.gain, path.string()});
+      const GainSetting of_pair = gain.decibel() ? gain : noisy.gain;
+      const bool integers = whole_numbers(noisy.dn);  // black need not be whole
+      pairs.push_back({above_black(std::move(noisy)), clean_dn, of_pair, path.string(), integers});
     }
+  }
   if (pairs.empty()) section.fail("noisy", "names no frame", "give files or patterns");
   return pairs;
 }

@@ -27,18 +27,11 @@ struct PlanePair {
   double log_gain;
 };
 
-bool whole_numbers(const NoiseFlowPair& pair) {
-  const std::vector<float>& values = pair.noisy_dn.values();
-  return std::all_of(values.begin(), values.end(),
-                     [](float value) { return value == std::round(value); });
-}
-
 PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model,
                      const at::Generator& generator) {
   const SensorLayout layout = model.layout();
   auto noisy = tensor_of_planes(pack(pair.noisy_dn, layout)).squeeze(0);
-  if (whole_numbers(pair))
-    noisy = noisy + torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5;
+  if (pair.integers) noisy = noisy + torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5;
   const auto clean = tensor_of_planes(pack(pair.clean_dn, layout)).squeeze(0);
   return {(noisy - clean) / model.scale_dn(), clean / model.scale_dn(),
           NoiseFlowModel::log_gain(pair.gain)};
@@ -116,7 +109,8 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
     sensor.lowest_gain_db = std::min(sensor.lowest_gain_db, *pair.gain.decibel());
     sensor.highest_gain_db = std::max(sensor.highest_gain_db, *pair.gain.decibel());
   }
-  sensor.spread_integers = std::all_of(pairs.begin(), pairs.end(), whole_numbers);
+  sensor.spread_integers = std::all_of(pairs.begin(), pairs.end(),
+                                       [](const NoiseFlowPair& pair) { return pair.integers; });
   torch::manual_seed(seed);
   NoiseFlowFit fit{NoiseFlowModel(std::move(sensor), settings.couplings, settings.width), {}};
   const auto generator = at::detail::createCPUGenerator(seed);
