@@ -17,6 +17,9 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
+#if defined(USE_C10D_GLOO)
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
+#endif
 
 namespace malus {
 namespace {
@@ -64,12 +67,14 @@ std::string free_port() {
   return std::to_string(ntohs(address.sin_port));
 }
 
-// Two workers of this process, threads that meet through c10d.
+// Two workers of this process, threads that meet through c10d; worker 0 comes so much later.
 template <class Work>
-void two_workers(double timeout_s, const Work& work, const std::string& port = free_port()) {
+void two_workers(double timeout_s, const Work& work, const std::string& port = free_port(),
+                 std::chrono::milliseconds late = {}) {
   setenv("MASTER_PORT", port.c_str(), 1);
   setenv("GLOO_SOCKET_IFNAME", "lo", 1);
   const auto worker = [&](int rank) {
+    if (rank == 0) std::this_thread::sleep_for(late);
     work(*meet_workers({.rank = rank, .size = 2}, timeout_s, torch::kCPU, silent_progress()));
   };
   auto other = std::async(std::launch::async, worker, 1);
@@ -107,6 +112,29 @@ TEST(Workers, AMessageMayEndWhileTheWishToStopIsLookedAt) {
     }
   });
 }
+
+#if defined(USE_C10D_GLOO)
+// The agent of torchrun keeps one meeting point over all attempts: the other must not take what
+// worker 0 left there for what it is about to leave.
+TEST(Workers, MeetAgainAtTheMeetingPointOfAnEarlierAttempt) {
+  if (!has_c10d()) GTEST_SKIP() << kWithoutC10d;
+  c10d::TCPStoreOptions options;
+  options.port = 0;  // any that is free
+  options.isServer = true;
+  options.waitWorkers = false;
+  const c10d::TCPStore agent("127.0.0.1", options);
+  setenv("TORCHELASTIC_USE_AGENT_STORE", "True", 1);
+  for (const char* attempt : {"0", "1"}) {
+    SCOPED_TRACE(attempt);
+    setenv("TORCHELASTIC_RESTART_COUNT", attempt, 1);
+    two_workers(
+        5, [](Workers& workers) { EXPECT_EQ(sum_of_ranks(workers), 3); },
+        std::to_string(agent.getPort()), std::chrono::milliseconds(500));
+  }
+  unsetenv("TORCHELASTIC_USE_AGENT_STORE");
+  unsetenv("TORCHELASTIC_RESTART_COUNT");
+}
+#endif
 
 // One of two whose other does the same, and what it asks of it.
 class Mirrored final : public Workers {

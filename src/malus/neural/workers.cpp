@@ -27,6 +27,7 @@
 #endif
 #if defined(MALUS_WITH_GLOO) || defined(MALUS_WITH_NCCL)
 #define MALUS_WITH_WORKERS
+#include <torch/csrc/distributed/c10d/PrefixStore.hpp>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
 #endif
 
@@ -174,6 +175,20 @@ c10::intrusive_ptr<Backend> make_group(const WorkerPlace& place,
 #endif
 }
 
+// torchrun serves the meeting point itself.
+bool is_served_by_torchrun() {
+  const char* served = std::getenv("TORCHELASTIC_USE_AGENT_STORE");
+  return served && std::string_view(served) == "True";
+}
+
+// What the workers of this attempt leave there: torchrun's outlives them, and those that it starts
+// again (--max_restarts) would find the addresses of the lost ones. Named as by PyTorch's programs.
+c10::intrusive_ptr<c10d::Store> of_this_attempt(c10::intrusive_ptr<c10d::Store> store) {
+  const char* attempt = std::getenv("TORCHELASTIC_RESTART_COUNT");
+  if (!is_served_by_torchrun() || !attempt) return store;
+  return c10::make_intrusive<c10d::PrefixStore>(fmt::format("/worker/attempt_{}", attempt), store);
+}
+
 // Where the workers meet, and until when.
 struct Meeting {
   WorkerPlace place;
@@ -190,9 +205,7 @@ struct Meeting {
     host = address ? address : "127.0.0.1";
     options.port = static_cast<std::uint16_t>(
         number_of_environment({"MASTER_PORT"}, c10d::TCPStoreOptions::kDefaultPort));
-    // torchrun serves the meeting point itself.
-    const char* served = std::getenv("TORCHELASTIC_USE_AGENT_STORE");
-    options.isServer = place.rank == 0 && !(served && std::string(served) == "True");
+    options.isServer = place.rank == 0 && !is_served_by_torchrun();
     options.numWorkers = static_cast<std::size_t>(place.size);
     options.waitWorkers = false;  // wait_for_all can be stopped
   }
@@ -214,7 +227,7 @@ c10::intrusive_ptr<c10d::Store> connect(Meeting& meeting) {
     try {
       const auto store = c10::make_intrusive<c10d::TCPStore>(meeting.host, meeting.options);
       store->setTimeout(milliseconds(static_cast<std::int64_t>(meeting.timeout_s * 1000)));
-      return store;
+      return of_this_attempt(store);
     } catch (const std::exception& error) {
       // Names and ports that cannot be are said at once.
       const bool nobody_yet = std::string_view(error.what()).find("timed out") != std::string::npos;
