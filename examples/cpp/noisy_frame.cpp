@@ -13,6 +13,7 @@ int main() {
   frame.layout = model.description().layout;
   frame.black_dn.assign(16, 0.0);
   frame.white_dn = 4013;
+  frame.white_known = true;
   const auto profile = model.description().profile_at(model.gain_setting(24));
   const auto result = malus::denoise_frame(frame, profile, {});
   std::cout << "pixel (100, 100): clean 200 DN, noisy " << noisy(100, 100) << " DN, denoised "

@@ -113,8 +113,10 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
 /// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
 /// its bias is subtracted, its defects are filled, its fixed pattern is taken out. Pixels that are
 /// not finite are filled from their neighbours for the filter's sake and come back unchanged.
+/// Float pixels (bits 0) are saturated at white where white_known says so, else where they pile up.
 /// Throws InputError on an unknown method or profile name, an empty frame, a layout that differs
-/// from the profile's, or too little memory; Cancelled.
+/// from the profile's, a white that is not above black or out of all range, or too little memory;
+/// Cancelled.
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress = silent_progress(), bool want_variance = false);
 
