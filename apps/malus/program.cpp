@@ -242,9 +242,11 @@ std::string json_utf8(const nlohmann::ordered_json& json, int indent) {
 
 void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text) {
   const std::string out = common.json ? json_utf8(json, 2) : std::string(text);
-  std::fwrite(out.data(), 1, out.size(), stdout);
-  if (!out.empty() && out.back() != '\n') std::fputc('\n', stdout);
-  if (std::fflush(stdout) != 0)
+  // A write that fails empties the buffer: the flush after it has nothing left to fail at.
+  bool whole = std::fwrite(out.data(), 1, out.size(), stdout) == out.size();
+  if (!out.empty() && out.back() != '\n') whole = std::fputc('\n', stdout) != EOF && whole;
+  whole = std::fflush(stdout) == 0 && whole;
+  if (!whole || std::ferror(stdout) != 0)
     throw InputError("standard output", "cannot be written",
                      "check the disk or the pipe it goes to");
 }

@@ -37,6 +37,17 @@ def test_a_log_that_cannot_grow(tmp_path):
     assert run(f">/dev/null 2>{shlex.quote(str(tmp_path / 'log'))}", "info", tmp_path / "none.npy", before="ulimit -f 0;") == 1
 
 
+@pytest.mark.parametrize("command", [["model", "show", "imx250myr-simulated"], ["model", "show", "imx250myr-simulated", "--json"], ["model", "list"]])
+def test_a_result_that_is_cut_short_is_no_success(malus, tmp_path, command):
+    """Of more than the buffer, too, whose first part was lost before the last was written."""
+    assert run(">/dev/full", *command) == 1
+    assert run("", *command) == 0
+    if "--json" in command:
+        return
+    whole = len(malus(*command).out)
+    assert run(f">{shlex.quote(str(tmp_path / 'short'))}", *command, before="ulimit -f 4; trap '' XFSZ;") == (whole > 4096)
+
+
 def test_a_closed_stream_is_no_place_for_a_file(frame, tmp_path):
     """With both closed the first files that are opened would have their numbers, and get what is said."""
     assert run(">&- 2>&-", "denoise", frame, "-o", tmp_path / "closed") == 1  # the result cannot be printed
