@@ -145,6 +145,14 @@ class HelpLayout final : public CLI::Formatter {
   }
 };
 
+// As typed after the program: "model list".
+std::string words_of(const CLI::App& command) {
+  const CLI::App* parent = command.get_parent();
+  if (parent == nullptr) return {};
+  const std::string before = words_of(*parent);
+  return before.empty() ? command.get_name() : before + " " + command.get_name();
+}
+
 // Empty where all flags are the command's.
 std::string unknown_flag(const CLI::App& command) {
   std::vector<std::string> flags;
@@ -153,8 +161,9 @@ std::string unknown_flag(const CLI::App& command) {
   for (const std::string& word : command.remaining()) {
     if (!word.starts_with('-') || word == "-") continue;
     const std::string flag = word.substr(0, word.find('='));
-    return fmt::format("{}: is no flag of {}; {}`malus {} --help` shows all", flag,
-                       command.get_name(), did_you_mean(flag, flags), command.get_name());
+    const std::string words = words_of(command);
+    return fmt::format("{}: is no flag of {}; {}`malus {} --help` shows all", flag, words,
+                       did_you_mean(flag, flags), words);
   }
   return {};
 }

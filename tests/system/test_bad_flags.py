@@ -25,6 +25,7 @@ def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, c
     (["denoise", "f.npy", "-o", "out", "--methd", "bm3d"], "--methd: is no flag of denoise; did you mean --method? "),
     (["evaluate", "--nosie"], "--nosie: is no flag of evaluate; did you mean --noise? "),  # before what is missing
     (["info", "f.npy", "--layuot=mono"], "--layuot: is no flag of info; did you mean --layout? "),
+    (["model", "list", "--verbose"], "--verbose: is no flag of model list; `malus model list --help`"),
     (["info", "f.npy", "--gain"], "--gain: has no value; give one after it"),
     (["info", "f.npy", "--seed", "1", "--seed", "2"], "--seed: is given 2 times; give it once"),
     (["info", "f.npy", "--verbose"], "--verbose: is no flag of info; `malus info --help`"),
