@@ -38,7 +38,8 @@ struct EvaluateArguments {
   double ratio = 1;  ///< low-light ratio: a test is multiplied by it first
 };
 
-// A mosaic, or a picture of several channels; exactly one of them.
+// A mosaic, or a picture of several channels (alpha among them, which is left out); exactly one of
+// them.
 struct Subject {
   RawFrame frame;
   std::optional<Picture> picture;
@@ -47,10 +48,24 @@ struct Subject {
   int channels() const { return picture ? picture->planes.channels() : 1; }
 };
 
+// Coverage is no colour. A fourth plane of .npy and .fits, whose planes have no names, may be any.
+void leave_out_alpha(const fs::path& path, Picture& picture) {
+  const std::string ending = lower_case(path.extension().string());
+  const auto alpha = std::ranges::find(picture.names, "A");
+  if (ending == ".npy" || ending.starts_with(".fit") || alpha == picture.names.end()) return;
+  std::vector<Image> kept(std::make_move_iterator(picture.planes.begin()),
+                          std::make_move_iterator(picture.planes.end()));
+  kept.erase(kept.begin() + (alpha - picture.names.begin()));
+  picture.names.erase(alpha);
+  picture.planes = Planes(static_cast<int>(kept.size()), 0, 0);
+  std::ranges::move(kept, picture.planes.begin());
+}
+
 Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOptions& options) {
   if (!options.raw_format && has_picture_ending(path)) {
     Picture picture = load_picture(path);
     if (picture.planes.channels() > 1) {
+      leave_out_alpha(path, picture);
       if (raw.float_black() == FloatBlack::kHolds)
         throw CLI::ValidationError(
             "--black", path.string() + " is a picture of several channels, which has none");
@@ -60,6 +75,14 @@ Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOpt
   Subject subject{load_above_black(path, options), std::nullopt};
   warn_of_unknown_black(subject.frame);
   return subject;
+}
+
+// The grey of a picture without alpha is loaded as a mosaic.
+Planes planes_of(const Subject& subject) {
+  if (subject.picture) return subject.picture->planes;
+  Planes grey(1, 0, 0);
+  grey[0] = subject.frame.dn;
+  return grey;
 }
 
 void multiply(Subject& subject, double ratio) {
@@ -122,10 +145,28 @@ void check_comparable(const fs::path& reference_path, const Subject& reference,
                      "compare frames of one sensor, or declare the layout with --layout");
 }
 
+std::string sample_text(const Picture& picture) {
+  return picture.bits > 0 ? fmt::format("{} bits", picture.bits) : "floating point";
+}
+
+// Numbers of two scales have no difference. A peak that is told tells that they are of one.
+void require_one_scale(const EvaluateArguments& arguments, const fs::path& reference_path,
+                       const Subject& reference, const fs::path& test_path, const Subject& test) {
+  if (!reference.picture || !test.picture || arguments.peak_dn || arguments.raw.white_dn() ||
+      reference.picture->white == test.picture->white)
+    return;
+  throw InputError(
+      test_path.string(),
+      fmt::format("is of {}, its reference {} of {}", sample_text(*test.picture),
+                  reference_path.string(), sample_text(*reference.picture)),
+      "save both in one type, or give --peak if their numbers are of one scale (--ratio "
+      "brings the test's to it)");
+}
+
 Evaluation evaluate(const fs::path& reference_path, const Subject& reference, const Subject& test,
                     double peak_dn) {
-  if (reference.picture)
-    return evaluate_planes(reference.picture->planes, test.picture->planes, peak_dn);
+  if (reference.picture || test.picture)
+    return evaluate_planes(planes_of(reference), planes_of(test), peak_dn);
   const SensorLayout& layout =
       reference.frame.layout_known ? reference.frame.layout : test.frame.layout;
   require_whole_cell(reference.frame.dn, layout, reference_path.string());
@@ -178,12 +219,13 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     Subject test = load_subject(path, arguments.raw, options);
     if (arguments.ratio != 1) multiply(test, arguments.ratio);
     check_comparable(reference_path, reference, path, test);
+    require_one_scale(arguments, reference_path, reference, path, test);
     const double peak_dn = peak_of(arguments, path, reference, test, common);
     const Evaluation e = evaluate(reference_path, reference, test, peak_dn);
     if (e.pixels_left_out > 0)
       warn(fmt::format("{}: {} not finite in it or the reference and left out", path.string(),
                        counted_are(e.pixels_left_out, "pixel")));
-    if (!e.dolp_psnr_db && !reference.picture)
+    if (!e.dolp_psnr_db && !reference.picture && !test.picture)
       note(common, fmt::format("{}: no DoLP, no AoLP: {}", path.string(), e.dolp_psnr_db.reason()));
     if (!e.image_ssim)
       note(common, fmt::format("{}: no SSIM: {}", path.string(), e.image_ssim.reason()));

@@ -95,6 +95,39 @@ def test_the_peak_that_only_the_test_knows_is_said(malus, tmp_path):
     assert told.json["peak_dn"] == 4013 and "peak" not in told.err
 
 
+def test_alpha_is_no_colour_to_be_compared(malus, tmp_path):
+    rng = np.random.default_rng(4)
+    for name in ("reference", "test"):
+        rgb = rng.integers(0, 256, (32, 32, 3)).astype(np.uint8)
+        alpha = np.full((32, 32, 1), 255, np.uint8)
+        for kind, planes in (("rgb", [rgb]), ("rgba", [rgb, alpha]), ("grey", [rgb[:, :, :1]]), ("greya", [rgb[:, :, :1], alpha])):
+            Image.fromarray(np.concatenate(planes, 2).squeeze()).save(tmp_path / f"{name}_{kind}.png")
+        np.save(tmp_path / f"{name}_planes.npy", np.concatenate([rgb, alpha], 2))
+
+    def decibel(reference, test):
+        return malus("evaluate", "--reference", tmp_path / f"reference_{reference}", "--test", tmp_path / f"test_{test}", "--json").json["image"]["psnr"]
+
+    plain = decibel("rgb.png", "rgb.png")
+    for pair in (("rgba.png", "rgba.png"), ("rgb.png", "rgba.png"), ("rgba.png", "rgb.png")):
+        assert decibel(*pair) == plain
+    plain = decibel("greya.png", "greya.png")
+    assert decibel("grey.png", "greya.png") == decibel("greya.png", "grey.png") == plain
+    assert decibel("planes.npy", "planes.npy") > decibel("rgb.png", "rgb.png") + 1  # nobody told what the fourth plane is
+
+
+def test_pictures_of_two_scales_are_not_compared(malus, refused, tmp_path):
+    eight = np.random.default_rng(5).integers(0, 256, (3, 32, 32)).astype(np.uint8)
+    for name, picture in (("eight", eight), ("sixteen", eight.astype(np.uint16) * 257), ("float", (eight / 255).astype(np.float32))):
+        np.save(tmp_path / f"{name}.npy", picture)
+    compare = lambda reference, test: ("evaluate", "--reference", tmp_path / f"{reference}.npy", "--test", tmp_path / f"{test}.npy")
+    line = refused(*compare("eight", "sixteen"))
+    assert "sixteen.npy: is of 16 bits, its reference" in line and "eight.npy of 8 bits; " in line and "--peak" in line
+    assert "is of floating point, its reference" in refused(*compare("eight", "float"))
+    for told in (("--peak", 65535), ("--white", 65535)):
+        found = malus(*compare("sixteen", "eight"), "--ratio", 257, *told, "--json")
+        assert found.json["image"]["psnr"] is None  # equal
+
+
 def test_stokes_written_as_fits_can_be_compared(malus, tmp_path):
     rgb = np.random.default_rng(1).uniform(100, 900, (48, 48)).astype(np.float32)
     np.save(tmp_path / "raw.npy", rgb)
