@@ -144,8 +144,13 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
   } else {
     frame = pixels_of(given, kLight);
     frame.layout = layout ? SensorLayout::named(*layout) : model.layout;
+    // Above black as its argument's name says: which pixels are saturated the model tells.
+    frame.black_dn = model.black_dn;
+    frame.white_dn = model.white_dn;
+    frame.white_known = model.white_dn > 0;
+    light.saturated_dn = saturation_dn(frame);
     frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
-    light.saturated_dn = saturation_dn(frame);  // an array tells no white
+    frame.black_known = true;
   }
   require_layout_of_model(frame, model.layout);
   require_polarized(frame.layout, frame.source);

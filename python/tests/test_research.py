@@ -215,6 +215,18 @@ def test_stokes_of_raw_frames_state_their_errors(model):
         malus.stokes(raws[0], model=model, gain=31, extrapolate_gain=True)
 
 
+def test_saturated_cells_of_an_array_have_no_stated_error(model):
+    """As of the Frame of the same light: white above black is the model's."""
+    raw = np.full((16, 16), 900.0, np.float32)
+    raw[4, 5] = 4095
+    seen = malus.stokes(raw, model=model, gain=12)
+    unknown = np.zeros((3, 4, 4), bool)  # colours and cells of polar-bayer-rggb
+    unknown[0, 1, 1] = True
+    frame = malus.Frame(raw + 82, model.layout, black=82, white=4095, gain_db=12)
+    for of in (seen, malus.stokes(frame, model=model)):
+        assert (np.isnan(of["s0_sd"]) == unknown).all() and (np.isnan(of["dolp_sd"]) == unknown).all()
+
+
 def test_normals_of_a_sphere():
     """Diffuse Fresnel polarization of a sphere, index 1.5: its normals again, to half a degree in the mean."""
     y, x = np.mgrid[1:-1:64j, -1:1:64j]
