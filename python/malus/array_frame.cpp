@@ -44,9 +44,13 @@ void take_told(const ToldOfFrame& told, RawFrame& frame) {
   if (told.white) frame.white_dn = *told.white;
 }
 
-GainSetting one_gain(const std::optional<double>& gain_db, const std::optional<double>& iso) {
-  if (gain_db && iso) throw InputError("gain_db", "is given with iso", "leave one of them out");
-  return {gain_db, iso};
+CameraSettings settings_given(const std::optional<double>& gain_db,
+                              const std::optional<double>& iso,
+                              const std::optional<double>& exposure_s, bool with_zero_exposure) {
+  CameraSettings settings{{gain_db, iso}, exposure_s};
+  if (const auto fault = fault_of(settings, with_zero_exposure))
+    throw InputError(fault->key, fault->problem, fault->remedy);
+  return settings;
 }
 
 RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
+#include "malus/io/session.h"
 #include "malus/noise/model.h"
 
 #include <optional>
@@ -26,8 +27,10 @@ RawFrame pixels_of(const py::object& array, const char* name);
 /// its own in the layout. What the model or nobody tells is left to the caller.
 void take_told(const ToldOfFrame& told, RawFrame& frame);
 
-/// Throws InputError where both are given.
-GainSetting one_gain(const std::optional<double>& gain_db, const std::optional<double>& iso);
+/// Gain and exposure of an array, as a caller gives them. Throws InputError as of a session's.
+CameraSettings settings_given(const std::optional<double>& gain_db,
+                              const std::optional<double>& iso,
+                              const std::optional<double>& exposure_s, bool with_zero_exposure);
 
 /// An array as a frame, whose unknown white is that of its type, as of a file. Throws InputError as
 /// load_frame.

@@ -56,8 +56,10 @@ ArraySet array_set(const std::string& kind, const py::object& frames,
     throw InputError("frames", "are too many", "give fewer");
   ArraySet out;
   out.set.kind = kind_named(kind);
-  out.set.gain = one_gain(gain_db, iso);
-  out.set.exposure_s = exposure_s;
+  const CameraSettings settings =
+      settings_given(gain_db, iso, exposure_s, out.set.kind == FrameKind::kBias);
+  out.set.gain = settings.gain;
+  out.set.exposure_s = settings.exposure_s;
   out.set.level = level;
   out.set.count = static_cast<int>(count);
   out.set.name = frame_set_name(out.set);

@@ -137,8 +137,9 @@ RawFrame frame_from_array(const py::object& dn, const std::optional<std::string>
                           const std::optional<double>& gain_db, const std::optional<double>& iso,
                           const std::optional<double>& exposure_s) {
   RawFrame frame = frame_of_array(dn, "dn", {layout, black, white});
-  frame.gain = one_gain(gain_db, iso);
-  frame.exposure_s = exposure_s;
+  const CameraSettings settings = settings_given(gain_db, iso, exposure_s, true);
+  frame.gain = settings.gain;
+  frame.exposure_s = settings.exposure_s;
   return frame;
 }
 

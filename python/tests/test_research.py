@@ -91,6 +91,19 @@ def test_a_list_of_sets_is_checked():
 
 
 
+def test_settings_of_arrays_are_checked_as_those_of_sessions():
+    codes = camera(0, 2, 0)
+    for bad, words in (({"iso": -5}, "^iso: is -5; ISO is positive"), ({"iso": float("inf")}, "^iso: is inf"), ({"gain_db": float("nan")}, "^gain_db: is nan"),
+                       ({"gain_db": 240}, "beyond any camera's; give decibels"), ({"exposure_s": -1}, "^exposure_s: is -1 s; an exposure is positive"),
+                       ({"exposure_s": float("nan")}, "^exposure_s: is nan"), ({"gain_db": 1, "iso": 100}, "^iso: stands beside gain_db")):
+        for make in (lambda **told: malus.FrameSet("bias", codes, **told), lambda **told: malus.Frame(codes[0], **told)):
+            with pytest.raises(malus.InputError, match=words):
+                make(**bad)
+    with pytest.raises(malus.InputError, match="^exposure_s: is 0 s"):
+        malus.FrameSet("flat", codes, exposure_s=0)
+    assert len(malus.FrameSet("bias", codes, exposure_s=0)) == 2 and malus.Frame(codes[0], exposure_s=0).exposure_s == 0
+
+
 def test_what_a_sequence_raises_arrives():
     class Broken(Lazy):
         def __getitem__(self, index):

@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <map>
 #include <system_error>
 #include <tuple>
@@ -152,21 +151,10 @@ FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, boo
   group.kind = parse_frame_kind(section);
   group.gain.gain_db = section.number("gain_db");
   group.gain.iso = section.number("iso");
-  // Cameras that count in tenths of a decibel, or an ISO under the wrong key.
-  constexpr double kMostDecibel = 100.0;
-  if (group.gain.gain_db && std::abs(*group.gain.gain_db) > kMostDecibel)
-    section.fail("gain_db", fmt::format("is {:g} dB, beyond any camera's", *group.gain.gain_db),
-                 "give decibels, a factor of 10 per 20 dB; ISO goes under iso");
-  if (group.gain.gain_db && group.gain.iso)
-    section.fail("iso", "stands beside gain_db", "keep the one that the camera uses");
-  if (group.gain.iso && *group.gain.iso <= 0)
-    section.fail("iso", fmt::format("is {:g}", *group.gain.iso), "ISO is positive");
   group.exposure_s = section.number("exposure_s");
   // Bias frames may be declared with no exposure at all.
-  if (group.exposure_s &&
-      (*group.exposure_s < 0 || (*group.exposure_s == 0 && group.kind != FrameKind::kBias)))
-    section.fail("exposure_s", fmt::format("is {:g} s", *group.exposure_s),
-                 "an exposure is positive");
+  if (const auto fault = fault_of({group.gain, group.exposure_s}, group.kind == FrameKind::kBias))
+    section.fail(fault->key, fault->problem, fault->remedy);
   group.level = section.whole_number("level", 0, 1'000'000);
   group.paths = find_files(section, folder, check_files);
   return group;

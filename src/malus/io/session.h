@@ -34,6 +34,14 @@ struct CameraSettings {
   std::optional<double> exposure_s;
 };
 
+/// What is wrong with settings that somebody tells, for an InputError; key as in a session file.
+struct SettingsFault {
+  std::string key, problem, remedy;
+};
+/// Of numbers that are not finite, a gain beyond 100 dB, gain_db beside iso, an ISO that is not
+/// positive, a negative exposure or, but for with_zero_exposure, one of 0.
+std::optional<SettingsFault> fault_of(const CameraSettings& settings, bool with_zero_exposure);
+
 /// Frames of one setting. A `flat` group is one light level; a `bias` group with an exposure is the
 /// dark set of the flats with the same exposure.
 struct FrameGroup {

@@ -68,6 +68,25 @@ void check_exposure(const RawFrame& frame, const FrameGroup& group) {
 
 }  // namespace
 
+std::optional<SettingsFault> fault_of(const CameraSettings& settings, bool with_zero_exposure) {
+  const auto &gain_db = settings.gain.gain_db, &iso = settings.gain.iso,
+             &exposure_s = settings.exposure_s;
+  // Cameras that count in tenths of a decibel, or an ISO under the wrong key.
+  constexpr double kMostDecibel = 100.0;
+  if (gain_db && !(std::abs(*gain_db) <= kMostDecibel))
+    return SettingsFault{"gain_db", fmt::format("is {:g} dB, beyond any camera's", *gain_db),
+                         "give decibels, a factor of 10 per 20 dB; ISO goes under iso"};
+  if (gain_db && iso)
+    return SettingsFault{"iso", "stands beside gain_db", "keep the one that the camera uses"};
+  if (iso && !(std::isfinite(*iso) && *iso > 0))
+    return SettingsFault{"iso", fmt::format("is {:g}", *iso), "ISO is positive"};
+  if (exposure_s &&
+      !(std::isfinite(*exposure_s) && *exposure_s >= 0 && (*exposure_s > 0 || with_zero_exposure)))
+    return SettingsFault{"exposure_s", fmt::format("is {:g} s", *exposure_s),
+                         "an exposure is positive"};
+  return std::nullopt;
+}
+
 Session with_settings_of_files(Session session) {
   for (FrameGroup& group : session.groups) {
     if (group.paths.empty()) continue;
