@@ -28,6 +28,7 @@ namespace {
 struct ArraySet {
   FrameSet set;  ///< without its function
   py::object frames;
+  bool exposure_declared = false;  ///< not the first Frame's
 };
 
 /// What is known of a sensor whose frames are arrays.
@@ -60,6 +61,7 @@ ArraySet array_set(const std::string& kind, const py::object& frames,
       settings_given(gain_db, iso, exposure_s, out.set.kind == FrameKind::kBias);
   out.set.gain = settings.gain;
   out.set.exposure_s = settings.exposure_s;
+  out.exposure_declared = exposure_s.has_value();
   out.set.level = level;
   out.set.count = static_cast<int>(count);
   out.set.name = frame_set_name(out.set);
@@ -69,11 +71,46 @@ ArraySet array_set(const std::string& kind, const py::object& frames,
   return out;
 }
 
+// As of a session's set: gain and exposure that it does not tell are its first Frame's.
+ArraySet with_settings_of_first(ArraySet held) {
+  FrameSet& set = held.set;
+  if (set.gain.decibel() && set.exposure_s) return held;
+  const py::object given = held.frames.attr("__getitem__")(0);
+  if (!py::isinstance<RawFrame>(given)) return held;
+  const auto& first = given.cast<const RawFrame&>();
+  if (!set.gain.decibel()) set.gain = first.gain;
+  if (!set.exposure_s) set.exposure_s = first.exposure_s;
+  set.name = frame_set_name(set);
+  return held;
+}
+
+// A bias set may be declared to have no exposure at all.
+bool exposure_contradicts(const RawFrame& frame, const ArraySet& held) {
+  const auto &own = frame.exposure_s, &of_set = held.set.exposure_s;
+  if (!own || (of_set && *of_set == 0)) return false;
+  return !of_set || exposures_differ(*own, *of_set, held.exposure_declared);
+}
+
+void require_settings_of_set(const RawFrame& frame, const ArraySet& held, int i) {
+  const FrameSet& set = held.set;
+  const auto refuse = [&](const std::string& own, const std::string& of_set) {
+    throw InputError(fmt::format("{}, frame {}", set.name, i),
+                     fmt::format("was taken at {}, its set at {}", own, of_set),
+                     "give frames of each setting a FrameSet of their own");
+  };
+  const bool gain_missing = frame.gain.decibel() && !set.gain.decibel();
+  if (gain_missing || frame.gain.contradicts(set.gain)) refuse(frame.gain.text(), set.gain.text());
+  if (exposure_contradicts(frame, held))
+    refuse(fmt::format("{:.6g} s", *frame.exposure_s),
+           set.exposure_s ? fmt::format("{:.6g} s", *set.exposure_s) : "unknown exposure");
+}
+
 RawFrame frame_of_set(const ArraySet& held, const ArraySensor& sensor, int i) {
   const py::object given = held.frames.attr("__getitem__")(i);
   RawFrame frame;
   if (py::isinstance<RawFrame>(given)) {
     frame = given.cast<const RawFrame&>();
+    require_settings_of_set(frame, held, i);
     take_told(sensor.told, frame);
   } else {
     frame = frame_of_array(given, "frames", sensor.told);
@@ -98,7 +135,8 @@ CalibrationInput input_of(const std::vector<ArraySet>& sets, const ArraySensor& 
   input.sensor = sensor.name;
   input.origin = "arrays";
   input.row_group = sensor.row_group;
-  for (const ArraySet& each : sets) {
+  for (const ArraySet& given : sets) {
+    const ArraySet each = with_settings_of_first(given);
     for (const FrameSet& before : input.sets)
       if (before.name == each.set.name)
         throw InputError(each.set.name, "there are two such sets", "give their frames as one");
@@ -160,12 +198,15 @@ Frames frames_from(const py::object& session) {
 }
 
 void bind_set(py::module_& m) {
-  py::class_<ArraySet>(m, "FrameSet",
-                       "Arrays of one setting, for calibrate. Throws InputError.\n\n"
-                       "kind: bias (dark frames), flat (one light level, two frames or more) or "
-                       "burst.\n"
-                       "frames: [frame, row, column] in DN, black included, or any sequence of "
-                       "mosaics or of Frames; asked for one at a time.")
+  py::class_<ArraySet>(
+      m, "FrameSet",
+      "Arrays of one setting, for calibrate. Throws InputError.\n\n"
+      "kind: bias (dark frames), flat (one light level, two frames or more) or "
+      "burst.\n"
+      "frames: [frame, row, column] in DN, black included, or any sequence of "
+      "mosaics or of Frames; asked for one at a time.\n"
+      "gain_db or iso, exposure_s: of all frames; left out: of the first, where it "
+      "is a Frame. InputError from calibrate where a Frame tells another.")
       .def(py::init(&array_set), py::arg("kind"), py::arg("frames"), py::kw_only(),
            py::arg("gain_db") = py::none(), py::arg("iso") = py::none(),
            py::arg("exposure_s") = py::none(), py::arg("level") = py::none())

@@ -179,7 +179,10 @@ void add_drawing(ModelClass& model_class) {
           "random_gain",
           [](const ModelWithSampler& model, std::uint64_t seed, std::uint32_t frame) {
             const auto gain = model.description().random_gain(seed, frame);
-            return gain.iso ? *gain.iso : gain.gain_db.value();
+            if (!gain.decibel())
+              throw InputError("model", "was calibrated at one gain that nobody told",
+                               "leave the gain out: there is no other to draw");
+            return gain.iso ? *gain.iso : *gain.gain_db;
           },
           py::arg("seed"), py::arg("frame"),
           "The gain [dB or ISO] that synthesize(gain=None) draws for this seed and frame.");

@@ -91,6 +91,31 @@ def test_a_list_of_sets_is_checked():
 
 
 
+def test_gain_and_exposure_of_frames_are_those_of_their_set():
+    def frames(light, count, **settings):
+        return [malus.Frame(f, LAYOUT, BLACK, WHITE, **settings) for f in camera(light, count, int(light))]
+
+    sets = [malus.FrameSet("bias", frames(0, 8, gain_db=12))]
+    sets += [malus.FrameSet("flat", frames(250 * k, 4, gain_db=12, exposure_s=1e-3 * k)) for k in range(1, 9)]
+    own = malus.calibrate(sets)
+    assert own.as_dict()["gains"][0]["gain_db"] == 12
+    flat = frames(250, 4, gain_db=12, exposure_s=1e-3)
+    for told, odd, words in (
+            ({}, {"gain_db": 24, "exposure_s": 1e-3}, "flat, 12 dB, 0.001 s, frame 4: was taken at 24 dB, its set at 12 dB; give frames of each setting"),
+            ({}, {"gain_db": 12, "exposure_s": 1.05e-3}, "frame 4: was taken at 0.00105 s, its set at 0.001 s;"),
+            ({"exposure_s": 2.5e-3}, {}, "frame 0: was taken at 0.001 s, its set at 0.0025 s;")):
+        mixed = malus.FrameSet("flat", flat + frames(251, 1, **odd), **told)
+        with pytest.raises(malus.InputError, match=words):
+            malus.calibrate([sets[0], mixed] + sets[2:])
+    with pytest.raises(malus.InputError, match="bias, 24 dB, frame 0: was taken at 12 dB, its set at 24 dB;"):
+        malus.calibrate([malus.FrameSet("bias", frames(0, 8, gain_db=12), gain_db=24)])
+    with pytest.raises(malus.InputError, match="there are two such sets"):
+        malus.calibrate([sets[0], malus.FrameSet("bias", frames(0, 2), gain_db=12)])
+    alone = malus.calibrate(session(list), layout=LAYOUT, black=BLACK, white=WHITE)
+    with pytest.raises(malus.InputError, match="model: was calibrated at one gain that nobody told"):
+        alone.random_gain(1, 2)
+
+
 def test_settings_of_arrays_are_checked_as_those_of_sessions():
     codes = camera(0, 2, 0)
     for bad, words in (({"iso": -5}, "^iso: is -5; ISO is positive"), ({"iso": float("inf")}, "^iso: is inf"), ({"gain_db": float("nan")}, "^gain_db: is nan"),

@@ -42,6 +42,10 @@ struct SettingsFault {
 /// positive, a negative exposure or, but for with_zero_exposure, one of 0.
 std::optional<SettingsFault> fault_of(const CameraSettings& settings, bool with_zero_exposure);
 
+/// Whether a frame's exposure is another than its set's. What somebody declared of the set may be
+/// round, as cameras write exposures; what another of its frames tells may differ by rounding.
+bool exposures_differ(double frame_s, double set_s, bool declared);
+
 /// Frames of one setting. A `flat` group is one light level; a `bias` group with an exposure is the
 /// dark set of the flats with the same exposure.
 struct FrameGroup {

@@ -12,21 +12,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Frames of one set were taken at one setting: files differ by their rounding alone.
-constexpr double kOfFrames = 0.02;
-// Cameras write round exposures, 1/60 s for 1/64 s and 30 s for 32 s; who measured them may say so.
-// A third of a stop is 26 %.
-constexpr double kOfSession = 0.1;
-
 FrameOptions options_of_sensor(const Session& session, const FrameGroup& group) {
   FrameOptions options = frame_options(session, group);
   options.gain = {};
   options.exposure_s.reset();
   return options;
-}
-
-bool far_apart(double a, double b, double tolerance) {
-  return std::abs(a - b) > tolerance * std::max(std::abs(a), std::abs(b));
 }
 
 std::string seconds(double exposure_s) { return fmt::format("{:.6g} s", exposure_s); }
@@ -59,10 +49,10 @@ void check_exposure(const RawFrame& frame, const FrameGroup& group) {
   const auto &own = frame.exposure_s, &first = group.told.exposure_s;
   // A bias set may be declared to have no exposure at all.
   if (!own || (group.exposure_s && *group.exposure_s == 0)) return;
-  if (first && far_apart(*own, *first, kOfFrames))
+  if (first && exposures_differ(*own, *first, false))
     refuse_mixed(frame, seconds(*own), group, "at " + seconds(*first));
   if (!group.exposure_s) refuse_mixed(frame, seconds(*own), group, "tells no exposure");
-  if (far_apart(*own, *group.exposure_s, kOfSession))
+  if (exposures_differ(*own, *group.exposure_s, true))
     refuse_declared(frame, seconds(*own), seconds(*group.exposure_s), "exposure_s");
 }
 
@@ -85,6 +75,13 @@ std::optional<SettingsFault> fault_of(const CameraSettings& settings, bool with_
     return SettingsFault{"exposure_s", fmt::format("is {:g} s", *exposure_s),
                          "an exposure is positive"};
   return std::nullopt;
+}
+
+bool exposures_differ(double frame_s, double set_s, bool declared) {
+  // 1/60 s for 1/64 s and 30 s for 32 s: who measured them may say so. A third of a stop is 26 %.
+  constexpr double kOfDeclared = 0.1, kOfFrames = 0.02;
+  const double tolerance = declared ? kOfDeclared : kOfFrames;
+  return std::abs(frame_s - set_s) > tolerance * std::max(std::abs(frame_s), std::abs(set_s));
 }
 
 Session with_settings_of_files(Session session) {
