@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/image/black_levels.h"
+#include "malus/io/picture_file.h"
 
 #include <algorithm>
 #include <cmath>
@@ -27,7 +28,7 @@ RawFrame pixels_of(const py::object& array, const char* name) {
   const py::array numbers = numbers_from(array, name);
   frame.dn = image_of(input_from(numbers, name), name);
   const py::dtype type = numbers.dtype();
-  frame.bits = type.kind() == 'f' ? 0 : static_cast<int>(8 * type.itemsize());
+  frame.bits = bits_of_numbers(type.kind(), static_cast<int>(type.itemsize()));
   frame.source = "array";
   frame.black_dn = {0.0};
   return frame;

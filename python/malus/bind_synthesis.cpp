@@ -48,9 +48,8 @@ Picture picture_of_array(const py::object& object) {
     array = py::module_::import("numpy").attr("moveaxis")(array, 2, 0).cast<py::array>();
   Picture picture;
   const py::dtype type = array.dtype();
-  picture.bits = type.kind() == 'f' ? 0 : static_cast<int>(8 * type.itemsize());
-  picture.white =
-      picture.bits > 0 ? std::ldexp(1.0, picture.bits - (type.kind() == 'i' ? 1 : 0)) - 1.0 : 1.0;
+  picture.bits = bits_of_numbers(type.kind(), static_cast<int>(type.itemsize()));
+  picture.white = picture.bits > 0 ? std::ldexp(1.0, picture.bits) - 1.0 : 1.0;
   std::vector<Image> planes;
   if (array.ndim() == 2)
     planes.push_back(image_of(input_from(array, "picture"), "picture"));

@@ -27,6 +27,17 @@ def test_info_of_a_file_is_the_programs():
     assert {name: frame[name] for name in frame if name not in files} == {name: told[name] for name in told if name not in files}
 
 
+def test_numbers_of_any_type_are_described_as_in_a_file(tmp_path):
+    """Signed types have a bit less, bool one in all, and wide ones no more than float holds."""
+    for kind, bits in (("u1", 8), ("u2", 16), ("u4", 24), ("u8", 24), ("i1", 7), ("i2", 15), ("i4", 24), ("i8", 24), ("?", 1), ("f4", 0), ("f8", 0)):
+        codes = (np.random.default_rng(1).integers(0, 8, (64, 64)) * 16).astype(kind)
+        np.save(tmp_path / "codes.npy", codes)
+        of_array, of_file = malus.info(codes, "mono", 0), malus.info(tmp_path / "codes.npy", "mono", 0)
+        assert of_array["bits"] == of_file["bits"] == bits, kind
+        if 0 < bits <= 16:  # wider ones no camera fills: an array's white is its largest pixel
+            assert of_array["white"] == of_file["white"] == 2**bits - 1 and of_array["warnings"] == of_file["warnings"], kind
+
+
 def test_info_of_an_array_counts():
     mosaic = np.random.default_rng(1).normal(300, 8, (128, 128)).astype(np.float32)
     mosaic[0, :5], mosaic[1, :3], mosaic[2, 0] = 5000, 10, np.nan

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/internal/stored_value.h"
+#include "malus/io/picture_file.h"
 
 #include <algorithm>
 #include <charconv>
@@ -209,8 +210,7 @@ Decoded describe(const NpyHeader& header, const Axes& axes) {
   decoded.cols = static_cast<int>(axes.cols);
   decoded.channels = static_cast<int>(axes.channels);
   const int item_bits = 8 * header.item_bytes;
-  const int value_bits = header.kind == 'i' ? item_bits - 1 : item_bits;  // less the sign
-  decoded.bits = header.kind == 'f' ? 0 : header.kind == 'b' ? 1 : std::min(value_bits, 24);
+  decoded.bits = bits_of_numbers(header.kind, header.item_bytes);
   decoded.sample = header.kind == 'b' ? "bool"
                    : header.kind == 'f'
                        ? (item_bits == 16   ? "half"

@@ -120,6 +120,12 @@ Picture picture_of(internal::Decoded decoded) {
 
 }  // namespace
 
+int bits_of_numbers(char kind, int item_bytes) {
+  if (kind == 'f') return 0;
+  if (kind == 'b') return 1;
+  return std::min(8 * item_bytes - (kind == 'i' ? 1 : 0), 24);
+}
+
 bool has_picture_ending(const fs::path& path) {
   return known_ending(lower_case(path.extension().string())) != nullptr;
 }

@@ -21,6 +21,10 @@ struct Picture {
   std::string holds;               ///< SaveOptions::holds of the writer; empty where none is kept
 };
 
+/// The bits that whole numbers of a NumPy type fill: less the sign, at most the 24 that float
+/// holds; 1 of bool (kind b), 0 of floats (f).
+int bits_of_numbers(char kind, int item_bytes);
+
 /// Throws InputError as load_frame does. .npy: 2-D, or 3-D as [channel, row, column]; a last axis
 /// of at most 4 with a longer first axis is taken as [row, column, channel]. FITS: 2-D or
 /// [channel, row, column].
