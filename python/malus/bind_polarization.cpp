@@ -149,6 +149,7 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
     frame.white_dn = model.white_dn;
     frame.white_known = model.white_dn > 0;
     light.saturated_dn = saturation_dn(frame);
+    frame.white_dn = white_above_black(model.white_dn, model.black_dn);
     frame.black_dn.assign(static_cast<std::size_t>(frame.layout.channels()), 0.0);
     frame.black_known = true;
   }
