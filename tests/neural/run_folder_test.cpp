@@ -81,6 +81,23 @@ TEST(RunFolder, FinishedWeightsAreNotReplacedUnasked) {
   EXPECT_NO_THROW(run_in(run, config, true, false));
 }
 
+TEST(RunFolder, WeightsToBeginWithAreNotRemovedByTheRunThatReadsThem) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.train.steps = 1;
+  const fs::path run = folder / "run";
+  run_in(run, config, false, false);
+  const auto before = weights_in(run / "weights.safetensors");
+  config.begin_with = folder / "run/../run/weights.safetensors";
+  EXPECT_THROW(run_in(run, config, false, true), InputError);
+  const auto after = weights_in(run / "weights.safetensors");
+  ASSERT_EQ(after.size(), before.size());
+  for (std::size_t i = 0; i < after.size(); ++i) EXPECT_TRUE(torch::equal(after[i], before[i]));
+  EXPECT_TRUE(fs::exists(run / "checkpoint.safetensors"));
+  EXPECT_NO_THROW(run_in(folder / "another", config, false, false));
+}
+
 TEST(RunFolder, ANewRunInheritsNothing) {
   const TemporaryFolder folder;
   const AngleScene scene(folder);

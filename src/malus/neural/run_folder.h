@@ -17,9 +17,10 @@ class RunFolder {
   std::filesystem::path file(const char* name) const { return path_ / name; }
   /// There is a checkpoint, and the run is to go on from it.
   bool goes_on() const { return goes_on_; }
-  /// Removes what an earlier run left and a new one may not write itself: best.safetensors,
-  /// sample/.
+  /// Removes what an earlier run left: its checkpoint (first), weights and samples.
   void begin() const;
+  /// Whether begin() would remove this file.
+  bool would_remove(const std::filesystem::path& file_to_read) const;
 
  private:
   std::filesystem::path path_;

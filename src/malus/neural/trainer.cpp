@@ -127,6 +127,10 @@ class Trainer {
         log_.emplace(file("log.jsonl"), state_.step);
         find_best_score();
         at_end = is_finished(config_, facts(), log_->lines());
+      } else if (folder_->would_remove(config_.begin_with)) {
+        throw InputError(config_.begin_with.string(),
+                         "lies where this run writes weights of its own",
+                         "copy it elsewhere and name the copy, or train into another folder");
       }
     }
     return take_leaders_state(workers_, state_, at_end, device_);
