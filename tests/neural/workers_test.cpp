@@ -3,11 +3,13 @@
 #include "malus/neural/workers.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/short_waits.h"
 #include "malus/neural/trainer.h"
 
 #include <chrono>
 #include <cstdlib>
 #include <future>
+#include <stdexcept>
 #include <string>
 #include <thread>
 
@@ -101,16 +103,36 @@ TEST(Workers, WaitForTheLeaderLongerThanForAMessage) {
   });
 }
 
-// The wish to stop is looked at every 100 ms: a message that ends just then is a good one.
-TEST(Workers, AMessageMayEndWhileTheWishToStopIsLookedAt) {
-  if (!has_c10d()) GTEST_SKIP() << kWithoutC10d;
-  two_workers(30, [](Workers& workers) {
-    for (int i = 0; i < 16; ++i) {
-      if (workers.rank() == 1)
-        std::this_thread::sleep_for(std::chrono::microseconds(99000 + 250 * i));
-      ASSERT_EQ(sum_of_ranks(workers), 3) << i;
-    }
-  });
+// A message that ends, well or badly, after a wait for it has and before that is looked at.
+struct LateMessage {
+  bool fails = false;
+  int waits = 0;
+
+  void wait(std::chrono::milliseconds) {
+    ++waits;
+    throw std::runtime_error("timed out");
+  }
+  void wait() const {
+    if (fails) throw std::runtime_error("lost");
+  }
+  bool isCompleted() const { return waits == 3; }
+};
+
+TEST(ShortWaits, WhatEndsWhileTheWishToStopIsLookedAtIsNoTimeOut) {
+  LateMessage message;
+  int looks = 0;
+  const auto finish = [&] {
+    finish_in_short_waits(message, std::chrono::milliseconds(1), [&] { ++looks; });
+  };
+  EXPECT_NO_THROW(finish());
+  EXPECT_EQ(looks, 2);
+  message = {.fails = true};
+  try {
+    finish();
+    FAIL();
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "lost");
+  }
 }
 
 #if defined(USE_C10D_GLOO)

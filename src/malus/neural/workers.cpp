@@ -5,6 +5,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/base/worker_place.h"
+#include "malus/neural/short_waits.h"
 
 #include <chrono>
 #include <cstdlib>
@@ -116,14 +117,7 @@ class WorkerGroup final : public Workers {
       work.wait();  // blocks nothing but the GPU's queue
       return;
     }
-    for (;;) try {
-        work.wait(kBetweenLooks);
-        return;
-      } catch (const std::exception&) {
-        // It may have ended since the wait did; what went wrong with it is thrown again.
-        if (work.isCompleted()) return static_cast<void>(work.wait());
-        leave_when_asked(since_asked);
-      }
+    finish_in_short_waits(work, kBetweenLooks, [&] { leave_when_asked(since_asked); });
   }
 
   void leave_when_asked(Stopwatch& since_asked) {
