@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace malus::internal {
@@ -62,38 +64,52 @@ bool is_usable(float dn) {
   return std::abs(dn) < kMostDn;  // NaN is not
 }
 
+// From the rim inwards, a ring of the same channel's pixels at a time.
 Image filled(View<const float> mosaic, const SensorLayout& layout) {
-  struct Hole {
+  struct Place {
     int row, col;
-    float dn;
   };
   Image out(mosaic.rows(), mosaic.cols());
-  std::vector<Hole> holes;
+  const auto around = [&](const Place& place, auto visit) {
+    for (int dr = -1; dr <= 1; ++dr)
+      for (int dc = -1; dc <= 1; ++dc) {
+        const int row = place.row + dr * layout.rows(), col = place.col + dc * layout.cols();
+        if (row >= 0 && col >= 0 && row < out.rows() && col < out.cols()) visit(row, col);
+      }
+  };
+  const auto mean_around = [&](const Place& place) {
+    double sum = 0;
+    int count = 0;
+    around(place, [&](int row, int col) {
+      if (is_usable(out(row, col))) sum += out(row, col), ++count;
+    });
+    return count > 0 ? static_cast<float>(sum / count) : std::numeric_limits<float>::quiet_NaN();
+  };
+  std::vector<Place> holes, rim;
   for (int r = 0; r < out.rows(); ++r)
     for (int c = 0; c < out.cols(); ++c) {
       out(r, c) = mosaic(r, c);
-      if (!is_usable(out(r, c))) holes.push_back({r, c, 0.0f});
+      if (!is_usable(out(r, c))) holes.push_back({r, c});
     }
-  const auto mean_around = [&](const Hole& hole) {
-    double sum = 0;
-    int count = 0;
-    for (int dr = -1; dr <= 1; ++dr)
-      for (int dc = -1; dc <= 1; ++dc) {
-        const int row = hole.row + dr * layout.rows(), col = hole.col + dc * layout.cols();
-        if (row < 0 || col < 0 || row >= out.rows() || col >= out.cols()) continue;
-        if (is_usable(out(row, col))) sum += out(row, col), ++count;
-      }
-    return count > 0 ? static_cast<float>(sum / count) : std::numeric_limits<float>::quiet_NaN();
-  };
-  while (!holes.empty()) {
-    for (Hole& hole : holes) hole.dn = mean_around(hole);
-    const auto rim = std::partition(holes.begin(), holes.end(),
-                                    [](const Hole& hole) { return std::isnan(hole.dn); });
-    const auto last = rim == holes.end() ? holes.begin() : rim;  // nothing to fill them from
-    for (auto hole = last; hole != holes.end(); ++hole)
-      out(hole->row, hole->col) = std::isnan(hole->dn) ? 0.0f : hole->dn;
-    holes.erase(last, holes.end());
+  Plane<std::uint8_t> waits(out.rows(), out.cols());
+  for (const Place& hole : holes) {
+    const bool beside_light = !std::isnan(mean_around(hole));
+    if (beside_light) rim.push_back(hole);
+    waits(hole.row, hole.col) = !beside_light;
   }
+  while (!rim.empty()) {
+    std::vector<float> means;
+    for (const Place& hole : rim) means.push_back(mean_around(hole));
+    for (std::size_t i = 0; i < rim.size(); ++i) out(rim[i].row, rim[i].col) = means[i];
+    std::vector<Place> next;
+    for (const Place& hole : rim)
+      around(hole, [&](int row, int col) {
+        if (std::exchange(waits(row, col), std::uint8_t{0})) next.push_back({row, col});
+      });
+    rim = std::move(next);
+  }
+  for (const Place& hole : holes)
+    if (waits(hole.row, hole.col)) out(hole.row, hole.col) = 0.0f;  // nothing to fill it from
   return out;
 }
 
