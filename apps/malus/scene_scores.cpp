@@ -60,16 +60,14 @@ std::string name_of_scene(const fs::path& path) {
   return (path.has_filename() ? path : path.parent_path()).filename().string();
 }
 
-// Of these commands none extrapolates a model.
-void require_calibrated(const NoiseModel& model, const GainSetting& gain) {
-  if (model.physics.empty()) return;
-  const GainSetting &lowest = model.physics.front().gain, &highest = model.physics.back().gain;
-  if (!gain.decibel() || !lowest.decibel()) return;
-  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
-    throw InputError(
-        "--cases " + gain.text(),
-        fmt::format("is outside the calibrated range {} to {}", lowest.text(), highest.text()),
-        "give a gain inside it, or a model of that gain");
+// Of these commands none extrapolates a model, as what the model advises may do.
+NoiseProfile profile_at(const NoiseModel& model, const GainSetting& gain, const LightCase& light) {
+  try {
+    return model.profile_at(gain);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("--cases {:g}:{:g}", light.gain, light.ratio), error.problem(),
+                     "give a gain that the model knows, or a model of this one");
+  }
 }
 
 }  // namespace
@@ -186,10 +184,10 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const Noi
   synthesis.ratio = light.ratio;
   const Synthesizer camera(model, synthesis);
   const GainSetting gain = Model(model).gain_setting(light.gain);
-  require_calibrated(model, gain);
+  NoiseProfile profile = profile_at(model, gain, light);
   NoisyScene noisy{camera.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed}, model.black_dn,
                                    model.white_dn),
-                   model.profile_at(gain), &scene, light.ratio,
+                   std::move(profile), &scene, light.ratio,
                    white_above_black(model.white_dn, model.black_dn)};
   noisy.frame.source = scene.name;
   return noisy;

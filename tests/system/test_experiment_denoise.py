@@ -56,7 +56,7 @@ def test_a_part_of_a_method_that_says_nothing_is_refused(refused, scene, method)
 
 def test_a_gain_outside_the_model_names_no_flag_that_is_not_there(refused, scene):
     line = refused("experiment", "denoise", scene, "--methods", "bm3d/fast", "--cases", "99:10")
-    assert "99 dB" in line and "outside the calibrated range" in line and "extrapolat" not in line
+    assert "--cases 99:10: " in line and "outside the calibrated range" in line and "extrapolat" not in line
 
 
 def test_row_noise_can_be_set(malus, scene):
