@@ -48,15 +48,13 @@ struct Subject {
   int channels() const { return picture ? picture->planes.channels() : 1; }
 };
 
-// Coverage is no colour. A fourth plane of .npy and .fits, whose planes have no names, may be any.
 void leave_out_alpha(const fs::path& path, Picture& picture) {
-  const std::string ending = lower_case(path.extension().string());
-  const auto alpha = std::ranges::find(picture.names, "A");
-  if (ending == ".npy" || ending.starts_with(".fit") || alpha == picture.names.end()) return;
+  const auto alpha = alpha_plane(path, picture);
+  if (!alpha) return;
   std::vector<Image> kept(std::make_move_iterator(picture.planes.begin()),
                           std::make_move_iterator(picture.planes.end()));
-  kept.erase(kept.begin() + (alpha - picture.names.begin()));
-  picture.names.erase(alpha);
+  kept.erase(kept.begin() + static_cast<std::ptrdiff_t>(*alpha));
+  picture.names.erase(picture.names.begin() + static_cast<std::ptrdiff_t>(*alpha));
   picture.planes = Planes(static_cast<int>(kept.size()), 0, 0);
   std::ranges::move(kept, picture.planes.begin());
 }
@@ -145,20 +143,26 @@ void check_comparable(const fs::path& reference_path, const Subject& reference,
                      "compare frames of one sensor, or declare the layout with --layout");
 }
 
-std::string sample_text(const Picture& picture) {
-  return picture.bits > 0 ? fmt::format("{} bits", picture.bits) : "floating point";
+int bits_of(const Subject& subject) {
+  return subject.picture ? subject.picture->bits : subject.frame.bits;
 }
 
-// Numbers of two scales have no difference. A peak that is told tells that they are of one.
+std::string sample_text(const Subject& subject) {
+  return bits_of(subject) > 0 ? fmt::format("{} bits", bits_of(subject)) : "floating point";
+}
+
+// Numbers of two scales have no difference. A peak that is told tells that they are of one. Mosaics
+// are in DN whatever they are stored in.
 void require_one_scale(const EvaluateArguments& arguments, const fs::path& reference_path,
                        const Subject& reference, const fs::path& test_path, const Subject& test) {
-  if (!reference.picture || !test.picture || arguments.peak_dn || arguments.raw.white_dn() ||
-      reference.picture->white == test.picture->white)
+  const bool mosaics = !reference.picture && !test.picture;
+  if (mosaics || arguments.peak_dn || arguments.raw.white_dn() ||
+      bits_of(reference) == bits_of(test))
     return;
   throw InputError(
       test_path.string(),
-      fmt::format("is of {}, its reference {} of {}", sample_text(*test.picture),
-                  reference_path.string(), sample_text(*reference.picture)),
+      fmt::format("is of {}, its reference {} of {}", sample_text(test), reference_path.string(),
+                  sample_text(reference)),
       "save both in one type, or give --peak if their numbers are of one scale (--ratio "
       "brings the test's to it)");
 }

@@ -49,22 +49,23 @@ Image load_mask(const fs::path& path, const Image& s0) {
   const Picture picture = load_picture(path);
   const int channels = picture.planes.channels();
   require_size(path, picture.planes, channels, s0);
-  const bool has_alpha = channels > 1 && picture.names.back() == "A";
+  const auto alpha = alpha_plane(path, picture);
   const auto is_object = [](float v) { return v > 0; };
   Image mask(s0.rows(), s0.cols());
-  for (int k = 0; k < channels - has_alpha; ++k)
+  for (int k = 0; k < channels; ++k) {
+    if (alpha && static_cast<std::size_t>(k) == *alpha) continue;
     for (std::size_t i = 0; i < mask.size(); ++i)
       if (is_object(picture.planes[k].values()[i])) mask.values()[i] = 1.0f;
-  if (has_alpha) {
+  }
+  if (alpha) {
+    const std::vector<float>& coverage = picture.planes[static_cast<int>(*alpha)].values();
     const bool drawn = std::ranges::any_of(mask.values(), is_object);
     for (std::size_t i = 0; i < mask.size(); ++i)
-      mask.values()[i] = (!drawn || is_object(mask.values()[i])) &&
-                                 is_object(picture.planes[channels - 1].values()[i])
-                             ? 1.0f
-                             : 0.0f;
+      mask.values()[i] =
+          (!drawn || is_object(mask.values()[i])) && is_object(coverage[i]) ? 1.0f : 0.0f;
   }
   if (std::ranges::none_of(mask.values(), is_object))
-    throw InputError(path.string(), "no pixel is above 0, so that nothing is the object",
+    throw InputError(path.string(), "no pixel is above 0 and seen, so that nothing is the object",
                      "give a picture that is above 0 where the object is");
   return mask;
 }

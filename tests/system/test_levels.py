@@ -123,6 +123,10 @@ def test_pictures_of_two_scales_are_not_compared(malus, refused, tmp_path):
     line = refused(*compare("eight", "sixteen"))
     assert "sixteen.npy: is of 16 bits, its reference" in line and "eight.npy of 8 bits; " in line and "--peak" in line
     assert "is of floating point, its reference" in refused(*compare("eight", "float"))
+    Image.fromarray(np.stack([eight[0], np.full((32, 32), 255, np.uint8)], 2), "LA").save(tmp_path / "grey_with_alpha.png")
+    np.save(tmp_path / "grey.npy", eight[0].astype(np.uint16) * 257)  # without alpha it might be a mosaic
+    line = refused("evaluate", "--reference", tmp_path / "grey.npy", "--test", tmp_path / "grey_with_alpha.png")
+    assert "grey_with_alpha.png: is of 8 bits, its reference" in line and "grey.npy of 16 bits; " in line
     for told in (("--peak", 65535), ("--white", 65535)):
         found = malus(*compare("sixteen", "eight"), "--ratio", 257, *told, "--json")
         assert found.json["image"]["psnr"] is None  # equal

@@ -120,6 +120,10 @@ def test_a_mask_is_drawn_in_any_colour_or_in_alpha(malus, refused, tmp_path):
         assert malus(*command, "--json").json["object_pixels"] == inside.sum(), name
     Image.fromarray(none).save(tmp_path / "mask.png")
     assert "mask.png: no pixel is above 0" in refused(*command)
+    Image.fromarray(np.stack([drawn, drawn, drawn, none], 2)).save(tmp_path / "mask.png")  # transparent
+    assert "mask.png: no pixel is above 0 and seen" in refused(*command)
+    np.save(tmp_path / "mask.npy", np.stack([drawn, drawn, drawn, none]))  # nobody told what the fourth plane is
+    assert malus(*command[:-1], tmp_path / "mask.npy", "--json").json["object_pixels"] == inside.sum()
 
 
 def test_full_resolution_makes_no_light_up(malus, tmp_path):

@@ -126,6 +126,14 @@ int bits_of_numbers(char kind, int item_bytes) {
   return std::min(8 * item_bytes - (kind == 'i' ? 1 : 0), 24);
 }
 
+std::optional<std::size_t> alpha_plane(const fs::path& path, const Picture& picture) {
+  const std::string ending = lower_case(path.extension().string());
+  const auto alpha = std::find(picture.names.begin(), picture.names.end(), "A");
+  if (ending == ".npy" || ending.starts_with(".fit") || alpha == picture.names.end())
+    return std::nullopt;
+  return static_cast<std::size_t>(alpha - picture.names.begin());
+}
+
 bool has_picture_ending(const fs::path& path) {
   return known_ending(lower_case(path.extension().string())) != nullptr;
 }

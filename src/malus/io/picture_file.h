@@ -16,7 +16,7 @@ namespace malus {
 struct Picture {
   Planes planes;                   ///< [channel, row, column]
   std::vector<std::string> names;  ///< one per channel: "R", "G", "B", "Y", "R90", ...
-  double white = 0;                ///< largest value of the integer type; 1 for float data
+  double white = 0;                ///< largest number of so many bits; 1 for float data
   int bits = 0;                    ///< of integer data; 0 for float
   std::string holds;               ///< SaveOptions::holds of the writer; empty where none is kept
 };
@@ -24,6 +24,10 @@ struct Picture {
 /// The bits that whole numbers of a NumPy type fill: less the sign, at most the 24 that float
 /// holds; 1 of bool (kind b), 0 of floats (f).
 int bits_of_numbers(char kind, int item_bytes);
+
+/// Index of the plane that is coverage, not colour. Planes of .npy and FITS have no names, and a
+/// fourth one may be anything.
+std::optional<std::size_t> alpha_plane(const std::filesystem::path& path, const Picture& picture);
 
 /// Throws InputError as load_frame does. .npy: 2-D, or 3-D as [channel, row, column]; a last axis
 /// of at most 4 with a longer first axis is taken as [row, column, channel]. FITS: 2-D or
