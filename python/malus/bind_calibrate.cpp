@@ -80,6 +80,8 @@ ArraySet with_settings_of_first(ArraySet held) {
   const auto& first = given.cast<const RawFrame&>();
   if (!set.gain.decibel()) set.gain = first.gain;
   if (!set.exposure_s) set.exposure_s = first.exposure_s;
+  if (const auto fault = fault_of({set.gain, set.exposure_s}, set.kind == FrameKind::kBias))
+    throw InputError(set.name + ", frame 0: " + fault->key, fault->problem, fault->remedy);
   set.name = frame_set_name(set);
   return held;
 }

@@ -49,7 +49,9 @@ Picture picture_of_array(const py::object& object) {
   Picture picture;
   const py::dtype type = array.dtype();
   picture.bits = bits_of_numbers(type.kind(), static_cast<int>(type.itemsize()));
-  picture.white = picture.bits > 0 ? std::ldexp(1.0, picture.bits) - 1.0 : 1.0;
+  const int number_bits = static_cast<int>(8 * type.itemsize()) - (type.kind() == 'i' ? 1 : 0);
+  const bool whole = type.kind() == 'i' || type.kind() == 'u';
+  picture.white = whole ? std::ldexp(1.0, number_bits) - 1.0 : 1.0;
   std::vector<Image> planes;
   if (array.ndim() == 2)
     planes.push_back(image_of(input_from(array, "picture"), "picture"));

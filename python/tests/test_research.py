@@ -111,6 +111,8 @@ def test_gain_and_exposure_of_frames_are_those_of_their_set():
         malus.calibrate([malus.FrameSet("bias", frames(0, 8, gain_db=12), gain_db=24)])
     with pytest.raises(malus.InputError, match="there are two such sets"):
         malus.calibrate([sets[0], malus.FrameSet("bias", frames(0, 2), gain_db=12)])
+    with pytest.raises(malus.InputError, match="frame 0: exposure_s: is 0 s; an exposure is positive"):
+        malus.calibrate([sets[0], malus.FrameSet("flat", frames(250, 4, gain_db=12, exposure_s=0))])
     alone = malus.calibrate(session(list), layout=LAYOUT, black=BLACK, white=WHITE)
     with pytest.raises(malus.InputError, match="model: was calibrated at one gain that nobody told"):
         alone.random_gain(1, 2)

@@ -55,6 +55,9 @@ def test_simulate_takes_light_as_it_is_told():
     code = np.full((8, 8), 32767, np.uint16)
     assert np.allclose(malus.simulate(code, "mono", tone="linear")["dn"], 2000, rtol=1e-4)
     assert malus.simulate(code, "mono")["dn"].mean() < 900
+    for kind, half in (("u1", 127.5), ("i2", 2**14), ("u4", 2**31), ("u8", 2**63), ("?", 1)):
+        light = malus.simulate(np.full((8, 8), half, kind), "mono", tone="linear")["dn"]
+        assert np.allclose(light, 4000 if kind == "?" else 2000, rtol=5e-3), kind
     truth = malus.simulate(grey, truth=True)
     assert "normals" not in truth and (truth["s1"] == 0).all()
 
