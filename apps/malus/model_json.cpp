@@ -227,7 +227,11 @@ void keep_gain(std::vector<Calibration>& calibrations, const GainSetting& gain) 
 PhysicsCalibration interpolated_entry(const NoiseModel& model, const GainParameters& p) {
   PhysicsCalibration entry = calibration_of(p);
   entry.temporal_sd_dark_dn = temporal_sd_dark_dn(physics_of(model, p));
-  entry.warnings = {"not measured at this gain: from the joint model"};
+  const bool without_K =
+      std::any_of(model.physics.begin(), model.physics.end(),
+                  [&](const PhysicsCalibration& measured) { return measured.gain == p.gain; });
+  entry.warnings = {without_K ? "its K was not measured: all from the joint model"
+                              : "not measured at this gain: from the joint model"};
   return entry;
 }
 
