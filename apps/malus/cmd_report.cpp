@@ -121,11 +121,16 @@ std::vector<ReportInput> all_inputs(const std::vector<fs::path>& given) {
 
 // What records name: "file" of a picture; "input_file", "result_file" and "reference_file" of a
 // denoise run.
-void add_files_in(const Json& json, const fs::path& folder, std::vector<fs::path>& files) {
-  for (const auto& [key, value] : json.items()) {
-    if (value.is_structured()) add_files_in(value, folder, files);
-    if (value.is_string() && json.is_object() && (key == "file" || key.ends_with("_file")))
-      files.push_back(folder / value.get<std::string>());
+void add_files_in(const Json& record, const fs::path& folder, std::vector<fs::path>& files) {
+  std::vector<const Json*> left = {&record};  // not by recursion: anybody wrote the file
+  while (!left.empty()) {
+    const Json& json = *left.back();
+    left.pop_back();
+    for (const auto& [key, value] : json.items()) {
+      if (value.is_structured()) left.push_back(&value);
+      if (value.is_string() && json.is_object() && (key == "file" || key.ends_with("_file")))
+        files.push_back(folder / value.get<std::string>());
+    }
   }
 }
 
