@@ -41,7 +41,8 @@ std::pair<int, int> quantise_plane(const PaddedPlane& plane, float scale, float 
       line[static_cast<std::size_t>(c)] =
           static_cast<std::int16_t>(std::max(std::min(value, kMaxStep), -kMaxStep));
     }
-    for (int c = extent.first_col; c < extent.end_col; ++c) {  // apart: of eight at once
+    for (int c = extent.first_col; c < extent.end_col;
+         ++c) {  // a loop of its own becomes whole vectors
       smallest = std::min(smallest, line[static_cast<std::size_t>(c)]);
       largest = std::max(largest, line[static_cast<std::size_t>(c)]);
     }

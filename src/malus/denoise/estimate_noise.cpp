@@ -27,7 +27,7 @@ namespace {
 using internal::VarianceLevel;
 using internal::VarianceLines;
 
-constexpr int kBlock = 8;         // pixels of one channel per side
+constexpr int kBlock = kNoiseBlock;
 constexpr int kLeastBlocks = 64;  // per channel
 constexpr std::size_t kMostLevels = 16;
 constexpr std::size_t kLeastPerLevel = 24;

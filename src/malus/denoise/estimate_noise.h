@@ -21,6 +21,8 @@
 
 namespace malus {
 
+inline constexpr int kNoiseBlock = 8;  ///< pixels of a channel per side of a block
+
 struct PictureNoise {
   NoiseProfile profile;       ///< estimated_from_picture is set
   double relative_error = 0;  ///< of the deviation at the mean signal, one standard error

@@ -1,5 +1,7 @@
 #include "malus/denoise/saturated_pixels.h"
 
+#include "malus/denoise/estimate_noise.h"
+
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -26,8 +28,8 @@ struct Top {
   }
 
   bool is_pile() const {
-    constexpr std::int64_t kPile = 4;    // times the pixels of the value below
-    constexpr std::int64_t kLeast = 64;  // fewer fill no block of estimate_noise.h
+    constexpr std::int64_t kPile = 4;  // times the pixels of the value below
+    constexpr std::int64_t kLeast = kNoiseBlock * kNoiseBlock;  // fewer fill no block
     return at_below > 0 && at_top >= kLeast && at_top > kPile * at_below;
   }
 };

@@ -16,8 +16,8 @@ struct ChannelLevels {
 };
 
 /// Where nobody tells the white of float pixels it is the largest of them (malus/io/frame_file.h):
-/// a range, but no sign that this pixel is saturated. Then a channel is where its pixels pile up;
-/// one without a pile nowhere, which is said as another range above white.
+/// a range, but no sign that this pixel is saturated. Then a channel is saturated where its pixels
+/// pile up; one without a pile nowhere: its limit lies another range above white.
 inline ChannelLevels channel_levels(const RawFrame& frame, const NoiseProfile& profile) {
   ChannelLevels levels;
   const bool guessed = !frame.white_known && frame.bits == 0;

@@ -97,7 +97,9 @@ HWY_INLINE void derive_weights(const CellMatrix& negative, const CellMatrix& shi
 }
 
 using DoubleMatrix = std::array<std::array<double, kLanes>, kLanes>;
-using Doubles = double __attribute__((vector_size(HWY_MAX_BYTES < 16 ? 16 : HWY_MAX_BYTES)));
+constexpr int kDoubleBytes =
+    std::clamp<int>(HWY_MAX_BYTES, 16, 64);  // some sets have no fixed width
+using Doubles = double __attribute__((vector_size(kDoubleBytes)));
 constexpr int kDoublesPerVector = sizeof(Doubles) / sizeof(double);
 constexpr int kDoubleParts = kLanes / kDoublesPerVector;
 
