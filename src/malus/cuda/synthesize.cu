@@ -121,8 +121,7 @@ __device__ __forceinline__ void store_pixels(const Lanes<float>& noisy_dn, float
 // The words of a row's two pixels (pixel_words in formation.h).
 __device__ __forceinline__ void draw_words(const DrawFrame& f, const ThreadPixels& t, int row,
                                            Lanes<std::uint32_t>& shot, Lanes<std::uint32_t>& read) {
-  const std::uint64_t index =
-      std::uint64_t{static_cast<std::uint32_t>(f.row0 + row)} << 32 | t.block;
+  const std::uint64_t index = pixel_index(f.row0 + row, static_cast<int>(t.block));
   const PhiloxBlock words = random_block(f.keys, f.frame, index, Draw::kPixel);
   shot = {{words.word[0], words.word[2]}};
   read = {{words.word[1], words.word[3]}};

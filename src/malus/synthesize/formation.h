@@ -48,8 +48,7 @@ MALUS_HOST_DEVICE inline PixelWords pixel_words(std::uint64_t seed, std::uint32_
                                                 int col) {
   const auto group = static_cast<std::uint32_t>(col) / kGroupColumns;
   const auto place = static_cast<std::uint32_t>(col) % kGroupColumns;
-  const std::uint64_t index =
-      std::uint64_t{static_cast<std::uint32_t>(row)} << 32 | (16u * group + place % 16u);
+  const std::uint64_t index = pixel_index(row, static_cast<int>(16u * group + place % 16u));
   const PhiloxBlock block = random_block(seed, frame, index, Draw::kPixel);
   const unsigned half = place / 16u * 2u;
   return {block.word[half], block.word[half + 1]};
