@@ -175,7 +175,9 @@ def test_stopped_where_it_waits_for_the_user(plan, tmp_path):
                           stderr=subprocess.PIPE, text=True) as process:
         said = ""
         while "Press Enter when ready" not in said:
-            said += process.stderr.read(1)
+            more = process.stderr.read(1)
+            assert more, said
+            said += more
         process.send_signal(signal.SIGINT)
         try:
             assert process.wait(timeout=20) == 130
