@@ -128,14 +128,20 @@ TEST(Synthesizer, DarkFramesThatRepeatAreSaid) {
   EXPECT_EQ(Synthesizer(camera_of_all_kinds(), settings).repetition(640, 960), "");
 }
 
+// K 0.5, and one dark frame of 2 DN.
+NoiseModel even_dark_model(int side) {
+  NoiseModel model = bayer_model();
+  model.dark_frames = {{.gain = kGain, .frames_dn = {Image(side, side, 2.0f)}}};
+  for (auto& calibration : model.physics)
+    for (auto& K : calibration.K.mean) K = 0.5;
+  return model;
+}
+
 // At K 0.5 half of the sums of a code and a number of electrons lie in the middle of a step, where
 // rounding alone always goes the same way.
 TEST(Synthesizer, RoundedDarkFramesKeepTheMeanOfTheLight) {
-  NoiseModel model = bayer_model();
   constexpr int kSide = 256;
-  model.dark_frames = {{.gain = kGain, .frames_dn = {Image(kSide, kSide, 2.0f)}}};
-  for (auto& calibration : model.physics)
-    for (auto& K : calibration.K.mean) K = 0.5;
+  const NoiseModel model = even_dark_model(kSide);
   SynthesisSettings settings;
   settings.kind = "dark-frames";
   for (const float light_dn : {1.0f, 3.0f, 20.0f}) {
@@ -153,11 +159,8 @@ TEST(Synthesizer, RoundedDarkFramesKeepTheMeanOfTheLight) {
 // Two pixels share a block of random words (pixel_words): what goes before the rounding of one is
 // not the shot noise of the other.
 TEST(Synthesizer, PixelsOfRoundedDarkFramesHaveNothingInCommon) {
-  NoiseModel model = bayer_model();
   constexpr int kSide = 512;
-  model.dark_frames = {{.gain = kGain, .frames_dn = {Image(kSide, kSide, 2.0f)}}};
-  for (auto& calibration : model.physics)
-    for (auto& K : calibration.K.mean) K = 0.5;
+  const NoiseModel model = even_dark_model(kSide);
   SynthesisSettings settings;
   settings.kind = "dark-frames";
   const RawFrame frame =
