@@ -112,6 +112,22 @@ TEST(Stabilizer, TheInverseIsUnbiasedForTukeyLambdaReadNoise) {
   EXPECT_LT(worst_gaussian, 0.02);
 }
 
+// Where it is bright the expectation is worked out at few knots; here at every signal by itself.
+TEST(Stabilizer, BrightSignalsHaveTheLawsExpectation) {
+  for (const double K : {0.05, 0.4, 6.2}) {
+    const PhysicsChannel channel{
+        .gain_dn_per_e = K, .lambda = -0.2, .mu_dn = 0, .sigma_tl_dn = 2 * K, .sigma_row_dn = 0};
+    const NoiseLaw law = NoiseLaw::physics(channel, PhysicsParts{}, 1.0);
+    const double read_dn2 = 4 * K * K * tukey_lambda_variance(-0.2) + 1.0 / 12;
+    const Stabilizer stabilizer(VarianceCurve::affine(K, read_dn2), 4013, law);
+    for (double s = 100 * K; s < 4000; s *= 1.013) {
+      const auto curve = [&](double dn) { return stabilizer.forward(dn); };
+      EXPECT_NEAR(stabilizer.mean_of(s), law.expectations(curve, {s}).front(), 3e-5)
+          << K << " " << s;
+    }
+  }
+}
+
 // A measured, skewed distribution: shifted gamma-like bins at three levels. The truth is summed
 // over a hundred points in every bin.
 TEST(Stabilizer, TheInverseIsUnbiasedForMeasuredDistributions) {

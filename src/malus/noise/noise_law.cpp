@@ -17,6 +17,7 @@ namespace {
 // then costs n^-1.5 / 8 deviations.
 constexpr int kPoissonMean = 60;
 constexpr double kLeastWeight = 1e-10;  // of a node
+constexpr double kNodesApart = 0.05;    // deviations: costs less than 2e-4 of the variance
 
 }  // namespace
 
@@ -32,6 +33,26 @@ NoiseLaw::Nodes NoiseLaw::normal_nodes(double deviation) {
   }
   for (Node& node : nodes) node.weight /= total;
   return nodes;
+}
+
+// One node for all that lie nearer together than this, at their mean.
+NoiseLaw::Nodes NoiseLaw::merged(Nodes nodes, double apart_dn) {
+  std::sort(nodes.begin(), nodes.end(),
+            [](const Node& a, const Node& b) { return a.x_dn < b.x_dn; });
+  Nodes result;
+  double first_dn = 0;
+  for (const Node& node : nodes) {
+    if (result.empty() || node.x_dn - first_dn >= apart_dn) {
+      result.push_back(node);
+      first_dn = node.x_dn;
+      continue;
+    }
+    Node& last = result.back();
+    const double weight = last.weight + node.weight;
+    last.x_dn += (node.x_dn - last.x_dn) * node.weight / weight;
+    last.weight = weight;
+  }
+  return result;
 }
 
 NoiseLaw NoiseLaw::gaussian(const VarianceCurve& variance) {
@@ -57,7 +78,7 @@ NoiseLaw NoiseLaw::physics(const PhysicsChannel& channel, const PhysicsParts& pa
   Nodes nodes;
   for (const ReadDistribution::Node& node : read.nodes())
     if (node.weight > kLeastWeight) nodes.push_back({node.x_dn, node.weight});
-  law.nodes_ = {nodes};
+  law.nodes_ = {merged(std::move(nodes), kNodesApart * std::sqrt(read.variance_dn2()))};
   return law;
 }
 
@@ -82,7 +103,8 @@ NoiseLaw NoiseLaw::measured(const NonparametricChannel& channel, double bias_dn,
       total += pmf[b];
     }
     for (Node& node : nodes) node.weight /= total;
-    law.nodes_.push_back(std::move(nodes));
+    const double deviation = std::sqrt(level_moments(channel, law.nodes_.size()).variance_dn2);
+    law.nodes_.push_back(merged(std::move(nodes), kNodesApart * deviation));
   }
   return law;
 }

@@ -55,6 +55,7 @@ class NoiseLaw {
   };
   using Nodes = std::vector<Node>;
   static Nodes normal_nodes(double deviation);
+  static Nodes merged(Nodes nodes, double apart_dn);
   double mean_at(const std::function<double(double)>& f, double signal_dn) const;
   double mean_over_codes(const std::function<double(double)>& f, double signal_dn,
                          double deviation_dn) const;
