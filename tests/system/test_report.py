@@ -91,6 +91,13 @@ def test_curves_that_differ_by_rounding_alone_become_figures(malus, tmp_path):
     assert svg.stat().st_size < 10_000
 
 
+def test_a_folder_of_figures_that_is_refused_leaves_no_page(malus, refused, tmp_path):
+    malus("report", "imx250myr-simulated", "--figures", tmp_path / "figures")
+    page = tmp_path / "page.html"
+    assert "exists" in refused("report", "imx250myr-simulated", "-o", page, "--figures", tmp_path / "figures")
+    assert not page.exists()
+
+
 @pytest.mark.parametrize("changes, words", [
     ({"run": 5}, "run is no object"),
     ({"run": {"warnings": [{}]}}, "type must be string"),
