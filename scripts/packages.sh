@@ -9,7 +9,7 @@ packages_build="g++ cmake ninja-build pkg-config libtbb-dev libfmt-dev libeigen3
 packages_capture="libaravis-dev libusb-1.0-0-dev"
 packages_neural="libtorch-dev libgloo-dev libopenblas0-openmp"
 packages_python="pybind11-dev python3-dev python3-numpy"
-packages_test="libgtest-dev libgmock-dev python3 python3-numpy python3-scipy python3-h5py python3-pil python3-pytest
+packages_test="libgtest-dev libgmock-dev python3 python3-numpy python3-scipy python3-h5py python3-pil python3-pytest python3-pytest-xdist
   python3-mypy python3-torch python3-matplotlib python3-setuptools python3-pip python3-venv man-db mandoc dpkg-dev aravis-tools iproute2"
 packages_browser="chromium nodejs npm"
 packages_develop="ccache clang clang-format clang-tidy"
