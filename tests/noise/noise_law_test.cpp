@@ -1,6 +1,8 @@
 // Truth: the first two moments of every kind's noise, known in closed form.
 #include "malus/noise/noise_law.h"
 
+#include "malus/noise/distribution.h"
+#include "malus/noise/stabilize.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <cmath>
@@ -31,6 +33,32 @@ TEST(NoiseLaw, PhysicsHasTheVarianceOfItsParts) {
   PhysicsParts parts;
   parts.shot = parts.quantization = false;
   expect_moments(NoiseLaw::physics(channel, parts, 1.0), 50, 50, read);
+}
+
+// Read noise alone, so that nothing else errs; the truth is summed over the whole distribution.
+TEST(NoiseLaw, FarFromTheDarkFewNodesGiveTheExpectationOfAStabilisation) {
+  PhysicsParts read_only;
+  read_only.shot = read_only.bias = false;
+  for (const double lambda : {-0.3, 0.0, 0.05, 0.14, 0.5})
+    for (const double read_e : {0.3, 0.6, 2.0, 10.0}) {
+      const double K = 1.5, variance_dn2 = std::pow(read_e * K, 2) + 1.0 / 12;
+      const PhysicsChannel channel{
+          .gain_dn_per_e = K,
+          .lambda = lambda,
+          .mu_dn = 0,
+          .sigma_tl_dn = read_e * K / std::sqrt(tukey_lambda_variance(lambda)),
+          .sigma_row_dn = 0};
+      const Stabilizer stabilizer(VarianceCurve::affine(K, variance_dn2), 4000);
+      const auto curve = [&](double dn) { return stabilizer.forward(dn); };
+      const NoiseLaw law = NoiseLaw::physics(channel, read_only, 1.0);
+      for (const double deviations : {0.0, 3.0, 7.9, 8.1, 20.0, 100.0}) {
+        const double s = deviations * std::sqrt(variance_dn2);
+        const PixelDistribution pixel(channel, read_only, 1.0, s);
+        EXPECT_NEAR(law.expectations(curve, {s}).front(), pixel.expectation(curve),
+                    deviations > 7 ? 1e-5 : 2e-4)
+            << lambda << ", " << read_e << " e-, " << deviations;
+      }
+    }
 }
 
 // The quantile function is the closed form.

@@ -18,6 +18,10 @@ namespace {
 constexpr int kPoissonMean = 60;
 constexpr double kLeastWeight = 1e-10;  // of a node
 constexpr double kNodesApart = 0.05;    // deviations: costs less than 2e-4 of the variance
+// Above so many deviations of the read noise nothing of it meets the bend of a stabilisation at the
+// signal 0, and three nodes with its moments up to the fifth err by less than 1e-5 deviations, if
+// its tails are not heavier than this (logistic: 4.2; normal: 3).
+constexpr double kFarDeviations = 8.0, kMostKurtosis = 5.0;
 
 }  // namespace
 
@@ -55,11 +59,28 @@ NoiseLaw::Nodes NoiseLaw::merged(Nodes nodes, double apart_dn) {
   return result;
 }
 
+// Of noise that is the same at every signal; symmetric nodes.
+void NoiseLaw::set_read_nodes(Nodes nodes, double deviation_dn) {
+  double second = 0, fourth = 0;
+  for (const Node& node : nodes) {
+    const double squared = node.x_dn * node.x_dn;
+    second += node.weight * squared;
+    fourth += node.weight * squared * squared;
+  }
+  far_dn_ = kFarDeviations * deviation_dn;
+  if (second > 0 && fourth <= kMostKurtosis * second * second) {
+    const double x = std::sqrt(fourth / second), weight = 0.5 * second * second / fourth;
+    far_nodes_ = {{-x, weight}, {0, 1 - 2 * weight}, {x, weight}};
+  }
+  nodes_ = {merged(std::move(nodes), kNodesApart * deviation_dn)};
+}
+
 NoiseLaw NoiseLaw::gaussian(const VarianceCurve& variance) {
   NoiseLaw law;
   if (variance.is_affine()) {
     law.shot_dn_per_e_ = std::max(variance.slope_dn(), 0.0);
-    law.nodes_ = {normal_nodes(std::sqrt(std::max(variance.offset_dn2(), 0.0)))};
+    const double deviation = std::sqrt(std::max(variance.offset_dn2(), 0.0));
+    law.set_read_nodes(normal_nodes(deviation), deviation);
   } else {
     law.deviation_ = variance;
     law.nodes_ = {normal_nodes(1.0)};
@@ -78,7 +99,7 @@ NoiseLaw NoiseLaw::physics(const PhysicsChannel& channel, const PhysicsParts& pa
   Nodes nodes;
   for (const ReadDistribution::Node& node : read.nodes())
     if (node.weight > kLeastWeight) nodes.push_back({node.x_dn, node.weight});
-  law.nodes_ = {merged(std::move(nodes), kNodesApart * std::sqrt(read.variance_dn2()))};
+  law.set_read_nodes(std::move(nodes), std::sqrt(read.variance_dn2()));
   return law;
 }
 
@@ -135,11 +156,14 @@ double NoiseLaw::mean_over_codes(const std::function<double(double)>& f, double 
 }
 
 double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_dn) const {
-  const auto over = [&](std::size_t level, double scale) {
+  const auto over_nodes = [&](const Nodes& nodes, double scale) {
     double sum = 0;
-    for (const Node& node : nodes_[level])
+    for (const Node& node : nodes)
       sum += node.weight * f(std::max(signal_dn + scale * node.x_dn, floor_dn_));
     return sum;
+  };
+  const auto over = [&](std::size_t level, double scale) {
+    return over_nodes(nodes_[level], scale);
   };
   if (is_clipped()) {
     constexpr double kFar = 8.0, kFineStep = 0.1;  // deviations: not cut off; not seen
@@ -150,6 +174,8 @@ double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_d
       return mean_over_codes(f, signal_dn, deviation);
   }
   if (deviation_) return over(0, std::sqrt((*deviation_)(signal_dn)));
+  if (!far_nodes_.empty() && signal_dn - std::max(floor_dn_, 0.0) > far_dn_)
+    return over_nodes(far_nodes_, 1.0);
   if (level_dn_.empty() || signal_dn <= level_dn_.front()) return over(0, 1.0);
   if (signal_dn >= level_dn_.back())
     return over(level_dn_.size() - 1,

@@ -56,6 +56,7 @@ class NoiseLaw {
   using Nodes = std::vector<Node>;
   static Nodes normal_nodes(double deviation);
   static Nodes merged(Nodes nodes, double apart_dn);
+  void set_read_nodes(Nodes nodes, double deviation_dn);
   double mean_at(const std::function<double(double)>& f, double signal_dn) const;
   double mean_over_codes(const std::function<double(double)>& f, double signal_dn,
                          double deviation_dn) const;
@@ -64,6 +65,8 @@ class NoiseLaw {
   double shot_dn_per_e_ = 0;             ///< 0: no Poisson part
   std::vector<double> level_dn_;  ///< signals of the nodes; empty where one set serves them all
   std::vector<Nodes> nodes_;      ///< per level
+  Nodes far_nodes_;  ///< three of the same moments, for signals above far_dn_; empty: none are
+  double far_dn_ = 0;
   double brightest_variance_dn2_ = 0, gain_above_dn_per_e_ = 0;  ///< of levels
   std::optional<VarianceCurve> deviation_;  ///< squared, for nodes of a normal deviate
   double floor_dn_ = -std::numeric_limits<double>::infinity(), step_dn_ = 0;  ///< of the codes
