@@ -85,6 +85,8 @@ TEST(SessionChecks, GainsInTwoUnitsAreRefusedAtOnce) {
     for (const FrameKind kind : {FrameKind::kBias, FrameKind::kBurst})
       input.sets.push_back({.kind = kind,
                             .gain = gain,
+                            .exposure_s = {},
+                            .level = {},
                             .count = 4,
                             .load = [](int) -> RawFrame { throw std::logic_error("read"); },
                             .name = ""});
