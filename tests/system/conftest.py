@@ -15,6 +15,7 @@ needs_networks = pytest.mark.skipif(not (BUILD / "malus_networks.so").exists(), 
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "slow: left out by ./test QUICK")
+    config.addinivalue_line("markers", "alone: races with a running program or with time; ./test runs nothing beside it")
 
 
 class Result:

@@ -283,6 +283,7 @@ def test_names_with_control_characters_stay_on_one_line(refused, tmp_path):
     refused("info", tmp_path / "two\nlines.png")
 
 
+@pytest.mark.alone
 def test_interrupted_run_leaves_whole_files_only(tmp_path, frame):
     from conftest import PROGRAM
     for i in range(40):

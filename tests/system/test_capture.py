@@ -19,7 +19,7 @@ from PIL import Image
 
 from conftest import BUILD, PROGRAM, ROOT
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (BUILD / "libmalus_capture.a").exists(), reason="built without capture (Aravis is missing)")]
+pytestmark = [pytest.mark.slow, pytest.mark.alone, pytest.mark.skipif(not (BUILD / "libmalus_capture.a").exists(), reason="built without capture (Aravis is missing)")]
 
 PLAN = """
 [sensor]

@@ -13,7 +13,7 @@ import pytest
 
 from conftest import PROGRAM
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 MODEL = "imx250myr-simulated"
 

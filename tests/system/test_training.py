@@ -16,7 +16,7 @@ import pytest
 from conftest import PROGRAM, needs_networks
 from training_files import CONFIG, config  # noqa: F401 (a fixture)
 
-pytestmark = [pytest.mark.slow, needs_networks]
+pytestmark = [pytest.mark.slow, pytest.mark.alone, needs_networks]
 
 
 def tensors(path):
