@@ -95,6 +95,18 @@ def test_misleading_files_are_refused(refused, seed, tmp_path):
     assert seed in refused("model", "show", tmp_path / seed)
 
 
+def test_a_gain_without_K_is_shown_by_the_joint_model_and_says_so(malus, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    shutil.copy(SEEDS / "good_full.h5", tmp_path / "m.h5")
+    with h5py.File(tmp_path / "m.h5", "a") as file:
+        gain = file["physics/001/gain_db"][()]
+        del file["physics/001/K"]
+    show = "model", "show", tmp_path / "m.h5", "--gain"
+    assert "warning: its K was not measured: all from the joint model" in malus(*show, gain).out
+    between = malus(*show, gain - 1).out
+    assert "its K" not in between and "not measured at this gain: from the joint model" in between
+
+
 def test_a_model_file_is_plain_for_h5py(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(SEEDS / "good_full.h5") as file:
