@@ -196,21 +196,20 @@ void run_report(const ReportArguments& arguments, const Common& common) {
   const std::vector<ReportInput> inputs = all_inputs(arguments.inputs);
   check_output_apart("--output", arguments.output, files_behind(inputs), {}, common.force);
   const Report report = report_of(arguments, inputs);
-  // The page was asked for above: a folder of figures that is refused leaves nothing behind.
-  std::vector<fs::path> files;
-  if (!arguments.figures.empty()) files = write_figures(report, arguments.figures, common.force);
+  // Before the page: a folder that is refused leaves none behind.
+  if (!arguments.figures.empty()) check_figures(report, arguments.figures, common.force);
+  Json files = Json::array();
   if (!arguments.output.empty()) {
     write_report(report, arguments.output,
                  {.picture_budget_mib = arguments.budget_mib, .force = common.force});
-    files.insert(files.begin(), arguments.output);
+    files.push_back(arguments.output.string());
   }
+  if (!arguments.figures.empty())
+    for (const fs::path& path : write_figures(report, arguments.figures, common.force))
+      files.push_back(path.string());
   std::string text;
-  Json names = Json::array();
-  for (const fs::path& file : files) {
-    text += file.string() + "\n";
-    names.push_back(file.string());
-  }
-  print_result(common, {{"title", report.title}, {"files", names}}, text);
+  for (const Json& file : files) text += file.get<std::string>() + "\n";
+  print_result(common, {{"title", report.title}, {"files", files}}, text);
 }
 
 }  // namespace

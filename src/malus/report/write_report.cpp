@@ -124,13 +124,16 @@ void write_report(const Report& report, const std::filesystem::path& path,
   write_file(path, report_html(report, settings), settings.force);
 }
 
+void check_figures(const Report& report, const std::filesystem::path& folder, bool force) {
+  make_output_folder(folder);
+  for (const auto& [path, chart] : figures_of(report, folder)) check_output(path, force);
+}
+
 std::vector<std::filesystem::path> write_figures(const Report& report,
                                                  const std::filesystem::path& folder, bool force) {
-  make_output_folder(folder);
-  const std::vector<Figure> figures = figures_of(report, folder);
-  for (const auto& [path, chart] : figures) check_output(path, force);
+  check_figures(report, folder, force);
   std::vector<std::filesystem::path> written;
-  for (const auto& [path, chart] : figures) {
+  for (const auto& [path, chart] : figures_of(report, folder)) {
     write_file(path, chart_svg(*chart), force);
     written.push_back(path);
   }

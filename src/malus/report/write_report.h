@@ -23,6 +23,9 @@ std::string report_html(const Report& report, const ReportSettings& settings = {
 void write_report(const Report& report, const std::filesystem::path& path,
                   const ReportSettings& settings = {});
 
+/// Makes the folder. Throws InputError where write_figures would, before it writes.
+void check_figures(const Report& report, const std::filesystem::path& folder, bool force);
+
 /// Every chart of the report as <section>_<title>[_<variant>].svg, with _2, _3, … behind it where
 /// several have the same name; returns the files written. Throws InputError, and where a file
 /// exists and force is false before any is written.
