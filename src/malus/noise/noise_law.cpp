@@ -156,14 +156,11 @@ double NoiseLaw::mean_over_codes(const std::function<double(double)>& f, double 
 }
 
 double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_dn) const {
-  const auto over_nodes = [&](const Nodes& nodes, double scale) {
+  const auto over = [&](const Nodes& nodes, double scale) {
     double sum = 0;
     for (const Node& node : nodes)
       sum += node.weight * f(std::max(signal_dn + scale * node.x_dn, floor_dn_));
     return sum;
-  };
-  const auto over = [&](std::size_t level, double scale) {
-    return over_nodes(nodes_[level], scale);
   };
   if (is_clipped()) {
     constexpr double kFar = 8.0, kFineStep = 0.1;  // deviations: not cut off; not seen
@@ -173,19 +170,18 @@ double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_d
     if (step_dn_ > kFineStep * deviation && signal_dn - floor_dn_ < kFar * deviation)
       return mean_over_codes(f, signal_dn, deviation);
   }
-  if (deviation_) return over(0, std::sqrt((*deviation_)(signal_dn)));
+  if (deviation_) return over(nodes_.front(), std::sqrt((*deviation_)(signal_dn)));
   if (!far_nodes_.empty() && signal_dn - std::max(floor_dn_, 0.0) > far_dn_)
-    return over_nodes(far_nodes_, 1.0);
-  if (level_dn_.empty() || signal_dn <= level_dn_.front()) return over(0, 1.0);
+    return over(far_nodes_, 1.0);
+  if (level_dn_.empty() || signal_dn <= level_dn_.front()) return over(nodes_.front(), 1.0);
   if (signal_dn >= level_dn_.back())
-    return over(level_dn_.size() - 1,
-                spread_above_levels(brightest_variance_dn2_, gain_above_dn_per_e_,
-                                    signal_dn - level_dn_.back()));
+    return over(nodes_.back(), spread_above_levels(brightest_variance_dn2_, gain_above_dn_per_e_,
+                                                   signal_dn - level_dn_.back()));
   const auto above = static_cast<std::size_t>(
       std::upper_bound(level_dn_.begin(), level_dn_.end(), signal_dn) - level_dn_.begin());
   const double share =
       (signal_dn - level_dn_[above - 1]) / (level_dn_[above] - level_dn_[above - 1]);
-  return (1.0 - share) * over(above - 1, 1.0) + share * over(above, 1.0);
+  return (1.0 - share) * over(nodes_[above - 1], 1.0) + share * over(nodes_[above], 1.0);
 }
 
 double NoiseLaw::read_tail(double distance_dn) const {
