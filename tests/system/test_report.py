@@ -98,13 +98,6 @@ def test_a_folder_of_figures_that_is_refused_leaves_no_page(malus, refused, tmp_
     assert not page.exists()
 
 
-def test_a_page_that_is_refused_leaves_no_figures(refused, tmp_path):
-    charts = [{"title": "Loss", "x": {"name": "step"}, "y": {"name": "loss"}, "series": [{"name": "a", "x": [1, 2], "y": [3, 4]}]}]
-    pictures = [{"title": "x", "layout": "polar-mono", "white_dn": 4095, "files": [{"name": "a", "file": "none.npy"}]}]
-    refused("report", record(tmp_path, charts=charts, pictures=pictures), "-o", tmp_path / "page.html", "--figures", tmp_path / "figures")
-    assert not list(tmp_path.glob("figures/*"))
-
-
 @pytest.mark.parametrize("changes, words", [
     ({"run": 5}, "run is no object"),
     ({"run": {"warnings": [{}]}}, "type must be string"),
