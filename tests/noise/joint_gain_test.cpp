@@ -7,6 +7,7 @@
 #include "malus/noise/physics.h"
 
 #include <cmath>
+#include <limits>
 
 #include "support.h"
 #include <fmt/format.h>
@@ -234,6 +235,24 @@ TEST(ConversionGain, SmoothLawsHaveNoBreak) {
     }
     for (const Values& noise : {flat, proportional, bent})
       EXPECT_TRUE(conversion_gain_breaks(gains, log_K, noise).empty());
+  }
+}
+
+// 0 where the converter's step hides it: no step of read noise, and the gains between are those of
+// one law. A step of K is still seen there.
+TEST(ConversionGain, ReadNoiseThatIsNotKnownIsNoJump) {
+  for (const double hidden : {0.0, std::numeric_limits<double>::quiet_NaN()}) {
+    std::vector<PhysicsCalibration> gains = session({}, {0, 12, 24, 36});
+    gains[0].sigma_tl.mean.assign(3, hidden);
+    const JointGainModel joint = fit_joint_model(gains).value();
+    ASSERT_EQ(joint.segments.size(), 1U);
+    EXPECT_NEAR(joint_parameters(joint.segments[0], 6).sigma_tl_dn[1], JointLaw().sigma_tl(6, 1),
+                1e-9);
+    for (double& K : gains[0].K.mean) K /= 3;
+    const JointGainModel broken = fit_joint_model(gains).value();
+    ASSERT_EQ(broken.segments.size(), 2U);
+    EXPECT_EQ(broken.notes.at(0),
+              "the sensor changes its conversion gain between 0 dB and 12 dB: K x11.94");
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -18,11 +19,14 @@ struct SlopeRange {
 };
 
 // How far the step from i to i+1 departs from the slopes of its neighbours, or from `physical`
-// where one of them is missing.
+// where one of them is missing. NaN, which is above no limit, where y is not known at an end: read
+// noise that the converter's step hides is not finite.
 double excess(std::span<const double> x, std::span<const double> y, std::size_t i,
               SlopeRange physical) {
   const auto slope = [&](std::size_t k) { return (y[k + 1] - y[k]) / (x[k + 1] - x[k]); };
-  const bool left = i > 0, right = i + 2 < x.size();
+  const bool left = i > 0 && std::isfinite(slope(i - 1)),
+             right = i + 2 < x.size() && std::isfinite(slope(i + 1));
+  if (!std::isfinite(slope(i))) return std::numeric_limits<double>::quiet_NaN();
   SlopeRange allowed = left && right ? SlopeRange{slope(i - 1), slope(i - 1)} : physical;
   if (left) allowed.include(slope(i - 1));
   if (right) allowed.include(slope(i + 1));

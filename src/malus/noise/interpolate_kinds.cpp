@@ -168,7 +168,7 @@ std::vector<int> conversion_gain_breaks(const std::vector<NonparametricCalibrati
     log_K.push_back(K_known ? std::log(mean_of(n.K)) : kLogPerDb * db.back());
     double sum = 0;
     for (const NonparametricChannel& channel : n.channels)
-      sum += 0.5 * std::log(std::max(level_moments(channel, 0).variance_dn2, 1e-12));
+      sum += 0.5 * std::log(level_moments(channel, 0).variance_dn2);
     log_noise.push_back(sum / static_cast<double>(n.channels.size()));
   }
   return conversion_gain_breaks(db, log_K, log_noise);

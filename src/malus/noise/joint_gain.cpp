@@ -239,11 +239,11 @@ JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
   return segment;
 }
 
-// log of the read noise in DN, averaged over the channels.
+// log of the read noise in DN, averaged over the channels; not finite where one's is not known.
 double log_read_noise(const PhysicsCalibration& gain) {
   double sum = 0;
   for (std::size_t c = 0; c < gain.sigma_tl.mean.size(); ++c)
-    sum += std::log(std::max(gain.sigma_tl.mean[c], 1e-12)) +
+    sum += std::log(gain.sigma_tl.mean[c]) +
            0.5 * std::log(tukey_lambda_variance(gain.lambda.mean[c]));
   return sum / static_cast<double>(gain.sigma_tl.mean.size());
 }
@@ -313,11 +313,13 @@ Estimate<JointGainModel> fit_joint_model(const std::vector<PhysicsCalibration>& 
   auto from = gains.begin();
   for (int i : conversion_gain_breaks(db, log_K, noise)) {
     const auto to = gains.begin() + i + 1;
+    const auto k = static_cast<std::size_t>(i);
+    const double noise_step = noise[k + 1] - noise[k];
     model.notes.push_back(fmt::format(
-        "the sensor changes its conversion gain between {} and {}: read noise x{:.2f}, K x{:.2f}",
+        "the sensor changes its conversion gain between {} and {}: {}K x{:.2f}",
         (*(to - 1))->gain.text(), (*to)->gain.text(),
-        std::exp(noise[static_cast<std::size_t>(i) + 1] - noise[static_cast<std::size_t>(i)]),
-        std::exp(log_K[static_cast<std::size_t>(i) + 1] - log_K[static_cast<std::size_t>(i)])));
+        std::isfinite(noise_step) ? fmt::format("read noise x{:.2f}, ", std::exp(noise_step)) : "",
+        std::exp(log_K[k + 1] - log_K[k])));
     model.segments.push_back(fit_segment({from, to}, model.notes));
     from = to;
   }
