@@ -84,10 +84,14 @@ TEST(DataSheet, DarkNoiseIsThatOfTheSensorAndNotOfTheStep) {
   EXPECT_NEAR(dark(0.64 + 1.0 / 12, 1).value[0], 1.6, 1e-12);
   EXPECT_NEAR(dark(256 * (0.64 + 1.0 / 12), 16).value[0], 16 * 1.6, 1e-12);
   EXPECT_NEAR(dark(0.64, 0).value[0], 1.6, 1e-12);
-  // Below 0.24 DN² the standard gives the limit.
+  // Below 0.24 DN² the standard gives the limit. Light must top it too.
   for (const double variance : {0.0, 0.05, 0.2399}) {
     EXPECT_NEAR(dark(variance, 1).value[0], std::sqrt(0.24 - 1.0 / 12) / 0.5, 1e-12);
     EXPECT_TRUE(std::isnan(dark(variance, 1).standard_error[0]));
+    const double threshold = std::sqrt(0.24 / 0.25 + 0.25) + 0.5;
+    const auto sheet = data_sheet(model, p);
+    EXPECT_NEAR(named(sheet, "threshold").value[0], threshold, 1e-12);
+    EXPECT_NEAR(named(sheet, "dynamic_range").value[0], 20 * std::log10(8000 / threshold), 1e-9);
   }
 }
 

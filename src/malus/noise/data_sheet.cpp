@@ -32,18 +32,22 @@ Ratio in_electrons(double value, double error, double K, double K_error) {
 // EMVA 1288, "temporal dark noise": σ_d² = (σ_y.dark² - σ_q²) / K², σ_q² = q²/12. Below 0.24 q² the
 // converter's step hides the noise and the standard gives the limit, without an error.
 constexpr double kLeastDarkVariance = 0.24;  // of q²
+double least_dark_variance_dn2(double step_dn) { return kLeastDarkVariance * step_dn * step_dn; }
 Ratio dark_noise_e(double sd_dn, double sd_error_dn, double quantization_dn, double K,
                    double K_error) {
   const double step2 = quantization_dn * quantization_dn;
   const double variance = sd_dn * sd_dn;
-  if (variance < kLeastDarkVariance * step2)
-    return {std::sqrt(kLeastDarkVariance * step2 - step2 / 12) / K, kNone};
+  if (const double least = least_dark_variance_dn2(quantization_dn); variance < least)
+    return {std::sqrt(least - step2 / 12) / K, kNone};
   const double own_dn = std::sqrt(variance - step2 / 12);
   return in_electrons(own_dn, own_dn > 0 ? sd_error_dn * sd_dn / own_dn : sd_error_dn, K, K_error);
 }
 
-// EMVA 1288 eq. for the absolute sensitivity threshold, where the SNR is one.
-double threshold_e(double dark_noise_e) {
+// EMVA 1288 eq. for the absolute sensitivity threshold, where the SNR is one. Rounding is part of
+// what light must top: the dark noise is the whole one, at least the standard's limit.
+double threshold_e(double sd_dn, double quantization_dn, double K) {
+  const double dark_noise_e =
+      std::sqrt(std::max(sd_dn * sd_dn, least_dark_variance_dn2(quantization_dn))) / K;
   return std::sqrt(dark_noise_e * dark_noise_e + 0.25) + 0.5;
 }
 
@@ -173,7 +177,7 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     const auto [dark_e, dark_error] = dark_noise_e(dark_dn, at(p.temporal_sd_dark_stderr_dn, c),
                                                    model.quantization_dn, gain, gain_error);
     const auto [full_e, full_error] = in_electrons(reach_dn, 0, gain, gain_error);
-    const double limit_e = threshold_e(dark_dn / gain);  // rounding is part of what light must top
+    const double limit_e = threshold_e(dark_dn, model.quantization_dn, gain);
     K.value.push_back(gain);
     K.standard_error.push_back(gain_error);
     dark.value.push_back(dark_e);
