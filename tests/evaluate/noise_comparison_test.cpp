@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/evaluate/noise_structure.h"
 
 #include <cmath>
 
@@ -66,6 +67,30 @@ TEST(CompareNoise, WhatFramesHaveInCommonIsTheirCorrelation) {
   const auto one = compare_noise(frames_of(ramp(), noise, 1, 1), frames_of(ramp(), noise, 1, 2),
                                  std::nullopt, SensorLayout(), {});
   EXPECT_EQ(one.reference.between_frames, 0);
+}
+
+// Small planes: the lines' means hold a quarter of 8 x 8 pixels' own variance, which is not theirs.
+TEST(NoiseStructure, IndependentPixelsOfASmallPlaneMakeNoLines) {
+  constexpr int kSide = 8, kFrames = 4000;
+  for (const double sd_row : {0.0, 1.5}) {
+    StructureSums sums((SensorLayout()));
+    for (std::uint32_t k = 0; k < kFrames; ++k) {
+      RandomSequence pixels(7, k, Draw::kPixel), rows(7, k, Draw::kRow);
+      Image noise(kSide, kSide);
+      for (int r = 0; r < kSide; ++r) {
+        const double row = sd_row * rows.normal();
+        for (int c = 0; c < kSide; ++c) noise(r, c) = static_cast<float>(row + 5 * pixels.normal());
+      }
+      sums.add(noise);
+    }
+    const NoiseStructure found = sums.result();
+    // Four standard errors of the mean variance of 8 lines.
+    const auto error = [&](double sd) {
+      return 4 * (sd * sd + 25.0 / kSide) * std::sqrt(2.0 / ((kSide - 1) * kFrames));
+    };
+    EXPECT_NEAR(std::pow(found.row_sd_dn.at(0), 2), sd_row * sd_row, error(sd_row));
+    EXPECT_NEAR(std::pow(found.column_sd_dn.at(0), 2), 0, error(0)) << sd_row;
+  }
 }
 
 TEST(CompareNoise, TheSameNoiseIsAtTheSamplingFloor) {

@@ -43,10 +43,14 @@ Spread centre(Image& plane) {
       rows[static_cast<std::size_t>(r)] += double{v} / plane.cols();
       cols[static_cast<std::size_t>(c)] += double{v} / plane.rows();
     }
-  // The pixel variance about the line's own mean; the lines' part comes off the whole.
+  // The pixel variance about the lines' own means: the lines' part comes off the whole, and with it
+  // the share 1 / length of the pixels' own variance that the lines' means hold.
   const double row_part = standard_deviation_of(rows), col_part = standard_deviation_of(cols);
-  const double pixel = std::max(0.0, spread.variance - (rows.size() > 1 ? row_part * row_part : 0) -
-                                         (cols.size() > 1 ? col_part * col_part : 0));
+  const double left = (rows.size() > 1 ? 1.0 - 1.0 / plane.cols() : 1.0) -
+                      (cols.size() > 1 ? 1.0 / plane.rows() : 0.0);
+  double pixel = std::max(0.0, spread.variance - (rows.size() > 1 ? row_part * row_part : 0) -
+                                   (cols.size() > 1 ? col_part * col_part : 0));
+  if (left > 0) pixel /= left;  // a plane of 2 x 2 leaves nothing
   spread.row_variance = line_variance(rows, pixel, plane.cols());
   spread.column_variance = line_variance(cols, pixel, plane.rows());
   return spread;
