@@ -5,6 +5,8 @@
 #include "malus/base/error.h"
 #include "malus/neural/device_speed.h"
 #include "malus/neural/inference.h"
+#include "malus/neural/loss.h"
+#include "malus/neural/recorded_pass.h"
 #include "malus/neural/trainer.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/synthesizer.h"
@@ -174,6 +176,70 @@ TEST(Gpu, TrainingGoesDownAndResumes) {
   MALUS_NEEDS_GPU();
   for (const char* precision : {"float32", "bfloat16"})
     expect_training_goes_down_and_on("cuda", precision);
+}
+
+// Passes of one network, recorded or not, while its weights change between them.
+std::vector<torch::Tensor> losses_and_gradients(const std::string& name,
+                                                const torch::Device& device, bool recorded) {
+  torch::manual_seed(8);
+  const auto network = make_network(testing::small_network(name));
+  scatter_weights(*network);
+  place_network(*network, device, prefers_channels_last(name));
+  const auto parameters = network->parameters();
+  RecordedPass pass(
+      parameters,
+      [&](const TrainingExample& batch) -> StepLosses {
+        return {l1_distance(network->forward(batch.input), batch.target),
+                l1_distance(batch.input, batch.target)};
+      },
+      recorded);
+  std::vector<torch::Tensor> told;
+  for (int step = 0; step < RecordedPass::kLaunchedFirst + 3; ++step) {
+    const auto input = torch::rand({2, 4, 24, 32}), target = torch::rand({2, 4, 24, 32});
+    const StepLosses losses = pass({input.to(device), target.to(device)});
+    told.push_back(losses.loss.clone());
+    told.push_back(losses.base_loss.clone());
+    const torch::NoGradGuard no_gradients;
+    std::vector<torch::Tensor> gradients;
+    for (const torch::Tensor& parameter : parameters) {
+      gradients.push_back(parameter.grad().flatten());
+      parameter.sub_(parameter.grad(), 0.01);
+    }
+    told.push_back(torch::cat(gradients));
+  }
+  EXPECT_EQ(pass.refusal(), "") << name;
+  return told;
+}
+
+TEST(RecordedPass, GivesTheGradientsOfItsBatchAlone) {
+  const auto weight = torch::ones({1}, torch::requires_grad());
+  const auto unused = torch::ones({1}, torch::requires_grad());
+  RecordedPass pass(
+      {weight, unused},
+      [&](const TrainingExample& batch) -> StepLosses {
+        return {(weight * batch.input - batch.target).square().mean(), batch.target.mean()};
+      },
+      true);
+  for (const float x : {1.0F, 2.0F, 3.0F, 4.0F, 5.0F}) {
+    const StepLosses losses = pass({torch::full({1}, x), torch::full({1}, 0.5F)});
+    EXPECT_FLOAT_EQ(losses.loss.item<float>(), (x - 0.5F) * (x - 0.5F));
+    EXPECT_FALSE(losses.loss.requires_grad());
+    EXPECT_FLOAT_EQ(losses.base_loss.item<float>(), 0.5F);
+    EXPECT_FLOAT_EQ(weight.grad().item<float>(), 2 * (x - 0.5F) * x);
+    EXPECT_FALSE(unused.grad().defined());
+  }
+}
+
+TEST(Gpu, ReplayedPassesGiveWhatLaunchedOnesGive) {
+  MALUS_NEEDS_GPU();
+  const WithoutTf32 exact;
+  for (const auto& name : network_names()) {
+    const auto launched = losses_and_gradients(name, torch::kCUDA, false),
+               replayed = losses_and_gradients(name, torch::kCUDA, true);
+    ASSERT_EQ(launched.size(), replayed.size());
+    for (std::size_t i = 0; i < launched.size(); ++i)
+      EXPECT_LT(largest_difference(launched[i], replayed[i]), 1e-3) << name << " " << i;
+  }
 }
 
 TEST(DeviceSpeed, NamesEveryWorkAndPrecisionThatIsOffered) {

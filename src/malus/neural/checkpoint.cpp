@@ -39,7 +39,7 @@ void remove_free_settings(Json& description) {
   if (description.contains("validation")) description["validation"].erase("every");
   if (!description.contains("train")) return;
   Json& train = description["train"];
-  for (const char* key : {"log_every", "checkpoint_every", "timeout"}) train.erase(key);
+  for (const char* key : {"log_every", "checkpoint_every", "timeout", "recorded"}) train.erase(key);
   if (train.value("schedule", "cosine") != "cosine") train.erase("steps");
 }
 

@@ -7,6 +7,7 @@
 #include "malus/neural/gpu.h"
 #include "malus/neural/loss.h"
 #include "malus/neural/optimizer.h"
+#include "malus/neural/recorded_pass.h"
 
 #include <algorithm>
 #include <cmath>
@@ -68,17 +69,19 @@ double training_steps_per_s(Network& network, const torch::Tensor& input, const 
   network.train();
   const auto parameters = network.parameters();
   Adam adam(parameters, kBeta1, kBeta2);
-  const auto target = torch::rand_like(input);
+  const TrainingExample batch{input, torch::rand_like(input)};
+  RecordedPass pass(
+      parameters,
+      [&](const TrainingExample& example) -> StepLosses {
+        const Autocast autocast(setup.bfloat16, setup.device.is_cuda());
+        const auto output = network.forward(example.input).to(torch::kFloat32);
+        const auto loss = l1_distance(output, example.target);
+        return {loss, loss};
+      },
+      true);
   std::int64_t count = 0;
   return steps_per_s(setup.device, once, [&] {
-    for (const torch::Tensor& parameter : parameters)
-      if (parameter.grad().defined()) parameter.mutable_grad().reset();
-    torch::Tensor output;
-    {
-      const Autocast autocast(setup.bfloat16, setup.device.is_cuda());
-      output = network.forward(input).to(torch::kFloat32);
-    }
-    l1_distance(output, target).backward();
+    pass(batch);
     adam.update(kRate, count++);
   });
 }

@@ -56,14 +56,12 @@ void Adam::update(double rate, std::int64_t step) {
 
 double clip_gradients(const std::vector<torch::Tensor>& parameters, double limit) {
   const torch::NoGradGuard no_gradients;
-  std::vector<torch::Tensor> gradients, squares;
+  std::vector<torch::Tensor> gradients;
   for (const torch::Tensor& parameter : parameters)
-    if (parameter.grad().defined()) {
-      gradients.push_back(parameter.grad());
-      squares.push_back(parameter.grad().square().sum(torch::kFloat64));
-    }
+    if (parameter.grad().defined()) gradients.push_back(parameter.grad());
   if (gradients.empty()) return 0;
-  const double norm = std::sqrt(torch::stack(squares).sum().item<double>());
+  const torch::Tensor norms = torch::stack(at::_foreach_norm(gradients, 2));
+  const double norm = norms.to(torch::kFloat64).norm().item<double>();
   if (limit > 0 && norm > limit) at::_foreach_mul_(gradients, limit / norm);
   return norm;
 }

@@ -36,6 +36,7 @@ set(neural_SOURCES
   plane_tensors.cpp
   raw_pairs.cpp
   recorded_pairs.cpp
+  recorded_pass.cpp
   restormer.cpp
   run_folder.cpp
   run_record.cpp

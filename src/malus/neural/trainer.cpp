@@ -10,6 +10,7 @@
 #include "malus/neural/initial_network.h"
 #include "malus/neural/loss.h"
 #include "malus/neural/loss_watch.h"
+#include "malus/neural/recorded_pass.h"
 #include "malus/neural/run_folder.h"
 #include "malus/neural/run_record.h"
 #include "malus/neural/same_run.h"
@@ -51,6 +52,10 @@ class Trainer {
         bfloat16_(wants_bfloat16(config)),
         description_(config_json(config)),
         network_(network_on_device()),
+        pass_(
+            network_->parameters(),
+            [this](const TrainingExample& batch) { return losses_of(batch); },
+            config.train.recorded),
         adam_(network_->parameters(), config.train.beta1, config.train.beta2),
         state_{*network_, adam_, average_},
         watch_(config.source.string()) {
@@ -180,20 +185,12 @@ class Trainer {
 
   StepFigures step(ExamplePool& pool) {
     const TrainingExample batch = pool.batch(state_.step);
-    const auto parameters = network_->parameters();
-    for (const torch::Tensor& parameter : parameters)
-      if (parameter.grad().defined()) parameter.mutable_grad().reset();
-    torch::Tensor output;
-    {
-      const Autocast autocast(bfloat16_, device_.is_cuda());
-      output = apply_network(*network_, config_.package, batch.input).to(torch::kFloat32);
-    }
-    const torch::Tensor loss = loss_of(batch.input, output, batch.target);
-    loss.backward();
+    const StepLosses losses = pass_(batch);
+    say_if_not_recorded();
     const double stop = progress_.stop_requested() ? 1.0 : 0.0;
     torch::Tensor told =
-        torch::stack({loss.detach().to(torch::kFloat32), base_loss_of(batch.input, batch.target),
-                      torch::full({}, stop, loss.options())});
+        torch::stack({losses.loss, losses.base_loss, torch::full({}, stop, losses.loss.options())});
+    const auto parameters = network_->parameters();
     told = mean_over_workers(workers_, parameters, told);
     // A GPU is waited for here and only here: reading a value of it stops the work ahead.
     StepFigures figures{.gradient_norm = clip_gradients(parameters, config_.train.clip),
@@ -207,6 +204,24 @@ class Trainer {
     adam_.update(figures.rate, state_.step);
     update_average(average_, parameters, config_.train.average, state_.step);
     return figures;
+  }
+
+  StepLosses losses_of(const TrainingExample& batch) const {
+    torch::Tensor output;
+    {
+      const Autocast autocast(bfloat16_, device_.is_cuda());
+      output = apply_network(*network_, config_.package, batch.input).to(torch::kFloat32);
+    }
+    return {loss_of(batch.input, output, batch.target).to(torch::kFloat32),
+            base_loss_of(batch.input, batch.target)};
+  }
+
+  void say_if_not_recorded() {
+    if (pass_.refusal().empty() || told_refusal_) return;
+    told_refusal_ = true;
+    if (leader())
+      progress_.note(fmt::format("the steps are not recorded on this GPU, which takes longer ({})",
+                                 pass_.refusal()));
   }
 
   // A package in units of the noise has its loss in them too, or dark examples would count most.
@@ -332,6 +347,8 @@ class Trainer {
   bool bfloat16_;
   nlohmann::json description_;
   std::shared_ptr<Network> network_;
+  RecordedPass pass_;
+  bool told_refusal_ = false;
   Adam adam_;
   std::vector<torch::Tensor> average_;
   TrainingState state_;

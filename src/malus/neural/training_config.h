@@ -84,6 +84,7 @@ struct TrainSettings {
   double learning_rate = 2e-4, final_rate = 0.01, step_factor = 0.5, beta1 = 0.9, beta2 = 0.999,
          clip = 1.0, average = 0.999, stokes_weight = 1.0, timeout_s = 300;
   std::string schedule = "cosine", loss = "both", precision = "auto", device = "auto";
+  bool recorded = true;
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field);
@@ -124,6 +125,9 @@ void TrainSettings::describe(Self& self, Visitor&& field) {
          "and nafnet faster on an H100 (docs/networks.md)",
          {"auto", "float32", "bfloat16"});
   choice(self.device, "device", "auto: a GPU where libtorch has one", {"auto", "cpu", "cuda"});
+  field(self.recorded, ParameterInfo{"recorded", "",
+                                     "on a GPU the passes of one step are recorded and replayed, "
+                                     "which takes up to twice the memory and less time"});
   number(self.checkpoint_every, "checkpoint_every", "steps", "steps between checkpoints", 1, 1e9);
   number(self.log_every, "log_every", "steps", "steps between lines of the log", 1, 1e9);
   number(self.timeout_s, "timeout", "s", "a worker that is silent for longer is lost", 1, 86400);
