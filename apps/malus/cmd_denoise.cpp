@@ -176,6 +176,9 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
   warn_of_result(kept.before, result, choice.profile,
                  network.is_null() ? "" : arguments.settings.method);
   kept.run = run_json(kept.before, result, choice, arguments, stopwatch.seconds());
+  if (arguments.u16 && result.nonfinite_pixels > 0)
+    warn_of(kept.before.source, fmt::format("--u16 writes what is NaN or infinite {}",
+                                            fate_of_nonfinite(/*as_float=*/false)));
   if (!network.is_null()) kept.run["network"] = network;
   for (const fs::path& path : job.stale) fs::remove(path);
   kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force);

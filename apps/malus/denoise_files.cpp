@@ -42,7 +42,10 @@ void save_integers(const fs::path& path, const RawFrame& header, double lowered_
   out.dn = dn_above_black;
   for (int r = 0; r < out.dn.rows(); ++r)
     for (int c = 0; c < out.dn.cols(); ++c)
-      out.dn(r, c) += static_cast<float>(header.black_at(r, c));
+      if (float& dn = out.dn(r, c); std::isfinite(dn))
+        dn += static_cast<float>(header.black_at(r, c));
+      else  // as fate_of_nonfinite tells
+        dn = dn > 0 ? static_cast<float>(out.white_dn) : 0.0f;
   save.type = SampleType::kUint16;
   save_frame(path, out, save);
 }

@@ -242,6 +242,17 @@ def test_integers_that_cannot_hold_the_frame_are_refused(malus, refused, tmp_pat
             assert np.array(Image.open(tmp_path / "camera/camera_denoised_u16.tif")).mean() == pytest.approx(0.4 * 4095, rel=0.01)
 
 
+def test_integers_of_what_is_no_number_are_0_or_white_and_told(malus, tmp_path):
+    dn = np.random.default_rng(9).normal(400, 10, (256, 256)).astype(np.float32)
+    dn[10, 20], dn[30, 40], dn[50, 60] = np.nan, np.inf, -np.inf
+    np.save(tmp_path / "holes.npy", dn)
+    done = malus("denoise", tmp_path / "holes.npy", "--layout", "mono", "--black", 80, "--white", 4095, "--profile", "fast", "--u16",
+                 "-o", tmp_path)
+    assert "--u16 writes what is NaN or infinite as integers 0 or white" in done.err
+    codes = np.array(Image.open(tmp_path / "holes_denoised_u16.tif"))
+    assert (codes[10, 20], codes[30, 40], codes[50, 60]) == (0, 4095, 0)
+
+
 def test_a_white_that_leaves_no_range_is_refused(refused, tmp_path):
     """The tables of the noise reach up to it."""
     dark = np.random.default_rng(7).normal(-5, 1, (256, 256)).clip(None, -0.1).astype(np.float32)
