@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -275,6 +276,35 @@ TEST(ColumnNoise, IsToldApartWhereTheFrameShowsIt) {
   // Too few columns tell nothing: the calibration is believed.
   EXPECT_TRUE(
       denoising_profile(raw_of(apart, Image(256, 40, 30.0f)), model, gain).has_column_noise());
+}
+
+// As of a camera whose picture fills only a part of its frame: what fills the rest is no row's or
+// column's, and measures nothing.
+TEST(ColumnNoise, HolesTakeNoPartInOffsets) {
+  const NoiseProfile profile = striped_profile("polar-mono", 2.0, 2.0);
+  RawFrame frame;
+  frame.layout = profile.layout;
+  frame.black_dn.assign(profile.channels.size(), 0.0);
+  frame.white_dn = kLargestDn;
+  frame.white_known = true;
+  frame.dn = striped_frame(profile, Image(256, 256, 30.0f)).dn;
+  const Denoised whole = denoise_frame(frame, profile, {.profile = "fast"});
+  const auto corner = [](int r, int c) { return r < 128 && c < 128; };
+  for (int r = 0; r < 256; ++r)
+    for (int c = 0; c < 256; ++c)
+      if (!corner(r, c)) frame.dn(r, c) = std::numeric_limits<float>::quiet_NaN();
+  const Denoised part = denoise_frame(frame, profile, {.profile = "fast"});
+  // Half of the rows and columns are known.
+  EXPECT_GT(part.row_noise_removed_dn, 0.6 * whole.row_noise_removed_dn);
+  EXPECT_GT(part.column_noise_removed_dn, 0.6 * whole.column_noise_removed_dn);
+  double whole_error = 0, part_error = 0;
+  for (int r = 0; r < 128; ++r)
+    for (int c = 0; c < 128; ++c) {
+      whole_error += std::pow(whole.dn_above_black(r, c) - 30, 2);
+      part_error += std::pow(part.dn_above_black(r, c) - 30, 2);
+    }
+  EXPECT_LT(part_error, 2 * whole_error);
+  for (const double mean_dn : part.mean_dn) EXPECT_NEAR(mean_dn, 30, 1);
 }
 
 }  // namespace

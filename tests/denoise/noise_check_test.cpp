@@ -5,6 +5,7 @@
 #include "malus/noise/model.h"
 
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "denoise/drawn_frame.h"
@@ -126,6 +127,22 @@ TEST(NoiseCheck, WhatRoundingHidesIsStated) {
     EXPECT_LT(square, 1.5 * stated) << light_dn;
     EXPECT_LT(stated, 0.1 * kFrameSide * kFrameSide) << light_dn;  // a step's own: 1/12
   }
+}
+
+// A disc in a frame: what fills the places without a number has next to no noise.
+TEST(NoiseCheck, HolesAreNoNoiseOfTheFrame) {
+  const PhysicsNoise noise = stepped_camera(1.0);
+  RawFrame frame = drawn_frame(Image(kFrameSide, kFrameSide, 400.0f), noise, {.black_dn = 20}, 3);
+  for (int r = 0; r < kFrameSide; ++r)
+    for (int c = 0; c < kFrameSide; ++c) {
+      float& dn = frame.dn(r, c);
+      dn = std::hypot(r - 128, c - 128) < 90 ? std::round(dn)
+                                             : std::numeric_limits<float>::quiet_NaN();
+    }
+  const Denoised result = denoise_frame(frame, rounded_profile(noise), {.profile = "fast"});
+  EXPECT_EQ(complaint(result), "");
+  ASSERT_TRUE(result.noise);
+  EXPECT_NEAR(result.noise->frame_sd_dn / result.noise->profile_sd_dn, 1, 0.1);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -250,6 +251,22 @@ TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
   NoiseProfile other = profile;  // maps of another size are of another sensor, or of a whole one
   other.pattern = std::make_shared<const FixedPattern>(FixedPattern{Image(8, 8), Image(8, 8, 1)});
   EXPECT_GT(squared_error(other, true), with);
+}
+
+TEST(PatternRemoval, HolesTakeNoPartInTheShares) {
+  const NoiseProfile profile = profile_with(normal_map(0, 5, 1), normal_map(1, 0.02, 2));
+  RawFrame frame;
+  frame.layout = profile.layout;
+  frame.black_dn.assign(16, 0.0);
+  frame.white_dn = 4095;
+  frame.white_known = true;
+  frame.source = "test";
+  frame.dn = drawn(smooth_scene, *profile.pattern, 1, 1, 7);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 120; c < kCols; ++c) frame.dn(r, c) = std::numeric_limits<float>::quiet_NaN();
+  const Denoised result = denoise_frame(frame, profile, {.profile = "fast"});
+  EXPECT_NEAR(result.dark_pattern_share, 1, 0.05);
+  EXPECT_NEAR(result.response_pattern_share, 1, 0.1);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -28,9 +29,15 @@ constexpr double kFarBelow = 0.7, kFarAbove = 1.6, kMostTexture = 0.1, kMostBelo
 constexpr double kSceneTexture = 0.5, kPrintTexture = 0.7, kPrintShows = 0.75;
 
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
-// Saturated pixels are at range_dn.
+// Saturated pixels are at range_dn; what was not a number is none here either.
 Image sample_of(const PreparedFrame& frame) {
+  const auto precedes = [](const NonfinitePixel& a, const NonfinitePixel& b) {
+    return std::pair(a.row, a.col) < std::pair(b.row, b.col);
+  };
   const auto value = [&](int row, int col) {
+    if (std::binary_search(frame.nonfinite.begin(), frame.nonfinite.end(),
+                           NonfinitePixel{row, col, 0.0f}, precedes))
+      return std::numeric_limits<float>::quiet_NaN();
     return frame.saturated(row, col) ? static_cast<float>(frame.range_dn) : frame.dn(row, col);
   };
   const int tile_rows = kTileCells * frame.layout.rows(),
@@ -76,7 +83,7 @@ std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& pro
     for (int c = 0; c < sample.dn.cols(); ++c) {
       const auto k = static_cast<std::size_t>(sample.layout.channel_at(r, c));
       const double value = sample.dn(r, c);
-      if (value >= sample.white_dn) continue;
+      if (!(value < sample.white_dn)) continue;
       sums[k].signal += value;
       sums[k].pixels += 1;
       sums[k].below += value < lowest[k];

@@ -110,6 +110,7 @@ struct Comparison {
       const auto channel = static_cast<std::size_t>(layout.channel_at(row, c));
       if (std::max({pixel[c - period], pixel[c], pixel[c + period]}) >= saturated_dn[channel])
         continue;
+      if (!std::isfinite(pixel[c - period] + pixel[c] + pixel[c + period])) continue;
       const double signal = 0.5 * (double{pixel[c - period]} + pixel[c + period]);
       const double d = dark ? stands_out(dark, c) : 0;
       const double r = response ? std::max(signal, 0.0) * stands_out(response, c) : 0;

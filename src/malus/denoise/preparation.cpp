@@ -19,11 +19,11 @@ namespace malus {
 namespace {
 
 struct Filling {
-  float dn = 0.0f;
+  float dn = std::numeric_limits<float>::quiet_NaN();
   float variance_dn2 = std::numeric_limits<float>::quiet_NaN();
 };
 
-// Mean of the finite pixels of the same channel in growing rings; 0 when there is none nearby. Its
+// Mean of the finite pixels of the same channel in growing rings; NaN when none is nearby. Its
 // variance is that of the means of opposite pixels, each an estimate of its own in which slopes
 // cancel; where there are no two such pairs, that of the pixels.
 Filling filled(View<const float> dn, const SensorLayout& layout, int row, int col) {
@@ -54,6 +54,24 @@ Filling filled(View<const float> dn, const SensorLayout& layout, int row, int co
   return {};
 }
 
+// Pixels of large holes take the value of a neighbour, forth and back: those in raster order reach
+// every place from any pixel of their channel. 0 where there is none.
+template <class Places>
+void extend_into_holes(Image& dn, const SensorLayout& layout, const Places& places) {
+  const auto take = [&](int row, int col, int sign) {
+    if (std::isfinite(dn(row, col))) return;
+    const int r = row + sign * layout.rows(), c = col + sign * layout.cols();
+    if (c >= 0 && c < dn.cols() && std::isfinite(dn(row, c)))
+      dn(row, col) = dn(row, c);
+    else if (r >= 0 && r < dn.rows() && std::isfinite(dn(r, col)))
+      dn(row, col) = dn(r, col);
+  };
+  for (const auto& p : places) take(p.row, p.col, -1);
+  for (auto p = places.rbegin(); p != places.rend(); ++p) take(p->row, p->col, 1);
+  for (const auto& p : places)
+    if (!std::isfinite(dn(p.row, p.col))) dn(p.row, p.col) = 0.0f;
+}
+
 // Replacements are computed from the input's own pixels before any is written.
 template <class Places>
 std::vector<FilledPixel> fill(Image& dn, const SensorLayout& layout, const Places& places) {
@@ -64,14 +82,20 @@ std::vector<FilledPixel> fill(Image& dn, const SensorLayout& layout, const Place
     dn(places[i].row, places[i].col) = replacement[i].dn;
     pixels.push_back({places[i].row, places[i].col, replacement[i].variance_dn2});
   }
+  extend_into_holes(dn, layout, places);
   return pixels;
 }
 
-void fill_nonfinite(Image& dn, const SensorLayout& layout, std::vector<NonfinitePixel>& list) {
+// All of them become NaN, which no measurement takes for a pixel.
+std::vector<NonfinitePixel> take_nonfinite(Image& dn) {
+  std::vector<NonfinitePixel> list;
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c)
-      if (!std::isfinite(dn(r, c))) list.push_back({r, c, dn(r, c)});
-  fill(dn, layout, list);
+      if (!std::isfinite(dn(r, c))) {
+        list.push_back({r, c, dn(r, c)});
+        dn(r, c) = std::numeric_limits<float>::quiet_NaN();
+      }
+  return list;
 }
 
 std::vector<FilledPixel> replace(Image& dn, const SensorLayout& layout,
@@ -139,15 +163,19 @@ void take_out_lines(PreparedFrame& frame, const NoiseProfile& profile,
   }
 }
 
-std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout) {
+// Without what stands in the place of pixels that are not numbers.
+std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout,
+                                  const std::vector<NonfinitePixel>& nonfinite) {
   std::vector<double> sum(static_cast<std::size_t>(layout.channels())), count(sum);
+  const auto add = [&](int row, int col, double sign) {
+    const auto k = static_cast<std::size_t>(layout.channel_at(row, col));
+    sum[k] += sign * dn(row, col);
+    count[k] += sign;
+  };
   for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c) {
-      const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
-      sum[k] += dn(r, c);
-      count[k] += 1;
-    }
-  for (std::size_t k = 0; k < sum.size(); ++k) sum[k] /= std::max(count[k], 1.0);
+    for (int c = 0; c < dn.cols(); ++c) add(r, c, 1);
+  for (const NonfinitePixel& p : nonfinite) add(p.row, p.col, -1);
+  for (std::size_t k = 0; k < sum.size(); ++k) sum[k] = count[k] > 0 ? sum[k] / count[k] : 0.0;
   return sum;
 }
 
@@ -200,17 +228,18 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
       if (pixel >= saturated_dn[k]) ++report.saturated_pixels;
     }
   prepared.dn = std::move(frame.dn);
-  fill_nonfinite(prepared.dn, prepared.layout, prepared.nonfinite);
+  prepared.nonfinite = take_nonfinite(prepared.dn);
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
   prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
   if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
   take_out_lines(prepared, profile, saturated_dn, steps, report);
+  fill(prepared.dn, prepared.layout, prepared.nonfinite);  // what fills them is no measurement
   if (steps.fill_impulses) {
     const auto pixels = replace(prepared.dn, prepared.layout, find_impulses(prepared, profile));
     report.impulse_pixels = std::ssize(pixels);
     prepared.filled.insert(prepared.filled.end(), pixels.begin(), pixels.end());
   }
-  prepared.mean_dn = channel_means(prepared.dn, prepared.layout);
+  prepared.mean_dn = channel_means(prepared.dn, prepared.layout, prepared.nonfinite);
   for (std::size_t k = 0; k < profile.channels.size(); ++k)
     report.sigma_used_dn.push_back(std::sqrt(profile.channels[k].variance(prepared.mean_dn[k])));
   if (steps.compare_noise) report.noise = check_noise(prepared, profile);
@@ -219,7 +248,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
 
 void complete_result(const PreparedFrame& frame, Denoised& result) {
   result.mean_dn = frame.mean_dn;
-  result.mean_shift_dn = channel_means(result.dn_above_black, frame.layout);
+  result.mean_shift_dn = channel_means(result.dn_above_black, frame.layout, frame.nonfinite);
   for (std::size_t k = 0; k < frame.mean_dn.size(); ++k)
     result.mean_shift_dn[k] -= frame.mean_dn[k];
   for (const NonfinitePixel& p : frame.nonfinite) {

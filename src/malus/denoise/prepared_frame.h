@@ -28,10 +28,10 @@ struct FilledPixel {
 struct PreparedFrame {
   Image dn;  ///< above black and bias, row and column noise removed, every pixel finite
   SensorLayout layout;
-  double range_dn = 0;              ///< white above the highest black level
-  SaturatedPixels saturated;        ///< as bright as white or brighter
-  std::vector<float> saturated_dn;  ///< per channel: white, as dn
-  std::vector<NonfinitePixel> nonfinite;
+  double range_dn = 0;                    ///< white above the highest black level
+  SaturatedPixels saturated;              ///< as bright as white or brighter
+  std::vector<float> saturated_dn;        ///< per channel: white, as dn
+  std::vector<NonfinitePixel> nonfinite;  ///< in the frame's order
   std::vector<FilledPixel> filled;
   /// Per row group: variance of what is left of its offset, in units of the channels' sigma_row².
   std::vector<double> row_variance;
