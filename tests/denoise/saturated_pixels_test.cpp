@@ -91,5 +91,31 @@ TEST(SaturatedPixels, AWhiteThatLeavesNoRangeIsRefused) {
               HasSubstr("white is not known, and the largest pixel is 3e+38 DN"));
 }
 
+// Black levels far apart: a channel of low black has light above the range of the others.
+TEST(SaturatedPixels, AChannelIsBrightUpToItsOwnWhite) {
+  const PhysicsNoise noise = equal_channels("polar-mono", {0.05, 0.14, 0.0, 0.3, 0.0});
+  constexpr float kBlackDn[] = {0, 20, 300, 600}, kBelowWhiteDn = 150;
+  Image clean(128, 128);
+  for (int r = 0; r < clean.rows(); ++r)
+    for (int c = 0; c < clean.cols(); ++c)
+      clean(r, c) = 4095 - kBelowWhiteDn - kBlackDn[noise.layout.channel_at(r, c)];
+  RawFrame frame = drawn_frame(clean, noise, {}, 12);
+  frame.black_dn.assign(std::begin(kBlackDn), std::end(kBlackDn));
+  for (int r = 0; r < clean.rows(); ++r)
+    for (int c = 0; c < clean.cols(); ++c)
+      frame.dn(r, c) += kBlackDn[noise.layout.channel_at(r, c)];
+  for (const char* method : {"nl-ridge", "vst-bm3d"}) {
+    const Denoised result =
+        denoise_frame(frame, profile_of(noise), {.method = method, .profile = "fast"});
+    EXPECT_EQ(result.saturated_pixels, 0);
+    double sums[4] = {};
+    for (int r = 0; r < clean.rows(); ++r)
+      for (int c = 0; c < clean.cols(); ++c)
+        sums[noise.layout.channel_at(r, c)] += result.dn_above_black(r, c) - clean(r, c);
+    // The noise has a deviation of 14 DN, and the mean of 4096 pixels one of 0.22 DN.
+    for (const double sum : sums) EXPECT_NEAR(sum / 4096, 0, 1.0) << method;
+  }
+}
+
 }  // namespace
 }  // namespace malus

@@ -169,7 +169,7 @@ Image run_baseline(const std::string& name, const PreparedFrame& frame, const No
       filter_each(planes, sigma, bm3d_settings, progress);
     }
   } else {
-    const auto stabilizers = make_stabilizers(profile, frame.range_dn, settings.strength);
+    const auto stabilizers = make_stabilizers(profile, frame.highest_dn, settings.strength);
     stabilise(planes, stabilizers, false);
     if (name == "vst-pca-bm3d") {
       planes = filter_components(std::move(planes), bm3d_settings, progress);

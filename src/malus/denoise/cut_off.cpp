@@ -86,12 +86,11 @@ NoiseProfile before_cut_off(NoiseProfile profile, const RawFrame& frame) {
 
 NoiseProfile as_shown(NoiseProfile profile, const RawFrame& frame, const CutOff& cut_off) {
   if (!cut_off.any()) return profile;
-  const double highest_dn = white_above_black(frame.white_dn, frame.black_dn);
   const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
   for (std::size_t k = 0; k < profile.channels.size(); ++k)
     if (cut_off.share[k] > 0 && shows_noise(profile.channels[k], profile.step_dn))
       profile.channels[k] = clipped_channel(
-          profile.channels[k], {-double{levels.zero_dn[k]}, profile.step_dn}, highest_dn);
+          profile.channels[k], {-double{levels.zero_dn[k]}, profile.step_dn}, levels.highest_dn);
   return profile;
 }
 

@@ -96,7 +96,7 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
                      const DenoiseSettings& settings, Progress& progress, Denoised& result) {
   result.dn_above_black = Image(frame.dn.rows(), frame.dn.cols());
-  const auto stabilizers = make_stabilizers(profile, frame.range_dn, settings.strength);
+  const auto stabilizers = make_stabilizers(profile, frame.highest_dn, settings.strength);
   const PixelSource pixel = [&](int r, int c) {
     const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
     return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));

@@ -219,6 +219,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   if (steps.fill_defects) prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects);
   report.defect_pixels = std::ssize(prepared.filled);
   const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
+  prepared.highest_dn = levels.highest_dn;
   const std::vector<float>& saturated_dn = prepared.saturated_dn = levels.saturated_dn;
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {

@@ -29,6 +29,7 @@ struct PreparedFrame {
   Image dn;  ///< above black and bias, row and column noise removed, every pixel finite
   SensorLayout layout;
   double range_dn = 0;                    ///< white above the highest black level
+  double highest_dn = 0;                  ///< white above the lowest black level
   SaturatedPixels saturated;              ///< as bright as white or brighter
   std::vector<float> saturated_dn;        ///< per channel: white, as dn
   std::vector<NonfinitePixel> nonfinite;  ///< in the frame's order

@@ -13,6 +13,7 @@ namespace malus::internal {
 struct ChannelLevels {
   std::vector<float> zero_dn;       ///< black and bias
   std::vector<float> saturated_dn;  ///< white above them
+  double highest_dn = 0;  ///< white above the lowest black: all that is not saturated is below
 };
 
 /// Where nobody tells the white of float pixels it is the largest of them (malus/io/frame_file.h):
@@ -20,6 +21,8 @@ struct ChannelLevels {
 /// pile up; one without a pile nowhere: its limit lies another range above white.
 inline ChannelLevels channel_levels(const RawFrame& frame, const NoiseProfile& profile) {
   ChannelLevels levels;
+  levels.highest_dn =
+      frame.white_dn - *std::min_element(frame.black_dn.begin(), frame.black_dn.end());
   const bool guessed = !frame.white_known && frame.bits == 0;
   const std::vector<float> piles_dn =
       guessed ? piled_up_dn(frame.dn, frame.layout) : std::vector<float>();
