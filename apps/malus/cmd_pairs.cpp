@@ -186,6 +186,21 @@ void refuse_longer_shorts(const PairJob& job, const std::string& name, const Fra
                    "the reference has the longer exposure: check kinds and exposures");
 }
 
+// As the camera wrote it, where integers of 16 bits hold that; else as every float file of a frame,
+// above black.
+void save_short(const fs::path& path, RawFrame frame, SaveOptions save) {
+  constexpr float kHighest = 65535;
+  const bool held = frame.bits > 0 && std::ranges::all_of(frame.dn.values(), [](float v) {
+                      return v >= 0 && v <= kHighest;
+                    });
+  if (!held) {
+    subtract_black(frame);
+    frame.bits = 0;
+  }
+  save.type = held ? SampleType::kUint16 : SampleType::kFloat;
+  save_frame(path, frame, save);
+}
+
 Json write_pair(const PairJob& job, const std::string& name, const RawFrame& reference,
                 const FrameGroup& reference_group, const FrameGroup& group) {
   refuse_longer_shorts(job, name, reference_group, group);
@@ -208,7 +223,6 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   }
   const NearestFrame nearest = nearest_frame(intensities, ratio);
   const fs::path chosen = group.paths[nearest.index];
-  RawFrame noisy = load_session_frame(job.session, group, chosen);
   SaveOptions save;
   save.force = job.common.force;
   const PairFiles files = files_of_pair(job.arguments.folder, name);
@@ -218,8 +232,7 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   clean.bits = 0;
   save.type = SampleType::kFloat;
   save_frame(files.reference, clean, save);
-  save.type = noisy.bits > 0 ? SampleType::kUint16 : SampleType::kFloat;
-  save_frame(files.noisy, noisy, save);
+  save_short(files.noisy, load_session_frame(job.session, group, chosen), save);
   Json entry{
       {"name", name},
       {"reference", files.reference.filename().string()},

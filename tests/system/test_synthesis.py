@@ -279,3 +279,20 @@ def test_truth_and_pairs_replace_no_input(malus, refused, tmp_path):
     assert "is an input" in refused("pairs", session, "-o", tmp_path, "--ratio", 10, "--force")
     assert (tmp_path / "scene_00_short.tif").read_bytes() == kept
     malus("pairs", session, "-o", tmp_path / "out", "--ratio", 10)
+
+
+@pytest.mark.parametrize("kind, black, offset", [(np.uint32, 0, 90000), (np.int16, -40, 0)])
+def test_pairs_keep_pixels_that_16_bits_cannot_hold(malus, tmp_path, kind, black, offset):
+    """Wide integers and those below 0 are written as floats, above black."""
+    rng, scene = np.random.default_rng(8), smooth_scene(32, 48, 5, 60) + offset
+    frames = {name: np.round(black + scene * light + rng.normal(0, 15, scene.shape)).astype(kind) for name, light in (("r", 4), ("s", 1))}
+    sections = [f'[sensor]\nlayout = "mono"\nblack = {black}\nwhite = {30000 if kind == np.int16 else 1000000}\n']
+    for name, frame_kind, exposure in (("r", "reference", 0.04), ("s", "short", 0.01)):
+        np.save(tmp_path / f"{name}.npy", frames[name])
+        sections.append(f'[[frames]]\nkind = "{frame_kind}"\nexposure_s = {exposure}\ngain_db = 0\npaths = ["{name}.npy"]\n')
+    (tmp_path / "s.toml").write_text("\n".join(sections))
+    (pair,) = malus("pairs", tmp_path / "s.toml", "-o", tmp_path / "out", "--json").json["pairs"]
+    short = np.array(Image.open(tmp_path / "out" / pair["short"]))
+    assert short.dtype == np.float32 and np.array_equal(short, frames["s"].astype(float) - black)
+    info = malus("info", tmp_path / "out" / pair["short"], "--json").json
+    assert set(info["black"]) == {0} and info["white"] == (30040 if kind == np.int16 else 1000000)
