@@ -21,6 +21,7 @@
 
 #include "experiments.h"
 #include "flags.h"
+#include "frame_input.h"
 #include "raw_options.h"
 #include <fmt/format.h>
 
@@ -168,9 +169,9 @@ Json score_of(const std::string& name, const Gains& gains, const Image& clean_dn
 
 void run_renoise_experiment(const RenoiseExperimentArguments& arguments, const Common& common) {
   const Gains gains = gains_of(arguments);
-  FrameOptions options = arguments.raw.resolve();
-  options.layout = gains.model.layout;
-  RawFrame clean = load_frame(arguments.clean, options);
+  RawFrame clean =
+      load_frame(arguments.clean,
+                 options_in_layout(arguments.raw.resolve(), gains.model.layout, arguments.clean));
   subtract_black(clean);
   // No highlights: where frames clip there is no noise to compare.
   const double white = white_above_black(gains.model.white_dn, gains.model.black_dn);

@@ -88,6 +88,12 @@ def test_renoise_refuses_quieter_targets_and_missing_guides(malus, refused, tmp_
     assert "outside the calibrated range" in refused(*arguments, "--from", 6, "--to", 90)
 
 
+def test_the_renoise_experiment_believes_a_stated_layout(refused, tmp_path):
+    np.save(tmp_path / "clean.npy", np.full((32, 32), 400, np.float32))
+    line = refused("experiment", "renoise", tmp_path / "clean.npy", "--layout", "mono", "--frames", 2)
+    assert "clean.npy" in line and "layout" in line
+
+
 def test_noise_on_noise_beats_the_naive_method_in_noise_and_in_detail(malus, tmp_path):
     y, x = np.mgrid[:128, :160]
     fine = np.repeat(np.repeat(np.random.default_rng(6).uniform(-25, 25, (32, 40)), 4, 0), 4, 1)
