@@ -92,11 +92,25 @@ void multiply(Subject& subject, double ratio) {
     for (Image& plane : subject.picture->planes) scale(plane);
 }
 
-double largest_of(const RawFrame& frame) {
+double largest_of(const Image& image) {
   float largest = 0;
-  for (float v : frame.dn.values())
+  for (float v : image.values())
     if (std::isfinite(v)) largest = std::max(largest, v);
   return static_cast<double>(largest);
+}
+
+// Floats of a picture that is displayed are of 0 to 1 and hardly overshoot; light in DN may be
+// stored as floats as well, and nothing in the file tells them apart.
+double peak_of_picture(const fs::path& path, const Picture& picture) {
+  constexpr double kMostDisplayed = 2;
+  double largest = 0;
+  for (const Image& plane : picture.planes) largest = std::max(largest, largest_of(plane));
+  if (picture.bits > 0 || largest <= kMostDisplayed) return picture.white;
+  warn(
+      fmt::format("{}: reaches far beyond 1 and its white is not known; its largest value, {:g}, "
+                  "is taken as the peak (--peak or --white)",
+                  path.string(), largest));
+  return largest;
 }
 
 // White above black: --peak, else what the reference knows, else what the test does (which is said:
@@ -105,7 +119,10 @@ double peak_of(const EvaluateArguments& arguments, const fs::path& test_path,
                const Subject& reference, const Subject& test, const Common& common) {
   const fs::path& path = arguments.noise.reference.front();
   if (arguments.peak_dn) return *arguments.peak_dn;
-  if (reference.picture) return arguments.raw.white_dn().value_or(reference.picture->white);
+  if (reference.picture) {
+    if (const auto white_dn = arguments.raw.white_dn()) return *white_dn;
+    return peak_of_picture(path, *reference.picture);
+  }
   const auto knows = [](const RawFrame& frame) { return frame.white_known && frame.white_dn > 0; };
   if (knows(reference.frame)) return reference.frame.white_dn;
   if (knows(test.frame)) {
@@ -115,7 +132,7 @@ double peak_of(const EvaluateArguments& arguments, const fs::path& test_path,
     return test.frame.white_dn;
   }
   const bool integer = reference.frame.bits > 0;
-  const double assumed = integer ? reference.frame.white_dn : largest_of(reference.frame);
+  const double assumed = integer ? reference.frame.white_dn : largest_of(reference.frame.dn);
   if (!(assumed > 0))
     throw InputError(path.string(), "its peak is not known and it has no pixel above black",
                      "give --peak or --white");

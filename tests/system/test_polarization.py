@@ -162,6 +162,19 @@ def test_evaluate_agrees_with_numpy(malus, tmp_path):
     assert result["aolp"]["circular_deg"] == pytest.approx(np.sqrt(np.sum(dolp * turn**2) / np.sum(dolp)), rel=1e-3)
 
 
+def test_float_pictures_in_dn_are_not_judged_by_the_peak_of_displayed_ones(malus, tmp_path):
+    light = np.random.default_rng(3).uniform(0, 1.2, (3, 32, 48)).astype(np.float32)
+    light[0, 0, 0] = 1.25
+    for scale, peak in ((1, 1), (3000, 3750)):
+        np.save(tmp_path / "r.npy", light * np.float32(scale))
+        np.save(tmp_path / "t.npy", light * np.float32(scale * 1.01))
+        for flags, expected, said in (([], peak, scale > 1), (["--peak", 4000], 4000, False), (["--white", 4015], 4015, False)):
+            run = malus("evaluate", "--reference", tmp_path / "r.npy", "--test", tmp_path / "t.npy", *flags, "--json")
+            assert run.json["peak_dn"] == expected and ("r.npy: reaches far beyond 1" in run.err) == said
+            mse = np.mean((light.astype(float) * scale * 0.01) ** 2)
+            assert run.json["image"]["psnr"] == pytest.approx(10 * np.log10(expected**2 / mse), abs=1e-2)
+
+
 def test_evaluate_counts_both_greens(malus, tmp_path):
     """000 Table 1: a packed colour mosaic has four DoLP channels. Here one green alone is wrong, so the mean is a quarter of its error."""
     rng = np.random.default_rng(9)
