@@ -1,4 +1,5 @@
 // malus session-from-emva: an EMVA 1288 measurement's description becomes a session file.
+#include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/io/emva_description.h"
 
@@ -27,6 +28,8 @@ void add_session_from_emva(CLI::App& app, Common& common) {
   CLI::App* command =
       add_command(app, common, "session-from-emva", "Convert EMVA1288_Data.txt to a session file",
                   [arguments, &common] {
+                    if (const auto fault = fault_of({{arguments->gain_db, {}}, {}}, true))
+                      throw InputError("--gain", fault->problem, fault->remedy);
                     EmvaSession converted = load_emva_description(arguments->description);
                     Session& session = converted.session;
                     session.sensor.name = arguments->name;

@@ -169,6 +169,8 @@ def test_emva_description(malus, refused, tmp_path):
         before = (tmp_path / read).read_bytes()
         line = refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / read, "--force")
         assert f"{read}: is an input and would be replaced" in line and (tmp_path / read).read_bytes() == before
+    line = refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / "t.toml", "--gain", 200)
+    assert "--gain: is 200 dB, beyond any camera's" in line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["d.txt", "i", "s.toml"]
     assert json.loads(malus("info", "--json", tmp_path / "i" / "b.png", "--session", out).out)["white"] == 65535
 
