@@ -154,7 +154,9 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                     std::vector<DenoisedFrame>* report) {
   OpenedFrame opened = open_frame(arguments, denoiser, model, job, options);
   ProfileChoice& choice = opened.choice;
-  if (arguments.u16) check_integers(opened.described, choice.profile);
+  if (arguments.u16)
+    check_integers(opened.described, choice.profile,
+                   "leave --u16 out, or bring the frame to a camera's DN (--black, --white)");
   const bool compared = !job.reference.path.empty();
   DenoisedFrame kept;
   kept.profile = choice.profile;

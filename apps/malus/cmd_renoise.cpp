@@ -13,6 +13,7 @@
 #include <memory>
 #include <vector>
 
+#include "denoise_files.h"
 #include "flags.h"
 #include "frame_input.h"
 #include "program.h"
@@ -90,6 +91,8 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   const GainSetting from = door.gain_setting(arguments.from), to = door.gain_setting(arguments.to);
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   const FrameOptions options = arguments.raw.resolve();
+  if (!arguments.as_float)
+    check_integers_of_camera(model, arguments.model, to, GainRange::kCalibratedOnly);
   LevelCoverage coverage;
   const ModelRenoiser renoiser = naming_model(arguments.model, [&] {
     return ModelRenoiser(model, from, to, arguments.settings, !arguments.as_float);

@@ -17,6 +17,7 @@
 #include <memory>
 #include <vector>
 
+#include "denoise_files.h"
 #include "flags.h"
 #include "frame_input.h"
 #include "networks_door.h"
@@ -116,6 +117,11 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
       std::make_shared<const Synthesizer>(load_model(arguments.model), arguments.settings);
   const auto coverage = std::make_shared<LevelCoverage>();
   const NoiseModel& model = synthesizer->model();
+  // The scale is the same at every gain, so that of the first frame will do.
+  if (!arguments.as_float)
+    check_integers_of_camera(model, arguments.model,
+                             gain ? *gain : model.random_gain(0, arguments.first_frame),
+                             gain_range(arguments.settings.extrapolate_gain));
   return {model.sensor,
           model.layout,
           model.row_group,

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "frame_input.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -52,13 +53,19 @@ void save_integers(const fs::path& path, const RawFrame& header, double lowered_
 
 }  // namespace
 
-void check_integers(const RawFrame& frame, const NoiseProfile& profile) {
+void check_integers(const RawFrame& frame, const NoiseProfile& profile, const std::string& remedy) {
   constexpr double kHighest = 65535;
+  const double lowest_black_dn = *std::min_element(frame.black_dn.begin(), frame.black_dn.end());
+  if (lowest_black_dn < 0)
+    throw InputError(
+        frame.source,
+        fmt::format("black {:g} DN is below 0, where integers of 16 bits begin", lowest_black_dn),
+        remedy);
   if (frame.white_dn > kHighest)
     throw InputError(frame.source,
                      fmt::format("white {:g} DN is above {:g}, the largest integer of 16 bits",
                                  frame.white_dn, kHighest),
-                     "leave --u16 out, or give --white where it is lower");
+                     remedy);
   if (frame.bits > 0) return;  // integers hold it already
   const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
   double deviation_dn = 0;
@@ -70,7 +77,21 @@ void check_integers(const RawFrame& frame, const NoiseProfile& profile) {
         frame.source,
         fmt::format("its noise, {:.2g} DN at white, is less than what rounding to integers adds",
                     deviation_dn),
-        "leave --u16 out, or scale the frame to a camera's DN");
+        remedy);
+}
+
+void check_integers_of_camera(const NoiseModel& model, const fs::path& file,
+                              const GainSetting& gain, GainRange range) {
+  constexpr double kUnknownWhite_dn = 65535;
+  RawFrame camera;
+  camera.source = file.string();
+  camera.layout = model.layout;
+  camera.black_dn = model.black_dn;
+  camera.white_dn = model.white_dn > 0 ? model.white_dn : kUnknownWhite_dn;
+  camera.bits = model.quantization_dn > 0 ? 16 : 0;
+  NoiseProfile profile;
+  if (camera.bits == 0) profile = naming_model(file, [&] { return model.profile_at(gain, range); });
+  check_integers(camera, profile, "give --float");
 }
 
 std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,

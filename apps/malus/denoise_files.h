@@ -17,8 +17,14 @@ struct OutputNames {
 };
 
 /// Throws InputError for a frame that integers of 16 bits (names.integers) cannot hold: white above
-/// their range, or float pixels on a scale so small that rounding takes more than the noise does.
-void check_integers(const RawFrame& frame, const NoiseProfile& profile);
+/// their range, black below it, or float pixels on a scale so small that rounding takes more than
+/// the noise does. frame: its pixels are not asked for. remedy: how to do without integers.
+void check_integers(const RawFrame& frame, const NoiseProfile& profile, const std::string& remedy);
+
+/// The same for frames as the model's camera would write them at `gain`; the remedy is --float. The
+/// error names the model's file.
+void check_integers_of_camera(const NoiseModel& model, const std::filesystem::path& file,
+                              const GainSetting& gain, GainRange range);
 
 /// The denoised mosaic and what else names asks for; returns the files. result's pixels exist once:
 /// they move into the file's frame and back. profile: its bias is missing from saturated pixels,

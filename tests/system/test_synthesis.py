@@ -2,7 +2,10 @@
 
 import json
 import os
+import pathlib
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
@@ -10,6 +13,7 @@ from PIL import Image
 pytestmark = pytest.mark.slow
 
 MODEL = "imx250myr-simulated"
+SEEDS = pathlib.Path(__file__).resolve().parents[2] / "fuzz/corpus/model"
 
 
 def truth(malus, gain, model=MODEL):
@@ -39,6 +43,38 @@ def test_amplified_integers_keep_the_noise_below_black(malus, tmp_path):
     dn = np.array(Image.open(tmp_path / "out/dim_000.tif")).astype(float)
     # 65,536 pixels of about 220 DN: five standard errors are 4.3 DN; 128 row groups add theirs.
     assert (dn == 0).mean() < 1e-4 and abs(dn.mean() - 840) < 15
+
+
+def unit_scale_model(malus, folder):
+    """Of float frames from 0 to 1, 10,000 electrons wide."""
+    rng, sections = np.random.default_rng(5), ['[sensor]\nlayout = "mono"\nblack = 0.02\nwhite = 1\n']
+    for k, electrons in enumerate([0, *np.linspace(500, 6500, 6)]):
+        for n in range(3):
+            frame = (rng.poisson(electrons, (64, 64)) + rng.normal(0, 3, (64, 64))) / 10000 + 0.02
+            np.save(folder / f"f{k}_{n}.npy", frame.astype(np.float32))
+        kind = "flat" if k else "bias"
+        sections.append(f'[[frames]]\nkind = "{kind}"\ngain_db = 6\nexposure_s = {0.01 * k + 0.001}\npaths = ["f{k}_*.npy"]\n')
+    (folder / "s.toml").write_text("\n".join(sections))
+    malus("calibrate", folder / "s.toml", "-o", folder / "unit.h5")
+
+
+def test_integers_that_cannot_hold_a_cameras_frames_are_refused(malus, refused, tmp_path):
+    unit_scale_model(malus, tmp_path)
+    for name, facts in (("wide", {"white_dn": 1e6}), ("below", {"black_dn": [-500, -500]})):
+        shutil.copy(SEEDS / "good_full.h5", tmp_path / f"{name}.h5")
+        with h5py.File(tmp_path / f"{name}.h5", "a") as file:
+            for key, value in facts.items():
+                file[f"sensor/{key}"][...] = value
+    np.save(tmp_path / "flat.npy", np.full((32, 32), 0.4, np.float32))
+    for name, said in (("wide", "white 1e+06 DN is above 65535"), ("below", "black -500 DN is below 0"), ("unit", "rounding")):
+        model, gains = tmp_path / f"{name}.h5", {"synthesize": ["--gain", 6], "renoise": ["--from", 0, "--to", 6]}
+        if name == "unit":
+            gains = {"synthesize": ["--gain", "random"]}
+        for command, flags in gains.items():
+            base = [command, tmp_path / "flat.npy", "-m", model, *flags, "-o", tmp_path / name]
+            line = refused(*base)
+            assert f"{name}.h5: " in line and said in line and line.endswith("; give --float") and not (tmp_path / name).exists()
+        malus("synthesize", tmp_path / "flat.npy", "-m", model, "--gain", 6, "--float", "-o", tmp_path / name)
 
 
 # renoise
