@@ -4,6 +4,7 @@
 #include "malus/capture/capture.h"
 
 #include <cstdio>
+#include <optional>
 #include <string>
 
 #include "live_progress.h"
@@ -59,9 +60,17 @@ void ask(const CaptureStep& step, const Progress& progress) {
   for (int c = std::getchar(); c != '\n' && c != EOF; c = std::getchar()) continue;
 }
 
+// "-" for what was not measured.
+std::string measured_text(const std::optional<double>& value, int decimals, double factor = 1) {
+  return value ? fmt::format("{:.{}f}", factor * *value, decimals) : "-";
+}
+
+Json measured_json(const std::optional<double>& value) { return value ? Json(*value) : Json(); }
+
 std::string live_text(const StepReport& step) {
-  return fmt::format("mean {:.1f}, noise {:.2f} DN, saturated {:.2f} %, lost {}", step.mean_dn,
-                     step.temporal_sd_dn, 100 * step.saturated_share, step.lost);
+  return fmt::format("mean {}, noise {} DN, saturated {} %, lost {}",
+                     measured_text(step.mean_dn, 1), measured_text(step.temporal_sd_dn, 2),
+                     measured_text(step.saturated_share, 2, 100), step.lost);
 }
 
 void take(const Common& common, const std::string& plan_path, const std::string& folder) {
@@ -85,12 +94,13 @@ void take(const Common& common, const std::string& plan_path, const std::string&
                      {"taken", step.taken},
                      {"kept", step.kept},
                      {"lost", step.lost},
-                     {"mean_dn", step.mean_dn},
-                     {"temporal_sd_dn", step.temporal_sd_dn},
-                     {"saturated_share", step.saturated_share}});
-    text += fmt::format("{:28} {:6} {:5} {:5} {:10.2f} {:12.3f} {:9.2f}%\n", step.step.folder(),
-                        step.taken, step.kept, step.lost, step.mean_dn, step.temporal_sd_dn,
-                        100 * step.saturated_share);
+                     {"mean_dn", measured_json(step.mean_dn)},
+                     {"temporal_sd_dn", measured_json(step.temporal_sd_dn)},
+                     {"saturated_share", measured_json(step.saturated_share)}});
+    text += fmt::format(
+        "{:28} {:6} {:5} {:5} {:>10} {:>12} {:>9}{}\n", step.step.folder(), step.taken, step.kept,
+        step.lost, measured_text(step.mean_dn, 2), measured_text(step.temporal_sd_dn, 3),
+        measured_text(step.saturated_share, 2, 100), step.saturated_share ? "%" : "");
   }
   text += fmt::format("session: {}\n", report.session.string());
   print_result(common,

@@ -167,6 +167,18 @@ def test_stopped_by_the_user_and_continued(malus, plan, tmp_path):
     check_complete(folder, 600, malus("capture", path, "-o", folder, "--json").json)
 
 
+def test_what_was_not_measured_is_no_number(malus, plan, tmp_path):
+    """A single frame has no difference; a step that is complete is not taken again."""
+    command = "capture", plan(1), "-o", tmp_path / "out"
+    (step,) = malus(*command, "--json").json["steps"]
+    assert step["taken"] == 1 and step["mean_dn"] > 0 and step["temporal_sd_dn"] is None and step["saturated_share"] == 0
+    (step,) = malus(*command, "--json").json["steps"]
+    assert (step["taken"], step["kept"]) == (0, 1)
+    assert step["mean_dn"] is step["temporal_sd_dn"] is step["saturated_share"] is None
+    line = malus(*command).out.splitlines()[2]
+    assert line.split() == [STEP, "0", "1", "0", "-", "-", "-"]
+
+
 def test_stopped_where_it_waits_for_the_user(plan, tmp_path):
     path = plan(5)
     path.write_text(path.read_text() + 'prompt = "Cover the lens"\n')

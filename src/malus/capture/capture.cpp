@@ -129,7 +129,7 @@ class LiveCheck {
     if (mean_.count() == 0) return;
     out.mean_dn = mean_.mean();
     out.saturated_share = saturated_.mean();
-    out.temporal_sd_dn = variance_.count() ? std::sqrt(variance_.mean()) : 0;
+    if (variance_.count() > 0) out.temporal_sd_dn = std::sqrt(variance_.mean());
   }
 
  private:
@@ -235,10 +235,11 @@ class Run {
   }
 
   void warn_about(const StepReport& report) {
-    if (report.saturated_share > kSaturationWarning && report.step.kind != FrameKind::kBias)
+    const double saturated = report.saturated_share.value_or(0);
+    if (saturated > kSaturationWarning && report.step.kind != FrameKind::kBias)
       progress_.warn(
           fmt::format("{}: {:.2f} % of the pixels are saturated; lower the light or the exposure",
-                      report.step.folder(), 100 * report.saturated_share));
+                      report.step.folder(), 100 * saturated));
     if (report.lost > 0)
       progress_.warn(fmt::format("{}: {} lost on the way and taken again", report.step.folder(),
                                  counted(report.lost, "frame")));

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,8 @@ struct StepReport {
   double gain_db = 0, exposure_s = 0;  ///< as the camera reports them
   int taken = 0, kept = 0;             ///< new frames; frames of an earlier run
   std::int64_t lost = 0;               ///< frames that the camera sent in vain; others replace them
-  double mean_dn = 0, temporal_sd_dn = 0, saturated_share = 0;  ///< of the new frames; 0 when none
+  /// Of the new frames; none without one, and no noise of a single one.
+  std::optional<double> mean_dn, temporal_sd_dn, saturated_share;
 };
 
 struct CaptureReport {
