@@ -150,6 +150,26 @@ ChartsBlock bars_of(const Metric& metric, const std::vector<Json>& results,
   return {"", {{"", std::move(chart)}}};
 }
 
+// The last so many parts of a path.
+std::filesystem::path end_of(const std::filesystem::path& path, std::ptrdiff_t parts) {
+  std::filesystem::path end;
+  const std::ptrdiff_t all = std::distance(path.begin(), path.end());
+  for (auto part = std::next(path.begin(), std::max(all - parts, std::ptrdiff_t{0}));
+       part != path.end(); ++part)
+    end /= *part;
+  return end;
+}
+
+// A path's file name, and of its folders as many as tell it from the others.
+std::string telling_end(const std::string& path, const std::vector<std::string>& all) {
+  std::ptrdiff_t parts = 1;
+  const auto is_mistaken = [&](const std::string& other) {
+    return other != path && end_of(other, parts) == end_of(path, parts);
+  };
+  while (std::ranges::any_of(all, is_mistaken) && end_of(path, parts) != path) ++parts;
+  return end_of(path, parts).string();
+}
+
 }  // namespace
 
 Json record_table(const std::string& title, const std::string& note, const std::string& head,
@@ -190,10 +210,11 @@ std::vector<Section> evaluation_sections(const Json& evaluation, const std::stri
         "PSNR of AoLP is the papers' linear one, which punishes 179° against 1°; the circular "
         "error is the root mean square in degrees, weighted by DoLP.";
   for (const Metric& metric : metrics) table.columns.push_back({metric.name, metric.unit});
-  std::vector<std::string> names;
+  std::vector<std::string> tests, names;
+  for (const Json& result : results) tests.push_back(text_at(result, "test"));
   for (const Json& result : results) {
     const std::string name = text_at(result, "test");
-    names.push_back(name.empty() ? "test" : std::filesystem::path(name).filename().string());
+    names.push_back(name.empty() ? "test" : telling_end(name, tests));
     TableBlock::Row row{names.back(), {}};
     for (const Metric& metric : metrics)
       row.cells.emplace_back(Measured{metric_of(result, metric), Measured::kNone});

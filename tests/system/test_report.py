@@ -159,6 +159,20 @@ def test_evaluations_without_polarization_say_nothing_of_it(malus, tmp_path, lay
     assert len(blocks) == 1 + (columns if tests > 1 else 0)
 
 
+def test_pictures_of_one_name_are_told_apart_by_their_folders(malus, tmp_path):
+    rng, tests = np.random.default_rng(4), []
+    clean = rng.uniform(200, 900, (32, 32)).astype(np.float32)
+    np.save(tmp_path / "clean.npy", clean)
+    for name in ("a/x/noisy.npy", "b/x/noisy.npy", "other.npy"):
+        tests.append(tmp_path / name)
+        tests[-1].parent.mkdir(parents=True, exist_ok=True)
+        np.save(tests[-1], clean + rng.normal(0, 20, clean.shape).astype(np.float32))
+    malus("evaluate", "--reference", tmp_path / "clean.npy", "--test", *tests, tests[0], "--layout", "mono", "--white", 1000,
+          "--report", tmp_path / "page.html")
+    rows = page_data(tmp_path / "page.html")["sections"][0]["blocks"][0]["rows"]
+    assert [row["name"] for row in rows] == ["a/x/noisy.npy", "b/x/noisy.npy", "other.npy", "a/x/noisy.npy"]
+
+
 FULL_MODEL = pathlib.Path(__file__).resolve().parents[2] / "fuzz/corpus/model/good_full.h5"
 
 
