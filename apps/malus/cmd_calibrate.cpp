@@ -1,5 +1,6 @@
 // malus calibrate: a session of bias and flat frames (or bursts) becomes a noise model.
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/warnings_of_gains.h"
 #include "malus/io/session.h"
 #include "malus/noise/model.h"
 

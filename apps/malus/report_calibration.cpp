@@ -1,5 +1,6 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/warnings_of_gains.h"
 #include "malus/noise/data_sheet.h"
 #include "malus/report/write_report.h"
 
@@ -26,20 +27,6 @@ bool is_measured(const NoiseModel& model) {
                      [](const GaussianCalibration& g) { return g.levels > 0; }) ||
          std::any_of(model.nonparametric.begin(), model.nonparametric.end(),
                      [](const NonparametricCalibration& n) { return n.frames > 0; });
-}
-
-// What the calibration of one kind warned about: one line where gains share it.
-template <class Calibration>
-void append_warnings(const std::vector<Calibration>& gains, const std::string& kind,
-                     std::vector<std::string>& lines) {
-  std::vector<std::pair<std::string, std::vector<GainSetting>>> said;  // the gains of every text
-  for (const Calibration& gain : gains)
-    for (const std::string& warning : gain.warnings) {
-      auto same = std::ranges::find_if(said, [&](const auto& s) { return s.first == warning; });
-      if (same == said.end()) same = said.insert(said.end(), {warning, {}});
-      same->second.push_back(gain.gain);
-    }
-  for (const auto& [warning, of] : said) lines.push_back(gain_prefix(of, kind) + warning);
 }
 
 // What the calibration warned about, or that there was nothing.
@@ -258,14 +245,6 @@ std::vector<Section> calibration_sections(const NoiseModel& model, const std::st
   std::erase_if(sections, [](const Section& section) { return section.blocks.empty(); });
   for (Section& section : sections) section.id = prefix + section.id;
   return sections;
-}
-
-std::vector<std::string> warnings_of_gains(const NoiseModel& model) {
-  std::vector<std::string> lines;
-  append_warnings(model.physics, "", lines);
-  append_warnings(model.gaussian, "Gaussian", lines);
-  append_warnings(model.nonparametric, "non-parametric", lines);
-  return lines;
 }
 
 std::string calibration_title(const NoiseModel& model) {

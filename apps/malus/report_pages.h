@@ -22,10 +22,6 @@ namespace malus::app {
 /// data sheet of a model (000 Fig. 2-5). prefix tells sections of several models apart.
 std::vector<Section> calibration_sections(const NoiseModel& model, const std::string& prefix = "");
 
-/// What the calibration of single gains warned about, all kinds of models; gains that were warned
-/// of in the same words share a line: "0 dB, 12 dB, Gaussian: ...".
-std::vector<std::string> warnings_of_gains(const NoiseModel& model);
-
 /// "Calibration of <sensor>"; layout, number of channels, and what it was measured from.
 std::string calibration_title(const NoiseModel& model);
 std::string calibration_subtitle(const NoiseModel& model);

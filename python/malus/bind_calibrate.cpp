@@ -1,6 +1,7 @@
 // Calibration, of sessions and of arrays.
 #include "malus/base/error.h"
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/warnings_of_gains.h"
 #include "malus/io/session.h"
 
 #include <algorithm>
@@ -183,6 +184,7 @@ ModelWithSampler calibrated(const Frames& frames,
     model = calibrate(*input, settings, kinds, progress);
   }
   progress.give_warnings();
+  for (const std::string& line : warnings_of_gains(*model)) give_warning(line);
   return ModelWithSampler(Model(std::move(*model)));
 }
 

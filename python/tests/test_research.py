@@ -69,6 +69,14 @@ def test_arrays_are_calibrated():
     assert lazy.asked >= 8
 
 
+def test_what_a_calibration_warns_about_is_warned_of():
+    """As the program does: with the gain, and that it also stands in the model does not hide it."""
+    sets = session(gain_db=12)
+    with pytest.warns(UserWarning) as said:
+        (gain,) = malus.calibrate(sets[:1], layout=LAYOUT, black=BLACK, white=WHITE).as_dict()["gains"]
+    assert gain["warnings"] and {f"12 dB: {text}" for text in gain["warnings"]} <= {str(w.message) for w in said}
+
+
 def test_a_list_of_sets_is_checked():
     good = session()
     for sets, words in (([], "session: holds no sets"), (good + good[:1], "there are two such sets; give their frames as one"),

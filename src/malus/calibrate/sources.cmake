@@ -42,4 +42,5 @@ set(calibrate_SOURCES
   temporal.cpp
   temporal_filter.cpp
   tukey_fit.cpp
+  warnings_of_gains.cpp
 )
