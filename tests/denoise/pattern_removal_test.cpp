@@ -225,8 +225,7 @@ TEST(PatternRemoval, APixelThatIsLiftedOverWhiteIsNotSaturated) {
   EXPECT_EQ(result.dn_above_black(100, 100), 700);
 }
 
-TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
-  const NoiseProfile profile = profile_with(normal_map(0, 5, 1), normal_map(1, 0.02, 2));
+RawFrame frame_of_smooth_scene(const NoiseProfile& profile) {
   RawFrame frame;
   frame.layout = profile.layout;
   frame.black_dn.assign(16, 0.0);
@@ -234,6 +233,12 @@ TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
   frame.white_known = true;
   frame.source = "test";
   frame.dn = drawn(smooth_scene, *profile.pattern, 1, 1, 7);
+  return frame;
+}
+
+TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
+  const NoiseProfile profile = profile_with(normal_map(0, 5, 1), normal_map(1, 0.02, 2));
+  const RawFrame frame = frame_of_smooth_scene(profile);
   const auto squared_error = [&](const NoiseProfile& known, bool wanted) {
     DenoiseSettings settings{.profile = "fast", .fixed_pattern = wanted};
     const Denoised result = denoise_frame(frame, known, settings);
@@ -255,13 +260,7 @@ TEST(PatternRemoval, ADenoisedFrameIsNearerToItsScene) {
 
 TEST(PatternRemoval, HolesTakeNoPartInTheShares) {
   const NoiseProfile profile = profile_with(normal_map(0, 5, 1), normal_map(1, 0.02, 2));
-  RawFrame frame;
-  frame.layout = profile.layout;
-  frame.black_dn.assign(16, 0.0);
-  frame.white_dn = 4095;
-  frame.white_known = true;
-  frame.source = "test";
-  frame.dn = drawn(smooth_scene, *profile.pattern, 1, 1, 7);
+  RawFrame frame = frame_of_smooth_scene(profile);
   for (int r = 0; r < kRows; ++r)
     for (int c = 120; c < kCols; ++c) frame.dn(r, c) = std::numeric_limits<float>::quiet_NaN();
   const Denoised result = denoise_frame(frame, profile, {.profile = "fast"});
