@@ -38,10 +38,50 @@ TEST(CalibrateRowGroup, WideRowGroupsAreFoundOrNotDecided) {
     EXPECT_EQ(model.row_group_origin, "detected");
     EXPECT_FALSE(model.physics[0].row_drift.drift.share > 0) << group;
   }
-  for (const int group : {3, 16}) {  // were 16 rows told as 8, half of them would be wrong
-    camera.gains = {polar_gain(12, "mono", group)};
-    EXPECT_EQ(calibrated(camera).row_group_origin, "assumed") << group;
+  camera.gains = {polar_gain(12, "mono", 16)};  // were these told as 8, half of them would be wrong
+  EXPECT_EQ(calibrated(camera).row_group_origin, "assumed");
+}
+
+// Bias frames of a camera that reads so many rows together.
+CalibrationInput tall_session(int row_group) {
+  SimulatedCamera camera = testing::mono_camera(0.36, 0.14, 1.2, 0.8, 3);
+  camera.rows = 384;
+  camera.flat_levels = 0;
+  camera.gains[0].noise.row_group = row_group;
+  return simulated_session(camera);
+}
+
+// Of 3 rows two pairs of three are shared wherever one looks at every second, fourth or eighth:
+// that was taken for slow drift, and the groups for single rows.
+TEST(CalibrateRowGroup, GroupsOfNoPowerOfTwoAreFoundAndMayBeDeclared) {
+  for (const int group : {3, 5, 6, 12}) {
+    CalibrationInput input = tall_session(group);
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    EXPECT_EQ(model.row_group, group);
+    EXPECT_EQ(model.row_group_origin, "detected") << group;
+    input.row_group = group;
+    EXPECT_THAT(calibrate_physics(input, {}, silent_progress()).physics[0].warnings,
+                ::testing::Not(::testing::Contains(::testing::HasSubstr("declares"))))
+        << group;
+    input.row_group = group / 2;
+    EXPECT_THAT(calibrate_physics(input, {}, silent_progress()).physics[0].warnings,
+                ::testing::Contains(::testing::HasSubstr("declares")))
+        << group;
   }
+}
+
+TEST(CalibrateRowGroup, GroupsThatStartOnAnotherRowAreTold) {
+  CalibrationInput input = tall_session(3);
+  testing::change_frames(input, [](RawFrame& frame, int) {
+    Image cropped(frame.dn.rows() - 1, frame.dn.cols());
+    for (int r = 0; r < cropped.rows(); ++r)
+      for (int c = 0; c < cropped.cols(); ++c) cropped(r, c) = frame.dn(r + 1, c);
+    frame.dn = std::move(cropped);
+  });
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  EXPECT_EQ(model.row_group_origin, "assumed");
+  EXPECT_THAT(model.physics[0].warnings,
+              ::testing::Contains(::testing::HasSubstr("crop the frames by 2 rows")));
 }
 
 // Rows of a twentieth of a pixel's noise are too weak for two short frames to tell the group; where

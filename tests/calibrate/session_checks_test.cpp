@@ -321,10 +321,10 @@ TEST(Session, PrnuThatIsNotKnownIsTold) {
   EXPECT_THAT(told, Contains(AllOf(HasSubstr("PRNU is not known"), HasSubstr("white = 16383"))));
 }
 
-// Rows in threes are none of the groups that are looked for; which they are must be declared.
+// Rows in sixteens are none of the groups that are looked for; which they are must be declared.
 TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
   SimulatedCamera camera = mono_camera();
-  camera.gains = {polar_gain(12, "mono", 3)};
+  camera.gains = {polar_gain(12, "mono", 16)};
   EXPECT_THAT(warnings_of(simulated_session(camera)), Contains(HasSubstr("row_group = N")));
 }
 

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -32,6 +34,31 @@ Shared shared(const RowLagAccumulator& rows, int period, int phase, double row_v
               row_variance_dn2};
 }
 
+// Whether the rows are read out in groups of a number that is no power of two: then all pairs of
+// that period but one are shared. A search among powers of two sees pairs that are shared in part
+// wherever it looks, as if the rows drifted slowly.
+std::optional<Estimate<int>> other_group(const RowLagAccumulator& rows, double row_variance_dn2) {
+  for (const int period : {3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15}) {
+    std::vector<Shared> pairs;
+    for (int phase = 0; phase < period; ++phase)
+      pairs.push_back(shared(rows, period, phase, row_variance_dn2));
+    const auto end = std::min_element(
+        pairs.begin(), pairs.end(), [](const auto& a, const auto& b) { return a.ratio < b.ratio; });
+    if (!end->no()) continue;  // the ends of groups twice as large are shared by one half
+    const double above = 0.5 * (1.0 + std::max(0.0, end->ratio));
+    for (Shared& p : pairs) p.above = above;
+    if (std::count_if(pairs.begin(), pairs.end(), [](const Shared& p) { return p.yes(); }) !=
+        period - 1)
+      continue;
+    if (end + 1 == pairs.end()) return period;
+    return Undecided{fmt::format(
+        "{} rows share their noise, and the first group ends after row {}: crop the frames by {} "
+        "rows",
+        period, end - pairs.begin(), end - pairs.begin() + 1)};
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
@@ -56,6 +83,7 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance&
         row_variance, row_variance_se)};
   // [i]: pairs across the middle and across the end of 2^(i+1) rows.
   std::array<Shared, 4> middle, end;
+  if (const auto other = other_group(rows, row_variance)) return *other;
   for (std::size_t i = 0; i < middle.size(); ++i) {
     const int half = 1 << i;
     middle[i] = shared(rows, 2 * half, half - 1, row_variance);
@@ -80,8 +108,8 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance&
         "on an odd row; crop the frames by one row",
         odd.text(), even.text())};
   return Undecided{fmt::format(
-      "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; no pattern of 1, 2, 4 "
-      "or 8 rows is three standard errors away from {:.2f}; where the camera is known to read "
+      "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; no pattern of 1 to "
+      "15 rows is three standard errors away from {:.2f}; where the camera is known to read "
       "another number of rows together, give row_group = N in [sensor]",
       even.text(), odd.text(), even.above)};
 }

@@ -20,13 +20,13 @@ RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance
 /// pixel_variance_dn2: as above.
 bool row_noise_matters(const RowVariance& row, double pixel_variance_dn2);
 
-/// Groups that can be told apart: 1, 2, 4 or 8 rows, starting at row 0.
+/// Groups that can be told apart: 1 to 15 rows, starting at row 0.
 /// row: of the same rows (row_variance_of).
 /// Decides by the covariance of neighbouring rows' means over frames, for pairs inside and across
 /// the groups, relative to the row noise itself: shared is what lies above the middle between
 /// 1 and the smallest ratio (0, or what slow drift gives any two rows). Undecided when a ratio is
-/// within three standard errors of that middle (row noise too weak), or when pairs on odd rows are
-/// shared and even ones are not (the groups start on an odd row: the frames were cropped).
+/// within three standard errors of that middle (row noise too weak), or when the groups start on
+/// another row than the first (the frames were cropped).
 Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance& row);
 
 }  // namespace malus
