@@ -151,12 +151,16 @@ void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int fr
   const std::vector<double> temporal = dark.temporal.variance_dn2();
   const double row =
       std::max(row_variance_of(dark.rows, mean_of(temporal), dark.rows.cols()).value_dn2, 0.0);
-  const std::vector<double> pattern =
-      dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, frames), frames);
+  // What strong row noise leaves in the mean of few frames would swamp a weak pattern: the pixels'
+  // own is judged within the row groups, where rows have no part.
+  std::vector<double> of_ordinary = temporal_of(ordinary, frames);
+  const std::vector<double> pattern = dsnu_dn(ordinary.variance_dn2, of_ordinary, frames);
+  for (double& variance : of_ordinary) variance = std::max(variance - row, 0.0);
+  const std::vector<double> within = dsnu_dn(ordinary.within_groups_dn2, of_ordinary, frames);
   std::vector<OffsetSpread> spread;
   for (std::size_t c = 0; c < temporal.size(); ++c)
-    spread.push_back(
-        {ordinary.mean_dn[c], pattern[c] * pattern[c], row, std::max(temporal[c] - row, 0.0)});
+    spread.push_back({ordinary.mean_dn[c], pattern[c] * pattern[c], within[c] * within[c], row,
+                      std::max(temporal[c] - row, 0.0)});
   analyzer.expect(spread);
 }
 

@@ -94,7 +94,7 @@ class RowGroupDecision {
   std::optional<int> declared_, detected_;
 };
 
-double mean_pixel_variance(const DarkPass& dark) {
+double mean_temporal_variance(const DarkPass& dark) {
   const std::vector<double> variance = dark.temporal.variance_dn2();
   return std::accumulate(variance.begin(), variance.end(), 0.0) /
          static_cast<double>(variance.size());
@@ -105,9 +105,9 @@ int update_row_group(const DarkPass& dark, RowGroupDecision& decision,
   if (dark.rows.frames() < 2)
     return decision.update(Undecided{"one bias frame cannot tell row noise from fixed rows"}, true,
                            warnings);
-  const double pixel_dn2 = mean_pixel_variance(dark);
-  const RowVariance row = row_variance_of(dark.rows, pixel_dn2, dark.rows.cols());
-  return decision.update(detect_row_group(dark.rows, row), row_noise_matters(row, pixel_dn2),
+  const double temporal_dn2 = mean_temporal_variance(dark);
+  const RowVariance row = row_variance_of(dark.rows, temporal_dn2, dark.rows.cols());
+  return decision.update(detect_row_group(dark.rows, row), row_noise_matters(row, temporal_dn2),
                          warnings);
 }
 

@@ -34,6 +34,20 @@ class LineMeans {
     return std::max(means.variance() - chance / static_cast<double>(means.count()), 0.0);
   }
 
+  /// Variance about the lines' means of pixels that have this one about the mean of all.
+  double within(double variance) const {
+    double sum = 0, of_lines = 0, count = 0, lines = 0;
+    for (std::size_t i = 0; i < sums_.size(); ++i)
+      if (counts_[i] > 0) {
+        sum += sums_[i];
+        of_lines += sums_[i] * sums_[i] / counts_[i];
+        count += counts_[i];
+        ++lines;
+      }
+    if (count <= lines) return variance;
+    return std::max(variance * (count - 1) - of_lines + sum * sum / count, 0.0) / (count - lines);
+  }
+
  private:
   std::vector<double> sums_;
   std::vector<int> counts_;
@@ -74,12 +88,14 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     const double bound =
         deviation > 0 ? kDefectDeviations * deviation : std::numeric_limits<double>::infinity();
     Moments moments, squares;
-    LineMeans rows(geometry.channel_rows(channel)), cols(geometry.channel_cols(channel));
+    LineMeans rows(geometry.channel_rows(channel)), cols(geometry.channel_cols(channel)),
+        groups(geometry.groups());
     for_channel(geometry, channel, [&](int r, int c, int row, int col) {
       if (is_listed(row, col) || std::abs(mosaic(row, col) - level.centre) > bound) return;
       moments.add(mosaic(row, col));
       rows.add(r, mosaic(row, col) - level.centre);
       cols.add(c, mosaic(row, col) - level.centre);
+      groups.add(row / geometry.row_group(), mosaic(row, col) - level.centre);
       if (!squares_dn2.empty()) squares.add(squares_dn2(row, col));
     });
     if (!squares_dn2.empty()) out.squares_dn2.push_back(squares.mean());
@@ -88,6 +104,7 @@ OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
     out.variance_stderr_dn2.push_back(moments.variance_standard_error());
     out.row_variance_dn2.push_back(rows.variance(moments.variance()));
     out.column_variance_dn2.push_back(cols.variance(moments.variance()));
+    out.within_groups_dn2.push_back(groups.within(moments.variance()));
   }
   return out;
 }

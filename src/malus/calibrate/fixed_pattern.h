@@ -27,6 +27,7 @@ struct OrdinaryPixels {
   /// Of that variance, what whole rows and whole columns have in common, with what is left there of
   /// temporal row and column noise.
   std::vector<double> row_variance_dn2, column_variance_dn2;
+  std::vector<double> within_groups_dn2;  ///< about the means of their row groups
 };
 OrdinaryPixels ordinary_pixels(View<const float> mosaic, double quantization_dn,
                                const MosaicGeometry& geometry,

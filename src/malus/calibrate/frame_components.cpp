@@ -139,9 +139,13 @@ FrameAnalyzer::Shares FrameAnalyzer::shares(int channel, int group_pixels) const
   };
   // Rows' noise in the mean of the other frames goes with the row's own, below.
   const double pattern_error = known.pixel_variance_dn2 * others;
-  out.pattern = share(known.pattern_variance_dn2, pattern_error);
+  out.pattern = share(known.within_groups_dn2, pattern_error);
   const double left = out.pattern * pattern_error;
-  const double row = known.row_variance_dn2 * (1.0 + out.pattern * out.pattern * others);
+  // As does what of the rows' own pattern is not taken for the pixels'.
+  const double fixed = known.pattern_variance_dn2 - known.within_groups_dn2,
+               left_out = 1.0 - out.pattern;
+  const double row = known.row_variance_dn2 * (1.0 + out.pattern * out.pattern * others) +
+                     left_out * left_out * std::max(fixed, 0.0);
   const double row_error = (known.pixel_variance_dn2 + left) / (group_pixels - 1.0);
   out.row = share(row, row_error);
   out.left_dn2 = left + out.row * row_error;

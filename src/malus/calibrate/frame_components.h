@@ -28,6 +28,7 @@ struct FrameComponents {
 struct OffsetSpread {
   double centre_dn = 0;             ///< of the fixed pattern, black included
   double pattern_variance_dn2 = 0;  ///< of the fixed pattern among ordinary pixels
+  double within_groups_dn2 = 0;     ///< of that, about the means of row groups
   double row_variance_dn2 = 0;      ///< σ_b²
   double pixel_variance_dn2 = 0;    ///< temporal, of a pixel without its rows
 };

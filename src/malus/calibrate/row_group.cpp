@@ -61,17 +61,19 @@ std::optional<Estimate<int>> other_group(const RowLagAccumulator& rows, double r
 
 }  // namespace
 
-RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols) {
+RowVariance row_variance_of(const RowLagAccumulator& rows, double temporal_variance_dn2, int cols) {
   Moments variance;
   for (int r = 0; r < rows.rows(); ++r) variance.add(rows.covariance_dn2(r, 0));
-  return {variance.mean() - pixel_variance_dn2 / cols,
-          std::sqrt(variance.variance() / static_cast<double>(variance.count()))};
+  // A mean of n pixels has the variance row + pixel / n, a pixel row + pixel.
+  const double kept = 1.0 - 1.0 / std::max(cols, 2);
+  return {(variance.mean() - temporal_variance_dn2 / cols) / kept,
+          std::sqrt(variance.variance() / static_cast<double>(variance.count())) / kept};
 }
 
-bool row_noise_matters(const RowVariance& row, double pixel_variance_dn2) {
+bool row_noise_matters(const RowVariance& row, double temporal_variance_dn2) {
   constexpr double kOfPixels = 0.05;  // a deviation over a pixel's
   return row.value_dn2 + kStandardErrors * row.standard_error_dn2 >
-         kOfPixels * kOfPixels * pixel_variance_dn2;
+         kOfPixels * kOfPixels * temporal_variance_dn2;
 }
 
 Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance& row) {
@@ -81,9 +83,9 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance&
         "row noise is too weak: {:.3g} DN² against a standard error of {:.3g} DN², and 3 of these "
         "are needed",
         row_variance, row_variance_se)};
+  if (const auto other = other_group(rows, row_variance)) return *other;
   // [i]: pairs across the middle and across the end of 2^(i+1) rows.
   std::array<Shared, 4> middle, end;
-  if (const auto other = other_group(rows, row_variance)) return *other;
   for (std::size_t i = 0; i < middle.size(); ++i) {
     const int half = 1 << i;
     middle[i] = shared(rows, 2 * half, half - 1, row_variance);

@@ -8,17 +8,17 @@
 namespace malus {
 
 /// Variance of the rows' offsets over the frames, without what pixels alone lift the mean of a row
-/// of so many columns by; negative by chance where there is none. pixel_variance_dn2: temporal
-/// variance of a pixel without row noise, averaged over channels. Contract: two frames or more.
+/// of so many columns by; negative by chance where there is none. temporal_variance_dn2: of a
+/// pixel, its row's among it, averaged over channels. Contract: two frames or more.
 struct RowVariance {
   double value_dn2 = 0, standard_error_dn2 = 0;
 };
-RowVariance row_variance_of(const RowLagAccumulator& rows, double pixel_variance_dn2, int cols);
+RowVariance row_variance_of(const RowLagAccumulator& rows, double temporal_variance_dn2, int cols);
 
 /// Whether rows may be lifted by more than a twentieth of a pixel's noise, within three standard
 /// errors: less than that changes nothing that a reader sees, whichever rows share it.
-/// pixel_variance_dn2: as above.
-bool row_noise_matters(const RowVariance& row, double pixel_variance_dn2);
+/// temporal_variance_dn2: as above.
+bool row_noise_matters(const RowVariance& row, double temporal_variance_dn2);
 
 /// Groups that can be told apart: 1 to 15 rows, starting at row 0.
 /// row: of the same rows (row_variance_of).
