@@ -204,6 +204,18 @@ TEST(GainMap, OfABentResponseIsNone) {
               Not(Contains(HasSubstr("over the frame"))));
 }
 
+// Four blocks beside each other hold the same 16 draws of rows.
+TEST(GainMap, OfStrongRowNoiseIsNone) {
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    SimulatedCamera camera = testing::mono_camera(0.4, 0.14, 1.0, 10.0, seed);
+    camera.rows = 64;
+    camera.cols = 512;
+    camera.flat_levels = 4;
+    EXPECT_THAT(said_of(camera, [](RawFrame&, int) {}), Not(Contains(HasSubstr("over the frame"))))
+        << seed;
+  }
+}
+
 TEST(LightProfile, FindsWhatBandsOfLightAdd) {
   constexpr int kSize = 128, kFrames = 60;
   constexpr double kLight = 1000, kNoise = 20, kBands = 0.02;

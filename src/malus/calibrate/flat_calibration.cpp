@@ -291,7 +291,7 @@ void widen_by_bend(const std::vector<Estimate<TransferFit>>& fits, Response& rel
 }
 
 // What the levels say against themselves, the session and the sensor.
-void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark,
+void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark, int row_group,
                  double saturation_limit, bool cut_off, PhysicsCalibration& out) {
   warn_of_full_well(series, saturation_limit, first.white_dn - mean_of(first.black_dn), out);
   for (std::size_t i = 0; i < series.gains.size(); ++i)
@@ -314,7 +314,10 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
-  if (out.warnings.size() == said) warn_of_gain_map(series.gains, out);
+  if (out.warnings.size() == said)
+    warn_of_gain_map(
+        series.gains,
+        {mean_square(out.sigma_row.mean), static_cast<double>(first.dn.rows()) / row_group}, out);
   warn_of_image_lag(series.seen, dark.successive, out);
   warn_of_colors(first.layout, series.light_dn, out);
   warn_of_angles(first.layout, series.light_dn, out);
@@ -362,7 +365,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
   if (!series.patterns.response.empty())
     warn_of_unlit_lines(series.patterns.response.unlit_lines(), out);
-  judge_flats(series, first, dark, settings.saturation_limit, cut_off, out);
+  judge_flats(series, first, dark, row_group, settings.saturation_limit, cut_off, out);
   if (!series.patterns.response.empty()) {
     Response relative = series.patterns.response.response();
     widen_by_bend(fits, relative);

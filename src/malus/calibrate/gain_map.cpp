@@ -40,20 +40,31 @@ std::vector<Sums> block_sums(const TemporalAccumulator& flat, const MosaicGeomet
 struct BlockLine {
   double weight = 0, gain = 0, place = 0;  ///< sums, then means
   double square_of_place = 0, product = 0;
+  double own_error2 = 0;  ///< of the gain, of pixels; the rest of 1 / weight is that of rows
 };
 
-std::vector<BlockLine> block_lines(const std::vector<GainBlocks>& levels) {
+// Sampling variance of a block's gain that its rows' offsets make, which its pixels' errors do not
+// hold: σ_b⁴ once per row group.
+double row_error2(const GainBlocks& level, std::size_t block, const RowsOfFrame& rows) {
+  if (!(rows.groups > 0)) return 0;
+  const double relative = rows.variance_dn2 / (level.light_variance_dn2 * level.light[block]);
+  return 2.0 * relative * relative * kAcross / (rows.groups * (level.frames - 1.0));
+}
+
+std::vector<BlockLine> block_lines(const std::vector<GainBlocks>& levels, const RowsOfFrame& rows) {
   std::vector<BlockLine> lines(kBlocks);
   for (int pass = 0; pass < 2; ++pass) {
     for (const GainBlocks& level : levels)
       for (std::size_t b = 0; b < level.gain.size(); ++b) {
         BlockLine& line = lines[b];
-        const double weight = 1.0 / (level.gain_stderr[b] * level.gain_stderr[b]);
+        const double own = level.gain_stderr[b] * level.gain_stderr[b],
+                     weight = 1.0 / (own + row_error2(level, b, rows));
         const double gain = level.gain[b] - 1.0, place = level.mean_dn * (level.light[b] - 1.0);
         if (pass == 0) {
           line.weight += weight;
           line.gain += weight * gain;
           line.place += weight * place;
+          line.own_error2 += weight * weight * own;
         } else {
           line.square_of_place += weight * (place - line.place) * (place - line.place);
           line.product += weight * (place - line.place) * (gain - line.gain);
@@ -63,9 +74,30 @@ std::vector<BlockLine> block_lines(const std::vector<GainBlocks>& levels) {
       if (pass == 0 && line.weight > 0) {
         line.gain /= line.weight;
         line.place /= line.weight;
+        line.own_error2 /= line.weight * line.weight;
       }
   }
   return lines;
+}
+
+// χ² of gains less the bend's, of which those of one row of blocks share an error (their covariance
+// is diagonal but for the product of two vectors: Sherman and Morrison).
+double chi_square_of(const std::vector<double>& gain, const std::vector<BlockLine>& lines,
+                     double bend_variance) {
+  double chi_square = 0;
+  for (std::size_t b = 0; b < kBlocks; b += kAcross) {
+    double squares = 0, product = 0, shared2 = 0;
+    for (std::size_t i = b; i < b + kAcross; ++i) {
+      const BlockLine& line = lines[i];
+      const double own = line.own_error2 + bend_variance * line.place * line.place,
+                   shared = std::sqrt(std::max(1.0 / line.weight - line.own_error2, 0.0));
+      squares += gain[i] * gain[i] / own;
+      product += shared * gain[i] / own;
+      shared2 += shared * shared / own;
+    }
+    chi_square += squares - product * product / (1.0 + shared2);
+  }
+  return chi_square;
 }
 
 }  // namespace
@@ -100,7 +132,9 @@ GainBlocks gain_blocks(const TemporalAccumulator& flat, const MosaicGeometry& ge
       error[b] += 2.0 * relative * relative / (blocks[b].pixels * freedom);
     }
     out.mean_dn += mean / channels;
+    out.light_variance_dn2 += (variance - dark) / channels;
   }
+  out.frames = flat.frames();
   for (double& e : error) e = std::sqrt(e);
   out.gain = std::move(gain);
   out.light = std::move(light);
@@ -108,9 +142,10 @@ GainBlocks gain_blocks(const TemporalAccumulator& flat, const MosaicGeometry& ge
   return out;
 }
 
-void warn_of_gain_map(const std::vector<GainBlocks>& levels, PhysicsCalibration& out) {
+void warn_of_gain_map(const std::vector<GainBlocks>& levels, const RowsOfFrame& rows,
+                      PhysicsCalibration& out) {
   constexpr double kLeast = 0.03, kDeviations = 5.2;
-  const std::vector<BlockLine> lines = block_lines(levels);
+  const std::vector<BlockLine> lines = block_lines(levels, rows);
   double square = 0, product = 0;
   for (const BlockLine& line : lines) {
     if (!(line.weight > 0)) return;
@@ -120,12 +155,9 @@ void warn_of_gain_map(const std::vector<GainBlocks>& levels, PhysicsCalibration&
   const double bend = square > 0 ? product / square : 0.0,
                bend_variance = square > 0 ? 1.0 / square : 0.0;
   std::vector<double> gain, light(kBlocks, 0.0);
-  double chi_square = 0, used = 0;
-  for (const BlockLine& line : lines) {
-    gain.push_back(line.gain - bend * line.place);
-    chi_square +=
-        gain.back() * gain.back() / (1.0 / line.weight + bend_variance * line.place * line.place);
-  }
+  double used = 0;
+  for (const BlockLine& line : lines) gain.push_back(line.gain - bend * line.place);
+  const double chi_square = chi_square_of(gain, lines, bend_variance);
   for (const GainBlocks& level : levels)
     for (std::size_t b = 0; b < level.light.size(); ++b) light[b] += level.light[b];
   for (const GainBlocks& level : levels) used += level.light.empty() ? 0 : 1;

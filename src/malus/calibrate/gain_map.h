@@ -13,10 +13,17 @@ namespace malus {
 /// Sixteenths of the frame at one light level, relative to the whole frame: means over the
 /// channels.
 struct GainBlocks {
-  std::vector<double> gain;   ///< variance above dark over the mean; empty: not known
-  std::vector<double> light;  ///< the mean
-  std::vector<double> gain_stderr;
-  double mean_dn = 0;  ///< of the whole frame
+  std::vector<double> gain;         ///< variance above dark over the mean; empty: not known
+  std::vector<double> light;        ///< the mean
+  std::vector<double> gain_stderr;  ///< of independent pixels
+  double mean_dn = 0, light_variance_dn2 = 0;  ///< of the whole frame; the latter above dark
+  int frames = 0;
+};
+
+/// What the rows of a frame have in common, the same in the dark and in the light.
+struct RowsOfFrame {
+  double variance_dn2 = 0;
+  double groups = 0;  ///< rows with a draw of their own
 };
 
 /// flat: before its mean frame is given away. dark_variance_dn2: per channel. step_dn: of the
@@ -27,7 +34,8 @@ GainBlocks gain_blocks(const TemporalAccumulator& flat, const MosaicGeometry& ge
 
 /// Appends a warning where the gain of the sixteenths differs by more than 3 %, and by chance once
 /// in 10^7 sessions (χ²). What a bent response makes of uneven light is taken out: it rises with
-/// the level.
-void warn_of_gain_map(const std::vector<GainBlocks>& levels, PhysicsCalibration& out);
+/// the level. Blocks beside each other hold the same rows, whose noise makes their gains alike.
+void warn_of_gain_map(const std::vector<GainBlocks>& levels, const RowsOfFrame& rows,
+                      PhysicsCalibration& out);
 
 }  // namespace malus
