@@ -252,6 +252,19 @@ CalibrationInput ramp_burst(const PhysicsNoise& noise, double brightest_dn, int 
   return input;
 }
 
+TEST(CalibrateKinds, GaussianFromBurstsAndBiasFramesLacksNoGain) {
+  const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
+  CalibrationInput input = ramp_burst(noise, 2600, 64, 10, 5, true);
+  input.sets.push_back(ramp_burst(noise, 0, 64, 10, 6, true).sets[0]);
+  input.sets[1].kind = FrameKind::kBias;
+  const auto told = ::testing::Contains(::testing::HasSubstr("K is not known"));
+  const auto model = [&](const std::vector<std::string>& kinds) {
+    return calibrate(input, {.level_samples = 500}, kinds, silent_progress());
+  };
+  EXPECT_THAT(model({"gaussian"}).gaussian.at(0).warnings, ::testing::Not(told));
+  EXPECT_THAT(model({"physics", "gaussian"}).physics.at(0).warnings, told);
+}
+
 // Levels that borrowed each other's samples were once taken for independent: the truth scattered by
 // twice the stated error, and the bins' width and the bright pixels of a row got into the offset.
 // 100 sessions: the variance of z has a standard deviation of 0.14, its mean one of 0.1.

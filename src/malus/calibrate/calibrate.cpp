@@ -168,7 +168,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   warn_of_temporal_filter(dark.successive, out);
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
   if (plan.flats.empty()) {
-    out.warnings.push_back("no flat frames at this gain: K is not known");
+    out.warnings.emplace_back(kWithoutFlats);
     warn_of_alike_neighbours(dark.neighbours, NeighbourCorrelation(geometry), out);
     warn_of_scaled_codes({},
                          {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),

@@ -58,6 +58,9 @@ struct CalibrationSettings {
   }
 };
 
+/// A gain's warning that concerns the physics model alone: other kinds may know their slope.
+inline constexpr const char* kWithoutFlats = "no flat frames at this gain: K is not known";
+
 /// The physics model of all gains in the input, row group detected when it is not declared, joint
 /// model over gain where there are two gains or more. What the data say about themselves (drift,
 /// light leaks, saturated or missing levels) stands in the warnings of each gain. Throws InputError

@@ -159,7 +159,7 @@ void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& s
 }
 
 // What the physics results said of the frames is true of every kind that is made of the same
-// frames. To the first kind that has the gain: once is enough.
+// frames, but for what they lack themselves. To the first kind that has the gain: once is enough.
 void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
   const auto given = [](auto& kinds, const PhysicsCalibration& from) {
     const auto kind = std::find_if(kinds.begin(), kinds.end(),
@@ -168,10 +168,13 @@ void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
     kind->warnings.insert(kind->warnings.begin(), from.warnings.begin(), from.warnings.end());
     return true;
   };
-  for (const PhysicsCalibration& physics : model.physics)
+  for (PhysicsCalibration& physics : model.physics) {
+    std::vector<std::string>& said = physics.warnings;
+    said.erase(std::remove(said.begin(), said.end(), kWithoutFlats), said.end());
     if (!given(model.gaussian, physics) && !given(model.nonparametric, physics))
       for (const std::string& warning : physics.warnings)
         progress.warn(gain_prefix(physics.gain) + warning);
+  }
 }
 
 }  // namespace
