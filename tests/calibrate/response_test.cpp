@@ -106,6 +106,16 @@ TEST(Response, DarkFramesOfTheSameExposureTakeDarkCurrentOut) {
   }
 }
 
+TEST(Response, DarkFramesOfNoFlatsExposureAreTold) {
+  CalibrationInput input = dark_current_session(dark_current_camera(0.005), DarkCurrent{}, 2);
+  EXPECT_THAT(measured(input).warnings, Not(Contains(HasSubstr("not used"))));
+  FrameSet& last = input.sets.back();
+  ASSERT_EQ(last.kind, FrameKind::kBias);
+  last.exposure_s = 1.02 * *last.exposure_s;
+  const std::string expected = frame_set_name(last) + ": not used";
+  EXPECT_THAT(measured(input).warnings, Contains(HasSubstr(expected)));
+}
+
 TEST(Response, LongFlatsWithoutTheirDarkFramesAreTold) {
   const auto p = measured(dark_current_session(dark_current_camera(0.005), DarkCurrent{}, 0));
   EXPECT_GT(p.prnu.at(0), 0.01);

@@ -9,6 +9,7 @@
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/flat_calibration.h"
 #include "malus/calibrate/flat_checks.h"
+#include "malus/calibrate/matching_dark.h"
 #include "malus/calibrate/row_group.h"
 #include "malus/image/quantization.h"
 #include "malus/noise/same_sensor.h"
@@ -147,6 +148,20 @@ void leave_defects_out(const DarkPixels& dark, const std::vector<DefectPixel>& d
   measure_dsnu(ordinary, temporal_of(ordinary, dark.frames), geometry, out);
 }
 
+// Dark frames besides the bias frames serve flats of their exposure alone.
+void warn_of_unused_darks(const GainPlan& plan, PhysicsCalibration& out) {
+  std::string unused;
+  for (std::size_t i = 0; i < plan.darks.size(); ++i)
+    if (std::none_of(plan.flats.begin(), plan.flats.end(), [&](const FrameSet* flat) {
+          return own_dark(*flat, plan.darks) == static_cast<int>(i);
+        }))
+      unused += (unused.empty() ? "" : "; ") + frame_set_name(*plan.darks[i]);
+  if (!unused.empty())
+    out.warnings.push_back(unused +
+                           ": not used; of the bias frames at a gain the largest set is, and sets "
+                           "of two frames or more with the exposure of a flat (to 1 %) are");
+}
+
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
                                   RowGroupDecision& row_group, double quantization_dn,
                                   const CalibrationSettings& settings, Progress& progress,
@@ -155,6 +170,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   out.gain = plan.gain;
   DarkPass dark = measure_dark(*plan.bias, first, quantization_dn, progress);
   const bool temporal = plan.bias->count >= 2;
+  warn_of_unused_darks(plan, out);
   const int group = update_row_group(dark, row_group, out.warnings);
   require_row_groups(first, group);
   measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, settings,

@@ -47,20 +47,28 @@ void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeome
 
 }  // namespace
 
+std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks) {
+  constexpr double kSameExposure = 0.01;
+  for (std::size_t i = 0; i < darks.size(); ++i) {
+    const FrameSet& set = *darks[i];
+    if (flat.exposure_s && set.exposure_s && set.count >= 2 &&
+        std::abs(*set.exposure_s / *flat.exposure_s - 1.0) <= kSameExposure)
+      return static_cast<int>(i);
+  }
+  return std::nullopt;
+}
+
 MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
                            const RawFrame& first, const DarkPass& common,
                            const PhysicsCalibration& bias, Progress& progress) {
-  constexpr double kSameExposure = 0.01;
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   MatchingDark out;
-  for (std::size_t i = 0; i < darks.size() && out.frames == 0; ++i) {
-    const FrameSet* set = darks[i];
-    if (!flat.exposure_s || !set->exposure_s || set->count < 2) continue;
-    if (std::abs(*set->exposure_s / *flat.exposure_s - 1.0) > kSameExposure) continue;
-    out.set = static_cast<int>(i);
-    take_own_dark(*set, first, geometry, progress, out);
+  if (const std::optional<int> own = own_dark(flat, darks)) {
+    out.set = *own;
+    take_own_dark(*darks[as_index(*own)], first, geometry, progress, out);
+  } else {
+    take_common_dark(common, bias, out);
   }
-  if (out.frames == 0) take_common_dark(common, bias, out);
   for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
   out.defect_above_dn = defect_limits(out.shading_dn(), geometry, first);
   return out;

@@ -4,6 +4,7 @@
 #include "malus/calibrate/bias_calibration.h"
 #include "malus/calibrate/frame_set.h"
 
+#include <optional>
 #include <vector>
 
 namespace malus {
@@ -26,9 +27,12 @@ struct MatchingDark {
   }
 };
 
-/// darks: the dark sets besides the bias frames. Those of two frames or more and an exposure within
-/// a hundredth of the flat's are its own. common: of the bias frames, whose shading `bias` holds
-/// and must keep.
+/// Which of the dark sets is the flat's own, if any: the first of two frames or more and an
+/// exposure within a hundredth of the flat's.
+std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks);
+
+/// darks: the dark sets besides the bias frames. common: of the bias frames, whose shading `bias`
+/// holds and must keep.
 MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
                            const RawFrame& first, const DarkPass& common,
                            const PhysicsCalibration& bias, Progress& progress);
