@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/line_means.h"
 #include "malus/calibrate/pixel_location.h"
 #include "malus/calibrate/row_drift_fit.h"
 #include "malus/noise/row_drift.h"
@@ -11,50 +12,6 @@
 #include <limits>
 
 namespace malus {
-namespace {
-
-// Offsets that the pixels of a line share.
-class LineMeans {
- public:
-  explicit LineMeans(int lines) : sums_(as_index(lines)), counts_(as_index(lines)) {}
-  void add(int line, double value) {
-    sums_[as_index(line)] += value;
-    ++counts_[as_index(line)];
-  }
-  /// Variance of the lines' means, less what pixels of this variance alone explain.
-  double variance(double of_pixels) const {
-    Moments means;
-    double chance = 0;
-    for (std::size_t i = 0; i < sums_.size(); ++i)
-      if (counts_[i] > 0) {
-        means.add(sums_[i] / counts_[i]);
-        chance += of_pixels / counts_[i];
-      }
-    if (means.count() < 2) return 0;
-    return std::max(means.variance() - chance / static_cast<double>(means.count()), 0.0);
-  }
-
-  /// Variance about the lines' means of pixels that have this one about the mean of all.
-  double within(double variance) const {
-    double sum = 0, of_lines = 0, count = 0, lines = 0;
-    for (std::size_t i = 0; i < sums_.size(); ++i)
-      if (counts_[i] > 0) {
-        sum += sums_[i];
-        of_lines += sums_[i] * sums_[i] / counts_[i];
-        count += counts_[i];
-        ++lines;
-      }
-    if (count <= lines) return variance;
-    return std::max(variance * (count - 1) - of_lines + sum * sum / count, 0.0) / (count - lines);
-  }
-
- private:
-  std::vector<double> sums_;
-  std::vector<int> counts_;
-};
-
-}  // namespace
-
 std::vector<double> channel_variances(View<const float> mosaic, const MosaicGeometry& geometry) {
   const std::vector<double> mean = channel_means(mosaic, geometry);
   std::vector<double> variance(mean.size(), 0.0);

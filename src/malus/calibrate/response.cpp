@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/line_means.h"
 #include "malus/calibrate/pixel_location.h"
 
 #include <algorithm>
@@ -27,12 +28,22 @@ int window_radius(int at, int length, int largest) {
   return std::min({at, length - 1 - at, largest});
 }
 
+double window_width(int at, int length, int largest) {
+  return 2.0 * window_radius(at, length, largest) + 1.0;
+}
+
 // What is left of white noise when the mean of a window of n pixels, its own among them, is taken
 // off: 1 - 1/n. 0 in corners.
 double kept_variance(int r, int c, const MosaicGeometry& geometry, int channel) {
   const int largest = largest_radius(geometry, channel);
-  return 1.0 - 1.0 / ((2.0 * window_radius(r, geometry.channel_rows(channel), largest) + 1.0) *
-                      (2.0 * window_radius(c, geometry.channel_cols(channel), largest) + 1.0));
+  return 1.0 - 1.0 / (window_width(r, geometry.channel_rows(channel), largest) *
+                      window_width(c, geometry.channel_cols(channel), largest));
+}
+
+// The same of what whole lines (rows or columns) have in common, of which a window of w lines holds
+// its own w-th part.
+double kept_of_line(int at, int length, int largest) {
+  return 1.0 - 1.0 / window_width(at, length, largest);
 }
 
 // Means over rectangular windows of one channel by sums over rectangles. Pixels that are left out
@@ -217,6 +228,39 @@ LevelResponse neighbour_response(const Image& frame, const TemporalAccumulator& 
                     static_cast<double>(std::max<std::int64_t>(variance.count(), 1)))};
 }
 
+// Gains that whole rows or columns have in common: windows take more of them than of a pixel's own.
+class LineResponse {
+ public:
+  LineResponse(int lines, int largest_radius) : means_(lines), largest_(largest_radius) {}
+  /// kept: share of the variance of the pixel's own response in this one.
+  void add(int line, double response, double kept) {
+    means_.add(line, response);
+    lost_.add(1.0 - kept_of_line(line, means_.lines(), largest_) / kept);
+  }
+  /// Variance of the lines' gains; of_pixels: of the pixels, what their lines share among it.
+  double variance(double of_pixels) const {
+    double squares = 0, kept = 0;
+    for (int i = 0; i < means_.lines(); ++i) {
+      squares += means_.mean(i) * means_.mean(i);
+      kept += kept_of_line(i, means_.lines(), largest_);
+    }
+    const double chance = means_.lines() / static_cast<double>(std::max<std::int64_t>(
+                                               lost_.count(), 2 * means_.lines()));
+    return kept > 0 ? (squares / kept - of_pixels * chance) / (1.0 - chance) : 0.0;
+  }
+  /// Of it, what the mean square of the pixels lacks.
+  double lost() const { return lost_.mean(); }
+  /// Sampling variance of that variance: lines are fewer than pixels.
+  double error2(double variance) const {
+    return 2.0 * variance * variance / std::max(means_.lines() - 1, 1);
+  }
+
+ private:
+  LineMeans means_;
+  int largest_;
+  Moments lost_;
+};
+
 }  // namespace
 
 ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
@@ -274,15 +318,28 @@ Response ResponseAccumulator::response() const {
     double dark = 0;
     for (const auto& [set, shared] : darks_)
       dark += shared.error_dn2[i] * shared.scale[i] * shared.scale[i];
-    Moments square;
+    const int largest = largest_radius(geometry_, channel);
+    LineResponse rows(geometry_.channel_rows(channel), largest),
+        cols(geometry_.channel_cols(channel), largest);
+    Moments square, of_map;
     for_channel(geometry_, channel, [&](int r, int c, int row, int col) {
       const double own = light(row, col), kept = kept_variance(r, c, geometry_, channel);
       if (!(own > 0 && kept > 0) || outstanding.holds(row, col)) return;
       const double difference = out.map(row, col) - 1.0;
       square.add(difference * difference / kept - (error_(row, col) + dark) / (own * own));
+      of_map.add(difference * difference / kept);
+      rows.add(r, difference, kept);
+      cols.add(c, difference, kept);
     });
-    const double variance = square.count() > 0 ? std::max(square.mean(), 0.0) : 0.0;
-    const double error = std::sqrt(square.variance() / static_cast<double>(square.count()));
+    double variance = square.count() > 0 ? square.mean() : 0.0;
+    double error2 = square.variance() / static_cast<double>(square.count());
+    for (const LineResponse* lines : {&rows, &cols}) {
+      const double of_lines = lines->variance(of_map.mean());
+      variance += of_lines * lines->lost();
+      error2 += lines->error2(of_lines);
+    }
+    variance = std::max(variance, 0.0);
+    const double error = std::sqrt(error2);
     out.prnu.push_back(std::sqrt(variance));
     out.prnu_stderr.push_back(root_standard_error(variance, error));
     out.level_dn.push_back(weight_[i] > 0 ? weighted_mean_dn_[i] / weight_[i] : 0.0);

@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/line_means.h"
 #include "malus/calibrate/pixel_location.h"
 
 #include <algorithm>
@@ -76,8 +77,8 @@ Classes classes_of(const Image& map, const MosaicGeometry& geometry, int channel
   return out;
 }
 
-// Products of next pixels of a channel, without the classes' means; far ones are cut, for a defect
-// is no picture.
+// Products of next pixels of a channel, without the means of classes, rows and columns (gains of
+// their own are no picture); far ones are cut, for a defect is none either.
 void add_products(const Image& map, const MosaicGeometry& geometry, int channel,
                   const Classes& classes, Moments& products) {
   const double rest = std::max(classes.variance - classes.between(kPeriod), 0.0);
@@ -86,10 +87,18 @@ void add_products(const Image& map, const MosaicGeometry& geometry, int channel,
   const auto value = [&](int r, int c, int row, int col) {
     return std::clamp(map(row, col) - classes.mean[Classes::at(r, c)], -most, most);
   };
+  LineMeans rows(geometry.channel_rows(channel)), cols(geometry.channel_cols(channel));
   for_channel(geometry, channel, [&](int r, int c, int row, int col) {
-    const double own = value(r, c, row, col);
-    if (row + down < map.rows()) products.add(own * value(r + 1, c, row + down, col));
-    if (col + right < map.cols()) products.add(own * value(r, c + 1, row, col + right));
+    rows.add(r, value(r, c, row, col));
+    cols.add(c, value(r, c, row, col));
+  });
+  const auto rest_of = [&](int r, int c, int row, int col) {
+    return value(r, c, row, col) - rows.mean(r) - cols.mean(c);
+  };
+  for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+    const double own = rest_of(r, c, row, col);
+    if (row + down < map.rows()) products.add(own * rest_of(r + 1, c, row + down, col));
+    if (col + right < map.cols()) products.add(own * rest_of(r, c + 1, row, col + right));
   });
 }
 

@@ -35,8 +35,8 @@ ResponsePattern response_pattern(const Response& response, const MosaicGeometry&
 
 /// Appends a warning where a quarter or more of the PRNU's square repeats every few pixels (0.3 %
 /// or more of the light): pixels of several colours in one channel, or columns with gains of their
-/// own. Else where next pixels share more than 0.3 of it, by eight standard errors: a picture of
-/// the lit surface, or dust.
+/// own. Else where next pixels share more than a tenth of the rest, but for what whole rows and
+/// columns share, by eight standard errors: a picture of the lit surface, or dust.
 void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout,
                       PhysicsCalibration& out);
 
