@@ -1,5 +1,6 @@
 #include "malus/calibrate/level_histograms.h"
 
+#include "malus/base/normal_distribution.h"
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
 
@@ -61,6 +62,36 @@ TEST(WithoutRowNoise, BlurringTheResultGivesTheObservation) {
   for (std::size_t k = 10; k < 31; ++k)
     EXPECT_NEAR(found[k], truth[k] / sum, 0.05 * truth[k] / sum) << k;
   EXPECT_NEAR(std::accumulate(found.begin(), found.end(), 0.0), 1.0, 1e-12);
+}
+
+// Rows of five deviations of a pixel: the result had 1.4 times the pixels' deviation. One pixel in
+// 10^4 is hot.
+TEST(WithoutRowNoise, WhatRowsWidenedFiveTimesIsNarrowAgain) {
+  constexpr int kReach = 150, kHot = 120;
+  constexpr double kRow = 5, kPixel = 1, kHotShare = 1e-4;
+  const double all = std::hypot(kRow, kPixel);
+  std::vector<double> observed;
+  for (int k = -kReach; k <= kReach; ++k)
+    observed.push_back(
+        (1 - kHotShare) * (normal_cdf((k + 0.5) / all) - normal_cdf((k - 0.5) / all)) +
+        kHotShare * (normal_cdf((k - kHot + 0.5) / kRow) - normal_cdf((k - kHot - 0.5) / kRow)));
+  const auto found = without_row_noise(observed, 1.0, kRow);
+  double square = 0, hot = 0, mean = 0, total = 0;
+  for (int k = -kReach; k <= kReach; ++k) {
+    const double p = found[static_cast<std::size_t>(k + kReach)];
+    if (k > kHot / 2) {
+      hot += p;
+      continue;
+    }
+    total += p;
+    mean += p * k;
+    square += p * k * k;
+  }
+  mean /= total;
+  EXPECT_NEAR(hot, kHotShare, 0.01 * kHotShare);
+  EXPECT_NEAR(mean, 0, 0.01);
+  // Uniform inside each code, as the result is drawn.
+  EXPECT_NEAR(std::sqrt(square / total - mean * mean + 1.0 / 12), kPixel, 0.03);
 }
 
 LevelHistograms with_noise(int samples, double step_dn) {
