@@ -112,11 +112,16 @@ Parameters best_start(const CodePairs& pairs, double mean) {
   return best;
 }
 
-// Fisher scoring, damped where a step does not climb (Levenberg).
-Parameters climbed(const CodePairs& pairs, double total, Parameters p) {
+// Fisher scoring, damped where a step does not climb (Levenberg). with_pattern: else that stays.
+Parameters climbed(const CodePairs& pairs, double total, Parameters p, bool with_pattern = true) {
   double value = likelihood_of(pairs, p), damping = 1e-3;
   for (int iteration = 0; iteration < 60; ++iteration) {
-    const Ascent at = ascent_at(pairs, total, p);
+    Ascent at = ascent_at(pairs, total, p);
+    if (!with_pattern) {
+      at.slope[1] = 0;
+      at.information.row(1).setZero();
+      at.information.col(1).setZero();
+    }
     bool better = false;
     double gained = 0.0;
     for (int trial = 0; trial < 8 && !better; ++trial) {
@@ -149,6 +154,22 @@ Eigen::Vector3d errors2(const Eigen::Matrix3d& information, const Parameters& p)
   two << information(0, 0), information(0, 2), information(2, 0), information(2, 2);
   const Eigen::Vector2d errors = two.inverse().diagonal();
   return {errors[0], 0.0, errors[1]};
+}
+
+// Relative error that a pattern which does not show gives the noise: the widest that is not two
+// standard errors off would leave so much less noise, and that is two errors of the noise.
+double error_of_unseen_pattern(const CodePairs& pairs, double total, const Parameters& best) {
+  constexpr double kErrors = 2.0, kFiner = 1.3;
+  const double least =
+      likelihood_of(pairs, best) - 0.5 * kErrors * kErrors * std::max(pairs.per_pixel, 1.0);
+  double narrowest = best[2];
+  Parameters p = best;
+  for (p[1] += std::log(kFiner); p[1] < std::log(0.5); p[1] += std::log(kFiner)) {
+    p = climbed(pairs, total, p, false);
+    if (likelihood_of(pairs, p) < least) break;
+    narrowest = std::min(narrowest, p[2]);
+  }
+  return (1.0 - std::exp(narrowest - best[2])) / kErrors;
 }
 
 // Density of the pixels' values at the boundaries between codes, all in codes (Stein's lemma: that
@@ -264,7 +285,10 @@ Estimate<RoundedNoise> fit_rounded_noise(const CodePairs& pairs) {
   // The pairs of one pixel share its offset and, in part, its frames: they count as one.
   const Eigen::Vector3d errors =
       (pairs.per_pixel * errors2(ascent_at(pairs, total, best).information, best)).cwiseSqrt();
-  const double error = errors[2], noise = std::exp(best[2]);
+  const double noise = std::exp(best[2]),
+               error = shows_pattern(best)
+                           ? errors[2]
+                           : std::hypot(errors[2], error_of_unseen_pattern(pairs, total, best));
   if (!(error < kMostError))
     return Undecided{fmt::format("{:.2g} codes ± {:.0f} %", noise, 100 * std::min(error, 9.99))};
   const double pattern = shows_pattern(best) ? std::exp(best[1]) : 0.0;
