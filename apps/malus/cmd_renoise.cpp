@@ -55,14 +55,16 @@ Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFr
 
 RawFrame load_noisy(const RenoiseArguments& arguments, const fs::path& input,
                     const FrameOptions& options, const NoiseModel& model, const GainSetting& from) {
-  RawFrame frame =
-      load_frame(input, options_for_file(input, options_for_model(options, model, input),
-                                         arguments.raw.float_black()));
+  FrameInfo info =
+      load_frame_info(input, options_for_file(input, options_for_model(options, model, input),
+                                              arguments.raw.float_black()));
+  require_raw(input.string(), info.holds, "give the raw frame");
+  RawFrame& frame = info.frame;
   require_gain(frame, from, "--from");
   // New noise on a given guide: the frame's pixels are not in the result.
   if (arguments.settings.method != "naive" || arguments.guides.empty())
     check_finite(frame.dn, frame.source, fate_of_nonfinite(arguments.as_float));
-  return frame;
+  return std::move(frame);
 }
 
 RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& model,

@@ -167,7 +167,7 @@ fs::path check_inputs(const std::vector<fs::path>& frames, const std::vector<fs:
   fs::path untold;
   for (const fs::path& path : frames) {
     const FrameInfo info = probe_frame(path, size_only);
-    if (by_model) require_raw(info, "give the raw frame");
+    if (by_model) require_raw(path.string(), info.holds, "give the raw frame");
     if (!info.frame.layout_known && !options.layout && untold.empty()) untold = path;
   }
   for (const fs::path& path : references) probe_frame(path);

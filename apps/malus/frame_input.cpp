@@ -1,12 +1,10 @@
 #include "frame_input.h"
 
 #include "malus/base/error.h"
-#include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
-#include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
@@ -14,6 +12,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "program.h"
 #include <fmt/format.h>
@@ -45,30 +44,9 @@ FrameOptions in_layout(FrameOptions options, const SensorLayout& model_layout,
 
 FrameOptions options_for_file(const std::filesystem::path& path, const FrameOptions& options,
                               FloatBlack float_black) {
-  if (options.black_dn.empty()) return options;
-  FrameOptions above = options;
-  above.black_dn.clear();
-  const RawFrame told = probe_frame(path, above).frame;
-  const bool tells_above = told.black_known && mean_of(told.black_dn) == 0;
-  if (told.bits > 0 || (told.black_known && !tells_above) ||
-      (float_black == FloatBlack::kHolds && !tells_above))
-    return options;
-  if (float_black == FloatBlack::kHolds)
-    warn_of(path.string(), "says that it is above black; --black is not subtracted");
-  if (float_black == FloatBlack::kNotSaid && !tells_above && mean_of(options.black_dn) != 0)
-    warn_of(path.string(),
-            fmt::format("float pixels are taken as DN above black, give --black {:g} if they hold "
-                        "the camera's",
-                        mean_of(options.black_dn)));
-  if (above.white_dn) above.white_dn = white_above_black(*above.white_dn, options.black_dn);
-  if (!tells_above) above.black_dn = {0.0};
-  return above;
-}
-
-void require_raw(const FrameInfo& info, const std::string& remedy) {
-  if (info.holds == kHoldsDenoised)
-    throw InputError(info.frame.source, "is denoised: --model states the noise of raw frames",
-                     remedy);
+  StatedLevels levels = levels_for_file(path, options, float_black);
+  if (!levels.warning.empty()) warn_of(path.string(), levels.warning);
+  return std::move(levels.options);
 }
 
 FrameAsLight load_as_light(const std::filesystem::path& path, const FrameOptions& options,

@@ -15,15 +15,9 @@
 
 namespace malus::app {
 
-/// The options as they are true of a file: a float file that says that it is above black is, and so
-/// is one that does not tell its black level (interface: malus writes them so) unless --black says
-/// that it holds it. What is not taken as stated is said on stderr.
+/// levels_for_file (frame_contents.h): what is not taken as stated is said on stderr.
 FrameOptions options_for_file(const std::filesystem::path& path, const FrameOptions& options,
                               FloatBlack float_black);
-
-/// Throws InputError for a file that says it is denoised: a model's noise and bias are no longer in
-/// it.
-void require_raw(const FrameInfo& info, const std::string& remedy);
 
 /// A frame above black, and the least value of a saturated pixel of each of its channels
 /// (saturation_dn, malus/noise/raw_variance.h).

@@ -9,16 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "frame_contents.h"
 #include <CLI/CLI.hpp>
 
 namespace malus::app {
-
-/// What a stated black level means for a float file that does not tell its own.
-enum class FloatBlack {
-  kAboveAlready,  ///< nothing but that white lies as much higher: one flag serves raw and results
-  kNotSaid,       ///< the same, but a session states it: that is said on stderr
-  kHolds,         ///< --black: the file holds it, as the mean of raw frames does
-};
 
 /// --layout --black --white --gain --iso --exposure --raw-format --size --session. Keep the object
 /// alive as long as the command; with_gain = false where the command has its own --gain.

@@ -12,6 +12,7 @@
 #include <span>
 #include <utility>
 
+#include "frame_contents.h"
 #include "frame_input.h"
 #include "program.h"
 #include <fmt/format.h>
@@ -78,7 +79,8 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
   size_only.cols = options.cols;
   const FrameInfo info = probe_frame(input, size_only);
   if (by_model)
-    require_raw(info, "give --variance with what denoise --uncertainty wrote, or the raw frame");
+    require_raw(input.string(), info.holds,
+                "give --variance with what denoise --uncertainty wrote, or the raw frame");
   else if (info.holds != kHoldsDenoised && info.frame.bits > 0)
     warn(fmt::format(
         "{}: is not marked as denoised; --variance is for denoised frames, --model for raw ones",

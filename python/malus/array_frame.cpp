@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "frame_contents.h"
+
 namespace malus::python {
 namespace {
 
@@ -21,7 +23,29 @@ double white_of_type(const RawFrame& frame) {
   return static_cast<double>(largest);
 }
 
+// As the program takes --black for a file (frame_contents.h).
+ToldOfFrame believed(const ToldOfFrame& told, const RawFrame& frame) {
+  FrameOptions stated;
+  stated.black_dn = levels_of(told.black);
+  stated.white_dn = told.white;
+  const app::StatedLevels levels = app::levels_for_frame(frame, stated, app::FloatBlack::kHolds);
+  if (!levels.warning.empty()) give_warning(frame.source + ": " + levels.warning);
+  ToldOfFrame result = told;
+  if (levels.options.black_dn.empty()) result.black.reset();
+  result.white = levels.options.white_dn;
+  return result;
+}
+
 }  // namespace
+
+const HeldFrame* held_frame(const py::object& given) {
+  return py::isinstance<HeldFrame>(given) ? &given.cast<const HeldFrame&>() : nullptr;
+}
+
+void require_raw(const py::object& given, const std::string& remedy) {
+  if (const HeldFrame* frame = held_frame(given))
+    app::require_raw(frame->source, frame->holds, remedy);
+}
 
 RawFrame pixels_of(const py::object& array, const char* name) {
   RawFrame frame;
@@ -64,8 +88,10 @@ RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfF
 
 RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model) {
   RawFrame frame;
-  if (py::isinstance<RawFrame>(raw)) {
-    frame = raw.cast<const RawFrame&>();
+  ToldOfFrame taken = told;
+  if (const HeldFrame* held = held_frame(raw)) {
+    frame = *held;
+    taken = believed(told, frame);
   } else {
     if (!(told.layout || model) || !(told.white || (model && model->white_dn > 0)))
       throw InputError(
@@ -77,7 +103,7 @@ RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseM
       frame.black_dn.assign(model->black_dn.size(), 0.0);
     }
   }
-  take_told(told, frame);
+  take_told(taken, frame);
   if ((told.black || told.white) && !model) require_levels(frame);
   return frame;
 }

@@ -12,6 +12,17 @@
 
 namespace malus::python {
 
+/// A Frame of Python: with the pixels goes what their file says that they are
+/// (SaveOptions::holds).
+struct HeldFrame : RawFrame {
+  std::string holds{};
+};
+/// What Python calls a Frame; null where it is something else.
+const HeldFrame* held_frame(const py::object& given);
+
+/// Throws InputError for a Frame whose file says that it is denoised: model= is of raw ones.
+void require_raw(const py::object& given, const std::string& remedy);
+
 /// What is told of an array, or in place of what a Frame tells.
 struct ToldOfFrame {
   std::optional<std::string> layout;
@@ -37,7 +48,8 @@ CameraSettings settings_given(const std::optional<double>& gain_db,
 RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told);
 
 /// A Frame, or an array with what an array does not know. What a model tells of its sensor, it
-/// fills in later (take_levels_of_model); null where there is none. Throws InputError.
+/// fills in later (take_levels_of_model); null where there is none. A Frame of float pixels that
+/// says that it is above black is believed, with a warning. Throws InputError.
 RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model);
 
 }  // namespace malus::python

@@ -77,10 +77,10 @@ ArraySet with_settings_of_first(ArraySet held) {
   FrameSet& set = held.set;
   if (set.gain.decibel() && set.exposure_s) return held;
   const py::object given = held.frames.attr("__getitem__")(0);
-  if (!py::isinstance<RawFrame>(given)) return held;
-  const auto& first = given.cast<const RawFrame&>();
-  if (!set.gain.decibel()) set.gain = first.gain;
-  if (!set.exposure_s) set.exposure_s = first.exposure_s;
+  const HeldFrame* first = held_frame(given);
+  if (!first) return held;
+  if (!set.gain.decibel()) set.gain = first->gain;
+  if (!set.exposure_s) set.exposure_s = first->exposure_s;
   if (const auto fault = fault_of({set.gain, set.exposure_s}, set.kind == FrameKind::kBias))
     throw InputError(set.name + ", frame 0: " + fault->key, fault->problem, fault->remedy);
   set.name = frame_set_name(set);
@@ -111,8 +111,8 @@ void require_settings_of_set(const RawFrame& frame, const ArraySet& held, int i)
 RawFrame frame_of_set(const ArraySet& held, const ArraySensor& sensor, int i) {
   const py::object given = held.frames.attr("__getitem__")(i);
   RawFrame frame;
-  if (py::isinstance<RawFrame>(given)) {
-    frame = given.cast<const RawFrame&>();
+  if (const HeldFrame* own = held_frame(given)) {
+    frame = *own;
     require_settings_of_set(frame, held, i);
     take_told(sensor.told, frame);
   } else {

@@ -158,6 +158,7 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   app::require_method(method);  // a wrong one is refused before any work
   require_used(told);
   const NoiseModel* model = told.model ? &told.model->description() : nullptr;
+  if (model) require_raw(raw, "give the raw frame");
   RawFrame frame = frame_from(raw, told_of_frame, model);
   PythonProgress progress;
   if (model)

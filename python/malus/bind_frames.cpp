@@ -13,6 +13,7 @@
 #include <variant>
 
 #include "array_frame.h"
+#include "frame_contents.h"
 #include "frame_findings.h"
 #include "json_objects.h"
 #include <fmt/format.h>
@@ -36,13 +37,22 @@ FrameOptions options_of(const std::optional<std::string>& layout, const Black& b
   return options;
 }
 
-RawFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
-              const Black& black, const std::optional<double>& white,
-              const std::optional<std::string>& raw_format,
-              const std::optional<std::pair<int, int>>& size) {
+HeldFrame held(FrameInfo info) { return {std::move(info.frame), std::move(info.holds)}; }
+
+HeldFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
+               const Black& black, const std::optional<double>& white,
+               const std::optional<std::string>& raw_format,
+               const std::optional<std::pair<int, int>>& size) {
   const FrameOptions options = options_of(layout, black, white, raw_format, size);
-  const py::gil_scoped_release release;
-  return load_frame(path, options);
+  HeldFrame frame;
+  app::StatedLevels levels;
+  {
+    const py::gil_scoped_release release;
+    levels = app::levels_for_file(path, options, app::FloatBlack::kHolds);
+    frame = held(load_frame_info(path, levels.options));
+  }
+  if (!levels.warning.empty()) give_warning(frame.source + ": " + levels.warning);
+  return frame;
 }
 
 // A file, a Frame or an array, looked at as `malus info` does.
@@ -60,8 +70,8 @@ py::object info(const py::object& raw, const std::optional<std::string>& layout,
       throw InputError(raw_format ? "raw_format" : "size", "is of a headerless file",
                        "give the path of one, or leave it out");
     const ToldOfFrame told{layout, black, white};
-    if (py::isinstance<RawFrame>(raw)) {
-      looked.frame = raw.cast<const RawFrame&>();
+    if (const HeldFrame* held = held_frame(raw)) {
+      looked.frame = *held;
       take_told(told, looked.frame);
       require_levels(looked.frame);
     } else {
@@ -121,7 +131,7 @@ std::size_t number_of(const Session& session, const WhichGroup& group) {
   return static_cast<std::size_t>(found - session.groups.begin());
 }
 
-RawFrame load_of_session(const Session& session, const WhichGroup& which, std::size_t index) {
+HeldFrame load_of_session(const Session& session, const WhichGroup& which, std::size_t index) {
   const std::size_t group = number_of(session, which);
   if (group >= session.groups.size() || index >= session.groups[group].paths.size())
     throw py::index_error(fmt::format("the session has no frame {} in group {}", index, group));
@@ -129,14 +139,16 @@ RawFrame load_of_session(const Session& session, const WhichGroup& which, std::s
   const py::gil_scoped_release release;
   const Session settled = with_settings_of_files(alone);
   const FrameGroup& frames = settled.groups.front();
-  return load_session_frame(settled, frames, frames.paths[index]);
+  const std::filesystem::path& path = frames.paths[index];
+  return {load_session_frame(settled, frames, path),
+          probe_frame(path, frame_options(settled, frames)).holds};
 }
 
-RawFrame frame_from_array(const py::object& dn, const std::optional<std::string>& layout,
-                          const Black& black, const std::optional<double>& white,
-                          const std::optional<double>& gain_db, const std::optional<double>& iso,
-                          const std::optional<double>& exposure_s) {
-  RawFrame frame = frame_of_array(dn, "dn", {layout, black, white});
+HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string>& layout,
+                           const Black& black, const std::optional<double>& white,
+                           const std::optional<double>& gain_db, const std::optional<double>& iso,
+                           const std::optional<double>& exposure_s) {
+  HeldFrame frame{frame_of_array(dn, "dn", {layout, black, white})};
   const CameraSettings settings = settings_given(gain_db, iso, exposure_s, true);
   frame.gain = settings.gain;
   frame.exposure_s = settings.exposure_s;
@@ -144,17 +156,17 @@ RawFrame frame_from_array(const py::object& dn, const std::optional<std::string>
 }
 
 py::tuple state_of_frame(const py::object& self) {
-  const auto& f = self.cast<const RawFrame&>();
+  const auto& f = self.cast<const HeldFrame&>();
   if (!(SensorLayout::named(f.layout.name()) == f.layout))
     throw InputError(f.source, "has a layout of its own, which is not pickled",
                      "load it in each process");
   return py::make_tuple(self.attr("dn"), f.layout.name(), f.black_dn, f.white_dn, f.gain.gain_db,
                         f.gain.iso, f.exposure_s, f.bits, f.black_known, f.white_known,
-                        f.layout_known, f.file_layout, text_of_path(f.source));
+                        f.layout_known, f.file_layout, text_of_path(f.source), f.holds);
 }
 
-RawFrame frame_of_state(const py::tuple& state) {
-  RawFrame f;
+HeldFrame frame_of_state(const py::tuple& state) {
+  HeldFrame f;
   std::size_t i = 0;
   f.dn = image_of(input_from(state[i++], "dn"), "dn");
   f.layout = SensorLayout::named(state[i++].cast<std::string>());
@@ -169,6 +181,7 @@ RawFrame frame_of_state(const py::tuple& state) {
   f.layout_known = state[i++].cast<bool>();
   f.file_layout = state[i++].cast<std::string>();
   f.source = state[i++].cast<std::filesystem::path>().string();
+  f.holds = state[i++].cast<std::string>();
   return f;
 }
 
@@ -204,34 +217,34 @@ py::array unpacked(const py::object& planes_object, const std::string& layout_na
 }
 
 void bind_frame(py::module_& m) {
-  py::class_<RawFrame>(m, "Frame",
-                       "One raw mosaic with its black and white level, gain and exposure, from "
-                       "load_frame or of an array.")
+  py::class_<HeldFrame>(m, "Frame",
+                        "One raw mosaic with its black and white level, gain and exposure, from "
+                        "load_frame or of an array.")
       .def(py::init(&frame_from_array), py::arg("dn"), py::arg("layout") = py::none(),
            py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
            py::arg("gain_db") = py::none(), py::arg("iso") = py::none(),
            py::arg("exposure_s") = py::none())
       .def_property_readonly(
           "dn",
-          [](const py::object& self) { return array_sharing(self.cast<RawFrame&>().dn, self); },
+          [](const py::object& self) { return array_sharing(self.cast<HeldFrame&>().dn, self); },
           "float32 [row, column], DN, black included; shares the frame's memory")
       .def_property_readonly(
-          "layout", [](const RawFrame& f) { return f.layout.name(); }, "name of the mosaic layout")
+          "layout", [](const HeldFrame& f) { return f.layout.name(); }, "name of the mosaic layout")
       .def_property_readonly(
-          "channels", [](const RawFrame& f) { return f.layout.channel_names(); },
+          "channels", [](const HeldFrame& f) { return f.layout.channel_names(); },
           "names of the channels, row by row of the layout's cell")
       .def_readonly("black_dn", &RawFrame::black_dn, "black level per channel, DN")
       .def_readonly("white_dn", &RawFrame::white_dn, "saturation, black included, DN")
       .def_property_readonly(
-          "gain_db", [](const RawFrame& f) { return f.gain.gain_db; }, "gain, dB, or None")
+          "gain_db", [](const HeldFrame& f) { return f.gain.gain_db; }, "gain, dB, or None")
       .def_property_readonly(
-          "iso", [](const RawFrame& f) { return f.gain.iso; }, "gain as ISO, or None")
+          "iso", [](const HeldFrame& f) { return f.gain.iso; }, "gain as ISO, or None")
       .def_readonly("exposure_s", &RawFrame::exposure_s, "exposure time, s, or None")
       .def_property_readonly(
-          "source", [](const RawFrame& f) { return text_of_path(f.source); },
+          "source", [](const HeldFrame& f) { return text_of_path(f.source); },
           "the file it came from")
       .def(py::pickle(&state_of_frame, &frame_of_state))
-      .def("__repr__", [](const RawFrame& f) { return text_of(summary_of(f)); });
+      .def("__repr__", [](const HeldFrame& f) { return text_of(summary_of(f)); });
 }
 
 void bind_session(py::module_& m) {
@@ -296,7 +309,8 @@ void bind_frames(py::module_& m) {
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),
         "Reads TIFF, PNG, BMP, PGM, EXR, FITS, .npy or camera raw into a Frame: DN exactly as "
         "stored. layout, black (one number, or one per channel), white [DN] win over what the file "
-        "says. A headerless file needs raw_format (mono8, mono10p, mono12p, mono12packed, mono16) "
+        "says, but that floats are above black already is believed, with a warning. A headerless "
+        "file needs raw_format (mono8, mono10p, mono12p, mono12packed, mono16) "
         "and size=(width, height).");
 }
 

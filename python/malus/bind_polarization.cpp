@@ -41,8 +41,8 @@ struct Light {
 // An array in DN above black, or a Frame, which knows its black level and its layout.
 Light light_of(const py::object& given, const std::optional<std::string>& layout) {
   Light light;
-  if (py::isinstance<RawFrame>(given)) {
-    RawFrame frame = given.cast<const RawFrame&>();
+  if (const HeldFrame* held = held_frame(given)) {
+    RawFrame frame = *held;
     take_told({layout, {}, {}}, frame);
     subtract_black(frame);
     light = {array_of(std::move(frame.dn)).cast<Array>(), frame.layout};
@@ -134,8 +134,8 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
                       const NoiseModel& model) {
   RawLight light;
   RawFrame& frame = light.frame;
-  if (py::isinstance<RawFrame>(given)) {
-    frame = given.cast<const RawFrame&>();
+  if (const HeldFrame* held = held_frame(given)) {
+    frame = *held;
     take_told({layout, {}, {}}, frame);
     if (const auto warning = take_levels_of_model(model, frame); !warning.empty())
       give_warning(frame.source + ": " + warning);
@@ -162,6 +162,7 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
 // Of raw pixels, whose noise a model tells: its bias is taken out.
 py::dict stokes_by_model(const py::object& given, const std::optional<std::string>& layout_name,
                          const Model& model, const Gain& gain_given, bool extrapolate) {
+  require_raw(given, "give variance= with what denoise(variance=True) returned, or the raw frame");
   RawLight light = raw_light_of(given, layout_name, model.description());
   RawFrame& frame = light.frame;
   const SensorLayout& layout = frame.layout;

@@ -156,6 +156,7 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
   const std::optional<Model> model = model_from(model_object);
   if (!model) throw InputError("model", "is None", "give the noise model of the frame's sensor");
   const NoiseModel& description = model->description();
+  require_raw(raw, "give the raw frame");
   RawFrame frame = frame_from(raw, told, &description);
   PythonProgress progress;
   if (const auto warning = take_levels_of_model(description, frame); !warning.empty())

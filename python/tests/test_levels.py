@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import pickle
 import subprocess
 import warnings
 
@@ -107,6 +108,44 @@ def test_each_channel_has_its_black(model, raw):
         assert np.ptp(means(dn)) < 0.5
     with pytest.raises(malus.InputError, match="has no place for"):
         malus.denoise(frame, layout="mono")
+
+
+@pytest.fixture
+def results(raw, tmp_path):
+    """What `malus denoise` makes of it: floats above black, and integers with the black put back."""
+    program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
+    if not program.exists():
+        pytest.skip("needs the program beside the module")
+    subprocess.run([program, "denoise", raw, "--model", MODEL, "--gain", "12", "--u16", "-o", tmp_path],
+                   check=True, capture_output=True)
+    return tmp_path / "raw_denoised.tif", tmp_path / "raw_denoised_u16.tif"
+
+
+def test_the_noise_of_a_denoised_file_is_not_taken_out_again(model, results):
+    session = results[0].with_name("session.toml")
+    session.write_text('[[frames]]\nkind = "bias"\npaths = ["raw_denoised.tif"]\n[sensor]\nlayout = "polar-mono"\n')
+    for frame in (*map(malus.load_frame, results), pickle.loads(pickle.dumps(malus.load_frame(results[0]))),
+                  malus.Session(session).load(0, 0)):
+        for refused in (malus.denoise, malus.stokes, lambda raw, model: malus.renoise(raw, model, 18)):
+            with pytest.raises(malus.InputError, match="denoised(_u16)?.tif: is denoised: model= states the noise of raw"):
+                refused(frame, model=model)
+        assert malus.stokes(frame)["s0"].mean() == pytest.approx(600, abs=2)
+
+
+def test_black_is_not_subtracted_from_a_frame_that_is_above_it(model, results, black):
+    of_file = malus.load_frame(results[0])
+    light = malus.Frame(of_file.dn, LAYOUT, black=0, white=of_file.white_dn, gain_db=12)
+    for given, white in ({"black": black}, of_file.white_dn), ({"black": black[0], "white": 4000}, 4000 - black[0]):
+        with pytest.warns(UserWarning, match="raw_denoised.tif: says that it is above black; black= is not subtracted"):
+            frame = malus.load_frame(results[0], **given)
+        assert frame.black_dn == [0.0] * 4 and frame.white_dn == white
+        with pytest.warns(UserWarning, match="array: says that it is above black"):
+            denoised = malus.denoise(light, model=model, method="vst-bm3d", **given)
+        assert denoised["dn"].mean() == pytest.approx(300, abs=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(malus.load_frame(results[0], black=0).dn, of_file.dn)
+        assert malus.load_frame(results[1], black=70).black_dn == [70.0] * 4
 
 
 @pytest.mark.parametrize("blacks", [[70, 74], [70] * 5, []])

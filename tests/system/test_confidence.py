@@ -159,6 +159,7 @@ def test_errors_of_raw_and_denoised_frames_are_not_mixed_up(malus, refused, came
         assert "not marked" not in malus("stokes", tmp_path / name, *variance, *out).err
         # Nor is the model's bias taken off a second time.
         assert "is denoised" in refused("denoise", tmp_path / name, *MODEL, "--gain", GAIN_DB, "-o", tmp_path / "out")
+        assert "is denoised" in refused("renoise", tmp_path / name, *MODEL, "--from", GAIN_DB, "--to", 30, "-o", tmp_path / "out")
     mixed = malus("stokes", raw, *LAYOUT, "--black", 80, *variance, *out)
     assert mixed.err.count("not marked as denoised") == 1
 

@@ -1,0 +1,38 @@
+// What the values of a frame are by its own word, against what is stated of it.
+#pragma once
+
+#include "malus/io/frame_file.h"
+
+#include <filesystem>
+#include <string>
+
+namespace malus::app {
+
+/// What a stated black level means for a float file that does not tell its own.
+enum class FloatBlack {
+  kAboveAlready,  ///< nothing but that white lies as much higher: one flag serves raw and results
+  kNotSaid,       ///< the same, but a session states it: that is said
+  kHolds,         ///< --black: the file holds it, as the mean of raw frames does
+};
+
+/// What is stated of a frame, as far as it is true, and what to warn of (without the frame's name;
+/// empty where there is nothing).
+struct StatedLevels {
+  FrameOptions options;
+  std::string warning;
+};
+
+/// The options as they are true of a file: a float file that says that it is above black is, and so
+/// is one that does not tell its black level (interface: malus writes them so) unless float_black
+/// says that it holds it.
+StatedLevels levels_for_file(const std::filesystem::path& path, const FrameOptions& options,
+                             FloatBlack float_black);
+/// The same of a frame that is loaded, `told` all that it tells of itself.
+StatedLevels levels_for_frame(const RawFrame& told, const FrameOptions& options,
+                              FloatBlack float_black);
+
+/// Throws InputError for a frame whose file says that it is denoised (holds): a model's noise and
+/// bias are no longer in it.
+void require_raw(const std::string& source, const std::string& holds, const std::string& remedy);
+
+}  // namespace malus::app
