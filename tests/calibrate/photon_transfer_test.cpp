@@ -46,6 +46,20 @@ TEST(PhotonTransfer, ExactPointsGiveTheExactLine) {
   EXPECT_EQ(fit->excess_deviation_dn2, 0.0);
 }
 
+// Dark frames that are noisier the longer they are, unlike the flats of their exposures: the error
+// of the line is a number, too.
+TEST(PhotonTransfer, AVarianceThatFallsIsToldWithItsError) {
+  auto levels = exact_levels(8);
+  for (TransferLevel& level : levels) {
+    level.variance_dn2 = kDarkVariance;
+    level.dark_variance_dn2 = kDarkVariance + 1.75 * level.mean_dn;
+  }
+  const auto fit = fit_photon_transfer(levels, dark_point());
+  ASSERT_FALSE(fit.decided());
+  EXPECT_THAT(fit.reason(), ::testing::HasSubstr("slope -1.75 ± "));
+  EXPECT_THAT(fit.reason(), ::testing::Not(::testing::HasSubstr("nan")));
+}
+
 // Of 3 frames of 20 rows of 10 normal pixels, by simulation: 20000 variances have a relative
 // standard error of 1 % of their variance.
 TEST(PhotonTransfer, TheVarianceOfFramesHasTheErrorThatIsStated) {

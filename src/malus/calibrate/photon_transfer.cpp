@@ -132,15 +132,16 @@ double mandel_paule(const Points& points, const DarkPoint& dark) {
 }
 
 // Weights from the present gain, then Huber's from the residuals of a fit about what their set has
-// in common.
+// in common. A line that falls is of no gain, and its cumulants would make errors of negative
+// variance: there the noise is that of the dark alone.
 void reweight(Points& points, const std::vector<const TransferLevel*>& used, const DarkPoint& dark,
               const LineFit& line, double excess_dn4) {
+  const double gain = std::max(line.slope, 0.0);
   for (std::size_t i = 0; i < used.size(); ++i) {
     const TransferLevel& level = *used[i];
-    points.variance[i] =
-        flat_error_dn4(level, dark, line.slope) + line.slope * line.slope * level.mean_variance_dn2;
-    points.shared[points.set[i]] = dark_error_dn4(level, dark, line.slope) +
-                                   line.slope * line.slope * level.dark_mean_variance_dn2;
+    points.variance[i] = flat_error_dn4(level, dark, gain) + gain * gain * level.mean_variance_dn2;
+    points.shared[points.set[i]] =
+        dark_error_dn4(level, dark, gain) + gain * gain * level.dark_mean_variance_dn2;
   }
   const std::vector<Sums> sets = sums_of(points, excess_dn4, line);
   for (std::size_t i = 0; i < used.size(); ++i) {
