@@ -160,6 +160,19 @@ CalibrationInput input_of(const Session& session, const ArraySensor& sensor) {
   return calibration_input(session);
 }
 
+// In the words of arrays: the library's are those of session files.
+void require_bias_frames(const std::vector<ArraySet>& sets, const std::vector<std::string>& kinds) {
+  const bool needed = std::any_of(kinds.begin(), kinds.end(), [](const std::string& kind) {
+    return kind == "physics" || kind == "dark-frames";
+  });
+  const bool given = std::any_of(sets.begin(), sets.end(), [](const ArraySet& each) {
+    return each.set.kind == FrameKind::kBias;
+  });
+  if (needed && !given)
+    throw InputError("session", "holds no bias frames",
+                     "add a FrameSet of kind bias: frames taken with the lens cap on");
+}
+
 using Frames = std::variant<Session, std::vector<ArraySet>, std::filesystem::path>;
 
 ModelWithSampler calibrated(const Frames& frames,
@@ -172,6 +185,7 @@ ModelWithSampler calibrated(const Frames& frames,
   std::optional<CalibrationInput> input;
   if (const auto* sets = std::get_if<std::vector<ArraySet>>(&frames)) {
     if (sets->empty()) throw InputError("session", "holds no sets of frames", "give bias frames");
+    require_bias_frames(*sets, kinds);
     input = input_of(*sets, sensor);
   }
   std::optional<NoiseModel> model;

@@ -83,6 +83,8 @@ def test_a_list_of_sets_is_checked():
                         ([malus.FrameSet("bias", camera(0, 2, 0)[:, :, :127])] + good[1:], "is 128x128 pixels, but .* is 127x128")):
         with pytest.raises(malus.InputError, match=words):
             malus.calibrate(sets, layout="mono", black=BLACK, white=WHITE)
+    with pytest.raises(malus.InputError, match="^session: holds no bias frames; add a FrameSet of kind bias: frames taken with"):
+        malus.calibrate(good[1:], layout="mono", black=BLACK, white=WHITE)
     with pytest.raises(malus.InputError, match="bias, 12 dB, frame 1: has the same pixels as bias, 12 dB, frame 0"):
         malus.calibrate([malus.FrameSet("bias", camera(0, 1, 0).repeat(3, 0), gain_db=12)], layout="mono", black=BLACK, white=WHITE)
     with pytest.raises(malus.InputError, match='kind: "dark" is no kind of frames; .*there are bias, flat'):
