@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 
 #include "denoise_run.h"
 #include "flags.h"
@@ -196,8 +197,12 @@ void run_report(const ReportArguments& arguments, const Common& common) {
   const std::vector<ReportInput> inputs = all_inputs(arguments.inputs);
   check_output_apart("--output", arguments.output, files_behind(inputs), {}, common.force);
   const Report report = report_of(arguments, inputs);
-  // Before the page: a folder that is refused leaves none behind.
-  if (!arguments.figures.empty()) check_figures(report, arguments.figures, common.force);
+  // Before the page: a folder that is refused leaves none behind, nor a page that fails a folder.
+  std::optional<OutputFolder> figures;
+  if (!arguments.figures.empty()) {
+    figures.emplace(arguments.figures);
+    check_figures(report, arguments.figures, common.force);
+  }
   Json files = Json::array();
   if (!arguments.output.empty()) {
     write_report(report, arguments.output,

@@ -67,3 +67,14 @@ def shared():
 @pytest.fixture
 def examples():
     return ROOT / "examples"
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder with room for 128 KiB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=128k", "none", folder], capture_output=True).returncode != 0:
+        pytest.skip("needs the right to mount a small file system")
+    yield folder
+    subprocess.run(["umount", folder], check=False)

@@ -218,3 +218,19 @@ def test_any_one_damage_is_one_line_or_a_page(tmp_path, value):
         assert done.returncode in (0, 1), (name, done.stderr)
         if done.returncode == 1:
             assert done.stderr.startswith("malus: ") and done.stderr.count("\n") == 1, (name, done.stderr)
+
+
+def test_full_disk_leaves_no_page(malus, small_disk, tmp_path):
+    """In one line; what was there before stays as it was."""
+    np.save(tmp_path / "f.npy", np.random.default_rng(1).integers(20, 200, (128, 128), dtype=np.uint8))
+    denoise = ["denoise", tmp_path / "f.npy", "--layout", "polar-mono", "--black", 0, "--white", 255, "-o", tmp_path, "-q"]
+    malus(*denoise)
+    page = small_disk / "page.html"
+    for old in ([], ["page.html"]):
+        for command in (["report", tmp_path / "f_denoised.json", "-o", page, "--figures", small_disk / "figures"],
+                        [*denoise, "--report", page]):
+            (line,) = (line for line in malus(*command, "--force", code=1).err.splitlines() if "warning: " not in line)
+            assert line == f"malus: {page}: cannot be written: the disk is full; free some space or choose another output"
+            assert [path.name for path in small_disk.iterdir()] == old
+        page.write_text("old")
+    assert page.read_text() == "old"
