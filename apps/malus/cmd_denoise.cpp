@@ -5,7 +5,6 @@
 #include "malus/base/stopwatch.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
-#include "malus/denoise/frame_complaints.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 
@@ -51,8 +50,6 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
         fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
     fit_to_sensor(choice.profile, frame, arguments.origin, arguments.settings.defects);
-    if (const std::string line = extrapolation_complaint(*model, gain); !line.empty())
-      warn_of(arguments.model.string(), line);
     warn_of_model(*model, gain, arguments.model, denoiser.undoes_cut_off());
     return choice;
   }

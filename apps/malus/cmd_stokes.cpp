@@ -136,10 +136,11 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, FrameAsLight& light) {
   if (!model) return load_variance(arguments.variance[index], light);
-  warn_of_model(*model, light.frame.gain, arguments.model, false);
-  return naming_model(arguments.model, [&] {
+  Planes variance = naming_model(arguments.model, [&] {
     return take_out_bias(light, *model, gain_range(arguments.extrapolate_gain));
   });
+  warn_of_model(*model, light.frame.gain, arguments.model, false);
+  return variance;
 }
 
 void save_all(const std::vector<fs::path>& paths, const std::vector<Product>& products,

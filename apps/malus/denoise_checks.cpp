@@ -80,6 +80,8 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
 
 void warn_of_model(const NoiseModel& model, const GainSetting& gain, const fs::path& path,
                    bool undone) {
+  if (const std::string line = extrapolation_complaint(model, gain); !line.empty())
+    warn_of(path.string(), line);
   for (const std::string& line : cut_off_complaints(model, gain, undone))
     warn_of(path.string(), line);
 }

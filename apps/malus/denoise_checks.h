@@ -24,7 +24,8 @@ void check_states_error(const std::string& asked, const std::string& method);
 void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
                    bool fill_defects);
 
-/// Says cut_off_complaints (malus/denoise/frame_complaints.h) of the model of this file.
+/// Says extrapolation_complaint and cut_off_complaints (malus/denoise/frame_complaints.h) of the
+/// model of this file.
 void warn_of_model(const NoiseModel& model, const GainSetting& gain,
                    const std::filesystem::path& path, bool undone);
 

@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -67,6 +68,14 @@ TEST(ExtrapolationComplaint, IsOfGainsOutside) {
   for (const double outside : {-1.0, 31.0})
     EXPECT_THAT(extrapolation_complaint(model, {outside, std::nullopt}),
                 AllOf(HasSubstr("extrapolated to"), HasSubstr("range 0 dB to 30 dB")));
+  EXPECT_EQ(extrapolation_complaint(model, {}), "");
+  NoiseModel darks_above = model;  // without K at its highest gain, where nothing is fitted
+  darks_above.physics.back().K.mean.clear();
+  darks_above.joint = fit_joint_model(darks_above.physics).value();
+  const double lower_db = *(model.physics.end() - 2)->gain.gain_db;
+  EXPECT_THAT(extrapolation_complaint(darks_above, {lower_db + 1, std::nullopt}),
+              HasSubstr(fmt::format("range 0 dB to {:g} dB", lower_db)));
+  EXPECT_EQ(extrapolation_complaint(darks_above, {lower_db, std::nullopt}), "");
   NoiseModel nameless = model;
   nameless.physics.resize(1);
   nameless.physics[0].gain = {};

@@ -168,10 +168,11 @@ def test_pixels_that_are_no_numbers_are_said_where_they_become_integers(malus, r
 
 
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
-    arguments = ["denoise", frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
-    assert "36" in refused(*arguments)
-    result = malus(*arguments, "--extrapolate-gain")
-    assert "36" in result.err
+    for command in ("denoise", "stokes"):
+        arguments = [command, frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
+        assert "36" in refused(*arguments)
+        result = malus(*arguments, "--extrapolate-gain")
+        assert "imx250mzr-simulated: extrapolated to 36 dB from the calibrated range 0 dB to 30 dB" in result.err
 
 
 def test_existing_outputs_need_force(malus, refused, frame, tmp_path):

@@ -96,14 +96,19 @@ std::vector<std::string> result_complaints(const RawFrame& before, const Denoise
 
 std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& gain) {
   if (model.physics.empty()) return {};
-  const auto lowest = model.physics.front().gain, highest = model.physics.back().gain;
-  if (!lowest.decibel())  // the only gain there is, whatever it is called
-    return gain.decibel() ? fmt::format("does not say its gain; it is taken for {}", gain.text())
-                          : std::string();
-  if (gain.decibel() < lowest.decibel() || gain.decibel() > highest.decibel())
-    return fmt::format("extrapolated to {} from the calibrated range {} to {}", gain.text(),
-                       lowest.text(), highest.text());
-  return {};
+  if (!gain.decibel()) return {};
+  if (!model.physics.front().gain.decibel())  // the only gain there is, whatever it is called
+    return fmt::format("does not say its gain; it is taken for {}", gain.text());
+  if (!model.joint) return {};
+  // Of the gains with K, which are not all that are held.
+  const double lowest_db = model.joint->segments.front().knots_db.front(),
+               highest_db = model.joint->segments.back().knots_db.back();
+  if (*gain.decibel() >= lowest_db && *gain.decibel() <= highest_db) return {};
+  const auto named = [&](double db) {
+    return GainSetting::at_decibel(db, gain.iso.has_value()).text();
+  };
+  return fmt::format("extrapolated to {} from the calibrated range {} to {}", gain.text(),
+                     named(lowest_db), named(highest_db));
 }
 
 std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainSetting& gain,
