@@ -29,7 +29,7 @@ namespace {
 struct ArraySet {
   FrameSet set;  ///< without its function
   py::object frames;
-  bool exposure_declared = false;  ///< not the first Frame's
+  CameraSettings first{};  ///< what the first tells of itself, where it is a Frame
 };
 
 /// What is known of a sensor whose frames are arrays.
@@ -62,7 +62,6 @@ ArraySet array_set(const std::string& kind, const py::object& frames,
       settings_given(gain_db, iso, exposure_s, out.set.kind == FrameKind::kBias);
   out.set.gain = settings.gain;
   out.set.exposure_s = settings.exposure_s;
-  out.exposure_declared = exposure_s.has_value();
   out.set.level = level;
   out.set.count = static_cast<int>(count);
   out.set.name = frame_set_name(out.set);
@@ -75,10 +74,10 @@ ArraySet array_set(const std::string& kind, const py::object& frames,
 // As of a session's set: gain and exposure that it does not tell are its first Frame's.
 ArraySet with_settings_of_first(ArraySet held) {
   FrameSet& set = held.set;
-  if (set.gain.decibel() && set.exposure_s) return held;
   const py::object given = held.frames.attr("__getitem__")(0);
   const HeldFrame* first = held_frame(given);
   if (!first) return held;
+  held.first = {first->gain, first->exposure_s};
   if (!set.gain.decibel()) set.gain = first->gain;
   if (!set.exposure_s) set.exposure_s = first->exposure_s;
   if (const auto fault = fault_of({set.gain, set.exposure_s}, set.kind == FrameKind::kBias))
@@ -87,25 +86,17 @@ ArraySet with_settings_of_first(ArraySet held) {
   return held;
 }
 
-// A bias set may be declared to have no exposure at all.
-bool exposure_contradicts(const RawFrame& frame, const ArraySet& held) {
-  const auto &own = frame.exposure_s, &of_set = held.set.exposure_s;
-  if (!own || (of_set && *of_set == 0)) return false;
-  return !of_set || exposures_differ(*own, *of_set, held.exposure_declared);
-}
-
 void require_settings_of_set(const RawFrame& frame, const ArraySet& held, int i) {
   const FrameSet& set = held.set;
-  const auto refuse = [&](const std::string& own, const std::string& of_set) {
-    throw InputError(fmt::format("{}, frame {}", set.name, i),
-                     fmt::format("was taken at {}, its set at {}", own, of_set),
-                     "give frames of each setting a FrameSet of their own");
-  };
-  const bool gain_missing = frame.gain.decibel() && !set.gain.decibel();
-  if (gain_missing || frame.gain.contradicts(set.gain)) refuse(frame.gain.text(), set.gain.text());
-  if (exposure_contradicts(frame, held))
-    refuse(fmt::format("{:.6g} s", *frame.exposure_s),
-           set.exposure_s ? fmt::format("{:.6g} s", *set.exposure_s) : "unknown exposure");
+  const auto conflict =
+      conflict_with_set({frame.gain, frame.exposure_s}, {set.gain, set.exposure_s}, held.first);
+  if (!conflict) return;
+  const std::string of_set =
+      conflict->of_set.empty() ? fmt::format("unknown {}", conflict->what()) : conflict->of_set;
+  throw InputError(fmt::format("{}, frame {}", set.name, i),
+                   fmt::format("was taken at {}, {} at {}", conflict->own,
+                               conflict->with_first ? "the first of its set" : "its set", of_set),
+                   "give frames of each setting a FrameSet of their own");
 }
 
 RawFrame frame_of_set(const ArraySet& held, const ArraySensor& sensor, int i) {

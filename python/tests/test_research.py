@@ -111,8 +111,9 @@ def test_gain_and_exposure_of_frames_are_those_of_their_set():
     assert own.as_dict()["gains"][0]["gain_db"] == 12
     flat = frames(250, 4, gain_db=12, exposure_s=1e-3)
     for told, odd, words in (
-            ({}, {"gain_db": 24, "exposure_s": 1e-3}, "flat, 12 dB, 0.001 s, frame 4: was taken at 24 dB, its set at 12 dB; give frames of each setting"),
-            ({}, {"gain_db": 12, "exposure_s": 1.05e-3}, "frame 4: was taken at 0.00105 s, its set at 0.001 s;"),
+            ({}, {"gain_db": 24, "exposure_s": 1e-3}, "flat, 12 dB, 0.001 s, frame 4: was taken at 24 dB, the first of its set at 12 dB; give frames of each setting"),
+            ({}, {"gain_db": 12, "exposure_s": 1.05e-3}, "frame 4: was taken at 0.00105 s, the first of its set at 0.001 s;"),
+            ({"exposure_s": 1.02e-3}, {"exposure_s": 1.05e-3}, "frame 4: was taken at 0.00105 s, the first of its set at 0.001 s;"),
             ({"exposure_s": 2.5e-3}, {}, "frame 0: was taken at 0.001 s, its set at 0.0025 s;")):
         mixed = malus.FrameSet("flat", flat + frames(251, 1, **odd), **told)
         with pytest.raises(malus.InputError, match=words):

@@ -42,9 +42,19 @@ struct SettingsFault {
 /// positive, a negative exposure or, but for with_zero_exposure, one of 0.
 std::optional<SettingsFault> fault_of(const CameraSettings& settings, bool with_zero_exposure);
 
-/// Whether a frame's exposure is another than its set's. What somebody declared of the set may be
-/// round, as cameras write exposures; what another of its frames tells may differ by rounding.
-bool exposures_differ(double frame_s, double set_s, bool declared);
+/// What of a frame's own settings is another than its set's.
+struct SettingsConflict {
+  std::string own, of_set;  ///< "24 dB", "0.01 s"; of_set is empty where the set tells none
+  std::string key;          ///< as in a session file
+  bool with_first = false;  ///< the set's first frame tells another; else what is declared does
+  const char* what() const { return key == "exposure_s" ? "exposure" : "gain"; }
+};
+/// of_set: as declared, else what its first frame tells of itself, which is `first`. An exposure
+/// that somebody declared may be round, as cameras write them; those of frames differ by rounding
+/// alone. A bias set may be declared to have no exposure at all.
+std::optional<SettingsConflict> conflict_with_set(const CameraSettings& own,
+                                                  const CameraSettings& of_set,
+                                                  const CameraSettings& first);
 
 /// Frames of one setting. A `flat` group is one light level; a `bias` group with an exposure is the
 /// dark set of the flats with the same exposure.

@@ -21,39 +21,48 @@ FrameOptions options_of_sensor(const Session& session, const FrameGroup& group) 
 
 std::string seconds(double exposure_s) { return fmt::format("{:.6g} s", exposure_s); }
 
-[[noreturn]] void refuse_mixed(const RawFrame& frame, const std::string& own,
-                               const FrameGroup& group, const std::string& first) {
-  throw InputError(frame.source,
-                   fmt::format("was taken at {}, but {} of the same set {}", own,
-                               group.paths.front().string(), first),
-                   "give frames of each setting their own [[frames]]");
+bool exposures_differ(double frame_s, double set_s, bool declared) {
+  // 1/60 s for 1/64 s and 30 s for 32 s: who measured them may say so. A third of a stop is 26 %.
+  constexpr double kOfDeclared = 0.1, kOfFrames = 0.02;
+  const double tolerance = declared ? kOfDeclared : kOfFrames;
+  return std::abs(frame_s - set_s) > tolerance * std::max(std::abs(frame_s), std::abs(set_s));
 }
 
-[[noreturn]] void refuse_declared(const RawFrame& frame, const std::string& own,
-                                  const std::string& declared, const char* key) {
-  throw InputError(
-      frame.source, fmt::format("was taken at {}, the session says {}", own, declared),
-      fmt::format("correct {} in the session file, or leave it out: the files tell it", key));
+std::optional<SettingsConflict> gain_conflict(const GainSetting& own, const GainSetting& of_set,
+                                              const GainSetting& first) {
+  const char* key = own.iso ? "iso" : "gain_db";
+  if (!own.decibel()) return std::nullopt;
+  if (own.contradicts(first)) return SettingsConflict{own.text(), first.text(), key, true};
+  if (!of_set.decibel()) return SettingsConflict{own.text(), "", key, true};
+  if (own.contradicts(of_set)) return SettingsConflict{own.text(), of_set.text(), key, false};
+  return std::nullopt;
 }
 
-void check_gain(const RawFrame& frame, const FrameGroup& group) {
-  const GainSetting &own = frame.gain, &first = group.told.gain;
-  if (!own.decibel()) return;
-  if (own.contradicts(first)) refuse_mixed(frame, own.text(), group, "at " + first.text());
-  if (!group.gain.decibel()) refuse_mixed(frame, own.text(), group, "tells no gain");
-  if (own.contradicts(group.gain))
-    refuse_declared(frame, own.text(), group.gain.text(), own.iso ? "iso" : "gain_db");
-}
-
-void check_exposure(const RawFrame& frame, const FrameGroup& group) {
-  const auto &own = frame.exposure_s, &first = group.told.exposure_s;
-  // A bias set may be declared to have no exposure at all.
-  if (!own || (group.exposure_s && *group.exposure_s == 0)) return;
+std::optional<SettingsConflict> exposure_conflict(const std::optional<double>& own,
+                                                  const std::optional<double>& of_set,
+                                                  const std::optional<double>& first) {
+  constexpr const char* kKey = "exposure_s";
+  if (!own || (of_set && *of_set == 0)) return std::nullopt;
   if (first && exposures_differ(*own, *first, false))
-    refuse_mixed(frame, seconds(*own), group, "at " + seconds(*first));
-  if (!group.exposure_s) refuse_mixed(frame, seconds(*own), group, "tells no exposure");
-  if (exposures_differ(*own, *group.exposure_s, true))
-    refuse_declared(frame, seconds(*own), seconds(*group.exposure_s), "exposure_s");
+    return SettingsConflict{seconds(*own), seconds(*first), kKey, true};
+  if (!of_set) return SettingsConflict{seconds(*own), "", kKey, true};
+  if (exposures_differ(*own, *of_set, true))
+    return SettingsConflict{seconds(*own), seconds(*of_set), kKey, false};
+  return std::nullopt;
+}
+
+[[noreturn]] void refuse(const RawFrame& frame, const FrameGroup& group,
+                         const SettingsConflict& conflict) {
+  const auto& [own, of_set, key, with_first] = conflict;
+  if (with_first)
+    throw InputError(
+        frame.source,
+        fmt::format("was taken at {}, but {} of the same set {}", own, group.paths.front().string(),
+                    of_set.empty() ? fmt::format("tells no {}", conflict.what()) : "at " + of_set),
+        "give frames of each setting their own [[frames]]");
+  throw InputError(
+      frame.source, fmt::format("was taken at {}, the session says {}", own, of_set),
+      fmt::format("correct {} in the session file, or leave it out: the files tell it", key));
 }
 
 }  // namespace
@@ -77,11 +86,12 @@ std::optional<SettingsFault> fault_of(const CameraSettings& settings, bool with_
   return std::nullopt;
 }
 
-bool exposures_differ(double frame_s, double set_s, bool declared) {
-  // 1/60 s for 1/64 s and 30 s for 32 s: who measured them may say so. A third of a stop is 26 %.
-  constexpr double kOfDeclared = 0.1, kOfFrames = 0.02;
-  const double tolerance = declared ? kOfDeclared : kOfFrames;
-  return std::abs(frame_s - set_s) > tolerance * std::max(std::abs(frame_s), std::abs(set_s));
+std::optional<SettingsConflict> conflict_with_set(const CameraSettings& own,
+                                                  const CameraSettings& of_set,
+                                                  const CameraSettings& first) {
+  auto conflict = gain_conflict(own.gain, of_set.gain, first.gain);
+  return conflict ? conflict
+                  : exposure_conflict(own.exposure_s, of_set.exposure_s, first.exposure_s);
 }
 
 Session with_settings_of_files(Session session) {
@@ -98,8 +108,9 @@ Session with_settings_of_files(Session session) {
 
 RawFrame load_session_frame(const Session& session, const FrameGroup& group, const fs::path& path) {
   RawFrame frame = load_frame(path, options_of_sensor(session, group));
-  check_gain(frame, group);
-  check_exposure(frame, group);
+  if (const auto conflict = conflict_with_set({frame.gain, frame.exposure_s},
+                                              {group.gain, group.exposure_s}, group.told))
+    refuse(frame, group, *conflict);
   if (group.gain.decibel()) frame.gain = group.gain;
   if (group.exposure_s) frame.exposure_s = group.exposure_s;
   return frame;
