@@ -167,10 +167,10 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   Planes variance;
   if (arguments.confidence()) variance = variance_of(arguments, model, index, light);
   const StokesPicture picture = stokes_picture(arguments, frame);
+  const auto intensities = model ? Intensities::kMeasured : Intensities::kDenoised;
   Confidence confidence;
   if (arguments.confidence())
-    confidence = confidence_of(picture, variance, frame.layout,
-                               model ? Intensities::kMeasured : Intensities::kDenoised);
+    confidence = confidence_of(uncertainty_of(picture, variance, frame.layout, intensities));
   std::vector<Product> data = product_data(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
@@ -191,7 +191,8 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   std::vector<Product> pictures = product_pictures(picture, mean, arguments.render);
   Confidence shown;
   if (arguments.confidence()) {
-    shown = confidence_pictures(confidence, arguments.render);
+    shown = confidence_pictures(uncertainty_of_mean(picture, variance, frame.layout, intensities),
+                                arguments.render);
     for (const Planes& planes : shown) pictures.push_back([&planes] { return planes; });
   }
   save.type = SampleType::kUint8;

@@ -5,10 +5,10 @@
 #include "malus/report/write_report.h"
 
 #include <cmath>
+#include <utility>
 
 #include "frame_input.h"
 #include "report_pages.h"
-#include "stokes_uncertainty.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -18,19 +18,15 @@ namespace {
 // stored.
 constexpr double kDenoisedPart = 0.2;
 
-// Standard deviations of DoLP and AoLP of the denoised frame, mean over the colours.
+// Standard deviations of the denoised frame's DoLP and AoLP, of all colours together as the page's
+// first pictures of them are.
 void add_confidence(const DenoisedFrame& frame, std::size_t pictures, PicturesBlock& block) {
   if (frame.variance_dn2.empty() || !frame.before.layout.polarized()) return;
   const SensorLayout& layout = frame.before.layout;
-  const auto stokes = stokes_per_color(pack(frame.after_dn, layout), layout);
-  const auto uncertainty = uncertainty_per_color(stokes, pack(frame.variance_dn2, layout), layout,
-                                                 Intensities::kDenoised);
-  const auto mean_over_colors = [&](Image StokesUncertainty::*map) {
-    Planes colors(static_cast<int>(uncertainty.size()), 0, 0);
-    for (int c = 0; c < colors.channels(); ++c)
-      colors[c] = uncertainty[static_cast<std::size_t>(c)].*map;
-    return mean_over_channels(colors);
-  };
+  const StokesPicture picture =
+      merge_greens(stokes_per_color(pack(frame.after_dn, layout), layout), layout);
+  StokesUncertainty mean = uncertainty_of_mean(picture, pack(frame.variance_dn2, layout), layout,
+                                               Intensities::kDenoised);
   const auto add = [&](const std::string& name, const std::string& unit, double high, Image map) {
     Layer layer{.name = name,
                 .unit = unit,
@@ -43,10 +39,9 @@ void add_confidence(const DenoisedFrame& frame, std::size_t pictures, PicturesBl
     layer.maps[1] = std::move(map);
     block.layers.push_back(std::move(layer));
   };
-  add("confidence: standard deviation of DoLP", "1", 0.5,
-      mean_over_colors(&StokesUncertainty::dolp_sd));
+  add("confidence: standard deviation of DoLP", "1", 0.5, std::move(mean.dolp_sd));
   add("confidence: standard deviation of AoLP", "deg", std::sqrt(kUnknownAngleVarianceDeg2),
-      mean_over_colors(&StokesUncertainty::aolp_sd_deg));
+      std::move(mean.aolp_sd_deg));
 }
 
 PicturesBlock pictures(const DenoisedFrame& frame) {

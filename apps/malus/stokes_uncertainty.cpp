@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <span>
 #include <utility>
 
 #include "frame_contents.h"
@@ -29,14 +28,6 @@ Image deviation_of(Image variance) {
 }
 
 }  // namespace
-
-Image mean_over_channels(const Planes& planes) {
-  Image mean = planes[0];
-  for (int k = 1; k < planes.channels(); ++k)
-    for (std::size_t i = 0; i < mean.size(); ++i) mean.values()[i] += planes[k].values()[i];
-  for (float& v : mean.values()) v /= static_cast<float>(planes.channels());
-  return mean;
-}
 
 Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range) {
   RawFrame& above_black = light.frame;
@@ -87,9 +78,7 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
         input.string()));
 }
 
-Confidence confidence_of(const StokesPicture& picture, const Planes& packed_variance,
-                         const SensorLayout& layout, Intensities intensities) {
-  const auto uncertainty = uncertainty_of(picture, packed_variance, layout, intensities);
+Confidence confidence_of(const std::vector<StokesUncertainty>& uncertainty) {
   const auto channels = static_cast<int>(uncertainty.size());
   Confidence data;
   data.fill(Planes(channels, 0, 0));
@@ -105,18 +94,18 @@ Confidence confidence_of(const StokesPicture& picture, const Planes& packed_vari
   return data;
 }
 
-Confidence confidence_pictures(const Confidence& data, const RenderSettings& settings) {
-  std::array<Image, kConfidenceProducts.size()> means;
-  for (std::size_t p = 0; p < data.size(); ++p) means[p] = mean_over_channels(data[p]);
+Confidence confidence_pictures(const StokesUncertainty& mean, const RenderSettings& settings) {
+  const Confidence data = confidence_of({mean});
+  std::array<Image, kStokesDeviations> deviations;
+  for (std::size_t p = 0; p < deviations.size(); ++p) deviations[p] = data[p][0];
   Confidence pictures;
-  std::vector<Planes> stokes =
-      render_on_one_scale(std::span(means).first<kStokesDeviations>(), settings.legend);
+  std::vector<Planes> stokes = render_on_one_scale(deviations, settings.legend);
   std::move(stokes.begin(), stokes.end(), pictures.begin());
   const std::array highest = {settings.dolp_max, std::sqrt(kUnknownAngleVarianceDeg2),
                               settings.dolp_max};
   for (std::size_t p = 0; p < highest.size(); ++p)
     pictures[kStokesDeviations + p] =
-        render_rising(means[kStokesDeviations + p], highest[p], settings.legend);
+        render_rising(data[kStokesDeviations + p][0], highest[p], settings.legend);
   return pictures;
 }
 

@@ -39,13 +39,10 @@ void check_noise_source(const std::filesystem::path& input, const FrameOptions& 
                         bool by_model);
 
 /// kConfidenceProducts, one image per display channel each.
-Confidence confidence_of(const StokesPicture& picture, const Planes& packed_variance,
-                         const SensorLayout& layout, Intensities intensities);
+Confidence confidence_of(const std::vector<StokesUncertainty>& uncertainty);
 
-/// Contract: not empty.
-Image mean_over_channels(const Planes& planes);
-
-/// Their pictures: means over the display channels; those of S0, S1 and S2 on one scale.
-Confidence confidence_pictures(const Confidence& data, const RenderSettings& settings);
+/// Their pictures, of the mean of the display channels (uncertainty_of_mean); those of S0, S1 and
+/// S2 on one scale.
+Confidence confidence_pictures(const StokesUncertainty& mean, const RenderSettings& settings);
 
 }  // namespace malus::app

@@ -87,3 +87,14 @@ for (const { what, rows, names, shown } of [
       if (shown[view.name]) assert.deepEqual(planes, shown[view.name], view.name);
     }
   });
+
+test("polarization of all colours is of red, green and blue alike, though a cell has two greens", async (t) => {
+  const { viewsOf } = await source(t, "viewer/views.ts");
+  const quad = (color) => [[`${color}_90`, `${color}_45`], [`${color}_135`, `${color}_0`]];
+  const beside = (left, right) => left.map((row, r) => [...row, ...right[r]]);
+  const { block } = blockOf([...beside(quad("R"), quad("G1")), ...beside(quad("G2"), quad("B"))]);
+  const light = { R: 9, G1: 12, G2: 0, B: 0 };  // behind 0 degrees; nothing behind the others
+  const channels = block.cell.sites.map(({ color, angle }) => plane([angle === 0 ? light[color] : 0]));
+  const s1 = (name) => viewsOf(block, []).find((view) => view.name === name).of(channels, 0).planes[0].values[0];
+  assert.deepEqual(["S1", "S1, red", "S1, green", "S1, blue"].map(s1), [5, 9, 6, 0]);
+});

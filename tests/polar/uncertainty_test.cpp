@@ -264,5 +264,59 @@ TEST(Uncertainty, DenoisedGreensShareTheirErrors) {
     EXPECT_FLOAT_EQ(u.s1_variance(1, 1), 16 * 0.65f);
 }
 
+struct ColorLight {
+  Stokes red, green, blue;
+};
+
+// Of one 4x4 cell, every pixel with a variance of 8.
+PlanesAndVariance cell_of(const SensorLayout& layout, const ColorLight& light) {
+  PlanesAndVariance planes{Planes(16, 1, 1), Planes(16, 1, 1)};
+  for (int k = 0; k < 16; ++k) {
+    const Site site = layout.site(k);
+    const Stokes& s = site.color == Color::kRed    ? light.red
+                      : site.color == Color::kBlue ? light.blue
+                                                   : light.green;
+    planes.intensity[k](0, 0) = static_cast<float>(intensity_behind(s, *site.angle_deg));
+    planes.variance[k](0, 0) = 8;
+  }
+  return planes;
+}
+
+// Red and blue weigh a third each, the greens a sixth each: independent errors have 5/18 of one
+// site's variance, those that are correlated by 0.35 have 0.65 * 5/18 + 0.35.
+TEST(Uncertainty, OfTheMeanOfEqualColorsIsSmallerThanTheirOwn) {
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  const Stokes s{100, 30, 40};
+  const auto [intensity, variance] = cell_of(layout, {s, s, s});
+  const StokesPicture picture = merge_greens(stokes_per_color(intensity, layout), layout);
+  const auto mean = uncertainty_of_mean(picture, variance, layout, Intensities::kMeasured);
+  const double one = 8 * 5.0 / 18;
+  const StokesCovariance v = stokes_covariance(one, one, one, one);
+  EXPECT_FLOAT_EQ(mean.s0_variance(0, 0), static_cast<float>(v.s0s0));
+  EXPECT_FLOAT_EQ(mean.s1_variance(0, 0), static_cast<float>(v.s1s1));
+  EXPECT_FLOAT_EQ(mean.s2_variance(0, 0), static_cast<float>(v.s2s2));
+  EXPECT_NEAR(mean.dolp_sd(0, 0), std::sqrt(dolp_variance(s, v)), 1e-6);
+  EXPECT_NEAR(mean.aolp_sd_deg(0, 0), std::sqrt(aolp_variance_deg2(s, v)), 1e-4);
+  EXPECT_NEAR(mean.dolp_corrected(0, 0), corrected_dolp(s, v), 1e-6);
+  const auto red = uncertainty_of(picture, variance, layout, Intensities::kMeasured)[0];
+  EXPECT_NEAR(mean.dolp_sd(0, 0) / red.dolp_sd(0, 0), std::sqrt(5.0 / 18), 1e-5);
+  const auto filtered = uncertainty_of_mean(picture, variance, layout, Intensities::kDenoised);
+  EXPECT_FLOAT_EQ(filtered.s1_variance(0, 0),
+                  static_cast<float>(2 * 8 * (0.65 * 5 / 18 + 0.35) * 0.65));
+}
+
+// As of stress fringes: each colour is surely polarized, and their mean is not.
+TEST(Uncertainty, OfTheMeanOfOpposedColorsKnowsNoAngle) {
+  const auto layout = SensorLayout::named("polar-bayer-rggb");
+  const auto [intensity, variance] = cell_of(layout, {{400, 200, 0}, {400, 0, 0}, {400, -200, 0}});
+  const StokesPicture picture = merge_greens(stokes_per_color(intensity, layout), layout);
+  const auto own = uncertainty_of(picture, variance, layout, Intensities::kMeasured);
+  EXPECT_LT(own[0].aolp_sd_deg(0, 0), 1);
+  const auto mean = uncertainty_of_mean(picture, variance, layout, Intensities::kMeasured);
+  EXPECT_FLOAT_EQ(mean.aolp_sd_deg(0, 0), static_cast<float>(std::sqrt(kUnknownAngleVarianceDeg2)));
+  EXPECT_NEAR(mean.dolp_corrected(0, 0), 0, 1e-6);
+  EXPECT_NEAR(own[0].dolp_corrected(0, 0), 0.5, 1e-3);
+}
+
 }  // namespace
 }  // namespace malus

@@ -1,5 +1,10 @@
 """What is stated of results and said of frames: saturation, bias, files mistaken for one another."""
 
+import base64
+import json
+import re
+import zlib
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -57,6 +62,47 @@ def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp
     for command in ("stokes", "normals"):
         plain = malus(command, denoised, "-o", tmp_path / "plain", "--json")
         assert "50 cells" in plain.err and plain.json["saturated_cells"] == 50
+
+
+def color_frame(path, aolp_deg):
+    """Even light of which red, green and blue are polarized at these angles, as `imx250myr-simulated` might write it."""
+    r, c = np.mgrid[:SIDE, :SIDE]
+    angle, color = np.array([[90, 45], [135, 0]])[r % 2, c % 2], (r // 2 % 2) + (c // 2 % 2)
+    light = 400 * (1 + 0.8 * np.cos(2 * np.deg2rad(angle - np.array(aolp_deg)[color])))
+    np.save(path, np.round(light + np.random.default_rng(7).normal(82, 15, light.shape)).clip(0, WHITE).astype(np.uint16))
+    return path
+
+
+def first_value(html, layer):
+    """The first pixel of a layer of a report's picture, within half a step: nothing foretells it, and its dither is half a step."""
+    text = html.read_text(encoding="utf-8")
+    sections = json.loads(re.search(r'id="malus-report">(.*?)</script>', text, re.S).group(1))["sections"]
+    layers = [found for section in sections for block in section["blocks"] for found in block.get("layers", []) if found["name"] == layer]
+    raster = next(found for found in layers[0]["rasters"] if found)
+    code = shift = 0
+    for byte in zlib.decompress(base64.b64decode(re.search(rf'id="{raster["blob"]}"[^>]*>(.*?)</script>', text, re.S).group(1))):
+        code |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return ((code >> 1 ^ -(code & 1)) + 0.5) * raster["scales"][0]["step"]
+
+
+def test_confidence_is_shown_of_what_is_shown(malus, tmp_path):
+    """DoLP and AoLP are shown of the mean of the colours. Where these are turned against one another, each is sure of its angle and their mean is not."""
+    model, shown = ("--model", "imx250myr-simulated", "--gain", 12, "--black", 82, "--white", WHITE), {}
+    for name, angles in (("alike", (30, 30, 30)), ("turned", (30, 90, 150))):
+        raw = color_frame(tmp_path / f"{name}.npy", angles)
+        malus("stokes", raw, *model, "--format", "npy", "--no-legend", "-o", tmp_path)
+        assert planes(tmp_path, name, "aolp_sd")[0].max() < 5
+        assert planes(tmp_path, name, "dolp_corrected")[0].min() > 0.5
+        for product in ("aolp_sd", "dolp_corrected", "dolp"):
+            shown[name, product] = np.asarray(Image.open(tmp_path / f"{name}_{product}.png").convert("L")).mean()
+        malus("denoise", raw, *model, "--uncertainty", "--report", tmp_path / f"{name}.html", "-o", tmp_path)
+        shown[name, "report"] = first_value(tmp_path / f"{name}.html", "confidence: standard deviation of AoLP")
+    assert shown["turned", "aolp_sd"] > 50 and shown["alike", "aolp_sd"] < 10
+    assert shown["turned", "dolp_corrected"] == pytest.approx(shown["turned", "dolp"], abs=10)
+    assert shown["alike", "dolp_corrected"] > 3 * shown["turned", "dolp_corrected"]
+    assert shown["turned", "report"] > 10 and shown["alike", "report"] < 1
 
 
 def test_dolp_of_noise_alone_does_not_run_away(malus, tmp_path):

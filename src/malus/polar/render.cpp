@@ -62,15 +62,6 @@ std::array<double, 3> balance(const StokesPicture& picture) {
   return gains;
 }
 
-Image mean_image(std::span<const StokesPlanes> planes, Image StokesPlanes::*member) {
-  Image mean = planes[0].*member;
-  for (std::size_t p = 1; p < planes.size(); ++p)
-    for (std::size_t i = 0; i < mean.size(); ++i)
-      mean.values()[i] += (planes[p].*member).values()[i];
-  for (float& v : mean.values()) v /= static_cast<float>(planes.size());
-  return mean;
-}
-
 Planes paint_signed(const Image& values, double scale, bool legend) {
   Planes picture = paint(values.rows(), values.cols(), [&](int r, int c) {
     const double v = values(r, c);
@@ -84,12 +75,6 @@ Planes paint_signed(const Image& values, double scale, bool legend) {
 }
 
 }  // namespace
-
-StokesPlanes mean_stokes(std::span<const StokesPlanes> planes) {
-  MALUS_REQUIRE(!planes.empty());
-  return {mean_image(planes, &StokesPlanes::s0), mean_image(planes, &StokesPlanes::s1),
-          mean_image(planes, &StokesPlanes::s2)};
-}
 
 Planes render_s0(const StokesPicture& picture, const RenderSettings& settings) {
   const bool color = picture.names == std::vector<std::string>{"R", "G", "B"};

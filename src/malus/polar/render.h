@@ -34,10 +34,6 @@ struct RenderSettings {
   }
 };
 
-/// The mean of all colours' Stokes vectors: what S1, S2, DoLP and AoLP pictures of colour sensors
-/// show. Contract: not empty, equal sizes.
-StokesPlanes mean_stokes(std::span<const StokesPlanes> planes);
-
 /// Tone-mapped S0: linear light scaled so that the white percentile is white, then sRGB. R, G, B
 /// in colour, anything else as grey. Pixels that are not finite show the undefined pattern.
 Planes render_s0(const StokesPicture& picture, const RenderSettings& settings);

@@ -36,6 +36,15 @@ Image mean_of(const Image& a, const Image& b) {
   return mean;
 }
 
+Image mean_image(std::span<const StokesPlanes> planes, Image StokesPlanes::*member) {
+  Image mean = planes[0].*member;
+  for (std::size_t p = 1; p < planes.size(); ++p)
+    for (std::size_t i = 0; i < mean.size(); ++i)
+      mean.values()[i] += (planes[p].*member).values()[i];
+  for (float& v : mean.values()) v /= static_cast<float>(planes.size());
+  return mean;
+}
+
 }  // namespace
 
 StokesPlanes stokes_of(const AnglePlanes& angles) {
@@ -129,6 +138,12 @@ StokesPicture merge_greens(std::vector<StokesPlanes> per_color, const SensorLayo
     picture.planes.push_back(std::move(own));
   }
   return picture;
+}
+
+StokesPlanes mean_stokes(std::span<const StokesPlanes> planes) {
+  MALUS_REQUIRE(!planes.empty());
+  return {mean_image(planes, &StokesPlanes::s0), mean_image(planes, &StokesPlanes::s1),
+          mean_image(planes, &StokesPlanes::s2)};
 }
 
 }  // namespace malus

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -93,6 +94,10 @@ std::string display_name(Color color);
 /// From one StokesPlanes per colour, as stokes_per_color gives them. Colours other than R, G, B or
 /// mono alone keep their own names.
 StokesPicture merge_greens(std::vector<StokesPlanes> per_color, const SensorLayout& layout);
+
+/// The mean of all colours' Stokes vectors: what S1, S2, DoLP and AoLP pictures of colour sensors
+/// show. Contract: not empty, equal sizes.
+StokesPlanes mean_stokes(std::span<const StokesPlanes> planes);
 
 /// Throws InputError naming the layout and the subject (a file name) unless the layout is
 /// polarized.

@@ -16,32 +16,73 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
   return (s.s2 * s.s2 * v.s1s1 + s.s1 * s.s1 * v.s2s2 - 2 * s.s1 * s.s2 * v.s1s2) / p2;
 }
 
-// Correlation of a filter's errors between the angles, and between sites of one colour and angle as
-// of both greens: they are mostly of what all of these share, so they do not average out, neither
+// Correlation of a filter's errors between the angles, and between sites of one angle, of one or of
+// several colours: they are mostly of what all of these share, so they do not average out, neither
 // in S0 nor in the mean of sites, and partly cancel in S1 and S2, which are differences
 // (docs/uncertainty.md has the measurements).
 constexpr double kSharedError = 0.35;
 
-// Variance of the mean over the colours of the mean over each colour's sites.
-AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& layout,
-                            const std::vector<Color>& colors, Intensities intensities) {
-  const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
-  std::array<Image, 4> angles;
-  for (int a = 0; a < 4; ++a) {
-    Image& sum = angles[static_cast<std::size_t>(a)];
-    sum = Image(packed_variance.rows(), packed_variance.cols());
-    int sites = 0;
-    for (Color color : colors) {
-      const SiteMean mean = mean_of_sites(packed_variance, layout, color, 45 * a);
-      const auto share = static_cast<float>(
-          1.0 / (mean.sites * static_cast<double>(colors.size() * colors.size())));
-      for (std::size_t i = 0; i < sum.size(); ++i)
-        sum.values()[i] += share * mean.image.values()[i];
-      sites += mean.sites;
+// Colours whose mean is one, as green is that of both greens; the groups weigh alike.
+using Groups = std::vector<std::vector<Color>>;
+
+struct SiteWeight {
+  const Image* variance;
+  double weight;
+};
+
+// What the sites of one angle weigh in the mean over the groups.
+std::vector<SiteWeight> site_weights(const Planes& packed_variance, const SensorLayout& layout,
+                                     const Groups& groups, int angle_deg) {
+  std::vector<SiteWeight> all;
+  for (const auto& group : groups)
+    for (const Color color : group) {
+      const std::size_t first = all.size();
+      for (int k = 0; k < layout.channels(); ++k)
+        if (layout.site(k) == Site{color, angle_deg}) all.push_back({&packed_variance[k], 0});
+      for (std::size_t i = first; i < all.size(); ++i)
+        all[i].weight =
+            1.0 / static_cast<double>(groups.size() * group.size() * (all.size() - first));
     }
-    for (float& v : sum.values()) v *= static_cast<float>(1 + (sites - 1) * shared);
+  return all;
+}
+
+// Of the mean of errors that are correlated by `shared`, pixel by pixel.
+Image variance_of_mean(const std::vector<SiteWeight>& sites, double shared) {
+  Image mean(sites.front().variance->rows(), sites.front().variance->cols());
+  parallel_for(0, mean.rows(), kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
+      for (int c = 0; c < mean.cols(); ++c) {
+        double variance = 0, deviation = 0;  // of independent errors, of errors that are all alike
+        for (const SiteWeight& site : sites) {
+          const double v = (*site.variance)(r, c);
+          variance += site.weight * site.weight * v;
+          deviation += site.weight * std::sqrt(v);
+        }
+        mean(r, c) = static_cast<float>(
+            shared > 0 ? (1 - shared) * variance + shared * deviation * deviation : variance);
+      }
+  });
+  return mean;
+}
+
+AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& layout,
+                            const Groups& groups, Intensities intensities) {
+  const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
+  const auto of = [&](int angle_deg) {
+    return variance_of_mean(site_weights(packed_variance, layout, groups, angle_deg), shared);
+  };
+  return {of(0), of(45), of(90), of(135)};
+}
+
+// The colours of the layout that the picture shows under each of its names.
+Groups groups_of(const StokesPicture& picture, const SensorLayout& layout) {
+  Groups groups;
+  for (const std::string& name : picture.names) {
+    groups.emplace_back();
+    for (const Color color : layout.colors())
+      if (display_name(color) == name) groups.back().push_back(color);
   }
-  return {std::move(angles[0]), std::move(angles[1]), std::move(angles[2]), std::move(angles[3])};
+  return groups;
 }
 
 // Of the variance stated of a denoised (S1, S2), what lengthens it: it is uneven, and DoLP errs
@@ -139,7 +180,7 @@ std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPla
   std::vector<StokesUncertainty> all;
   for (std::size_t i = 0; i < colors.size(); ++i)
     all.push_back(propagate(stokes[i],
-                            angle_variances(packed_variance, layout, {colors[i]}, intensities),
+                            angle_variances(packed_variance, layout, {{colors[i]}}, intensities),
                             intensities));
   return all;
 }
@@ -148,15 +189,20 @@ std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
                                               const Planes& packed_variance,
                                               const SensorLayout& layout, Intensities intensities) {
   std::vector<StokesUncertainty> all;
-  for (std::size_t i = 0; i < picture.planes.size(); ++i) {
-    std::vector<Color> merged;
-    for (Color color : layout.colors())
-      if (display_name(color) == picture.names[i]) merged.push_back(color);
+  const Groups groups = groups_of(picture, layout);
+  for (std::size_t i = 0; i < groups.size(); ++i)
     all.push_back(propagate(picture.planes[i],
-                            angle_variances(packed_variance, layout, merged, intensities),
+                            angle_variances(packed_variance, layout, {groups[i]}, intensities),
                             intensities));
-  }
   return all;
+}
+
+StokesUncertainty uncertainty_of_mean(const StokesPicture& picture, const Planes& packed_variance,
+                                      const SensorLayout& layout, Intensities intensities) {
+  return propagate(
+      mean_stokes(picture.planes),
+      angle_variances(packed_variance, layout, groups_of(picture, layout), intensities),
+      intensities);
 }
 
 }  // namespace malus

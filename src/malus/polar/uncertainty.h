@@ -78,4 +78,10 @@ std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
                                               const Planes& packed_variance,
                                               const SensorLayout& layout, Intensities intensities);
 
+/// Of the mean of the picture's colours (mean_stokes), as DoLP and AoLP pictures show it: not the
+/// mean of the colours' own deviations, for the angles of the colours may differ, and noise
+/// averages out.
+StokesUncertainty uncertainty_of_mean(const StokesPicture& picture, const Planes& packed_variance,
+                                      const SensorLayout& layout, Intensities intensities);
+
 }  // namespace malus

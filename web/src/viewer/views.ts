@@ -112,35 +112,36 @@ function select(cell: Cell, channels: Plane[], filters: Site["color"][], angle: 
   return mean(channels.filter((_, c) => filters.includes(cell.sites[c].color) && cell.sites[c].angle === angle));
 }
 
-function stokesOf(cell: Cell, channels: Plane[], filters: Site["color"][]): Stokes {
-  const [i0, i45, i90, i135] = [0, 45, 90, 135].map((angle) => select(cell, channels, filters, angle));
+/** Of the mean of these colours, which weigh alike although a cell has two greens: as mean_stokes in src/malus/polar/stokes.h. */
+function stokesOf(cell: Cell, channels: Plane[], groups: Group[]): Stokes {
+  const [i0, i45, i90, i135] = [0, 45, 90, 135].map((angle) => mean(groups.map(({ filters }) => select(cell, channels, filters, angle))));
   return stokes(i0, i45, i90, i135);
 }
 
 function polarViews(block: PicturesBlock): View[] {
   const { cell } = block;
   const groups = colorGroups(cell);
-  const all = groups.flatMap(({ filters }) => filters);
   const signed: Look = { kind: "palette", palette: "diverging", low: -1, high: 1, fitted: true };
   const degree: Look = { kind: "palette", palette: "sequential", low: 0, high: 1, fitted: true };
   const wheel: Look = { kind: "palette", palette: "cyclic", low: 0, high: 180 };
-  const light = (title: string, of: (channels: Plane[], filters: Site["color"][]) => Plane): View[] =>
+  const light = (title: string, of: (channels: Plane[], group: Group) => Plane): View[] =>
     lights(groups).map(({ name, groups: together }) => ({
       name: name ? `${title}, ${name}` : title, unit: "DN", look: { kind: "light" },
-      of: (channels) => ({ planes: together.map(({ filters }) => of(channels, filters)) }),
+      of: (channels) => ({ planes: together.map((group) => of(channels, group)) }),
     }));
-  const views = light("S0, intensity", (channels, filters) => stokesOf(cell, channels, filters).s0);
-  const sets = groups.length > 1 ? [{ name: "", filters: all }, ...groups] : groups;
-  for (const { name, filters } of sets) {
+  const views = light("S0, intensity", (channels, group) => stokesOf(cell, channels, [group]).s0);
+  const each = groups.map((group) => ({ name: group.name, colors: [group] }));
+  const sets = groups.length > 1 ? [{ name: "", colors: groups }, ...each] : each;
+  for (const { name, colors } of sets) {
     const suffix = name ? `, ${name}` : "";
-    const of = (rule: (s: Stokes) => Plane) => (channels: Plane[]) => ({ planes: [rule(stokesOf(cell, channels, filters))] });
+    const of = (rule: (s: Stokes) => Plane) => (channels: Plane[]) => ({ planes: [rule(stokesOf(cell, channels, colors))] });
     views.push(
       { name: `DoLP${suffix}`, unit: "1", look: degree, of: of(dolp) },
       { name: `AoLP${suffix}`, unit: "deg", look: wheel, of: of(aolp) },
       {
         name: `AoLP, brightness by DoLP${suffix}`, unit: "deg", look: wheel,
         of: (channels) => {
-          const s = stokesOf(cell, channels, filters);
+          const s = stokesOf(cell, channels, colors);
           return { planes: [aolp(s)], bright: dolp(s) };
         },
       },
@@ -148,7 +149,7 @@ function polarViews(block: PicturesBlock): View[] {
       { name: `S2${suffix}`, unit: "DN", look: signed, of: of((s) => s.s2) },
     );
   }
-  for (const angle of [0, 45, 90, 135]) views.push(...light(`${angle}°`, (channels, filters) => select(cell, channels, filters, angle)));
+  for (const angle of [0, 45, 90, 135]) views.push(...light(`${angle}°`, (channels, { filters }) => select(cell, channels, filters, angle)));
   return views;
 }
 
