@@ -8,9 +8,10 @@
 #include <fmt/format.h>
 
 namespace malus::app {
+namespace {
 
-StatedLevels levels_for_frame(const RawFrame& told, const FrameOptions& options,
-                              FloatBlack float_black) {
+StatedLevels with_true_black(const RawFrame& told, const FrameOptions& options,
+                             FloatBlack float_black) {
   const bool tells_above = told.black_known && mean_of(told.black_dn) == 0;
   if (options.black_dn.empty() || told.bits > 0 || (told.black_known && !tells_above) ||
       (float_black == FloatBlack::kHolds && !tells_above))
@@ -31,12 +32,32 @@ StatedLevels levels_for_frame(const RawFrame& told, const FrameOptions& options,
   return levels;
 }
 
+}  // namespace
+
+StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
+                              const FrameOptions& options, FloatBlack float_black) {
+  StatedLevels levels = with_true_black(told, options, float_black);
+  const bool of_result = holds == kHoldsDenoised && told.white_known;
+  if (!of_result || !levels.options.white_dn || float_black == FloatBlack::kAboveAlready)
+    return levels;
+  const double stated_dn = *levels.options.white_dn;
+  levels.options.white_dn.reset();
+  const bool by_session = float_black == FloatBlack::kNotSaid && !options.black_dn.empty();
+  if (!by_session && stated_dn != told.white_dn)
+    levels.warning +=
+        fmt::format("{}says that it is saturated at {:g} DN; {} is not taken",
+                    levels.warning.empty() ? "" : ", and ", told.white_dn, setting("white"));
+  return levels;
+}
+
 StatedLevels levels_for_file(const std::filesystem::path& path, const FrameOptions& options,
                              FloatBlack float_black) {
-  if (options.black_dn.empty()) return {options, {}};
-  FrameOptions without_black = options;
-  without_black.black_dn.clear();
-  return levels_for_frame(probe_frame(path, without_black).frame, options, float_black);
+  if (options.black_dn.empty() && !options.white_dn) return {options, {}};
+  FrameOptions without_levels = options;
+  without_levels.black_dn.clear();
+  without_levels.white_dn.reset();
+  const FrameInfo told = probe_frame(path, without_levels);
+  return levels_for_frame(told.frame, told.holds, options, float_black);
 }
 
 void require_raw(const std::string& source, const std::string& holds, const std::string& remedy) {

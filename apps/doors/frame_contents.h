@@ -24,12 +24,13 @@ struct StatedLevels {
 
 /// The options as they are true of a file: a float file that says that it is above black is, and so
 /// is one that does not tell its black level (interface: malus writes them so) unless float_black
-/// says that it holds it.
+/// says that it holds it. A denoised file is saturated where it says, below the camera's white by
+/// the bias that was taken off; but for kAboveAlready, where white is the peak.
 StatedLevels levels_for_file(const std::filesystem::path& path, const FrameOptions& options,
                              FloatBlack float_black);
-/// The same of a frame that is loaded, `told` all that it tells of itself.
-StatedLevels levels_for_frame(const RawFrame& told, const FrameOptions& options,
-                              FloatBlack float_black);
+/// The same of a frame that is loaded, `told` all that it tells of itself (holds: FrameInfo).
+StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
+                              const FrameOptions& options, FloatBlack float_black);
 
 /// Throws InputError for a frame whose file says that it is denoised (holds): a model's noise and
 /// bias are no longer in it.

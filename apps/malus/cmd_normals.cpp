@@ -115,7 +115,8 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
-  const std::int64_t saturated_cells = warn_of_saturation(light);
+  const SaturatedCells saturated = saturated_cells(frame.dn, frame.layout, light.saturated_dn);
+  warn_of_saturation(frame, saturated);
   // Stokes vectors of all colours together: the mean of R, G and B.
   const StokesPicture colors =
       arguments.full ? demosaick(frame.dn, frame.layout, Demosaicking::kResidual, frame.source)
@@ -129,7 +130,7 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
   Json json{{"input", input.string()},
             {"rows", stokes.s0.rows()},
             {"cols", stokes.s0.cols()},
-            {"saturated_cells", saturated_cells},
+            {"saturated_cells", saturated.count},
             {"object_pixels", std::count_if(mask.values().begin(), mask.values().end(),
                                             [](float v) { return v > 0; })}};
   if (!arguments.reference.empty()) {

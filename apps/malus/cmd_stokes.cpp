@@ -135,7 +135,7 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 // what denoise wrote beside it.
 Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                    std::size_t index, FrameAsLight& light) {
-  if (!model) return load_variance(arguments.variance[index], light);
+  if (!model) return load_variance(arguments.variance[index], light.frame);
   Planes variance = naming_model(arguments.model, [&] {
     return take_out_bias(light, *model, gain_range(arguments.extrapolate_gain));
   });
@@ -163,9 +163,12 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
   warn_of_guesses(frame);
-  const std::int64_t saturated_cells = warn_of_saturation(light);
   Planes variance;
   if (arguments.confidence()) variance = variance_of(arguments, model, index, light);
+  const SaturatedCells saturated =
+      arguments.confidence() ? saturated_cells(frame.dn, frame.layout, variance)
+                             : saturated_cells(frame.dn, frame.layout, light.saturated_dn);
+  warn_of_saturation(frame, saturated);
   const StokesPicture picture = stokes_picture(arguments, frame);
   const auto intensities = model ? Intensities::kMeasured : Intensities::kDenoised;
   Confidence confidence;
@@ -179,7 +182,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
             {"rows", picture.planes[0].s0.rows()},
             {"cols", picture.planes[0].s0.cols()},
             {"channels", channels},
-            {"saturated_cells", saturated_cells}};
+            {"saturated_cells", saturated.count}};
   json.update(summary_json(summarize_dolp(data[3]())));
   if (arguments.confidence())
     for (const Planes& planes : confidence) data.push_back([&planes] { return planes; });

@@ -6,7 +6,6 @@
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
-#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
@@ -121,17 +120,9 @@ Image above_black(const RawFrame& frame) {
   return std::move(copy.dn);
 }
 
-std::int64_t warn_of_saturation(const FrameAsLight& light) {
-  const RawFrame& above_black = light.frame;
-  const std::int64_t cells = saturated_cells(above_black, light.saturated_dn);
-  const std::int64_t all =
-      std::int64_t{packed_size(above_black.dn.rows(), above_black.layout.rows())} *
-      packed_size(above_black.dn.cols(), above_black.layout.cols());
-  if (cells > 0)
-    warn(fmt::format("{}: {} {} ({} %) with saturated pixels: S0, DoLP and AoLP are wrong there",
-                     above_black.source, cells, cells == 1 ? "cell" : "cells",
-                     percent_text(static_cast<double>(cells) / static_cast<double>(all))));
-  return cells;
+void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells) {
+  if (const std::string complaint = cells.complaint(); !complaint.empty())
+    warn(fmt::format("{}: {}", frame.source, complaint));
 }
 
 void warn_of_guesses(const RawFrame& frame) {

@@ -4,8 +4,8 @@
 #include "malus/base/error.h"
 #include "malus/io/frame_file.h"
 #include "malus/noise/model.h"
+#include "malus/noise/raw_variance.h"
 
-#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -69,8 +69,8 @@ std::string_view fate_of_nonfinite(bool as_float);
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);
 
-/// Cells of a frame above black that hold saturated pixels. Says on stderr how many, if any.
-std::int64_t warn_of_saturation(const FrameAsLight& light);
+/// Says on stderr how many cells of a frame hold saturated pixels, if any.
+void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells);
 
 /// Says on stderr what a frame was taken for without anybody having stated it, layout, black and
 /// white level, and where its pixels or its file contradict the layout.

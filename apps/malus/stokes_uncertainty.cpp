@@ -36,8 +36,7 @@ Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange ran
   return pack(malus::take_out_bias(above_black, profile, light.saturated_dn), above_black.layout);
 }
 
-Planes load_variance(const std::filesystem::path& path, const FrameAsLight& light) {
-  const RawFrame& frame = light.frame;
+Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
   Picture picture = load_picture(path);
   if (picture.holds != kHoldsVariance)
     throw InputError(path.string(), "is no file of variances",
@@ -58,7 +57,6 @@ Planes load_variance(const std::filesystem::path& path, const FrameAsLight& ligh
           "give the _variance.exr that malus denoise --uncertainty wrote for the frame");
     ordered[k] = picture.planes[static_cast<int>(found - picture.names.begin())];
   }
-  forget_saturated(ordered, frame, light.saturated_dn);
   return ordered;
 }
 

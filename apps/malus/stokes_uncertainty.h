@@ -29,9 +29,9 @@ using Confidence = std::array<Planes, kConfidenceProducts.size()>;
 /// differ.
 Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range);
 
-/// Packed planes that malus denoise --uncertainty wrote, in the layout's order; NaN where the frame
-/// is saturated.
-Planes load_variance(const std::filesystem::path& path, const FrameAsLight& light);
+/// Packed planes that malus denoise --uncertainty wrote of the frame, in the layout's order; NaN
+/// where the raw frame was saturated.
+Planes load_variance(const std::filesystem::path& path, const RawFrame& frame);
 
 /// by_model (--model, else --variance): throws InputError for a file that says it is denoised,
 /// since the model's noise is no longer in it. Else warns of integers that do not say so.

@@ -23,12 +23,13 @@ double white_of_type(const RawFrame& frame) {
   return static_cast<double>(largest);
 }
 
-// As the program takes --black for a file (frame_contents.h).
-ToldOfFrame believed(const ToldOfFrame& told, const RawFrame& frame) {
+// As the program takes --black and --white for a file (frame_contents.h).
+ToldOfFrame believed(const ToldOfFrame& told, const HeldFrame& frame) {
   FrameOptions stated;
   stated.black_dn = levels_of(told.black);
   stated.white_dn = told.white;
-  const app::StatedLevels levels = app::levels_for_frame(frame, stated, app::FloatBlack::kHolds);
+  const app::StatedLevels levels =
+      app::levels_for_frame(frame, frame.holds, stated, app::FloatBlack::kHolds);
   if (!levels.warning.empty()) give_warning(frame.source + ": " + levels.warning);
   ToldOfFrame result = told;
   if (levels.options.black_dn.empty()) result.black.reset();
@@ -91,7 +92,7 @@ RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseM
   ToldOfFrame taken = told;
   if (const HeldFrame* held = held_frame(raw)) {
     frame = *held;
-    taken = believed(told, frame);
+    taken = believed(told, *held);
   } else {
     if (!(told.layout || model) || !(told.white || (model && model->white_dn > 0)))
       throw InputError(

@@ -309,8 +309,9 @@ void bind_frames(py::module_& m) {
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),
         "Reads TIFF, PNG, BMP, PGM, EXR, FITS, .npy or camera raw into a Frame: DN exactly as "
         "stored. layout, black (one number, or one per channel), white [DN] win over what the file "
-        "says, but that floats are above black already is believed, with a warning. A headerless "
-        "file needs raw_format (mono8, mono10p, mono12p, mono12packed, mono16) "
+        "says, but that floats are above black already, and where a denoised file is saturated, is "
+        "believed, with a warning. A headerless file needs raw_format (mono8, mono10p, mono12p, "
+        "mono12packed, mono16) "
         "and size=(width, height).");
 }
 

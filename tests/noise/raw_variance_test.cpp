@@ -1,8 +1,6 @@
 // The variance of raw pixels from a profile whose numbers are known.
 #include "malus/noise/raw_variance.h"
 
-#include "malus/image/pack.h"
-
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -66,21 +64,32 @@ TEST(RawVariance, BiasIsEachChannelsOwn) {
 }
 
 // Two cells of 2x2 pixels; white is 1000 DN.
-TEST(Saturation, IsCountedByCellAndForgotten) {
+TEST(Saturation, IsCountedByCell) {
   RawFrame frame = ramp(true);
-  EXPECT_EQ(saturated_cells(frame, saturation_dn(frame)), 2);
+  EXPECT_EQ(saturated_cells(frame.dn, frame.layout, saturation_dn(frame)).count, 2);
   frame.dn(1, 1) = 999;
-  EXPECT_EQ(saturated_cells(frame, saturation_dn(frame)), 1);
+  const SaturatedCells cells = saturated_cells(frame.dn, frame.layout, saturation_dn(frame));
+  EXPECT_EQ(cells.count, 1);
+  EXPECT_EQ(cells.of, 2);
+  EXPECT_EQ(cells.complaint(),
+            "1 cell (50 %) with saturated pixels: S0, DoLP and AoLP are wrong there");
+  RawFrame unknown = ramp(false);
+  EXPECT_EQ(saturated_cells(unknown.dn, unknown.layout, saturation_dn(unknown)).count, 0);
+  EXPECT_EQ(SaturatedCells({0, 2}).complaint(), "");
+}
+
+// Whatever the values: those of denoised pixels lie about white. A pixel that is no number has no
+// variance either.
+TEST(Saturation, IsCountedByTheVarianceThatIsStated) {
+  RawFrame frame = ramp(true);
   Planes variance(4, 1, 2);
   for (Image& plane : variance)
     for (float& v : plane.values()) v = 7;
-  forget_saturated(variance, frame, saturation_dn(frame));
-  const Planes pixels = pack(frame.dn, frame.layout);
-  for (int k = 0; k < 4; ++k)
-    for (std::size_t i = 0; i < 2; ++i)
-      EXPECT_EQ(std::isnan(variance[k].values()[i]), pixels[k].values()[i] >= 1000) << k << i;
-  RawFrame unknown = ramp(false);
-  EXPECT_EQ(saturated_cells(unknown, saturation_dn(unknown)), 0);
+  variance[3](0, 1) = NAN;  // beside NAN
+  EXPECT_EQ(saturated_cells(frame.dn, frame.layout, variance).count, 0);
+  variance[1](0, 0) = NAN;  // beside 0
+  variance[0](0, 0) = NAN;
+  EXPECT_EQ(saturated_cells(frame.dn, frame.layout, variance).count, 1);
 }
 
 // Black levels of 60, 70, 50 and 60 DN below one white: a pixel just under the highest of these
@@ -95,15 +104,12 @@ TEST(Saturation, IsWhiteLessTheChannelsOwnBlack) {
   frame.dn(0, 2) = frame.dn(1, 3) = 1000;
   const std::vector<float> limits_dn = saturation_dn(frame);
   subtract_black(frame);
-  EXPECT_EQ(saturated_cells(frame, limits_dn), 1);
-  Planes variance(4, 1, 2);
-  forget_saturated(variance, frame, limits_dn);
+  EXPECT_EQ(saturated_cells(frame.dn, frame.layout, limits_dn).count, 1);
   const Image taken = take_out_bias(frame, profile(), limits_dn);
   for (int r = 0; r < 2; ++r)
     for (int c = 0; c < 4; ++c) {
       const bool at_white = (r == 0 && c == 2) || (r == 1 && c == 3);
       EXPECT_EQ(std::isnan(taken(r, c)), at_white) << r << c;
-      EXPECT_EQ(std::isnan(variance[2 * r + c % 2](0, c / 2)), at_white) << r << c;
     }
 }
 

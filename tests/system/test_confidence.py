@@ -64,6 +64,23 @@ def test_saturated_cells_are_counted_and_their_errors_unknown(malus, camera, tmp
         assert "50 cells" in plain.err and plain.json["saturated_cells"] == 50
 
 
+def test_saturation_of_denoised_frames_is_that_of_the_raw_ones(malus, tmp_path):
+    """Light just below white, and black levels that differ by more than that: filtered pixels of one channel lie above what saturated ones of
+    another are left with, which is the white that the file tells."""
+    dn = np.clip(np.round(np.random.default_rng(8).normal(WHITE - 4, 1.5, (SIDE, SIDE))), 0, WHITE).astype(np.uint16)
+    dn[40:50, 40:50] = WHITE
+    Image.fromarray(dn).save(tmp_path / "raw.png")
+    cells = (dn == WHITE).reshape(SIDE // 2, 2, SIDE // 2, 2).any((1, 3))
+    assert cells.mean() < 0.1
+    levels = ("--black", "60,90,60,60", "--white", WHITE)
+    malus("denoise", tmp_path / "raw.png", *MODEL, "--gain", GAIN_DB, *levels, "--uncertainty", "-o", tmp_path)
+    for told in ((), levels):
+        found = malus("stokes", tmp_path / "raw_denoised.tif", *told, "--variance", tmp_path / "raw_variance.exr", "--format", "npy",
+                      "--no-pictures", "--json", "--force", "-o", tmp_path)
+        assert found.json["saturated_cells"] == cells.sum() and f"{cells.sum()} cells" in found.err
+        assert (np.isnan(planes(tmp_path, "raw_denoised", "dolp_sd")[0]) == cells).all()
+
+
 def color_frame(path, aolp_deg):
     """Even light of which red, green and blue are polarized at these angles, as `imx250myr-simulated` might write it."""
     r, c = np.mgrid[:SIDE, :SIDE]

@@ -223,3 +223,21 @@ def test_a_reference_has_its_own_black_level(malus, tmp_path):
                      tmp_path / f"{name}.tif", "-o", tmp_path / name, "--json")
         assert done.json["against_reference"]["before"]["image_psnr"] is None, name  # equal
         assert ("taken as the frame's" in done.err) == (name == "silent")
+
+
+@pytest.mark.parametrize("black, dtype", [(0, np.float32), (256, np.uint16)])
+def test_a_denoised_file_is_saturated_where_it_says(malus, tmp_path, black, dtype):
+    """Below the camera's white by the bias that was taken off. A session that describes the camera is no contradiction."""
+    dn = mosaic() + black
+    dn[4, 4] = dn[10, 20] = dn[11, 21] = own_white = 3799 + black
+    Image.fromarray(dn.round().astype(dtype)).save(tmp_path / "d.tif", description=f"[malus layout=polar-mono black={black} white={own_white} holds=denoised]")
+    (tmp_path / "s.toml").write_text('[sensor]\nblack = 256\nwhite = 4095\n')
+    said = f"says that it is saturated at {own_white} DN; --white is not taken"
+    for told, warned in ((), False), (("--white", 4095), True), (("--black", 256, "--white", 4095), True), (("--session", tmp_path / "s.toml"), False), \
+                        (("--white", own_white), False):
+        for command in ("stokes", "normals"):
+            found = malus(command, tmp_path / "d.tif", *told, "-o", tmp_path / "out", "--force", "--json")
+            assert found.json["saturated_cells"] == 2 and "2 cells" in found.err, (command, told)
+            assert (said in found.err) == warned, (command, told)
+    compared = malus("evaluate", "--reference", tmp_path / "d.tif", "--test", tmp_path / "d.tif", "--white", 4095, "--json")
+    assert compared.json["peak_dn"] == 4095 - black and "not taken" not in compared.err  # a peak, as all the files' of a table

@@ -1,12 +1,32 @@
 #include "malus/noise/raw_variance.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/image/pack.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
+#include <fmt/format.h>
+
 namespace malus {
+namespace {
+
+// Of which a channel's pixel is one that is_saturated(channel, cell, dn) says.
+template <class IsSaturated>
+SaturatedCells cells_with(const Planes& packed, const IsSaturated& is_saturated) {
+  SaturatedCells cells{0, static_cast<std::int64_t>(packed[0].size())};
+  for (std::size_t i = 0; i < packed[0].size(); ++i) {
+    bool saturated = false;
+    for (int k = 0; k < packed.channels(); ++k)
+      saturated |= is_saturated(k, i, packed[k].values()[i]);
+    cells.count += saturated;
+  }
+  return cells;
+}
+
+}  // namespace
 
 std::vector<float> saturation_dn(const RawFrame& frame) {
   constexpr double kRounding = 1e-6;  // of black and white to float32
@@ -18,30 +38,29 @@ std::vector<float> saturation_dn(const RawFrame& frame) {
   return limits_dn;
 }
 
-std::int64_t saturated_cells(const RawFrame& above_black, const std::vector<float>& saturated_dn) {
-  const Planes packed = pack(above_black.dn, above_black.layout);
-  MALUS_REQUIRE(std::ssize(saturated_dn) == packed.channels());
-  std::int64_t cells = 0;
-  for (std::size_t i = 0; i < packed[0].size(); ++i) {
-    bool saturated = false;
-    for (int k = 0; k < packed.channels(); ++k)
-      saturated |= packed[k].values()[i] >= saturated_dn[static_cast<std::size_t>(k)];
-    cells += saturated;
-  }
-  return cells;
+std::string SaturatedCells::complaint() const {
+  if (count == 0) return {};
+  return fmt::format("{} {} ({} %) with saturated pixels: S0, DoLP and AoLP are wrong there", count,
+                     count == 1 ? "cell" : "cells",
+                     percent_text(static_cast<double>(count) / static_cast<double>(of)));
 }
 
-void forget_saturated(Planes& variance, const RawFrame& above_black,
-                      const std::vector<float>& saturated_dn) {
-  const Planes packed = pack(above_black.dn, above_black.layout);
-  MALUS_REQUIRE(variance.channels() == packed.channels() &&
-                std::ssize(saturated_dn) == packed.channels());
-  for (int k = 0; k < variance.channels(); ++k) {
-    MALUS_REQUIRE(variance[k].size() == packed[k].size());
-    for (std::size_t i = 0; i < packed[k].size(); ++i)
-      if (packed[k].values()[i] >= saturated_dn[static_cast<std::size_t>(k)])
-        variance[k].values()[i] = std::numeric_limits<float>::quiet_NaN();
-  }
+SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLayout& layout,
+                               const std::vector<float>& saturated_dn) {
+  MALUS_REQUIRE(std::ssize(saturated_dn) == layout.channels());
+  return cells_with(pack(dn_above_black, layout), [&](int k, std::size_t, float dn) {
+    return dn >= saturated_dn[static_cast<std::size_t>(k)];
+  });
+}
+
+SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLayout& layout,
+                               const Planes& packed_variance) {
+  const Planes packed = pack(dn_above_black, layout);
+  MALUS_REQUIRE(packed_variance.channels() == packed.channels() &&
+                packed_variance.rows() == packed.rows() && packed_variance.cols() == packed.cols());
+  return cells_with(packed, [&](int k, std::size_t i, float dn) {
+    return std::isnan(packed_variance[k].values()[i]) && !std::isnan(dn);
+  });
 }
 
 void subtract_bias(Image& dn, const NoiseProfile& profile) {

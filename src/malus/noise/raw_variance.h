@@ -6,6 +6,7 @@
 #include "malus/noise/profile.h"
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 namespace malus {
@@ -15,14 +16,23 @@ namespace malus {
 std::vector<float> saturation_dn(const RawFrame& frame);
 
 /// How many of the layout's cells have a saturated pixel, cells that the frame's edge cuts too: all
-/// that is worked out of a whole cell, such as S0, DoLP and AoLP, is wrong there. saturated_dn
-/// (here and below): saturation_dn of the frame before its black was subtracted.
-std::int64_t saturated_cells(const RawFrame& above_black, const std::vector<float>& saturated_dn);
+/// that is worked out of a whole cell, such as S0, DoLP and AoLP, is wrong there.
+struct SaturatedCells {
+  std::int64_t count = 0, of = 0;
+  /// What to warn of, without the frame's name; empty where there are none.
+  std::string complaint() const;
+};
 
-/// NaN in the packed variance of the frame where its pixel is saturated, for there the noise tells
-/// nothing of the error. Contract: the packed planes of that frame's size.
-void forget_saturated(Planes& variance, const RawFrame& above_black,
-                      const std::vector<float>& saturated_dn);
+/// By the values of the pixels. saturated_dn (here and below): saturation_dn of the frame before
+/// its black was subtracted.
+SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLayout& layout,
+                               const std::vector<float>& saturated_dn);
+
+/// By the variance that is stated of them, which is NaN where a pixel is saturated: of denoised
+/// frames this alone is sure, for their bright pixels lie about white. Pixels that are no numbers
+/// have such a variance too and do not count. Contract: the packed planes of that mosaic's size.
+SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLayout& layout,
+                               const Planes& packed_variance);
 
 /// Takes each channel's bias off a mosaic above black, saturated pixels too. Contract: the mosaic
 /// is of the profile's layout.
