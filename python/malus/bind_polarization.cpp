@@ -35,8 +35,16 @@ constexpr const char* kLight = "dn_above_black";
 struct Light {
   Array dn;  ///< above black
   SensorLayout layout;
+  std::string source = "array";
+  SaturatedCells saturated{};  ///< none where white is not known
   View<const float> view() const { return view_of(dn, kLight); }
 };
+
+// In the program's words.
+void warn_of_saturation(const std::string& source, const SaturatedCells& cells) {
+  if (const auto complaint = cells.complaint(); !complaint.empty())
+    give_warning(source + ": " + complaint);
+}
 
 // An array in DN above black, or a Frame, which knows its black level and its layout.
 Light light_of(const py::object& given, const std::optional<std::string>& layout) {
@@ -44,11 +52,14 @@ Light light_of(const py::object& given, const std::optional<std::string>& layout
   if (const HeldFrame* held = held_frame(given)) {
     RawFrame frame = *held;
     take_told({layout, {}, {}}, frame);
+    const std::vector<float> saturated_dn = saturation_dn(frame);
     subtract_black(frame);
-    light = {array_of(std::move(frame.dn)).cast<Array>(), frame.layout};
+    const auto saturated = saturated_cells(frame.dn, frame.layout, saturated_dn);
+    light = {array_of(std::move(frame.dn)).cast<Array>(), frame.layout, frame.source, saturated};
   } else {
     if (!layout) throw InputError("layout", "is not told by an array", "name it, or give a Frame");
-    light = {input_from(given, kLight), SensorLayout::named(*layout)};
+    light.dn = input_from(given, kLight);
+    light.layout = SensorLayout::named(*layout);
   }
   require_polarized(light.layout, "array");
   require_whole_cell(light.view(), light.layout, kLight);
@@ -95,11 +106,12 @@ void add_uncertainty(py::dict& out, const std::vector<StokesUncertainty>& colors
     out[name] = stacked(colors, [&](const StokesUncertainty& u) { return u.*plane; });
 }
 
-// Per colour of the picture, from the variance of every pixel of the mosaic.
+// Per colour of the picture, from the variance of every pixel of the mosaic, which tells as well
+// where the light is saturated.
 std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
-                                                const StokesPicture& picture,
-                                                View<const float> mosaic,
-                                                const SensorLayout& layout, bool denoised) {
+                                                const StokesPicture& picture, Light& light,
+                                                bool denoised) {
+  const View<const float> mosaic = light.view();
   const Array variance = input_from(given, "variance");
   const auto view = view_of(variance, "variance");
   if (view.rows() != mosaic.rows() || view.cols() != mosaic.cols())
@@ -108,7 +120,9 @@ std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
                                  mosaic.cols(), mosaic.rows()),
                      "give what denoise(variance=True) returned beside the mosaic");
   const py::gil_scoped_release release;
-  return uncertainty_of(picture, pack(view, layout), layout,
+  const Planes packed = pack(view, light.layout);
+  light.saturated = saturated_cells(mosaic, light.layout, packed);
+  return uncertainty_of(picture, packed, light.layout,
                         denoised ? Intensities::kDenoised : Intensities::kMeasured);
 }
 
@@ -169,15 +183,18 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   const GainSetting gain = gain_given ? model.gain_setting(*gain_given) : frame.gain;
   std::optional<StokesPicture> picture;
   std::vector<StokesUncertainty> uncertainty;
+  SaturatedCells saturated;
   {
     const py::gil_scoped_release release;
     const auto profile = model.description().profile_at(gain, gain_range(extrapolate));
-    const Image variance = take_out_bias(frame, profile, light.saturated_dn);
+    const Planes variance = pack(take_out_bias(frame, profile, light.saturated_dn), layout);
+    saturated = saturated_cells(frame.dn, layout, variance);
     picture = stokes_picture(frame.dn, layout, std::nullopt);
-    uncertainty = uncertainty_of(*picture, pack(variance, layout), layout, Intensities::kMeasured);
+    uncertainty = uncertainty_of(*picture, variance, layout, Intensities::kMeasured);
   }
   for (const std::string& line : model_complaints(model.description(), gain, false))
     give_warning(line);
+  warn_of_saturation(frame.source, saturated);
   py::dict out = dict_of(*picture);
   add_uncertainty(out, uncertainty);
   return out;
@@ -195,7 +212,7 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
   if (variance && model)
     throw InputError("variance", "and model tell the same", "leave one of them out");
   if (model) return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain);
-  const Light light = light_of(dn_above_black, layout_name);
+  Light light = light_of(dn_above_black, layout_name);
   const auto view = light.view();
   std::optional<StokesPicture> picture;
   {
@@ -203,8 +220,8 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
     picture = stokes_picture(view, light.layout, method);
   }
   py::dict out = dict_of(*picture);
-  if (variance)
-    add_uncertainty(out, uncertainty_from(*variance, *picture, view, light.layout, denoised));
+  if (variance) add_uncertainty(out, uncertainty_from(*variance, *picture, light, denoised));
+  warn_of_saturation(light.source, light.saturated);
   return out;
 }
 
@@ -224,6 +241,7 @@ py::object normals(const py::object& dn_above_black, const std::optional<std::st
                    const std::optional<std::string>& demosaick_name, const py::kwargs& kwargs) {
   const auto settings = settings_from<NormalSettings>(kwargs);
   const Light light = light_of(dn_above_black, layout_name);
+  warn_of_saturation(light.source, light.saturated);
   const SensorLayout& layout = light.layout;
   const auto view = light.view();
   const Method method = method_named(demosaick_name);

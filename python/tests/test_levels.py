@@ -181,3 +181,28 @@ def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
     done = subprocess.run([program, "synthesize", tmp_path / "bright.npy", "-m", tmp_path / "m.h5", "--kind", "nonparametric",
                            "-o", tmp_path / "out"], check=True, capture_output=True, text=True)
     assert f"warning: {mosaic[0].message}" in done.stderr.splitlines()
+
+
+def test_saturated_cells_are_said_in_the_programs_words(model, black, tmp_path):
+    program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
+    if not program.exists():
+        pytest.skip("needs the program beside the module")
+    dn = np.full((64, 64), 500, np.uint16)
+    dn[4, 4] = dn[20, 31] = dn[21, 30] = 4095
+    Image.fromarray(dn).save(tmp_path / "raw.tif", description=f"[malus layout=polar-mono black={black[0]:g} white=4095]")
+    Image.fromarray(dn.astype(np.float32)).save(tmp_path / "done.tif", description="[malus layout=polar-mono black=0 white=4095 holds=denoised]")
+    raw, done = malus.load_frame(tmp_path / "raw.tif"), malus.load_frame(tmp_path / "done.tif", white=5000)
+    variance = np.where(dn == 4095, np.nan, 4).astype(np.float32)
+    for command, frame, told, flags in (malus.stokes, raw, {}, ()), (malus.normals, raw, {}, ()), (malus.stokes, done, {}, ("--white", "5000")), \
+                                       (malus.stokes, raw, {"model": model, "gain": 12}, ("--model", MODEL, "--gain", "12")), \
+                                       (malus.stokes, done, {"variance": variance}, ()):
+        with pytest.warns(UserWarning, match=r"with saturated pixels") as said:
+            command(frame, **told)
+        words = [str(w.message) for w in said if "saturated" in str(w.message)]
+        assert words == [f"{frame.source}: 2 cells (0.2 %) with saturated pixels: S0, DoLP and AoLP are wrong there"]
+        ran = subprocess.run([program, command.__name__, frame.source, *flags, "-o", tmp_path, "--force"], check=True, capture_output=True, text=True)
+        assert f"warning: {words[0]}" in ran.stderr.splitlines()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        malus.stokes(dn.astype(np.float32), LAYOUT)  # of an array white is not known
+        malus.stokes(dn.astype(np.float32), LAYOUT, variance=np.full(dn.shape, 4, np.float32))
