@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/polar/internal/bayer.h"
 #include "malus/polar/internal/lattice.h"
+#include "malus/polar/internal/residual_angles.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,8 +18,6 @@ namespace {
 
 using internal::display_color;
 using internal::for_rows;
-using internal::kGradientFloor;
-using internal::kTinyDn;
 using internal::Lattice;
 using internal::mean_square;
 using internal::mirrored;
@@ -72,66 +71,6 @@ std::vector<Color> display_colors(const SensorLayout& layout) {
   return colors;
 }
 
-// |difference| of pixels two apart, averaged over 3x3: same angle on both sides.
-struct Gradients {
-  Image down, right;  // between (r, c) and (r + 2, c), (r, c + 2)
-};
-
-Gradients gradients_of(const Image& mosaic) {
-  const int rows = mosaic.rows(), cols = mosaic.cols();
-  Image down(rows, cols), right(rows, cols);
-  for_rows(rows, [&](int r) {
-    for (int c = 0; c < cols; ++c) {
-      down(r, c) = std::abs(mosaic(mirrored(r + 2, rows), c) - mosaic(r, c));
-      right(r, c) = std::abs(mosaic(r, mirrored(c + 2, cols)) - mosaic(r, c));
-    }
-  });
-  return {internal::box_mean(down, 1), internal::box_mean(right, 1)};
-}
-
-// Half of S0 at every pixel: the mean of the 2x2 blocks around it, those across an edge weighted
-// down. A block of any phase holds the four angles once.
-Image intensity_guide(const Image& mosaic) {
-  const int rows = mosaic.rows(), cols = mosaic.cols();
-  const Gradients gradients = gradients_of(mosaic);
-  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(mosaic)) + kTinyDn);
-  const auto weight = [&](float gradient) { return 1 / ((gradient + floor) * (gradient + floor)); };
-  Image guide(rows, cols);
-  parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
-    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
-      const int up = mirrored(r - 1, rows), below = mirrored(r + 1, rows);
-      const int up2 = mirrored(r - 2, rows);
-      for (int c = 0; c < cols; ++c) {
-        const int left = mirrored(c - 1, cols), next = mirrored(c + 1, cols);
-        const float north = weight(gradients.down(up2, c)), south = weight(gradients.down(r, c));
-        const float west = weight(gradients.right(r, mirrored(c - 2, cols)));
-        const float east = weight(gradients.right(r, c));
-        const auto block = [&](int row, int col) {
-          return 0.25f * (mosaic(r, c) + mosaic(row, c) + mosaic(r, col) + mosaic(row, col));
-        };
-        guide(r, c) = (south * (east * block(below, next) + west * block(below, left)) +
-                       north * (east * block(up, next) + west * block(up, left))) /
-                      ((south + north) * (east + west));
-      }
-    }
-  });
-  return guide;
-}
-
-// Full-resolution Stokes planes of a mosaic with one colour at every pixel.
-StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon) {
-  const Image guide = intensity_guide(mosaic);
-  std::array<Image, 4> planes;
-  for (int r = 0; r < 2; ++r)
-    for (int c = 0; c < 2; ++c) {
-      const Lattice lattice{r, c, 2};
-      const int angle = *layout.site(layout.channel_at(r, c)).angle_deg;
-      planes[static_cast<std::size_t>(angle / 45)] =
-          internal::guided_upsampled(internal::sampled(mosaic, lattice), lattice, guide, epsilon);
-    }
-  return stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]});
-}
-
 // One angle's pixels form a Bayer picture of half the size; each of the three planes of the result
 // gets its pixels at that angle's places.
 void demosaick_colors(const Image& mosaic, const SensorLayout& layout, int row, int col,
@@ -167,14 +106,14 @@ void smooth_polarization(StokesPlanes& stokes) {
 
 StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
   const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
-  if (!layout.colored()) return {{""}, {residual_angles(mosaic, layout, epsilon)}};
+  if (!layout.colored()) return {{""}, {internal::residual_angles(mosaic, layout, epsilon)}};
   std::map<Color, Image> planes;
   for (Color color : display_colors(layout)) planes[color] = Image(mosaic.rows(), mosaic.cols());
   for (int r = 0; r < 2; ++r)
     for (int c = 0; c < 2; ++c) demosaick_colors(mosaic, layout, r, c, epsilon, planes);
   StokesPicture picture;
   for (Color color : display_colors(layout)) {
-    StokesPlanes stokes = residual_angles(planes[color], layout, epsilon);
+    StokesPlanes stokes = internal::residual_angles(planes[color], layout, epsilon);
     planes[color] = Image();
     smooth_polarization(stokes);
     picture.names.push_back(display_name(color));

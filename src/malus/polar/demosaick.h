@@ -17,7 +17,8 @@ enum class Demosaicking {
   /// (Hamilton-Adams green with directional weights, residual interpolation of red and blue: Kiku
   /// et al., ICIP 2013), then angles, guided by an intensity picture averaged over the 2x2 block on
   /// the smooth side of edges (after Morimatsu, Monno, Tanaka, Okutomi, "Monochrome and color
-  /// polarization demosaicking using edge-aware residual interpolation", ICIP 2020). S1 and S2 of
+  /// polarization demosaicking using edge-aware residual interpolation", ICIP 2020). Where the
+  /// polarization changes and S0 does not, angles are interpolated without the guide. S1 and S2 of
   /// colour sensors are smoothed by [1 2 1], as their samples are four pixels apart. Nothing falls
   /// far below all samples around it, so that S0 is positive where all samples are.
   kResidual,

@@ -5,6 +5,7 @@ set(polar_SOURCES
   fresnel.cpp
   internal/bayer.cpp
   internal/lattice.cpp
+  internal/residual_angles.cpp
   layout_check.cpp
   legend.cpp
   normals.cpp
