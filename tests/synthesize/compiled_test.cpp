@@ -322,6 +322,18 @@ TEST(Compiled, GaussianKindHasTheStatedVariance) {
   }
 }
 
+// Averaged references have pixels below black.
+TEST(Compiled, GaussianKindHasTheDarkNoiseWhereTheSignalIsNegative) {
+  const CompiledNoise compiled = CompiledNoise::gaussian(SensorLayout::named("mono"),
+                                                         {{.slope_dn = 1.5, .offset_dn2 = 9.0}}, 1);
+  const Image dark(64, 200), negative(64, 200, -7.0f);
+  Image noise(64, 200), noisy(64, 200);
+  compiled.apply(dark, noise, {.seed = 8});
+  compiled.apply(negative, noisy, {.seed = 8});
+  for (int r = 0; r < 64; ++r)
+    for (int c = 0; c < 200; ++c) ASSERT_NEAR(noisy(r, c), noise(r, c) - 7.0f, 1e-5f);
+}
+
 TEST(Compiled, PoissonGaussianKeepsTheVarianceAndLosesTheTails) {
   const PhysicsNoise noise = mono_noise({.gain_dn_per_e = 1, .lambda = -0.2, .sigma_tl_dn = 1.0});
   const CompiledNoise compiled = CompiledNoise::poisson_gaussian(noise);

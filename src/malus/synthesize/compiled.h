@@ -20,8 +20,8 @@
 
 namespace malus {
 
-/// Heteroscedastic Gaussian noise of one channel: variance = slope_dn s + offset_dn2, clamped at
-/// zero.
+/// Heteroscedastic Gaussian noise of one channel: variance = slope_dn max(s, 0) + offset_dn2,
+/// clamped at zero.
 struct GaussianChannel {
   double slope_dn = 0, offset_dn2 = 0, sigma_row_dn = 0, mu_dn = 0;
 };

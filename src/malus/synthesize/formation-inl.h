@@ -157,7 +157,9 @@ MALUS_FORMATION typename A::Real noisy_pixel(typename A::Real signal_dn, const C
     const Real m = signal_dn * p.electrons_per_dn;
     noise = A::multiply_add(p.gain_dn, shot_noise<A>(m, shot_word, row.normal), noise);
   } else if (row.shot == ShotKind::kGaussian) {
-    const Real variance = A::multiply_add(p.gain_dn, signal_dn, p.variance_dn2);
+    // Negative light has no shot noise, not a negative one.
+    const Real variance =
+        A::multiply_add(p.gain_dn, A::max(signal_dn, A::real(0.0f)), p.variance_dn2);
     const Real w = symmetric_deviate<A>(row.normal, A::word(0u - kTailFirst), shot_word);
     noise = A::multiply_add(A::sqrt(A::max(variance, A::real(0.0f))), w, noise);
   }

@@ -21,7 +21,7 @@ inline constexpr std::uint32_t kShotTailWords = 1u << 16;
 enum class ShotKind : std::uint32_t {
   kNone,
   kPoisson,   ///< K Poisson(s/K): physics, Poisson-Gaussian
-  kGaussian,  ///< N(0, S s + O): heteroscedastic Gaussian
+  kGaussian,  ///< N(0, S max(s, 0) + O): heteroscedastic Gaussian
 };
 
 /// The tables and switches that all pixels of a frame share.
