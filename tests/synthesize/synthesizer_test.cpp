@@ -283,6 +283,40 @@ TEST(Synthesizer, NonparametricFramesAreRoundedOnce) {
   }
 }
 
+// Between two gains there are no codes that rounding could give back: signal zero, too, is rounded
+// once.
+TEST(Synthesizer, NonparametricDarkFramesBetweenGainsAreRoundedOnce) {
+  NonparametricChannel channel;
+  channel.level_dn = {0, 150};
+  channel.samples = {1000, 1000};
+  NoiseModel model = bayer_model();
+  model.quantization_dn = 1;
+  for (const double gain_db : {0.0, 6.0}) {
+    const double sd = gain_db > 0 ? 1.2 : 0.8;
+    channel.bin_edges_dn.clear();
+    std::vector<double> pmf;
+    for (int i = -40; i <= 40; ++i) channel.bin_edges_dn.push_back(0.1 * i * sd);
+    for (int i = -40; i < 40; ++i)
+      pmf.push_back(0.5 *
+                    (std::erf(0.1 * (i + 1) / std::sqrt(2)) - std::erf(0.1 * i / std::sqrt(2))));
+    channel.pmf.assign(2, pmf);
+    NonparametricCalibration n;
+    n.gain = {.gain_db = gain_db, .iso = {}};
+    n.channels.assign(4, channel);
+    model.nonparametric.push_back(n);
+  }
+  SynthesisSettings settings;
+  settings.kind = "nonparametric";
+  const GainSetting between{.gain_db = 3.0, .iso = {}};
+  const Image clean(600, 400);
+  const RawFrame frame =
+      Synthesizer(model, settings).draw_raw(clean, between, {.seed = 3}, model.black_dn, 4095);
+  Moments noise;
+  for (const float v : frame.dn.values()) noise.add(static_cast<double>(v) - 64);
+  const auto expected = level_moments(model.nonparametric_at(between).channels[0], 0);
+  EXPECT_NEAR(noise.variance(), expected.variance_dn2, kSigmas * noise.variance_standard_error());
+}
+
 // Above the brightest level, too, where the distribution is widened.
 TEST(Synthesizer, NonparametricFramesAboveTheLevelsAreRoundedOnce) {
   Image clean(600, 400);

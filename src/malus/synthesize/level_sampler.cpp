@@ -50,11 +50,11 @@ Continuation continuation(const NonparametricChannel& measured, const LevelMomen
 }
 
 // Bin edges `spread` times as wide about the level's mean, then drawn together until the variance
-// of rounding, q²/12, is gone. That of signal zero stays: LevelSampler.
+// of rounding, q²/12, is gone.
 std::vector<double> edges_of_level(const NonparametricChannel& channel, std::size_t level,
                                    double spread, double rounded_to_dn) {
   std::vector<double> edges = channel.bin_edges_dn;
-  if (spread == 1.0 && (rounded_to_dn == 0 || channel.level_dn[level] == 0)) return edges;
+  if (spread == 1.0 && rounded_to_dn == 0) return edges;
   const LevelMoments moments = level_moments(channel, level);
   if (!(moments.variance_dn2 > 0)) return edges;
   const double rounding = rounded_to_dn * rounded_to_dn / 12.0 / moments.variance_dn2;
@@ -92,32 +92,34 @@ std::vector<AliasCell> alias_cells(const std::vector<double>& probabilities) {
 }
 
 LevelSampler::LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
-                           int row_group, double highest_dn, double rounded_to_dn)
+                           int row_group, double highest_dn, LevelRounding rounding)
     : layout_(layout), row_group_(row_group), row_drift_(calibration.row_drift.drift) {
   MALUS_REQUIRE(static_cast<int>(calibration.channels.size()) == layout.channels());
   for (std::size_t c = 0; c < calibration.channels.size(); ++c)
     add_calibrated(calibration.channels[c], gain_of_channel(calibration, c),
                    calibration.sigma_row_dn.empty() ? 0.0 : calibration.sigma_row_dn[c], highest_dn,
-                   rounded_to_dn);
+                   rounding);
 }
 
 // The levels that were measured, and above them the brightest one, wider and wider.
 void LevelSampler::add_calibrated(const NonparametricChannel& measured, double gain_dn_per_e,
-                                  double sigma_row_dn, double highest_dn, double rounded_to_dn) {
+                                  double sigma_row_dn, double highest_dn, LevelRounding rounding) {
   const std::size_t last = measured.pmf.size() - 1;
   const Continuation above =
       continuation(measured, level_moments(measured, last), gain_dn_per_e, highest_dn);
   std::vector<double> level_dn = measured.level_dn;
   level_dn.insert(level_dn.end(), above.level_dn.begin(), above.level_dn.end());
-  const bool shared_places = above.level_dn.empty() && !(rounded_to_dn > 0);
+  const bool shared_places = above.level_dn.empty() && !(rounding.step_dn > 0);
   add_channel(level_dn, measured.bin_edges_dn.size() - 1, shared_places, sigma_row_dn);
   if (shared_places) add_places(measured.bin_edges_dn);
   for (std::size_t l = 0; l <= last; ++l) {
-    if (!shared_places) add_places(edges_of_level(measured, l, 1.0, rounded_to_dn));
+    const bool codes = rounding.zero_is_codes && measured.level_dn[l] == 0;
+    if (!shared_places)
+      add_places(edges_of_level(measured, l, 1.0, codes ? 0.0 : rounding.step_dn));
     add_cells(measured.pmf[l]);
   }
   for (const double spread : above.spread) {
-    add_places(edges_of_level(measured, last, spread, rounded_to_dn));
+    add_places(edges_of_level(measured, last, spread, rounding.step_dn));
     add_cells(measured.pmf.back());
   }
 }

@@ -23,16 +23,22 @@ struct LevelDistribution {
   std::vector<double> pmf;
 };
 
+/// Whole numbers that both a calibration's frames and a sampler's output are rounded to. The
+/// rounding's variance, q²/12, is taken out by drawing the distributions narrower about their
+/// means.
+struct LevelRounding {
+  double step_dn = 0;  ///< 0: output is not rounded
+  /// Signal zero stays as wide as it is: it was measured code by code, and rounding a draw gives
+  /// the code again. Not so between two measured gains, where no bin is a code.
+  bool zero_is_codes = true;
+};
+
 class LevelSampler {
  public:
   /// Contract: one channel of the calibration per channel of the layout, as models are checked.
   /// row_group 0: no row noise. highest_dn: brightest signal that noise has to grow for.
-  /// rounded_to_dn: step of the whole numbers that both the calibration's frames and this sampler's
-  /// output are rounded to, 0 for none. The rounding's variance, q²/12, is then taken out by
-  /// drawing the distributions narrower about their means. That of signal zero stays: it was
-  /// measured code by code, and rounding a draw gives the code again.
   LevelSampler(const SensorLayout& layout, const NonparametricCalibration& calibration,
-               int row_group, double highest_dn = 0.0, double rounded_to_dn = 0.0);
+               int row_group, double highest_dn = 0.0, LevelRounding rounding = {});
   /// Per channel its levels, rising, all with equally many bins; sigma_row_dn: one per channel or
   /// empty; row_drift: of the rows.
   LevelSampler(const SensorLayout& layout,
@@ -58,7 +64,7 @@ class LevelSampler {
   void add_channel(const std::vector<double>& level_dn, std::size_t bins, bool shared_places,
                    double sigma_row_dn);
   void add_calibrated(const NonparametricChannel& measured, double gain_dn_per_e,
-                      double sigma_row_dn, double highest_dn, double rounded_to_dn);
+                      double sigma_row_dn, double highest_dn, LevelRounding rounding);
   void add_places(const std::vector<double>& edges_dn);
   void add_cells(const std::vector<double>& pmf);
   std::vector<RowLanes> row_lanes() const;

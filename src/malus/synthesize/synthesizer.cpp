@@ -94,6 +94,12 @@ std::vector<GaussianChannel> gaussian_channels(const GaussianCalibration& calibr
   return channels;
 }
 
+// Not interpolated between two gains.
+bool is_measured(const NoiseModel& model, const NonparametricCalibration& calibration) {
+  return std::any_of(model.nonparametric.begin(), model.nonparametric.end(),
+                     [&](const auto& measured) { return measured.gain == calibration.gain; });
+}
+
 // Dark frames bring all but the shot noise with them.
 PhysicsParts parts_of(const SynthesisSettings& settings) {
   if (settings.kind == "dark-frames")
@@ -198,8 +204,9 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
     tables.levels.emplace(model_.layout, calibration, row_group, highest_dn);
     tables.level_ranges = level_ranges(calibration);
     if (model_.quantization_dn > 0)
-      tables.rounded_levels.emplace(model_.layout, calibration, row_group, highest_dn,
-                                    model_.quantization_dn);
+      tables.rounded_levels.emplace(
+          model_.layout, calibration, row_group, highest_dn,
+          LevelRounding{model_.quantization_dn, is_measured(model_, calibration)});
     return tables;
   }
   tables.parameters.emplace(model_,
