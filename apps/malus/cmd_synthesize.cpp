@@ -94,8 +94,8 @@ RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& argumen
   frame.layout = model.layout;
   frame.black_dn.assign(static_cast<std::size_t>(model.layout.channels()), 0.0);
   const SynthesisSettings& settings = synthesizer.settings();
-  frame.white_dn =
-      white_above_black(white_dn, model.black_dn) * (settings.amplify ? settings.ratio : 1.0);
+  frame.white_dn = (white_above_black(white_dn, model.black_dn) - noisy.global_bias_dn) *
+                   (settings.amplify ? settings.ratio : 1.0);
   frame.gain = noisy.gain;
   frame.black_known = frame.white_known = frame.layout_known = true;
   return frame;
@@ -234,12 +234,12 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
     warn(complaint);
   std::string text;
   for (const Json& f : frames)
-    text += fmt::format("{} <- {} (frame {}, {}{})\n", f["output"].get<std::string>(),
-                        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>(),
-                        gain_from(f).text(),
-                        arguments.settings.amplify && !arguments.as_float
-                            ? ", black " + black_text(f["black_dn"].get<std::vector<double>>())
-                            : "");
+    text += fmt::format(
+        "{} <- {} (frame {}, {}{})\n", f["output"].get<std::string>(),
+        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>(), gain_from(f).text(),
+        (arguments.settings.amplify || arguments.settings.debias) && !arguments.as_float
+            ? ", black " + black_text(f["black_dn"].get<std::vector<double>>())
+            : "");
   print_result(common,
                {{"model", arguments.model.string()},
                 {"sensor", source.sensor},

@@ -127,6 +127,35 @@ TEST(Synthesizer, AmplifiedRawKeepsBlackAndScalesWhite) {
   EXPECT_DOUBLE_EQ(far.white_dn, 65535);
 }
 
+// The bias of -5.5 DN is no whole code: it goes into black, and white stays where codes saturate.
+TEST(Synthesizer, DebiasedRawHoldsTheBiasInItsBlack) {
+  SynthesisSettings settings;
+  const Image clean(8, 8, 5000.0f);
+  const auto drawn = [&](double black_dn, double bright) {
+    Image light = clean;
+    for (int c = 0; c < 8; ++c) light(0, c) = static_cast<float>(bright);
+    return Synthesizer(bayer_model(), settings)
+        .draw_raw(light, kGain, {.seed = 4}, std::vector<double>(4, black_dn), 4095);
+  };
+  const RawFrame plain = drawn(64, 900), low = drawn(2, 900);
+  settings.debias = true;
+  const RawFrame raw = drawn(64, 900);
+  EXPECT_EQ(raw.dn.values(), plain.dn.values());
+  EXPECT_EQ(raw.black_dn, std::vector<double>(4, 64 - 5.5));
+  EXPECT_EQ(raw.white_dn, 4095);
+  EXPECT_EQ(raw.dn(1, 0), 4095.0f);
+  // Black would lie below 0: all codes are raised.
+  const RawFrame raised = drawn(2, 900);
+  EXPECT_EQ(raised.black_dn, std::vector<double>(4, 2 - 5.5 + 4));
+  EXPECT_EQ(raised.white_dn, 4095 + 4);
+  EXPECT_EQ(raised.dn(0, 0), low.dn(0, 0) + 4.0f);
+  settings.amplify = true;
+  settings.ratio = 3;
+  const RawFrame amplified = drawn(64, 900);
+  EXPECT_EQ(amplified.black_dn, std::vector<double>(4, 3 * (64 - 5.5)));
+  EXPECT_EQ(amplified.white_dn, 3 * 4095);
+}
+
 // Noise of 17 DN times ten about a signal of 20: over the camera's own black of 82 a fifth of the
 // pixels would be cut off at 0, and the mean would be twice the signal.
 TEST(Synthesizer, AmplifiedRawKeepsTheNoiseBelowBlack) {

@@ -312,8 +312,11 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
   raw.black_known = raw.white_known = raw.layout_known = true;
   if (settings_.debias || settings_.amplify) {
     const auto factor = settings_.amplify ? settings_.ratio : 1.0;
-    const double bias = settings_.debias ? noise.global_bias_dn : 0.0;
+    const double bias = settings_.debias ? factor * noise.global_bias_dn : 0.0;
     for (double& black : raw.black_dn) black = amplified_black(black, factor);
+    // Codes begin at 0: readers refuse a black below it.
+    const double lowest = *std::min_element(raw.black_dn.begin(), raw.black_dn.end()) + bias;
+    for (double& black : raw.black_dn) black += std::max(0.0, std::ceil(-lowest));
     raw.white_dn = std::min(kHighestInteger, std::ceil(mean_of(raw.black_dn) +
                                                        factor * (white_dn - mean_of(black_dn))));
     camera = {raw.black_dn, kHighestInteger, 1.0};
@@ -321,10 +324,12 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
       for (int c = 0; c < noise.dn.cols(); ++c) {
         const double black = black_dn[static_cast<std::size_t>(
             model_.layout.channel_at(address.row0 + r, address.col0 + c))];
-        noise.dn(r, c) =
-            static_cast<float>(factor * (static_cast<double>(noise.dn(r, c)) - black - bias));
+        noise.dn(r, c) = static_cast<float>(factor * (static_cast<double>(noise.dn(r, c)) - black));
       }
     round_as_camera(noise.dn, model_.layout, camera, address.row0, address.col0);
+    // A bias of a fraction of a step could not be taken from codes, and white would not be where
+    // they saturate.
+    for (double& black : raw.black_dn) black += bias;
   }
   raw.dn = std::move(noise.dn);
   raw.bits = 16;

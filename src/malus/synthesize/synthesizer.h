@@ -104,10 +104,10 @@ class Synthesizer {
                             const DrawAddress& address) const;
 
   /// The same as the camera would write it: rounded and clipped DN, black included, no uniform
-  /// quantisation noise. With debias or amplify these act on the rounded values, and the result is
-  /// rounded again; white moves along. Where amplify multiplies, black is multiplied too (to 16384
-  /// at most), so that noise below it is not cut off at 0. drawn, if given, gets what draw_into
-  /// returns.
+  /// quantisation noise. With debias the bias goes into the frame's black level, fraction and all.
+  /// amplify acts on the rounded values, and the result is rounded again; white moves along. Where
+  /// it multiplies, black is multiplied too (to 16384 at most), so that noise below it is not cut
+  /// off at 0. drawn, if given, gets what draw_into returns.
   RawFrame draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                     const DrawAddress& address, const std::vector<double>& black_dn,
                     double white_dn, FrameParameters* drawn = nullptr) const;
