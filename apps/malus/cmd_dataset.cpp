@@ -234,8 +234,19 @@ void write_shard(Factory& factory, const fs::path& path, int shard, bool force,
   tar.commit();
 }
 
+// Those that are listed; where none are, those of dark frames. Other kinds have any calibrated one.
+std::vector<GainSetting> gains_to_try(const Factory& factory) {
+  std::vector<GainSetting> gains;
+  for (const double gain : factory.plan.dataset.gains)
+    gains.push_back(factory.model.gain_setting(gain));
+  if (gains.empty() && factory.plan.noise.kind == "dark-frames")
+    for (const DarkFrameBank& bank : factory.model.description().dark_frames)
+      gains.push_back(bank.gain);
+  return gains;
+}
+
 // Settings that no sample could be made with fail here, not after hours: the patch, and one cell
-// with every gain that is listed.
+// with every gain.
 void try_settings(const Factory& factory) {
   const Plan& plan = factory.plan;
   const NoiseModel& description = factory.model.description();
@@ -246,10 +257,10 @@ void try_settings(const Factory& factory) {
                        error.remedy());
   }
   const Image cell(description.layout.rows(), description.layout.cols());
-  for (const double gain : plan.dataset.gains)
-    plan.section->naming("gains", [&] {
-      factory.synthesizers.begin()->second.draw(cell, factory.model.gain_setting(gain), {});
-    });
+  plan.section->naming("gains", [&] {
+    for (const GainSetting& gain : gains_to_try(factory))
+      factory.synthesizers.begin()->second.draw(cell, gain, {});
+  });
 }
 
 // The factory of a folder that is ready for its shards.

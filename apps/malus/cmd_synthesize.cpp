@@ -119,9 +119,10 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
   const NoiseModel& model = synthesizer->model();
   // The scale is the same at every gain, so that of the first frame will do.
   if (!arguments.as_float)
-    check_integers_of_camera(model, arguments.model,
-                             gain ? *gain : model.random_gain(0, arguments.first_frame),
-                             gain_range(arguments.settings.extrapolate_gain));
+    check_integers_of_camera(
+        model, arguments.model,
+        gain ? *gain : random_gain(model, arguments.settings, 0, arguments.first_frame),
+        gain_range(arguments.settings.extrapolate_gain));
   return {model.sensor,
           model.layout,
           model.row_group,
@@ -267,7 +268,8 @@ void add_synthesize(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   auto* gain = command->add_option("--gain", arguments->gain,
                                    "camera gain [dB], or random: uniform in log K over the "
-                                   "calibrated range, anew for every frame");
+                                   "calibrated range (of dark frames: one that has them), anew "
+                                   "for every frame");
   command->add_option("--iso", arguments->iso, "camera gain as ISO")
       ->check(positive_number())
       ->excludes(gain);

@@ -92,6 +92,21 @@ TEST(Synthesizer, DebiasTakesTheBiasOfDistributions) {
   EXPECT_DOUBLE_EQ(frame.global_bias_dn, -4.5);
 }
 
+// They cannot be interpolated.
+TEST(Synthesizer, RandomGainsOfDarkFramesAreThoseThatHaveThem) {
+  NoiseModel model = load_model("imx250myr-simulated");
+  for (const double gain_db : {6.0, 24.0})
+    model.dark_frames.push_back(
+        {.gain = {.gain_db = gain_db, .iso = {}}, .frames_dn = {Image(8, 8)}});
+  SynthesisSettings settings;
+  settings.kind = "dark-frames";
+  const Synthesizer dark(model, settings);
+  std::set<double> gains;
+  for (std::uint32_t frame = 0; frame < 40; ++frame)
+    gains.insert(*dark.draw(Image(8, 8), std::nullopt, {.seed = 3, .frame = frame}).gain.gain_db);
+  EXPECT_EQ(gains, (std::set{6.0, 24.0}));
+}
+
 TEST(Synthesizer, PatchesOfDarkFramesComeFromAnywhere) {
   SynthesisSettings settings;
   settings.kind = "dark-frames";

@@ -52,7 +52,7 @@ class SyntheticPairs final : public PairSource {
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
     RandomSequence random(seed, number, Draw::kParameters, 1);
     const NoiseModel& base = models_[pick(random, models_.size())];
-    GainSetting gain = base.random_gain(seed, number);
+    GainSetting gain = random_gain(base, synthesis_, seed, number);
     if (!noise_.gains.empty())
       gain = Model(base).gain_setting(noise_.gains[pick(random, noise_.gains.size())]);
     SynthesisSettings synthesis = synthesis_;

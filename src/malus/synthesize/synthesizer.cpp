@@ -17,9 +17,9 @@
 namespace malus {
 namespace {
 
-// Indices of RandomSequence(kParameters) that choose a dark frame and a place in it; the noise
-// module uses 0 to 3.
-constexpr std::uint64_t kStreamDarkFrame = 16, kStreamDarkPlace = 17;
+// Indices of RandomSequence(kParameters) that choose a dark frame, a place in it and its gain; the
+// noise module uses 0 to 3.
+constexpr std::uint64_t kStreamDarkFrame = 16, kStreamDarkPlace = 17, kStreamDarkGain = 18;
 constexpr std::ptrdiff_t kRowsPerPiece = 16;
 constexpr double kHighestInteger = 65535.0;  // of what is written; and white where none is known
 
@@ -136,6 +136,13 @@ void refuse_settings_without_meaning(const SynthesisSettings& s) {
 
 }  // namespace
 
+GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settings,
+                        std::uint64_t seed, std::uint32_t frame) {
+  if (settings.kind != "dark-frames") return model.random_gain(seed, frame);
+  RandomSequence random(seed, frame, Draw::kParameters, kStreamDarkGain);
+  return model.dark_frames[pick(random, model.dark_frames.size())].gain;
+}
+
 Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
     : model_(std::move(model)),
       settings_(std::move(settings)),
@@ -248,7 +255,7 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
                                    const DrawAddress& address, bool rounded_later) const {
   MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
   const auto tables =
-      cache_->at(gain ? *gain : model_.random_gain(address.seed, address.frame),
+      cache_->at(gain ? *gain : random_gain(model_, settings_, address.seed, address.frame),
                  [this](const GainSetting& missing) { return make_tables(missing); });
   View<const float> signal_dn = clean_dn;
   if (settings_.ratio != 1) {

@@ -82,6 +82,11 @@ struct SyntheticFrame : FrameParameters {
   Image dn;  ///< DN above black, unrounded
 };
 
+/// A gain that the kind can be drawn at: NoiseModel::random_gain (000: uniform in log K over the
+/// calibrated range); of dark frames, which are not interpolated, one that has them.
+GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settings,
+                        std::uint64_t seed, std::uint32_t frame);
+
 /// Tables are made at the first draw of a gain and kept for the gains drawn last. Safe to use from
 /// several threads; copies share their tables.
 class Synthesizer {
@@ -91,9 +96,9 @@ class Synthesizer {
   Synthesizer(NoiseModel model, SynthesisSettings settings);
 
   /// clean_dn: mosaic in DN above black at the frame's gain, whose first pixel lies at
-  /// address.row0, address.col0 of the sensor. gain: empty = random over the calibrated range (000:
-  /// uniform in log K). Result before rounding: DN above black, with uniform quantisation noise;
-  /// debiased and amplified as set. InputError on gains that the model cannot serve.
+  /// address.row0, address.col0 of the sensor. gain: empty = random_gain. Result before rounding:
+  /// DN above black, with uniform quantisation noise; debiased and amplified as set. InputError on
+  /// gains that the model cannot serve.
   SyntheticFrame draw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                       const DrawAddress& address) const;
 
