@@ -30,7 +30,7 @@ Planes grey_planes(int side, float value) {
 // One sample of 4 planes whose noisy ones may have another side than its clean ones.
 struct RecordedShard {
   RecordedShard(const TemporaryFolder& folder, int clean_side, int noisy_side, float value = 300) {
-    std::ofstream(folder / "dataset.json") << R"({"noise": {"amplify": false, "bias": true}})";
+    describe(folder, model.layout, model.sensor);
     TarShard shard(folder / "shard.tar", true);
     shard.add("sample7.clean.npy", npy_bytes(grey_planes(clean_side, value)));
     shard.add("sample7.noisy.npy", npy_bytes(grey_planes(noisy_side, value)));
@@ -47,6 +47,15 @@ struct RecordedShard {
     config.train.steps = 1;
     config.train.batch = 1;
   }
+  static void describe(const TemporaryFolder& folder, const SensorLayout& layout,
+                       const std::string& sensor) {
+    std::ofstream(folder / "dataset.json")
+        << nlohmann::json{{"sensor", sensor},
+                          {"layout", layout.name()},
+                          {"channels", layout.channel_names()},
+                          {"noise", {{"amplify", false}, {"bias", true}}}};
+  }
+  const NoiseModel model = load_model("imx250mzr-simulated");
   TrainingConfig config;
 };
 
@@ -58,6 +67,21 @@ TEST(ShardPairs, OfUnlikeSizesAreNamed) {
     EXPECT_NE(line.find("sample7"), std::string::npos) << line;
     EXPECT_NE(line.find("another size"), std::string::npos) << line;
   }
+}
+
+TEST(ShardPairs, OfAnotherSensorAreRefused) {
+  const TemporaryFolder folder;
+  const RecordedShard shard(folder, 16, 16);
+  const auto refusal = [&](const SensorLayout& layout, const std::string& sensor) {
+    RecordedShard::describe(folder, layout, sensor);
+    return problem_of([&] { make_pair_source(shard.config); });
+  };
+  EXPECT_EQ(refusal(shard.model.layout, shard.model.sensor), "");
+  const std::string layout = refusal(SensorLayout::named("bayer-rggb"), shard.model.sensor);
+  EXPECT_NE(layout.find("have the layout bayer-rggb, the package polar-mono"), std::string::npos)
+      << layout;
+  const std::string sensor = refusal(shard.model.layout, "another");
+  EXPECT_NE(sensor.find("drawn from a model of the sensor"), std::string::npos) << sensor;
 }
 
 // [data] memory is reckoned with `example`.

@@ -53,6 +53,25 @@ double checked_ratio(const Json& facts, const std::string& source) {
   return ratio;
 }
 
+// Planes in other places, or noise that the model does not describe, would train a network without
+// a word.
+void require_drawn_from(const NoiseModel& model, const Json& dataset, const fs::path& file) {
+  const auto layout = dataset.at("layout").get<std::string>();
+  if (layout != model.layout.name() ||
+      dataset.at("channels").get<std::vector<std::string>>() != model.layout.channel_names())
+    throw InputError(
+        file.string(),
+        fmt::format("its shards have the layout {}, the package {}", layout, model.layout.name()),
+        "name shards of the package's layout");
+  if (const auto sensor = dataset.at("sensor").get<std::string>(); sensor != model.sensor)
+    throw InputError(
+        file.string(),
+        fmt::format("its shards were drawn from a model of the sensor \"{}\", models names "
+                    "one of \"{}\"",
+                    sensor, model.sensor),
+        "name the noise model that they were drawn from");
+}
+
 Image window(const Image& from, const MosaicWindow& part) {
   Image out(part.rows, part.cols);
   for (int r = 0; r < part.rows; ++r)
@@ -89,7 +108,9 @@ class ShardPairs final : public PairSource {
         gains_(gain_range(config.synthesis.extrapolate_gain)),
         windows_(model_, config.data.example) {
     for (const fs::path& path : config.shards) {
-      const Json dataset = load_json(path.parent_path() / "dataset.json");
+      const fs::path file = path.parent_path() / "dataset.json";
+      const Json dataset = load_json(file);
+      require_drawn_from(model_, dataset, file);
       const bool amplified = dataset.at("noise").at("amplify").get<bool>();
       const bool biased = dataset.at("noise").at("bias").get<bool>();
       const auto entries = shard_entries(path);
