@@ -9,6 +9,7 @@
 
 #include <cmath>
 #include <fstream>
+#include <limits>
 
 #include "problem_of.h"
 #include "support.h"
@@ -173,6 +174,32 @@ TEST(NoiseFlow, DrawnFramesAreRoundedOnce) {
     EXPECT_NEAR(rounded / recorded, 1, 0.04) << couplings;
     EXPECT_NEAR(plain / recorded, 1, 0.04) << couplings;
   }
+}
+
+// The couplings see 3 x 3 pixels of the planes each.
+TEST(NoiseFlow, PixelsThatAreNoNumbersStayAlone) {
+  NoiseFlowModel model(sensor(), 2, 4);
+  {
+    const torch::NoGradGuard no_gradients;
+    torch::manual_seed(5);
+    for (const auto& item : model.network().named_parameters())
+      if (!item.key().ends_with("mixing")) torch::Tensor(item.value()).normal_(0, 0.15);
+  }
+  Image clean(40, 40, 300.0f);
+  clean(20, 20) = std::numeric_limits<float>::quiet_NaN();
+  clean(21, 24) = std::numeric_limits<float>::infinity();
+  const GainSetting gain{.gain_db = 0.0, .iso = {}};
+  const Image drawn = model.draw(clean.view(), gain, {.seed = 4});
+  const RawFrame raw = model.draw_raw(clean.view(), gain, {.seed = 4});
+  for (int r = 0; r < 40; ++r)
+    for (int c = 0; c < 40; ++c)
+      if (std::isfinite(clean(r, c))) {
+        ASSERT_TRUE(std::isfinite(drawn(r, c))) << r << ' ' << c;
+      }
+  EXPECT_TRUE(std::isnan(drawn(20, 20)));
+  EXPECT_EQ(drawn(21, 24), std::numeric_limits<float>::infinity());
+  EXPECT_EQ(raw.dn(20, 20), 0.0f);
+  EXPECT_EQ(raw.dn(21, 24), 1087.0f);
 }
 
 TEST(NoiseFlow, TheSameSeedAndFrameDrawTheSameNoise) {

@@ -9,6 +9,7 @@
 #include "malus/neural/noise_flow.h"
 #include "malus/neural/plane_tensors.h"
 #include "malus/neural/threads.h"
+#include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -26,6 +27,15 @@ constexpr const char* kGiveAFlow = "give a weight file that malus train wrote fo
 // This part of the random numbers' counter is the flow's own.
 constexpr Draw kFlowDraw = Draw::kUser;
 constexpr double kRoundingDn2 = 1.0 / 12;  // variance of U(-1/2, 1/2)
+
+// Couplings would carry a pixel that is no number to all within their reach.
+Image finite_only(View<const float> dn) {
+  Image out(dn.rows(), dn.cols());
+  for (int r = 0; r < dn.rows(); ++r)
+    std::transform(dn.row(r), dn.row(r) + dn.cols(), out.row(r),
+                   [](float value) { return std::isfinite(value) ? value : 0.0f; });
+  return out;
+}
 
 torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
   Planes packed = pack(mosaic, layout);
@@ -201,7 +211,7 @@ Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& ga
                      "give a gain inside");
   const SensorLayout cell = layout();
   const int rows = clean_dn.rows(), cols = clean_dn.cols();
-  const auto clean = planes_of(clean_dn, cell, scale_dn()),
+  const auto clean = planes_of(finite_only(clean_dn).view(), cell, scale_dn()),
              log_gain_factor = torch::full({1}, log_gain(gain), torch::kFloat);
   auto noise = state_->network->inverse(
       planes_of(normals_at(rows, cols, address).view(), cell, 1.0), clean, log_gain_factor);
@@ -227,11 +237,7 @@ RawFrame NoiseFlowModel::draw_raw(View<const float> clean_dn, const GainSetting&
   frame.white_dn = state_->sensor.white_dn;
   frame.gain = gain;
   frame.black_known = frame.white_known = frame.layout_known = true;
-  for (int r = 0; r < frame.dn.rows(); ++r)
-    for (int c = 0; c < frame.dn.cols(); ++c)
-      frame.dn(r, c) = static_cast<float>(
-          std::clamp(std::round(static_cast<double>(frame.dn(r, c)) + frame.black_at(r, c)), 0.0,
-                     frame.white_dn));
+  round_as_camera(frame.dn, frame.layout, {frame.black_dn, frame.white_dn, 1.0});
   return frame;
 }
 

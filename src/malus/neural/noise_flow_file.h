@@ -46,12 +46,14 @@ class NoiseFlowModel {
   void save(const std::filesystem::path& path, const nlohmann::json& training) const;
 
   /// Clean mosaic plus noise, in DN above black, nothing rounded or clipped: the variance is that
-  /// of the training pairs' noise, their rounding included. The same seed, frame
+  /// of the training pairs' noise, their rounding included. NaN and infinities stay what they are,
+  /// and are dark to their neighbours. The same seed, frame
   /// and place give the same noise for any number of threads; a crop differs within a few pixels of
   /// its edges, where the couplings' convolutions look beyond it. Throws InputError outside the
   /// trained gains.
   Image draw(View<const float> clean_dn, const GainSetting& gain, const DrawAddress& address);
-  /// As the camera would write it: black added, rounded, clipped at 0 and white. What the training
+  /// As the camera would write it: black added, rounded, clipped at 0 and white; NaN
+  /// becomes 0. What the training
   /// pairs' rounding put into the noise is taken out before; it comes back with this one.
   RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
                     const DrawAddress& address);
