@@ -124,11 +124,13 @@ TEST(NoiseFlow, LearnsAHeteroscedasticGaussian) {
   EXPECT_THROW(model.draw(truth.clean_dn.view(), {.gain_db = 24.0, .iso = {}}, {}), InputError);
 }
 
-// Integers of noise near one step: a drawn frame, rounded or not, has the recorded frames'
-// variance, neither the spread over ±1/2 DN that training adds (1/12 DN²) nor a second rounding
-// (1/12 more).
-TEST(NoiseFlow, DrawnFramesAreRoundedOnce) {
-  constexpr double kDeviation = 0.7;
+// Integers of noise near one step q: a drawn frame, rounded or not, has the recorded frames'
+// variance, neither the spread over ±q/2 that training adds (q²/12) nor a second rounding (q²/12
+// more).
+class NoiseFlowSteps : public ::testing::TestWithParam<double> {};
+
+TEST_P(NoiseFlowSteps, DrawnFramesAreRoundedOnce) {
+  const double step = GetParam(), deviation = 0.7 * step;
   std::vector<NoiseFlowPair> pairs;
   double recorded = 0;
   for (std::uint32_t frame = 0; frame < 6; ++frame) {
@@ -136,13 +138,14 @@ TEST(NoiseFlow, DrawnFramesAreRoundedOnce) {
     RandomSequence random(9, frame, Draw::kScene);
     for (int r = 0; r < 128; ++r)
       for (int c = 0; c < 128; ++c) {
-        const double signal = 10 + 0.37 * c;  // all phases of the lattice
+        const double signal = step * (10 + 0.37 * c);  // all phases of the lattice
         pair.clean_dn(r, c) = static_cast<float>(signal);
-        pair.noisy_dn(r, c) = static_cast<float>(std::round(signal + kDeviation * random.normal()));
+        pair.noisy_dn(r, c) =
+            static_cast<float>(step * std::round((signal + deviation * random.normal()) / step));
         recorded +=
             std::pow(static_cast<double>(pair.noisy_dn(r, c)) - signal, 2) / (6 * 128 * 128);
       }
-    pair.integers = true;
+    pair.step_dn = frame == 0 ? 3 * step : step;
     pairs.push_back(std::move(pair));
   }
   for (const int couplings : {0, 2}) {
@@ -153,7 +156,7 @@ TEST(NoiseFlow, DrawnFramesAreRoundedOnce) {
     settings.batch = 4;
     settings.crop = 24;
     auto fit = train_noise_flow(sensor(), pairs, settings, 3);
-    ASSERT_TRUE(fit.model.sensor().spread_integers);
+    ASSERT_EQ(fit.model.sensor().spread_dn, step);
     const testing::TemporaryFolder folder;
     fit.model.save(folder / "flow.safetensors", fit.record);
     NoiseFlowModel model(folder / "flow.safetensors");
@@ -170,11 +173,13 @@ TEST(NoiseFlow, DrawnFramesAreRoundedOnce) {
       }
     }
     // 98,304 samples: five standard errors of a variance are 2.3 % (and of the recorded one as
-    // much); 1/12 DN² is 14 % of it.
+    // much); q²/12 is 14 % of it.
     EXPECT_NEAR(rounded / recorded, 1, 0.04) << couplings;
     EXPECT_NEAR(plain / recorded, 1, 0.04) << couplings;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(NoiseFlow, NoiseFlowSteps, ::testing::Values(1.0, 16.0));
 
 // The couplings see 3 x 3 pixels of the planes each.
 TEST(NoiseFlow, PixelsThatAreNoNumbersStayAlone) {
@@ -270,7 +275,7 @@ struct RecordedFlow {
     integers.type = SampleType::kUint16;
     const NoiseFlowPair pair = simulated_pair(0);
     Image codes = pair.noisy_dn;
-    for (float& dn : codes.values()) dn = std::round(dn + 100);
+    for (float& dn : codes.values()) dn = 4 * std::round(dn / 4 + 25);
     save_picture(folder / "noisy.npy", codes, integers);
     save_picture(folder / "clean.npy", pair.clean_dn);
   }
@@ -287,7 +292,7 @@ struct RecordedFlow {
 TEST(NoiseFlow, RecordedIntegersAreKnownWhateverTheBlack) {
   const RecordedFlow flow;
   for (const char* black : {"100", "100.25", "[100, 99.5, 100, 100.5]"})
-    EXPECT_TRUE(flow.train(black, "\"noisy.npy\"").model.sensor().spread_integers) << black;
+    EXPECT_EQ(flow.train(black, "\"noisy.npy\"").model.sensor().spread_dn, 4) << black;
 }
 
 TEST(NoiseFlow, APatternThatMatchesNoFileIsRefused) {

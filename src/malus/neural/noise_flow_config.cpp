@@ -1,4 +1,5 @@
 #include "malus/base/error.h"
+#include "malus/image/quantization.h"
 #include "malus/io/config_section.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/shard.h"
@@ -36,9 +37,12 @@ NoiseFlowSensor read_sensor(const ConfigSection& section) {
   return sensor;
 }
 
-bool whole_numbers(const Image& dn) {
-  return std::all_of(dn.values().begin(), dn.values().end(),
-                     [](float value) { return value == std::round(value); });
+// 0 of fractional pixels. Whole numbers that are all equal tell no step: 1, which divides any.
+double step_of(const Image& dn) {
+  if (const double step = quantization_step(dn); step > 0) return step;
+  const bool whole = std::all_of(dn.values().begin(), dn.values().end(),
+                                 [](float value) { return value == std::round(value); });
+  return whole ? 1.0 : 0.0;
 }
 
 std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseFlowSensor& sensor) {
@@ -66,8 +70,8 @@ std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseF
     for (const auto& path : found) {
       RawFrame noisy = load(path);
       const GainSetting of_pair = gain.decibel() ? gain : noisy.gain;
-      const bool integers = whole_numbers(noisy.dn);  // black need not be whole
-      pairs.push_back({above_black(std::move(noisy)), clean_dn, of_pair, path.string(), integers});
+      const double step_dn = step_of(noisy.dn);  // black need not be whole
+      pairs.push_back({above_black(std::move(noisy)), clean_dn, of_pair, path.string(), step_dn});
     }
   }
   if (pairs.empty()) section.fail("noisy", "names no frame", "give files or patterns");

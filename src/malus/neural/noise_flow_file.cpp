@@ -26,7 +26,8 @@ constexpr const char* kFlowKey = "malus_noise_flow";
 constexpr const char* kGiveAFlow = "give a weight file that malus train wrote for noise-flow";
 // This part of the random numbers' counter is the flow's own.
 constexpr Draw kFlowDraw = Draw::kUser;
-constexpr double kRoundingDn2 = 1.0 / 12;  // variance of U(-1/2, 1/2)
+
+double rounding_dn2(double step_dn) { return step_dn * step_dn / 12; }
 
 // Couplings would carry a pixel that is no number to all within their reach.
 Image finite_only(View<const float> dn) {
@@ -35,6 +36,12 @@ Image finite_only(View<const float> dn) {
     std::transform(dn.row(r), dn.row(r) + dn.cols(), out.row(r),
                    [](float value) { return std::isfinite(value) ? value : 0.0f; });
   return out;
+}
+
+// Files from before the step was kept tell only that there was one, of 1 DN.
+double spread_of(const Json& json) {
+  const double before = json.value("spread_integers", false) ? 1.0 : 0.0;
+  return json.value("spread_dn", before);
 }
 
 torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
@@ -145,10 +152,10 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
     NoiseFlowSensor sensor{
         json.at("layout"),          json.at("black_dn").get<std::vector<double>>(),
         json.at("white_dn"),        json.at("lowest_gain_db"),
-        json.at("highest_gain_db"), json.value("spread_integers", false)};
+        json.at("highest_gain_db"), spread_of(json)};
     const std::int64_t steps = json.at("steps"), width = json.at("width");
     if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
-        steps > 64 || width < 1 || width > 1024 ||
+        steps > 64 || width < 1 || width > 1024 || !(sensor.spread_dn >= 0) ||
         !(white_above_black(sensor.white_dn, sensor.black_dn) > 0))
       throw InputError(source, "its description does not fit together", kGiveAFlow);
     *this = NoiseFlowModel(std::move(sensor), steps, width);
@@ -181,7 +188,7 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
       {"white_dn", sensor.white_dn},
       {"lowest_gain_db", sensor.lowest_gain_db},
       {"highest_gain_db", sensor.highest_gain_db},
-      {"spread_integers", sensor.spread_integers},
+      {"spread_dn", sensor.spread_dn},
       {"steps", state_->steps},
       {"width", state_->width},
       {"training", training}}.dump();
@@ -192,7 +199,7 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
 
 Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
                            const DrawAddress& address) {
-  return narrowed(clean_dn, gain, address, state_->sensor.spread_integers ? kRoundingDn2 : 0.0);
+  return narrowed(clean_dn, gain, address, rounding_dn2(state_->sensor.spread_dn));
 }
 
 Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& gain,
@@ -230,14 +237,14 @@ Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& ga
 RawFrame NoiseFlowModel::draw_raw(View<const float> clean_dn, const GainSetting& gain,
                                   const DrawAddress& address) {
   RawFrame frame;
-  frame.dn =
-      narrowed(clean_dn, gain, address, state_->sensor.spread_integers ? 2 * kRoundingDn2 : 0.0);
+  const NoiseFlowSensor& sensor = state_->sensor;
+  frame.dn = narrowed(clean_dn, gain, address, 2 * rounding_dn2(sensor.spread_dn));
   frame.layout = layout();
-  frame.black_dn = state_->sensor.black_dn;
-  frame.white_dn = state_->sensor.white_dn;
+  frame.black_dn = sensor.black_dn;
+  frame.white_dn = sensor.white_dn;
   frame.gain = gain;
   frame.black_known = frame.white_known = frame.layout_known = true;
-  round_as_camera(frame.dn, frame.layout, {frame.black_dn, frame.white_dn, 1.0});
+  round_as_camera(frame.dn, frame.layout, {sensor.black_dn, sensor.white_dn, sensor.spread_dn});
   return frame;
 }
 

@@ -25,9 +25,10 @@ struct NoiseFlowSensor {
   std::vector<double> black_dn;                    ///< nominal, per channel
   double white_dn = 0;                             ///< black included
   double lowest_gain_db = 0, highest_gain_db = 0;  ///< of the training pairs
-  /// The noisy frames of all training pairs were integers, which training spreads over ±1/2 DN: the
-  /// network's noise is theirs and 1/12 DN^2 more, and draws are narrowed by it.
-  bool spread_integers = false;
+  /// The step q of the noisy frames, where all training pairs had integers: training spreads them
+  /// over ±q/2, so the network's noise is theirs and q²/12 more, and draws are narrowed by it. 0 of
+  /// other pairs.
+  double spread_dn = 0;
 };
 
 class NoiseFlowModel {
@@ -52,8 +53,8 @@ class NoiseFlowModel {
   /// its edges, where the couplings' convolutions look beyond it. Throws InputError outside the
   /// trained gains.
   Image draw(View<const float> clean_dn, const GainSetting& gain, const DrawAddress& address);
-  /// As the camera would write it: black added, rounded, clipped at 0 and white; NaN
-  /// becomes 0. What the training
+  /// As the camera would write it: black added, rounded to the pairs' step, clipped at 0 and white;
+  /// NaN becomes 0. What the training
   /// pairs' rounding put into the noise is taken out before; it comes back with this one.
   RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
                     const DrawAddress& address);

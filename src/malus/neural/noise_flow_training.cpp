@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 #include <ATen/CPUGeneratorImpl.h>
 #include <fmt/format.h>
@@ -27,11 +28,33 @@ struct PlanePair {
   double log_gain;
 };
 
-PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model,
+// The one converter's: frames of few codes may lie further apart. 0: none holds integers.
+double common_step(const std::vector<NoiseFlowPair>& pairs) {
+  std::int64_t step = 0;
+  for (const NoiseFlowPair& pair : pairs)
+    step = std::gcd(step, static_cast<std::int64_t>(pair.step_dn));
+  return static_cast<double>(step);
+}
+
+// What the weight file says of the pairs.
+void describe_pairs(const std::vector<NoiseFlowPair>& pairs, double step_dn,
+                    NoiseFlowSensor& sensor) {
+  sensor.lowest_gain_db = sensor.highest_gain_db = *pairs.front().gain.decibel();
+  for (const NoiseFlowPair& pair : pairs) {
+    sensor.lowest_gain_db = std::min(sensor.lowest_gain_db, *pair.gain.decibel());
+    sensor.highest_gain_db = std::max(sensor.highest_gain_db, *pair.gain.decibel());
+  }
+  const bool all_integers = std::all_of(pairs.begin(), pairs.end(),
+                                        [](const NoiseFlowPair& pair) { return pair.step_dn > 0; });
+  sensor.spread_dn = all_integers ? step_dn : 0.0;
+}
+
+PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model, double step_dn,
                      const at::Generator& generator) {
   const SensorLayout layout = model.layout();
   auto noisy = tensor_of_planes(pack(pair.noisy_dn, layout)).squeeze(0);
-  if (pair.integers) noisy = noisy + torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5;
+  if (pair.step_dn > 0)
+    noisy = noisy + step_dn * (torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5);
   const auto clean = tensor_of_planes(pack(pair.clean_dn, layout)).squeeze(0);
   return {(noisy - clean) / model.scale_dn(), clean / model.scale_dn(),
           NoiseFlowModel::log_gain(pair.gain)};
@@ -104,18 +127,14 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
                               const NoiseFlowSettings& settings, std::uint64_t seed,
                               Progress& progress) {
   check_pairs(pairs, SensorLayout::named(sensor.layout), settings.crop);
-  sensor.lowest_gain_db = sensor.highest_gain_db = *pairs.front().gain.decibel();
-  for (const NoiseFlowPair& pair : pairs) {
-    sensor.lowest_gain_db = std::min(sensor.lowest_gain_db, *pair.gain.decibel());
-    sensor.highest_gain_db = std::max(sensor.highest_gain_db, *pair.gain.decibel());
-  }
-  sensor.spread_integers = std::all_of(pairs.begin(), pairs.end(),
-                                       [](const NoiseFlowPair& pair) { return pair.integers; });
+  const double step_dn = common_step(pairs);
+  describe_pairs(pairs, step_dn, sensor);
   torch::manual_seed(seed);
   NoiseFlowFit fit{NoiseFlowModel(std::move(sensor), settings.couplings, settings.width), {}};
   const auto generator = at::detail::createCPUGenerator(seed);
   std::vector<PlanePair> planes;
-  for (const NoiseFlowPair& pair : pairs) planes.push_back(plane_pair(pair, fit.model, generator));
+  for (const NoiseFlowPair& pair : pairs)
+    planes.push_back(plane_pair(pair, fit.model, step_dn, generator));
   NoiseFlow& network = fit.model.network();
   start(network, planes);
   torch::optim::Adam adam(network.parameters(), torch::optim::AdamOptions(settings.learning_rate));

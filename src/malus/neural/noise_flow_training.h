@@ -32,7 +32,8 @@ struct NoiseFlowPair {
   Image noisy_dn, clean_dn;  ///< mosaics in DN above black, of one size
   GainSetting gain;
   std::string name = "a pair";  ///< for messages: the noisy file
-  bool integers = false;        ///< noisy_dn held whole numbers before black was subtracted
+  /// Of noisy_dn's whole numbers before black was subtracted; 0: it held none.
+  double step_dn = 0;
 };
 
 struct NoiseFlowFit {
@@ -41,7 +42,7 @@ struct NoiseFlowFit {
   nlohmann::ordered_json record;
 };
 
-/// Frames of integers are spread over their unit, so that a density exists. Saturated samples
+/// Frames of integers are spread over their step, so that a density exists. Saturated samples
 /// take part: pairs should not hold many. Fills the sensor's gain range. Throws InputError on no
 /// pairs, frames that are too small or of unequal size, unknown gains; Cancelled.
 NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlowPair>& pairs,
