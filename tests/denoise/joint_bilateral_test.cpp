@@ -191,7 +191,7 @@ TEST(JointBilateral, StopsWhenAsked) {
 
 // The definition, in double precision.
 TEST(BilateralKernel, IsTheWeightedMeanAndItsDerivative) {
-  constexpr int kReach = 2, kStep = 2, kMargin = kReach * kStep, kSide = 2 * kMargin + 1;
+  constexpr int kReach = 2, kSpacing = 2, kMargin = kReach * kSpacing, kSide = 2 * kMargin + 1;
   constexpr int kWidth = kSide - 1 + internal::kLanes;
   RandomSequence random(9, 0, Draw::kUser);
   Image samples(kSide, kWidth), guide(kSide, kWidth, internal::kNoGuide);
@@ -205,7 +205,7 @@ TEST(BilateralKernel, IsTheWeightedMeanAndItsDerivative) {
     Image out(3, internal::kLanes);
     const std::ptrdiff_t at = kMargin * kWidth + kMargin;
     internal::average_alike({samples.values().data() + at, guide.values().data() + at, kWidth,
-                             kStep, kStep, kReach, 1, &wanted, per_cut.data(), out.row(0),
+                             kSpacing, kSpacing, kReach, 1, &wanted, per_cut.data(), out.row(0),
                              out.row(1), out.row(2)});
     return out;
   };
@@ -215,7 +215,7 @@ TEST(BilateralKernel, IsTheWeightedMeanAndItsDerivative) {
       double weights = 0, sum = 0;
       for (int i = -kReach; i <= kReach; ++i)
         for (int k = -kReach; k <= kReach; ++k) {
-          const int r = kMargin + i * kStep, c = kMargin + lane + k * kStep;
+          const int r = kMargin + i * kSpacing, c = kMargin + lane + k * kSpacing;
           const double u = (double{guide(r, c)} - guide(kMargin, kMargin + lane) - moved) * kPerCut;
           const double weight = u * u < 1 ? std::pow(1 - u * u, 4) : 0;
           weights += weight;

@@ -239,13 +239,13 @@ void expect_plain_combination(OneStack one, double tolerance) {
               tolerance);
 }
 
-class Ridge : public testing::TestWithParam<double> {};
+class Ridge : public ::testing::TestWithParam<double> {};
 
 // 3000 deviations of the noise are the brightest here; a sensor of 100,000 electrons has about 600.
 TEST_P(Ridge, IsThePlainCombination) {
   expect_plain_combination(OneStack(GetParam()), 1e-4 + 2e-6 * GetParam());
 }
-INSTANTIATE_TEST_SUITE_P(Light, Ridge, testing::Values(1.0, 30.0, 1000.0));
+INSTANTIATE_TEST_SUITE_P(Light, Ridge, ::testing::Values(1.0, 30.0, 1000.0));
 
 // Bright edges: two values of a block that go together take every digit that a float has.
 TEST(RidgeStack, CombinesBothSidesOfABrightEdge) {

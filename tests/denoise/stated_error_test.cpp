@@ -72,8 +72,8 @@ Comparison compare(
   return comparison;
 }
 
-class StatedError : public testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(Methods, StatedError, testing::Values("nl-ridge", "bm3d"));
+class StatedError : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Methods, StatedError, ::testing::Values("nl-ridge", "bm3d"));
 
 TEST_P(StatedError, NothingIsKnownOfSaturatedPixels) {
   const PhysicsNoise noise = camera_noise(0);
