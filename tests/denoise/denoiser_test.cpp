@@ -349,28 +349,6 @@ TEST_P(MosaicMethod, NoMoreThanTheNoiseIsStatedWhereNothingCanBeDone) {
   EXPECT_NEAR(rms(result.dn_above_black, clean) / std::sqrt(stated), 1.0, 0.25);
 }
 
-// A hot pixel is filled from its neighbours; one that is not a number stays so.
-TEST(DenoiseFrame, DefectsOfTheModelAreFilled) {
-  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
-  const Image clean = scene(72, 90);
-  RawFrame frame = noisy_frame(clean, noise, 5);
-  frame.dn(30, 41) = 4095;
-  frame.dn(34, 41) = 3000;
-  frame.dn(50, 60) = std::numeric_limits<float>::quiet_NaN();
-  NoiseProfile profile = profile_of(noise);
-  profile.defects = {72, 90, {{30, 41}, {34, 41}, {50, 60}}};
-  const Denoised filled = denoise_frame(frame, profile, quick("bm3d"));
-  EXPECT_EQ(filled.defect_pixels, 2);
-  EXPECT_EQ(filled.saturated_pixels, 0);
-  for (const int row : {30, 34}) EXPECT_NEAR(filled.dn_above_black(row, 41), clean(row, 41), 25);
-  EXPECT_TRUE(std::isnan(filled.dn_above_black(50, 60)));
-  DenoiseSettings left = quick("bm3d");
-  left.defects = false;
-  EXPECT_GT(denoise_frame(frame, profile, left).dn_above_black(30, 41), 4000);
-  profile.defects.rows = 76;  // of another part of the sensor, or another sensor
-  EXPECT_EQ(denoise_frame(frame, profile, quick("bm3d")).defect_pixels, 0);
-}
-
 TEST(DenoiseFrame, BadInputGetsOneLine) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
   const RawFrame frame = noisy_frame(scene(40, 40), noise, 1);

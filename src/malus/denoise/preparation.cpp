@@ -55,7 +55,7 @@ Filling filled(View<const float> dn, const SensorLayout& layout, int row, int co
 }
 
 // Pixels of large holes take the value of a neighbour, forth and back: those in raster order reach
-// every place from any pixel of their channel. 0 where there is none.
+// every place from any pixel of their channel.
 template <class Places>
 void extend_into_holes(Image& dn, const SensorLayout& layout, const Places& places) {
   const auto take = [&](int row, int col, int sign) {
@@ -68,8 +68,6 @@ void extend_into_holes(Image& dn, const SensorLayout& layout, const Places& plac
   };
   for (const auto& p : places) take(p.row, p.col, -1);
   for (auto p = places.rbegin(); p != places.rend(); ++p) take(p->row, p->col, 1);
-  for (const auto& p : places)
-    if (!std::isfinite(dn(p.row, p.col))) dn(p.row, p.col) = 0.0f;
 }
 
 // Replacements are computed from the input's own pixels before any is written.
@@ -105,14 +103,25 @@ std::vector<FilledPixel> replace(Image& dn, const SensorLayout& layout,
   return fill(dn, layout, places);
 }
 
-// Those that hold a number: others come back as they are, whatever the list says of them.
+// Those that hold a number: others come back as they are, whatever the list says of them. A defect
+// that has nothing but these around it becomes one: what it holds is no light, and nothing tells a
+// better one.
 std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
                                       const DefectList& defects) {
   if (defects.rows != dn.rows() || defects.cols != dn.cols()) return {};
   std::vector<DefectList::Place> places;
   for (const DefectList::Place& p : defects.places)
     if (std::isfinite(dn(p.row, p.col))) places.push_back(p);
-  return replace(dn, layout, places);
+  std::vector<FilledPixel> filled = replace(dn, layout, places);
+  std::erase_if(filled, [&](const FilledPixel& p) { return !std::isfinite(dn(p.row, p.col)); });
+  return filled;
+}
+
+// What fills them is no measurement; 0 in channels without a number.
+void fill_nonfinite(PreparedFrame& frame) {
+  fill(frame.dn, frame.layout, frame.nonfinite);
+  for (const NonfinitePixel& p : frame.nonfinite)
+    if (!std::isfinite(frame.dn(p.row, p.col))) frame.dn(p.row, p.col) = 0.0f;
 }
 
 void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile,
@@ -234,7 +243,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
   if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
   take_out_lines(prepared, profile, saturated_dn, steps, report);
-  fill(prepared.dn, prepared.layout, prepared.nonfinite);  // what fills them is no measurement
+  fill_nonfinite(prepared);
   if (steps.fill_impulses) {
     const auto pixels = replace(prepared.dn, prepared.layout, find_impulses(prepared, profile));
     report.impulse_pixels = std::ssize(pixels);

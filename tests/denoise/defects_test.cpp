@@ -1,0 +1,63 @@
+// Defects that the model lists. Truth: a smooth picture known without noise, fixed seeds.
+#include "malus/denoise/denoiser.h"
+#include "malus/noise/model.h"
+
+#include <cmath>
+#include <limits>
+
+#include "denoise/drawn_frame.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+constexpr float kNoValue = std::numeric_limits<float>::quiet_NaN();
+
+Image light_of_defects(int rows, int cols) {
+  Image dn(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      dn(r, c) = static_cast<float>(120 + 80 * std::sin(r * 0.03) * std::cos(c * 0.04));
+  return dn;
+}
+
+// A hot pixel is filled from its neighbours; one that is not a number stays so.
+TEST(Defects, OfTheModelAreFilled) {
+  const PhysicsNoise noise = equal_channels("polar-bayer-rggb", {1.5, 0.1, -0.4, 1.8, 0.6});
+  const Image clean = light_of_defects(72, 90);
+  RawFrame frame = drawn_frame(clean, noise, {.black_dn = 82}, 5);
+  frame.dn(30, 41) = 4095;
+  frame.dn(34, 41) = 3000;
+  frame.dn(50, 60) = kNoValue;
+  NoiseProfile profile = profile_of(noise);
+  profile.defects = {72, 90, {{30, 41}, {34, 41}, {50, 60}}};
+  const Denoised filled = denoise_frame(frame, profile, {.profile = "fast"});
+  EXPECT_EQ(filled.defect_pixels, 2);
+  EXPECT_EQ(filled.saturated_pixels, 0);
+  for (const int row : {30, 34}) EXPECT_NEAR(filled.dn_above_black(row, 41), clean(row, 41), 25);
+  EXPECT_TRUE(std::isnan(filled.dn_above_black(50, 60)));
+  EXPECT_GT(
+      denoise_frame(frame, profile, {.profile = "fast", .defects = false}).dn_above_black(30, 41),
+      4000);
+  profile.defects.rows = 76;  // of another part of the sensor, or another sensor
+  EXPECT_EQ(denoise_frame(frame, profile, {.profile = "fast"}).defect_pixels, 0);
+}
+
+// Far inside of what is no number there is nothing to fill one with. At its edge there is.
+TEST(Defects, AmongPixelsThatAreNoNumbersAreNoneEither) {
+  const PhysicsNoise noise = equal_channels("mono", {1.5, 0.1, -0.4, 1.8, 0.6});
+  RawFrame frame = drawn_frame(light_of_defects(64, 64), noise, {.black_dn = 82}, 5);
+  for (int r = 0; r < 64; ++r)
+    for (int c = 0; c < 32; ++c) frame.dn(r, c) = kNoValue;
+  for (const int col : {15, 31}) frame.dn(32, col) = 3000;
+  NoiseProfile profile = profile_of(noise);
+  profile.defects = {64, 64, {{32, 15}, {32, 31}}};
+  const Denoised result = denoise_frame(frame, profile, {.profile = "fast"});
+  EXPECT_EQ(result.defect_pixels, 1);
+  EXPECT_EQ(result.nonfinite_pixels, 64 * 32 - 1);
+  EXPECT_TRUE(std::isnan(result.dn_above_black(32, 15)));
+  EXPECT_NEAR(result.dn_above_black(32, 31), 150, 25);
+}
+
+}  // namespace
+}  // namespace malus
