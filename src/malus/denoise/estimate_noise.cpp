@@ -6,6 +6,7 @@
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/texture_removal.h"
 #include "malus/denoise/internal/variance_lines.h"
+#include "malus/denoise/noiseless_areas.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/denoise/saturated_pixels.h"
@@ -28,7 +29,6 @@ using internal::VarianceLevel;
 using internal::VarianceLines;
 
 constexpr int kBlock = kNoiseBlock;
-constexpr int kLeastBlocks = 64;  // per channel
 constexpr std::size_t kMostLevels = 16;
 constexpr std::size_t kLeastPerLevel = 24;
 // Two levels of a small frame cannot tell how the noise rises with the signal.
@@ -155,7 +155,7 @@ std::string too_few_blocks(std::size_t blocks, const Image& plane, double range_
   const double share = static_cast<double>(white) / static_cast<double>(values.size());
   return fmt::format("{} of {} x {} pixels per channel, {} are needed",
                      counted(std::int64_t(blocks), "unsaturated block"), kBlock, kBlock,
-                     kLeastBlocks) +
+                     kLeastNoiseBlocks) +
          (share > kManyWhite
               ? fmt::format("; {} % of the pixels are at white or above it: is {} right?",
                             percent_text(share), setting("white"))
@@ -171,12 +171,30 @@ struct PlanesNoise {
   double smooth_share = 0;
 };
 
-// planes: DN above black.
-Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame, double step_dn) {
+// Above black. What tells nothing of the noise is no number.
+Planes planes_above_black(const RawFrame& frame, const std::vector<float>& piles_dn) {
+  std::vector<float> saturated_dn;
+  for (const float pile_dn : piles_dn)
+    saturated_dn.push_back(std::min(pile_dn, static_cast<float>(frame.white_dn)));
+  const std::vector<bool> is_noiseless = noiseless_areas(frame.dn, frame.layout, saturated_dn);
+  Image without;
+  if (!is_noiseless.empty()) {
+    without = frame.dn;
+    for (std::size_t p = 0; p < is_noiseless.size(); ++p)
+      if (is_noiseless[p]) without.values()[p] = std::numeric_limits<float>::quiet_NaN();
+  }
+  Planes planes = pack(is_noiseless.empty() ? frame.dn : without, frame.layout);
+  for (int k = 0; k < planes.channels(); ++k)
+    for (float& v : planes[k].values())
+      v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
+  return planes;
+}
+
+// planes: DN above black. piles_dn: of the frame's channels (saturated_pixels.h).
+Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame,
+                                     const std::vector<float>& piles_dn, double step_dn) {
   const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
   const CutOff cut_off = measure_cut_off(frame);
-  // White may lie lower than what is told, and is not known of many frames.
-  const std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
   PlanesNoise out;
   out.channels.rounding_dn2 = step_dn * step_dn / 12;
   double usable = 0, all = 0;
@@ -185,7 +203,7 @@ Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame
     const float pile_dn = piles_dn[k] - static_cast<float>(frame.black_dn[k]);  // as the pixels
     out.saturated_dn.push_back(std::min(pile_dn, static_cast<float>(range_dn)));
     const std::vector<Block> blocks = measure_blocks(plane, out.saturated_dn.back());
-    if (blocks.size() < kLeastBlocks)
+    if (blocks.size() < kLeastNoiseBlocks)
       return Undecided{too_few_blocks(blocks.size(), plane, range_dn)};
     usable += kSmoothShare * static_cast<double>(blocks.size());
     all += static_cast<double>(plane.rows() / kBlock) * (plane.cols() / kBlock);
@@ -226,15 +244,15 @@ double fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
 }  // namespace
 
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch search) {
-  Planes planes = pack(frame.dn, frame.layout);
-  for (int k = 0; k < planes.channels(); ++k)
-    for (float& v : planes[k].values())
-      v -= static_cast<float>(frame.black_dn[static_cast<std::size_t>(k)]);
+  // White may lie lower than what is told, and is not known of many frames.
+  const std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
+  Planes planes = planes_above_black(frame, piles_dn);
   PictureNoise noise;
   noise.profile.layout = frame.layout;
   noise.profile.estimated_from_picture = true;
   noise.profile.step_dn = quantization_step(frame.dn);
-  const Estimate<PlanesNoise> found = measure_planes(planes, frame, noise.profile.step_dn);
+  const Estimate<PlanesNoise> found =
+      measure_planes(planes, frame, piles_dn, noise.profile.step_dn);
   if (!found) return Undecided{found.reason()};
   PlanesNoise measured = *found;
   Image dn(frame.dn.rows(), frame.dn.cols());

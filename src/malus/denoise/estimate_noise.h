@@ -7,8 +7,9 @@
 // does not affect, vote by a robust deviation; a line is fitted through the levels. Idea: Pyatykh,
 // Hesser, Zheng, "Image noise level estimation by principal component analysis", IEEE TIP 22(2),
 // 2013, and Foi, Trimeche, Katkovnik, Egiazarian, "Practical Poissonian-Gaussian noise modeling and
-// fitting for single-image raw-data", IEEE TIP 17(10), 2008; accuracy: docs/noise-estimate.md. What
-// a picture cannot tell: the bias (taken as 0), and noise that earlier processing has coloured.
+// fitting for single-image raw-data", IEEE TIP 17(10), 2008; accuracy: docs/noise-estimate.md. Areas
+// that show none (noiseless_areas.h) take no part. What a picture cannot tell: the bias (taken as
+// 0), and noise that earlier processing has coloured.
 #pragma once
 
 #include "malus/base/estimate.h"
@@ -21,7 +22,8 @@
 
 namespace malus {
 
-inline constexpr int kNoiseBlock = 8;  ///< pixels of a channel per side of a block
+inline constexpr int kNoiseBlock = 8;         ///< pixels of a channel per side of a block
+inline constexpr int kLeastNoiseBlocks = 64;  ///< per channel
 
 struct PictureNoise {
   NoiseProfile profile;       ///< estimated_from_picture is set

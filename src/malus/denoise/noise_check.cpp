@@ -29,13 +29,16 @@ constexpr double kFarBelow = 0.7, kFarAbove = 1.6, kMostTexture = 0.1, kMostBelo
 constexpr double kSceneTexture = 0.5, kPrintTexture = 0.7, kPrintShows = 0.75;
 
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
-// Saturated pixels are at range_dn; what was not a number is none here either.
+// Saturated pixels are at range_dn; what was not a number, or shows no noise, is none here.
 Image sample_of(const PreparedFrame& frame) {
   const auto precedes = [](const NonfinitePixel& a, const NonfinitePixel& b) {
     return std::pair(a.row, a.col) < std::pair(b.row, b.col);
   };
   const auto value = [&](int row, int col) {
-    if (std::binary_search(frame.nonfinite.begin(), frame.nonfinite.end(),
+    const auto place = static_cast<std::size_t>(row) * static_cast<std::size_t>(frame.dn.cols()) +
+                       static_cast<std::size_t>(col);
+    if ((!frame.is_noiseless.empty() && frame.is_noiseless[place]) ||
+        std::binary_search(frame.nonfinite.begin(), frame.nonfinite.end(),
                            NonfinitePixel{row, col, 0.0f}, precedes))
       return std::numeric_limits<float>::quiet_NaN();
     return frame.saturated(row, col) ? static_cast<float>(frame.range_dn) : frame.dn(row, col);

@@ -4,6 +4,7 @@
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/impulses.h"
 #include "malus/denoise/internal/channel_levels.h"
+#include "malus/denoise/noiseless_areas.h"
 #include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
@@ -12,6 +13,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -94,6 +96,20 @@ std::vector<NonfinitePixel> take_nonfinite(Image& dn) {
         dn(r, c) = std::numeric_limits<float>::quiet_NaN();
       }
   return list;
+}
+
+// What is done to the pixels that show noise: others are none to it, and come back as they were.
+template <class Step>
+void without_noiseless(PreparedFrame& frame, const Step& step) {
+  std::vector<float> kept_dn;
+  for (std::size_t p = 0; p < frame.is_noiseless.size(); ++p)
+    if (frame.is_noiseless[p])
+      kept_dn.push_back(
+          std::exchange(frame.dn.values()[p], std::numeric_limits<float>::quiet_NaN()));
+  step();
+  auto kept = kept_dn.begin();
+  for (std::size_t p = 0; p < frame.is_noiseless.size(); ++p)
+    if (frame.is_noiseless[p]) frame.dn.values()[p] = *kept++;
 }
 
 std::vector<FilledPixel> replace(Image& dn, const SensorLayout& layout,
@@ -241,8 +257,11 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.nonfinite = take_nonfinite(prepared.dn);
   report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
   prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
-  if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
-  take_out_lines(prepared, profile, saturated_dn, steps, report);
+  prepared.is_noiseless = noiseless_areas(prepared.dn, prepared.layout, saturated_dn);
+  without_noiseless(prepared, [&] {
+    if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
+    take_out_lines(prepared, profile, saturated_dn, steps, report);
+  });
   fill_nonfinite(prepared);
   if (steps.fill_impulses) {
     const auto pixels = replace(prepared.dn, prepared.layout, find_impulses(prepared, profile));

@@ -26,13 +26,16 @@ struct FilledPixel {
 };
 
 struct PreparedFrame {
-  Image dn;  ///< above black and bias, row and column noise removed, every pixel finite
+  /// Above black and bias, every pixel finite. Row and column noise and the model's pattern are
+  /// removed, but from noiseless areas, which have none.
+  Image dn;
   SensorLayout layout;
   double range_dn = 0;                    ///< white above the highest black level
   double highest_dn = 0;                  ///< white above the lowest black level
   SaturatedPixels saturated;              ///< as bright as white or brighter
   std::vector<float> saturated_dn;        ///< per channel: white, as dn
   std::vector<NonfinitePixel> nonfinite;  ///< in the frame's order
+  std::vector<bool> is_noiseless;         ///< noiseless_areas
   std::vector<FilledPixel> filled;
   /// Per row group: variance of what is left of its offset, in units of the channels' sigma_row².
   std::vector<double> row_variance;

@@ -31,6 +31,7 @@ set(denoise_SOURCES
     noise_check.cpp
     noise_floor.cpp
     noise_tails.cpp
+    noiseless_areas.cpp
     pattern_removal.cpp
     pilot_doubt.cpp
     preparation.cpp
