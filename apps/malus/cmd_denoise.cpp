@@ -5,6 +5,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/denoise/saturated_pixels.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 
@@ -118,8 +119,11 @@ OpenedFrame open_frame(const DenoiseArguments& arguments, const FrameDenoiser& d
   opened.choice = choose_profile(opened.frame, model, arguments, denoiser);
   if (model && job.last) drop_maps(*model);
   warn_of_guesses(opened.frame);
+  // The result does not: beside what is clipped estimates may lie above it.
+  const bool white_shows = opened.frame.white_known || clips_at_white(opened.frame);
   Image pixels = std::move(opened.frame.dn);
   opened.described = opened.frame;
+  opened.described.white_known = white_shows;
   opened.frame.dn = std::move(pixels);
   return opened;
 }

@@ -28,7 +28,7 @@ void check_integers_of_camera(const NoiseModel& model, const std::filesystem::pa
 
 /// The denoised mosaic and what else names asks for; returns the files. result's pixels exist once:
 /// they move into the file's frame and back. profile: its bias is missing from saturated pixels,
-/// and so from white. Throws InputError.
+/// and so from white, which the files tell where header knows it. Throws InputError.
 std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,
                                        Denoised& result, const OutputNames& names, bool force);
 

@@ -262,3 +262,17 @@ def test_a_white_that_leaves_no_range_is_refused(refused, tmp_path):
     line = refused("denoise", tmp_path / "light.npy", "--layout", "polar-mono", "--model", "imx250mzr-simulated", "--gain", 12,
                    "--white", "1e300", "-o", tmp_path / "out")
     assert "light.npy: white 1e+300 DN" in line
+
+
+@pytest.mark.parametrize("kind, white", ((np.float32, 700), (np.uint8, 255)))
+def test_what_is_known_as_saturated_stays_so_in_the_result(malus, tmp_path, kind, white):
+    """Nobody tells white: the camera's pixels pile up at it, its estimates lie about it."""
+    r, c = np.mgrid[:256, :256]
+    light = white * np.where(np.hypot(r - 128, c - 100) < 40, 1.1, 0.5 + 0.1 * np.sin(c / 40))
+    noisy = np.random.default_rng(5).normal(light, np.sqrt(light))
+    np.save(tmp_path / "lamp.npy", np.clip(noisy if kind == np.float32 else np.rint(noisy), 0, white).astype(kind))
+    done = malus("denoise", tmp_path / "lamp.npy", "--layout", "mono", "--black", 2, "-o", tmp_path, "--profile", "fast", "--json")
+    assert done.json["saturated_pixels"] > 4000
+    result = malus("info", tmp_path / "lamp_denoised.tif", "--json").json
+    assert result["white_known"] and result["white"] == white - 2
+    assert result["saturated_share"]["value"][0] * 256**2 == pytest.approx(done.json["saturated_pixels"], rel=0.02)

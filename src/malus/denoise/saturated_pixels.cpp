@@ -2,6 +2,7 @@
 
 #include "malus/denoise/estimate_noise.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -45,6 +46,14 @@ std::vector<float> piled_up_dn(View<const float> dn, const SensorLayout& layout)
   for (const Top& channel : tops)
     piles_dn.push_back(channel.is_pile() ? channel.top : std::numeric_limits<float>::infinity());
   return piles_dn;
+}
+
+bool clips_at_white(const RawFrame& frame) {
+  std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
+  std::erase_if(piles_dn, [](float dn) { return !std::isfinite(dn); });
+  const auto white_dn = static_cast<float>(frame.white_dn);
+  return !piles_dn.empty() &&
+         std::count(piles_dn.begin(), piles_dn.end(), white_dn) == std::ssize(piles_dn);
 }
 
 }  // namespace malus

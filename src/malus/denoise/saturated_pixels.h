@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/image/layout.h"
+#include "malus/image/raw_frame.h"
 #include "malus/image/view.h"
 
 #include <vector>
@@ -13,6 +14,10 @@ namespace malus {
 /// there; infinite where none were. Noise ends in a tail: of pixels that are not clipped the
 /// largest value has fewer than the one below it.
 std::vector<float> piled_up_dn(View<const float> dn, const SensorLayout& layout);
+
+/// Whether the frame's pixels show that its white is where they are clipped, told or not: all
+/// channels that pile up do so there.
+bool clips_at_white(const RawFrame& frame);
 
 class SaturatedPixels {
  public:
