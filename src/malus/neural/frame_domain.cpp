@@ -107,7 +107,7 @@ FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& f
     laws_.push_back(channel.law);
   }
   if (stabilised_) {
-    stabilizers_ = make_stabilizers(profile, frame.range_dn, 1.0);
+    stabilizers_ = make_stabilizers(profile, frame.highest_dn, 1.0);
     scale_ = kLeastScale + kScalePerMean * mean_over(frame.dn, [&](int r, int c, double dn) {
                              const auto k = static_cast<std::size_t>(
                                  layout_.channel_at(r + phase_.row, c + phase_.col));
