@@ -235,13 +235,13 @@ TEST(FrameInDomain, AnotherOrderIsTheSameSensorFromAnotherPixel) {
 TEST(FrameInDomain, AChannelIsBrightUpToItsOwnWhite) {
   const Camera camera(64, 64);
   RawFrame raw = camera.noisy();
-  constexpr float kRaisedDn = 600, kLightDn = 3900;  // below 4095 - 82, above it less kRaisedDn
+  constexpr float kRaisedDn = 3000, kLightDn = 3900;  // white is 4013 above the lowest black
   for (std::size_t k = 1; k < raw.black_dn.size(); ++k) raw.black_dn[k] += double{kRaisedDn};
   for (int r = 0; r < 64; ++r)
     for (int c = 0; c < 64; ++c) raw.dn(r, c) += raw.layout.channel_at(r, c) > 0 ? kRaisedDn : 0;
   const NetworkFrame frame = prepare_network_frame(raw, camera.profile, PackageSettings());
-  const auto clean = frame.domain.clean_planes(Image(64, 64, kLightDn));
-  EXPECT_NEAR(frame.domain.mosaic_of(clean, 64, 64)(0, 0), kLightDn, 1);
+  const auto planes = frame.domain.noisy_planes(Image(64, 64, kLightDn));
+  EXPECT_NEAR(frame.domain.mosaic_of(planes, 64, 64)(0, 0), kLightDn, 1);
 }
 
 // Grey light is grey, whatever bends the estimate found in single channels.
