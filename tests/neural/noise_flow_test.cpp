@@ -94,6 +94,16 @@ NoiseFlowPair simulated_pair(std::uint32_t frame) {
 
 NoiseFlowSensor sensor() { return {"bayer-rggb", {64, 64, 64, 64}, 1087, 0, 0}; }
 
+// Couplings that do something, which those of a new model do not.
+NoiseFlowModel model_with_random_weights(std::int64_t couplings, std::int64_t width) {
+  NoiseFlowModel model(sensor(), couplings, width);
+  const torch::NoGradGuard no_gradients;
+  torch::manual_seed(5);
+  for (const auto& item : model.network().named_parameters())
+    if (!item.key().ends_with("mixing")) torch::Tensor(item.value()).normal_(0, 0.15);
+  return model;
+}
+
 TEST(NoiseFlow, LearnsAHeteroscedasticGaussian) {
   std::vector<NoiseFlowPair> pairs;
   for (std::uint32_t frame = 0; frame < 4; ++frame) pairs.push_back(simulated_pair(frame));
@@ -183,13 +193,7 @@ INSTANTIATE_TEST_SUITE_P(NoiseFlow, NoiseFlowSteps, ::testing::Values(1.0, 16.0)
 
 // The couplings see 3 x 3 pixels of the planes each.
 TEST(NoiseFlow, PixelsThatAreNoNumbersStayAlone) {
-  NoiseFlowModel model(sensor(), 2, 4);
-  {
-    const torch::NoGradGuard no_gradients;
-    torch::manual_seed(5);
-    for (const auto& item : model.network().named_parameters())
-      if (!item.key().ends_with("mixing")) torch::Tensor(item.value()).normal_(0, 0.15);
-  }
+  NoiseFlowModel model = model_with_random_weights(2, 4);
   Image clean(40, 40, 300.0f);
   clean(20, 20) = std::numeric_limits<float>::quiet_NaN();
   clean(21, 24) = std::numeric_limits<float>::infinity();
@@ -225,13 +229,7 @@ TEST(NoiseFlow, TheSameSeedAndFrameDrawTheSameNoise) {
 // libtorch's loops end elsewhere with other numbers of threads, and round there in another way:
 // 1083 of 16384 pixels differed by 6e-5 DN.
 TEST(NoiseFlow, AnyNumberOfThreadsDrawsTheSameNoise) {
-  NoiseFlowModel model(sensor(), 4, 16);
-  {
-    const torch::NoGradGuard no_gradients;
-    torch::manual_seed(5);
-    for (const auto& item : model.network().named_parameters())
-      if (!item.key().ends_with("mixing")) torch::Tensor(item.value()).normal_(0, 0.15);
-  }
+  NoiseFlowModel model = model_with_random_weights(4, 16);
   Image clean(300, 404);
   for (int r = 0; r < clean.rows(); ++r)
     for (int c = 0; c < clean.cols(); ++c) clean(r, c) = static_cast<float>(c);
