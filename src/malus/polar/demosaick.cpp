@@ -104,6 +104,15 @@ void smooth_polarization(StokesPlanes& stokes) {
   });
 }
 
+// Where the polarization alone changes, what the angles' own errors left of its edges in S0.
+void smooth_s0(Image& s0, const Image& takes_part) {
+  const Image smooth = internal::smoothed(internal::smoothed(s0));
+  for_rows(s0.rows(), [&](int r) {
+    for (int c = 0; c < s0.cols(); ++c)
+      s0(r, c) = smooth(r, c) + takes_part(r, c) * (s0(r, c) - smooth(r, c));
+  });
+}
+
 StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
   const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
   if (!layout.colored()) return {{""}, {internal::residual_angles(mosaic, layout, epsilon)}};
@@ -114,8 +123,9 @@ StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
   StokesPicture picture;
   for (Color color : display_colors(layout)) {
     StokesPlanes stokes = internal::residual_angles(planes[color], layout, epsilon);
-    planes[color] = Image();
     smooth_polarization(stokes);
+    smooth_s0(stokes.s0, internal::s0_takes_part(planes[color]));
+    planes[color] = Image();
     picture.names.push_back(display_name(color));
     picture.planes.push_back(std::move(stokes));
   }

@@ -12,6 +12,7 @@ namespace {
 
 // Of the guided filter's epsilon: error of Malus's law that says nothing.
 constexpr double kMalusFloor = 0.01;
+constexpr float kNoneOfS0 = 0.45f, kMostOfS0 = 0.65f;  // shares of S0
 
 // |difference| of pixels two apart, averaged over 3x3: same angle on both sides.
 struct Gradients {
@@ -88,9 +89,19 @@ Image malus_error(const AngleImages& angles) {
   return box_mean(error, kRadius);
 }
 
-// How much of the angles' differences over two pixels S0 has as well, averaged around a pixel: most
-// of them at its edges, half in noise, few where the polarization alone changes.
-Image share_of_s0(const Image& mosaic) {
+// Where the polarization alone changes, S0 has no edge that could guide the angles: the guide's own
+// errors would. Such places show in the share of S0, and as guided pictures that miss Malus's law
+// by more than interpolated ones, which at edges of S0 they do by far less.
+float trust_in_guide(float s0_takes_part, float guided_error, float interpolated_error) {
+  constexpr float kLimit = 1.6f;  // of the errors' ratio; guided pictures are sharper
+  const float ratio = guided_error / (kLimit * interpolated_error);
+  const float to_4 = ratio * ratio * ratio * ratio;
+  return s0_takes_part / (1 + to_4 * to_4);
+}
+
+}  // namespace
+
+Image s0_takes_part(const Image& mosaic) {
   constexpr int kRadius = 3;
   const int rows = mosaic.rows(), cols = mosaic.cols();
   Image blocks(rows, cols), of_s0(rows, cols), of_angles(rows, cols);
@@ -113,23 +124,13 @@ Image share_of_s0(const Image& mosaic) {
   };
   differences(blocks, of_s0);
   differences(mosaic, of_angles);
-  for (std::size_t i = 0; i < of_s0.size(); ++i)
-    of_s0.values()[i] = of_angles.values()[i] > 0 ? of_s0.values()[i] / of_angles.values()[i] : 1;
+  for (std::size_t i = 0; i < of_s0.size(); ++i) {
+    const float all = of_angles.values()[i];
+    const float share = all > 0 ? of_s0.values()[i] / all : 1;
+    of_s0.values()[i] = std::clamp((share - kNoneOfS0) / (kMostOfS0 - kNoneOfS0), 0.0f, 1.0f);
+  }
   return of_s0;
 }
-
-// Where the polarization alone changes, S0 has no edge that could guide the angles: the guide's own
-// errors would. Such places show in the share of S0, and as guided pictures that miss Malus's law
-// by more than interpolated ones, which at edges of S0 they do by far less.
-float trust_in_guide(float share_of_s0, float guided_error, float interpolated_error) {
-  constexpr float kNone = 0.45f, kFull = 0.65f;  // shares of S0
-  constexpr float kLimit = 1.6f;  // of the errors' ratio; guided pictures are sharper
-  const float ratio = guided_error / (kLimit * interpolated_error);
-  const float to_4 = ratio * ratio * ratio * ratio;
-  return std::clamp((share_of_s0 - kNone) / (kFull - kNone), 0.0f, 1.0f) / (1 + to_4 * to_4);
-}
-
-}  // namespace
 
 StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon) {
   const auto interpolate = [&](const Image& samples, const Lattice& lattice) {
@@ -142,7 +143,7 @@ StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, do
       });
   const AngleImages interpolated = for_angles(mosaic, layout, interpolate);
   const Image guided_error = malus_error(planes), error = malus_error(interpolated);
-  const Image share = share_of_s0(mosaic);
+  const Image share = s0_takes_part(mosaic);
   const auto tiny = static_cast<float>(kMalusFloor * epsilon);
   for_rows(mosaic.rows(), [&](int r) {
     for (int c = 0; c < mosaic.cols(); ++c) {

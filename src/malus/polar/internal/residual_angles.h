@@ -13,4 +13,9 @@ namespace malus::internal {
 /// guided_upsampled.
 StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon);
 
+/// 1 where S0 changes with the angles, 0 where the polarization alone does, from the share of the
+/// angles' differences over two pixels that S0 has as well, averaged around a pixel: most of them
+/// at S0's edges, half in noise.
+Image s0_takes_part(const Image& mosaic);
+
 }  // namespace malus::internal
