@@ -87,6 +87,29 @@ sys.exit(bad)
 """
 
 
+READERS = """
+import os, signal, sys
+import malus
+
+frame = malus.load_frame(sys.argv[1])
+child = os.fork()
+if child == 0:
+    signal.alarm(20)
+    os._exit(0 if (malus.load_frame(sys.argv[1]).dn == frame.dn).all() else 1)
+sys.exit(os.waitpid(child, 0)[1] != 0)
+"""
+
+
+@pytest.mark.parametrize("ending", ["exr", "tif"])
+def test_a_forked_worker_reads_pictures_as_its_parent_did(tmp_path, ending):
+    """OpenEXR keeps threads, which a forked process has not."""
+    path = tmp_path / f"frame.{ending}"
+    malus.save_frame(malus.Frame(np.full((64, 64), 100, np.float32), "polar-mono", white=4000), path)
+    paths = {"PYTHONPATH": str(pathlib.Path(malus.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", READERS, path], env=paths, timeout=300)
+    assert done.returncode == 0
+
+
 def test_a_fork_while_others_draw_does_not_hang():
     """Every child draws at the gains that six threads of its parent are drawing at."""
     paths = {"PYTHONPATH": str(pathlib.Path(malus.__file__).parents[1])}
