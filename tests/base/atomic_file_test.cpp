@@ -54,6 +54,28 @@ TEST(AtomicFile, AnExistingFileNeedsForce) {
   EXPECT_EQ(content(folder / "x"), "old");
 }
 
+TEST(AtomicFile, KeepsWhatCameUpMeanwhile) {
+  const testing::TemporaryFolder folder;
+  const auto path = folder / "late";
+  AtomicFile file(path, false);
+  std::ofstream(file.temporary()) << "own";
+  write_file(path, "another's", false);
+  EXPECT_THROW(file.commit(), InputError);
+  EXPECT_EQ(content(path), "another's");
+}
+
+TEST(AtomicFile, ANameMustLeaveRoomForThatOfTheUnfinishedFile) {
+  const testing::TemporaryFolder folder;
+  write_file(folder / std::string(200, 'n'), "fits", false);
+  try {
+    check_output(folder / std::string(250, 'n'), false);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("too long: 250 bytes, at most 2"), std::string::npos)
+        << error.what();
+  }
+}
+
 TEST(AtomicFile, TwoAtOnceDoNotMeet) {
   const testing::TemporaryFolder folder;
   AtomicFile first(folder / "x", false), second(folder / "x", false);

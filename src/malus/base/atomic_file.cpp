@@ -5,10 +5,12 @@
 #include "malus/base/wording.h"
 
 #include <cerrno>
+#include <climits>
 #include <cstdio>
 #include <cstring>
 #include <system_error>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -45,6 +47,31 @@ bool is_open_stream(fs::path path) {
   return false;
 }
 
+// Whoever made the file meanwhile keeps it, where the file system can tell.
+bool renamed(const fs::path& from, const fs::path& to, bool force) {
+  if (!force) {
+    if (::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0)
+      return true;
+    if (errno != EINVAL && errno != ENOSYS) return false;
+  }
+  return std::rename(from.c_str(), to.c_str()) == 0;
+}
+
+void require_short_name(const fs::path& path) {
+  const std::size_t bytes = path.filename().string().size(),
+                    while_written = unfinished_name(path).filename().string().size();
+  if (while_written > NAME_MAX)
+    throw InputError(path.string(),
+                     fmt::format("its name is too long: {} bytes, at most {} can be written", bytes,
+                                 NAME_MAX - (while_written - bytes)),
+                     "choose a shorter one");
+}
+
+[[noreturn]] void exists_already(const fs::path& path) {
+  throw InputError(path.string(), "exists already",
+                   "use " + setting("force", true) + " to replace it");
+}
+
 }  // namespace
 
 void check_output(const fs::path& path, bool force) {
@@ -68,9 +95,8 @@ void check_output(const fs::path& path, bool force) {
         path.string(),
         fmt::format("the folder {} cannot be written: {}", folder.string(), std::strerror(errno)),
         "change its permissions or choose another output");
-  if (!force && fs::exists(fs::symlink_status(path, error)))
-    throw InputError(path.string(), "exists already",
-                     "use " + setting("force", true) + " to replace it");
+  require_short_name(path);
+  if (!force && fs::exists(fs::symlink_status(path, error))) exists_already(path);
 }
 
 void make_output_folder(const fs::path& folder) {
@@ -101,7 +127,7 @@ OutputFolder::~OutputFolder() {
   }
 }
 
-AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)) {
+AtomicFile::AtomicFile(fs::path path, bool force) : path_(std::move(path)), force_(force) {
   check_output(path_, force);
   direct_ = is_device(path_);
   if (!direct_) remove_unfinished_of(path_);
@@ -115,7 +141,10 @@ AtomicFile::~AtomicFile() {
 
 void AtomicFile::commit() {
   MALUS_REQUIRE(!committed_);
-  if (!direct_ && std::rename(temporary_.c_str(), path_.c_str()) != 0) fail(std::strerror(errno));
+  if (!direct_ && !renamed(temporary_, path_, force_)) {
+    if (!force_ && errno == EEXIST) exists_already(path_);
+    fail(std::strerror(errno));
+  }
   committed_ = true;
 }
 

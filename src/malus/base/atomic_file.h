@@ -10,8 +10,8 @@
 namespace malus {
 
 /// Fails early, before hours of work: throws InputError when path exists and force is false, is a
-/// folder, lies in a folder that is missing or cannot be written, or is an open stream
-/// (/dev/stdout) that leads to a file.
+/// folder, lies in a folder that is missing or cannot be written, has too long a name, or is an
+/// open stream (/dev/stdout) that leads to a file.
 void check_output(const std::filesystem::path& path, bool force);
 
 /// Makes the folder and its parents where they are missing; throws InputError when that fails or a
@@ -45,7 +45,8 @@ class AtomicFile {
   /// Where to write: same folder and ending as the final name.
   const std::filesystem::path& temporary() const { return temporary_; }
   const std::filesystem::path& path() const { return path_; }
-  /// Gives the file its name; the writer has closed it without error. Throws InputError.
+  /// Gives the file its name; the writer has closed it without error. Throws InputError, also where
+  /// a file of that name has come up meanwhile and none is to be replaced.
   void commit();
   /// The one line for a failed write or close; detail is the library's own message, or empty.
   /// Names the full disk where that is the cause.
@@ -53,7 +54,7 @@ class AtomicFile {
 
  private:
   std::filesystem::path path_, temporary_;
-  bool direct_ = false, committed_ = false;
+  bool force_, direct_ = false, committed_ = false;
 };
 
 /// The whole content at once.
