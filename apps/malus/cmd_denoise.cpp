@@ -239,13 +239,13 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
   Json results = Json::array();
   const auto process = [&](std::size_t i) {
     check_stop(*progress);
-    const FrameJob job{arguments.inputs[i],
-                       {arguments.references.empty() ? fs::path() : arguments.references[i],
-                        arguments.reference_ratio, arguments.reference_black_dn},
-                       names[i],
-                       common.force ? stale_files(arguments, names[i], arguments.inputs[i])
-                                    : std::vector<fs::path>(),
-                       i + 1 == arguments.inputs.size()};
+    const FrameJob job{
+        arguments.inputs[i],
+        {arguments.references.empty() ? fs::path() : arguments.references[i],
+         arguments.reference_ratio, arguments.reference_black_dn},
+        names[i],
+        common.force ? stale_files(arguments, arguments.inputs[i]) : std::vector<fs::path>(),
+        i + 1 == arguments.inputs.size()};
     results.push_back(
         denoiser.target() == "mosaic"
             ? process_mosaic(arguments, denoiser, model, job, options, *progress, common.force,

@@ -90,6 +90,8 @@ PairFiles files_of_pair(const fs::path& folder, const std::string& name) {
   return {folder / (name + "_reference.tif"), folder / (name + "_short.tif")};
 }
 
+fs::path list_of_pairs(const fs::path& folder) { return folder / "pairs.json"; }
+
 std::string pair_name(const std::optional<int>& label, std::size_t number) {
   return fmt::format("{}_{:02}", scene_name(label), number);
 }
@@ -99,7 +101,7 @@ void check_pair_files(const PairsArguments& arguments, const Session& session,
                       const std::map<std::optional<int>, Scene>& scenes, bool force) {
   std::vector<fs::path> read = files_read(session);
   read.push_back(arguments.model);
-  check_output_apart("-o", arguments.folder / "pairs.json", read, {}, force);
+  check_output_apart("-o", list_of_pairs(arguments.folder), read, {}, force);
   for (const auto& [label, scene] : scenes)
     for (std::size_t k = 0; k < scene.shorts.size(); ++k) {
       const PairFiles files = files_of_pair(arguments.folder, pair_name(label, k));
@@ -231,6 +233,8 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   std::fill(clean.black_dn.begin(), clean.black_dn.end(), 0.0);
   clean.bits = 0;
   save.type = SampleType::kFloat;
+  // The list goes first: wherever this run is stopped, no list speaks for frames of another.
+  if (save.force) fs::remove(list_of_pairs(job.arguments.folder));
   save_frame(files.reference, clean, save);
   save_short(files.noisy, load_session_frame(job.session, group, chosen), save);
   Json entry{
@@ -281,7 +285,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
     }
   }
   const Json result{{"session", arguments.session.string()}, {"pairs", pairs}};
-  write_file(arguments.folder / "pairs.json", json_utf8(result, 2) + "\n", common.force);
+  write_file(list_of_pairs(arguments.folder), json_utf8(result, 2) + "\n", common.force);
   print_result(common, result, text);
 }
 

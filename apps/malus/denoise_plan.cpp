@@ -13,6 +13,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Beside the mosaic.
+constexpr const char *kRecord = "_denoised.json", *kIntegers = "_denoised_u16.tif",
+                     *kPlanes = "_planes.exr", *kVariance = "_variance.exr";
+
 std::vector<fs::path> read_besides(const DenoiseArguments& arguments) {
   std::vector<fs::path> read = arguments.references;
   read.push_back(arguments.model);
@@ -45,8 +49,8 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
   std::vector<OutputNames> names(arguments.inputs.size());
   const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
     if (!wanted) return;
-    const auto paths = output_names(arguments.inputs, arguments.folder, suffix,
-                                    read_besides(arguments));
+    const auto paths =
+        output_names(arguments.inputs, arguments.folder, suffix, read_besides(arguments));
     for (std::size_t i = 0; i < paths.size(); ++i) {
       names[i].*name = paths[i];
       check_output(paths[i], force);
@@ -57,20 +61,17 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
     return names;
   }
   plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);
-  plan(true, "_denoised.json", &OutputNames::record);
-  plan(arguments.u16, "_denoised_u16.tif", &OutputNames::integers);
-  plan(arguments.planes, "_planes.exr", &OutputNames::planes);
-  plan(arguments.uncertainty, "_variance.exr", &OutputNames::variance);
+  plan(true, kRecord, &OutputNames::record);
+  plan(arguments.u16, kIntegers, &OutputNames::integers);
+  plan(arguments.planes, kPlanes, &OutputNames::planes);
+  plan(arguments.uncertainty, kVariance, &OutputNames::variance);
   return names;
 }
 
-std::vector<fs::path> stale_files(const DenoiseArguments& arguments, const OutputNames& names,
-                                  const fs::path& input) {
+std::vector<fs::path> stale_files(const DenoiseArguments& arguments, const fs::path& input) {
   std::vector<fs::path> paths;
-  for (const auto& [written, suffix] : {std::pair{&names.integers, "_denoised_u16.tif"},
-                                        {&names.planes, "_planes.exr"},
-                                        {&names.variance, "_variance.exr"}})
-    if (written->empty()) paths.push_back(arguments.folder / (stem_of(input) + suffix));
+  for (const char* suffix : {kRecord, kIntegers, kPlanes, kVariance})
+    paths.push_back(arguments.folder / (stem_of(input) + suffix));
   return existing_apart(paths, files_read(arguments));
 }
 

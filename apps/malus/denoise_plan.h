@@ -41,10 +41,10 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
 void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,
                   bool force);
 
-/// What an earlier run may have left beside an input's result and this one does not write again: it
-/// would look like a part of the new result.
+/// What an earlier run may have left beside an input's mosaic. It goes before the mosaic is
+/// replaced: wherever this run is stopped, and whatever it does not write again, would look like a
+/// part of the new result.
 std::vector<std::filesystem::path> stale_files(const DenoiseArguments& arguments,
-                                               const OutputNames& names,
                                                const std::filesystem::path& input);
 
 }  // namespace malus::app

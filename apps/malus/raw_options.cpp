@@ -75,9 +75,11 @@ std::vector<std::filesystem::path> output_names(
     const std::string& suffix, const std::vector<std::filesystem::path>& read_besides) {
   std::vector<std::filesystem::path> names;
   std::set<std::filesystem::path> read;
+  // A stream (/dev/stdin) leads to no path; its reader says what is wrong with it.
+  std::error_code no_path;
   for (const auto& list : {inputs, read_besides})
     for (const auto& path : list)
-      if (!path.empty()) read.insert(std::filesystem::weakly_canonical(path));
+      if (!path.empty()) read.insert(std::filesystem::weakly_canonical(path, no_path));
   std::map<std::filesystem::path, std::filesystem::path> writer;
   for (const auto& input : inputs) {
     const auto name = folder / (stem_of(input) + suffix);

@@ -1,0 +1,93 @@
+"""Wherever a run that replaces files is stopped, what is left belongs together."""
+
+import json
+import os
+import resource
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+from conftest import PROGRAM
+
+SENSOR = '[sensor]\nlayout = "polar-mono"\nblack = 64\nwhite = 4095\n'
+
+
+def frames(folder, kind, scene, level, light):
+    np.save(folder / f"{kind}_{level}.npy", (64 + light).astype(np.uint16))
+    return f'[[frames]]\nkind = "{kind}"\ngain_db = 0\nlevel = {level}\nexposure_s = {scene[kind]}\npaths = ["{kind}_{level}.npy"]\n'
+
+
+def write_session(folder, ratio, second_rows=64):
+    """Two scenes; the short frame of the second may have another size."""
+    light = np.random.default_rng(1).uniform(200, 3000, (64, 64))
+    seconds = {"reference": 0.1, "short": 0.1 / ratio}
+    sections = [frames(folder, "reference", seconds, level, light) for level in (0, 1)]
+    sections += [frames(folder, "short", seconds, 0, light / ratio), frames(folder, "short", seconds, 1, light[:second_rows] / ratio)]
+    (folder / "session.toml").write_text(SENSOR + "".join(sections))
+    return folder / "session.toml"
+
+
+def test_a_list_of_pairs_speaks_for_no_frames_of_another_run(malus, refused, tmp_path):
+    out = tmp_path / "out"
+    malus("pairs", write_session(tmp_path, ratio=10), "-o", out)
+    assert [pair["ratio"] for pair in json.loads((out / "pairs.json").read_text())["pairs"]] == [pytest.approx(10)] * 2
+    before = (out / "scene000_00_short.tif").read_bytes()
+    session = write_session(tmp_path, ratio=40, second_rows=32)
+    assert "another size than its reference" in refused("pairs", session, "-o", out, "--force")
+    assert (out / "scene000_00_short.tif").read_bytes() != before
+    assert not (out / "pairs.json").exists()
+
+
+def test_a_session_that_is_refused_at_once_leaves_the_list(malus, refused, tmp_path):
+    out = tmp_path / "out"
+    session = write_session(tmp_path, ratio=10)
+    malus("pairs", session, "-o", out)
+    before = (out / "pairs.json").read_bytes()
+    session.write_text(session.read_text().replace("exposure_s = 0.01", "exposure_s = 0.5"))
+    assert "longer than their reference" in refused("pairs", session, "-o", out, "--force")
+    assert (out / "pairs.json").read_bytes() == before
+
+
+@pytest.mark.alone
+def test_a_killed_replacement_leaves_no_parts_of_the_run_before(malus, tmp_path):
+    np.save(tmp_path / "raw.npy", np.random.default_rng(2).normal(300, 20, (768, 768)).clip(0).astype(np.uint16))
+    run = ["denoise", "raw.npy", "--layout", "polar-bayer-rggb", "--model", "imx250myr-simulated", "--profile", "fast", "-o", "out"]
+    old = json.loads(malus(*run, "--uncertainty", "--planes", "--u16", "--gain", 12, "--json", cwd=tmp_path).out)
+    parts = [tmp_path / name for name in old["files"][1:]] + [tmp_path / "out/raw_denoised.json"]
+    assert len(parts) == 4 and all(part.exists() for part in parts)
+    mosaic = tmp_path / "out/raw_denoised.tif"
+    before, contents = mosaic.stat().st_ino, [part.read_bytes() for part in parts]
+    process = subprocess.Popen([PROGRAM, *run, "--uncertainty", "--planes", "--u16", "--gain", "24", "--force", "-q"], cwd=tmp_path)
+    deadline = time.monotonic() + 60
+    while mosaic.stat().st_ino == before and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.0005)
+    process.kill()
+    process.wait()
+    assert mosaic.stat().st_ino != before
+    for part, content in zip(parts, contents):
+        assert not part.exists() or part.read_bytes() != content
+
+
+def test_a_stream_is_named_as_what_cannot_be_read(tmp_path):
+    np.save(tmp_path / "raw.npy", np.zeros((64, 64), np.uint16))
+    for command in ("denoise", "stokes", "synthesize"):
+        with subprocess.Popen(["cat", tmp_path / "raw.npy"], stdout=subprocess.PIPE) as source:
+            done = subprocess.run([PROGRAM, command, "/dev/stdin", "-o", tmp_path / "out", *(["--model", "sony-a7s2"] * (command == "synthesize"))],
+                                  stdin=source.stdout, capture_output=True, text=True)
+        assert done.returncode == 1 and "not a regular file; copy it to a file first" in done.stderr
+
+
+def test_names_that_leave_no_room_are_refused_before_the_work(refused, tmp_path):
+    np.save(tmp_path / f"{'n' * 235}.npy", np.full((64, 64), 100, np.uint16))
+    line = refused("denoise", tmp_path / f"{'n' * 235}.npy", "--layout", "polar-mono", "-o", tmp_path / "out")
+    assert "its name is too long" in line and "choose a shorter one" in line
+
+
+def test_little_address_space_is_named(tmp_path):
+    """The libraries of pictures would try for ever to get more."""
+    (tmp_path / "x.png").write_bytes(b"")
+    done = subprocess.run([PROGRAM, "info", tmp_path / "x.png"], capture_output=True, text=True, timeout=60,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (500_000_000, 500_000_000)), env={**os.environ, "LC_ALL": "C"})
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "ulimit -v" in done.stderr
