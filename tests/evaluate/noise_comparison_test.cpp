@@ -6,6 +6,7 @@
 
 #include <cmath>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -206,6 +207,43 @@ TEST(CompareNoise, FixedPatternIsRemovedWithTheVarianceKept) {
   EXPECT_NEAR(result.reference.sd_dn[0], 4, 0.05);
   EXPECT_NEAR(result.test.sd_dn[0], 4, 0.05);
   EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
+}
+
+// Frames less a mean of n mix n frames' noise and, as whole numbers, are multiples of 1/n: combs
+// whose teeth other counts lack, and so are few pixels' teeth of one count. Noise below the step is
+// not normal, and mixtures come nearer.
+TEST(CompareNoise, SetsOfAnyCountsWithoutTheirPatternAreTheSameNoise) {
+  NoiseComparisonSettings settings;
+  settings.remove_fixed_pattern = true;
+  const auto mono = SensorLayout::named("mono");
+  struct Case {
+    int first = 0, second = 0;
+    double sd = 3;  // in steps
+    float step_dn = 1, black_dn = 0;
+  };
+  const auto set = [](const Case& of, int count, std::uint64_t seed) {
+    const auto codes = frames_of(ramp(true), {.sd = of.sd, .rounded = true}, count, seed);
+    return NoiseFrames{count, [=](int k) {
+                         Image frame = codes.load(k);
+                         for (float& v : frame.values()) v = of.step_dn * v - of.black_dn;
+                         return frame;
+                       }};
+  };
+  for (const Case& c : {Case{10, 40}, Case{2, 40}, Case{25, 20, 0.4}, Case{40, 40, 0.4},
+                        Case{10, 40, 0.4, 1, 82.3f}, Case{10, 40, 3, 16}}) {
+    const auto result =
+        compare_noise(set(c, c.first, 1), set(c, c.second, 2), std::nullopt, mono, settings);
+    const auto named = fmt::format("{} and {} frames, sd {} of {} DN, black {}", c.first, c.second,
+                                   c.sd, c.step_dn, c.black_dn);
+    EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor) << named;
+    EXPECT_EQ(result.pooled.test_samples, std::int64_t{c.second} * kRows * kCols) << named;
+    for (const NoiseDistance& level : result.levels)
+      EXPECT_LT(level.sqrt_jsd, 2 * level.sqrt_jsd_floor) << named << " " << level.signal_dn;
+    EXPECT_NEAR(result.test.between_frames, -1.0 / (c.second - 1), 0.01) << named;
+  }
+  const auto louder =
+      compare_noise(set({}, 10, 1), set({.sd = 3.3}, 20, 2), std::nullopt, mono, settings);
+  EXPECT_GT(louder.pooled.sqrt_jsd, 3 * louder.pooled.sqrt_jsd_floor);
 }
 
 TEST(CompareNoise, BadSetsAreRefused) {

@@ -6,6 +6,7 @@
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/image_metrics.h"
 #include "malus/evaluate/noise_structure.h"
+#include "malus/image/frame_statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -55,62 +56,104 @@ NoiseFrames of_one_size(NoiseFrames set, const char* name) {
   return set;
 }
 
-Image mean_frame(const NoiseFrames& set, Progress& progress) {
+Image mean_frame(const NoiseFrames& set, int first, int count, Progress& progress) {
   std::vector<double> sum;
   Image mean;
-  for (int k = 0; k < set.count; ++k) {
+  for (int k = 0; k < count; ++k) {
     check_stop(progress);
-    const Image frame = set.load(k);
+    const Image frame = set.load(first + k);
     if (k == 0) mean = Image(frame.rows(), frame.cols()), sum.resize(frame.size());
     for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += frame.values()[i];
   }
   for (std::size_t i = 0; i < sum.size(); ++i)
-    mean.values()[i] = static_cast<float>(sum[i] / set.count);
+    mean.values()[i] = static_cast<float>(sum[i] / count);
   return mean;
 }
 
-// One side: its frames turned into noise, and the clean signal that sets the level.
+// The converter's step [DN], of which two frames of one camera differ by multiples, whatever their
+// black level; 0 of fractional pixels.
+double step_between(const Image& a, const Image& b) {
+  constexpr float kRounding = 0.01f;  // of single precision, where the black level is not whole
+  Image difference = minus(a, b);
+  for (float& v : difference.values())
+    if (const float whole = std::round(v); std::abs(v - whole) < kRounding) v = whole;
+  const Estimate<ValueGrid> grid = value_grid(difference);
+  return grid ? grid->step : 0.0;
+}
+
+// What frames are compared with: noise is scale (frame - base). Both empty where the scene is
+// uniform.
+struct Ground {
+  Image base, signal;  // signal sets the level
+  float scale = 1;
+  Image noise_of(Image frame) const {
+    return base.empty() ? std::move(frame) : minus(frame, base, scale);
+  }
+};
+
+// One side: its frames and their grounds.
 class NoiseSource {
  public:
-  NoiseSource(const NoiseFrames& set, const std::optional<Image>& clean, bool remove_fixed_pattern,
+  // group: frames whose mean is the fixed pattern that the histograms go without, no more than
+  // there are; 0: it is not removed.
+  NoiseSource(const NoiseFrames& set, const std::optional<Image>& clean, int group,
               const char* name, Progress& progress)
-      : set_(of_one_size(set, name)), name_(name) {
-    if (set.count == 0) throw InputError(name, "no frames", "name at least one");
-    if (remove_fixed_pattern) {
-      if (set.count < 2)
-        throw InputError(
-            name, "one frame has no mean to subtract",
-            "give two frames or more, or leave out " + setting("remove_fixed_pattern"));
-      pattern_ = mean_frame(set_, progress);
-      // The mean holds 1/n of each frame's own noise; this gives the residual its variance back.
-      scale_ = static_cast<float>(std::sqrt(set.count / (set.count - 1.0)));
-    }
-    signal_ = clean ? *clean : pattern_ ? *pattern_ : Image();
-    base_ = pattern_ ? *pattern_ : clean ? *clean : Image();
+      : set_(of_one_size(set, name)), clean_(clean), group_(group), name_(name) {
+    if (group_ == 0)
+      whole_ = {clean.value_or(Image()), clean.value_or(Image())};
+    else
+      whole_ = mean_ground(0, set_.count, progress);
   }
   int count() const { return set_.count; }
-  /// Empty when the scene is uniform.
-  const Image& signal() const { return signal_; }
 
-  Image noise(int k) const {
+  Image frame(int k) const {
     Image frame = set_.load(k);
-    if (signal_.empty()) return frame;
-    // A mean frame has the frames' size; the clean picture, which is the signal beside it, may not.
-    if (frame.rows() != signal_.rows() || frame.cols() != signal_.cols())
+    // A mean frame has the frames' size; the clean picture may not.
+    if (clean_ && (frame.rows() != clean_->rows() || frame.cols() != clean_->cols()))
       throw InputError(name_,
                        fmt::format("frame {} has {} x {} pixels, the clean picture {} x {}", k,
-                                   frame.cols(), frame.rows(), signal_.cols(), signal_.rows()),
+                                   frame.cols(), frame.rows(), clean_->cols(), clean_->rows()),
                        "use frames of one size and their clean picture");
-    return minus(frame, base_, scale_);
+    return frame;
+  }
+
+  double step_dn() const { return step_between(frame(0), frame(1)); }
+
+  /// Of all frames.
+  const Ground& whole() const { return whole_; }
+
+  /// Of the group that frame k is in; the last group reaches back where the count is no multiple.
+  const Ground& of_group(int k, Progress& progress) {
+    if (group_ == 0 || group_ == set_.count) return whole_;
+    const int first = std::min(k / group_ * group_, set_.count - group_);
+    if (first != first_) of_group_ = mean_ground(first, group_, progress);
+    first_ = first;
+    return of_group_;
   }
 
  private:
+  Ground mean_ground(int first, int count, Progress& progress) const {
+    Image mean = mean_frame(set_, first, count, progress);
+    // The mean holds 1/n of each frame's own noise; this gives the residual its variance back.
+    const auto scale = static_cast<float>(std::sqrt(count / (count - 1.0)));
+    Image signal = clean_ ? *clean_ : mean;
+    return {std::move(mean), std::move(signal), scale};
+  }
+
   NoiseFrames set_;
+  const std::optional<Image>& clean_;
+  int group_;
   const char* name_;
-  std::optional<Image> pattern_;
-  float scale_ = 1;
-  Image signal_, base_;
+  Ground whole_, of_group_;
+  int first_ = -1;  // frame of of_group_
 };
+
+void require_frames(const NoiseFrames& set, bool remove_fixed_pattern, const char* name) {
+  if (set.count == 0) throw InputError(name, "no frames", "name at least one");
+  if (remove_fixed_pattern && set.count < 2)
+    throw InputError(name, "one frame has no mean to subtract",
+                     "give two frames or more, or leave out " + setting("remove_fixed_pattern"));
+}
 
 Bins levels_of(const Image& signal, int count) {
   std::vector<float> values = signal.values();
@@ -146,34 +189,50 @@ MomentsByLevel moments_of(const Image& noise, const Image& signal, const Bins& l
   return result;
 }
 
-Bins bins_of(const Moments& a, const Moments& b, bool whole_numbers, int count) {
+// Values are multiples of the `parts`-th of this unit. 0: of nothing.
+struct Lattice {
+  double unit = 0;
+  int parts = 1;
+};
+
+// Whole numbers less their mean, multiples of a step's n-th of which a pixel has one in every step.
+Lattice lattice_of(const NoiseSource& a, const NoiseSource& b, const Ground& ground, int group) {
+  const double step_a = a.step_dn(), step_b = b.step_dn();
+  if (!(step_a > 0 && step_b > 0)) return {};
+  return {std::max(step_a, step_b) * static_cast<double>(ground.scale), group};
+}
+
+Bins bins_of(const Moments& a, const Moments& b, const Lattice& lattice, int count) {
   constexpr double kReach = 6;  // standard deviations
   if (a.count() < 2 || b.count() < 2) return {0, 1, 1};
   const auto reach = [](const Moments& m) { return kReach * std::sqrt(m.variance()); };
   double low = std::min(a.mean() - reach(a), b.mean() - reach(b));
   double high = std::max(a.mean() + reach(a), b.mean() + reach(b));
-  if (whole_numbers) {
-    // A bin holds the same number of whole values everywhere, or the histogram is a comb.
-    low = std::floor(low) - 0.5;
-    return {low, std::ceil(std::max(high - low, 1.0) / count), count};
+  if (const double unit = lattice.unit; unit > 0) {
+    // A bin holds the same number of values everywhere, or the histogram is a comb; no value lies
+    // on an edge.
+    low = unit * (std::floor(low / unit) - 0.5 - 0.25 / lattice.parts);
+    return {low, unit * std::ceil(std::max((high - low) / unit, 1.0) / count), count};
   }
   if (!(high > low)) low -= 0.5, high += 0.5;
   return {low, (high - low) / count, count};
 }
 
 // Histograms of one side: one per level and one of all samples.
-std::vector<Counts> histograms_of(const NoiseSource& source, const Bins& levels,
+std::vector<Counts> histograms_of(NoiseSource& source, const Bins& levels,
                                   const std::vector<Bins>& bins, StructureSums& structure,
                                   Progress& progress) {
   std::vector<Counts> counts;
   for (const Bins& b : bins) counts.emplace_back(static_cast<std::size_t>(b.count));
   for (int k = 0; k < source.count(); ++k) {
     check_stop(progress);
-    const Image noise = source.noise(k);
-    structure.add(noise);
+    const Image frame = source.frame(k);
+    structure.add(source.whole().noise_of(frame));
+    const Ground& ground = source.of_group(k, progress);
+    const Image noise = ground.noise_of(frame);
     for (std::size_t i = 0; i < noise.size(); ++i) {
       const double x = noise.values()[i];
-      const double s = source.signal().empty() ? 0.0 : source.signal().values()[i];
+      const double s = ground.signal.empty() ? 0.0 : ground.signal.values()[i];
       if (!std::isfinite(x) || !std::isfinite(s)) continue;
       const std::size_t level = levels.of(s);
       ++counts[level][bins[level].of(x)];
@@ -208,24 +267,34 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings, Progress& progress) {
-  const bool pattern = settings.remove_fixed_pattern;
-  const NoiseSource a(reference, clean_dn, pattern, "the reference frames", progress);
-  const NoiseSource b(test, clean_dn, pattern, "the test frames", progress);
-  const Image first_a = a.noise(0), first_b = b.noise(0);
+  require_frames(reference, settings.remove_fixed_pattern, "the reference frames");
+  require_frames(test, settings.remove_fixed_pattern, "the test frames");
+  // A frame less the mean of n is a mixture of n frames' noise: one distribution on both sides only
+  // if n is the same.
+  const int group = settings.remove_fixed_pattern ? std::min(reference.count, test.count) : 0;
+  NoiseSource a(reference, clean_dn, group, "the reference frames", progress);
+  NoiseSource b(test, clean_dn, group, "the test frames", progress);
+  const Ground &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
+  const Image first_a = ground_a.noise_of(a.frame(0)), first_b = ground_b.noise_of(b.frame(0));
   if (first_a.rows() != first_b.rows() || first_a.cols() != first_b.cols())
     throw InputError("the test frames",
                      fmt::format("{} x {} pixels against {} x {} of the reference", first_b.cols(),
                                  first_b.rows(), first_a.cols(), first_a.rows()),
                      "compare frames of one size");
-  const Bins levels = clean_dn || pattern ? levels_of(a.signal(), settings.levels) : Bins{};
-  const MomentsByLevel moments_a = moments_of(first_a, a.signal(), levels);
-  const MomentsByLevel moments_b = moments_of(first_b, b.signal(), levels);
+  const bool uniform = ground_a.signal.empty();  // one level, the same as pooled
+  const Bins levels = uniform ? Bins{} : levels_of(ground_a.signal, settings.levels);
+  const MomentsByLevel moments_a = moments_of(first_a, ground_a.signal, levels);
+  const MomentsByLevel moments_b = moments_of(first_b, ground_b.signal, levels);
   if (moments_a.signal.count() < 2 || moments_b.signal.count() < 2)
     throw InputError("the frames", "hold no finite pixels", "check what was written into them");
-  const bool whole = moments_a.whole_numbers && moments_b.whole_numbers;
+  Lattice lattice;
+  if (group > 0)
+    lattice = lattice_of(a, b, ground_a, group);
+  else if (moments_a.whole_numbers && moments_b.whole_numbers)
+    lattice.unit = 1;
   std::vector<Bins> bins;
   for (std::size_t i = 0; i < moments_a.noise.size(); ++i)
-    bins.push_back(bins_of(moments_a.noise[i], moments_b.noise[i], whole, settings.bins));
+    bins.push_back(bins_of(moments_a.noise[i], moments_b.noise[i], lattice, settings.bins));
 
   progress.begin("noise", a.count() + b.count());
   StructureSums structure_a(layout), structure_b(layout);
@@ -234,7 +303,6 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   NoiseComparison result;
   result.pooled =
       distance_of(counts_a.back(), counts_b.back(), bins.back(), moments_a.signal.mean());
-  const bool uniform = a.signal().empty();  // one level, the same as pooled
   for (int i = 0; i < levels.count && !uniform; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (samples_in(counts_a[k]) < kEnoughSamples || samples_in(counts_b[k]) < kEnoughSamples ||

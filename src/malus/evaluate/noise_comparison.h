@@ -83,9 +83,11 @@ inline constexpr std::int64_t kEnoughSamples = 1000;
 /// and pooled only.
 /// Levels divide the clean signal evenly between its 0.5 and 99.5 percentiles. Bins divide +-6
 /// standard deviations of a level's reference noise (and the test's, if larger) evenly; frames of
-/// whole numbers get whole-number bins. Samples beyond go to the outermost bins; pixels that are
-/// not finite are left out. Throws InputError when sizes differ, a set is empty, or
-/// remove_fixed_pattern has fewer than two frames.
+/// whole numbers get whole-number bins. Where the fixed pattern is removed, the divergences are of
+/// frames less the mean of as many in a row as the smaller set has, which is their level without
+/// clean_dn; the structure is of frames less their set's mean. Samples beyond go to the outermost
+/// bins; pixels that are not finite are left out. Throws InputError when sizes differ, a set is
+/// empty, or remove_fixed_pattern has fewer than two frames.
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings,
