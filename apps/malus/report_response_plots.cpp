@@ -17,11 +17,6 @@ bool knows_electrons(const PhysicsCalibration& p) {
   return !p.K.mean.empty() && !p.temporal_sd_dark_dn.empty();
 }
 
-double saturation_of(const NoiseModel& model, const PhysicsCalibration& p, int channel) {
-  return saturation_level_dn(p.transfer, channel,
-                             model.white_dn - model.black_dn[as_index(channel)]);
-}
-
 constexpr double kMostOfLight = 1.5;  // of the light's own ratio of signal to noise
 
 // Points of a flat level in electrons. The transfer curve's variance is without the dark one. Where
@@ -46,7 +41,7 @@ Chart signal_to_noise_chart(const NoiseModel& model, const PhysicsCalibration& p
               {}};
   double full_e = 0;
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
-    full_e = std::max(full_e, saturation_of(model, p, channel) / p.K.mean[as_index(channel)]);
+    full_e = std::max(full_e, saturation_level_dn(model, p, channel) / p.K.mean[as_index(channel)]);
     add_series(flat_series(p, model.layout, channel,
                            [&](const PhotonTransferPoint& point) {
                              return signal_to_noise_point(p, point);
@@ -87,8 +82,8 @@ LinearityCharts linearity_charts(const NoiseModel& model, const PhysicsCalibrati
   LinearityCharts charts{
       {title_at("Linearity", p.gain),
        "Mean signal of the flat frames against their exposure, and the line through the levels "
-       "between 5 and 95 % of saturation that weighs relative deviations equally. Crosses took no "
-       "part in the gain.",
+       "between 5 and 95 % of saturation, but not at white, that weighs relative deviations "
+       "equally. Crosses took no part in the gain.",
        {"exposure", "s"},
        {"mean signal", "DN"},
        {}},
@@ -99,7 +94,7 @@ LinearityCharts linearity_charts(const NoiseModel& model, const PhysicsCalibrati
        {"deviation", "%"},
        {}}};
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
-    const double full_dn = saturation_of(model, p, channel);
+    const double full_dn = saturation_level_dn(model, p, channel);
     const auto line = linearity_line(p.transfer, channel, full_dn);
     if (!line) continue;
     FlatSeries series = flat_series(p, model.layout, channel, [](const PhotonTransferPoint& point) {

@@ -1,5 +1,6 @@
 // Flats at a full well below white: no part of what the others show.
 #include "malus/calibrate/calibrate.h"
+#include "malus/noise/data_sheet.h"
 
 #include <algorithm>
 #include <cmath>
@@ -37,6 +38,23 @@ TEST(FullWell, LevelsThereAreNoPartOfThePrnu) {
                             [](const PhotonTransferPoint& point) { return point.saturated; }));
     EXPECT_NEAR(p.prnu.at(0), 0.02, 3.5 * p.prnu_stderr.at(0)) << brightest_first;
     EXPECT_LT(p.prnu_stderr.at(0), 3e-4);
+  }
+}
+
+// The converter ends at 2080 DN, the sensor's dark level is 80 DN: the full well is 2000 DN (less
+// the bias, 0.65 DN), whatever black level the frames state.
+TEST(FullWell, IsAboveTheDarkLevelWhateverBlackIsDeclared) {
+  for (const double black_dn : {0.0, 80.0}) {
+    CalibrationInput input = session_of_well(false);
+    testing::change_frames(input, [=](RawFrame& frame, int) {
+      frame.black_dn = {black_dn};
+      frame.white_dn = 2080;
+    });
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    const PhysicsCalibration& p = model.physics.at(0);
+    EXPECT_NEAR(saturation_level_dn(model, p, 0), 2000.65, 0.5) << black_dn;
+    for (const PhotonTransferPoint& point : p.transfer)
+      EXPECT_EQ(point.at_white, point.mean_dn > 1800) << point.mean_dn << " " << point.why_not;
   }
 }
 

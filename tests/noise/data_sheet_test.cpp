@@ -52,6 +52,24 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   EXPECT_TRUE(std::isnan(named(sheet, "linearity_error").value[0]));
 }
 
+// What a pixel can tell of light begins at the dark signal, whatever black level was declared.
+TEST(DataSheet, TheDarkSignalIsNoLight) {
+  NoiseModel model = sensor_of_4000_dn();
+  PhysicsCalibration p;
+  p.K.mean = {0.5};
+  p.K.standard_error = {0};
+  p.temporal_sd_dark_dn = {2.0};
+  for (const double declared_black_dn : {0.0, 95.0, 100.0}) {
+    model.black_dn = {declared_black_dn};
+    p.mu.mean = {95 - declared_black_dn};
+    const auto sheet = data_sheet(model, p);
+    EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[0], 8000) << declared_black_dn;
+    EXPECT_NEAR(named(sheet, "dynamic_range").value[0],
+                20 * std::log10(8000 / (std::sqrt(16.25) + 0.5)), 1e-12);
+    EXPECT_NEAR(named(sheet, "snr_max").value[0], 10 * std::log10(8000), 1e-12);
+  }
+}
+
 TEST(DataSheet, FullWellIsWhereTheVarianceFallsNotWhite) {
   const NoiseModel model = sensor_of_4000_dn();
   PhysicsCalibration p;
@@ -114,6 +132,15 @@ TEST(LinearityError, IsZeroForALineAndKnownForAnAlternatingDeviation) {
       ladder([&](double t) { return 30000 * t * (1 + 0.02 * (sign = -sign)); });
   // The line follows a small part of the alternation itself.
   EXPECT_NEAR(linearity_error_percent(alternating, 0, 4000), 2, 0.15);
+}
+
+// Bright levels lose what white cuts off, long before their mean is at 95 %.
+TEST(LinearityError, IsNotOfLevelsAtWhite) {
+  auto points = ladder([](double t) { return 36000 * t; });
+  points.back().mean_dn = 3500;  // of 3600
+  EXPECT_GT(linearity_error_percent(points, 0, 4000), 0.3);
+  points.back().at_white = true;
+  EXPECT_NEAR(linearity_error_percent(points, 0, 4000), 0, 1e-9);
 }
 
 TEST(LinearityLine, IsTheOneThatTheErrorIsMeasuredFrom) {

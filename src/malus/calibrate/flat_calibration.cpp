@@ -61,6 +61,7 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
     point.used = levels[i].refused.empty();
     point.why_not = levels[i].refused;
     point.saturated = levels[i].saturated;
+    point.at_white = levels[i].at_white;
     out.transfer.push_back(std::move(point));
   }
 }

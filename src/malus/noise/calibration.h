@@ -39,6 +39,7 @@ struct PhotonTransferPoint {
   bool used = false;
   std::string why_not;     ///< reason when not used, with numbers
   bool saturated = false;  ///< past the maximum of the variance, below white (EMVA 1288)
+  bool at_white = false;   ///< more pixels than a stray few are at the white level
   bool operator==(const PhotonTransferPoint&) const = default;
 };
 

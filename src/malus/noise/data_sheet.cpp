@@ -83,18 +83,21 @@ std::vector<double> spectrum(int lines, int length, const std::function<float(in
 }  // namespace
 
 // EMVA 1288, "saturation capacity": where the variance has its maximum. The first level past it is
-// nearer to a hard end than the last one before. Above black.
-double saturation_level_dn(const std::vector<PhotonTransferPoint>& transfer, int channel,
-                           double white_dn) {
-  double saturation = white_dn;
-  for (const PhotonTransferPoint& point : transfer)
+// nearer to a hard end than the last one before. Light is what lies above the dark signal, whatever
+// black level was declared.
+double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& p, int channel) {
+  const auto c = static_cast<std::size_t>(channel);
+  const double dark_dn = at(p.mu.mean, c);
+  double saturation =
+      model.white_dn - at(model.black_dn, c) - (std::isfinite(dark_dn) ? dark_dn : 0.0);
+  for (const PhotonTransferPoint& point : p.transfer)
     if (point.channel == channel && point.saturated)
       saturation = std::min(saturation, point.mean_dn);
   return saturation;
 }
 
 bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn) {
-  return point.exposure_s > 0 && point.mean_dn >= 0.05 * saturation_dn &&
+  return !point.at_white && point.exposure_s > 0 && point.mean_dn >= 0.05 * saturation_dn &&
          point.mean_dn <= 0.95 * saturation_dn;
 }
 
@@ -171,8 +174,7 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
   for (int channel = 0; channel < model.layout.channels(); ++channel) {
     const auto c = static_cast<std::size_t>(channel);
     const double gain = at(p.K.mean, c), gain_error = at(p.K.standard_error, c);
-    const double reach_dn =
-        saturation_level_dn(p.transfer, channel, model.white_dn - at(model.black_dn, c));
+    const double reach_dn = saturation_level_dn(model, p, channel);
     const double dark_dn = at(p.temporal_sd_dark_dn, c);
     const auto [dark_e, dark_error] = dark_noise_e(dark_dn, at(p.temporal_sd_dark_stderr_dn, c),
                                                    model.quantization_dn, gain, gain_error);

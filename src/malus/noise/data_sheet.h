@@ -23,20 +23,20 @@ namespace malus {
 /// DSNU and PRNU are of pixels within eight robust deviations of the channel's median; the standard
 /// takes all, and a few defects then are most of both.
 /// Saturation is the mean of the first level past the maximum of the variance, where flats show
-/// that below white (PhotonTransferPoint::saturated), else the white level.
+/// that below white (PhotonTransferPoint::saturated), else the white level; less the dark signal.
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
 
-/// Signal above black [DN] that a channel saturates at, as data_sheet says; white_dn above black.
-double saturation_level_dn(const std::vector<PhotonTransferPoint>& transfer, int channel,
-                           double white_dn);
+/// Signal above dark [DN] that a channel saturates at, as data_sheet says.
+double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& at_gain, int channel);
 
 /// Whether a point's exposure is known and its signal lies between 5 and 95 % of saturation_dn
-/// (above black), where EMVA 1288 judges linearity.
+/// (above dark), where EMVA 1288 judges linearity. One at white does not: its mean is of what was
+/// cut off.
 bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn);
 
 /// EMVA 1288, section "linearity": the line through signal above dark [DN] against exposure [s]
-/// that weighs relative deviations equally, over levels between 5 and 95 % of saturation_dn (above
-/// black). None with fewer than three exposures there.
+/// that weighs relative deviations equally, over the levels that count. None with fewer than three
+/// exposures there.
 std::optional<LineFit> linearity_line(const std::vector<PhotonTransferPoint>& transfer, int channel,
                                       double saturation_dn);
 
