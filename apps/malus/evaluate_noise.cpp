@@ -48,6 +48,26 @@ void require_each_once(const NoiseArguments& arguments) {
   if (!arguments.clean.empty()) take(arguments.clean, "--clean");
 }
 
+// What is drawn has one gain, so the frames that it is compared with have one; sets of frames tell
+// for themselves, but the noise of several gains together is no camera's.
+void check_one_gain(const std::vector<fs::path>& paths, const FrameOptions& options, bool drawn) {
+  const fs::path* first = nullptr;  // that states one
+  GainSetting gain;
+  for (const fs::path& path : paths) {
+    const GainSetting own = probe_frame(path, options).frame.gain;
+    if (!first && own.decibel()) {
+      first = &path;
+      gain = own;
+    }
+    if (!own.contradicts(gain)) continue;
+    const std::string problem =
+        fmt::format("was taken at {}, {} at {}", own.text(), first->string(), gain.text());
+    if (drawn)
+      throw InputError(path.string(), problem, "compare the frames of each gain by themselves");
+    warn_of(path.string(), problem + ": their noise is compared as if it were of one gain");
+  }
+}
+
 // Not by chance: two samples of one distribution differ by the floor.
 void warn_of_copies(const NoiseComparison& comparison, const NoiseArguments& arguments) {
   if (arguments.test.empty() || comparison.pooled.jsd_bits > 0) return;
@@ -242,6 +262,8 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
     stand_in = stand_in_for(arguments);
     options = options_for_model(options, stand_in->levels, arguments.reference.front());
   }
+  for (const auto* paths : {&arguments.reference, &arguments.test})
+    check_one_gain(*paths, options, stand_in.has_value());
   const RawFrame first = load_above_black(arguments.reference.front(), options);
   std::optional<Image> clean;
   if (!arguments.clean.empty()) clean = load_above_black(arguments.clean, options).dn;

@@ -233,6 +233,23 @@ def test_noise_is_not_compared_with_itself(malus, refused, tmp_path):
     assert "copies" not in malus("evaluate", "--noise", "--reference", a, "--test", b).err
 
 
+def test_noise_of_several_gains_is_not_taken_for_that_of_one(malus, refused, tmp_path):
+    """A model drew all frames at the first one's gain: the frames of 6 dB were 0.32 away from themselves (root JSD) with some of 24."""
+    np.save(tmp_path / "flat.npy", np.full((64, 64), 300, np.float32))
+    camera = ["--model", "imx250myr-simulated"]
+    taken = {}
+    for gain in (6, 24):
+        malus("synthesize", tmp_path / "flat.npy", *camera, "--gain", gain, "--frames", 4, "-o", tmp_path / f"g{gain}")
+        taken[gain] = sorted((tmp_path / f"g{gain}").glob("*.tif"))
+    mixed = [*taken[6][:2], taken[24][0]]
+    line = refused("evaluate", "--noise", "--reference", *mixed, *camera)
+    assert "g24" in line and "was taken at 24 dB" in line and "g6" in line and "at 6 dB" in line
+    for alike in ([*taken[6], *camera], [*mixed, *camera, "--gain", 6], [*taken[6], "--test", *taken[24]]):  # --gain wins over the file
+        assert "was taken at" not in malus("evaluate", "--noise", "--reference", *alike).err
+    told = malus("evaluate", "--noise", "--reference", *taken[6][2:], "--test", *mixed).err
+    assert "was taken at 24 dB" in told and "of one gain" in told
+
+
 def test_a_data_set_has_no_pairs_of_nan(refused, tmp_path):
     scene = np.full((64, 64), 300, np.float32)
     scene[5, 7:9] = np.nan
