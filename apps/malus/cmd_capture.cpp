@@ -51,10 +51,13 @@ void wait_for_line(const Progress& progress) {
   while (poll(&input, 1, kPatience_ms) <= 0);
 }
 
-// Without a terminal nobody can answer: the prompt is shown and the work goes on.
+// Without a terminal nobody can answer, and a script has seen to it: the work goes on, which is
+// said, for the frames are the wrong ones if nobody has.
 void ask(const CaptureStep& step, const Progress& progress) {
+  if (isatty(STDIN_FILENO) != 1)
+    return warn(
+        fmt::format("\"{}\": no terminal to answer on, the frames are taken at once", step.prompt));
   tell(step.prompt + "\n");
-  if (isatty(STDIN_FILENO) != 1) return;
   tell("Press Enter when ready. ");
   wait_for_line(progress);
   for (int c = std::getchar(); c != '\n' && c != EOF; c = std::getchar()) continue;

@@ -211,6 +211,15 @@ def test_stopped_where_it_waits_for_the_user(plan, tmp_path):
     assert not (tmp_path / "out" / STEP).exists()
 
 
+def test_without_a_terminal_nobody_is_asked_and_that_is_said(malus, plan, tmp_path):
+    path = plan(5)
+    path.write_text(path.read_text() + 'prompt = "Cover the lens"\n')
+    told = malus("capture", path, "-o", tmp_path / "out", "-q", stdin=subprocess.DEVNULL).err
+    assert told == 'warning: "Cover the lens": no terminal to answer on, the frames are taken at once\n'
+    assert len(pictures(tmp_path / "out")) == 5
+    assert not malus("capture", path, "-o", tmp_path / "out", "-q", stdin=subprocess.DEVNULL).err  # nothing is left to take
+
+
 def test_what_the_camera_cannot_do_is_refused_before_the_first_frame(refused, plan, tmp_path):
     path = plan(5, more='[[capture]]\nkind = "flat"\ngain_db = 600\nexposure_s = 0.01\nframes = 5\n')
     assert "600 dB" in refused("capture", path, "-o", tmp_path / "out")
