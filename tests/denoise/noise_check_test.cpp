@@ -72,6 +72,29 @@ TEST(NoiseCheck, NamesNoiseOfAnotherGain) {
             std::string::npos);
 }
 
+// A clean picture in a frame's place. Frames of one value, and small ones, tell nothing.
+TEST(NoiseCheck, AFrameWithoutNoiseIsNone) {
+  const NoiseProfile profile = profile_of(stepped_camera(4.0));
+  const auto checked = [&](int side, float wave_dn) {
+    RawFrame frame;
+    frame.layout = profile.layout;
+    frame.black_dn.assign(profile.channels.size(), 20);
+    frame.white_dn = 4095;
+    frame.dn = Image(side, side);
+    for (int r = 0; r < side; ++r)
+      for (int c = 0; c < side; ++c)
+        frame.dn(r, c) = 420 + wave_dn * static_cast<float>(std::sin(0.025 * c));
+    return denoise_frame(frame, profile, {.profile = "fast"});
+  };
+  const Denoised clean = checked(kFrameSide, 300);
+  ASSERT_TRUE(clean.noise);
+  EXPECT_EQ(clean.noise->frame_sd_dn, 0);
+  EXPECT_NE(complaint(clean).find("no noise at all"), std::string::npos);
+  for (const float dn : clean.dn_above_black.values()) ASSERT_TRUE(std::isfinite(dn));
+  EXPECT_EQ(complaint(checked(kFrameSide, 0)), "");
+  EXPECT_EQ(complaint(checked(64, 300)), "");
+}
+
 // A frame cannot have more noise than it shows; of print it shows less than there is.
 TEST(NoiseCheck, NoMoreNoiseIsSureThanTheFrameShows) {
   EXPECT_EQ(sure_noise_share(std::nullopt), 1);

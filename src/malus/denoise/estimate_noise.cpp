@@ -169,6 +169,7 @@ struct PlanesNoise {
   std::vector<float> saturated_dn;  ///< above black
   int levels = 0;                   ///< of all channels together
   double smooth_share = 0;
+  bool has_noise = false;  ///< beyond what rounding in computing makes
 };
 
 // Above black. What tells nothing of the noise is no number.
@@ -216,8 +217,7 @@ Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame
     out.mean_dn.push_back(mean_signal(blocks));
     out.levels += static_cast<int>(out.channels.levels.back().size());
   }
-  if (!(std::sqrt(out.channels.highest_variance) > 1e-6 * std::max(range_dn, 1e-30)))
-    return Undecided{"the picture has no noise that could be measured"};
+  out.has_noise = std::sqrt(out.channels.highest_variance) > 1e-6 * std::max(range_dn, 1e-30);
   out.smooth_share = usable / all;
   return out;
 }
@@ -254,6 +254,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch sea
   const Estimate<PlanesNoise> found =
       measure_planes(planes, frame, piles_dn, noise.profile.step_dn);
   if (!found) return Undecided{found.reason()};
+  if (!found->has_noise) return Undecided{"the picture has no noise that could be measured"};
   PlanesNoise measured = *found;
   Image dn(frame.dn.rows(), frame.dn.cols());
   unpack(planes, frame.layout, dn);
@@ -273,6 +274,13 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch sea
         "result may be blurred and too bright",
         100 * noise.texture_share);
   return noise;
+}
+
+bool is_without_noise(const RawFrame& frame) {
+  const std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
+  const Estimate<PlanesNoise> found = measure_planes(planes_above_black(frame, piles_dn), frame,
+                                                     piles_dn, quantization_step(frame.dn));
+  return found && !found->has_noise;
 }
 
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy) {

@@ -43,7 +43,10 @@ enum class TextureSearch { kQuick, kWhole };
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
                                         TextureSearch search = TextureSearch::kWhole);
 
-/// The same for callers that cannot go on without it: throws InputError where it is undecided, with
+/// Whether estimate_profile is undecided because the picture, which is large enough, has no noise.
+bool is_without_noise(const RawFrame& frame);
+
+/// estimate_profile for callers that cannot go on without it: throws InputError where it is undecided, with
 /// the reason, and on a frame without pixels; remedy: what the caller's user can do.
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy);
 

@@ -94,17 +94,33 @@ std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& pro
   return sums;
 }
 
-// The noise that the sample shows at its channels' means; false where it shows none.
+// A masked or black frame, and one that is cut off at its least value, show no noise, whatever the
+// camera has.
+bool mostly_least_value(const Image& dn) {
+  float least = std::numeric_limits<float>::infinity();
+  std::int64_t at_least = 0, all = 0;
+  for (const float v : dn.values()) {
+    if (!std::isfinite(v)) continue;
+    ++all;
+    if (v < least) at_least = 0;
+    least = std::min(least, v);
+    at_least += v == least;
+  }
+  return 2 * at_least >= all;
+}
+
+// The noise that the sample shows at its channels' means; false where it cannot tell.
 bool take_noise_of(const RawFrame& sample, const std::vector<ChannelSums>& sums,
                    TextureSearch search, NoiseCheck& check) {
   const Estimate<PictureNoise> own = estimate_profile(sample, search);
   // One channel cannot tell.
   check.texture_share = own && sums.size() > 1 ? own->texture_share : 1;
-  check.frame_sd_dn = own ? 0.0 : std::numeric_limits<double>::quiet_NaN();
+  const bool tells = own || (!mostly_least_value(sample.dn) && is_without_noise(sample));
+  check.frame_sd_dn = tells ? 0.0 : std::numeric_limits<double>::quiet_NaN();
   for (std::size_t k = 0; own && k < sums.size(); ++k)
     check.frame_sd_dn += std::sqrt(own->profile.channels[k].variance(sums[k].mean())) /
                          static_cast<double>(sums.size());
-  return own.decided();
+  return tells;
 }
 
 }  // namespace
@@ -154,8 +170,11 @@ std::string noise_complaint(const NoiseCheck& check) {
   };
   const double ratio = check.frame_sd_dn / check.profile_sd_dn;
   const std::string numbers =
-      fmt::format("its noise is {:.3g} DN at the mean signal, that of the model {:.3g} DN",
-                  check.frame_sd_dn, check.profile_sd_dn);
+      check.frame_sd_dn == 0
+          ? fmt::format("it shows no noise at all, the model's is {:.3g} DN at the mean signal",
+                        check.profile_sd_dn)
+          : fmt::format("its noise is {:.3g} DN at the mean signal, that of the model {:.3g} DN",
+                        check.frame_sd_dn, check.profile_sd_dn);
   if (check.below_dark_share > kMostBelowDark)
     return fmt::format(
         "{:.3g} % of its pixels lie below the model's dark level by more than {:g} deviations of "

@@ -13,8 +13,8 @@ struct NoiseProfile;
 
 struct NoiseCheck {
   /// Deviation at the channels' mean signals, mean over the channels: as the frame shows it
-  /// (estimate_noise.h; texture can only raise it), and as the profile says. frame_sd_dn is NaN
-  /// where the frame shows none.
+  /// (estimate_noise.h; texture can only raise it), and as the profile says. frame_sd_dn is 0 where
+  /// the frame is without noise, NaN where it cannot tell: too small, or of one value.
   double frame_sd_dn = 0, profile_sd_dn = 0;
   /// The profile's without the converter's rounding, over its step; infinite where that is unknown.
   double sd_in_steps = std::numeric_limits<double>::infinity();
@@ -26,8 +26,8 @@ struct NoiseCheck {
 };
 
 /// Measured on up to a megapixel, in tiles from all over the frame. None where the profile is the
-/// frame's own, and where the frame is too small or shows no noise, unless it lies below the dark
-/// level.
+/// frame's own, and where the frame is too small or half of it is of one value, unless it lies
+/// below the dark level.
 std::optional<NoiseCheck> check_noise(const PreparedFrame& frame, const NoiseProfile& profile);
 
 /// Of the profile's variance, the share that the frame surely has: less than 1 where the frame
