@@ -66,7 +66,8 @@ def test_simulate_takes_light_as_it_is_told():
     (dict(picture=np.zeros((3, 2, 2))), r"^picture: is smaller than one cell of 4 x 4; use a larger picture$"),
     (dict(tone="gamma"), r"^tone: gamma is not known; choose one of auto, srgb, linear$"),
     (dict(white_balance=[0, 1, 1]), r"^white_balance: 0 is outside its range"),
-    (dict(white_balance=[1, 1]), r"^white_balance: "),
+    (dict(white_balance=[1, 1]), r"^white_balance: has 2 numbers; give three$"),
+    (dict(picture=np.zeros((8, 8)), color_matrix=[1, 0, 0]), r"^color_matrix: has 3 numbers; give nine$"),
     (dict(layout="polar-bayer-rgbg"), r"polar-bayer-rgbg"),
 ])
 def test_simulate_refuses(given, words):

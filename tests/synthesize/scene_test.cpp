@@ -48,6 +48,7 @@ TEST(CameraRgb, DevelopingItAgainGivesThePicture) {
   EXPECT_THROW(camera_rgb_of(linear, response), InputError);
   response.color_matrix = {1, 2};
   EXPECT_THROW(camera_rgb_of(linear, response), InputError);
+  EXPECT_THROW(camera_rgb_of(Planes(1, 2, 2), response), InputError);  // grey has no use for it
 }
 
 TEST(PolarScene, MatteSurfacesFollowDiffuseFresnel) {

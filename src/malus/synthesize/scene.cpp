@@ -3,6 +3,8 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/fresnel.h"
 
@@ -20,12 +22,13 @@ using Matrix = std::array<double, 9>;
 
 Matrix inverse_of(const std::vector<double>& m) {
   if (m.size() != 9)
-    throw InputError("color_matrix", fmt::format("has {} numbers", m.size()), "give nine");
+    throw InputError(setting_name("color_matrix"),
+                     fmt::format("has {}", counted(std::ssize(m), "number")), "give nine");
   const double a = m[4] * m[8] - m[5] * m[7], b = m[5] * m[6] - m[3] * m[8],
                c = m[3] * m[7] - m[4] * m[6];
   const double determinant = m[0] * a + m[1] * b + m[2] * c;
   if (!(std::abs(determinant) > 1e-9))
-    throw InputError("color_matrix", "cannot be inverted", "check its numbers");
+    throw InputError(setting_name("color_matrix"), "cannot be inverted", "check its numbers");
   Matrix inverse{a, m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
                  b, m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5],
                  c, m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3]};
@@ -184,15 +187,16 @@ Planes camera_rgb_of(const Planes& linear_rgb, const CameraResponse& response) {
   MALUS_REQUIRE(linear_rgb.channels() == 3 || linear_rgb.channels() == 1);
   const auto& balance = response.white_balance;
   if (!balance.empty() && balance.size() != 3)
-    throw InputError("white_balance", fmt::format("has {} numbers", balance.size()), "give three");
+    throw InputError(setting_name("white_balance"),
+                     fmt::format("has {}", counted(std::ssize(balance), "number")), "give three");
+  Matrix m{1, 0, 0, 0, 1, 0, 0, 0, 1};
+  if (!response.color_matrix.empty()) m = inverse_of(response.color_matrix);
   const double scale = response.white_dn * response.exposure;
   Planes camera = linear_rgb;
   if (linear_rgb.channels() == 1) {
     for (float& v : camera[0].values()) v = static_cast<float>(scale * static_cast<double>(v));
     return camera;
   }
-  Matrix m{1, 0, 0, 0, 1, 0, 0, 0, 1};
-  if (!response.color_matrix.empty()) m = inverse_of(response.color_matrix);
   for (std::size_t i = 0; i < 9; ++i) m[i] *= scale / (balance.empty() ? 1.0 : balance[i / 3]);
   for (std::size_t i = 0; i < camera[0].size(); ++i) {
     const double r = static_cast<double>(linear_rgb[0].values()[i]);
