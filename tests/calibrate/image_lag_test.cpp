@@ -119,5 +119,24 @@ TEST(ImageLag, IsNoneOfSoundFramesOrOfOneStaleFrameOrAFilterThatTheDarkFramesTel
   EXPECT_THAT(said_of_input(sound), Not(told));
 }
 
+// A mixture correlates by 1 at most: 2.9 was told of pixels that go on in one direction.
+TEST(SuccessiveFrames, ADriftIsNoMixture) {
+  constexpr int kSide = 64;
+  SuccessiveFrames frames({SensorLayout::named("mono"), kSide, kSide, 1});
+  RandomSequence random(5, 0, Draw::kScene, 9);
+  Image slope(kSide, kSide);
+  for (float& v : slope.values()) v = static_cast<float>(3 * random.normal());
+  for (int f = 0; f < 24; ++f) {
+    Image read(kSide, kSide);
+    for (std::size_t i = 0; i < read.size(); ++i)
+      read.values()[i] = static_cast<float>(f * double{slope.values()[i]} + 0.5 * random.normal());
+    frames.add(read);
+  }
+  EXPECT_GT(frames.correlation(), 2);
+  PhysicsCalibration out;
+  warn_of_temporal_filter(frames, out);
+  EXPECT_THAT(out.warnings, ::testing::ElementsAre(HasSubstr("a drift")));
+}
+
 }  // namespace
 }  // namespace malus

@@ -173,8 +173,17 @@ bool mixes_frames(const SuccessiveFrames& dark) {
   return dark.correlation() > std::max(kLeast, kErrors * dark.standard_error());
 }
 
+// No mixture of frames correlates by more than 1: where the measure says so, a difference tells the
+// next one.
 void warn_of_temporal_filter(const SuccessiveFrames& dark, PhysicsCalibration& out) {
-  if (mixes_frames(dark))
+  constexpr double kErrors = 8.0;
+  if (dark.correlation() - kErrors * dark.standard_error() > 1.0)
+    out.warnings.push_back(
+        "what a pixel changes by from one dark frame to the next it goes on changing by: that is "
+        "no "
+        "noise but a drift, and K and the noise are not the sensor's; let the camera warm up, and "
+        "keep light out");
+  else if (mixes_frames(dark))
     out.warnings.push_back(fmt::format(
         "a pixel's noise in a dark frame correlates by {:.2f} ± {:.2g} with that in the frame "
         "before: the camera mixes frames, and K and the noise are not the sensor's; turn off its "

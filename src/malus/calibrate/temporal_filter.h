@@ -75,7 +75,7 @@ class SuccessiveFlats {
 /// Whether successive dark frames correlate by more than 0.1 and eight standard errors.
 bool mixes_frames(const SuccessiveFrames& dark);
 
-/// Appends a warning where they do.
+/// Appends a warning where they do: of frames that are mixed, or that drift.
 void warn_of_temporal_filter(const SuccessiveFrames& dark, PhysicsCalibration& out);
 
 }  // namespace malus
