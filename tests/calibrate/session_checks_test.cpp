@@ -2,6 +2,7 @@
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/flat_checks.h"
 
 #include <cmath>
 
@@ -293,6 +294,22 @@ TEST(Session, CompandedCodesAreTold) {
     }
   });
   EXPECT_THAT(warnings_of(input), Contains(HasSubstr("companded")));
+}
+
+// Frames without any noise: the mean of one and the same code is right to the last digits only.
+TEST(Session, FlatsAsDarkAsTheDarkFramesAreNotBelowThem) {
+  const auto told = [](double signal_dn) {
+    PhysicsCalibration out;
+    FlatObservation flat;
+    flat.name = "flat";
+    flat.sources = {"f.tif"};
+    flat.signal_dn = {signal_dn};
+    warn_of_flats({flat}, {.bias_frames = 2, .step_dn = 1}, out);
+    return out.warnings;
+  };
+  const auto below = Contains(HasSubstr("dark and flat frames exchanged"));
+  EXPECT_THAT(told(-1.3e-13), Not(below));
+  EXPECT_THAT(told(-0.5), below);
 }
 
 TEST(Session, GainsThatKDoesNotFollowAreTold) {

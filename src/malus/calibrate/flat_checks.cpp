@@ -19,13 +19,15 @@ std::string and_more(int levels) {
 void warn_of_flats_below_dark(const std::vector<FlatObservation>& flats,
                               const FlatReference& reference, PhysicsCalibration& out) {
   constexpr double kOfNoise = 0.5, kStandardErrors = 8.0;
+  constexpr double kOfStep = 1e-3;  // means of frames without any noise are only rounded
   const FlatObservation* lowest = nullptr;
   int levels = 0;
   for (const FlatObservation& flat : flats) {
     const double frames = static_cast<double>(flat.signal_dn.size());
     const double error =
         reference.frame_sd_dn * std::sqrt(1.0 / frames + 1.0 / std::max(reference.bias_frames, 1));
-    const double least = std::max(kOfNoise * reference.dark_sd_dn, kStandardErrors * error);
+    const double least = std::max(
+        {kOfNoise * reference.dark_sd_dn, kStandardErrors * error, kOfStep * reference.step_dn});
     const double signal = mean_of(flat.signal_dn);
     if (!(signal < -least)) continue;
     ++levels;

@@ -64,14 +64,14 @@ struct FlatReference {
   double black_dn = 0, white_dn = 0;
 };
 
-/// Appends warnings to `out`: levels below the bias frames by more than half of the dark noise and
-/// eight standard errors; levels whose frames' light differs by more than 10 % (and by more than
-/// the dark level does); levels of which more than a thousandth lies above white; flats whose
-/// largest code is below white and holds more than 1 % of a level's pixels and ten times as many as
-/// the next lower code; codes that lie farther apart in bright levels than in others, where the
-/// rounding that this makes is more than 1 % of a level's variance; codes that lie farther apart
-/// than their step everywhere (warn_of_scaled_codes); light that
-/// changes inside the frames of a level by more than 1 % of its variance and six standard errors.
+/// Appends warnings to `out`: levels below the bias frames by more than half of the dark noise,
+/// eight standard errors and a thousandth of a step; levels whose frames' light differs by more
+/// than 10 % (and by more than the dark level does); levels of which more than a thousandth lies
+/// above white; flats whose largest code is below white and holds more than 1 % of a level's pixels
+/// and ten times as many as the next lower code; codes that lie farther apart in bright levels than
+/// in others, where the rounding that this makes is more than 1 % of a level's variance; codes that
+/// lie farther apart than their step everywhere (warn_of_scaled_codes); light that changes inside
+/// the frames of a level by more than 1 % of its variance and six standard errors.
 void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out);
 
