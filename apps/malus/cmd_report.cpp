@@ -77,6 +77,18 @@ Page json_page(const fs::path& path, const Json& json, const std::string& prefix
                    "has the record's format");
 }
 
+// A file that is not called a model may have been meant for something else.
+NoiseModel model_of(const fs::path& path) {
+  try {
+    return load_model(path);
+  } catch (const InputError& error) {
+    if (is_model(path) || !fs::is_regular_file(path)) throw;
+    throw InputError(path.string(), error.problem(),
+                     "give a noise model (.h5), evaluate's JSON, a <stem>_denoised.json, or a "
+                     "folder of them");
+  }
+}
+
 Page page_of(const fs::path& path, const std::string& prefix) {
   if (is_json(path)) {
     const Json json = load_json(path);
@@ -88,7 +100,7 @@ Page page_of(const fs::path& path, const std::string& prefix) {
                        "give JSON that malus wrote; docs/report.md has the record's format");
     }
   }
-  const NoiseModel model = load_model(path);
+  const NoiseModel model = model_of(path);
   return {calibration_title(model), calibration_subtitle(model),
           calibration_sections(model, prefix)};
 }

@@ -11,7 +11,7 @@ TEST(UnreadableFile, SaysWhichItIs) {
   const std::string missing = unreadable_file("/nowhere/weights.safetensors").what();
   EXPECT_EQ(missing, "/nowhere/weights.safetensors: does not exist; check the name and the folder");
   EXPECT_EQ(std::string(unreadable_file("/").what()),
-            "/: is a folder, not a file; name the files in it");
+            "/: is a folder, not a file; name the file or files in it");
   const std::string long_name(300, 'a');
   EXPECT_EQ(
       std::string(unreadable_file(long_name).what()),

@@ -83,6 +83,14 @@ def test_json_that_malus_did_not_write_is_one_line(refused, tmp_path, made):
     assert "made.json" in refused("report", tmp_path / "made.json", "-o", tmp_path / "page.html")
 
 
+def test_what_a_report_takes_is_said_of_a_file_that_is_none_of_it(refused, tmp_path):
+    """A frame is refused as a noise model, which is only one of the things that were asked for."""
+    for name in ("frame.tif", "camera.h5"):
+        (tmp_path / name).write_text("no model")
+        line = refused("report", tmp_path / name, "-o", tmp_path / "page.html")
+        assert f"{name}: is not an HDF5 file" in line and ("evaluate's JSON" in line) == (name == "frame.tif"), line
+
+
 def test_curves_that_differ_by_rounding_alone_become_figures(malus, tmp_path):
     charts = [{"title": "Loss", "x": {"name": "step"}, "y": {"name": "loss"},
                "series": [{"name": "a", "x": [1, 2, 3], "y": [0.30000000000000004, 0.3, 0.3]}]}]

@@ -13,7 +13,7 @@ InputError unreadable_file(const std::filesystem::path& path) {
   if (status.type() == std::filesystem::file_type::not_found)
     return {path.string(), "does not exist", "check the name and the folder"};
   if (std::filesystem::is_directory(status))
-    return {path.string(), "is a folder, not a file", "name the files in it"};
+    return {path.string(), "is a folder, not a file", "name the file or files in it"};
   return {path.string(), "cannot be read", "check its permissions"};
 }
 
