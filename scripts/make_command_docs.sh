@@ -18,5 +18,10 @@ document() {
   echo "# Commands"
   echo
   echo "Made from \`malus --help\` by \`scripts/make_command_docs.sh\`; a test compares it with the program."
+  echo
+  echo "Results go to standard output: text, or one JSON object with \`--json\`. Notes, warnings, errors and the progress bar (on a"
+  echo "terminal only) go to standard error; an error is one line: which file, what is wrong, what to do. Exit codes: 0 done; 1 the"
+  echo "input or the machine is at fault; 2 wrong usage, as of flags that do not go together and of a value that no file could make"
+  echo "right; 130 stopped by Ctrl-C or SIGTERM. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only."
   document
 } > docs/commands.md

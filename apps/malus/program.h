@@ -1,5 +1,5 @@
 // What all commands share: common flags, output conventions, progress on a terminal, exit codes
-// (docs/commands.md).
+// (docs/commands.md says them to users).
 #pragma once
 
 #include "malus/base/progress.h"
