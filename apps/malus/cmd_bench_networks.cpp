@@ -7,6 +7,7 @@
 
 #include "benchmarks.h"
 #include "networks_door.h"
+#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -33,8 +34,9 @@ void check_names(const std::vector<std::string>& wanted) {
   for (const NamedNetwork& network : networks().named_networks()) known.push_back(network.name);
   for (const std::string& name : wanted)
     if (std::find(known.begin(), known.end(), name) == known.end())
-      throw InputError("--network " + name, "is no network of this benchmark",
-                       did_you_mean(name, known) + "known: " + joined(known));
+      throw CLI::ValidationError(
+          "--network", fmt::format("\"{}\" is no network of this benchmark; {}known: {}", name,
+                                   did_you_mean(name, known), joined(known)));
 }
 
 std::vector<BenchmarkLine> device_lines(const BenchmarkContext& context) {

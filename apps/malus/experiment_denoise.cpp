@@ -31,14 +31,24 @@ struct DenoiseExperimentArguments {
   bool estimate_noise = false;
 };
 
+struct ScoredMethod {
+  DenoiseSettings settings;
+  InferenceSettings network;
+};
+
 // A network's file may be followed by the precision of its products.
-std::unique_ptr<DenoiserByRatio> denoiser_of(std::string name) {
+ScoredMethod scored_method(std::string name) {
   InferenceSettings network;
   if (name.ends_with(".safetensors/bfloat16")) {
     network.precision = "bfloat16";
     name.resize(name.rfind('/'));
   }
-  auto denoiser = std::make_unique<DenoiserByRatio>(method_settings_of(name), network);
+  return {method_settings_of(name), network};
+}
+
+std::unique_ptr<DenoiserByRatio> denoiser_of(const std::string& name) {
+  const ScoredMethod method = scored_method(name);
+  auto denoiser = std::make_unique<DenoiserByRatio>(method.settings, method.network);
   // Opened before the first frame is drawn: what is wrong with a method is said at once.
   if (const std::string line = denoiser->at(1).precision_complaint(); !line.empty()) warn(line);
   return denoiser;
@@ -88,10 +98,12 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
       experiment, common, "denoise", "Denoising methods on clean scenes with a camera's noise",
       [arguments, &common] { run_denoise_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
-  command->add_option(
-      "--methods", arguments->methods,
-      "METHOD[/PROFILE[/no-row-noise]] or a network's FILE.safetensors[/bfloat16]; all classical "
-      "methods when left out");
+  command
+      ->add_option(
+          "--methods", arguments->methods,
+          "METHOD[/PROFILE[/no-row-noise]] or a network's FILE.safetensors[/bfloat16]; all "
+          "classical methods when left out")
+      ->check(accepted_by([](const std::string& name) { scored_method(name); }));
   command
       ->add_option("--row-noise", arguments->row_noise,
                    "row noise in place of the model's [deviations of its read noise]")

@@ -19,6 +19,7 @@
 #include <numeric>
 #include <vector>
 
+#include "denoise_method.h"
 #include "experiments.h"
 #include "flags.h"
 #include "frame_input.h"
@@ -243,6 +244,7 @@ void add_renoise_experiment(CLI::App& experiment, Common& common) {
       ->check(in_range(2, 10000))
       ->capture_default_str();
   command->add_option("--weak-guide", arguments->weak_guide, "a denoising method to compare with")
+      ->check(accepted_by(require_method))
       ->capture_default_str();
   arguments->raw.add_to(*command, false);
 }

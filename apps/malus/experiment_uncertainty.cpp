@@ -6,7 +6,9 @@
 #include <vector>
 
 #include "denoise_checks.h"
+#include "denoise_method.h"
 #include "experiments.h"
+#include "flags.h"
 #include "scene_scores.h"
 #include <fmt/format.h>
 
@@ -138,6 +140,7 @@ void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
                   [arguments, &common] { run_uncertainty_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
   command->add_option("--methods", arguments->methods, "methods that state their errors")
+      ->check(accepted_by(require_method))
       ->capture_default_str();
   command->add_option("--profile", arguments->profile, "profile of the denoisers")
       ->capture_default_str();

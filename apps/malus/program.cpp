@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/text.h"
+#include "malus/io/config_section.h"
 
 #include <algorithm>
 #include <atomic>
@@ -242,6 +243,7 @@ void add_training_settings(CLI::App& command, Common& common) {
       .add_option("--set", common.settings,
                   "SECTION.KEY=VALUE in place of what a training's configuration says, e.g. "
                   "train.steps=5000; once per setting")
+      ->check(accepted_by(require_setting))
       ->allow_extra_args(false);
 }
 

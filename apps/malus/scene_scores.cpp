@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "denoise_method.h"
 #include "flags.h"
 #include "frame_input.h"
 #include "report_pages.h"
@@ -104,6 +105,7 @@ void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
   command.add_option("--model", model, "noise model, a file or a built-in name")
       ->capture_default_str();
   command.add_option("--cases", cases, "gain [dB, or ISO] : low-light ratio")
+      ->check(accepted_by([](const std::string& text) { light_case_of(text); }))
       ->capture_default_str();
   command.add_option("--crop", crop, "middle part of the scenes [pixels]")
       ->check(in_range(16, 100000))
@@ -133,7 +135,7 @@ void SceneRuns::for_each(
 
 DenoiseSettings method_settings_of(const std::string& text) {
   DenoiseSettings settings;
-  if (text.ends_with(".safetensors")) {
+  if (is_weight_file(text)) {
     settings.method = text;
     return settings;
   }
@@ -146,17 +148,23 @@ DenoiseSettings method_settings_of(const std::string& text) {
     if (field == 2 && part == "no-row-noise")
       settings.row_noise = false;
     else if (field >= 2)
-      throw InputError("--methods " + text, fmt::format("\"{}\" says nothing there", part),
+      throw InputError("the method " + text,
+                       fmt::format("has a part \"{}\", which says nothing", part),
                        "give METHOD, METHOD/PROFILE or METHOD/PROFILE/no-row-noise");
     start = end + 1;
   }
+  require_method(settings.method);
+  if (const auto profiles = choices_of<DenoiseSettings>("profile");
+      std::ranges::find(profiles, settings.profile) == profiles.end())
+    throw InputError("the method " + text, fmt::format("has no profile \"{}\"", settings.profile),
+                     did_you_mean(settings.profile, profiles) + "known: " + joined(profiles));
   return settings;
 }
 
 LightCase light_case_of(const std::string& text) {
   if (const auto light = parsed_light_case(text)) return *light;
   throw InputError(
-      "--cases " + text, "is not GAIN:RATIO",
+      "the case " + text, "is not GAIN:RATIO",
       "e.g. 12:60: gain 12 (dB; ISO where the model holds ISO) and a sixtieth of the light");
 }
 

@@ -80,7 +80,8 @@ nlohmann::ordered_json score_record(const std::string& title, const SceneRuns& r
 /// "12 dB at 1/10 and 1/60 of the light; 24 dB at 1/10 of the light" of light_case_of's texts.
 std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model);
 
-/// "bm3d", "bm3d/fast", "bm3d/normal/no-row-noise", "folder/weights.safetensors"
+/// "bm3d", "bm3d/fast", "bm3d/normal/no-row-noise", "folder/weights.safetensors". Throws InputError
+/// on words that are none; the file is not looked for.
 DenoiseSettings method_settings_of(const std::string& text);
 
 }  // namespace malus::app

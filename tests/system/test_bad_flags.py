@@ -12,6 +12,10 @@ import pytest
     ("stokes -o out --full", "--demosaick bilinaer", "did you mean bilinear? known: "),
     ("simulate -o out", "--layout polar-mona", "did you mean polar-mono? known: "),
     ("info", "--raw-format mono9", "did you mean mono8"), ("denoise -o out", "--method bm3e", "did you mean bm3d"),
+    ("experiment denoise", "--methods bm3e", "did you mean bm3d"), ("experiment denoise", "--methods bm3d/fats", "did you mean fast? known: "),
+    ("experiment uncertainty", "--methods nl-rigde", "did you mean nl-ridge"), ("experiment denoise", "--cases 12", "is not GAIN:RATIO"),
+    ("train -o out", "--set train.steps", "write SECTION.KEY=VALUE"),
+    ("simulate -o out", "--white-balance 2 1 ", "3"), ("simulate -o out", "--color-matrix 1 0 0 ", "9"),
     ("evaluate --noise --reference f.npy --model imx250myr-simulated", "--kind gausian", "gaussian")])
 def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, command, flag, words):
     """Exit code 2, as of a number out of range, before any file is looked for."""

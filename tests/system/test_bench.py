@@ -43,12 +43,13 @@ def test_notes_tell_the_size_that_was_timed(malus):
 
 
 @needs_networks
-def test_chosen_networks_alone_are_timed(malus, refused, tmp_path):
+def test_chosen_networks_alone_are_timed(malus, tmp_path):
     (tmp_path / "networks_theirs.py").write_text(PEER)
     lines = lines_of(malus("bench", "--only", "networks", "--network", "unet", "--quick", "--peers", tmp_path, "--json"), "networks")
     assert lines.pop("theirs")["note"] == "--quick --network unet"
     assert lines and all(name.startswith("unet, ") for name in lines)
-    assert "nafnet-32" in refused("bench", "--only", "networks", "--network", "unett", "--quick", "-q")
+    told = malus("bench", "--only", "networks", "--network", "unett", "--quick", "-q", code=2).err
+    assert '--network: "unett" is no network of this benchmark; did you mean unet? known: ' in told and "nafnet-32" in told
 
 
 def test_networks_and_devices_are_for_the_networks(refused):

@@ -67,6 +67,8 @@ void merge(toml::table& into, toml::table&& from) {
 
 }  // namespace
 
+void require_setting(const std::string& given) { parsed_setting(given); }
+
 ConfigSection ConfigSection::parse(std::string_view text, const std::string& source,
                                    std::string title, const std::vector<std::string>& settings) {
   auto root = std::make_shared<toml::table>(parsed(text, source));

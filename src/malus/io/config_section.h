@@ -17,6 +17,10 @@
 
 namespace malus {
 
+/// Throws InputError where `given` is no setting as ConfigSection::parse takes them,
+/// "SECTION.KEY=VALUE".
+void require_setting(const std::string& given);
+
 class ConfigSection {
  public:
   /// The root table; title is how messages call the file ("the session file"). `settings` replace
