@@ -2,8 +2,12 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/io/picture_file.h"
+
+#include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -65,6 +69,28 @@ void require_raw(const std::string& source, const std::string& holds, const std:
     throw InputError(
         source, fmt::format("is denoised: {} states the noise of raw frames", setting("model")),
         remedy);
+}
+
+std::string nonfinite_complaint(const Image& dn, const std::string& source,
+                                std::string_view what_comes) {
+  const auto odd = std::count_if(dn.values().begin(), dn.values().end(),
+                                 [](float value) { return !std::isfinite(value); });
+  if (odd == 0) return {};
+  if (static_cast<std::size_t>(odd) == dn.size())
+    throw InputError(source, "all pixels are NaN or infinite", "check how it was made");
+  return fmt::format("{}: {} NaN or infinite; {}", source, counted_are(odd, "pixel"), what_comes);
+}
+
+std::string_view fate_of_nonfinite(bool as_float) {
+  return as_float ? "kept as read" : "as integers 0 or white";
+}
+
+std::string_view fate_in_guide(const std::string& method, bool as_float) {
+  return method == "naive" ? fate_of_nonfinite(as_float) : "no noise is added there";
+}
+
+bool shows_noisy_frame(const std::string& method, bool guide_given) {
+  return method != "naive" || !guide_given;
 }
 
 }  // namespace malus::app

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 namespace malus::app {
 
@@ -35,5 +36,16 @@ StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
 /// Throws InputError for a frame whose file says that it is denoised (holds): a model's noise and
 /// bias are no longer in it.
 void require_raw(const std::string& source, const std::string& holds, const std::string& remedy);
+
+/// How many pixels are no numbers, and what comes of them, as a warning; empty where all are
+/// numbers. Throws InputError where none is.
+std::string nonfinite_complaint(const Image& dn, const std::string& source,
+                                std::string_view what_comes);
+/// What comes of such pixels, in results that are kept as they are or rounded to integers.
+std::string_view fate_of_nonfinite(bool as_float);
+/// The same of those in the guide of renoise, by its method.
+std::string_view fate_in_guide(const std::string& method, bool as_float);
+/// Whether renoise's result holds the noisy frame: new noise on a given guide does not.
+bool shows_noisy_frame(const std::string& method, bool guide_given);
 
 }  // namespace malus::app

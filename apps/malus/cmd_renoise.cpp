@@ -47,8 +47,7 @@ Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFr
   options.cols = frame.dn.cols();
   RawFrame guide = load_frame(arguments.guides[index], options);
   check_finite(guide.dn, guide.source,
-               arguments.settings.method == "naive" ? fate_of_nonfinite(arguments.as_float)
-                                                    : "no noise is added there");
+               fate_in_guide(arguments.settings.method, arguments.as_float));
   subtract_black(guide);
   return std::move(guide.dn);
 }
@@ -61,8 +60,7 @@ RawFrame load_noisy(const RenoiseArguments& arguments, const fs::path& input,
   require_raw(input.string(), info.holds, "give the raw frame");
   RawFrame& frame = info.frame;
   require_gain(frame, from, "--from");
-  // New noise on a given guide: the frame's pixels are not in the result.
-  if (arguments.settings.method != "naive" || arguments.guides.empty())
+  if (shows_noisy_frame(arguments.settings.method, !arguments.guides.empty()))
     check_finite(frame.dn, frame.source, fate_of_nonfinite(arguments.as_float));
   return std::move(frame);
 }

@@ -1,7 +1,6 @@
 #include "frame_input.h"
 
 #include "malus/base/error.h"
-#include "malus/base/text.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
@@ -9,8 +8,6 @@
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
-#include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "program.h"
@@ -102,16 +99,8 @@ NoiseProfile denoising_profile_for(const RawFrame& frame, const NoiseModel& mode
 }
 
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes) {
-  const auto odd = std::count_if(dn.values().begin(), dn.values().end(),
-                                 [](float value) { return !std::isfinite(value); });
-  if (odd == 0) return;
-  if (static_cast<std::size_t>(odd) == dn.size())
-    throw InputError(source, "all pixels are NaN or infinite", "check how the file was made");
-  warn(fmt::format("{}: {} NaN or infinite; {}", source, counted_are(odd, "pixel"), what_comes));
-}
-
-std::string_view fate_of_nonfinite(bool as_float) {
-  return as_float ? "kept as read" : "as integers 0 or white";
+  if (const std::string complaint = nonfinite_complaint(dn, source, what_comes); !complaint.empty())
+    warn(complaint);
 }
 
 Image above_black(const RawFrame& frame) {

@@ -60,11 +60,8 @@ auto naming_model(const std::filesystem::path& model, const Work& work) {
   }
 }
 
-/// Says on stderr how many pixels are no numbers, and what comes of them. Throws InputError where a
-/// frame has no others.
+/// Says nonfinite_complaint (frame_contents.h) on stderr.
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes);
-/// That, of pixels that are written as they are or as integers.
-std::string_view fate_of_nonfinite(bool as_float);
 
 /// A copy of the frame's pixels, black level taken off.
 Image above_black(const RawFrame& frame);

@@ -14,10 +14,12 @@
 #include <iterator>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "array_frame.h"
+#include "frame_contents.h"
 #include "model_with_sampler.h"
 #include "settings.h"
 #include <fmt/format.h>
@@ -126,6 +128,13 @@ py::dict simulate(const py::object& given, const std::string& layout_name, bool 
   return out;
 }
 
+// Says in the program's words what comes of pixels that are no numbers.
+void warn_of_nonfinite(const Image& dn, const std::string& source, std::string_view what_comes,
+                       Progress& progress) {
+  if (const auto complaint = app::nonfinite_complaint(dn, source, what_comes); !complaint.empty())
+    progress.warn(complaint);
+}
+
 // The clean signal of the frame as a denoiser sees it.
 Image guide_from(const py::object& guide, const RawFrame& frame, const NoiseModel& model,
                  const GainSetting& gain, Progress& progress) {
@@ -162,7 +171,11 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
   if (const auto warning = take_levels_of_model(description, frame); !warning.empty())
     progress.warn(frame.source + ": " + warning);
   const GainSetting from = source_gain(*model, frame, from_gain), to = model->gain_setting(to_gain);
+  if (app::shows_noisy_frame(settings.method, !guide.is_none()))
+    warn_of_nonfinite(frame.dn, frame.source, app::fate_of_nonfinite(!rounded), progress);
   Image result = guide_from(guide, frame, description, from, progress);
+  if (!guide.is_none())
+    warn_of_nonfinite(result, "guide", app::fate_in_guide(settings.method, !rounded), progress);
   LevelCoverage coverage;
   {
     const py::gil_scoped_release release;

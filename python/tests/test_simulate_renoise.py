@@ -3,6 +3,7 @@
 import os
 import pathlib
 import subprocess
+import warnings
 
 import numpy as np
 import pytest
@@ -106,6 +107,30 @@ def test_renoised_frame_has_the_noise_of_its_gain(quiet):
     spread = lambda mosaic: np.mean([mosaic[r::4, c::4].std() for r in range(4) for c in range(4)])
     assert spread(made) == pytest.approx(spread(direct), rel=0.05)
     assert spread(made) > 2 * spread(frame.dn)
+
+
+@pytest.mark.parametrize("given, fate, pixels", [
+    ({}, "kept as read", [np.nan, np.inf]), (dict(rounded=True), "as integers 0 or white", [0, 4095]),
+    (dict(rounded=True, method="naive"), "as integers 0 or white", [0, 4095])])
+def test_pixels_that_are_no_numbers_are_said(quiet, given, fate, pixels):
+    """In the frame and in a guide, as the program says them (tests/system/test_bad_input.py)."""
+    holes = quiet.astype(np.float32)
+    holes[10, 11], holes[20, 21] = np.nan, np.inf
+    call = lambda raw, **more: malus.renoise(malus.Frame(raw, LAYOUT, 82, 4095, gain_db=0), MODEL, 18, seed=5, **given, **more)
+    with pytest.warns(UserWarning, match=f"^array: 2 pixels are NaN or infinite; {fate}$"):
+        made = call(holes)
+    assert np.array_equal([made[10, 11], made[20, 21]], pixels, equal_nan=True)
+    naive = "method" in given
+    with pytest.warns(UserWarning, match=f"^guide: 2 pixels are NaN or infinite; {fate if naive else 'no noise is added there'}$"):
+        call(quiet, guide=holes)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        call(holes, guide=quiet)  # of a given guide, new noise alone does not see the frame
+    assert len(said) == (not naive)
+    nothing = np.full_like(holes, np.nan)
+    for raw, more, name in ((nothing, {}, "array"), (quiet, dict(guide=nothing), "guide")):
+        with pytest.raises(malus.InputError, match=f"^{name}: all pixels are NaN or infinite; check how it was made$"):
+            call(raw, **more)
 
 
 @pytest.mark.parametrize("given, words", [
