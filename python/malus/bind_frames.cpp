@@ -11,6 +11,7 @@
 #include <tuple>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include "array_frame.h"
 #include "frame_contents.h"
@@ -155,12 +156,17 @@ HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string
   return frame;
 }
 
+// The names of a cell's sites: a session may describe one that has no name.
+std::vector<std::vector<std::string>> sites_of(const SensorLayout& layout) {
+  std::vector<std::vector<std::string>> rows(static_cast<std::size_t>(layout.rows()));
+  for (int channel = 0; channel < layout.channels(); ++channel)
+    rows[static_cast<std::size_t>(channel / layout.cols())].push_back(layout.channel_name(channel));
+  return rows;
+}
+
 py::tuple state_of_frame(const py::object& self) {
   const auto& f = self.cast<const HeldFrame&>();
-  if (!(SensorLayout::named(f.layout.name()) == f.layout))
-    throw InputError(f.source, "has a layout of its own, which is not pickled",
-                     "load it in each process");
-  return py::make_tuple(self.attr("dn"), f.layout.name(), f.black_dn, f.white_dn, f.gain.gain_db,
+  return py::make_tuple(self.attr("dn"), sites_of(f.layout), f.black_dn, f.white_dn, f.gain.gain_db,
                         f.gain.iso, f.exposure_s, f.bits, f.black_known, f.white_known,
                         f.layout_known, f.file_layout, text_of_path(f.source), f.holds);
 }
@@ -169,7 +175,7 @@ HeldFrame frame_of_state(const py::tuple& state) {
   HeldFrame f;
   std::size_t i = 0;
   f.dn = image_of(input_from(state[i++], "dn"), "dn");
-  f.layout = SensorLayout::named(state[i++].cast<std::string>());
+  f.layout = SensorLayout::from_sites(state[i++].cast<std::vector<std::vector<std::string>>>());
   f.black_dn = state[i++].cast<std::vector<double>>();
   f.white_dn = state[i++].cast<double>();
   f.gain.gain_db = state[i++].cast<std::optional<double>>();

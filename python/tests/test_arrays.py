@@ -1,5 +1,6 @@
 """Arrays and tensors of every kind in and out: no copies where none are needed."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -263,6 +264,18 @@ def test_a_session_knows_its_frames(tmp_path):
     np.save(tmp_path / "other/a.npy", np.full((8, 8), 70, np.uint16))
     with pytest.raises(malus.InputError, match="^group: is none of this session's"):
         malus.Session(tmp_path / "other/session.toml").load(group, 0)
+
+
+def test_a_cell_of_a_session_s_own_is_pickled(tmp_path):
+    """It has no name: polar-mono turned by half a turn."""
+    np.save(tmp_path / "a.npy", np.arange(64, dtype=np.uint16).reshape(8, 8))
+    (tmp_path / "session.toml").write_text('[sensor]\nblack = [1, 2, 3, 4]\nwhite = 4095\n[sensor.cell]\nrows = [["0", "135"], ["45", "90"]]\n'
+                                           '[[frames]]\nkind = "bias"\npaths = ["*.npy"]\n')
+    frame = malus.Session(tmp_path / "session.toml").load(0, 0)
+    assert frame.channels == ["0", "135", "45", "90"] and frame.layout == "custom"
+    for again in (pickle.loads(pickle.dumps(frame)), copy.deepcopy(frame)):
+        assert again.channels == frame.channels and repr(again) == repr(frame) and (again.dn == frame.dn).all()
+        assert np.array_equal(malus.stokes(again)["aolp_deg"], malus.stokes(frame)["aolp_deg"], equal_nan=True)
 
 
 def test_a_session_is_not_believed_against_its_files(tmp_path):
