@@ -31,18 +31,42 @@ struct DlManagedTensor {
   void (*deleter)(DlManagedTensor*);
 };
 constexpr int kDlCpu = 1, kDlPinned = 3;  // CPU memory, plain or pinned for a GPU
-constexpr const char* kTypeLetters = "iuf";
-constexpr int kTypes = 3;
+constexpr std::string_view kTypeLetters = "iuf";
+constexpr int kDlBool = 6;
 
 // NumPy's kinds that are real numbers: text, dates and objects convert too, into what nobody meant.
 constexpr std::string_view kNumberKinds = "biuf";
 constexpr std::ptrdiff_t kFloatBytes = sizeof(float);
 
+// Empty where NumPy has no such type.
+std::string type_of(const DlTensor& t) {
+  if (t.type_lanes != 1 || t.type_bits % 8 != 0) return {};
+  if (t.type_code == kDlBool && t.type_bits == 8) return "?";
+  if (t.type_code >= kTypeLetters.size()) return {};
+  return fmt::format("{}{}", kTypeLetters[t.type_code], t.type_bits / 8);
+}
+
+// Its capsule; none where it exports no tensor of this kind, but can be an array: older versions of
+// torch, of booleans.
+py::object exported(const py::object& object) {
+  try {
+    return object.attr("__dlpack__")();
+  } catch (const py::error_already_set& error) {
+    if (!error.matches(PyExc_Exception) || !py::hasattr(object, "__array__")) throw;
+    return py::none();
+  }
+}
+
+py::array as_array(const py::object& object) {
+  return py::module_::import("numpy").attr("asarray")(object).cast<py::array>();
+}
+
 py::array from_dlpack(const py::object& object) {
   const auto device = object.attr("__dlpack_device__")().cast<std::pair<int, int>>();
   if (device.first != kDlCpu && device.first != kDlPinned)
     throw InputError("tensor", "lies in the memory of a device", "copy it first: tensor.cpu()");
-  const py::object capsule = object.attr("__dlpack__")();
+  const py::object capsule = exported(object);
+  if (capsule.is_none()) return as_array(object);
   auto* managed = static_cast<DlManagedTensor*>(PyCapsule_GetPointer(capsule.ptr(), "dltensor"));
   if (!managed) throw py::error_already_set();
   // From here the tensor is ours to give back.
@@ -52,15 +76,15 @@ py::array from_dlpack(const py::object& object) {
     if (tensor->deleter) tensor->deleter(tensor);
   });
   const DlTensor& t = managed->tensor;
-  if (t.type_code >= kTypes || t.type_lanes != 1 || t.type_bits % 8 != 0)
+  const std::string type = type_of(t);
+  if (type.empty())
     throw py::type_error("tensor: its element type has no NumPy equal; convert it to float32");
   const py::ssize_t bytes = t.type_bits / 8;
   const std::vector<py::ssize_t> shape(t.shape, t.shape + t.dimensions);
   std::vector<py::ssize_t> strides;
   for (int i = 0; t.strides && i < t.dimensions; ++i) strides.push_back(t.strides[i] * bytes);
   auto* data = static_cast<std::byte*>(t.data) + t.byte_offset;
-  return py::array(py::dtype(fmt::format("{}{}", kTypeLetters[t.type_code], bytes)), shape, strides,
-                   data, owner);
+  return py::array(py::dtype(type), shape, strides, data, owner);
 }
 
 // Whether every number lies a whole number of floats from the first, which is aligned.
@@ -89,8 +113,7 @@ int size_of(const py::array& array, py::ssize_t dimension) {
 py::array array_from(const py::object& object) {
   if (py::isinstance<py::array>(object)) return object.cast<py::array>();
   if (py::hasattr(object, "__dlpack__")) return from_dlpack(object);
-  const py::object array = py::module_::import("numpy").attr("asarray")(object);
-  return array.cast<py::array>();
+  return as_array(object);
 }
 
 py::array numbers_from(const py::object& object, const char* name) {

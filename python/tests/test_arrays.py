@@ -1,6 +1,7 @@
 """Arrays and tensors of every kind in and out: no copies where none are needed."""
 
 import copy
+import ctypes
 import pickle
 
 import numpy as np
@@ -74,6 +75,54 @@ def test_torch_tensors_are_read_whatever_their_type(model, torch):
         assert np.array_equal(model.synthesize(clean.to(kind), gain=12, seed=1), expected)
     with pytest.raises(TypeError, match="float32"):
         model.synthesize(clean.to(torch.bfloat16), gain=12)
+
+
+class Booleans(Tensor):
+    """As newer tensors export them: DLPack's type 6, which lies behind the pointer, the device and the dimensions."""
+
+    def __dlpack__(self):
+        capsule = self.array.view(np.uint8).__dlpack__()
+        pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(("PyCapsule_GetPointer", ctypes.pythonapi))
+        ctypes.memset(pointer(capsule, b"dltensor") + 20, 6, 1)
+        return capsule
+
+    def __dlpack_device__(self):
+        return self.array.view(np.uint8).__dlpack_device__()
+
+
+class Refusing(Tensor):
+    """As older ones do not, but become arrays."""
+
+    def __dlpack__(self):
+        raise RuntimeError("Bool type is not supported by dlpack")
+
+    def __array__(self, *_, **__):
+        return self.array
+
+
+@pytest.mark.parametrize("wrap", [Booleans, Refusing])
+def test_masks_of_booleans_are_read(wrap):
+    light = np.random.default_rng(1).uniform(100, 900, (16, 16)).astype(np.float32)
+    mask = np.random.default_rng(2).uniform(size=(8, 8)) < 0.5
+    expected = malus.normals(light, "polar-mono", mask=mask)
+    assert np.isnan(expected[0][~mask]).all() and not np.isnan(expected[0]).all()
+    assert np.array_equal(malus.normals(light, "polar-mono", mask=wrap(mask)), expected, equal_nan=True)
+
+
+def test_masks_of_torch_are_read(torch):
+    light = np.random.default_rng(1).uniform(100, 900, (16, 16)).astype(np.float32)
+    mask = np.random.default_rng(2).uniform(size=(8, 8)) < 0.5
+    made = malus.normals(light, "polar-mono", mask=torch.from_numpy(mask))
+    assert np.array_equal(made, malus.normals(light, "polar-mono", mask=mask), equal_nan=True)
+
+
+def test_what_a_tensor_that_is_no_array_raises_arrives(model):
+    class Lost(Tensor):
+        def __dlpack__(self):
+            raise RuntimeError("the memory is gone")
+
+    with pytest.raises(RuntimeError, match="^the memory is gone$"):
+        model.synthesize(Lost(np.zeros((8, 8), np.float32)), gain=12)
 
 
 def test_memory_of_tensors_is_given_back(model, torch):
