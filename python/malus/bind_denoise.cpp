@@ -50,13 +50,6 @@ struct ToldOfNoise {
   bool extrapolate_gain = false;
 };
 
-void require_used(const ToldOfNoise& told) {
-  for (const auto& [name, given] : {std::pair{"origin", told.origin.has_value()},
-                                    std::pair{"extrapolate_gain", told.extrapolate_gain}})
-    if (given && !told.model)
-      throw InputError(name, "is of a model, and none is given", "give model=, or leave it out");
-}
-
 // The noise that is taken out; what is to be said of it goes to complaints, whole lines.
 NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
                               const DenoiseSettings& settings, bool cut_off_undone,
@@ -156,7 +149,8 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   const auto settings = settings_from<DenoiseKeywords>(kwargs);
   const std::string& method = settings.filter.method;
   app::require_method(method);  // a wrong one is refused before any work
-  require_used(told);
+  require_model_for("origin", told.origin.has_value(), told.model);
+  require_model_for("extrapolate_gain", told.extrapolate_gain, told.model);
   const NoiseModel* model = told.model ? &told.model->description() : nullptr;
   if (model) require_raw(raw, "give the raw frame");
   RawFrame frame = frame_from(raw, told_of_frame, model);

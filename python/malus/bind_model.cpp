@@ -278,6 +278,11 @@ std::optional<Model> model_from(const py::object& given) {
   return Model::load(path);
 }
 
+void require_model_for(const char* name, bool given, const std::optional<Model>& model) {
+  if (given && !model)
+    throw InputError(name, "is of a model, and none is given", "give model=, or leave it out");
+}
+
 std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
                                           bool undone) {
   std::vector<std::string> lines = cut_off_complaints(model, gain, undone);

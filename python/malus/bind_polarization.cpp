@@ -211,6 +211,7 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
                      model ? "leave it or model out" : "leave it or variance out");
   if (variance && model)
     throw InputError("variance", "and model tell the same", "leave one of them out");
+  require_model_for("extrapolate_gain", extrapolate_gain, model);
   if (model) return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain);
   Light light = light_of(dn_above_black, layout_name);
   const auto view = light.view();

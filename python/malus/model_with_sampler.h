@@ -51,6 +51,9 @@ class ModelWithSampler {
 /// A Model, the name or path of one, or None. Throws TypeError, InputError.
 std::optional<Model> model_from(const pybind11::object& given);
 
+/// Throws InputError for an argument that is given, but without a model has no meaning.
+void require_model_for(const char* name, bool given, const std::optional<Model>& model);
+
 /// What a model says of itself at this gain, by the sensor's name: that it lies outside the
 /// calibrated range, and cut_off_complaints (malus/denoise/frame_complaints.h).
 std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,

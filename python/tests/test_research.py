@@ -264,6 +264,8 @@ def test_stokes_of_raw_frames_state_their_errors(model):
             malus.stokes(raws[0], model=model, **bad)
     with pytest.warns(UserWarning, match="extrapolated to 31 dB"):
         malus.stokes(raws[0], model=model, gain=31, extrapolate_gain=True)
+    with pytest.raises(malus.InputError, match="^extrapolate_gain: is of a model, and none is given; give model=, or leave it out$"):
+        malus.stokes(raws[0], model.layout, extrapolate_gain=True)
 
 
 def test_saturated_cells_of_an_array_have_no_stated_error(model):
