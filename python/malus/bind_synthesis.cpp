@@ -151,8 +151,16 @@ Image guide_from(const py::object& guide, const RawFrame& frame, const NoiseMode
   return given;
 }
 
-GainSetting source_gain(const Model& model, const RawFrame& frame, const Gain& told) {
-  if (!told) return frame.gain;
+GainSetting source_gain(const Model& model, const RawFrame& frame, const Gain& told,
+                        const std::string& kind) {
+  if (!told) {
+    const NoiseModel& held = model.description();
+    const auto gains = kind == "nonparametric" ? held.nonparametric.size() : held.physics.size();
+    if (!frame.gain.decibel() && gains > 1)
+      throw InputError(frame.source, "does not tell its gain, and the model holds several",
+                       "give from_gain=");
+    return frame.gain;
+  }
   const GainSetting gain = model.gain_setting(*told);
   require_gain(frame, gain, "from_gain");
   return gain;
@@ -170,7 +178,8 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
   PythonProgress progress;
   if (const auto warning = take_levels_of_model(description, frame); !warning.empty())
     progress.warn(frame.source + ": " + warning);
-  const GainSetting from = source_gain(*model, frame, from_gain), to = model->gain_setting(to_gain);
+  const GainSetting from = source_gain(*model, frame, from_gain, settings.kind);
+  const GainSetting to = model->gain_setting(to_gain);
   if (app::shows_noisy_frame(settings.method, !guide.is_none()))
     warn_of_nonfinite(frame.dn, frame.source, app::fate_of_nonfinite(!rounded), progress);
   Image result = guide_from(guide, frame, description, from, progress);

@@ -145,5 +145,7 @@ def test_renoise_refuses(given, words):
     frame = malus.Frame(np.full((64, 64), 300, np.uint16), LAYOUT, 82, 4095, gain_db=0)
     with pytest.raises(malus.InputError, match=words):
         malus.renoise(**{"raw": frame, "model": MODEL, "to_gain": 12, **given})
+    with pytest.raises(malus.InputError, match="^array: does not tell its gain, and the model holds several; give from_gain=$"):
+        malus.renoise(np.full((64, 64), 300, np.uint16), MODEL, 12)
     with pytest.raises(malus.InputError, match="choose a target gain with more noise than the source"):
         malus.renoise(malus.Frame(np.full((64, 64), 300, np.uint16), LAYOUT, 82, 4095, gain_db=24), MODEL, 0)
