@@ -37,9 +37,25 @@ def is_whole(value):
 def is_number(value):
     try:
         float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError, RuntimeError):
         return False
     return not isinstance(value, (str, bytes))
+
+
+def is_true_or_false(value):
+    try:
+        bool(value)
+    except (TypeError, ValueError, RuntimeError):
+        return False
+    return value is None or hasattr(value, "__bool__")
+
+
+def parts_of(value):
+    """Of a sequence or an array; None of anything else."""
+    try:
+        return None if isinstance(value, (str, bytes)) or not hasattr(value, "__getitem__") else list(value)
+    except TypeError:  # an array without dimensions
+        return None
 
 
 def fits(value, kind):
@@ -48,7 +64,7 @@ def fits(value, kind):
     if kind == "int":
         return is_whole(value)
     if kind == "bool":
-        return value is None or hasattr(value, "__bool__") or hasattr(value, "__len__")
+        return is_true_or_false(value)
     if kind == "str":
         return isinstance(value, (str, bytes))
     if kind == "os.PathLike":
@@ -58,9 +74,9 @@ def fits(value, kind):
     if options := inner(kind, "Union"):
         return any(fits(value, option) for option in options)
     if options := inner(kind, "List"):
-        return hasattr(value, "__getitem__") and not isinstance(value, (str, bytes)) and all(fits(part, options[0]) for part in value)
+        return (parts := parts_of(value)) is not None and all(fits(part, options[0]) for part in parts)
     if options := inner(kind, "Tuple"):
-        return hasattr(value, "__len__") and len(value) == len(options) and all(map(fits, value, options))
+        return len(parts_of(value) or ()) == len(options) and all(map(fits, value, options))
     if kind.startswith("malus."):
         return type(value).__name__ == kind.rpartition(".")[2]
     return True
@@ -84,17 +100,53 @@ def shown(value):
 
 
 def is_large(value, kind):
-    """Beyond 32 bits, or negative, where a whole number is wanted: a fitting type, and yet refused."""
-    return "int" in re.findall(r"\w+", kind) and is_whole(value) and not 0 <= operator.index(value) < 2**31
+    """Beyond 32 bits, or negative, where whole numbers are wanted: a fitting type, and yet refused."""
+    if "int" not in re.findall(r"\w+", kind):
+        return False
+    return any(is_whole(part) and not 0 <= operator.index(part) < 2**31 for part in parts_of(value) or [value])
 
 
-def explain(message, args, kwargs):
-    """The line, or None where the message is another one or nothing speaks against the arguments."""
+def wrong_type(argument, value, kind):
+    return f"{argument} is {shown(value)}; give {wanted(kind)}"
+
+
+def too_large(argument, value, name):
+    return f"{argument} is {shown(value)}, outside what {name} counts with; give 0 or more, of 32 bits, or 64 for a seed"
+
+
+def unknown_keyword(argument, name, known):
+    near = difflib.get_close_matches(argument, known, 1)
+    return f"unknown keyword argument {argument} of {name}; " + (f"did you mean {near[0]}? " if near else "") + "known: " + ", ".join(known)
+
+
+def refused(argument, value, kind):
+    """The line on a setting, one of a function's **kwargs."""
+    return too_large(argument, value, "malus") if fits(value, kind) and is_large(value, kind) else wrong_type(argument, value, kind)
+
+
+def signature_of(text):
+    """The name with that of its class, and the parts in its brackets; None of what is no signature."""
+    found = re.match(r"([\w.]*)\((.*)\)", text)
+    return found and (found[1], top_level(found[2]))
+
+
+def explain(message, args, kwargs, documentation):
+    """The line, or None where the message is another one."""
+    if (unknown := re.match(r"unknown keyword argument (.*?); .*known: (.*)", message)) and (signature := signature_of(documentation)):
+        named = [part.partition(": ")[0] for part in signature[1] if ": " in part]
+        return unknown_keyword(unknown[1], signature[0], [name for name in named if name != "self"] + unknown[2].split(", "))
     found = re.match(r"(\w+)\(\): incompatible (?:function|constructor) arguments\..*?\n    1\. (.*?)\n(?!    2\. )", message, re.DOTALL)
-    signature = found and re.match(r"([\w.]*)\((.*)\)", found[2])
+    signature = found and signature_of(found[2])
     if not signature:
         return None
-    name, parts = signature[1].rpartition(".")[2] or found[1], top_level(signature[2])
+    owner, parts = signature
+    name = owner.rpartition(".")[2] or found[1]
+    # A constructor's object is not among its documented arguments.
+    return complaint(name, parts, args[1:] if owner else args, kwargs) or f"{name} does not take arguments of these types; see its help"
+
+
+def complaint(name, parts, args, kwargs):
+    """What speaks against the arguments, None where nothing does."""
     free = "**kwargs" in parts
     by_place = parts.index("*") if "*" in parts else len(parts) - free
     kinds, needed = {}, []
@@ -104,8 +156,6 @@ def explain(message, args, kwargs):
             kind, has_default, _ = rest.partition(" = ")
             kinds[argument] = kind
             needed += [] if has_default else [argument]
-    # A constructor's object is not among its documented arguments.
-    args = args[1:] if signature[1] else args
     names = list(kinds)[:by_place]
     method = bool(names) and names[0] == "self"
     if len(args) > len(names):
@@ -115,17 +165,15 @@ def explain(message, args, kwargs):
         if argument in given:
             return f"{argument} is given twice to {name}; leave one out"
         if argument not in kinds and not free:
-            near = difflib.get_close_matches(argument, kinds, 1)
-            return f"unknown keyword argument {argument} of {name}; " + (f"did you mean {near[0]}? " if near else "") + "known: " + ", ".join(
-                known for known in kinds if known != "self")
+            return unknown_keyword(argument, name, [known for known in kinds if known != "self"])
         given[argument] = value
     for argument in needed:
         if argument not in given:
             return f"{argument} is missing; give {name} {wanted(kinds[argument]) if kinds[argument] != 'object' else 'one'}"
     for argument, kind in kinds.items():
         if argument in given and not fits(given[argument], kind):
-            return f"{argument} is {shown(given[argument])}; give {wanted(kind)}"
+            return wrong_type(argument, given[argument], kind)
     for argument, kind in kinds.items():
         if argument in given and is_large(given[argument], kind):
-            return f"{argument} is {shown(given[argument])}, outside what {name} counts with; give 0 or more, of 32 bits, or 64 for a seed"
+            return too_large(argument, given[argument], name)
     return None

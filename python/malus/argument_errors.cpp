@@ -1,5 +1,7 @@
 #include "argument_errors.h"
 
+#include <unordered_map>
+
 namespace malus::python {
 namespace {
 
@@ -8,8 +10,19 @@ namespace py = pybind11;
 // All functions that pybind11 makes share it. It tries their overloads and gives up with the list.
 PyCFunctionWithKeywords g_dispatcher = nullptr;
 
+// Every function by what CPython hands it as self: its documentation begins with the signature.
+std::unordered_map<PyObject*, const PyMethodDef*>& methods() {
+  static auto* all = new std::unordered_map<PyObject*, const PyMethodDef*>;
+  return *all;
+}
+
+py::str documentation_of(PyObject* self) {
+  const auto found = methods().find(self);
+  return found == methods().end() || !found->second->ml_doc ? "" : found->second->ml_doc;
+}
+
 // Leaves the error that there is in place where it has nothing better to say.
-void explain(PyObject* args, PyObject* kwargs) {
+void explain(PyObject* self, PyObject* args, PyObject* kwargs) {
   PyObject *type = nullptr, *value = nullptr, *trace = nullptr;
   PyErr_Fetch(&type, &value, &trace);
   PyErr_NormalizeException(&type, &value, &trace);
@@ -18,7 +31,8 @@ void explain(PyObject* args, PyObject* kwargs) {
     const py::object line =
         py::module_::import("malus._arguments")
             .attr("explain")(message, py::handle(args),
-                             kwargs ? py::reinterpret_borrow<py::dict>(kwargs) : py::dict());
+                             kwargs ? py::reinterpret_borrow<py::dict>(kwargs) : py::dict(),
+                             documentation_of(self));
     if (!line.is_none()) {
       PyErr_SetObject(PyExc_TypeError, line.ptr());
       Py_XDECREF(type);
@@ -34,7 +48,7 @@ void explain(PyObject* args, PyObject* kwargs) {
 
 PyObject* dispatch(PyObject* self, PyObject* args, PyObject* kwargs) {
   PyObject* const result = g_dispatcher(self, args, kwargs);
-  if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError)) explain(args, kwargs);
+  if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError)) explain(self, args, kwargs);
   return result;
 }
 
@@ -47,8 +61,9 @@ void replace_dispatcher(py::handle function) {
   const auto current =
       reinterpret_cast<PyCFunctionWithKeywords>(reinterpret_cast<void (*)()>(method->ml_meth));
   if (g_dispatcher == nullptr) g_dispatcher = current;
-  if (current == g_dispatcher)
-    method->ml_meth = reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&dispatch));
+  if (current != g_dispatcher) return;
+  method->ml_meth = reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&dispatch));
+  methods()[PyCFunction_GET_SELF(function.ptr())] = method;
 }
 
 }  // namespace

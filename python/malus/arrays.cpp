@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include <fmt/format.h>
+#include <pybind11/stl.h>
 
 namespace malus::python {
 namespace {
@@ -87,6 +88,14 @@ py::array from_dlpack(const py::object& object) {
   return py::array(py::dtype(type), shape, strides, data, owner);
 }
 
+bool is_masked(const py::object& object) {
+  return py::hasattr(object, "mask") && py::hasattr(object, "filled");
+}
+
+bool holds_numbers(const py::array& array) {
+  return kNumberKinds.find(array.dtype().kind()) != std::string_view::npos;
+}
+
 // Whether every number lies a whole number of floats from the first, which is aligned.
 bool whole_floats(const py::array& array) {
   if (reinterpret_cast<std::uintptr_t>(array.data()) % alignof(float) != 0) return false;
@@ -117,13 +126,13 @@ py::array array_from(const py::object& object) {
 }
 
 py::array numbers_from(const py::object& object, const char* name) {
-  if (py::hasattr(object, "mask") && py::hasattr(object, "filled"))
+  if (is_masked(object))
     throw py::type_error(fmt::format(
         "{} is a masked array, whose mask would be lost; give {}.astype(float).filled(nan), or "
         "its data",
         name, name));
   py::array array = array_from(object);
-  if (kNumberKinds.find(array.dtype().kind()) == std::string_view::npos)
+  if (!holds_numbers(array))
     throw py::type_error(fmt::format("{} must be an array of numbers, not of {}", name,
                                      py::repr(array.dtype()).cast<std::string>()));
   return array;
@@ -147,14 +156,30 @@ py::array output_from(const py::object& object) {
   return array;
 }
 
+bool load_numbers(const py::object& given, std::vector<double>& values) {
+  if (!is_masked(given) && (py::isinstance<py::array>(given) || py::hasattr(given, "__dlpack__"))) {
+    const py::array array = array_from(given);
+    if (array.ndim() > 1 || !holds_numbers(array)) return false;
+    const py::array_t<double, py::array::c_style | py::array::forcecast> numbers(array);
+    values.assign(numbers.data(), numbers.data() + numbers.size());
+    return true;
+  }
+  if (py::detail::make_caster<double> one; one.load(given, true)) {
+    values = {py::detail::cast_op<double>(one)};
+    return true;
+  }
+  py::detail::make_caster<std::vector<double>> list;
+  if (!list.load(given, true)) return false;
+  values = py::detail::cast_op<std::vector<double>&&>(std::move(list));
+  return true;
+}
+
 std::vector<double> levels_of(const Black& black) {
   if (!black) return {};
-  if (const double* one = std::get_if<double>(&*black)) return {*one};
-  const auto& levels = std::get<std::vector<double>>(*black);
-  if (levels.empty())
+  if (black->values.empty())
     throw InputError("black", "is an empty list",
                      "give one number, or one per channel in mosaic order");
-  return levels;
+  return black->values;
 }
 
 void require_apart_or_same(const py::array& input, const py::array& out) {

@@ -11,7 +11,6 @@
 #include <string>
 #include <string_view>
 #include <utility>
-#include <variant>
 #include <vector>
 
 #include <pybind11/numpy.h>
@@ -93,8 +92,15 @@ class PythonProgress final : public Progress {
 /// A UserWarning at the caller's line; with the interpreter's lock. Throws when they are errors.
 void give_warning(const std::string& message);
 
+/// One number, or several: a sequence of them, or an array or tensor of one dimension or none.
+struct Numbers {
+  std::vector<double> values;
+};
+/// False for what is none of these.
+bool load_numbers(const py::object& given, std::vector<double>& values);
+
 /// Black levels [DN]: one number, or one per channel.
-using Black = std::optional<std::variant<double, std::vector<double>>>;
+using Black = std::optional<Numbers>;
 /// As the library takes them; empty where none is given.
 std::vector<double> levels_of(const Black& black);
 
@@ -111,3 +117,11 @@ void bind_synthesis(py::module_& m);
 void bind_evaluate(py::module_& m);
 
 }  // namespace malus::python
+
+template <>
+struct pybind11::detail::type_caster<malus::python::Numbers> {
+  PYBIND11_TYPE_CASTER(malus::python::Numbers, const_name("Union[float, List[float]]"));
+  bool load(handle given, bool) {
+    return malus::python::load_numbers(reinterpret_borrow<object>(given), value.values);
+  }
+};

@@ -11,6 +11,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "arrays.h"
 #include <fmt/format.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -44,6 +45,38 @@ void require_in_range(const Value& value, const ParameterInfo& info) {
   }
 }
 
+/// A setting's type, as pybind11 writes those of arguments.
+template <class Value>
+std::string type_name_of() {
+  if constexpr (requires(Value value) { value.has_value(); })
+    return "Optional[" + type_name_of<typename Value::value_type>() + "]";
+  else if constexpr (std::is_same_v<Value, std::vector<double>>)
+    return "List[float]";
+  else if constexpr (std::is_same_v<Value, std::string>)
+    return "str";
+  else if constexpr (std::is_same_v<Value, bool>)
+    return "bool";
+  else
+    return std::is_integral_v<Value> ? "int" : "float";
+}
+
+/// Throws TypeError that says what is given and what is wanted, as of other arguments.
+template <class Value>
+Value setting_from(const pybind11::object& given, const std::string& name) {
+  namespace py = pybind11;
+  try {
+    if constexpr (std::is_same_v<Value, std::vector<double>>)
+      return given.cast<Numbers>().values;
+    else
+      return given.cast<Value>();
+  } catch (const py::cast_error&) {
+    const py::object line =
+        py::module_::import("malus._arguments").attr("refused")(name, given, type_name_of<Value>());
+    PyErr_SetObject(PyExc_TypeError, line.ptr());
+    throw py::error_already_set();
+  }
+}
+
 /// Throws InputError for a value outside its range or choices, TypeError for a wrong type or an
 /// unknown name (with the nearest).
 template <class Settings>
@@ -55,13 +88,7 @@ Settings settings_from(const pybind11::kwargs& kwargs) {
     using Value = std::decay_t<decltype(value)>;
     known.push_back(info.name);
     if (!kwargs.contains(info.name.c_str())) return;
-    const py::object given = kwargs[info.name.c_str()];
-    try {
-      value = given.cast<Value>();
-    } catch (const py::cast_error&) {
-      throw py::type_error(
-          fmt::format("{}: {} has the wrong type", info.name, py::repr(given).cast<std::string>()));
-    }
+    value = setting_from<Value>(kwargs[info.name.c_str()], info.name);
     require_in_range(value, info);
     if constexpr (std::is_same_v<Value, std::string>)
       if (!info.choices.empty() &&

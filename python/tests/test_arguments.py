@@ -31,6 +31,28 @@ BATCH = np.zeros((8, 8), np.float32)
      r"seed is 18446744073709551616 (int), outside what synthesize counts with; give 0 or more, of 32 bits, or 64 for a seed"),
     (lambda: MODEL.synthesize(BATCH, frame=-1), r"frame is -1 (int), outside what synthesize counts with; give 0 or more, of 32 bits, or 64 for a seed"),
     (lambda: MODEL.random_gain(1), r"frame is missing; give random_gain a whole number"),
+    (lambda: malus.denoise(CODES, origin=(2**40, 0)),
+     r"origin is (1099511627776, 0) (tuple), outside what denoise counts with; give 0 or more, of 32 bits, or 64 for a seed"),
+    (lambda: malus.load_frame("x.raw", size=(2**31, 4)),
+     r"size is (2147483648, 4) (tuple), outside what load_frame counts with; give 0 or more, of 32 bits, or 64 for a seed"),
+    (lambda: malus.denoise(CODES, black=np.zeros((2, 2))), r"black is array([[0., 0.], [0., 0.]]) (ndarray); give a number or a list, each a number, or None"),
+    (lambda: malus.denoise(CODES, black=np.array("a")), r"black is array('a', dtype='<U1') (ndarray); give a number or a list, each a number, or None"),
+    (lambda: malus.denoise(CODES, gain=10**400), "gain is 1" + "0" * 56 + "... (int); give a number, or None"),
+    (lambda: malus.denoise(CODES, variance=[1]), r"variance is [1] (list); give True or False"),
+    (lambda: malus.simulate(BATCH, color_matrix=np.eye(3)),
+     r"color_matrix is array([[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]]) (ndarray); give a list, each a number"),
+    (lambda: malus.simulate(BATCH, white_balance=np.array("a")), r"white_balance is array('a', dtype='<U1') (ndarray); give a list, each a number"),
+    (lambda: malus.denoise(CODES, layout="mono", white=4095, strength="x"), r"strength is 'x' (str); give a number"),
+    (lambda: malus.denoise(CODES, layout="mono", white=4095, row_noise="x"), r"row_noise is 'x' (str); give True or False"),
+    (lambda: malus.denoise(CODES, layout="mono", white=4095, profile=3), r"profile is 3 (int); give a text"),
+    (lambda: malus.denoise(CODES, layout="mono", white=4095, tile_batch=2**40),
+     r"tile_batch is 1099511627776 (int), outside what malus counts with; give 0 or more, of 32 bits, or 64 for a seed"),
+    (lambda: malus.renoise(CODES, MODEL, 24, gain=12),
+     r"unknown keyword argument gain of renoise; did you mean to_gain? known: raw, model, to_gain, from_gain, guide, rounded, seed, frame, layout, "
+     "black, white, kind, method"),
+    (lambda: MODEL.at_gain(12, amplifi=2),
+     r"unknown keyword argument amplifi of at_gain; did you mean amplify? known: gain, kind, parameters, ratio, amplify, debias, shot, read, row, "
+     "quantization, bias, exact, extrapolate_gain"),
     (lambda: malus.renoise(CODES, MODEL, "x" * 100), "to_gain is '" + "x" * 56 + "... (str); give a number"),
 ])
 def test_one_line_names_the_argument(call, line):

@@ -206,3 +206,21 @@ def test_saturated_cells_are_said_in_the_programs_words(model, black, tmp_path):
         warnings.simplefilter("error")
         malus.stokes(dn.astype(np.float32), LAYOUT)  # of an array white is not known
         malus.stokes(dn.astype(np.float32), LAYOUT, variance=np.full(dn.shape, 4, np.float32))
+
+
+def test_black_may_be_any_array_of_numbers(raw):
+    codes = np.array(Image.open(raw))
+    for one in (82, np.uint16(82), np.array(82), np.array([82.0])):
+        assert malus.Frame(codes, LAYOUT, black=one).black_dn == [82] * 4, one
+    for four in ([1, 2, 3, 4], (1, 2, 3, 4), np.arange(1, 5), range(1, 5)):
+        assert malus.Frame(codes, LAYOUT, black=four).black_dn == [1, 2, 3, 4], four
+    with pytest.raises(malus.InputError, match="^black: is an empty list"):
+        malus.Frame(codes, LAYOUT, black=np.zeros(0))
+
+
+def test_black_may_be_a_tensor(raw):
+    torch = pytest.importorskip("torch", reason="needs PyTorch")
+    codes = np.array(Image.open(raw))
+    for one in (torch.tensor(82.0), torch.full((1,), 82)):
+        assert malus.Frame(codes, LAYOUT, black=one).black_dn == [82] * 4, one
+    assert malus.Frame(codes, LAYOUT, black=torch.arange(1, 5)).black_dn == [1, 2, 3, 4]
