@@ -23,6 +23,21 @@ double white_of_type(const RawFrame& frame) {
   return static_cast<double>(largest);
 }
 
+// "uint16", as of a file.
+std::string type_name(const py::array& numbers) {
+  return py::str(numbers.dtype().attr("name")).cast<std::string>();
+}
+
+// Whole numbers that float rounds are refused, as in a file.
+void require_exact_numbers(const py::array& numbers) {
+  constexpr py::ssize_t kAlwaysExact = 2;
+  const char kind = numbers.dtype().kind();
+  if ((kind != 'i' && kind != 'u') || numbers.itemsize() <= kAlwaysExact || numbers.size() == 0)
+    return;
+  for (const char* extreme : {"min", "max"})
+    require_exact("array", numbers.attr(extreme)().cast<double>());
+}
+
 // As the program takes --black and --white for a file (frame_contents.h).
 ToldOfFrame believed(const ToldOfFrame& told, const HeldFrame& frame) {
   FrameOptions stated;
@@ -51,6 +66,7 @@ void require_raw(const py::object& given, const std::string& remedy) {
 RawFrame pixels_of(const py::object& array, const char* name) {
   RawFrame frame;
   const py::array numbers = numbers_from(array, name);
+  require_exact_numbers(numbers);
   frame.dn = image_of(input_from(numbers, name), name);
   const py::dtype type = numbers.dtype();
   frame.bits = bits_of_numbers(type.kind(), static_cast<int>(type.itemsize()));
@@ -80,16 +96,19 @@ CameraSettings settings_given(const std::optional<double>& gain_db,
 }
 
 RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told) {
-  RawFrame frame = pixels_of(array, name);
+  const py::array numbers = numbers_from(array, name);
+  RawFrame frame = pixels_of(numbers, name);
   frame.white_dn = white_of_type(frame);
   take_told(told, frame);
   require_levels(frame);
+  require_black_of_codes(frame, type_name(numbers));
   return frame;
 }
 
 RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model) {
   RawFrame frame;
   ToldOfFrame taken = told;
+  std::optional<py::array> numbers;
   if (const HeldFrame* held = held_frame(raw)) {
     frame = *held;
     taken = believed(told, *held);
@@ -98,7 +117,8 @@ RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseM
       throw InputError(
           "array", "does not know its layout and white level",
           "give layout= and white= (and black=), a model= that tells them, or a Frame");
-    frame = pixels_of(raw, "raw");
+    numbers = numbers_from(raw, "raw");
+    frame = pixels_of(*numbers, "raw");
     if (model && !told.layout) {
       frame.layout = model->layout;
       frame.black_dn.assign(model->black_dn.size(), 0.0);
@@ -106,6 +126,7 @@ RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseM
   }
   take_told(taken, frame);
   if ((told.black || told.white) && !model) require_levels(frame);
+  if (told.black && numbers) require_black_of_codes(frame, type_name(*numbers));
   return frame;
 }
 

@@ -31,7 +31,8 @@ struct ToldOfFrame {
 };
 
 /// The pixels of a mosaic [row, column] with the bits of its element type, which tells, as a file's
-/// does, whether they are the camera's codes. Nothing else is known of it yet.
+/// does, whether they are the camera's codes. Nothing else is known of it yet. Throws InputError
+/// for whole numbers that are not exact in float, as load_frame.
 RawFrame pixels_of(const py::object& array, const char* name);
 
 /// Layout, black and white of the frame as told; of a black that is not told, what the frame has of

@@ -208,6 +208,33 @@ def test_saturated_cells_are_said_in_the_programs_words(model, black, tmp_path):
         malus.stokes(dn.astype(np.float32), LAYOUT, variance=np.full(dn.shape, 4, np.float32))
 
 
+@pytest.mark.parametrize("kind", ["i4", "u4", "i8", "u8", ">i8"])
+def test_whole_numbers_that_float_rounds_are_refused_as_in_a_file(kind, tmp_path):
+    codes = np.full((8, 8), 2**24, kind)
+    assert (malus.Frame(codes, LAYOUT, white=2**25).dn == 2**24).all()
+    codes[3, 4] += 3
+    np.save(tmp_path / "codes.npy", codes)
+    calls = [("array", lambda: malus.Frame(codes, LAYOUT)), ("array", lambda: malus.denoise(codes, layout=LAYOUT, white=2**25)),
+             ("array", lambda: malus.info(codes.tolist())), (r".*codes\.npy", lambda: malus.load_frame(tmp_path / "codes.npy"))]
+    for name, call in calls:
+        with pytest.raises(malus.InputError, match=f"^{name}: it holds the integer 16777219, above 2\\^24; scale it down or store it as float$"):
+            call()
+    assert (malus.Frame(codes.astype(np.float64), LAYOUT).dn >= 2**24).all()
+    if kind == "i8":
+        with pytest.raises(malus.InputError, match="^array: it holds the integer -16777219, above"):
+            malus.Frame(-codes, LAYOUT)
+
+
+def test_codes_without_a_sign_have_no_negative_black():
+    for codes, name in ((np.full((8, 8), 300, np.uint16), "uint16"), (np.full((8, 8), 30, ">u4"), "uint32"), (np.ones((8, 8), bool), "bool")):
+        for call in (lambda: malus.Frame(codes, LAYOUT, black=-5), lambda: malus.info(codes, layout=LAYOUT, black=-5),
+                     lambda: malus.denoise(codes, layout=LAYOUT, black=-5, white=4095)):
+            with pytest.raises(malus.InputError, match=f"^array: black -5 DN is negative, its {name} codes begin at 0; check black=, or the session file$"):
+                call()
+    for codes in (np.full((8, 8), 300, np.int16), np.full((8, 8), 300.0)):
+        assert malus.Frame(codes, LAYOUT, black=-5).black_dn == [-5] * 4
+
+
 def test_black_may_be_any_array_of_numbers(raw):
     codes = np.array(Image.open(raw))
     for one in (82, np.uint16(82), np.array(82), np.array([82.0])):

@@ -56,4 +56,14 @@ void require_levels(const RawFrame& frame) {
           fmt::format("check {} and {}, or the session file", setting("black"), setting("white")));
 }
 
+void require_black_of_codes(const RawFrame& frame, std::string_view type) {
+  if (frame.bits == 0 || type.starts_with("int")) return;
+  for (const double black : frame.black_dn)
+    if (black < 0)
+      throw InputError(
+          frame.source,
+          fmt::format("black {:g} DN is negative, its {} codes begin at 0", black, type),
+          "check " + setting("black") + ", or the session file");
+}
+
 }  // namespace malus

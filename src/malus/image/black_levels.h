@@ -5,6 +5,7 @@
 #include "malus/image/raw_frame.h"
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace malus {
@@ -23,5 +24,9 @@ std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout&
 /// Throws InputError naming the frame where a level is not finite or a black level not below white.
 /// Of float pixels of unknown white, which then is the largest of them, black may be above it.
 void require_levels(const RawFrame& frame);
+
+/// Throws InputError naming the frame where a black level is negative and the pixels are of a type
+/// ("uint16", "bool"; anything of floats) that is not: a sign slipped in.
+void require_black_of_codes(const RawFrame& frame, std::string_view type);
 
 }  // namespace malus

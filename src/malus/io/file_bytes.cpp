@@ -6,7 +6,6 @@
 #include "malus/io/internal/decoded.h"
 
 #include <cerrno>
-#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <system_error>
@@ -71,13 +70,6 @@ void check_picture_size(const fs::path& path, std::int64_t rows, std::int64_t co
     throw InputError(path.string(),
                      fmt::format("it declares {}, more than {} values", text, kMaxPixels),
                      "crop it, or check that the file is whole");
-}
-
-void require_exact(const fs::path& path, double whole) {
-  constexpr double kMaxExact = 16777216.0;  // float holds every integer up to here
-  if (std::abs(whole) > kMaxExact)
-    throw InputError(path.string(), fmt::format("it holds the integer {:.0f}, above 2^24", whole),
-                     "scale it down or store it as float");
 }
 
 }  // namespace malus::internal

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/internal/stored_value.h"
+#include "malus/io/picture_file.h"
 
 #include <algorithm>
 #include <charconv>

@@ -73,17 +73,6 @@ double assumed_white(const Decoded& decoded) {
   return static_cast<double>(largest);
 }
 
-// A sign slipped in: nothing that has no sign is dark there. Signed codes and floats may be.
-void require_black_of_codes(const RawFrame& frame, const Decoded& decoded) {
-  if (decoded.bits == 0 || decoded.sample.starts_with("int")) return;
-  for (const double black : frame.black_dn)
-    if (black < 0)
-      throw InputError(
-          frame.source,
-          fmt::format("black {:g} DN is negative, its {} codes begin at 0", black, decoded.sample),
-          "check " + setting("black") + ", or the session file");
-}
-
 // The user's word, then the file's, then the default.
 RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path& path) {
   RawFrame frame;
@@ -107,7 +96,7 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   frame.gain = gain_given ? options.gain : decoded.gain;
   frame.exposure_s = options.exposure_s ? options.exposure_s : decoded.exposure_s;
   require_levels(frame);
-  require_black_of_codes(frame, decoded);
+  require_black_of_codes(frame, decoded.sample);
   if (decoded.planes.channels() > 0) frame.dn = std::move(decoded.planes[0]);
   return frame;
 }

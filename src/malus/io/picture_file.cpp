@@ -126,6 +126,13 @@ int bits_of_numbers(char kind, int item_bytes) {
   return std::min(8 * item_bytes - (kind == 'i' ? 1 : 0), 24);
 }
 
+void require_exact(const fs::path& path, double whole) {
+  constexpr double kMaxExact = 16777216.0;  // float holds every integer up to here
+  if (std::abs(whole) > kMaxExact)
+    throw InputError(path.string(), fmt::format("it holds the integer {:.0f}, above 2^24", whole),
+                     "scale it down or store it as float");
+}
+
 std::optional<std::size_t> alpha_plane(const fs::path& path, const Picture& picture) {
   const std::string ending = lower_case(path.extension().string());
   const auto alpha = std::find(picture.names.begin(), picture.names.end(), "A");

@@ -24,6 +24,8 @@ struct Picture {
 /// The bits that whole numbers of a NumPy type fill: less the sign, at most the 24 that float
 /// holds; 1 of bool (kind b), 0 of floats (f).
 int bits_of_numbers(char kind, int item_bytes);
+/// Throws InputError naming the source unless float holds the whole number exactly.
+void require_exact(const std::filesystem::path& source, double whole);
 
 /// Index of the plane that is coverage, not colour. Planes of .npy and FITS have no names, and a
 /// fourth one may be anything.

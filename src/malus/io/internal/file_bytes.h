@@ -36,9 +36,6 @@ std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uint
 void check_picture_size(const std::filesystem::path& path, std::int64_t rows, std::int64_t cols,
                         std::int64_t channels);
 
-/// Throws InputError unless float holds the whole number exactly.
-void require_exact(const std::filesystem::path& path, double whole);
-
 /// One stored number; contract: bytes holds sizeof(T) at offset.
 template <class T>
 T load_number(Bytes bytes, std::size_t offset, bool big_endian) {
