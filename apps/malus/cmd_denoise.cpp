@@ -180,7 +180,7 @@ Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& deno
                  network.is_null() ? "" : arguments.settings.method);
   kept.run = run_json(kept.before, result, choice, arguments, stopwatch.seconds());
   if (arguments.u16 && result.nonfinite_pixels > 0)
-    warn_of(kept.before.source, fmt::format("--u16 writes what is NaN or infinite {}",
+    warn_of(kept.before.source, fmt::format("--u16 writes pixels that hold no light {}",
                                             fate_of_nonfinite(/*as_float=*/false)));
   if (!network.is_null()) kept.run["network"] = network;
   for (const fs::path& path : job.stale) fs::remove(path);

@@ -377,9 +377,9 @@ def test_less_than_a_cell_is_refused(model):
 
 def test_pixels_that_are_no_numbers_are_said(model):
     given = dict(layout=model.layout, black=0, white=4095, model=model, gain=12)
-    with pytest.warns(UserWarning, match="4096 pixels are NaN or infinite"):
+    with pytest.warns(UserWarning, match="4096 pixels are NaN, infinite, or beyond 100 times white"):
         assert np.isnan(malus.denoise(np.full((64, 64), np.nan, np.float32), **given)["dn"]).all()
     holed = np.full((64, 64), 300, np.float32)
     holed[3, 4] = np.nan
-    with pytest.warns(UserWarning, match="1 pixel is NaN or infinite; it stays as it is"):
+    with pytest.warns(UserWarning, match="1 pixel is NaN, infinite, or beyond 100 times white; it stays as it is"):
         assert np.isnan(malus.denoise(holed, **given)["dn"][3, 4])

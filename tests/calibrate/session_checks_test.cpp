@@ -160,6 +160,19 @@ TEST(SessionChecks, ACopiedFrameIsRefused) {
   }
 }
 
+// One of them would move its channel's mean, and hide in a robust spread.
+TEST(SessionChecks, PixelsThatHoldNoLightAreRefused) {
+  for (const auto& [value, said] :
+       {std::pair{NAN, "has NaN or infinite pixels"},
+        {-3.4e38f, "has a pixel of -3.4e+38 DN, beyond 100 times white"},
+        {1e20f, "has a pixel of 1e+20 DN"}}) {
+    CalibrationInput input = simulated_session(mono_camera());
+    change_frames(input.sets[0],
+                  [dn = value](RawFrame& frame, int i) { frame.dn(20, 21) = i == 2 ? dn : 90; });
+    EXPECT_THAT(problem_of([&] { warnings_of(input); }), HasSubstr(said));
+  }
+}
+
 TEST(SessionChecks, SaturatedFramesAreNoCopies) {
   CalibrationInput input = simulated_session(mono_camera());
   change_frames(input.sets.back(), [](RawFrame& frame, int) {

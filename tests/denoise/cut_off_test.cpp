@@ -123,6 +123,12 @@ TEST(CutOff, ModelsOfDarkFramesThatWereCutOffToo) {
   EXPECT_LT(worst_cut_band(result.dn_above_black, profile.layout), 0.14);
 }
 
+TEST(CutOff, OneCodeThatHoldsNoLightMakesNoSignedCodes) {
+  RawFrame frame = cut_off_frame(0, 3);
+  frame.dn(77, 78) = -2147483648.0f;
+  EXPECT_GT(measure_cut_off(frame).mean_share(), 0.1);
+}
+
 // A masked border shows no noise: it stays at 0, and is no sign of a camera that cuts off.
 TEST(CutOff, PlacesWithoutNoiseStayAtZero) {
   RawFrame masked = cut_off_frame(60, 6);

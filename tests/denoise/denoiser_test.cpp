@@ -210,6 +210,29 @@ TEST_P(MosaicMethod, NonfinitePixelsStayAndHarmNobody) {
   EXPECT_EQ(bad, 2);
 }
 
+// A file's "no data", and what a division by nearly 0 gives.
+TEST_P(MosaicMethod, PixelsFarBeyondAllLightAreTakenAsNonfiniteOnes) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
+  RawFrame frame = noisy_frame(scene(96, 96), noise, 9);
+  const auto denoised = [&](float value) {
+    frame.dn(50, 51) = value;
+    return denoise_frame(frame, profile_of(noise), quick(GetParam()), silent_progress(), true);
+  };
+  const Denoised hole = denoised(std::numeric_limits<float>::quiet_NaN());
+  for (const float value : {-3.4e38f, -1e10f, 1e20f}) {
+    Denoised result = denoised(value);
+    EXPECT_EQ(result.nonfinite_pixels, 1);
+    EXPECT_EQ(result.saturated_pixels, 0);
+    EXPECT_FLOAT_EQ(result.dn_above_black(50, 51), value);
+    EXPECT_TRUE(std::isnan((*result.variance_dn2)(50, 51)));
+    result.dn_above_black(50, 51) = hole.dn_above_black(50, 52);
+    Image expected = hole.dn_above_black;
+    expected(50, 51) = hole.dn_above_black(50, 52);
+    EXPECT_EQ(result.dn_above_black, expected) << value;
+    EXPECT_EQ(result.mean_dn, hole.mean_dn);
+  }
+}
+
 TEST_P(MosaicMethod, FlatAndSaturatedPicturesStayFlat) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   RawFrame frame = noisy_frame(Image(80, 80), noise, 9);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -333,6 +334,20 @@ TEST(EstimateProfile, RoundingIsNoiseToo) {
   for (const double found : deviations()) {
     EXPECT_GE(found, std::sqrt(1.0 / 12));
     EXPECT_LT(found, 0.4);
+  }
+}
+
+TEST(EstimateProfile, PixelsThatHoldNoLightTakeNoPart) {
+  RawFrame frame = frame_of(shaded(256, 320, 30, 600), shot_and_read_noise(1.5, 3.7));
+  frame.dn(77, 78) = std::numeric_limits<float>::quiet_NaN();
+  const PictureNoise hole = *estimate_profile(frame);
+  for (const float value : {-3.4e38f, -1e10f, 1e20f}) {
+    frame.dn(77, 78) = value;
+    const Estimate<PictureNoise> noise = estimate_profile(frame);
+    ASSERT_TRUE(noise) << value;
+    EXPECT_EQ(noise->trust, hole.trust);
+    for (std::size_t k = 0; k < 16; ++k)
+      EXPECT_EQ(noise->profile.channels[k].variance(300), hole.profile.channels[k].variance(300));
   }
 }
 

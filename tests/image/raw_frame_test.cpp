@@ -1,5 +1,7 @@
 #include "malus/image/raw_frame.h"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -43,6 +45,28 @@ TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {
   EXPECT_EQ(frame.white_dn, 3930);
   EXPECT_EQ(frame.dn(0, 1), 30);
   EXPECT_EQ(frame.black_dn, std::vector<double>(4, 0.0));
+}
+
+TEST(RawFrame, LightLiesWithinAHundredTimesWhite) {
+  RawFrame frame;
+  frame.layout = SensorLayout::named("polar-mono");
+  frame.black_dn = {60, 70, 50, 60};
+  frame.white_dn = 4070;
+  const LightRange light = light_range(frame);
+  EXPECT_TRUE(light.holds(50 - 400e3f) && light.holds(4070 + 400e3f));
+  for (const float dn : {40 - 400e3f, 4080 + 400e3f, -3.4e38f, 1e20f, INFINITY, NAN})
+    EXPECT_FALSE(light.holds(dn)) << dn;
+}
+
+// What cannot be judged is left to whoever needs a white.
+TEST(RawFrame, AWhiteThatIsNotAboveBlackTellsNoLight) {
+  for (const double white_dn : {60.0, 0.0, std::nan("")}) {
+    RawFrame frame;
+    frame.black_dn = {60};
+    frame.white_dn = white_dn;
+    EXPECT_TRUE(light_range(frame).holds(0) && light_range(frame).holds(-3.4e38f));
+    EXPECT_FALSE(light_range(frame).holds(INFINITY) || light_range(frame).holds(NAN));
+  }
 }
 
 }  // namespace

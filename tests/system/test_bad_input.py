@@ -126,10 +126,17 @@ def test_denoise_keeps_and_reports_pixels_that_are_no_numbers(malus, tmp_path):
     pixels[10, 11], pixels[20, 21] = np.nan, np.inf
     np.save(tmp_path / "f.npy", pixels)
     result = malus("denoise", tmp_path / "f.npy", *LAYOUT, "-o", tmp_path / "out", "--format", "npy")
-    assert "2 pixels are NaN or infinite" in result.err
+    assert "2 pixels are NaN, infinite, or beyond 100 times white; they stay as they are" in result.err
     out = np.load(tmp_path / "out" / "f_denoised.npy")
     assert np.isnan(out[10, 11]) and np.isinf(out[20, 21])
     assert np.isfinite(out).sum() == out.size - 2
+    pixels[10, 11] = pixels[20, 21] = -3.4e38  # "no data" of many files
+    np.save(tmp_path / "f.npy", pixels)
+    told = malus("denoise", tmp_path / "f.npy", *LAYOUT, "-o", tmp_path / "filled", "--format", "npy").err
+    assert "2 pixels are NaN, infinite, or beyond 100 times white; they stay as they are" in told
+    filled = np.load(tmp_path / "filled" / "f_denoised.npy")
+    assert filled[10, 11] == filled[20, 21] == np.float32(-3.4e38)
+    np.testing.assert_array_equal(filled[out < 1e9], out[np.isfinite(out)])
 
 
 def test_a_frame_of_nothing_else_is_reported_and_kept(malus, tmp_path):
@@ -137,7 +144,7 @@ def test_a_frame_of_nothing_else_is_reported_and_kept(malus, tmp_path):
     result = malus("denoise", tmp_path / "f.npy", *LAYOUT, "--model", "imx250mzr-simulated", "--gain", 12,
                    "--format", "npy", "-o", tmp_path / "out")
     warnings = [line for line in result.err.splitlines() if line.startswith("warning:")]
-    assert len(warnings) == 1 and "4096 pixels are NaN or infinite; they stay" in warnings[0]
+    assert len(warnings) == 1 and "4096 pixels are NaN, infinite, or beyond 100 times white; they stay" in warnings[0]
     assert np.isnan(np.load(tmp_path / "out/f_denoised.npy")).all()
 
 

@@ -248,7 +248,7 @@ def test_integers_of_what_is_no_number_are_0_or_white_and_told(malus, tmp_path):
     np.save(tmp_path / "holes.npy", dn)
     done = malus("denoise", tmp_path / "holes.npy", "--layout", "mono", "--black", 80, "--white", 4095, "--profile", "fast", "--u16",
                  "-o", tmp_path)
-    assert "--u16 writes what is NaN or infinite as integers 0 or white" in done.err
+    assert "--u16 writes pixels that hold no light as integers 0 or white" in done.err
     codes = np.array(Image.open(tmp_path / "holes_denoised_u16.tif"))
     assert (codes[10, 20], codes[30, 40], codes[50, 60]) == (0, 4095, 0)
 

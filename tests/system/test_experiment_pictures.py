@@ -103,7 +103,7 @@ def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, exper
     np.save(experiments / "spoiled.npy", spoiled)
     told = malus("denoise", experiments / "spoiled.npy", "--layout", "bayer-rggb", "--black", 0, "--white", 15000, "--iso", 1600,
                  *denoise[2:], "--format", "npy")
-    assert "3 pixels are NaN or infinite; they are filled from their neighbours" in told.err
+    assert "3 pixels are NaN, infinite, or beyond 100 times white; they are filled from their neighbours" in told.err
     assert "1024 pixels, 25 % of the frame, are saturated" in told.err
     assert np.isfinite(np.load(experiments / "rgb/spoiled_rgb.npy")).all()
 

@@ -28,9 +28,16 @@ void check_frame(const RawFrame& frame, const RawFrame* like) {
                      fmt::format("has the layout {}, but {} has {}", frame.layout.name(),
                                  like->source, like->layout.name()),
                      "give the layout in the session's [sensor] section");
-  for (float value : frame.dn.values())
-    if (!std::isfinite(value))
+  const LightRange light = light_range(frame);
+  for (const float dn : frame.dn.values()) {
+    if (light.holds(dn)) continue;
+    if (!std::isfinite(dn))
       throw InputError(frame.source, "has NaN or infinite pixels", "remove this frame");
+    throw InputError(
+        frame.source,
+        fmt::format("has a pixel of {:g} DN, beyond {:g} times white", dn, kMostWhites),
+        "remove this frame, or check white");
+  }
 }
 
 // The pixels as a camera with the black level of `like` would have written them: DN above black are

@@ -55,10 +55,12 @@ CutOff measure_cut_off(const RawFrame& frame) {
   if (frame.bits == 0 ||
       std::none_of(frame.dn.values().begin(), frame.dn.values().end(), at_most_zero))
     return cut_off;
+  const LightRange light = light_range(frame);
   std::vector<double> at_zero = cut_off.share, pixels = at_zero;
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {
       const auto k = static_cast<std::size_t>(frame.layout.channel_at(r, c));
+      if (!light.holds(frame.dn(r, c))) continue;
       if (frame.dn(r, c) < 0) return {cut_off.share, {}};  // signed: nothing ends at 0
       pixels[k] += 1;
       if (!(frame.dn(r, c) <= 0)) continue;

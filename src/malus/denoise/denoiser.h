@@ -80,7 +80,9 @@ struct Denoised {
   /// The result's mean minus that. Filters keep means: where it moves, the noise was not what the
   /// profile says.
   std::vector<double> mean_shift_dn;
-  std::int64_t nonfinite_pixels = 0;  ///< NaN and infinite input pixels, kept as they are
+  /// Input pixels that hold no light (light_range), NaN and infinite ones among them, kept as they
+  /// are.
+  std::int64_t nonfinite_pixels = 0;
   std::int64_t saturated_pixels = 0;
   /// Of the pixels, those at 0 that noise took there (cut_off.h), and whether its law was taken
   /// back, which needs noise of half a step or more, a method that stabilises, and of a network
@@ -111,8 +113,9 @@ const std::vector<DenoiseMethod>& denoise_methods();
 const DenoiseMethod& denoise_method(const std::string& name, const std::string& also = "");
 
 /// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
-/// its bias is subtracted, its defects are filled, its fixed pattern is taken out. Pixels that are
-/// not finite are filled from their neighbours for the filter's sake and come back unchanged.
+/// its bias is subtracted, its defects are filled, its fixed pattern is taken out. Pixels that hold
+/// no light (light_range) are filled from their neighbours for the filter's sake and come back as
+/// they are, above black.
 /// Float pixels (bits 0) are saturated at white where white_known says so, else where they pile up.
 /// Throws InputError on an unknown method or profile name, an empty frame, a layout that differs
 /// from the profile's, a white that is not above black or out of all range, or too little memory;

@@ -18,6 +18,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -241,9 +242,8 @@ double fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
   return deviation_dn;
 }
 
-}  // namespace
-
-Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch search) {
+// Of a frame whose pixels hold light, or are NaN.
+Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch search) {
   // White may lie lower than what is told, and is not known of many frames.
   const std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
   Planes planes = planes_above_black(frame, piles_dn);
@@ -276,10 +276,31 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch sea
   return noise;
 }
 
+// The frame with NaN for pixels that hold no light; none where all do.
+std::optional<RawFrame> cleaned(const RawFrame& frame) {
+  const LightRange light = light_range(frame);
+  const auto holds_none = [&](float dn) { return !std::isnan(dn) && !light.holds(dn); };
+  const auto& pixels = frame.dn.values();
+  if (std::none_of(pixels.begin(), pixels.end(), holds_none)) return std::nullopt;
+  std::optional<RawFrame> copy = frame;
+  std::replace_if(copy->dn.values().begin(), copy->dn.values().end(), holds_none,
+                  std::numeric_limits<float>::quiet_NaN());
+  return copy;
+}
+
+}  // namespace
+
+Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch search) {
+  const std::optional<RawFrame> copy = cleaned(frame);
+  return noise_of_light(copy ? *copy : frame, search);
+}
+
 bool is_without_noise(const RawFrame& frame) {
-  const std::vector<float> piles_dn = piled_up_dn(frame.dn, frame.layout);
-  const Estimate<PlanesNoise> found = measure_planes(planes_above_black(frame, piles_dn), frame,
-                                                     piles_dn, quantization_step(frame.dn));
+  const std::optional<RawFrame> copy = cleaned(frame);
+  const RawFrame& light = copy ? *copy : frame;
+  const std::vector<float> piles_dn = piled_up_dn(light.dn, light.layout);
+  const Estimate<PlanesNoise> found = measure_planes(planes_above_black(light, piles_dn), light,
+                                                     piles_dn, quantization_step(light.dn));
   return found && !found->has_noise;
 }
 

@@ -7,9 +7,10 @@
 // does not affect, vote by a robust deviation; a line is fitted through the levels. Idea: Pyatykh,
 // Hesser, Zheng, "Image noise level estimation by principal component analysis", IEEE TIP 22(2),
 // 2013, and Foi, Trimeche, Katkovnik, Egiazarian, "Practical Poissonian-Gaussian noise modeling and
-// fitting for single-image raw-data", IEEE TIP 17(10), 2008; accuracy: docs/noise-estimate.md. Areas
-// that show none (noiseless_areas.h) take no part. What a picture cannot tell: the bias (taken as
-// 0), and noise that earlier processing has coloured.
+// fitting for single-image raw-data", IEEE TIP 17(10), 2008; accuracy: docs/noise-estimate.md.
+// Areas that show none (noiseless_areas.h) take no part, nor do pixels that hold no light
+// (light_range). What a picture cannot tell: the bias (taken as 0), and noise that earlier
+// processing has coloured.
 #pragma once
 
 #include "malus/base/estimate.h"

@@ -57,7 +57,8 @@ std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t o
   constexpr double kMuchCutOff = 0.01;
   std::vector<std::string> lines;
   if (const std::int64_t odd = result.nonfinite_pixels; odd > 0)
-    lines.push_back(counted_are(odd, "pixel") + " NaN or infinite; " +
+    lines.push_back(fmt::format("{} NaN, infinite, or beyond {:g} times white; ",
+                                counted_are(odd, "pixel"), kMostWhites) +
                     (of_picture > 0 ? odd == 1 ? "it is filled from its neighbours"
                                                : "they are filled from their neighbours"
                      : odd == 1     ? "it stays as it is"

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -31,9 +30,6 @@ constexpr double kSceneTexture = 0.5, kPrintTexture = 0.7, kPrintShows = 0.75;
 // Tiles spread over the frame, side by side, in the layout's phase; small frames as they are.
 // Saturated pixels are at range_dn; what was not a number, or shows no noise, is none here.
 Image sample_of(const PreparedFrame& frame) {
-  const auto precedes = [](const NonfinitePixel& a, const NonfinitePixel& b) {
-    return std::pair(a.row, a.col) < std::pair(b.row, b.col);
-  };
   const auto value = [&](int row, int col) {
     const auto place = static_cast<std::size_t>(row) * static_cast<std::size_t>(frame.dn.cols()) +
                        static_cast<std::size_t>(col);

@@ -86,15 +86,18 @@ std::vector<FilledPixel> fill(Image& dn, const SensorLayout& layout, const Place
   return pixels;
 }
 
-// All of them become NaN, which no measurement takes for a pixel.
-std::vector<NonfinitePixel> take_nonfinite(Image& dn) {
+// All of them become NaN, which no measurement takes for a pixel. They come back above black: no
+// bias is in them.
+std::vector<NonfinitePixel> take_nonfinite(RawFrame& frame) {
+  const LightRange light = light_range(frame);
   std::vector<NonfinitePixel> list;
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c)
-      if (!std::isfinite(dn(r, c))) {
-        list.push_back({r, c, dn(r, c)});
-        dn(r, c) = std::numeric_limits<float>::quiet_NaN();
-      }
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      float& pixel = frame.dn(r, c);
+      if (light.holds(pixel)) continue;
+      list.push_back({r, c, pixel - static_cast<float>(frame.black_at(r, c))});
+      pixel = std::numeric_limits<float>::quiet_NaN();
+    }
   return list;
 }
 
@@ -123,12 +126,16 @@ std::vector<FilledPixel> replace(Image& dn, const SensorLayout& layout,
 // that has nothing but these around it becomes one: what it holds is no light, and nothing tells a
 // better one.
 std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
-                                      const DefectList& defects) {
+                                      const DefectList& defects,
+                                      std::vector<NonfinitePixel>& nonfinite) {
   if (defects.rows != dn.rows() || defects.cols != dn.cols()) return {};
   std::vector<DefectList::Place> places;
   for (const DefectList::Place& p : defects.places)
     if (std::isfinite(dn(p.row, p.col))) places.push_back(p);
   std::vector<FilledPixel> filled = replace(dn, layout, places);
+  for (const FilledPixel& p : filled)
+    if (!std::isfinite(dn(p.row, p.col))) nonfinite.push_back({p.row, p.col, dn(p.row, p.col)});
+  std::sort(nonfinite.begin(), nonfinite.end(), precedes);
   std::erase_if(filled, [&](const FilledPixel& p) { return !std::isfinite(dn(p.row, p.col)); });
   return filled;
 }
@@ -241,7 +248,10 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   PreparedFrame prepared;
   prepared.layout = frame.layout;
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
-  if (steps.fill_defects) prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects);
+  prepared.nonfinite = take_nonfinite(frame);
+  if (steps.fill_defects)
+    prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects, prepared.nonfinite);
+  report.nonfinite_pixels = std::ssize(prepared.nonfinite);
   report.defect_pixels = std::ssize(prepared.filled);
   const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
   prepared.highest_dn = levels.highest_dn;
@@ -254,8 +264,6 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
       if (pixel >= saturated_dn[k]) ++report.saturated_pixels;
     }
   prepared.dn = std::move(frame.dn);
-  prepared.nonfinite = take_nonfinite(prepared.dn);
-  report.nonfinite_pixels = static_cast<std::int64_t>(prepared.nonfinite.size());
   prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
   prepared.is_noiseless = noiseless_areas(prepared.dn, prepared.layout, saturated_dn);
   without_noiseless(prepared, [&] {

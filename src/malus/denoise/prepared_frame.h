@@ -12,11 +12,15 @@
 
 namespace malus {
 
-/// An input pixel that is not a number, to be put back.
+/// An input pixel that holds no light (light_range), to be put back.
 struct NonfinitePixel {
   int row, col;
-  float value;
+  float value;  ///< above black
 };
+/// In the frame's order.
+inline bool precedes(const NonfinitePixel& a, const NonfinitePixel& b) {
+  return a.row != b.row ? a.row < b.row : a.col < b.col;
+}
 
 /// A defect pixel, or an impulse (impulses.h), that was filled from its neighbours.
 struct FilledPixel {

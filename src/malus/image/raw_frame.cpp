@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -44,6 +45,19 @@ std::string gain_prefix(const std::vector<GainSetting>& gains, const std::string
 
 double white_above_black(double white_dn, const std::vector<double>& black_dn) {
   return white_dn - (black_dn.empty() ? 0.0 : *std::max_element(black_dn.begin(), black_dn.end()));
+}
+
+LightRange light_range(const RawFrame& frame) {
+  constexpr float kLargest = std::numeric_limits<float>::max();
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
+  if (!(range_dn > 0)) return {-kLargest, kLargest};
+  const double black_dn = frame.black_dn.empty()
+                              ? 0.0
+                              : *std::min_element(frame.black_dn.begin(), frame.black_dn.end());
+  const auto bound = [](double dn) {
+    return static_cast<float>(std::clamp(dn, -double{kLargest}, double{kLargest}));
+  };
+  return {bound(black_dn - kMostWhites * range_dn), bound(frame.white_dn + kMostWhites * range_dn)};
 }
 
 void subtract_black(RawFrame& frame) {

@@ -61,6 +61,19 @@ struct RawFrame {
 /// White above black: the largest signal that every channel can hold, white less the highest black.
 double white_above_black(double white_dn, const std::vector<double>& black_dn);
 
+/// Farther from black or white than so many times what lies between them no pixel holds light: it
+/// is a file's "no data" (-3.4e38), or what a program divided by nearly 0.
+inline constexpr double kMostWhites = 100;
+
+/// Values of pixels that hold light.
+struct LightRange {
+  float lowest_dn, highest_dn;
+  bool holds(float dn) const { return dn >= lowest_dn && dn <= highest_dn; }  // NaN is not
+};
+
+/// Within kMostWhites; all that is finite where white is not above black.
+LightRange light_range(const RawFrame& frame);
+
 /// Subtracts the black level in place: afterwards pixels and white are DN above black. Nothing is
 /// clamped.
 void subtract_black(RawFrame& frame);

@@ -68,10 +68,8 @@ void require_no_classical_settings(const DenoiseSettings& settings) {
                      "leave it out, or use " + setting("method", "nl-ridge"));
 }
 
-// Light of a frame never is: broken weights give it, or a model and gain of another frame.
-constexpr double kMostWhites = 100;
-
-// The least and largest value of a result whose white is known.
+// The least and largest value of a result whose white is known. No light: broken weights give it,
+// or a model and gain of another frame.
 void require_plausible(double least, double largest, double white,
                        const std::filesystem::path& weights) {
   const double extreme = std::max(-least, largest) / white;
