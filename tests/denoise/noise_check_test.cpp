@@ -74,7 +74,10 @@ TEST(NoiseCheck, NamesNoiseOfAnotherGain) {
 
 // A clean picture in a frame's place. Frames of one value, and small ones, tell nothing.
 TEST(NoiseCheck, AFrameWithoutNoiseIsNone) {
-  const NoiseProfile profile = profile_of(stepped_camera(4.0));
+  PhysicsNoise noise = stepped_camera(4.0);
+  for (std::size_t k = 0; k < noise.channels.size(); ++k)
+    noise.channels[k].mu_dn = 0.5 * static_cast<double>(k);
+  const NoiseProfile profile = profile_of(noise);
   const auto checked = [&](int side, float wave_dn) {
     RawFrame frame;
     frame.layout = profile.layout;

@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -91,18 +93,23 @@ std::vector<ChannelSums> sums_of(const RawFrame& sample, const NoiseProfile& pro
 }
 
 // A masked or black frame, and one that is cut off at its least value, show no noise, whatever the
-// camera has.
-bool mostly_least_value(const Image& dn) {
-  float least = std::numeric_limits<float>::infinity();
-  std::int64_t at_least = 0, all = 0;
-  for (const float v : dn.values()) {
-    if (!std::isfinite(v)) continue;
-    ++all;
-    if (v < least) at_least = 0;
-    least = std::min(least, v);
-    at_least += v == least;
-  }
-  return 2 * at_least >= all;
+// camera has. Channels have dark levels of their own.
+bool mostly_least_value(const RawFrame& sample) {
+  std::vector<float> least(static_cast<std::size_t>(sample.layout.channels()),
+                           std::numeric_limits<float>::infinity());
+  std::vector<std::int64_t> at_least(least.size(), 0);
+  std::int64_t all = 0;
+  for (int r = 0; r < sample.dn.rows(); ++r)
+    for (int c = 0; c < sample.dn.cols(); ++c) {
+      const float value = sample.dn(r, c);
+      if (!std::isfinite(value)) continue;
+      ++all;
+      const auto k = static_cast<std::size_t>(sample.layout.channel_at(r, c));
+      if (value < least[k]) at_least[k] = 0;
+      least[k] = std::min(least[k], value);
+      at_least[k] += value == least[k];
+    }
+  return 2 * std::accumulate(at_least.begin(), at_least.end(), std::int64_t{0}) >= all;
 }
 
 // The noise that the sample shows at its channels' means; false where it cannot tell.
@@ -111,7 +118,7 @@ bool take_noise_of(const RawFrame& sample, const std::vector<ChannelSums>& sums,
   const Estimate<PictureNoise> own = estimate_profile(sample, search);
   // One channel cannot tell.
   check.texture_share = own && sums.size() > 1 ? own->texture_share : 1;
-  const bool tells = own || (!mostly_least_value(sample.dn) && is_without_noise(sample));
+  const bool tells = own || (!mostly_least_value(sample) && is_without_noise(sample));
   check.frame_sd_dn = tells ? 0.0 : std::numeric_limits<double>::quiet_NaN();
   for (std::size_t k = 0; own && k < sums.size(); ++k)
     check.frame_sd_dn += std::sqrt(own->profile.channels[k].variance(sums[k].mean())) /
