@@ -153,6 +153,25 @@ TEST(EstimateProfile, TextureThatChannelsShareIsNoNoise) {
   }
 }
 
+// Levels of one brightness: a line through them may be anything elsewhere.
+TEST(EstimateProfile, WhiteNoiseOfAnEvenSmallFrameIsNotCalledTexture) {
+  for (const std::uint64_t seed : {12u, 15u, 26u}) {  // of 60 those of the largest shares
+    RawFrame frame;
+    frame.layout = SensorLayout::named("polar-mono");
+    frame.black_dn.assign(4, 0.0);
+    frame.white_dn = 4095;
+    frame.black_known = frame.white_known = true;
+    frame.dn = Image(128, 128);
+    RandomSequence random(seed, 0, Draw::kScene);
+    for (float& v : frame.dn.values())
+      v = static_cast<float>(std::round(500 + 20 * random.normal()));
+    const Estimate<PictureNoise> noise = estimate_profile(frame);
+    ASSERT_TRUE(noise);
+    EXPECT_GT(noise->texture_share, 0.25) << seed;
+    EXPECT_EQ(noise->trust.find("it is texture"), std::string::npos) << seed;
+  }
+}
+
 // Without the floors its deviation comes out 13 times too large. All blocks are of one brightness:
 // that the noise rises with the light is known only of noise that is not below zero in the dark.
 TEST(EstimateProfile, AWeaveAllOverHidesNoNoise) {

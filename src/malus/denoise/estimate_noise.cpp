@@ -223,6 +223,14 @@ Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame
   return out;
 }
 
+// At the channels' mean signals, mean over the channels.
+double deviation_dn_of(const PlanesNoise& measured) {
+  double sum = 0;
+  const std::vector<VarianceCurve> curves = measured.channels.curves(1.0);
+  for (std::size_t k = 0; k < curves.size(); ++k) sum += std::sqrt(curves[k](measured.mean_dn[k]));
+  return sum / static_cast<double>(curves.size());
+}
+
 // The channels' variances, and the error of the deviation at their mean signals; returns that
 // deviation in DN.
 double fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
@@ -260,6 +268,7 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
   unpack(planes, frame.layout, dn);
   planes = {};
   measured.channels.settle();
+  const double seeming_dn = deviation_dn_of(measured);
   noise.texture_share = internal::take_texture_off(
       dn, frame.layout, measured.saturated_dn, search == TextureSearch::kWhole, measured.channels);
   noise.levels = measured.levels / frame.layout.channels();
@@ -267,12 +276,15 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
   const double deviation_dn = fill_channels(measured, noise);
   estimate_row_deviation(dn, measured.saturated_dn, noise.profile);
   noise.trust = trust_statement(noise, deviation_dn);
-  if (noise.texture_share > kMuchTexture)
+  // Through levels of nearly one brightness lines are unsteady everywhere else, and texture_share
+  // with them.
+  const double left_out = 1 - std::pow(deviation_dn / seeming_dn, 2);
+  if (std::min(left_out, noise.texture_share) > kMuchTexture)
     noise.trust += fmt::format(
         "; {:.0f} % of what looked like noise can be told from neighbouring pixels, which noise "
         "never can: it is texture and was left out; texture as fine as the pixels was not, so the "
         "result may be blurred and too bright",
-        100 * noise.texture_share);
+        100 * left_out);
   return noise;
 }
 

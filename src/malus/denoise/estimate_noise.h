@@ -31,8 +31,10 @@ struct PictureNoise {
   double relative_error = 0;  ///< of the deviation at the mean signal, one standard error
   int levels = 0;             ///< of brightness that carry the fit, mean over the channels
   double smooth_share = 0;    ///< of the blocks: how much of the picture could be used
-  double texture_share = 0;   ///< of what looked like noise, left out of it (noise_floor.h)
-  std::string trust;          ///< one sentence with the numbers
+  /// Of what looked like noise over all levels of brightness, left out of it (noise_floor.h). Of a
+  /// small picture of one brightness it may be chance: trust tells what is left out at the mean.
+  double texture_share = 0;
+  std::string trust;  ///< one sentence with the numbers
 };
 
 /// How long texture is looked through for noise: kQuick leaves out the smooth patches between it
@@ -47,8 +49,9 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
 /// Whether estimate_profile is undecided because the picture, which is large enough, has no noise.
 bool is_without_noise(const RawFrame& frame);
 
-/// estimate_profile for callers that cannot go on without it: throws InputError where it is undecided, with
-/// the reason, and on a frame without pixels; remedy: what the caller's user can do.
+/// estimate_profile for callers that cannot go on without it: throws InputError where it is
+/// undecided, with the reason, and on a frame without pixels; remedy: what the caller's user can
+/// do.
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy);
 
 }  // namespace malus
