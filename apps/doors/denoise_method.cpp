@@ -32,7 +32,7 @@ void require_method(const std::string& name) {
 
 std::vector<std::string> picture_complaints(const NetworkInference::Rendered& made) {
   const auto pixels = std::int64_t{made.picture.rows()} * made.picture.cols();
-  std::vector<std::string> lines = frame_complaints(made.report, pixels);
+  std::vector<std::string> lines = frame_complaints(made.report, false, pixels);
   if (made.report.noise) lines.push_back(noise_complaint(*made.report.noise));
   std::erase(lines, "");
   return lines;

@@ -35,6 +35,19 @@ TEST(ResultComplaints, AreNoneOfAPlainResult) {
   EXPECT_THAT(result_complaints(mono_frame(), plain_result(), {}), IsEmpty());
 }
 
+// What has no polarizers has no DoLP.
+TEST(ResultComplaints, NameWhatCutOffDarknessSpoils) {
+  Denoised result = plain_result();
+  result.cut_off_share = 0.02;
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}),
+              ElementsAre(HasSubstr("cut the noise of dark places off: the light there comes out "
+                                    "wrong; raise the camera's black level")));
+  RawFrame polarized = mono_frame();
+  polarized.layout = SensorLayout::named("polar-mono");
+  EXPECT_THAT(result_complaints(polarized, result, {}),
+              ElementsAre(HasSubstr("the light there and its DoLP come out wrong; raise")));
+}
+
 TEST(ResultComplaints, NameWhatWasFilled) {
   Denoised result = plain_result();
   result.defect_pixels = 101;

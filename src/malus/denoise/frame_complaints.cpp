@@ -52,7 +52,8 @@ std::string many_defects(const Denoised& result) {
 
 }  // namespace
 
-std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t of_picture) {
+std::vector<std::string> frame_complaints(const Denoised& result, bool polarized,
+                                          std::int64_t of_picture) {
   constexpr double kManySaturated = 0.01;  // lamps and their reflections are fewer
   constexpr double kMuchCutOff = 0.01;
   std::vector<std::string> lines;
@@ -77,14 +78,15 @@ std::vector<std::string> frame_complaints(const Denoised& result, std::int64_t o
         "the camera's black level by a few deviations of the noise",
         percent_text(result.cut_off_share),
         result.cut_off_undone ? "their light is worked out as far as the noise is known"
-                              : "the light there and its DoLP come out wrong"));
+        : polarized           ? "the light there and its DoLP come out wrong"
+                              : "the light there comes out wrong"));
   return lines;
 }
 
 std::vector<std::string> result_complaints(const RawFrame& before, const Denoised& result,
                                            const NoiseProfile& profile,
                                            const std::string& network) {
-  std::vector<std::string> lines = frame_complaints(result);
+  std::vector<std::string> lines = frame_complaints(result, before.layout.polarized());
   const auto add = [&](std::string line) {
     if (!line.empty()) lines.push_back(std::move(line));
   };
