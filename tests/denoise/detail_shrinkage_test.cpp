@@ -3,7 +3,7 @@
 #include "malus/denoise/internal/detail_shrinkage.h"
 
 #include "malus/base/random.h"
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // Truth: sums of geometric series, and pictures known without noise.
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include "malus/base/random.h"
 

@@ -2,7 +2,7 @@
 #include "malus/denoise/internal/pilot_doubt.h"
 
 #include "malus/base/random.h"
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include <cmath>
 #include <utility>

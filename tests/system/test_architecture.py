@@ -79,6 +79,16 @@ def test_heavy_libraries_stay_out_of_headers():
     assert not wrong, "\n".join(wrong)
 
 
+def test_installed_headers_include_none_that_is_not():
+    """Those in folders named internal are not (cmake/MalusInstall.cmake)."""
+    wrong = []
+    for path in SOURCES.rglob("*.h"):
+        if "internal" not in path.parts:
+            wrong += [f"{path.relative_to(ROOT)} includes {target}"
+                      for target in re.findall(r'#include [<"]([^>"]+)[>"]', path.read_text()) if "internal/" in target]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_modules_of_the_documentation_are_those_of_the_build():
     rows = re.findall(r"^\| `(\w+)` \| ([\w, ]*?) *\|", (ROOT / "ARCHITECTURE.md").read_text(), re.MULTILINE)
     told = {name: set(depends.replace(",", " ").split()) for name, depends in rows}

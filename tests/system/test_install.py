@@ -66,6 +66,26 @@ def test_a_project_of_its_own_builds_and_runs(prefix, tmp_path):
     assert abs(denoised - 200) < 15
 
 
+def test_every_installed_header_can_be_included(prefix, tmp_path):
+    """But those of the optional modules, which ask for libraries of their own, and pieces that other files are made of."""
+    include = prefix / "include"
+    headers = [path.relative_to(include) for path in sorted(include.rglob("*.h"))
+               if path.relative_to(include).parts[1] not in ("capture", "neural", "cuda")
+               and not path.name.endswith(("-inl.h", "vector_targets.h"))]
+    assert len(headers) > 100
+    (tmp_path / "all.cpp").write_text("".join(f"#include <{header}>\n" for header in headers))
+    (tmp_path / "CMakeLists.txt").write_text("""cmake_minimum_required(VERSION 3.25)
+project(headers LANGUAGES C CXX)
+find_package(malus REQUIRED)
+add_library(headers OBJECT all.cpp)
+target_link_libraries(headers PRIVATE malus::malus)
+""")
+    subprocess.run(["cmake", "-S", tmp_path, "-B", tmp_path / "build", "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}"],
+                   check=True, capture_output=True)
+    built = subprocess.run(["cmake", "--build", tmp_path / "build"], capture_output=True, text=True)
+    assert built.returncode == 0, built.stdout
+
+
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     if not shutil.which("dpkg-shlibdeps"):

@@ -1,7 +1,7 @@
 // What the mosaic filter must know of the whole frame: its cells' means, principal axes and linear
 // estimates.
 #include "malus/base/parallel.h"
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include <algorithm>
 #include <cmath>

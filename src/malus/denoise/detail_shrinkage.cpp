@@ -2,7 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/detail_kernel.h"
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include <algorithm>
 #include <cmath>

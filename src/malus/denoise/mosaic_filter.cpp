@@ -1,4 +1,4 @@
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/block_mix.h"

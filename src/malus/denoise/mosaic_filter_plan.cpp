@@ -3,9 +3,9 @@
 #include "malus/base/error.h"
 #include "malus/denoise/internal/block_mix.h"
 #include "malus/denoise/internal/detail_shrinkage.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 #include "malus/denoise/internal/pilot_doubt.h"
 #include "malus/denoise/internal/stated_error.h"
-#include "malus/denoise/mosaic_filter.h"
 
 #include <algorithm>
 

@@ -1,8 +1,8 @@
 #include "malus/denoise/internal/stated_error.h"
 
 #include "malus/base/parallel.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 #include "malus/denoise/internal/stack_kernel.h"
-#include "malus/denoise/mosaic_filter.h"
 #include "malus/image/sum_around.h"
 
 #include <algorithm>

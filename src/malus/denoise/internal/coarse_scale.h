@@ -5,7 +5,7 @@
 // 2017; here on mosaics, with means over 2x2 periods of the layout instead of the DCT.)
 #pragma once
 
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 namespace malus::internal {
 

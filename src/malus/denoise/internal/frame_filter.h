@@ -1,7 +1,7 @@
 // The default method's filter on a whole frame, tile by tile and scale by scale.
 #pragma once
 
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 namespace malus::internal {
 

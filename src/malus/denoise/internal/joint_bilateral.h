@@ -7,7 +7,7 @@
 // Statist. 9, 1981): where light has many levels, as in photographs, it is next to nothing.
 #pragma once
 
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include <vector>
 

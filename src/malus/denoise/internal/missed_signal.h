@@ -2,7 +2,7 @@
 // marks. No residual of a single pixel tells it, the noise is larger; the mean of a few does.
 #pragma once
 
-#include "malus/denoise/mosaic_filter.h"
+#include "malus/denoise/internal/mosaic_filter.h"
 
 #include <vector>
 
