@@ -100,6 +100,20 @@ def test_a_list_of_sets_is_checked():
     assert repr(good[1]) == "<malus.FrameSet flat, unknown gain, 0.001 s: 4 frames>" and len(good[1]) == 4
 
 
+def test_numbers_of_a_calibration_of_arrays_have_the_ranges_of_sessions():
+    good, told = session(), dict(layout=LAYOUT, black=BLACK, white=WHITE)
+    for rows in (0, -1, 65):
+        with pytest.raises(malus.InputError, match=f"^row_group: {rows} is outside its range; give 1 to 64$"):
+            malus.calibrate(good, row_group=rows, **told)
+    with pytest.raises(malus.InputError, match="32 rows are one row group of 64: nothing to compare; correct row_group, or leave it out$"):
+        malus.calibrate([malus.FrameSet("bias", camera(0, 4, 0, 32))], row_group=64, **told)
+    for level in (-1, 1000001):
+        with pytest.raises(malus.InputError, match=f"^level: {level} is outside its range; give 0 to 1e\\+06$"):
+            malus.FrameSet("bias", camera(0, 2, 0), level=level)
+    assert "level 1000000" in repr(malus.FrameSet("flat", camera(0, 2, 0), level=1000000))
+    with pytest.raises(malus.InputError, match="^kinds: names no kind of model; choose of physics, gaussian"):
+        malus.calibrate(good, (), **told)
+
 
 def test_gain_and_exposure_of_frames_are_those_of_their_set():
     def frames(light, count, **settings):

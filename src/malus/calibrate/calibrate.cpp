@@ -120,7 +120,7 @@ void require_row_groups(const RawFrame& first, int row_group) {
       throw InputError(first.source,
                        fmt::format("its {} rows are one row group of {}: nothing to compare",
                                    first.dn.rows(), row_group),
-                       "correct row_group in the session file, or leave it out");
+                       "correct row_group, or leave it out");
 }
 
 void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCalibration& out) {

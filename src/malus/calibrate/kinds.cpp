@@ -185,6 +185,9 @@ std::vector<std::string> calibrated_kinds() {
 
 NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
                      const std::vector<std::string>& kinds, Progress& progress) {
+  if (kinds.empty())
+    throw InputError(setting_name("kinds"), "names no kind of model",
+                     "choose of " + joined(calibrated_kinds()));
   for (const std::string& kind : kinds)
     if (!contains(calibrated_kinds(), kind.c_str()))
       throw InputError(setting_name("kinds"), fmt::format("{} is not a kind of model", kind),

@@ -155,7 +155,7 @@ FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, boo
   // Bias frames may be declared with no exposure at all.
   if (const auto fault = fault_of({group.gain, group.exposure_s}, group.kind == FrameKind::kBias))
     section.fail(fault->key, fault->problem, fault->remedy);
-  group.level = section.whole_number("level", 0, 1'000'000);
+  group.level = section.whole_number("level", 0, kLargestLevel);
   group.paths = find_files(section, folder, check_files);
   return group;
 }
@@ -213,7 +213,7 @@ SensorDescription parse_sensor(const ConfigSection& section) {
     }
   }
   if (const auto cell = section.section("cell")) sensor.layout = parse_cell(*cell);
-  sensor.row_group = section.whole_number("row_group", 1, 64);
+  sensor.row_group = section.whole_number("row_group", 1, kLargestRowGroup);
   if (const auto format = section.text("raw_format")) {
     try {
       sensor.raw_format = raw_format_named(*format);

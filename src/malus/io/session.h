@@ -13,6 +13,9 @@
 
 namespace malus {
 
+/// The largest numbers that a session takes; row groups begin at 1, levels at 0.
+inline constexpr int kLargestRowGroup = 64, kLargestLevel = 1'000'000;
+
 enum class FrameKind { kBias, kFlat, kBurst, kReference, kShort, kLong };
 
 std::string_view frame_kind_name(FrameKind kind);  ///< "bias", "flat", ...
