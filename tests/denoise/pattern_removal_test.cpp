@@ -3,6 +3,7 @@
 
 #include "malus/base/random.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/noise/model.h"
 
 #include <algorithm>
 #include <cmath>
@@ -45,6 +46,25 @@ NoiseProfile profile_with(Image dark_dn, Image response) {
   return profile;
 }
 
+// The first cell's rows, about the middle.
+Image columns_of(const Image& map, float middle) {
+  Image columns(4, kCols);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < kCols; ++c) columns(r, c) = map(r, c) - middle;
+  return columns;
+}
+
+NoiseProfile profile_with_columns(Image dark_dn, Image dark_columns_dn, Image response_columns) {
+  NoiseProfile profile = profile_with({}, {});
+  FixedPattern pattern;
+  pattern.dark_dn = std::move(dark_dn);
+  pattern.dark_columns_dn = std::move(dark_columns_dn);
+  pattern.response_columns = std::move(response_columns);
+  if (!pattern.response_columns.empty()) pattern.response = Image(kRows, kCols, 1);
+  profile.pattern = std::make_shared<const FixedPattern>(std::move(pattern));
+  return profile;
+}
+
 Image drawn(const Scene& scene, const FixedPattern& maps, double dark, double response,
             std::uint32_t stream) {
   RandomSequence random(5, stream, Draw::kUser);
@@ -62,7 +82,7 @@ Image drawn(const Scene& scene, const FixedPattern& maps, double dark, double re
 
 const std::vector<float> kNeverSaturated(16, 1e6f);
 
-PatternShares shares_of(const Image& dn, const NoiseProfile& profile) {
+MeasuredPattern shares_of(const Image& dn, const NoiseProfile& profile) {
   return measure_pattern(dn, profile.layout, profile, kNeverSaturated);
 }
 
@@ -73,18 +93,18 @@ TEST(PatternRemoval, SharesAreThoseThatWereDrawn) {
   for (const auto& [dark, response] : {std::pair{1.0, 1.0}, {0.0, 1.0}, {1.7, 0.0}, {0.5, 0.6}}) {
     const auto shares =
         shares_of(drawn(smooth_scene, *profile.pattern, dark, response, 3), profile);
-    EXPECT_NEAR(shares.dark.value, dark, 4.5 * shares.dark.stderr_value);
-    EXPECT_NEAR(shares.response.value, response, 4.5 * shares.response.stderr_value);
+    EXPECT_NEAR(shares.dark.pixels.value, dark, 4.5 * shares.dark.pixels.stderr_value);
+    EXPECT_NEAR(shares.response.pixels.value, response, 4.5 * shares.response.pixels.stderr_value);
     // sd of a share = sd of the noise / (sd of the map times the root of the pixels), by order of
     // size: overlapping differences and the scene's slopes add some, eight strips tell it roughly.
     const double noise = std::sqrt((kSlope * 300 + kFloor) / (kRows * kCols));
-    for (const double ratio :
-         {shares.dark.stderr_value / (noise / 3), shares.response.stderr_value / (noise / 6)}) {
+    for (const double ratio : {shares.dark.pixels.stderr_value / (noise / 3),
+                               shares.response.pixels.stderr_value / (noise / 6)}) {
       EXPECT_GT(ratio, 0.6);
       EXPECT_LT(ratio, 3.0);
     }
-    EXPECT_EQ(shares.dark.present(), dark > 0);
-    EXPECT_EQ(shares.response.present(), response > 0);
+    EXPECT_EQ(shares.dark.pixels.present(), dark > 0);
+    EXPECT_EQ(shares.response.pixels.present(), response > 0);
   }
 }
 
@@ -99,10 +119,11 @@ TEST(PatternRemoval, TextureLeavesTheSharesAsTheyAre) {
     };
     const NoiseProfile profile = profile_with(Image(), normal_map(1, 0.03, 2));
     const auto shares = shares_of(drawn(scene, *profile.pattern, 0, 1, 10), profile);
-    EXPECT_TRUE(shares.response.present());
-    EXPECT_NEAR(shares.response.value, 1, 4.5 * shares.response.stderr_value);
-    EXPECT_LT(shares.response.stderr_value, 0.1);
-    EXPECT_FALSE(shares_of(drawn(scene, *profile.pattern, 0, 0, 10), profile).response.present());
+    EXPECT_TRUE(shares.response.pixels.present());
+    EXPECT_NEAR(shares.response.pixels.value, 1, 4.5 * shares.response.pixels.stderr_value);
+    EXPECT_LT(shares.response.pixels.stderr_value, 0.1);
+    EXPECT_FALSE(
+        shares_of(drawn(scene, *profile.pattern, 0, 0, 10), profile).response.pixels.present());
   }
 }
 
@@ -111,9 +132,9 @@ TEST(PatternRemoval, OneMapAloneServes) {
     const NoiseProfile profile = profile_with(has_dark ? normal_map(0, 3, 1) : Image(),
                                               has_dark ? Image() : normal_map(1, 0.02, 2));
     const auto shares = shares_of(drawn(smooth_scene, *profile.pattern, 1, 1, 4), profile);
-    EXPECT_EQ(shares.dark.present(), has_dark);
-    EXPECT_EQ(shares.response.present(), !has_dark);
-    const PatternShare& share = has_dark ? shares.dark : shares.response;
+    EXPECT_EQ(shares.dark.pixels.present(), has_dark);
+    EXPECT_EQ(shares.response.pixels.present(), !has_dark);
+    const PatternShare& share = has_dark ? shares.dark.pixels : shares.response.pixels;
     EXPECT_NEAR(share.value, 1, 4.5 * share.stderr_value);
   }
 }
@@ -122,11 +143,64 @@ TEST(PatternRemoval, OneMapAloneServes) {
 // independent pixels would. None of twenty maps is taken for part of the scene.
 TEST(PatternRemoval, StripesAreNoColumnPattern) {
   for (std::uint32_t k = 0; k < 20; ++k) {
-    const NoiseProfile profile =
-        profile_with(normal_map(0, 2, 100 + k, true), normal_map(1, 0.01, 200 + k, true));
-    const auto shares = shares_of(drawn(striped_scene, *profile.pattern, 0, 0, k), profile);
-    EXPECT_FALSE(shares.dark.present()) << shares.dark.value;
-    EXPECT_FALSE(shares.response.present()) << shares.response.value;
+    const Image dark = normal_map(0, 2, 100 + k, true),
+                response = normal_map(1, 0.01, 200 + k, true);
+    for (const bool apart : {false, true}) {
+      const NoiseProfile profile =
+          apart ? profile_with_columns(normal_map(0, 1, 300 + k), columns_of(dark, 0),
+                                       columns_of(response, 1))
+                : profile_with(dark, response);
+      const auto shares = shares_of(drawn(striped_scene, FixedPattern{}, 0, 0, k), profile);
+      EXPECT_EQ(shares.dark.taken(), 0) << apart;
+      EXPECT_EQ(shares.response.taken(), 0) << apart;
+      EXPECT_EQ(shares.dark.columns_taken(), 0) << apart;
+    }
+  }
+}
+
+// Columns are told from pixels that a longer exposure made three times as dark, and that a frame
+// may lack.
+TEST(PatternRemoval, ColumnsHaveAShareOfTheirOwn) {
+  const Image columns = normal_map(0, 2, 41, true);
+  const NoiseProfile profile =
+      profile_with_columns(normal_map(0, 3, 1), columns_of(columns, 0), Image());
+  for (const auto& [pixels, own] : {std::pair(3, 1), {0, 1}, {1, 0}}) {
+    Image dn = drawn(smooth_scene, *profile.pattern, pixels, 0, 42);
+    for (int r = 0; r < kRows; ++r)
+      for (int c = 0; c < kCols; ++c) dn(r, c) += static_cast<float>(own) * columns(r, c);
+    const MeasuredPattern shares = shares_of(dn, profile);
+    EXPECT_NEAR(shares.dark.pixels.taken(), pixels, 0.1);
+    EXPECT_NEAR(shares.dark.columns_taken(), own, 0.1);
+    const double taken = shares.dark.taken();
+    EXPECT_NEAR(taken, pixels > 0 ? pixels : own, 0.1);
+    remove_pattern(dn, profile.layout, *profile.pattern, shares,
+                   SaturatedPixels(dn, profile.layout, kNeverSaturated));
+    double squares = 0, noise = 0;
+    for (int r = 0; r < kRows; ++r)
+      for (int c = 0; c < kCols; ++c) {
+        squares += std::pow(dn(r, c) - smooth_scene(r, c), 2);
+        noise += kSlope * smooth_scene(r, c) + kFloor;
+      }
+    EXPECT_NEAR(squares / noise, 1, 0.01);
+  }
+}
+
+// The glow at a sensor's edge hardly differs between neighbours: no frame tells its columns' share,
+// which is that of the pixels then.
+TEST(PatternRemoval, ColumnsThatNoFrameTellsGoWithThePixels) {
+  Image glow(kRows, kCols);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c) glow(r, c) = static_cast<float>(20 * std::exp(-c / 100.0));
+  const NoiseProfile profile =
+      profile_with_columns(normal_map(0, 3, 1), columns_of(glow, 0), Image());
+  for (const double share : {0.0, 1.0}) {
+    Image dn = drawn(smooth_scene, *profile.pattern, share, 0, 43);
+    for (int r = 0; r < kRows; ++r)
+      for (int c = 0; c < kCols; ++c) dn(r, c) += static_cast<float>(share) * glow(r, c);
+    const MeasuredPattern shares = shares_of(dn, profile);
+    EXPECT_FALSE(shares.dark.columns.present());
+    EXPECT_EQ(shares.dark.columns_taken(), shares.dark.pixels.taken());
+    EXPECT_NEAR(shares.dark.columns_taken(), share, 0.05);
   }
 }
 
@@ -139,19 +213,70 @@ TEST(PatternRemoval, AChartOfBarsHoldsNoPattern) {
       const NoiseProfile profile =
           profile_with(normal_map(0, 0.2, 300 + k), normal_map(1, prnu, 400 + k));
       const auto shares = shares_of(drawn(bars, *profile.pattern, 0, 0, k), profile);
-      EXPECT_EQ(shares.dark.value, 0);
-      EXPECT_EQ(shares.response.value, 0);
+      EXPECT_EQ(shares.dark.pixels.value, 0);
+      EXPECT_EQ(shares.response.pixels.value, 0);
     }
 }
 
 TEST(PatternRemoval, NoFrameHoldsAMapManyTimes) {
-  PatternShares shares;
-  EXPECT_FALSE(shares.dark.present());
-  shares.dark.stderr_value = shares.response.stderr_value = 0.1;
-  shares.dark.value = 4, shares.response.value = 1.1;
-  EXPECT_TRUE(shares.dark.present() && shares.response.present());
-  shares.dark.value = 150, shares.response.value = 3;
-  EXPECT_FALSE(shares.dark.present() || shares.response.present());
+  MeasuredPattern shares;
+  EXPECT_FALSE(shares.dark.pixels.present());
+  shares.dark.pixels.stderr_value = shares.response.pixels.stderr_value = 0.1;
+  shares.dark.pixels.value = 4, shares.response.pixels.value = 1.1;
+  EXPECT_TRUE(shares.dark.pixels.present() && shares.response.pixels.present());
+  shares.dark.pixels.value = 150, shares.response.pixels.value = 3;
+  EXPECT_FALSE(shares.dark.pixels.present() || shares.response.pixels.present());
+}
+
+// More than one share of the response is but the noise of a frame that the maps were made of, and
+// so is what is kept of more than one of the dark shading.
+TEST(PatternRemoval, NoiseThatAFrameSharesWithTheMapsIsNotTakenOutTwice) {
+  PatternShare dark{.most = 10, .grows = true, .kept = 0.125}, response{.most = 2, .kept = 0.5};
+  dark.stderr_value = response.stderr_value = 0.01;
+  for (const auto& [value, taken] : {std::pair(0.8, 0.8), {1.5, 1.0}, {8.2, 1.025}, {40, 5}}) {
+    dark.value = value;
+    EXPECT_NEAR(dark.taken(), taken, 1e-12);
+  }
+  for (const auto& [value, taken] : {std::pair(0.8, 0.8), {1.5, 1.0}, {3.0, 1.0}, {4.5, 0.0}}) {
+    response.value = value;
+    EXPECT_NEAR(response.taken(), taken, 1e-12);
+  }
+}
+
+// Two frames of a flat, the model's maps made of them, and one of the two: its own noise, half of
+// the maps' error, makes the share 1.7, by which the weak column was made too bright.
+TEST(PatternRemoval, AWeakColumnOfTheMapsOwnFrameIsRight) {
+  constexpr double kPrnu = 0.005, kWeak = 0.9, kLight = 2000;
+  constexpr int kColumn = 101;
+  Image truth = normal_map(1, kPrnu, 21);
+  for (int r = 0; r < kRows; ++r) truth(r, kColumn) *= static_cast<float>(kWeak);
+  const FixedPattern flat{Image(), truth};
+  const auto even = [](int, int) { return kLight; };
+  const Image own = drawn(even, flat, 0, 1, 31), other = drawn(even, flat, 0, 1, 32);
+  NoiseModel model;
+  model.layout = SensorLayout::named("polar-bayer-rggb");
+  PhysicsCalibration p;
+  p.prnu.assign(16, kPrnu);
+  p.prnu_map = Image(kRows, kCols);
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c)
+      p.prnu_map(r, c) = static_cast<float>((own(r, c) + other(r, c)) / (2 * kLight));
+  model.physics.push_back(std::move(p));
+  NoiseProfile profile = profile_with(Image(), Image());
+  profile.pattern = fixed_pattern_at(model, {});
+  Image dn = own;
+  const MeasuredPattern shares = shares_of(dn, profile);
+  EXPECT_GT(shares.response.pixels.value, 1.5);
+  EXPECT_EQ(shares.response.taken(), 1);
+  remove_pattern(dn, profile.layout, *profile.pattern, shares,
+                 SaturatedPixels(dn, profile.layout, kNeverSaturated));
+  double column = 0, all = 0;
+  for (int r = 0; r < kRows; ++r) {
+    column += dn(r, kColumn) / kRows;
+    for (int c = 0; c < kCols; ++c) all += dn(r, c) / (kRows * kCols);
+  }
+  // Shot noise of 28 DN: a column's mean is known to 0.0008. It was 4 % too bright.
+  EXPECT_NEAR(column / all, 1, 0.005);
 }
 
 TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
@@ -161,7 +286,7 @@ TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
   const std::vector<float> saturated(16, 3900.0f);
   const auto shares = measure_pattern(dn, profile.layout, profile, saturated);
   const SaturatedPixels at_white(dn, profile.layout, saturated);
-  remove_pattern(dn, *profile.pattern, shares, at_white);
+  remove_pattern(dn, profile.layout, *profile.pattern, shares, at_white);
   EXPECT_EQ(dn(100, 100), 4000);
   double squares = 0, noise = 0;
   for (int r = 0; r < kRows; ++r)
@@ -172,7 +297,7 @@ TEST(PatternRemoval, WhatIsPresentGoesAndSaturatedPixelsStay) {
       }
   EXPECT_NEAR(squares / noise, 1, 0.03);  // 1.02: the shares' and a tenth of response's own factor
   Image left = dn;
-  remove_pattern(left, *profile.pattern, {}, at_white);
+  remove_pattern(left, profile.layout, *profile.pattern, {}, at_white);
   EXPECT_EQ(left, dn);
 }
 
@@ -192,8 +317,8 @@ TEST(PatternRemoval, AllRowsOfACellTellThePattern) {
     }
   profile.pattern = std::make_shared<const FixedPattern>(FixedPattern{std::move(dark), Image()});
   const auto shares = measure_pattern(dn, profile.layout, profile, std::vector<float>(3, 4000.0f));
-  EXPECT_TRUE(shares.dark.present());
-  EXPECT_NEAR(shares.dark.value, 1, 0.02);
+  EXPECT_TRUE(shares.dark.pixels.present());
+  EXPECT_NEAR(shares.dark.pixels.value, 1, 0.02);
 }
 
 // Just below white: dividing by their response lifts the pixels over it, but nothing was clipped.

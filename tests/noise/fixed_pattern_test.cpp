@@ -36,12 +36,12 @@ TEST(FixedPatternAt, SamplingErrorIsTakenOutOfAMapAndOutliersStay) {
   double square = 0, product = 0, size = 0, column = 0;
   for (int r = 0; r < kRows; ++r)
     for (int c = 0; c < kCols; ++c) {
-      const double off = pattern->response(r, c) - 1;
+      const double off = pattern->response(r, c) + pattern->response_columns(r % 2, c) - 1;
       if (c == kWeakColumn) {
         column += off / kRows;
         continue;
       }
-      square += std::pow(pattern->response(r, c) - truth(r, c), 2);
+      square += std::pow(off + 1 - truth(r, c), 2);
       product += off * (truth(r, c) - 1);
       size += off * off;
     }
@@ -49,8 +49,53 @@ TEST(FixedPatternAt, SamplingErrorIsTakenOutOfAMapAndOutliersStay) {
   EXPECT_NEAR(square / (kRows * (kCols - 1)) / wiener, 1, 0.03);  // 47800 pixels: ± 0.0065
   EXPECT_NEAR(product / size, 1, 0.02);  // how much of the map a frame shows
   EXPECT_NEAR(column, -0.2, 0.003);
-  model.physics[0].prnu.clear();  // of a model that does not know it
+  EXPECT_NEAR(pattern->response_kept, wiener / (kErrorSd * kErrorSd), 0.02);
+  EXPECT_NEAR(pattern->response_columns_kept, 1, 0.01);  // the weak one's, nearly all
+  model.physics[0].prnu.clear();                         // of a model that does not know it
   EXPECT_EQ(fixed_pattern_at(model, {})->response, p.prnu_map);
+}
+
+// Dark columns of a third of the pixels' sampling error, told by 100 pixels each: they are kept,
+// while the pixels' pattern, a tenth of that error, is not. Column noise of as much that the frames
+// left in the map is no pattern, and a map without columns has none apart.
+TEST(FixedPatternAt, ColumnsAreDrawnByTheErrorOfTheirMeans) {
+  constexpr double kError = 0.6, kPixels = 0.06, kColumns = 0.2;
+  for (const double columns_sd : {0.0, kColumns})
+    for (const double noise_sd : {0.0, kColumns}) {
+      NoiseModel model;
+      model.layout = SensorLayout::named("polar-mono");
+      PhysicsCalibration p;
+      p.bias_frames = 25;
+      p.dsnu_dn.assign(4, std::hypot(kPixels, columns_sd));
+      p.sigma_column.mean.assign(4, 5 * noise_sd);
+      p.dark_shading_dn = Image(kRows, kCols);
+      RandomSequence random(22, 0, Draw::kUser);
+      std::vector<double> truth(kCols), noise(kCols);
+      for (int c = 0; c < kCols; ++c) {
+        truth[static_cast<std::size_t>(c)] = columns_sd * random.normal();
+        noise[static_cast<std::size_t>(c)] = noise_sd * random.normal();
+      }
+      for (int r = 0; r < kRows; ++r)
+        for (int c = 0; c < kCols; ++c)
+          p.dark_shading_dn(r, c) = static_cast<float>(
+              truth[static_cast<std::size_t>(c)] + noise[static_cast<std::size_t>(c)] +
+              std::hypot(kPixels, kError) * random.normal());
+      model.physics.push_back(p);
+      const auto pattern = fixed_pattern_at(model, {});
+      EXPECT_EQ(pattern->dark_columns_dn.empty(), columns_sd == 0) << noise_sd;
+      double pixels = 0, product = 0, square = 0;
+      for (int r = 0; r < kRows; ++r)
+        for (int c = 0; c < kCols; ++c) {
+          pixels += std::pow(pattern->dark_dn(r, c), 2) / (kRows * kCols);
+          if (columns_sd == 0) continue;
+          product += pattern->dark_columns_dn(r % 2, c) * truth[static_cast<std::size_t>(c)];
+          square += std::pow(truth[static_cast<std::size_t>(c)], 2);
+        }
+      EXPECT_LT(pixels, 0.05 * 0.05);
+      // Of equal parts of pattern and error half is kept, ± its own error of 240 columns.
+      if (columns_sd > 0) EXPECT_NEAR(product / square, noise_sd > 0 ? 0.5 : 0.92, 0.1);
+      if (columns_sd > 0) EXPECT_NEAR(pattern->dark_columns_kept, noise_sd > 0 ? 0.5 : 0.92, 0.1);
+    }
 }
 
 }  // namespace

@@ -15,9 +15,11 @@ NoiseProfile profile_of_sensor() {
   profile.layout = SensorLayout::named("bayer-rggb");
   profile.row_group = 4;
   profile.defects = {32, 24, {{0, 0}, {9, 5}, {12, 6}, {31, 23}}};
-  FixedPattern pattern{Image(32, 24), {}};
+  FixedPattern pattern{Image(32, 24), {}, Image(2, 24)};
   for (int r = 0; r < 32; ++r)
     for (int c = 0; c < 24; ++c) pattern.dark_dn(r, c) = static_cast<float>(100 * r + c);
+  for (int c = 0; c < 24; ++c) pattern.dark_columns_dn(1, c) = static_cast<float>(c);
+  pattern.dark_columns_kept = 0.5;
   profile.pattern = std::make_shared<const FixedPattern>(std::move(pattern));
   return profile;
 }
@@ -36,6 +38,9 @@ TEST(SensorWindow, CutsDefectsAndMaps) {
   ASSERT_EQ(profile.pattern->dark_dn.cols(), 8);
   EXPECT_EQ(profile.pattern->dark_dn(3, 5), 1107.0F);
   EXPECT_TRUE(profile.pattern->response.empty());
+  ASSERT_EQ(profile.pattern->dark_columns_dn.cols(), 8);
+  EXPECT_EQ(profile.pattern->dark_columns_dn(1, 5), 7.0F);
+  EXPECT_EQ(profile.pattern->dark_columns_kept, 0.5);
 }
 
 TEST(SensorWindow, RefusesWhatIsNoPartOfTheSensor) {

@@ -22,32 +22,45 @@ constexpr double kCauchy = 2.385;                // 95 % efficient where all noi
 // one: then few pixels lie within kNear of their noise.
 constexpr double kNear = 3, kLeastNear = 0.1;
 
-// Normal equations of the two shares: sums of weight times products of (dark, response, pixel).
+// What a frame may hold, each with a share of its own.
+enum Part : std::size_t { kDark, kResponse, kDarkColumns, kResponseColumns, kParts };
+using PartValues = std::array<double, kParts>;
+
+// Normal equations of the shares: sums of weight times products of parts, and of these and pixel.
 struct Sums {
-  double dd = 0, dr = 0, rr = 0, dx = 0, rx = 0;
+  std::array<PartValues, kParts> products{};  // i >= k
+  PartValues with_pixel{};
   double pixels = 0, near = 0;
-  void add(double weight, double d, double r, double x) {
-    dd += weight * d * d;
-    dr += weight * d * r;
-    rr += weight * r * r;
-    dx += weight * d * x;
-    rx += weight * r * x;
+  void add(double weight, const PartValues& part, double x) {
+    for (std::size_t i = 0; i < kParts; ++i) {
+      for (std::size_t k = 0; k <= i; ++k) products[i][k] += weight * part[i] * part[k];
+      with_pixel[i] += weight * part[i] * x;
+    }
   }
   void add(const Sums& o, double sign = 1) {
-    dd += sign * o.dd;
-    dr += sign * o.dr;
-    rr += sign * o.rr;
-    dx += sign * o.dx;
-    rx += sign * o.rx;
+    for (std::size_t i = 0; i < kParts; ++i) {
+      for (std::size_t k = 0; k <= i; ++k) products[i][k] += sign * o.products[i][k];
+      with_pixel[i] += sign * o.with_pixel[i];
+    }
     pixels += sign * o.pixels;
     near += sign * o.near;
   }
-  // Shares of dark and response; 0 of a map that is empty or flat.
-  std::array<double, 2> solution() const {
-    const double determinant = dd * rr - dr * dr;
-    if (determinant > 1e-9 * dd * rr)
-      return {(rr * dx - dr * rx) / determinant, (dd * rx - dr * dx) / determinant};
-    return {dd > 0 ? dx / dd : 0, dd > 0 || rr <= 0 ? 0 : rx / rr};
+  // By elimination; 0 of parts that are empty, flat, or the same as others before.
+  PartValues solution() const {
+    std::array<PartValues, kParts> left = products;
+    PartValues right = with_pixel, shares{};
+    for (std::size_t i = 0; i < kParts; ++i)
+      for (std::size_t k = 0; k < i; ++k) left[k][i] = left[i][k];
+    const auto is_told = [&](std::size_t k) { return left[k][k] > 1e-9 * products[k][k]; };
+    for (std::size_t k = 0; k < kParts; ++k)
+      for (std::size_t i = 0; i < kParts && is_told(k); ++i) {
+        if (i == k) continue;
+        const double factor = left[i][k] / left[k][k];
+        for (std::size_t j = k; j < kParts; ++j) left[i][j] -= factor * left[k][j];
+        right[i] -= factor * right[k];
+      }
+    for (std::size_t k = 0; k < kParts; ++k) shares[k] = is_told(k) ? right[k] / left[k][k] : 0;
+    return shares;
   }
 };
 
@@ -83,7 +96,7 @@ using StripSums = std::array<std::array<Sums, kStrips>, kStrips>;  // [down][acr
 
 // What a round knows from the one before.
 struct Round {
-  std::array<double, 2> shares{};
+  PartValues shares{};
   double spread = 1;  ///< variance of what the shares leave, in units of that of the noise
 };
 
@@ -101,10 +114,13 @@ struct Comparison {
     const int period = layout.cols(), cols = dn.cols();
     const float* pixel = dn.row(row);
     const FixedPattern& maps = *profile.pattern;
-    const float* dark = maps.dark_dn.empty() ? nullptr : maps.dark_dn.row(row);
-    const float* response = maps.response.empty() ? nullptr : maps.response.row(row);
+    const auto row_of = [](const Image& map, int r) { return map.empty() ? nullptr : map.row(r); };
+    const int phase = row % layout.rows();
+    const std::array<const float*, kParts> part_rows{
+        row_of(maps.dark_dn, row), row_of(maps.response, row), row_of(maps.dark_columns_dn, phase),
+        row_of(maps.response_columns, phase)};
     const auto stands_out = [period](const float* map, int c) {
-      return map[c] - 0.5 * (double{map[c - period]} + map[c + period]);
+      return map ? map[c] - 0.5 * (double{map[c - period]} + map[c + period]) : 0.0;
     };
     for (int c = period; c + period < cols; ++c) {
       const auto channel = static_cast<std::size_t>(layout.channel_at(row, c));
@@ -112,16 +128,20 @@ struct Comparison {
         continue;
       if (!std::isfinite(pixel[c - period] + pixel[c] + pixel[c + period])) continue;
       const double signal = 0.5 * (double{pixel[c - period]} + pixel[c + period]);
-      const double d = dark ? stands_out(dark, c) : 0;
-      const double r = response ? std::max(signal, 0.0) * stands_out(response, c) : 0;
+      const double light = std::max(signal, 0.0);
+      const PartValues part{stands_out(part_rows[kDark], c),
+                            light * stands_out(part_rows[kResponse], c),
+                            stands_out(part_rows[kDarkColumns], c),
+                            light * stands_out(part_rows[kResponseColumns], c)};
       const double x = stands_out(pixel, c);
       // Of the difference: the pixel's variance and half of a neighbour's.
       const double variance = 1.5 * profile.channels[channel].variance(signal);
       if (!(variance > 0)) continue;
-      const double off = x - round.shares[0] * d - round.shares[1] * r;
+      double off = x;
+      for (std::size_t k = 0; k < kParts; ++k) off -= round.shares[k] * part[k];
       const double weight = 1 / (round.spread * variance + off * off / (kCauchy * kCauchy));
       Sums& strip = sums[static_cast<std::size_t>(std::int64_t{c} * kStrips / cols)];
-      strip.add(weight, d, r, x);
+      strip.add(weight, part, x);
       ++strip.pixels;
       strip.near += off * off < kNear * kNear * variance;
       spread.add(off * off / variance);
@@ -154,22 +174,25 @@ Sums total_of(const StripSums& strips) {
 }
 
 // Standard errors by leaving out one strip after the other (jackknife).
-std::array<double, 2> errors_without(const Sums& total, const std::array<Sums, kStrips>& strips) {
-  std::array<std::array<double, 2>, kStrips> shares{};
-  std::array<double, 2> mean{}, squares{};
+PartValues errors_without(const Sums& total, const std::array<Sums, kStrips>& strips) {
+  std::array<PartValues, kStrips> shares{};
+  PartValues mean{}, errors{};
   for (std::size_t i = 0; i < kStrips; ++i) {
     Sums rest = total;
     rest.add(strips[i], -1);
     shares[i] = rest.solution();
-    for (std::size_t k = 0; k < 2; ++k) mean[k] += shares[i][k] / kStrips;
+    for (std::size_t k = 0; k < kParts; ++k) mean[k] += shares[i][k] / kStrips;
   }
-  for (const auto& share : shares)
-    for (std::size_t k = 0; k < 2; ++k) squares[k] += (share[k] - mean[k]) * (share[k] - mean[k]);
   constexpr double kOfSquares = (kStrips - 1.0) / kStrips;
-  return {std::sqrt(kOfSquares * squares[0]), std::sqrt(kOfSquares * squares[1])};
+  for (std::size_t k = 0; k < kParts; ++k) {
+    double squares = 0;
+    for (const PartValues& share : shares) squares += (share[k] - mean[k]) * (share[k] - mean[k]);
+    errors[k] = std::sqrt(kOfSquares * squares);
+  }
+  return errors;
 }
 
-PatternShares with_errors(const StripSums& strips) {
+MeasuredPattern with_errors(const StripSums& strips, const FixedPattern& pattern) {
   const Sums total = total_of(strips);
   std::array<Sums, kStrips> down{}, across{};
   for (std::size_t i = 0; i < kStrips; ++i)
@@ -177,22 +200,30 @@ PatternShares with_errors(const StripSums& strips) {
       down[i].add(strips[i][k]);
       across[k].add(strips[i][k]);
     }
-  const auto share = total.solution(), rows = errors_without(total, down),
-             cols = errors_without(total, across);
-  PatternShares shares;
-  if (total.near < kLeastNear * total.pixels) return shares;
-  shares.dark.value = share[0];
-  shares.dark.stderr_value = std::max(rows[0], cols[0]);
-  shares.response.value = share[1];
-  shares.response.stderr_value = std::max(rows[1], cols[1]);
-  return shares;
+  MeasuredPattern measured;
+  if (total.near < kLeastNear * total.pixels) return measured;
+  const PartValues share = total.solution(), rows = errors_without(total, down),
+                   cols = errors_without(total, across);
+  const auto fill = [&](PatternShare& to, Part k, double kept) {
+    to.kept = kept;
+    to.value = share[k];
+    to.stderr_value = std::max(rows[k], cols[k]);
+  };
+  fill(measured.dark.pixels, kDark, pattern.dark_kept);
+  fill(measured.dark.columns, kDarkColumns, pattern.dark_columns_kept);
+  fill(measured.response.pixels, kResponse, pattern.response_kept);
+  fill(measured.response.columns, kResponseColumns, pattern.response_columns_kept);
+  return measured;
 }
 
 }  // namespace
 
-PatternShares measure_pattern(View<const float> dn, const SensorLayout& layout,
-                              const NoiseProfile& profile, const std::vector<float>& saturated_dn) {
+MeasuredPattern measure_pattern(View<const float> dn, const SensorLayout& layout,
+                                const NoiseProfile& profile,
+                                const std::vector<float>& saturated_dn) {
   MALUS_REQUIRE(profile.pattern);
+  for (const Image* map : {&profile.pattern->dark_columns_dn, &profile.pattern->response_columns})
+    MALUS_REQUIRE(map->empty() || (map->rows() == layout.rows() && map->cols() == dn.cols()));
   for (const Image* map : {&profile.pattern->dark_dn, &profile.pattern->response})
     MALUS_REQUIRE(map->empty() || (map->rows() == dn.rows() && map->cols() == dn.cols()));
   // A step that shares no divisor with the cell's rows meets all channels.
@@ -205,28 +236,34 @@ PatternShares measure_pattern(View<const float> dn, const SensorLayout& layout,
     Spread spread;
     strips = comparison.add_all(round, spread);
     const Round next{total_of(strips).solution(), spread.variance()};
-    const double moved = std::max(std::abs(next.shares[0] - round.shares[0]),
-                                  std::abs(next.shares[1] - round.shares[1]));
+    double moved = 0;
+    for (std::size_t k = 0; k < kParts; ++k)
+      moved = std::max(moved, std::abs(next.shares[k] - round.shares[k]));
     round = next;
     if (i > 0 && moved < kStill) break;
   }
-  return with_errors(strips);
+  return with_errors(strips, *profile.pattern);
 }
 
-void remove_pattern(Image& dn, const FixedPattern& pattern, const PatternShares& shares,
-                    const SaturatedPixels& saturated) {
-  const bool dark = shares.dark.present(), response = shares.response.present();
-  if (!dark && !response) return;
-  const auto d = static_cast<float>(shares.dark.value),
-             r = static_cast<float>(shares.response.value);
+void remove_pattern(Image& dn, const SensorLayout& layout, const FixedPattern& pattern,
+                    const MeasuredPattern& shares, const SaturatedPixels& saturated) {
+  const double dark = shares.dark.pixels.taken(), response = shares.response.pixels.taken(),
+               dark_columns = pattern.dark_columns_dn.empty() ? 0 : shares.dark.columns_taken(),
+               response_columns =
+                   pattern.response_columns.empty() ? 0 : shares.response.columns_taken();
+  if (dark == 0 && response == 0 && dark_columns == 0 && response_columns == 0) return;
   parallel_for(0, dn.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int row = static_cast<int>(begin); row < end; ++row)
       for (int c = 0; c < dn.cols(); ++c) {
         if (saturated(row, c)) continue;
-        float& pixel = dn(row, c);
-        if (dark) pixel -= d * pattern.dark_dn(row, c);
+        const int phase = row % layout.rows();
+        double off = 0, responds = 1;
+        if (dark > 0) off += dark * pattern.dark_dn(row, c);
+        if (dark_columns > 0) off += dark_columns * pattern.dark_columns_dn(phase, c);
+        if (response > 0) responds += response * (pattern.response(row, c) - 1);
+        if (response_columns > 0) responds += response_columns * pattern.response_columns(phase, c);
         // A pixel that hardly responds is a defect; what it tells is not worth a large factor.
-        if (response) pixel /= std::max(1 + r * (pattern.response(row, c) - 1), 0.5f);
+        dn(row, c) = static_cast<float>((dn(row, c) - off) / std::max(responds, 0.5));
       }
   });
 }

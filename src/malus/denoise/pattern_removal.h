@@ -6,26 +6,51 @@
 #include "malus/image/view.h"
 #include "malus/noise/profile.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <vector>
 
 namespace malus {
 
-/// A factor of a map, with its standard error.
+/// A factor of a part of a map, with its standard error.
 struct PatternShare {
-  double most = 1;  ///< that a frame of this sensor can have
+  double most = 1;     ///< that a frame of this sensor can have
+  bool grows = false;  ///< with exposure and temperature; else a sensor's frame holds the part once
+  double kept = 1;     ///< FixedPattern's, of this part
   double value = 0;
   double stderr_value = std::numeric_limits<double>::infinity();
   /// Told from chance, so that taking it out can only help.
-  bool present() const { return value > 0.1 && value > 4 * stderr_value && value < most; }
+  bool present() const { return value > 0.1 && value > 4 * stderr_value && value * kept < most; }
+  /// How often the part is to be taken out. More than once may be but the noise of a frame that the
+  /// map was made of, and that would take outliers, which hold little of it, out too often.
+  double taken() const {
+    if (!present()) return 0;
+    return value <= 1 ? value : grows ? std::max(value * kept, 1.0) : 1;
+  }
+};
+
+/// The shares of a map's pixels and of its columns.
+struct PatternShares {
+  PatternShare pixels, columns;
+  /// That of the pixels where the columns' own is not told from chance, but agrees with it.
+  double columns_taken() const {
+    const double all = pixels.taken();
+    const bool agree = std::abs(columns.value - all) < 4 * columns.stderr_value;
+    return columns.present() || !agree ? columns.taken() : all;
+  }
+  /// For the record: the pixels' where it counts.
+  double taken() const { return pixels.present() ? pixels.taken() : columns_taken(); }
 };
 
 /// Pixels respond the same in every frame; dark signal grows with exposure and temperature.
-struct PatternShares {
-  PatternShare dark{.most = 10}, response{.most = 2};
+struct MeasuredPattern {
+  PatternShares dark{{.most = 10, .grows = true}, {.most = 10, .grows = true}};
+  PatternShares response{{.most = 2}, {.most = 2}};
 };
 
-/// d and r of  dn = (1 + r (response - 1)) s + d dark + noise  for an unknown scene s. A pixel's
+/// d and r of  dn = (1 + r (response - 1)) s + d dark + noise  for an unknown scene s, the maps'
+/// columns with shares of their own. A pixel's
 /// difference from the mean of its two neighbours in the row is compared with the same difference
 /// of the maps, by least squares with Cauchy weights (Holland and Welsch, Commun. Stat. A6, 1977)
 /// about as wide as half of the differences, which is wider than the noise in texture: the scene's
@@ -37,11 +62,12 @@ struct PatternShares {
 /// what the shares say, as in a chart of bars, none can be told and both are zero. dn_above_black:
 /// every pixel finite; pixels at least as bright as saturated_dn (per channel) take no part.
 /// Contract: maps are empty or of the frame's size.
-PatternShares measure_pattern(View<const float> dn_above_black, const SensorLayout& layout,
-                              const NoiseProfile& profile, const std::vector<float>& saturated_dn);
+MeasuredPattern measure_pattern(View<const float> dn_above_black, const SensorLayout& layout,
+                                const NoiseProfile& profile,
+                                const std::vector<float>& saturated_dn);
 
-/// Takes out what is present() of both; saturated pixels stay.
-void remove_pattern(Image& dn_above_black, const FixedPattern& pattern, const PatternShares& shares,
-                    const SaturatedPixels& saturated);
+/// Takes out what is to be taken of both maps; saturated pixels stay.
+void remove_pattern(Image& dn_above_black, const SensorLayout& layout, const FixedPattern& pattern,
+                    const MeasuredPattern& shares, const SaturatedPixels& saturated);
 
 }  // namespace malus

@@ -152,10 +152,10 @@ void take_out_pattern(PreparedFrame& frame, const NoiseProfile& profile,
   if (!profile.pattern) return;
   for (const Image* map : {&profile.pattern->dark_dn, &profile.pattern->response})
     if (!map->empty() && (map->rows() != frame.dn.rows() || map->cols() != frame.dn.cols())) return;
-  const PatternShares shares = measure_pattern(frame.dn, frame.layout, profile, saturated_dn);
-  remove_pattern(frame.dn, *profile.pattern, shares, frame.saturated);
-  if (shares.dark.present()) report.dark_pattern_share = shares.dark.value;
-  if (shares.response.present()) report.response_pattern_share = shares.response.value;
+  const MeasuredPattern shares = measure_pattern(frame.dn, frame.layout, profile, saturated_dn);
+  remove_pattern(frame.dn, frame.layout, *profile.pattern, shares, frame.saturated);
+  report.dark_pattern_share = shares.dark.taken();
+  report.response_pattern_share = shares.response.taken();
 }
 
 // Variance of what is left of offsets, in units of their deviation's square.

@@ -1,10 +1,14 @@
 #include "malus/noise/fixed_pattern.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
 #include "malus/noise/model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -42,49 +46,155 @@ std::vector<double> ordinary_variances(const Image& map, const SensorLayout& lay
 // A map holds the sampling error of the frames that it was made of. It is drawn towards its middle
 // by that error's share of the variance, as a Wiener filter would, but outliers by less: a column
 // of weak response is as weak as it looks. Without that one share of the whole map fits either the
-// many pixels or the outliers, and two parts of a frame contradict each other.
-void take_sampling_error_out(Image& map, const SensorLayout& layout, double middle,
-                             const std::vector<double>& pattern_sd) {
-  if (map.empty() || pattern_sd.size() != static_cast<std::size_t>(layout.channels())) return;
-  const std::vector<double> variance = ordinary_variances(map, layout, middle);
+// many pixels or the outliers, and two parts of a frame contradict each other. Returns what is kept
+// of the map: the factor by which the map as it was exceeds the result, to least squares, inverted.
+double take_sampling_error_out(Image& map, const SensorLayout& layout, double middle,
+                               const std::vector<double>& variance,
+                               const std::vector<double>& error_variance) {
+  double square = 0, product = 0;
   for (int row = 0; row < map.rows(); ++row)
     for (int col = 0; col < map.cols(); ++col) {
       const auto c = static_cast<std::size_t>(layout.channel_at(row, col));
-      const double error = variance[c] - pattern_sd[c] * pattern_sd[c];
-      if (!(error > 0)) continue;
       const double off = map(row, col) - middle,
-                   scale = std::max(variance[c], off * off / (kOutlier * kOutlier));
-      map(row, col) = static_cast<float>(middle + off * (1 - error / scale));
+                   scale = std::max(variance[c], off * off / (kOutlier * kOutlier)),
+                   factor =
+                       error_variance[c] > 0 ? std::max(1 - error_variance[c] / scale, 0.0) : 1;
+      map(row, col) = static_cast<float>(middle + factor * off);
+      square += factor * off * factor * off;
+      product += factor * off * off;
     }
+  return square > 0 ? square / product : 1;
 }
 
-// A copy in which defects, which are told by their place, count as ordinary pixels.
-Image nearest_map(const NoiseModel& model, const GainSetting& gain, Image PhysicsCalibration::*map,
-                  std::vector<double> PhysicsCalibration::*pattern_sd, float ordinary) {
+// Of every channel's columns, about the middle; pixels far from the others of theirs, as hot ones
+// are, take no part.
+Image column_means(const Image& map, const SensorLayout& layout, double middle,
+                   const std::vector<double>& variance) {
+  Image means(layout.rows(), map.cols());
+  parallel_for(0, map.cols(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    std::vector<double> pixels;
+    for (int col = static_cast<int>(begin); col < end; ++col)
+      for (int phase = 0; phase < layout.rows(); ++phase) {
+        pixels.clear();
+        for (int row = phase; row < map.rows(); row += layout.rows())
+          pixels.push_back(map(row, col));
+        const auto c = static_cast<std::size_t>(layout.channel_at(phase, col));
+        const double median = median_of(pixels), far = kOutlier * std::sqrt(variance[c]);
+        double sum = 0, count = 0;
+        for (const double pixel : pixels)
+          if (std::abs(pixel - median) <= far) sum += pixel - middle, ++count;
+        means(phase, col) = static_cast<float>(count > 0 ? sum / count : median - middle);
+      }
+  });
+  return means;
+}
+
+// Whether columns differ by more than their independent pixels would have it.
+bool differ(const Image& columns, const SensorLayout& layout,
+            const std::vector<double>& chance_variance) {
+  constexpr double kChance = 5;  // in standard errors of so many squares of normal draws
+  double squares = 0;
+  for (int phase = 0; phase < columns.rows(); ++phase)
+    for (int col = 0; col < columns.cols(); ++col) {
+      const auto c = static_cast<std::size_t>(layout.channel_at(phase, col));
+      const double square = double{columns(phase, col)} * columns(phase, col);
+      if (square > 0) squares += square / chance_variance[c];
+    }
+  const auto count = static_cast<double>(columns.size());
+  return squares / count > 1 + kChance * std::sqrt(2 / count);
+}
+
+// A map, and the part of it that whole columns have in common.
+struct Parts {
+  Image map, columns;
+  double kept = 1, columns_kept = 1;
+};
+
+// column_error: per channel, what the column noise of the frames left in the map, as a variance.
+Parts parts_of(Image map, const SensorLayout& layout, double middle,
+               const std::vector<double>& pattern_sd, const std::vector<double>& column_error) {
+  const auto channels = static_cast<std::size_t>(layout.channels());
+  Parts parts{std::move(map), {}};
+  if (parts.map.empty() || pattern_sd.size() != channels) return parts;
+  std::vector<double> variance = ordinary_variances(parts.map, layout, middle), error(channels),
+                      chance(channels), of_columns(channels);
+  const double pixels = parts.map.rows() / layout.rows();
+  for (std::size_t c = 0; c < channels; ++c) {
+    const double lines = column_error.size() == channels ? column_error[c] : 0;
+    error[c] = std::max(variance[c] - pattern_sd[c] * pattern_sd[c], 0.0);
+    chance[c] = variance[c] / pixels + lines;
+    of_columns[c] = error[c] / pixels + lines;
+  }
+  Image columns = column_means(parts.map, layout, middle, variance);
+  if (differ(columns, layout, chance)) {
+    for (int row = 0; row < parts.map.rows(); ++row)
+      for (int col = 0; col < parts.map.cols(); ++col)
+        parts.map(row, col) -= columns(row % layout.rows(), col);
+    variance = ordinary_variances(parts.map, layout, middle);
+    for (std::size_t c = 0; c < channels; ++c) error[c] = std::max(error[c] - of_columns[c], 0.0);
+    parts.columns_kept = take_sampling_error_out(
+        columns, layout, 0, ordinary_variances(columns, layout, 0), of_columns);
+    parts.columns = std::move(columns);
+  }
+  parts.kept = take_sampling_error_out(parts.map, layout, middle, variance, error);
+  return parts;
+}
+
+const PhysicsCalibration* nearest_with(const NoiseModel& model, const GainSetting& gain,
+                                       Image PhysicsCalibration::*map) {
   const PhysicsCalibration* nearest = nullptr;
   for (const PhysicsCalibration& p : model.physics)
     if (!(p.*map).empty() &&
         (!nearest || distance_db(p.gain, gain) < distance_db(nearest->gain, gain)))
       nearest = &p;
-  if (!nearest) return {};
-  Image copy = nearest->*map;
-  for (const DefectPixel& defect : model.defects) {
-    MALUS_REQUIRE(defect.row < copy.rows() && defect.col < copy.cols());  // see contradiction_in
-    copy(defect.row, defect.col) = ordinary;
-  }
-  take_sampling_error_out(copy, model.layout, ordinary, nearest->*pattern_sd);
-  return copy;
+  return nearest;
+}
+
+// Defects, which are told by their place, count as ordinary pixels.
+Parts nearest_map(const NoiseModel& model, const PhysicsCalibration& nearest,
+                  Image PhysicsCalibration::*map,
+                  std::vector<double> PhysicsCalibration::*pattern_sd,
+                  const std::vector<double>& column_error, float ordinary) {
+  const auto without_defects = [&](Image& copy) {
+    for (const DefectPixel& defect : model.defects) {
+      MALUS_REQUIRE(defect.row < copy.rows() && defect.col < copy.cols());  // contradiction_in
+      copy(defect.row, defect.col) = ordinary;
+    }
+  };
+  Image copy = nearest.*map;
+  without_defects(copy);
+  Parts parts =
+      parts_of(std::move(copy), model.layout, ordinary, nearest.*pattern_sd, column_error);
+  without_defects(parts.map);
+  return parts;
 }
 
 }  // namespace
 
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain) {
-  FixedPattern pattern{
-      nearest_map(model, gain, &PhysicsCalibration::dark_shading_dn, &PhysicsCalibration::dsnu_dn,
-                  0),
-      nearest_map(model, gain, &PhysicsCalibration::prnu_map, &PhysicsCalibration::prnu, 1)};
-  if (pattern.dark_dn.empty() && pattern.response.empty()) return nullptr;
+  const auto *dark = nearest_with(model, gain, &PhysicsCalibration::dark_shading_dn),
+             *response = nearest_with(model, gain, &PhysicsCalibration::prnu_map);
+  if (!dark && !response) return nullptr;
+  FixedPattern pattern;
+  if (dark) {
+    std::vector<double> column_error = dark->sigma_column.mean;
+    for (double& v : column_error) v = v * v / std::max(dark->bias_frames, 1);
+    Parts parts = nearest_map(model, *dark, &PhysicsCalibration::dark_shading_dn,
+                              &PhysicsCalibration::dsnu_dn, column_error, 0);
+    pattern.dark_dn = std::move(parts.map);
+    pattern.dark_columns_dn = std::move(parts.columns);
+    pattern.dark_kept = parts.kept;
+    pattern.dark_columns_kept = parts.columns_kept;
+  }
+  if (response) {
+    Parts parts = nearest_map(model, *response, &PhysicsCalibration::prnu_map,
+                              &PhysicsCalibration::prnu, {}, 1);
+    pattern.response = std::move(parts.map);
+    pattern.response_columns = std::move(parts.columns);
+    pattern.response_kept = parts.kept;
+    pattern.response_columns_kept = parts.columns_kept;
+  }
   return std::make_shared<const FixedPattern>(std::move(pattern));
 }
 

@@ -10,16 +10,24 @@ namespace malus {
 
 struct NoiseModel;
 
-/// Maps of the whole sensor at one gain; either may be empty.
+/// Maps of the whole sensor at one gain; either may be empty. Where the columns of a map differ by
+/// more than chance has it of their pixels, what they have in common is kept apart, since many
+/// pixels tell it, and a frame may show one without the other.
 struct FixedPattern {
   Image dark_dn;   ///< mosaic: dark signal above the channel's mean; 0 at defects
   Image response;  ///< mosaic: response to light relative to the neighbours'; 1 at defects
+  /// To be added to the maps: a row for every row of the cell, each column's value for its channel.
+  Image dark_columns_dn = {}, response_columns = {};
+  /// Of what was measured, the part that is the sensor's: the rest, sampling error, is taken out. A
+  /// frame of which the maps were made, which has its own noise in common with them, seems to hold
+  /// them as often as the inverse of this says.
+  double dark_kept = 1, response_kept = 1, dark_columns_kept = 1, response_columns_kept = 1;
 };
 
 /// The maps of the measured gain nearest to `gain` (of the first one where no gain is named), each
 /// of the nearest that has it; null where the model holds none. Of ordinary pixels their sampling
-/// error's share, as DSNU and PRNU tell it, is taken away (Wiener), of outliers less. Contract: no
-/// contradiction_in(model).
+/// error's share, as DSNU and PRNU tell it, is taken away (Wiener), of outliers less; of columns
+/// that of a mean of so many pixels. Contract: no contradiction_in(model).
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain);
 

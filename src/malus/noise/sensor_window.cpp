@@ -96,10 +96,12 @@ void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols
         p.col - origin.col < cols)
       inside.places.push_back({p.row - origin.row, p.col - origin.col});
   profile.defects = std::move(inside);
-  if (profile.pattern)
-    profile.pattern = std::make_shared<const FixedPattern>(
-        FixedPattern{part_of(profile.pattern->dark_dn, origin, rows, cols),
-                     part_of(profile.pattern->response, origin, rows, cols)});
+  if (!profile.pattern) return;
+  FixedPattern pattern = *profile.pattern;
+  for (Image* map : {&pattern.dark_dn, &pattern.response}) *map = part_of(*map, origin, rows, cols);
+  for (Image* columns : {&pattern.dark_columns_dn, &pattern.response_columns})
+    *columns = part_of(*columns, {0, origin.col}, columns->rows(), cols);
+  profile.pattern = std::make_shared<const FixedPattern>(std::move(pattern));
 }
 
 std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols) {
