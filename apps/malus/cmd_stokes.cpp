@@ -114,6 +114,7 @@ std::vector<Product> product_pictures(const StokesPicture& picture, const Stokes
 Json summary_json(const DolpSummary& dolp) {
   return {{"mean_dolp", dolp.mean ? Json(*dolp.mean) : Json()},
           {"undefined", dolp.undefined},
+          {"aolp_undefined", dolp.aolp_undefined},
           {"dolp_above_one", dolp.above_one}};
 }
 
@@ -226,12 +227,14 @@ void run_stokes(const StokesArguments& arguments, const Common& common) {
     results.push_back(stokes_of_file(arguments, model, i, options, plans[i], common.force));
     const Json& last = results.back();
     text += fmt::format(
-        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, {} in {}\n",
+        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, AoLP undefined {:.2f} %, {} in "
+        "{}\n",
         arguments.inputs[i].string(), last["cols"].get<int>(), last["rows"].get<int>(),
         last["layout"].get<std::string>(),
         last["mean_dolp"].is_null() ? std::nan("") : last["mean_dolp"].get<double>(),
         100 * last["undefined"].get<double>(), above_one_text(last["dolp_above_one"].get<double>()),
-        counted(std::ssize(last["files"]), "file"), arguments.folder.string());
+        100 * last["aolp_undefined"].get<double>(), counted(std::ssize(last["files"]), "file"),
+        arguments.folder.string());
     progress->advance(1);
   }
   print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);

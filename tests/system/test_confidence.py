@@ -142,6 +142,17 @@ def test_dolp_of_noise_alone_does_not_run_away(malus, tmp_path):
     assert np.nanmax(sd / np.maximum(dolp, 1)) < 1 + 1e-5  # an unpolarized truth lies no further
 
 
+def test_cells_without_an_angle_are_counted(malus, tmp_path):
+    """Few codes often leave S1 = S2 = 0: DoLP is 0 there, AoLP undefined, though undefined was said to be nothing."""
+    dn = np.random.default_rng(8).poisson(20, (128, 128)).astype(np.uint8)
+    Image.fromarray(dn).save(tmp_path / "few.png")
+    frame = ("stokes", tmp_path / "few.png", "--layout", "polar-mono", "--black", 0, "--white", 255, "--force", "--format", "npy", "--no-pictures")
+    found = malus(*frame, "-o", tmp_path, "--json").json
+    lost = np.isnan(planes(tmp_path, "few", "aolp")[0]).mean()
+    assert lost > 0.002 and found["aolp_undefined"] == pytest.approx(lost, abs=1e-9) and found["undefined"] == 0
+    assert f"undefined 0.00 %, AoLP undefined {100 * lost:.2f} %" in malus(*frame, "-o", tmp_path).out
+
+
 def test_a_frame_of_nothing_but_saturated_cells_is_a_hundred_percent(malus, tmp_path):
     Image.fromarray(np.full((64, 64), WHITE, np.uint16)).save(tmp_path / "white.png")
     said = malus("stokes", tmp_path / "white.png", "--layout", "polar-mono", "--black", 0, "--white", WHITE, "-o", tmp_path).err

@@ -1,4 +1,4 @@
-// The degree of linear polarization of a whole picture, in three numbers.
+// The degree of linear polarization of a whole picture, in a few numbers.
 #pragma once
 
 #include "malus/base/estimate.h"
@@ -12,6 +12,8 @@ struct DolpSummary {
   /// mean.
   Estimate<double> mean = Undecided{"not measured"};
   double undefined = 0;  ///< share of all pixels, 0..1
+  /// Share of all pixels that have no AoLP: DoLP is undefined, or 0, as it often is of few bits.
+  double aolp_undefined = 0;
   double above_one = 0;  ///< share of all pixels, 0..1
 };
 
