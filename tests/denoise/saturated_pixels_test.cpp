@@ -91,6 +91,19 @@ TEST(SaturatedPixels, AWhiteThatLeavesNoRangeIsRefused) {
               HasSubstr("white is not known, and the largest pixel is 3e+38 DN"));
 }
 
+TEST(SaturatedPixels, BlackLevelsThatAreNotOnePerChannelAreRefused) {
+  RawFrame frame = even_light();
+  const auto said = [&](std::vector<double> black_dn) {
+    frame.black_dn = std::move(black_dn);
+    const std::string problem = problem_of([&] { denoised_with_error(frame); });
+    EXPECT_EQ(problem_of([&] { (void)estimate_profile(frame); }), problem);
+    return problem;
+  };
+  EXPECT_THAT(said({}), HasSubstr("0 black levels for the 4 channels of polar-mono"));
+  EXPECT_THAT(said({0}), HasSubstr("1 black levels for the 4 channels"));
+  EXPECT_THAT(said({0, 0, std::nan(""), 0}), HasSubstr("black nan DN is not below white"));
+}
+
 // Black levels far apart: a channel of low black has light above the range of the others.
 TEST(SaturatedPixels, AChannelIsBrightUpToItsOwnWhite) {
   const PhysicsNoise noise = equal_channels("polar-mono", {0.05, 0.14, 0.0, 0.3, 0.0});

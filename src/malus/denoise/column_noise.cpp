@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/denoise/internal/channel_levels.h"
 #include "malus/denoise/internal/line_offsets.h"
+#include "malus/image/black_levels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -113,6 +114,7 @@ void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowN
 
 NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
                                const GainSetting& gain, GainRange range) {
+  require_levels(frame);
   NoiseProfile apart = model.profile_at(gain, range, ColumnNoise::kApart);
   if (!apart.has_column_noise() || !(frame.layout == apart.layout) ||
       !shows_less_than_half(frame, apart))

@@ -20,7 +20,7 @@ void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowN
 /// The model's profile for a frame that is to be denoised: with column noise apart, unless the
 /// frame shows clearly less than half of its deviation. Such a frame is of another state of the
 /// camera, or of synthesis, which draws column noise as noise of pixels. Throws InputError as
-/// NoiseModel::profile_at.
+/// NoiseModel::profile_at and require_levels (image/black_levels.h).
 NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
                                const GainSetting& gain,
                                GainRange range = GainRange::kCalibratedOnly);

@@ -10,6 +10,7 @@
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
 #include "malus/denoise/saturated_pixels.h"
+#include "malus/image/black_levels.h"
 #include "malus/image/pack.h"
 #include "malus/image/quantization.h"
 #include "malus/noise/clipped_noise.h"
@@ -303,6 +304,7 @@ std::optional<RawFrame> cleaned(const RawFrame& frame) {
 }  // namespace
 
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch search) {
+  require_levels(frame);
   const std::optional<RawFrame> copy = cleaned(frame);
   return noise_of_light(copy ? *copy : frame, search);
 }

@@ -42,7 +42,7 @@ struct PictureNoise {
 enum class TextureSearch { kQuick, kWhole };
 
 /// Undecided when the picture is too small (fewer than 64 blocks per channel), or has no noise (a
-/// constant or synthetic picture).
+/// constant or synthetic picture). Throws InputError as require_levels (image/black_levels.h).
 Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
                                         TextureSearch search = TextureSearch::kWhole);
 

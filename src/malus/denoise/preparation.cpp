@@ -8,6 +8,7 @@
 #include "malus/denoise/pattern_removal.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/denoise/row_noise.h"
+#include "malus/image/black_levels.h"
 #include "malus/noise/same_sensor.h"
 
 #include <algorithm>
@@ -240,6 +241,7 @@ void require_pixels(const RawFrame& frame) {
 void check_frame(const RawFrame& frame, const NoiseProfile& profile) {
   require_pixels(frame);
   require_layout_of_model(frame, profile.layout);
+  require_levels(frame);
   require_range(frame);
 }
 

@@ -50,8 +50,9 @@ struct PreparedFrame {
 /// Throws InputError on a frame without pixels.
 void require_pixels(const RawFrame& frame);
 
-/// Throws InputError on a frame without pixels or with another layout than the profile's, and on a
-/// white that is not above black or beyond all that cameras count.
+/// Throws InputError on a frame without pixels or with another layout than the profile's, as
+/// require_levels (image/black_levels.h), and on a white that is not above black or beyond all that
+/// cameras count.
 void check_frame(const RawFrame& frame, const NoiseProfile& profile);
 
 /// What is done to a frame besides the profile's bias and stabilisation.

@@ -10,16 +10,23 @@
 #include <fmt/format.h>
 
 namespace malus {
+namespace {
+
+[[noreturn]] void refuse_count(std::size_t count, const SensorLayout& layout,
+                               const std::string& source) {
+  throw InputError(source,
+                   fmt::format("{} black levels for the {} of {}", count,
+                               counted(layout.channels(), "channel"), layout.name()),
+                   "give one number, or one per channel in mosaic order");
+}
+
+}  // namespace
 
 std::vector<double> black_per_channel(const std::vector<double>& values, const SensorLayout& layout,
                                       const std::string& source) {
   const auto channels = static_cast<std::size_t>(layout.channels());
   if (values.size() == 1) return std::vector<double>(channels, values[0]);
-  if (values.size() != channels)
-    throw InputError(source,
-                     fmt::format("{} black levels for the {} of {}", values.size(),
-                                 counted(layout.channels(), "channel"), layout.name()),
-                     "give one number, or one per channel in mosaic order");
+  if (values.size() != channels) refuse_count(values.size(), layout, source);
   return values;
 }
 
@@ -46,6 +53,8 @@ std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout&
 }
 
 void require_levels(const RawFrame& frame) {
+  if (std::ssize(frame.black_dn) != frame.layout.channels())
+    refuse_count(frame.black_dn.size(), frame.layout, frame.source);
   const bool limited = frame.white_known || frame.bits > 0;
   for (const double black : frame.black_dn)
     if (!std::isfinite(black) || !std::isfinite(frame.white_dn) ||

@@ -21,7 +21,8 @@ std::vector<double> blacks_for_layout(const std::vector<double>& blacks, const S
                                       const SensorLayout& layout, const std::string& source);
 std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout& layout);
 
-/// Throws InputError naming the frame where a level is not finite or a black level not below white.
+/// Throws InputError naming the frame where it has not one black level per channel, a level is not
+/// finite, or a black level not below white.
 /// Of float pixels of unknown white, which then is the largest of them, black may be above it.
 void require_levels(const RawFrame& frame);
 
