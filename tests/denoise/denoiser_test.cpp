@@ -57,6 +57,12 @@ DenoiseSettings quick(const std::string& method) {
   return settings;
 }
 
+// The least memory, which the caller holds all but this much of.
+void leave_memory(double mib, DenoiseSettings& settings) {
+  settings.memory_mib = 128;
+  settings.held_values = 0.92 * (settings.memory_mib - mib) * 0x1p20 / 4;
+}
+
 // One set of weights for all values of a block lets noise through in those that hold no signal.
 TEST(DenoiseFrame, CombinationsLeaveEvenLightNearlyAsCleanAsAWienerFilter) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
@@ -157,7 +163,7 @@ TEST_P(MosaicMethod, TilesEqualTheWhole) {
   DenoiseSettings settings{.method = GetParam(), .profile = "fast"};
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings);
   ASSERT_EQ(whole.tiles, 1);
-  settings.memory_mib = 39;
+  leave_memory(39, settings);
   const Denoised tiled = denoise_frame(frame, profile_of(noise), settings);
   EXPECT_GT(tiled.tiles, 1);
   double largest = 0;
@@ -173,7 +179,7 @@ TEST_P(MosaicMethod, TilesAndThreadsDoNotChangeTwoScales) {
   DenoiseSettings settings{.method = GetParam()};
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
   ASSERT_EQ(whole.tiles, 1);
-  settings.memory_mib = GetParam() == "nl-ridge" ? 130 : 120;  // reaches of their own
+  leave_memory(GetParam() == "nl-ridge" ? 127 : 120, settings);  // reaches of their own
   const int before = thread_count();
   set_thread_count(before == 1 ? 3 : 1);
   const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
@@ -311,7 +317,7 @@ TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {
   const RawFrame frame = noisy_frame(Image(2000, 1000, 100.0f), noise, 1);
   for (const DenoiseMethod& method : denoise_methods()) {
     DenoiseSettings settings = quick(method.name);
-    settings.memory_mib = 18;  // the frame and its result alone take 16
+    leave_memory(18, settings);  // the frame and its result alone take 16
     EXPECT_THROW(denoise_frame(frame, profile_of(noise), settings), InputError) << method.name;
   }
 }
@@ -379,11 +385,11 @@ TEST(DenoiseFrame, BadInputGetsOneLine) {
   EXPECT_THROW(
       denoise_frame(frame, profile_of(camera_noise(SensorLayout::named("mono"))), quick("bm3d")),
       InputError);
+  for (const DenoiseSettings& settings :
+       {DenoiseSettings{.profile = "slow"}, {.memory_mib = NAN}, {.strength = -1}})
+    EXPECT_THROW(denoise_frame(frame, profile_of(noise), settings), InputError);
   DenoiseSettings settings = quick("bm3d");
-  settings.profile = "slow";
-  EXPECT_THROW(denoise_frame(frame, profile_of(noise), settings), InputError);
-  settings = quick("bm3d");
-  settings.memory_mib = 1;
+  leave_memory(1, settings);
   EXPECT_THROW(denoise_frame(noisy_frame(scene(2000, 400), noise, 1), profile_of(noise), settings),
                InputError);
 }

@@ -257,6 +257,8 @@ TEST(CompareNoise, BadSetsAreRefused) {
   EXPECT_THROW(compare_noise(good, small, std::nullopt, layout, {}), InputError);
   EXPECT_THROW(compare_noise(good, good, Image(5, 5), layout, {}), InputError);
   EXPECT_THROW(compare_noise(good, broken, std::nullopt, layout, {}), InputError);
+  EXPECT_THROW(compare_noise(good, good, std::nullopt, layout, {.bins = 0}), InputError);
+  EXPECT_THROW(compare_noise(good, good, std::nullopt, layout, {.levels = 0}), InputError);
   NoiseComparisonSettings settings;
   const NoiseFrames mixed{2, [](int k) { return k == 0 ? Image(kRows, kCols) : Image(3, 3); }};
   EXPECT_THROW(compare_noise(mixed, mixed, std::nullopt, layout, settings), InputError);

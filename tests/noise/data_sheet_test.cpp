@@ -210,6 +210,14 @@ TEST(Spectrum, OfWhiteNoiseIsItsDeviation) {
   for (std::size_t k = 1; k + 1 < spectrum.size(); ++k) EXPECT_NEAR(spectrum[k], 3, 5 * 3 * 0.025);
 }
 
+TEST(Spectrum, OfOneColumnIsItsRootMeanSquare) {
+  Image map(2, 1);
+  map.values() = {3, -4};
+  EXPECT_EQ(row_spectrum(map), std::vector<double>{std::sqrt(12.5)});
+  EXPECT_EQ(column_spectrum(Image(1, 2, 2.0f)), std::vector<double>{2});
+  EXPECT_TRUE(row_spectrum(Image(3, 0)).empty() && row_spectrum(Image(0, 3)).empty());
+}
+
 TEST(Profiles, AreMeansOfRowsAndColumns) {
   Image map(2, 3);
   map.values() = {1, 2, 3, 5, 7, 9};

@@ -51,7 +51,8 @@ TEST(RawVariance, OfSaturatedPixelsIsNotKnownAndTheyStay) {
   EXPECT_EQ(frame.dn(1, 1), 1000);
   EXPECT_EQ(frame.dn(1, 2), 1200);
   RawFrame unknown = ramp(false);
-  EXPECT_FLOAT_EQ(take_out_bias(unknown, profile(), saturation_dn(unknown))(1, 1), kSlope * 997 + kOffset + kRow * kRow);
+  EXPECT_FLOAT_EQ(take_out_bias(unknown, profile(), saturation_dn(unknown))(1, 1),
+                  kSlope * 997 + kOffset + kRow * kRow);
 }
 
 TEST(RawVariance, BiasIsEachChannelsOwn) {

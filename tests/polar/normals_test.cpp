@@ -160,6 +160,12 @@ TEST(Normals, UndefinedPixelsStayUndefined) {
   EXPECT_FLOAT_EQ(normals_of(facing, Image(2, 2, 1.0f), {}).z(0, 0), 1.0f);
 }
 
+TEST(Normals, SettingsThatAreNoneAreRefused) {
+  const StokesPlanes light{Image(2, 2, 5.0f), Image(2, 2, 1.0f), Image(2, 2)};
+  EXPECT_THROW(normals_of(light, Image(2, 2, 1.0f), {.azimuth = "upwards"}), InputError);
+  EXPECT_THROW(normals_of(light, Image(2, 2, 1.0f), {.index = 0.5}), InputError);
+}
+
 TEST(MeanAngularError, ClosedForms) {
   const NormalMap z{Image(1, 2), Image(1, 2), Image(1, 2, 1.0f)};
   NormalMap other = z;

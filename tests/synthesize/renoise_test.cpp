@@ -221,6 +221,13 @@ TEST(ModelRenoiser, RoundsToWholeNumbersWhereTheModelHasNoStep) {
   }
 }
 
+TEST(ModelRenoiser, SettingsThatAreNoneAreRefused) {
+  const NoiseModel model = testing::bayer_model();
+  for (const RenoiseSettings& settings :
+       {RenoiseSettings{.kind = "gaussian"}, RenoiseSettings{.method = "best"}})
+    EXPECT_THROW(ModelRenoiser(model, testing::kGain, testing::kGain, settings, true), InputError);
+}
+
 TEST(Renoiser, GainsWithoutACommonLevelAreRefused) {
   NonparametricCalibration from = as_calibrated(mono(0.5, 0.9, 0, 0), 2, 1.2),
                            to = as_calibrated(mono(2.0, 2.2, 0, 0), 2, 1.2);

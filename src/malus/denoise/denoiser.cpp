@@ -1,6 +1,7 @@
 #include "malus/denoise/denoiser.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
@@ -152,6 +153,7 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseSettings& settings,
                        Progress& progress, bool want_variance) {
   const DenoiseMethod& method = denoise_method(settings.method);
+  require_settings(settings);
   check_frame(frame, given);
   if (want_variance && !method.on_mosaic)
     throw InputError(setting("method", method.name), "gives no uncertainty",

@@ -118,8 +118,8 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
 /// they are, above black.
 /// Float pixels (bits 0) are saturated at white where white_known says so, else where they pile up.
 /// Throws InputError on an unknown method or profile name, an empty frame, a layout that differs
-/// from the profile's, a white that is not above black or out of all range, or too little memory;
-/// Cancelled.
+/// from the profile's, black levels that are not one per channel, a white that is not above black
+/// or out of all range, settings out of their range, or too little memory; Cancelled.
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress = silent_progress(), bool want_variance = false);
 

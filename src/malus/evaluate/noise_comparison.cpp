@@ -1,6 +1,7 @@
 #include "malus/evaluate/noise_comparison.h"
 
 #include "malus/base/error.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
 #include "malus/evaluate/divergence.h"
@@ -267,6 +268,7 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings, Progress& progress) {
+  require_settings(settings);
   require_frames(reference, settings.remove_fixed_pattern, "the reference frames");
   require_frames(test, settings.remove_fixed_pattern, "the test frames");
   // A frame less the mean of n is a mixture of n frames' noise: one distribution on both sides only

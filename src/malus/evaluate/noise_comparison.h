@@ -87,7 +87,7 @@ inline constexpr std::int64_t kEnoughSamples = 1000;
 /// frames less the mean of as many in a row as the smaller set has, which is their level without
 /// clean_dn; the structure is of frames less their set's mean. Samples beyond go to the outermost
 /// bins; pixels that are not finite are left out. Throws InputError when sizes differ, a set is
-/// empty, or remove_fixed_pattern has fewer than two frames.
+/// empty, remove_fixed_pattern has fewer than two frames, or a setting is out of its range.
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings,

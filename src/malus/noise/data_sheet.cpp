@@ -52,6 +52,7 @@ double threshold_e(double sd_dn, double quantization_dn, double K) {
 }
 
 std::vector<double> spectrum(int lines, int length, const std::function<float(int, int)>& value) {
+  if (lines == 0 || length == 0) return {};
   const auto bins = static_cast<std::size_t>(length / 2 + 1);
   using Sum = std::vector<double>;
   constexpr int kGrain = 64;
@@ -65,7 +66,10 @@ std::vector<double> spectrum(int lines, int length, const std::function<float(in
         for (auto r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
           for (int c = 0; c < length; ++c)
             line[static_cast<std::size_t>(c)] = static_cast<double>(value(r, c));
-          fft.fwd(transform, line);
+          if (length > 1)
+            fft.fwd(transform, line);
+          else
+            transform.assign(1, line[0]);  // the transform takes no less than two
           for (std::size_t k = 0; k < bins; ++k) sum[k] += std::norm(transform[k]);
         }
         return sum;

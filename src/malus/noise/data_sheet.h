@@ -68,7 +68,7 @@ std::vector<double> column_profile(View<const float> map);
 
 /// EMVA 1288 spectrogram along the rows: root of the power |Y_k|²/cols averaged over the rows, for
 /// k = 0 .. cols/2 periods per row; white noise of standard deviation s gives s everywhere. Along
-/// columns: the same of the transposed map.
+/// columns: the same of the transposed map. Empty of a map without pixels.
 std::vector<double> row_spectrum(View<const float> map);
 std::vector<double> column_spectrum(View<const float> map);
 

@@ -1,6 +1,7 @@
 #include "malus/polar/normals.h"
 
 #include "malus/base/parallel.h"
+#include "malus/base/settings_check.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/fresnel.h"
 
@@ -112,6 +113,7 @@ Image foreground_mask(const Image& s0, double share) {
 
 NormalMap normals_of(const StokesPlanes& stokes, const Image& mask,
                      const NormalSettings& settings) {
+  require_settings(settings);
   const int rows = stokes.s0.rows(), cols = stokes.s0.cols();
   MALUS_REQUIRE(mask.rows() == rows && mask.cols() == cols);
   const ZenithTable zenith_of(settings);

@@ -61,6 +61,7 @@ struct NormalMap {
 Image foreground_mask(const Image& s0, double share);
 
 /// stokes: one colour or the mean of all. mask: sizes equal; pixels > 0 belong to the object.
+/// Throws InputError on settings out of their range or choices.
 NormalMap normals_of(const StokesPlanes& stokes, const Image& mask, const NormalSettings& settings);
 
 /// Whether a map has a normal at its element i: finite and longer than 0. Maps of other programs

@@ -1,5 +1,6 @@
 #include "malus/synthesize/model_renoiser.h"
 
+#include "malus/base/settings_check.h"
 #include "malus/synthesize/synthesizer.h"
 
 namespace malus {
@@ -25,6 +26,7 @@ Renoiser make_renoiser(const NoiseModel& model, const GainSetting& from, const G
 ModelRenoiser::ModelRenoiser(const NoiseModel& model, const GainSetting& from,
                              const GainSetting& to, const RenoiseSettings& settings, bool rounded)
     : layout_(model.layout) {
+  require_settings(settings);
   if (rounded) rounding_ = CameraOutput{model.black_dn, model.white_dn, model.quantization_dn};
   if (settings.method == "naive") {
     naive_.emplace(target_physics(model, to, rounded));

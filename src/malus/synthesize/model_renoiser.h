@@ -33,7 +33,8 @@ struct RenoiseSettings {
 class ModelRenoiser {
  public:
   /// rounded: the result is that of the camera, in which rounding is the target's quantisation
-  /// noise. Throws InputError where the model does not know a gain, or as Renoiser.
+  /// noise. Throws InputError where the model does not know a gain, on settings that are none of
+  /// their choices, or as Renoiser.
   ModelRenoiser(const NoiseModel& model, const GainSetting& from, const GainSetting& to,
                 const RenoiseSettings& settings, bool rounded);
 

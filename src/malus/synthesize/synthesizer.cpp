@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/pick.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
 #include "malus/synthesize/exact.h"
@@ -147,6 +148,7 @@ Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
     : model_(std::move(model)),
       settings_(std::move(settings)),
       cache_(std::make_shared<GainTableCache>()) {
+  require_settings(settings_);
   const bool physics = settings_.kind == "physics" || settings_.kind == "poisson-gaussian";
   const std::string needed = physics ? "physics" : settings_.kind;
   const auto kinds = model_.kinds();

@@ -91,8 +91,8 @@ GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settin
 /// several threads; copies share their tables.
 class Synthesizer {
  public:
-  /// Throws InputError when the model lacks the kind, and where a setting means nothing to it. The
-  /// model is copied.
+  /// Throws InputError on settings out of their range or choices, when the model lacks the kind,
+  /// and where a setting means nothing to it. The model is copied.
   Synthesizer(NoiseModel model, SynthesisSettings settings);
 
   /// clean_dn: mosaic in DN above black at the frame's gain, whose first pixel lies at
