@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -297,26 +296,6 @@ def test_seeds_are_decimal_digits(malus, frame, tmp_path):
 
 def test_names_with_control_characters_stay_on_one_line(refused, tmp_path):
     refused("info", tmp_path / "two\nlines.png")
-
-
-@pytest.mark.alone
-def test_interrupted_run_leaves_whole_files_only(tmp_path, frame):
-    from conftest import PROGRAM
-    for i in range(40):
-        shutil.copy(frame, tmp_path / f"f{i}.png")
-    out = tmp_path / "out"
-    model = ["--model", "imx250mzr-simulated", "--gain", "12"]  # frames this small do not tell their noise
-    results = lambda: [path for path in out.glob("*_denoised.tif") if path.name[0] != "."]  # a file being written is hidden
-    process = subprocess.Popen([PROGRAM, "denoise", *map(str, sorted(tmp_path.glob("f*.png"))), *LAYOUT, *model, "-o", str(out)],
-                               stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    while process.poll() is None and len(results()) < 2:
-        pass
-    process.kill()
-    process.wait()
-    written = results()
-    assert len(written) >= 2
-    for path in written:
-        assert np.array(Image.open(path)).shape == (64, 64)
 
 
 def test_a_frame_is_never_replaced_by_the_result_of_another(refused, tmp_path):

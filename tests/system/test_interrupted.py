@@ -1,4 +1,4 @@
-"""Wherever a run that replaces files is stopped, what is left belongs together."""
+"""Wherever a run is stopped, what is left is whole and belongs together; what would stop it late is refused early."""
 
 import json
 import os
@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from conftest import PROGRAM
 
@@ -27,6 +28,25 @@ def write_session(folder, ratio, second_rows=64):
     sections += [frames(folder, "short", seconds, 0, light / ratio), frames(folder, "short", seconds, 1, light[:second_rows] / ratio)]
     (folder / "session.toml").write_text(SENSOR + "".join(sections))
     return folder / "session.toml"
+
+
+@pytest.mark.alone
+def test_an_interrupted_run_leaves_whole_files_only(tmp_path):
+    for i in range(40):
+        Image.fromarray(np.random.default_rng(1).integers(20, 200, (64, 64), dtype=np.uint8)).save(tmp_path / f"f{i}.png")
+    out = tmp_path / "out"
+    given = ["--layout", "polar-mono", "--black", "0", "--white", "255", "--model", "imx250mzr-simulated", "--gain", "12"]  # frames this small do not tell their noise
+    results = lambda: [path for path in out.glob("*_denoised.tif") if path.name[0] != "."]  # a file being written is hidden
+    process = subprocess.Popen([PROGRAM, "denoise", *map(str, sorted(tmp_path.glob("f*.png"))), *given, "-o", str(out)],
+                               stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    while process.poll() is None and len(results()) < 2:
+        pass
+    process.kill()
+    process.wait()
+    written = results()
+    assert len(written) >= 2
+    for path in written:
+        assert np.array(Image.open(path)).shape == (64, 64)
 
 
 def test_a_list_of_pairs_speaks_for_no_frames_of_another_run(malus, refused, tmp_path):
