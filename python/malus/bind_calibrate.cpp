@@ -56,7 +56,7 @@ ArraySet array_set(const std::string& kind, const py::object& frames,
   const std::size_t count = py::len(frames);
   if (count > static_cast<std::size_t>(std::numeric_limits<int>::max()))
     throw InputError("frames", "are too many", "give fewer");
-  require_in_range(level, {"level", "1", "", 0, kLargestLevel});
+  require_setting(level, {"level", "1", "", 0, kLargestLevel});
   ArraySet out;
   out.set.kind = kind_named(kind);
   const CameraSettings settings =
@@ -126,7 +126,7 @@ std::shared_ptr<const Held> with_the_lock(Held held) {
 }
 
 CalibrationInput input_of(const std::vector<ArraySet>& sets, const ArraySensor& sensor) {
-  require_in_range(sensor.row_group, {"row_group", "1", "", 1, kLargestRowGroup});
+  require_setting(sensor.row_group, {"row_group", "1", "", 1, kLargestRowGroup});
   CalibrationInput input;
   input.sensor = sensor.name;
   input.origin = "arrays";

@@ -3,6 +3,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parameter.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/text.h"
 
 #include <algorithm>
@@ -29,20 +30,6 @@ std::string value_text(const Value& value) {
     return fmt::format("[{}]", fmt::join(value, ", "));
   else
     return fmt::format("{}", value);
-}
-
-/// Throws InputError for a number outside the range of its setting.
-template <class Value>
-void require_in_range(const Value& value, const ParameterInfo& info) {
-  if constexpr (requires { value.has_value(); }) {
-    if (value) require_in_range(*value, info);
-  } else if constexpr (std::is_same_v<Value, std::vector<double>>) {
-    for (const double part : value) require_in_range(part, info);
-  } else if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>) {
-    if (!(static_cast<double>(value) >= info.minimum && static_cast<double>(value) <= info.maximum))
-      throw InputError(info.name, fmt::format("{} is outside its range", value),
-                       fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
-  }
 }
 
 /// A setting's type, as pybind11 writes those of arguments.
@@ -89,12 +76,7 @@ Settings settings_from(const pybind11::kwargs& kwargs) {
     known.push_back(info.name);
     if (!kwargs.contains(info.name.c_str())) return;
     value = setting_from<Value>(kwargs[info.name.c_str()], info.name);
-    require_in_range(value, info);
-    if constexpr (std::is_same_v<Value, std::string>)
-      if (!info.choices.empty() &&
-          std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
-        throw InputError(info.name, fmt::format("{} is not known", value),
-                         "choose one of " + joined(info.choices));
+    require_setting(value, info);
   });
   for (const auto& [key, unused] : kwargs) {
     const auto name = key.template cast<std::string>();

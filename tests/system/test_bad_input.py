@@ -61,7 +61,9 @@ def test_a_folder_is_no_frame(refused, tmp_path):
 @pytest.mark.parametrize("command", [["stokes"], ["denoise", "--model", "imx250mzr-simulated"], ["simulate"], ["report"]])
 def test_names_that_no_system_takes(refused, tmp_path, command):
     error = refused(*command, tmp_path / f"{'a' * 300}.npy", "-o", tmp_path / "out")
-    assert error.startswith(f"malus: {tmp_path}") and "File name too long; check the name" in error
+    assert error.startswith(f"malus: {tmp_path}")
+    # simulate names its result, which is checked first.
+    assert ("its name is too long" if command == ["simulate"] else "File name too long; check the name") in error
 
 
 def test_black_above_white(refused, frame, tmp_path):

@@ -107,7 +107,7 @@ def test_names_that_leave_no_room_are_refused_before_the_work(refused, tmp_path)
 
 def test_little_address_space_is_named(tmp_path):
     """The libraries of pictures would try for ever to get more."""
-    (tmp_path / "x.png").write_bytes(b"")
+    Image.fromarray(np.zeros((8, 8), np.uint8)).save(tmp_path / "x.png")
     done = subprocess.run([PROGRAM, "info", tmp_path / "x.png"], capture_output=True, text=True, timeout=60,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (500_000_000, 500_000_000)), env={**os.environ, "LC_ALL": "C"})
     assert done.returncode == 1 and done.stderr.count("\n") == 1 and "ulimit -v" in done.stderr

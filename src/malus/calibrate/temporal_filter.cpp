@@ -179,9 +179,8 @@ void warn_of_temporal_filter(const SuccessiveFrames& dark, PhysicsCalibration& o
   constexpr double kErrors = 8.0;
   if (dark.correlation() - kErrors * dark.standard_error() > 1.0)
     out.warnings.push_back(
-        "what a pixel changes by from one dark frame to the next it goes on changing by: that is "
-        "no "
-        "noise but a drift, and K and the noise are not the sensor's; let the camera warm up, and "
+        "what a pixel changes by from one dark frame to the next it goes on changing by: that is a "
+        "drift and no noise, and K and the noise are not the sensor's; let the camera warm up, and "
         "keep light out");
   else if (mixes_frames(dark))
     out.warnings.push_back(fmt::format(
