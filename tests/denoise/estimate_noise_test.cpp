@@ -27,7 +27,7 @@ PhysicsNoise shot_and_read_noise(double gain, double read) {
 RawFrame frame_of(Image clean, const PhysicsNoise& noise) {
   RawFrame frame;
   frame.layout = noise.layout;
-  frame.black_dn.assign(16, 0.0);
+  frame.black_dn.assign(static_cast<std::size_t>(noise.layout.channels()), 0.0);
   frame.white_dn = 4095;
   frame.dn = std::move(clean);
   frame.source = "test";
