@@ -84,7 +84,7 @@ def test_stated_errors_are_compared_with_the_true_ones(malus, refused, scene):
     assert both[1::2] == rows  # the default
     assert 0.2 < both[1]["error_over_stated"]["pixel"] < 10
     assert "vst-bm3d gives none" in malus(*run, "--methods", "vst-bm3d", code=2).err
-    assert "no profile" in refused(*run, "--profile", "fine")
+    assert "--profile: fine is not known; choose one of fast, normal, high" in refused(*run, "--profile", "fine")
 
 
 @pytest.mark.parametrize("damage, said", [
