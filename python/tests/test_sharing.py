@@ -101,15 +101,14 @@ sys.exit(os.waitpid(child, 0)[1] != 0)
 """
 
 
-@pytest.mark.parametrize("ending", ["exr", "tif"])
-def test_a_forked_worker_reads_pictures_as_its_parent_did(tmp_path, ending):
+def test_a_forked_worker_reads_an_exr_as_its_parent_did(tmp_path):
     """OpenEXR keeps threads, which a forked process has not."""
     program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
     if not program.exists():
         pytest.skip("needs the program")
     np.save(tmp_path / "picture.npy", np.random.default_rng(1).uniform(0, 1, (64, 64)).astype(np.float32))
-    subprocess.run([program, "simulate", tmp_path / "picture.npy", "--layout", "polar-mono", "--format", ending, "-o", tmp_path], check=True)
-    path = tmp_path / f"picture_clean.{ending}"
+    subprocess.run([program, "simulate", tmp_path / "picture.npy", "--layout", "polar-mono", "--format", "exr", "-o", tmp_path], check=True)
+    path = tmp_path / "picture_clean.exr"
     paths = {"PYTHONPATH": str(pathlib.Path(malus.__file__).parents[1])}
     done = subprocess.run([sys.executable, "-c", READERS, path], env=paths, timeout=300)
     assert done.returncode == 0
