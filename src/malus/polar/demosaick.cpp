@@ -115,17 +115,17 @@ void smooth_s0(Image& s0, const Image& takes_part) {
 
 StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
   const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
-  if (!layout.colored()) return {{""}, {internal::residual_angles(mosaic, layout, epsilon)}};
+  if (!layout.colored()) return {{""}, {internal::residual_angles(mosaic, layout, epsilon).stokes}};
   std::map<Color, Image> planes;
   for (Color color : display_colors(layout)) planes[color] = Image(mosaic.rows(), mosaic.cols());
   for (int r = 0; r < 2; ++r)
     for (int c = 0; c < 2; ++c) demosaick_colors(mosaic, layout, r, c, epsilon, planes);
   StokesPicture picture;
   for (Color color : display_colors(layout)) {
-    StokesPlanes stokes = internal::residual_angles(planes[color], layout, epsilon);
-    smooth_polarization(stokes);
-    smooth_s0(stokes.s0, internal::s0_takes_part(planes[color]));
+    auto [stokes, s0_takes_part] = internal::residual_angles(planes[color], layout, epsilon);
     planes[color] = Image();
+    smooth_polarization(stokes);
+    smooth_s0(stokes.s0, s0_takes_part);
     picture.names.push_back(display_name(color));
     picture.planes.push_back(std::move(stokes));
   }

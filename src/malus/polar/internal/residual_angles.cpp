@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace malus::internal {
 namespace {
@@ -99,8 +100,7 @@ float trust_in_guide(float s0_takes_part, float guided_error, float interpolated
   return s0_takes_part / (1 + to_4 * to_4);
 }
 
-}  // namespace
-
+// As ResidualAngles says.
 Image s0_takes_part(const Image& mosaic) {
   constexpr int kRadius = 3;
   const int rows = mosaic.rows(), cols = mosaic.cols();
@@ -132,7 +132,9 @@ Image s0_takes_part(const Image& mosaic) {
   return of_s0;
 }
 
-StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon) {
+}  // namespace
+
+ResidualAngles residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon) {
   const auto interpolate = [&](const Image& samples, const Lattice& lattice) {
     return upsampled(samples, lattice, mosaic.rows(), mosaic.cols());
   };
@@ -143,7 +145,7 @@ StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, do
       });
   const AngleImages interpolated = for_angles(mosaic, layout, interpolate);
   const Image guided_error = malus_error(planes), error = malus_error(interpolated);
-  const Image share = s0_takes_part(mosaic);
+  Image share = s0_takes_part(mosaic);
   const auto tiny = static_cast<float>(kMalusFloor * epsilon);
   for_rows(mosaic.rows(), [&](int r) {
     for (int c = 0; c < mosaic.cols(); ++c) {
@@ -153,7 +155,7 @@ StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, do
         planes[a](r, c) = interpolated[a](r, c) + trust * (planes[a](r, c) - interpolated[a](r, c));
     }
   });
-  return stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]});
+  return {stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]}), std::move(share)};
 }
 
 }  // namespace malus::internal

@@ -7,15 +7,17 @@
 
 namespace malus::internal {
 
-/// Full-resolution Stokes planes of a mosaic of 2x2 blocks of angles with one colour at every
-/// pixel, in its unit: every angle guided by an intensity picture (Demosaicking::kResidual), or
-/// interpolated alone where the polarization changes and S0 does not. epsilon: as in
-/// guided_upsampled.
-StokesPlanes residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon);
+struct ResidualAngles {
+  StokesPlanes stokes;  ///< full resolution, in the mosaic's unit
+  /// 1 where S0 changes with the angles, 0 where the polarization alone does, from the share of the
+  /// angles' differences over two pixels that S0 has as well, averaged around a pixel: most of them
+  /// at S0's edges, half in noise.
+  Image s0_takes_part;
+};
 
-/// 1 where S0 changes with the angles, 0 where the polarization alone does, from the share of the
-/// angles' differences over two pixels that S0 has as well, averaged around a pixel: most of them
-/// at S0's edges, half in noise.
-Image s0_takes_part(const Image& mosaic);
+/// Of a mosaic of 2x2 blocks of angles with one colour at every pixel: every angle guided by an
+/// intensity picture (Demosaicking::kResidual), or interpolated alone where the polarization
+/// changes and S0 does not. epsilon: as in guided_upsampled.
+ResidualAngles residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon);
 
 }  // namespace malus::internal
