@@ -52,13 +52,19 @@ TEST(DataSheet, FollowsTheStandardsFormulas) {
   EXPECT_TRUE(std::isnan(named(sheet, "linearity_error").value[0]));
 }
 
-// What a pixel can tell of light begins at the dark signal, whatever black level was declared.
-TEST(DataSheet, TheDarkSignalIsNoLight) {
-  NoiseModel model = sensor_of_4000_dn();
+// With 2 DN of noise in the dark, all without error.
+PhysicsCalibration half_a_dn_per_electron() {
   PhysicsCalibration p;
   p.K.mean = {0.5};
   p.K.standard_error = {0};
   p.temporal_sd_dark_dn = {2.0};
+  return p;
+}
+
+// What a pixel can tell of light begins at the dark signal, whatever black level was declared.
+TEST(DataSheet, TheDarkSignalIsNoLight) {
+  NoiseModel model = sensor_of_4000_dn();
+  PhysicsCalibration p = half_a_dn_per_electron();
   for (const double declared_black_dn : {0.0, 95.0, 100.0}) {
     model.black_dn = {declared_black_dn};
     p.mu.mean = {95 - declared_black_dn};
@@ -72,10 +78,7 @@ TEST(DataSheet, TheDarkSignalIsNoLight) {
 
 TEST(DataSheet, FullWellIsWhereTheVarianceFallsNotWhite) {
   const NoiseModel model = sensor_of_4000_dn();
-  PhysicsCalibration p;
-  p.K.mean = {0.5};
-  p.K.standard_error = {0};
-  p.temporal_sd_dark_dn = {2.0};
+  PhysicsCalibration p = half_a_dn_per_electron();
   p.transfer.resize(3);
   p.transfer[0].mean_dn = 2400;
   p.transfer[1].mean_dn = 2500;
