@@ -97,10 +97,18 @@ void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols
       inside.places.push_back({p.row - origin.row, p.col - origin.col});
   profile.defects = std::move(inside);
   if (!profile.pattern) return;
-  FixedPattern pattern = *profile.pattern;
-  for (Image* map : {&pattern.dark_dn, &pattern.response}) *map = part_of(*map, origin, rows, cols);
-  for (Image* columns : {&pattern.dark_columns_dn, &pattern.response_columns})
-    *columns = part_of(*columns, {0, origin.col}, columns->rows(), cols);
+  const FixedPattern& whole = *profile.pattern;
+  const auto columns_of = [&](const Image& map) {
+    return part_of(map, {0, origin.col}, map.rows(), cols);
+  };
+  FixedPattern pattern{part_of(whole.dark_dn, origin, rows, cols),
+                       part_of(whole.response, origin, rows, cols),
+                       columns_of(whole.dark_columns_dn),
+                       columns_of(whole.response_columns),
+                       whole.dark_kept,
+                       whole.response_kept,
+                       whole.dark_columns_kept,
+                       whole.response_columns_kept};
   profile.pattern = std::make_shared<const FixedPattern>(std::move(pattern));
 }
 
