@@ -228,9 +228,12 @@ std::vector<Counts> histograms_of(NoiseSource& source, const Bins& levels,
   for (int k = 0; k < source.count(); ++k) {
     check_stop(progress);
     const Image frame = source.frame(k);
-    structure.add(source.whole().noise_of(frame));
     const Ground& ground = source.of_group(k, progress);
     const Image noise = ground.noise_of(frame);
+    if (&ground == &source.whole())
+      structure.add(noise);
+    else
+      structure.add(source.whole().noise_of(frame));
     for (std::size_t i = 0; i < noise.size(); ++i) {
       const double x = noise.values()[i];
       const double s = ground.signal.empty() ? 0.0 : ground.signal.values()[i];
