@@ -243,7 +243,7 @@ void add_training_settings(CLI::App& command, Common& common) {
       .add_option("--set", common.settings,
                   "SECTION.KEY=VALUE in place of what a training's configuration says, e.g. "
                   "train.steps=5000; once per setting")
-      ->check(accepted_by(require_setting))
+      ->check(accepted_by(require_setting_text))
       ->allow_extra_args(false);
 }
 

@@ -67,7 +67,7 @@ void merge(toml::table& into, toml::table&& from) {
 
 }  // namespace
 
-void require_setting(const std::string& given) { parsed_setting(given); }
+void require_setting_text(const std::string& given) { parsed_setting(given); }
 
 ConfigSection ConfigSection::parse(std::string_view text, const std::string& source,
                                    std::string title, const std::vector<std::string>& settings) {

@@ -19,7 +19,7 @@ namespace malus {
 
 /// Throws InputError where `given` is no setting as ConfigSection::parse takes them,
 /// "SECTION.KEY=VALUE".
-void require_setting(const std::string& given);
+void require_setting_text(const std::string& given);
 
 class ConfigSection {
  public:
