@@ -234,6 +234,13 @@ TEST(Synthesizer, MissingKindsAndUndefinedCombinationsAreRefused) {
   EXPECT_THROW(synthesizer.draw(clean, GainSetting{.gain_db = 30.0, .iso = {}}, {}), InputError);
 }
 
+TEST(Synthesizer, SettingsOutOfTheirRangeAreRefused) {
+  SynthesisSettings settings;
+  EXPECT_NO_THROW(Synthesizer(bayer_model(), settings));
+  settings.ratio = 0;  // light would be divided by it
+  EXPECT_THROW(Synthesizer(bayer_model(), settings), InputError);
+}
+
 // The calibrated offset is a recorded frame's, its rounding included: a synthesized frame, rounded
 // or not, has just that variance; without quantisation it has q²/12 less. 240,000 pixels: five
 // standard errors of a variance are 1.4 %, a q²/12 of it 2.7 % and more.
