@@ -143,6 +143,7 @@ void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
       ->check(accepted_by(require_method))
       ->capture_default_str();
   command->add_option("--profile", arguments->profile, "profile of the denoisers")
+      ->check(one_of(choices_of<DenoiseSettings>("profile")))
       ->capture_default_str();
 }
 
