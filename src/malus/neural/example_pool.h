@@ -93,6 +93,7 @@ class ExamplePool {
     double waited_s = 0;   ///< at the first step that counts
     Stopwatch since = {};  ///< that step
   };
+  ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed);  ///< without threads
   std::int64_t newest_wanted(std::int64_t step) const;
   void work();
   void make_next(std::unique_lock<std::mutex>& lock);
@@ -101,8 +102,8 @@ class ExamplePool {
   Maker maker_;
   PoolShape shape_;
   std::uint64_t seed_;
-  std::int64_t first_generation_;       ///< of the front
-  std::int64_t wanted_;                 ///< newest generation that may be made
+  std::int64_t first_generation_ = 0;   ///< of the front
+  std::int64_t wanted_ = 0;             ///< newest generation that may be made
   std::deque<Generation> generations_;  ///< from first_generation_ on
   int next_place_ = 0;                  ///< of the last generation; places: all are given out
   std::exception_ptr failure_;
