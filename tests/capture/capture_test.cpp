@@ -2,12 +2,16 @@
 
 #include "malus/base/error.h"
 #include "malus/capture/camera.h"
+#include "malus/capture/frame_writer.h"
 #include "malus/capture/loss_count.h"
 
+#include <cstdlib>
 #include <fstream>
+#include <system_error>
 
 #include "support.h"
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 namespace malus {
 namespace {
@@ -34,6 +38,23 @@ TEST(LossCount, FramesOutOfOrderAndNewBeginningsAreNoLosses) {
   EXPECT_EQ(lost_between({10, 9, 10}), 0u);
   EXPECT_EQ(lost_between({900, 1, 2}), 0u);
   EXPECT_EQ(lost_between({1u << 20, 0}), 0u);
+}
+
+// As where a container allows few threads: here their stacks find no room.
+[[noreturn]] void ask_for_too_many_threads() {
+  constexpr int kThreads = 100000;
+  const rlimit no_more{1U << 30, 1U << 30};
+  setrlimit(RLIMIT_AS, &no_more);
+  try {
+    const FrameWriter writer(kThreads, 4);
+  } catch (const std::system_error&) {
+    std::_Exit(7);
+  }
+  std::_Exit(0);
+}
+
+TEST(FrameWriter, ThreadsThatTheSystemRefusesAreAnErrorAndNoEnd) {
+  EXPECT_EXIT(ask_for_too_many_threads(), ::testing::ExitedWithCode(7), "");
 }
 
 std::filesystem::path write_plan(const TemporaryFolder& folder, const std::string& text) {

@@ -4,7 +4,10 @@
 
 namespace malus {
 
-FrameWriter::FrameWriter(int threads, std::size_t most_waiting) : most_waiting_(most_waiting) {
+FrameWriter::FrameWriter(std::size_t most_waiting) : most_waiting_(most_waiting) {}
+
+// Delegates, so that the destructor ends the threads that run where the system refuses one more.
+FrameWriter::FrameWriter(int threads, std::size_t most_waiting) : FrameWriter(most_waiting) {
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
 }
 

@@ -27,6 +27,7 @@ class FrameWriter {
   void finish();
 
  private:
+  explicit FrameWriter(std::size_t most_waiting);
   struct Job {
     std::filesystem::path path;
     RawFrame frame;
