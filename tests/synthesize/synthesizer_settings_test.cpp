@@ -2,6 +2,7 @@
 #include "malus/base/error.h"
 #include "malus/base/random.h"
 #include "malus/synthesize/formation.h"
+#include "malus/synthesize/model.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <cmath>
@@ -105,6 +106,18 @@ TEST(Synthesizer, RandomGainsOfDarkFramesAreThoseThatHaveThem) {
   for (std::uint32_t frame = 0; frame < 40; ++frame)
     gains.insert(*dark.draw(Image(8, 8), std::nullopt, {.seed = 3, .frame = frame}).gain.gain_db);
   EXPECT_EQ(gains, (std::set{6.0, 24.0}));
+}
+
+// Of every kind, not at the first draw.
+TEST(Model, AGainThatIsNotServedIsRefusedWhereItIsAsked) {
+  const Model model(camera_of_all_kinds());
+  for (const char* kind :
+       {"physics", "poisson-gaussian", "gaussian", "nonparametric", "dark-frames"}) {
+    SynthesisSettings settings;
+    settings.kind = kind;
+    EXPECT_NO_THROW(model.at_gain(*kGain.gain_db, settings)) << kind;
+    EXPECT_THROW(model.at_gain(500, settings), InputError) << kind;
+  }
 }
 
 TEST(Synthesizer, PatchesOfDarkFramesComeFromAnywhere) {

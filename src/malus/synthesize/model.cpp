@@ -116,11 +116,8 @@ LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>
 
 NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
   if (!gain) return {synthesizer_, std::nullopt};
-  const auto& settings = synthesizer_->settings();
   const auto setting = setting_in_unit_of(synthesizer_->model(), *gain);
-  // Refused here, not at the first draw.
-  if (settings.kind == "physics")
-    synthesizer_->model().parameters_at(setting, gain_range(settings.extrapolate_gain));
+  synthesizer_->require_gain(setting);  // refused here, not at the first draw
   return {synthesizer_, setting};
 }
 

@@ -50,7 +50,7 @@ class Model {
   explicit Model(NoiseModel description);
 
   /// gain in the unit that the model was measured in: dB, or ISO. Throws InputError outside the
-  /// calibrated range.
+  /// calibrated range, and of kind dark-frames at a gain without them.
   NoiseAtGain at_gain(double gain, const SynthesisSettings& settings = {}) const;
   /// Every frame draws its own gain (000, 5.1).
   NoiseAtGain at_random_gain(const SynthesisSettings& settings = {}) const;

@@ -252,13 +252,21 @@ FrameParameters Synthesizer::physical(const GainTables& tables, View<const float
   return frame;
 }
 
+std::shared_ptr<const GainTables> Synthesizer::tables_at(const GainSetting& gain) const {
+  return cache_->at(gain, [this](const GainSetting& missing) { return make_tables(missing); });
+}
+
+void Synthesizer::require_gain(const GainSetting& gain) const {
+  tables_at(gain);
+  if (settings_.kind == "dark-frames") model_.dark_frames_at(gain);
+}
+
 FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy_dn,
                                    const std::optional<GainSetting>& gain,
                                    const DrawAddress& address, bool rounded_later) const {
   MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
   const auto tables =
-      cache_->at(gain ? *gain : random_gain(model_, settings_, address.seed, address.frame),
-                 [this](const GainSetting& missing) { return make_tables(missing); });
+      tables_at(gain ? *gain : random_gain(model_, settings_, address.seed, address.frame));
   View<const float> signal_dn = clean_dn;
   if (settings_.ratio != 1) {
     const auto factor = static_cast<float>(1.0 / settings_.ratio);

@@ -117,6 +117,9 @@ class Synthesizer {
                     const DrawAddress& address, const std::vector<double>& black_dn,
                     double white_dn, FrameParameters* drawn = nullptr) const;
 
+  /// Throws InputError on a gain that draws refuse; makes its tables, which they need anyway.
+  void require_gain(const GainSetting& gain) const;
+
   /// The address of a patch of rows x cols pixels that belongs to no place of its own. Only kind
   /// dark-frames has places: it gets one anywhere in the dark frames that begins a cell and a row
   /// group, a function of seed and frame. Row and column 0 of other kinds.
@@ -136,6 +139,7 @@ class Synthesizer {
   FrameParameters physical(const GainTables& tables, View<const float> signal_dn,
                            View<float> noisy_dn, const DrawAddress& address,
                            bool rounded_later) const;
+  std::shared_ptr<const GainTables> tables_at(const GainSetting& gain) const;
   GainTables make_tables(const GainSetting& gain) const;
 
   NoiseModel model_;
