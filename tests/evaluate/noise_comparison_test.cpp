@@ -94,6 +94,29 @@ TEST(NoiseStructure, IndependentPixelsOfASmallPlaneMakeNoLines) {
   }
 }
 
+TEST(NoiseStructure, AChannelWithoutPixelsLeavesTheOthersAsTheyAre) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  StructureSums whole(layout), holed(layout);
+  for (std::uint32_t k = 0; k < 2; ++k) {
+    RandomSequence random(11, k, Draw::kPixel);
+    Image noise(64, 64);
+    for (float& v : noise.values()) v = 5 * static_cast<float>(random.normal());
+    for (int r = 0; r < 64; r += 2)
+      for (int c = 0; c < 64; c += 2) noise(r, c) = std::nanf("");
+    holed.add(noise);
+    for (int r = 0; r < 64; r += 2)
+      for (int c = 0; c < 64; c += 2) noise(r, c) = 0;
+    whole.add(noise);
+  }
+  const NoiseStructure found = holed.result(), even = whole.result();
+  EXPECT_TRUE(std::isnan(found.mean_dn[0]) && std::isnan(found.sd_dn[0]) &&
+              std::isnan(found.row_sd_dn[0]) && std::isnan(found.column_sd_dn[0]));
+  for (const std::size_t k : {1, 2, 3}) EXPECT_EQ(found.sd_dn[k], even.sd_dn[k]);
+  EXPECT_EQ(found.row_power_dn2, even.row_power_dn2);
+  EXPECT_EQ(found.along_row, even.along_row);
+  EXPECT_EQ(found.between_frames, even.between_frames);
+}
+
 TEST(CompareNoise, TheSameNoiseIsAtTheSamplingFloor) {
   const Image clean = ramp();
   const Noise noise{.sd = 3, .slope = 0.5};

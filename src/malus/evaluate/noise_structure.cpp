@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <limits>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 namespace malus {
@@ -25,13 +27,17 @@ double line_variance(const std::vector<double>& means, double pixel_variance, in
   return sd * sd - pixel_variance / pixels_per_line;
 }
 
-// Replaces broken pixels by the mean so that the sums below need no case for them.
-Spread centre(Image& plane) {
+// Replaces broken pixels by the mean so that the sums below need no case for them. Fewer than two
+// sound ones tell nothing, and their plane is even.
+std::optional<Spread> centre(Image& plane) {
   Moments moments;
   for (float v : plane.values())
     if (std::isfinite(v)) moments.add(v);
   Spread spread;
-  if (moments.count() < 2) return spread;
+  if (moments.count() < 2) {
+    std::fill(plane.values().begin(), plane.values().end(), 0.0f);
+    return std::nullopt;
+  }
   spread.mean = moments.mean();
   spread.variance = moments.variance();
   std::vector<double> rows(static_cast<std::size_t>(plane.rows()));
@@ -121,13 +127,16 @@ void StructureSums::add(const Image& noise) {
   Planes planes = pack(noise, layout_);
   std::vector<float> scale;  // to variance 1
   for (int k = 0; k < planes.channels(); ++k) {
-    const Spread spread = centre(planes[k]);
+    const std::optional<Spread> spread = centre(planes[k]);
+    const double variance = spread ? spread->variance : 0.0;
+    scale.push_back(static_cast<float>(variance > 0 ? 1 / std::sqrt(variance) : 0));
+    if (!spread) continue;
     ChannelSums& sums = channels_[static_cast<std::size_t>(k)];
-    sums.mean += spread.mean;
-    sums.variance += spread.variance;
-    sums.row_variance += spread.row_variance;
-    sums.column_variance += spread.column_variance;
-    scale.push_back(static_cast<float>(spread.variance > 0 ? 1 / std::sqrt(spread.variance) : 0));
+    sums.mean += spread->mean;
+    sums.variance += spread->variance;
+    sums.row_variance += spread->row_variance;
+    sums.column_variance += spread->column_variance;
+    ++sums.frames;
   }
   const std::vector<double> power = row_power(row_means(planes, layout_));
   row_power_.resize(power.size());
@@ -147,12 +156,13 @@ void StructureSums::add(const Image& noise) {
 
 NoiseStructure StructureSums::result() const {
   MALUS_REQUIRE(frames_ > 0);
-  const auto deviation = [&](double variance_sum) {
-    return std::sqrt(std::max(0.0, variance_sum / frames_));
-  };
   NoiseStructure structure;
   for (const ChannelSums& sums : channels_) {
-    structure.mean_dn.push_back(sums.mean / frames_);
+    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+    const auto deviation = [&](double variance_sum) {
+      return sums.frames > 0 ? std::sqrt(std::max(0.0, variance_sum / sums.frames)) : kUnknown;
+    };
+    structure.mean_dn.push_back(sums.frames > 0 ? sums.mean / sums.frames : kUnknown);
     structure.sd_dn.push_back(deviation(sums.variance));
     structure.row_sd_dn.push_back(deviation(sums.row_variance));
     structure.column_sd_dn.push_back(deviation(sums.column_variance));

@@ -10,7 +10,8 @@ namespace malus {
 class StructureSums {
  public:
   explicit StructureSums(const SensorLayout& layout);
-  /// noise: frame minus clean, a mosaic. Pixels that are not finite count as the channel's mean.
+  /// noise: frame minus clean, a mosaic. Pixels that are not finite count as the channel's mean;
+  /// of a channel with fewer than two others nothing is known (NaN, if it is so in all frames).
   void add(const Image& noise);
   /// Contract: at least one frame was added.
   NoiseStructure result() const;
@@ -18,6 +19,7 @@ class StructureSums {
  private:
   struct ChannelSums {
     double mean = 0, variance = 0, row_variance = 0, column_variance = 0;
+    int frames = 0;  ///< that tell of the channel
   };
   SensorLayout layout_;
   int frames_ = 0;
