@@ -61,7 +61,7 @@ Light light_of(const py::object& given, const std::optional<std::string>& layout
     light.dn = input_from(given, kLight);
     light.layout = SensorLayout::named(*layout);
   }
-  require_polarized(light.layout, "array");
+  require_polarized(light.layout, light.source);
   require_whole_cell(light.view(), light.layout, kLight);
   return light;
 }

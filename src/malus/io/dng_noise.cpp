@@ -41,7 +41,8 @@ class TiffNumbers {
     stream_.seekg(static_cast<std::streamoff>(offset));
     stream_.read(reinterpret_cast<char*>(raw.data()), bytes);
     if (!stream_)
-      throw InputError(path_.string(), fmt::format("ends before byte {}", offset + 8),
+      throw InputError(path_.string(),
+                       fmt::format("ends before byte {}", offset + static_cast<unsigned>(bytes)),
                        "copy the file again");
     std::uint64_t value = 0;
     for (int i = 0; i < bytes; ++i)
