@@ -30,7 +30,9 @@ namespace {
 
 constexpr int kExitInput = 1, kExitUsage = 2, kExitStopped = 130;
 
-volatile std::sig_atomic_t g_stop_requested = 0;
+// Set by a signal handler and read by the workers: a lock-free atomic alone may serve both.
+std::atomic<bool> g_stop_requested = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
 
 // What warn_of said, of which files; in its order.
 struct SaidOfFiles {
@@ -60,7 +62,7 @@ void say_how_often() {
 
 // The second Ctrl-C ends the program at once.
 void request_stop(int signal) {
-  g_stop_requested = 1;
+  g_stop_requested = true;
   std::signal(signal, SIG_DFL);
 }
 
@@ -99,7 +101,7 @@ class TerminalProgress final : public Progress {
     erase();
     tell(fmt::format("{}\n", message));
   }
-  bool stop_requested() const override { return g_stop_requested != 0; }
+  bool stop_requested() const override { return g_stop_requested; }
 
  private:
   using Clock = std::chrono::steady_clock;
