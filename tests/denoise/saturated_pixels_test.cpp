@@ -97,6 +97,7 @@ TEST(SaturatedPixels, BlackLevelsThatAreNotOnePerChannelAreRefused) {
     frame.black_dn = std::move(black_dn);
     const std::string problem = problem_of([&] { denoised_with_error(frame); });
     EXPECT_EQ(problem_of([&] { (void)estimate_profile(frame); }), problem);
+    EXPECT_EQ(problem_of([&] { (void)is_without_noise(frame); }), problem);
     return problem;
   };
   EXPECT_THAT(said({}), HasSubstr("0 black levels for the 4 channels of polar-mono"));

@@ -310,6 +310,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame, TextureSearch sea
 }
 
 bool is_without_noise(const RawFrame& frame) {
+  require_levels(frame);
   const std::optional<RawFrame> copy = cleaned(frame);
   const RawFrame& light = copy ? *copy : frame;
   const std::vector<float> piles_dn = piled_up_dn(light.dn, light.layout);

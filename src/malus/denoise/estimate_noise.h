@@ -47,6 +47,7 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
                                         TextureSearch search = TextureSearch::kWhole);
 
 /// Whether estimate_profile is undecided because the picture, which is large enough, has no noise.
+/// Throws InputError as it does.
 bool is_without_noise(const RawFrame& frame);
 
 /// estimate_profile for callers that cannot go on without it: throws InputError where it is
