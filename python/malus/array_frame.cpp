@@ -12,17 +12,6 @@
 namespace malus::python {
 namespace {
 
-// White where nobody tells it: the largest code; of floats, and of types that no camera fills, the
-// largest pixel.
-double white_of_type(const RawFrame& frame) {
-  constexpr int kMostBits = 16;
-  if (frame.bits > 0 && frame.bits <= kMostBits) return std::ldexp(1.0, frame.bits) - 1.0;
-  float largest = 0.0F;
-  for (const float value : frame.dn.values())
-    if (std::isfinite(value)) largest = std::max(largest, value);
-  return static_cast<double>(largest);
-}
-
 // "uint16", as of a file.
 std::string type_name(const py::array& numbers) {
   return py::str(numbers.dtype().attr("name")).cast<std::string>();
@@ -98,7 +87,7 @@ CameraSettings settings_given(const std::optional<double>& gain_db,
 RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told) {
   const py::array numbers = numbers_from(array, name);
   RawFrame frame = pixels_of(numbers, name);
-  frame.white_dn = white_of_type(frame);
+  frame.white_dn = assumed_white_dn(frame.bits, frame.dn.view());
   take_told(told, frame);
   require_levels(frame);
   require_black_of_codes(frame, type_name(numbers));

@@ -41,8 +41,7 @@ struct SimulateKeywords {
   }
 };
 
-// [row, column], [colour, row, column] or, as of files, [row, column, colour]. White is the largest
-// number of the integer type; 1 of floats.
+// [row, column], [colour, row, column] or, as of files, [row, column, colour].
 Picture picture_of_array(const py::object& object) {
   py::array array = numbers_from(object, "picture");
   constexpr py::ssize_t kMostColours = 4;
@@ -51,9 +50,7 @@ Picture picture_of_array(const py::object& object) {
   Picture picture;
   const py::dtype type = array.dtype();
   picture.bits = bits_of_numbers(type.kind(), static_cast<int>(type.itemsize()));
-  const int number_bits = static_cast<int>(8 * type.itemsize()) - (type.kind() == 'i' ? 1 : 0);
-  const bool whole = type.kind() == 'i' || type.kind() == 'u';
-  picture.white = whole ? std::ldexp(1.0, number_bits) - 1.0 : 1.0;
+  require_known_white("picture", picture.bits);
   std::vector<Image> planes;
   if (array.ndim() == 2)
     planes.push_back(image_of(input_from(array, "picture"), "picture"));
@@ -66,6 +63,7 @@ Picture picture_of_array(const py::object& object) {
   picture.names.resize(planes.size());
   picture.planes = Planes(static_cast<int>(planes.size()), 0, 0);
   std::move(planes.begin(), planes.end(), picture.planes.begin());
+  picture.white = white_of_picture(picture.bits, picture.planes);
   return picture;
 }
 
@@ -228,23 +226,23 @@ void bind_renoise(py::module_& m) {
 }  // namespace
 
 void bind_synthesis(py::module_& m) {
-  m.def(
-      "simulate", &simulate, py::arg("picture"), py::arg("layout") = "polar-bayer-rggb",
-      py::kw_only(), py::arg("polarized") = false, py::arg("truth") = false,
-      py::arg("tone") = "auto", py::arg("seed") = 0, py::arg("scene") = 0,
-      ("A clean mosaic as a camera without noise would see a picture, as `malus simulate` makes "
-       "it: dict of dn (float32 [row, column], DN above black, whole cells of the layout).\n\n"
-       "picture: [row, column], [colour, row, column] or [row, column, colour], or the path of "
-       "one. White is the largest\n"
-       "    number of an integer type, 1 of floats. tone: auto undoes the sRGB curve of integers; "
-       "srgb, linear.\n"
-       "polarized: the scene gets a relief, which seed and scene (its number) decide, and light "
-       "that is polarized by the\n"
-       "    Fresnel equations. truth: also s0, s1, s2, dolp, aolp_deg [colour, row, column], and "
-       "normals [3, row, column]\n"
-       "    of a polarized scene." +
-       settings_help<SimulateKeywords>())
-          .c_str());
+  m.def("simulate", &simulate, py::arg("picture"), py::arg("layout") = "polar-bayer-rggb",
+        py::kw_only(), py::arg("polarized") = false, py::arg("truth") = false,
+        py::arg("tone") = "auto", py::arg("seed") = 0, py::arg("scene") = 0,
+        ("A clean mosaic as a camera without noise would see a picture, as `malus simulate` makes "
+         "it: dict of dn (float32 [row, column], DN above black, whole cells of the layout).\n\n"
+         "picture: [row, column], [colour, row, column] or [row, column, colour], or the path of "
+         "one. White is the largest\n"
+         "    number of integers of 8 or 16 bits (wider ones are refused), 1 of floats. tone: auto "
+         "undoes the sRGB curve of integers; "
+         "srgb, linear.\n"
+         "polarized: the scene gets a relief, which seed and scene (its number) decide, and light "
+         "that is polarized by the\n"
+         "    Fresnel equations. truth: also s0, s1, s2, dolp, aolp_deg [colour, row, column], and "
+         "normals [3, row, column]\n"
+         "    of a polarized scene." +
+         settings_help<SimulateKeywords>())
+            .c_str());
   bind_renoise(m);
 }
 

@@ -225,6 +225,23 @@ def test_whole_numbers_that_float_rounds_are_refused_as_in_a_file(kind, tmp_path
             malus.Frame(-codes, LAYOUT)
 
 
+@pytest.mark.parametrize("kind, white", [("u1", 255), ("u2", 65535), ("i2", 32767), ("i4", 240), ("u4", 240), ("u8", 240), ("f4", 240)])
+def test_white_that_nobody_tells_is_that_of_a_file(kind, white, tmp_path):
+    codes = np.arange(1, 241).reshape(12, 20).astype(kind)
+    np.save(tmp_path / "codes.npy", codes)
+    assert malus.Frame(codes, LAYOUT).white_dn == malus.load_frame(tmp_path / "codes.npy", layout=LAYOUT).white_dn == white
+    if kind in ("i4", "u4", "u8"):
+        with pytest.raises(malus.InputError, match=r"codes\.npy: holds integers of more than 16 bits, and how large white"):
+            malus.simulate(tmp_path / "codes.npy", "mono")
+
+
+def test_a_frame_without_polarizers_is_named(tmp_path):
+    np.save(tmp_path / "grey.npy", np.full((8, 8), 300, np.uint16))
+    for given, name in ((malus.load_frame(tmp_path / "grey.npy", layout="mono"), r".*grey\.npy"), (np.full((8, 8), 300.0), "array")):
+        with pytest.raises(malus.InputError, match=f"^{name}"):
+            malus.stokes(given, "mono")
+
+
 def test_codes_without_a_sign_have_no_negative_black():
     for codes, name in ((np.full((8, 8), 300, np.uint16), "uint16"), (np.full((8, 8), 30, ">u4"), "uint32"), (np.ones((8, 8), bool), "bool")):
         for call in (lambda: malus.Frame(codes, LAYOUT, black=-5), lambda: malus.info(codes, layout=LAYOUT, black=-5),

@@ -33,6 +33,28 @@ TEST(GainSetting, APrefixNamesNoGainOfACameraThatTellsNone) {
   EXPECT_EQ(gain_prefix(GainSetting()), "");
 }
 
+TEST(RawFrame, WhiteIsAGuessOfFloatsAndOfTypesThatNoCameraFills) {
+  EXPECT_EQ(white_of_bits(12), 4095);
+  EXPECT_EQ(white_of_bits(16), 65535);
+  EXPECT_EQ(white_of_bits(0), std::nullopt);
+  EXPECT_EQ(white_of_bits(24), std::nullopt);
+  Image dn(1, 4);
+  dn(0, 0) = 3, dn(0, 1) = 200, dn(0, 2) = std::nanf(""), dn(0, 3) = HUGE_VALF;
+  EXPECT_EQ(assumed_white_dn(8, dn.view()), 255);
+  EXPECT_EQ(assumed_white_dn(0, dn.view()), 200);
+  EXPECT_EQ(assumed_white_dn(24, dn.view()), 200);
+  RawFrame frame;
+  for (const int bits : {0, 24}) {
+    frame.bits = bits;
+    EXPECT_TRUE(white_is_guessed(frame));
+  }
+  frame.white_known = true;
+  EXPECT_FALSE(white_is_guessed(frame));
+  frame.white_known = false;
+  frame.bits = 12;
+  EXPECT_FALSE(white_is_guessed(frame));
+}
+
 TEST(RawFrame, WhiteAboveBlackIsWhatEveryChannelCanHold) {
   EXPECT_EQ(white_above_black(4000, {60, 70, 50, 60}), 3930);
   EXPECT_EQ(white_above_black(4000, {}), 4000);

@@ -216,7 +216,7 @@ std::vector<double> channel_means(View<const float> dn, const SensorLayout& layo
 void require_range(const RawFrame& frame) {
   constexpr double kMostDn = 4294967296.0;  // integers of 32 bits
   const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
-  const bool guessed = !frame.white_known && frame.bits == 0;
+  const bool guessed = white_is_guessed(frame);
   if (!(range_dn > 0))
     throw InputError(frame.source,
                      guessed ? "no pixel is above black, and white is not known"

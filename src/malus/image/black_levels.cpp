@@ -55,10 +55,9 @@ std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout&
 void require_levels(const RawFrame& frame) {
   if (std::ssize(frame.black_dn) != frame.layout.channels())
     refuse_count(frame.black_dn.size(), frame.layout, frame.source);
-  const bool limited = frame.white_known || frame.bits > 0;
   for (const double black : frame.black_dn)
     if (!std::isfinite(black) || !std::isfinite(frame.white_dn) ||
-        (limited && black >= frame.white_dn))
+        (!white_is_guessed(frame) && black >= frame.white_dn))
       throw InputError(
           frame.source,
           fmt::format("black {:g} DN is not below white {:g} DN", black, frame.white_dn),

@@ -43,6 +43,25 @@ std::string gain_prefix(const std::vector<GainSetting>& gains, const std::string
   return named.empty() ? "" : joined(named) + ": ";
 }
 
+std::optional<double> white_of_bits(int bits) {
+  constexpr int kMostBits = 16;
+  if (bits <= 0 || bits > kMostBits) return std::nullopt;
+  return std::ldexp(1.0, bits) - 1.0;
+}
+
+double assumed_white_dn(int bits, View<const float> dn) {
+  if (const auto white_dn = white_of_bits(bits)) return *white_dn;
+  float largest = 0;
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c)
+      if (std::isfinite(dn(r, c))) largest = std::max(largest, dn(r, c));
+  return static_cast<double>(largest);
+}
+
+bool white_is_guessed(const RawFrame& frame) {
+  return !frame.white_known && !white_of_bits(frame.bits);
+}
+
 double white_above_black(double white_dn, const std::vector<double>& black_dn) {
   return white_dn - (black_dn.empty() ? 0.0 : *std::max_element(black_dn.begin(), black_dn.end()));
 }

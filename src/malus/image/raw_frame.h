@@ -58,6 +58,16 @@ struct RawFrame {
   }
 };
 
+/// The largest code of so many bits. None of floats (0 bits), nor of types that no camera fills
+/// (above 16): where nobody tells it, their white is not known.
+std::optional<double> white_of_bits(int bits);
+
+/// White where nobody tells it: that of the bits, else the largest pixel (0 where none is finite).
+double assumed_white_dn(int bits, View<const float> dn);
+
+/// White is no more than the largest pixel: a range, but no sign that this pixel is saturated.
+bool white_is_guessed(const RawFrame& frame);
+
 /// White above black: the largest signal that every channel can hold, white less the highest black.
 double white_above_black(double white_dn, const std::vector<double>& black_dn);
 

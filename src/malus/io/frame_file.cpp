@@ -63,16 +63,6 @@ std::vector<double> black_of_file(const Decoded& decoded, const SensorLayout& la
   return blacks_for_layout(told, *decoded.layout, layout, source);
 }
 
-// White where nobody tells it: the container's largest value; for floats the largest pixel.
-double assumed_white(const Decoded& decoded) {
-  if (decoded.bits > 0) return std::ldexp(1.0, decoded.bits) - 1.0;
-  if (decoded.planes.channels() == 0) return 0.0;
-  float largest = 0.0f;
-  for (const float value : decoded.planes[0].values())
-    if (std::isfinite(value)) largest = std::max(largest, value);
-  return static_cast<double>(largest);
-}
-
 // The user's word, then the file's, then the default.
 RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path& path) {
   RawFrame frame;
@@ -89,15 +79,15 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   frame.black_dn = black_per_channel(frame.black_known ? black : std::vector<double>{0.0},
                                      frame.layout, frame.source);
   frame.white_known = options.white_dn || decoded.white_dn;
-  frame.white_dn = options.white_dn   ? *options.white_dn
-                   : decoded.white_dn ? *decoded.white_dn
-                                      : assumed_white(decoded);
   const bool gain_given = options.gain.gain_db || options.gain.iso;
   frame.gain = gain_given ? options.gain : decoded.gain;
   frame.exposure_s = options.exposure_s ? options.exposure_s : decoded.exposure_s;
+  if (decoded.planes.channels() > 0) frame.dn = std::move(decoded.planes[0]);
+  frame.white_dn = options.white_dn   ? *options.white_dn
+                   : decoded.white_dn ? *decoded.white_dn
+                                      : assumed_white_dn(frame.bits, frame.dn.view());
   require_levels(frame);
   require_black_of_codes(frame, decoded.sample);
-  if (decoded.planes.channels() > 0) frame.dn = std::move(decoded.planes[0]);
   return frame;
 }
 

@@ -20,7 +20,7 @@ struct FrameOptions {
   std::optional<SensorLayout> layout;  ///< else from the file, else mono
   std::vector<double> black_dn;    ///< empty: from the file, by place in the cell where a layout
                                    ///< is declared, else 0; one number, or one per channel
-  std::optional<double> white_dn;  ///< else from the file, else 2^bits - 1; float: largest pixel
+  std::optional<double> white_dn;  ///< else from the file, else assumed_white_dn
   GainSetting gain;                ///< either field set: replaces the file's
   std::optional<double> exposure_s;
   std::optional<RawFormat> raw_format;  ///< set: the file is headerless, rows and cols are needed

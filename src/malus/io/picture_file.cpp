@@ -114,7 +114,7 @@ Picture picture_of(internal::Decoded decoded) {
   picture.planes = std::move(decoded.planes);
   picture.bits = decoded.bits;
   picture.holds = decoded.holds;
-  picture.white = decoded.bits > 0 ? std::ldexp(1.0, decoded.bits) - 1.0 : 1.0;
+  picture.white = white_of_picture(picture.bits, picture.planes);
   return picture;
 }
 
@@ -124,6 +124,21 @@ int bits_of_numbers(char kind, int item_bytes) {
   if (kind == 'f') return 0;
   if (kind == 'b') return 1;
   return std::min(8 * item_bytes - (kind == 'i' ? 1 : 0), 24);
+}
+
+double white_of_picture(int bits, const Planes& planes) {
+  if (bits == 0) return 1.0;
+  double white = 0;
+  for (const Image& plane : planes) white = std::max(white, assumed_white_dn(bits, plane.view()));
+  return white;
+}
+
+void require_known_white(const fs::path& source, int bits) {
+  if (bits > 0 && !white_of_bits(bits))
+    throw InputError(source.string(),
+                     "holds integers of more than 16 bits, and how large white is among them is "
+                     "not known",
+                     "store 8 or 16 bit unsigned integers, or floats of 0 to 1");
 }
 
 void require_exact(const fs::path& path, double whole) {
@@ -149,8 +164,11 @@ Picture load_picture(const fs::path& path) { return picture_of(internal::read_an
 
 Picture load_clean_picture(const fs::path& path) {
   internal::require_file(path);
-  if (!internal::begins_as_jpeg(internal::read_bytes(path, 3))) return load_picture(path);
-  return picture_of(codecs().read_picture(path, "jpeg", true));
+  const bool is_jpeg = internal::begins_as_jpeg(internal::read_bytes(path, 3));
+  Picture picture =
+      is_jpeg ? picture_of(codecs().read_picture(path, "jpeg", true)) : load_picture(path);
+  require_known_white(path, picture.bits);
+  return picture;
 }
 
 void save_picture(const fs::path& path, const Planes& planes, const std::vector<std::string>& names,

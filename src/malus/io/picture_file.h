@@ -16,7 +16,7 @@ namespace malus {
 struct Picture {
   Planes planes;                   ///< [channel, row, column]
   std::vector<std::string> names;  ///< one per channel: "R", "G", "B", "Y", "R90", ...
-  double white = 0;                ///< largest number of so many bits; 1 for float data
+  double white = 0;                ///< white_of_picture
   int bits = 0;                    ///< of integer data; 0 for float
   std::string holds;               ///< SaveOptions::holds of the writer; empty where none is kept
 };
@@ -24,6 +24,14 @@ struct Picture {
 /// The bits that whole numbers of a NumPy type fill: less the sign, at most the 24 that float
 /// holds; 1 of bool (kind b), 0 of floats (f).
 int bits_of_numbers(char kind, int item_bytes);
+/// What the picture shows as white: the largest number of so many bits, 1 of floats. Of types that
+/// no camera fills (white_of_bits) the largest number that there is.
+double white_of_picture(int bits, const Planes& planes);
+
+/// Throws InputError naming the source where that is a guess: how bright such a picture is, is not
+/// known.
+void require_known_white(const std::filesystem::path& source, int bits);
+
 /// Throws InputError naming the source unless float holds the whole number exactly.
 void require_exact(const std::filesystem::path& source, double whole);
 

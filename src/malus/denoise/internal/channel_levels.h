@@ -16,14 +16,13 @@ struct ChannelLevels {
   double highest_dn = 0;  ///< white above the lowest black: all that is not saturated is below
 };
 
-/// Where nobody tells the white of float pixels it is the largest of them (malus/io/frame_file.h):
-/// a range, but no sign that this pixel is saturated. Then a channel is saturated where its pixels
+/// Where white is guessed (malus/image/raw_frame.h) a channel is saturated where its pixels
 /// pile up; one without a pile nowhere: its limit lies another range above white.
 inline ChannelLevels channel_levels(const RawFrame& frame, const NoiseProfile& profile) {
   ChannelLevels levels;
   levels.highest_dn =
       frame.white_dn - *std::min_element(frame.black_dn.begin(), frame.black_dn.end());
-  const bool guessed = !frame.white_known && frame.bits == 0;
+  const bool guessed = white_is_guessed(frame);
   const std::vector<float> piles_dn =
       guessed ? piled_up_dn(frame.dn, frame.layout) : std::vector<float>();
   for (std::size_t k = 0; k < frame.black_dn.size(); ++k) {
