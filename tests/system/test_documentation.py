@@ -1,6 +1,7 @@
 """What the documentation shows as files to write is taken by the program as it stands there."""
 
 import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -12,6 +13,41 @@ from test_camera_files import write_dng
 
 def toml_blocks(name):
     return re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / name).read_text(), re.DOTALL)
+
+
+def tracked(*patterns):
+    names = subprocess.run(["git", "ls-files", *patterns], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    return {name: (ROOT / name).read_text(errors="replace") for name in names}
+
+
+def anchors_of(text):
+    """Headings as GitHub names them, and names that are written as such."""
+    prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    headings = [re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in re.findall(r"^#+ +(.*?) *$", prose, re.MULTILINE)]
+    return set(headings) | set(re.findall(r'<a name="([^"]+)"', prose))
+
+
+def test_links_between_documents_lead_somewhere():
+    documents = tracked("*.md")
+    broken = []
+    for name, text in documents.items():
+        for file, anchor in re.findall(r"\]\((?!\w+:)([^)#\s]*)#?([^)\s]*)\)", text):
+            target = ((ROOT / name).parent / file).resolve() if file else ROOT / name
+            if not target.exists() or anchor and anchor not in anchors_of(target.read_text()):
+                broken.append(f"{name}: {file}#{anchor}")
+    assert not broken
+
+
+def test_sources_name_documents_and_sections_that_exist():
+    broken = []
+    for name, text in tracked("src", "apps", "python", "tests", "fuzz", "bench", "web/src", "cmake", "scripts").items():
+        flat = re.sub(r"\n\s*(///?|#)?\s*", " ", text)
+        for document, section in re.findall(r'\bdocs/([\w-]+\.md)(?:, "([^"]+)")?', flat):
+            file = ROOT / "docs" / document
+            if not file.exists() or section and not re.search(rf"^#+ {re.escape(section)}|\*\*{re.escape(section)}",
+                                                              file.read_text().replace("`", ""), re.MULTILINE):
+                broken.append(f"{name}: docs/{document} {section}")
+    assert not broken
 
 
 def test_sessions_are_calibrated(malus, tmp_path):

@@ -1,5 +1,5 @@
 // Parallel loops over oneTBB. Results must not depend on the number of threads: write to disjoint
-// outputs, or reduce through parallel_sum, whose order is fixed by the grain alone.
+// outputs, or reduce through parallel_reduce, whose order is fixed by the grain alone.
 #pragma once
 
 #include <cstddef>

@@ -1,6 +1,6 @@
 // How bright, against its noise, the light was that a network was trained on, and what is made of
 // its corrections where a frame is brighter: there they are invented, up to 10 dB worse than the
-// guide (docs/networks.md, "Brighter than in training").
+// guide (docs/networks.md, "Light brighter than in the training").
 #pragma once
 
 #include "malus/base/progress.h"

@@ -89,7 +89,7 @@ MALUS_FORMATION typename A::Real exp_minus(typename A::Real m) {
 
 /// N for N ~ Poisson(m), 0 <= m < kShotSmall, by summing probabilities until they exceed the
 /// uniform of the word. Single precision leaves 1e-7 of absolute error in the sum, too much for the
-/// upper tail: the caller replaces the draws with p < kShotTail there (shot_upper_tail).
+/// upper tail: the caller replaces the draws of its outermost kShotTailWords (shot_upper_tail).
 template <class A>
 MALUS_FORMATION typename A::Real shot_small(typename A::Real m, typename A::Word word) {
   using Real = typename A::Real;

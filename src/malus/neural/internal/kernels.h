@@ -48,7 +48,7 @@ struct MatrixProduct {
   /// add.
   const float* row_factors = nullptr;
   float leak = 1;  ///< at last y -> max(y, leak · y): a leaky ReLU where below 1
-  /// The columns are two halves, each in multiples of kLane, packed in the order of gate_columns
+  /// The columns are two halves, each in multiples of kLane, packed in the order of gate_column
   /// and with its panels; c gets first half · second half. Not with add, nor with b_inner.
   bool gate = false;
   /// Where not null: ahead_row values for every row, group after group ahead_group apart, that are
