@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/io/emva_description.h"
 #include "malus/io/picture_file.h"
 
 #include <filesystem>
@@ -187,6 +188,19 @@ TEST(Session, MissingFilesAreNamed) {
                   AllOf(HasSubstr("\"bias/*.tif\", which no file matches"), HasSubstr(":3"))));
   std::filesystem::create_directories(folder / "bias/x.tif");
   EXPECT_THAT([&] { load_session(path); }, ThrowsMessage<InputError>(HasSubstr("is a folder")));
+}
+
+TEST(Session, AFileThatIsNoneIsNotReadWhole) {
+  const testing::TemporaryFolder folder;
+  const auto path = folder / "frame.raw";
+  write_file(path, "x", false);
+  std::filesystem::resize_file(path, (64 << 20) + 1);
+  const auto refused = [](const char* what) {
+    return ThrowsMessage<InputError>(HasSubstr(std::string("frame.raw: is too large for ") + what));
+  };
+  EXPECT_THAT([&] { load_session(path); }, refused("the session file; name the right file"));
+  EXPECT_THAT([&] { load_sensor(path); }, refused("the session file"));
+  EXPECT_THAT([&] { load_emva_description(path); }, refused("a description"));
 }
 
 TEST(Session, TheSensorAloneNeedsNoFrames) {

@@ -83,13 +83,8 @@ ConfigSection ConfigSection::parse(std::string_view text, const std::string& sou
 
 ConfigSection ConfigSection::load(const fs::path& path, std::string title,
                                   const std::vector<std::string>& settings) {
-  constexpr std::uintmax_t kMaxBytes = 64 << 20;
-  if (internal::require_file(path) > kMaxBytes)
-    throw InputError(path.string(), fmt::format("is too large for {}", title),
-                     "name the right file");
-  const auto bytes = internal::read_bytes(path);
-  return parse({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string(),
-               std::move(title), settings);
+  const std::string text = internal::read_text(path, title);
+  return parse(text, path.string(), std::move(title), settings);
 }
 
 void ConfigSection::fail(std::string_view key, std::string_view problem,

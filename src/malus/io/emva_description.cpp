@@ -177,11 +177,7 @@ EmvaSession parse_emva_description(std::string_view text, const fs::path& source
 }
 
 EmvaSession load_emva_description(const fs::path& path) {
-  constexpr std::uintmax_t kMaxBytes = 64 << 20;
-  if (internal::require_file(path) > kMaxBytes)
-    throw InputError(path.string(), "is too large for a description", "name the right file");
-  const auto bytes = internal::read_bytes(path);
-  return parse_emva_description({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path,
+  return parse_emva_description(internal::read_text(path, "a description"), path,
                                 path.parent_path());
 }
 

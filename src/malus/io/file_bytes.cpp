@@ -49,6 +49,15 @@ std::vector<std::uint8_t> read_bytes(const fs::path& path, std::uintmax_t limit)
   return read_part(path, 0, static_cast<std::size_t>(size));
 }
 
+std::string read_text(const fs::path& path, std::string_view what) {
+  constexpr std::uintmax_t kMaxBytes = 64 << 20;
+  if (require_file(path) > kMaxBytes)
+    throw InputError(path.string(), fmt::format("is too large for {}", what),
+                     "name the right file");
+  const auto bytes = read_bytes(path);
+  return {bytes.begin(), bytes.end()};
+}
+
 std::vector<std::uint8_t> read_part(const fs::path& path, std::uintmax_t at, std::size_t bytes) {
   const OpenFile file = open_file(path);
   std::vector<std::uint8_t> part(bytes);

@@ -20,6 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const char* kSessionTitle = "the session file";
+
 struct KindEntry {
   FrameKind kind;
   const char* name;
@@ -175,12 +177,12 @@ Session session_of(const ConfigSection& file, const fs::path& source, const fs::
   return session;
 }
 
-std::string session_text(const fs::path& path) {
-  constexpr std::uintmax_t kMaxBytes = 64 << 20;
-  if (internal::require_file(path) > kMaxBytes)
-    throw InputError(path.string(), "is too large for a session file", "name the right file");
-  const auto bytes = internal::read_bytes(path);
-  return {bytes.begin(), bytes.end()};
+Session session_with_frames(const ConfigSection& file, const fs::path& source,
+                            const fs::path& folder, bool check_files) {
+  Session session = session_of(file, source, folder, check_files);
+  if (session.groups.empty())
+    file.fail("frames", "is missing", "describe at least one set of frames with [[frames]]");
+  return session;
 }
 
 }  // namespace
@@ -248,19 +250,17 @@ FrameKind parse_frame_kind(const ConfigSection& section) {
 
 Session parse_session(std::string_view toml, const fs::path& source, const fs::path& folder,
                       bool check_files) {
-  const auto file = ConfigSection::parse(toml, source.string(), "the session file");
-  Session session = session_of(file, source, folder, check_files);
-  if (session.groups.empty())
-    file.fail("frames", "is missing", "describe at least one set of frames with [[frames]]");
-  return session;
+  return session_with_frames(ConfigSection::parse(toml, source.string(), kSessionTitle), source,
+                             folder, check_files);
 }
 
 Session load_session(const fs::path& path) {
-  return parse_session(session_text(path), path, path.parent_path());
+  return session_with_frames(ConfigSection::load(path, kSessionTitle), path, path.parent_path(),
+                             true);
 }
 
 SensorDescription load_sensor(const fs::path& path) {
-  const auto file = ConfigSection::parse(session_text(path), path.string(), "the session file");
+  const auto file = ConfigSection::load(path, kSessionTitle);
   return session_of(file, path, path.parent_path(), false).sensor;
 }
 

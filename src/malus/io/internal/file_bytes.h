@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 namespace malus::internal {
@@ -25,6 +27,9 @@ std::uintmax_t require_file(const std::filesystem::path& path);
 /// The first `limit` bytes, or all of a shorter file.
 std::vector<std::uint8_t> read_bytes(const std::filesystem::path& path,
                                      std::uintmax_t limit = UINTMAX_MAX);
+
+/// A text file that somebody writes, `what` ("the session file"). Throws InputError beyond 64 MiB.
+std::string read_text(const std::filesystem::path& path, std::string_view what);
 
 /// `bytes` bytes from `at` on. Contract: they are in the file. Throws InputError where they cannot
 /// be read.
