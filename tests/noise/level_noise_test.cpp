@@ -1,6 +1,7 @@
 // A channel's noise between its levels, above them and on other bins.
 #include "malus/noise/level_noise.h"
 
+#include "malus/noise/internal/table_at.h"
 #include "malus/noise/model.h"
 
 #include <cmath>
@@ -21,6 +22,16 @@ NonparametricChannel two_levels() {
   channel.pmf = {{0, 1, 0}, {3.0 / 8, 2.0 / 8, 3.0 / 8}};
   channel.samples = {1000, 1000};
   return channel;
+}
+
+// Of two values at one x the first counts.
+TEST(TableAt, IsExactAtItsKnots) {
+  const std::vector<double> x{0.1, 0.3, 0.3, 0.7}, y{0.1, 0.7, 1.1, 0.3};
+  for (const std::size_t i : {0U, 1U, 3U}) EXPECT_EQ(internal::table_at(x, y, x[i]), y[i]);
+  EXPECT_NEAR(internal::table_at(x, y, 0.2), 0.4, 1e-12);
+  EXPECT_NEAR(internal::table_at(x, y, 0.4), 0.9, 1e-12);
+  EXPECT_EQ(internal::table_at(x, y, 0.0), 0.1);
+  EXPECT_EQ(internal::table_at(x, y, 9.0), 0.3);
 }
 
 double variance(const Cumulative& noise) { return std::pow(noise.standard_deviation(), 2); }

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/internal/table_at.h"
 #include "malus/noise/joint_gain.h"
 #include "malus/noise/level_noise.h"
 
@@ -37,7 +38,8 @@ Cumulative quantile_mean(const Cumulative& low, const Cumulative& high, double t
   std::merge(low.p.begin(), low.p.end(), high.p.begin(), high.p.end(), std::back_inserter(out.p));
   out.p.erase(std::unique(out.p.begin(), out.p.end()), out.p.end());
   for (double p : out.p)
-    out.x.push_back((1 - t) * table_at(low.p, low.x, p) + t * table_at(high.p, high.x, p));
+    out.x.push_back((1 - t) * internal::table_at(low.p, low.x, p) +
+                    t * internal::table_at(high.p, high.x, p));
   return out;
 }
 

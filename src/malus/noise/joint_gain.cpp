@@ -1,6 +1,7 @@
 #include "malus/noise/joint_gain.h"
 
 #include "malus/base/statistics.h"
+#include "malus/noise/internal/table_at.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -13,14 +14,6 @@ namespace malus {
 namespace {
 
 using Values = std::vector<double>;
-
-double interpolate(std::span<const double> x, std::span<const double> y, double at) {
-  const auto above = std::upper_bound(x.begin(), x.end(), at);
-  if (above == x.begin()) return y.front();
-  if (above == x.end()) return y.back();
-  const auto i = static_cast<std::size_t>(above - x.begin());
-  return y[i - 1] + (at - x[i - 1]) / (x[i] - x[i - 1]) * (y[i] - y[i - 1]);
-}
 
 // One parameter over the knots: values, and standard errors (0 where unknown).
 struct Series {
@@ -287,7 +280,7 @@ double LogLinear::law(double log_K) const {
 
 double LogLinear::at(double x, std::span<const double> knots_db, double gain_db) const {
   const double y =
-      intercept + slope * x + residual_weight * interpolate(knots_db, residual, gain_db);
+      intercept + slope * x + residual_weight * internal::table_at(knots_db, residual, gain_db);
   return signed_linear ? y : std::exp(y);
 }
 
@@ -371,7 +364,7 @@ GainParameters joint_parameters(const JointSegment& segment, double gain_db) {
     row_deviation.push_back(std::sqrt(value(segment.sigma_row_variance[c])));
     Values lambda;
     for (const Values& knot : segment.lambda) lambda.push_back(knot[c]);
-    p.lambda.push_back(interpolate(segment.knots_db, lambda, gain_db));
+    p.lambda.push_back(internal::table_at(segment.knots_db, lambda, gain_db));
   }
   p.mu_covariance = covariance_of(segment.mu_correlation, mu_deviation);
   p.sigma_row_covariance = covariance_of(segment.sigma_row_correlation, row_deviation);

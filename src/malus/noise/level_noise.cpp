@@ -1,6 +1,7 @@
 #include "malus/noise/level_noise.h"
 
 #include "malus/base/error.h"
+#include "malus/noise/internal/table_at.h"
 
 #include <algorithm>
 #include <cmath>
@@ -48,16 +49,7 @@ class Integral {
 
 }  // namespace
 
-double table_at(const Values& x, const Values& y, double at) {
-  const auto above = std::lower_bound(x.begin(), x.end(), at);
-  if (above == x.begin()) return y.front();
-  if (above == x.end()) return y.back();
-  const auto i = static_cast<std::size_t>(above - x.begin());
-  const double width = x[i] - x[i - 1];
-  return width > 0 ? y[i - 1] + (at - x[i - 1]) / width * (y[i] - y[i - 1]) : y[i];
-}
-
-double Cumulative::below(double x_dn) const { return table_at(x, p, x_dn); }
+double Cumulative::below(double x_dn) const { return internal::table_at(x, p, x_dn); }
 
 double Cumulative::mean() const {
   double sum = 0;

@@ -17,9 +17,6 @@ struct Cumulative {
   double standard_deviation() const;
 };
 
-/// y at a given x for rising tables; the first of equal x.
-double table_at(const std::vector<double>& x, const std::vector<double>& y, double at);
-
 /// K of a channel in DN/e-, 0 where the calibration has none.
 double gain_of_channel(const NonparametricCalibration& calibration, std::size_t channel);
 
