@@ -16,7 +16,7 @@ constexpr std::int32_t kLargestCode = 1'048'575;
 constexpr int kDeflateLevel = 6;
 
 // What the earlier neighbours let expect, from their values in 1/256 of a step with the dither
-// taken off. Shared by writer and reader; at is the index of the pixel.
+// taken off; `at` is the pixel's place among them.
 std::int32_t expected_256(const std::int32_t* at, int row, int col, int cols) {
   if (row == 0) return col == 0 ? 0 : at[-1];
   const std::int32_t* north = at - cols;
@@ -64,33 +64,6 @@ std::string deflated(const std::string& bytes) {
   return matched.size() < plain.size() ? matched : plain;
 }
 
-[[noreturn]] void damaged(const char* what) {
-  throw InputError("report picture", what, "write the report again");
-}
-
-std::string inflated(std::string_view bytes, std::size_t limit) {
-  uLongf size = static_cast<uLongf>(limit);
-  std::string out(limit, '\0');
-  if (uncompress(reinterpret_cast<Bytef*>(out.data()), &size,
-                 reinterpret_cast<const Bytef*>(bytes.data()),
-                 static_cast<uLong>(bytes.size())) != Z_OK)
-    damaged("the packed bytes are damaged");
-  out.resize(size);
-  return out;
-}
-
-// Reads one integer and moves `at` behind it.
-std::int32_t take_integer(const std::string& bytes, std::size_t& at) {
-  std::uint32_t zigzag = 0;
-  for (int shift = 0;; shift += 7) {
-    if (at >= bytes.size() || shift > 28) damaged("it ends too early");
-    const auto byte = static_cast<unsigned char>(bytes[at++]);
-    zigzag |= static_cast<std::uint32_t>(byte & 127) << shift;
-    if (byte < 128) break;
-  }
-  return static_cast<std::int32_t>(zigzag >> 1) ^ -static_cast<std::int32_t>(zigzag & 1);
-}
-
 }  // namespace
 
 std::int32_t dither_256(const RasterPlace& place) {
@@ -115,14 +88,6 @@ std::int32_t raster_code(double value, const RasterScale& scale, std::int32_t di
   return static_cast<std::int32_t>(std::lround(code));
 }
 
-double raster_value(std::int32_t code, const RasterScale& scale, std::int32_t dither) {
-  if (code == kNoValueCode) return std::numeric_limits<double>::quiet_NaN();
-  const double t = (code - dither / 256.0) * scale.step, root = std::sqrt(scale.offset);
-  if (t < 0 || scale.slope == 0) return t * root;
-  const double s = t * scale.slope / 2 + root;
-  return (s * s - scale.offset) / scale.slope;
-}
-
 std::string encode_raster(const Planes& planes, std::span<const RasterScale> scales,
                           bool dithered) {
   MALUS_REQUIRE(static_cast<int>(scales.size()) == planes.channels());
@@ -142,29 +107,6 @@ std::string encode_raster(const Planes& planes, std::span<const RasterScale> sca
       }
   }
   return deflated(bytes);
-}
-
-Planes decode_raster(std::string_view packed, int rows, int cols,
-                     std::span<const RasterScale> scales, bool dithered) {
-  Planes planes(static_cast<int>(scales.size()), rows, cols);
-  const std::size_t size = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
-  const std::string bytes = inflated(packed, 5 * size * scales.size());
-  std::vector<std::int32_t> placed(size);
-  std::size_t from = 0;
-  for (int channel = 0; channel < planes.channels(); ++channel) {
-    std::int32_t* at = placed.data();
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < cols; ++c, ++at) {
-        const std::int32_t dither = dithered ? dither_256({channel, r, c}) : 0;
-        const std::int32_t code =
-            code_of_256(expected_256(at, r, c, cols), dither) + take_integer(bytes, from);
-        planes[channel](r, c) = static_cast<float>(
-            raster_value(code, scales[static_cast<std::size_t>(channel)], dither));
-        *at = 256 * code - dither;
-      }
-  }
-  if (from != bytes.size()) damaged("it is longer than its size says");
-  return planes;
 }
 
 std::string base64(std::string_view bytes) {

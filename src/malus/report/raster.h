@@ -37,13 +37,9 @@ std::int32_t dither_256(const RasterPlace& place);
 /// Nearest code, within ±1,048,575. NaN and infinities give kNoValueCode. Contract: slope >= 0,
 /// offset > 0, step > 0.
 std::int32_t raster_code(double value, const RasterScale& scale, std::int32_t dither = 0);
-double raster_value(std::int32_t code, const RasterScale& scale, std::int32_t dither = 0);
 
 /// The bytes of planes of one size. Contract: one scale per plane.
 std::string encode_raster(const Planes& planes, std::span<const RasterScale> scales, bool dithered);
-/// The values that a reader of the bytes gets. Throws InputError when they do not hold this many.
-Planes decode_raster(std::string_view bytes, int rows, int cols,
-                     std::span<const RasterScale> scales, bool dithered);
 
 std::string base64(std::string_view bytes);
 
