@@ -5,10 +5,13 @@
 
 #include <cmath>
 
+#include "pixel_expectation.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
+
+using testing::expectation_of;
 
 TEST(ReadDistribution, ConvolutionAgreesWithBruteForceIntegration) {
   for (const double lambda : {-0.3, 0.0, 0.14, 0.3})
@@ -62,9 +65,10 @@ TEST(PixelDistribution, MomentsFollowTheFormationModel) {
     const double variance = pixel_variance_dn2(channel, signal, 1.0);
     EXPECT_NEAR(d.mean_dn(), signal - 2.0, 1e-12);
     EXPECT_NEAR(d.variance_dn2(), variance, 1e-9 * variance);
-    EXPECT_NEAR(d.expectation([](double x) { return x; }), signal - 2.0, 1e-6);
-    EXPECT_NEAR(d.expectation([&](double x) { return std::pow(x - signal + 2.0, 2); }) / variance,
-                1.0, 1e-6);
+    EXPECT_NEAR(expectation_of([](double x) { return x; }, d), signal - 2.0, 1e-6);
+    EXPECT_NEAR(
+        expectation_of([&](double x) { return std::pow(x - signal + 2.0, 2); }, d) / variance, 1.0,
+        1e-6);
     for (const double u : {1e-6, 0.3, 0.5, 0.9, 1 - 1e-6})
       EXPECT_NEAR(d.cdf(d.quantile(u)), u, 1e-9) << signal;
     EXPECT_NEAR(d.cdf(signal) + d.upper_tail(signal), 1.0, 1e-10);

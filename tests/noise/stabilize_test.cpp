@@ -12,10 +12,13 @@
 #include <cmath>
 #include <vector>
 
+#include "pixel_expectation.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
+
+using testing::expectation_of;
 
 struct AffineLaw {
   double slope, read_deviation;
@@ -97,7 +100,8 @@ TEST(Stabilizer, TheInverseIsUnbiasedForTukeyLambdaReadNoise) {
           const double s = electrons * K, local = std::sqrt(K * s + offset);
           const PixelDistribution pixel(channel, PhysicsParts{}, 1.0, s);
           const auto bias = [&](const Stabilizer& stabilizer) {
-            const double mean = pixel.expectation([&](double x) { return stabilizer.forward(x); });
+            const double mean =
+                expectation_of([&](double x) { return stabilizer.forward(x); }, pixel);
             return std::abs(stabilizer.inverse(mean) - s) / local;
           };
           EXPECT_LT(bias(own), 1e-3)

@@ -155,14 +155,4 @@ double PixelDistribution::quantile(double u) const {
   return invert([this](double x) { return cdf(x); }, low, high, u);
 }
 
-double PixelDistribution::expectation(const std::function<double(double)>& f) const {
-  double sum = 0;
-  for (std::size_t i = 0; i < level_dn_.size(); ++i) {
-    double part = 0;
-    for (const auto& node : read_.nodes()) part += node.weight * f(level_dn_[i] + node.x_dn);
-    sum += probability_[i] * part;
-  }
-  return sum;
-}
-
 }  // namespace malus

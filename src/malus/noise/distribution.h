@@ -1,11 +1,10 @@
 // The distribution of one noisy pixel about a clean signal, as numbers: Poisson * Tukey-lambda *
 // uniform (000 Eq. 1-4 without the row term). Double precision by closed forms and sums; the truth
-// that samplers are tested against, and expectations for variance stabilisation.
+// that samplers are tested against, and electron counts for expectations over a pixel's law.
 #pragma once
 
 #include "malus/noise/physics.h"
 
-#include <functional>
 #include <vector>
 
 namespace malus {
@@ -52,8 +51,6 @@ class PixelDistribution {
   /// The electron counts that matter, as DN with the bias, and their probabilities.
   const std::vector<double>& levels_dn() const { return level_dn_; }
   const std::vector<double>& probabilities() const { return probability_; }
-  /// E f(D) for f smooth on the scale of the read noise.
-  double expectation(const std::function<double(double)>& f) const;
 
  private:
   ReadDistribution read_;
