@@ -17,6 +17,7 @@
 namespace malus {
 namespace {
 
+using testing::excess_kurtosis_of;
 using testing::kSigmas;
 using testing::moments_of;
 using testing::mono_noise;
@@ -38,16 +39,18 @@ TEST(ExactNoise, MeanAndVarianceFollowTheFormula) {
 TEST(ExactNoise, PoissonCumulantsBothAlgorithms) {
   // Skewness 1/sqrt(m) and excess kurtosis 1/m below and above the switch of algorithms.
   for (const double mean : {0.3, 4.0, 9.99, 10.01, 50.0}) {
-    Moments m;
+    Moments m, cubes;
     for (std::uint32_t i = 0; i < 300000; ++i) {
       RandomSequence sequence(3, i, Draw::kUser);
       const auto uniforms = [&] { return sequence.uniform(); };
-      m.add(poisson_draw(mean, uniforms));
+      const double drawn = poisson_draw(mean, uniforms);
+      m.add(drawn);
+      cubes.add(std::pow((drawn - mean) / std::sqrt(mean), 3));
     }
     EXPECT_NEAR(m.mean(), mean, kSigmas * std::sqrt(mean / 3e5));
     EXPECT_NEAR(m.variance(), mean, kSigmas * m.variance_standard_error());
-    EXPECT_NEAR(m.skewness(), 1 / std::sqrt(mean), 0.02 + 0.05 / mean);
-    EXPECT_NEAR(m.excess_kurtosis(), 1 / mean, 0.06 + 0.15 / mean);
+    EXPECT_NEAR(cubes.mean(), 1 / std::sqrt(mean), 0.02 + 0.05 / mean);
+    EXPECT_NEAR(excess_kurtosis_of(m), 1 / mean, 0.06 + 0.15 / mean);
   }
 }
 

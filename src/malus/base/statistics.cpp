@@ -41,14 +41,6 @@ double Moments::variance() const {
   return m2_ / static_cast<double>(count_ - 1);
 }
 
-double Moments::skewness() const {
-  return std::sqrt(static_cast<double>(count_)) * m3_ / std::pow(m2_, 1.5);
-}
-
-double Moments::excess_kurtosis() const {
-  return static_cast<double>(count_) * m4_ / (m2_ * m2_) - 3.0;
-}
-
 double Moments::variance_standard_error() const {
   const auto n = static_cast<double>(count_);
   if (count_ < 4) return std::numeric_limits<double>::quiet_NaN();

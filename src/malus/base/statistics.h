@@ -15,9 +15,7 @@ class Moments {
   void merge(const Moments& other);
   std::int64_t count() const { return count_; }
   double mean() const { return mean_; }
-  double variance() const;         ///< unbiased; NaN for fewer than two samples
-  double skewness() const;         ///< g1 = m3 / m2^1.5
-  double excess_kurtosis() const;  ///< g2 = m4 / m2² - 3
+  double variance() const;  ///< unbiased; NaN for fewer than two samples
   /// Standard error of variance(), from the fourth moment: Var(s²) = (μ4 - σ⁴ (n-3)/(n-1)) / n.
   double variance_standard_error() const;
 
