@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/normal_distribution.h"
+#include "malus/noise/rounding.h"
 
 #include <algorithm>
 #include <cmath>
@@ -239,8 +240,8 @@ void CodePairCounter::add(View<const float> dn) {
 }
 
 HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn) {
-  // 0.24 q² less q²/12 is the limit; noise on a boundary has up to a quarter of q² however narrow.
-  constexpr double kMostOfCodes = 0.3, kLimit = 0.24 - 1.0 / 12.0;
+  // Noise on a boundary has up to a quarter of q² however narrow.
+  constexpr double kMostOfCodes = 0.3, kLimit = kLeastDarkVariance - 1.0 / 12.0;
   const double step2 = step_dn * step_dn;
   HiddenNoise out;
   out.limit_dn2 = kLimit * step2;

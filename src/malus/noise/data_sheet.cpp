@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/rounding.h"
 
 #include <algorithm>
 #include <cmath>
@@ -29,9 +30,8 @@ Ratio in_electrons(double value, double error, double K, double K_error) {
   return {ratio, std::hypot(error / K, ratio * K_error / K)};
 }
 
-// EMVA 1288, "temporal dark noise": σ_d² = (σ_y.dark² - σ_q²) / K², σ_q² = q²/12. Below 0.24 q² the
-// converter's step hides the noise and the standard gives the limit, without an error.
-constexpr double kLeastDarkVariance = 0.24;  // of q²
+// EMVA 1288, "temporal dark noise": σ_d² = (σ_y.dark² - σ_q²) / K², σ_q² = q²/12. Where the
+// converter's step hides the noise the standard gives the limit, without an error.
 double least_dark_variance_dn2(double step_dn) { return kLeastDarkVariance * step_dn * step_dn; }
 Ratio dark_noise_e(double sd_dn, double sd_error_dn, double quantization_dn, double K,
                    double K_error) {

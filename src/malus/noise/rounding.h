@@ -12,4 +12,8 @@ namespace malus {
 /// step_dn >= 0, variance_dn2 = σ² >= 0: of the noise before the converter.
 double undithered_variance(double step_dn, double variance_dn2);
 
+/// Variance of dark pixels [step²] below which the step hides the noise: EMVA 1288 then states the
+/// noise of this limit, less the step²/12 of rounding.
+inline constexpr double kLeastDarkVariance = 0.24;
+
 }  // namespace malus
