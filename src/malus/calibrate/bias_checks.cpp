@@ -199,12 +199,11 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
 
 void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
                       PhysicsCalibration& out) {
-  constexpr double kMostZeros = 1e-3;
   std::vector<std::string> cut;
   double most = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const double share = zero_share[static_cast<std::size_t>(c)];
-    if (share > kMostZeros) cut.push_back(layout.channel_name(c));
+    if (share > kMostSilentZeros) cut.push_back(layout.channel_name(c));
     most = std::max(most, share);
   }
   if (cut.empty()) return;
@@ -212,7 +211,7 @@ void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout&
   out.warnings.push_back(fmt::format(
       "{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
       "level cuts the noise off; raise it{}",
-      channels_text(cut, layout), 100 * most, 100 * kMostZeros,
+      channels_text(cut, layout), 100 * most, 100 * kMostSilentZeros,
       out.cut_off_undone ? " (what the noise was before is worked out, as symmetric)" : ""));
 }
 

@@ -71,20 +71,21 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
 }
 
 void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels) {
-  constexpr double kMostZeros = 1e-3;
   if (!cut.known) return;
   dark.cut_off = false;
   const double taken_dn2 = cut.variance_dn2 + cut.rows_dn2;
   dark.variance_dn2 += taken_dn2;
   dark.variance_stderr_dn2 = std::hypot(dark.variance_stderr_dn2, cut.variance_stderr_dn2);
-  const auto is_cut_off = [](const TransferLevel& level) { return level.zero_share > kMostZeros; };
+  const auto is_cut_off = [](const TransferLevel& level) {
+    return level.zero_share > kMostSilentZeros;
+  };
   const bool enough = enough_levels_without(is_cut_off, levels);
   for (TransferLevel& level : levels) {
     level.dark_variance_dn2 += taken_dn2;
     level.mean_dn += cut.shift_dn;
     if (enough && level.refused.empty() && is_cut_off(level))
       level.refused = fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
-                                  100 * level.zero_share, 100 * kMostZeros);
+                                  100 * level.zero_share, 100 * kMostSilentZeros);
   }
 }
 

@@ -141,6 +141,10 @@ struct DefectPixel {
   bool operator==(const DefectPixel&) const = default;
 };
 
+/// Share of a channel's pixels at DN 0, dark or of a flat level: with more calibration warns, and
+/// where it undid the cut-off in the dark point, it leaves such a level out.
+inline constexpr double kMostSilentZeros = 1e-3;
+
 /// Share of a channel's dark pixels at DN 0: with more, which makes the variance of normal noise
 /// 1.8 % too small, the dark point moves by as much as its error, and K rests on the flats alone.
 inline constexpr double kMostDarkZeros = 1e-2;
@@ -148,7 +152,7 @@ inline constexpr double kMostDarkZeros = 1e-2;
 /// The same share, for denoising: with more it works out what bias and variance were before the
 /// cut, as of normal noise (before_cut_off). Up to here they are nearly right as measured, the
 /// deviation of normal noise to 1.8 % and its mean to 0.7 % of that, and no law has to be assumed.
-/// Higher than kMostDarkZeros, which only leaves one point out of many.
+/// The highest of the three: kMostDarkZeros only leaves one point out of many.
 inline constexpr double kMostUndoneDarkZeros = 2e-2;
 
 inline bool PhysicsCalibration::dark_was_cut_off() const {
