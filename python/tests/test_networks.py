@@ -208,7 +208,7 @@ def test_a_package_without_networks_says_so(tmp_path):
     (dict(method=WEIGHTS, ratio=10.0), r"^ratio: .*polar-bayer.safetensors does not amplify by it"),
     (dict(method=WEIGHTS, layout="bayer-rggb"), r"bayer-rggb"),
     (dict(method="bm3d", device="cpu"), r"^device: bm3d is no network and does not look at it; leave it out, or name .* with method=$"),
-    (dict(method=WEIGHTS, device="gpu"), r"^device: gpu is not known; choose one of cpu, cuda$"),
+    (dict(method=WEIGHTS, device="gpu"), r'^device: gpu is not known; did you mean "cpu"\? known: cpu, cuda$'),
     (dict(method=WEIGHTS, tile_batch=0), r"^tile_batch: 0 is outside its range; give 1 to 64$"),
     (dict(method=WEIGHTS, ratio=-1.0), r"^ratio: -1 is outside its range"),
     (dict(method=ROOT / "models"), r'^method=".*models": is a folder; '),

@@ -140,7 +140,7 @@ def test_pixels_that_are_no_numbers_are_said(quiet, given, fate, pixels):
     (dict(to_gain=99), r"outside the calibrated range"),
     (dict(guide=np.zeros((8, 8))), r"^guide: has 8 x 8 pixels, the frame 64 x 64"),
     (dict(model=None), r"^model: is None"),
-    (dict(kind="gaussian"), r"^kind: gaussian is not known; choose one of physics, nonparametric$"),
+    (dict(kind="gaussian"), r"^kind: gaussian is not known; known: physics, nonparametric$"),
     (dict(kind="nonparametric"), r"nonparametric"),
 ])
 def test_renoise_refuses(given, words):

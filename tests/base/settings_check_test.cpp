@@ -46,7 +46,9 @@ TEST(RequireSettings, NamesWhatIsNot) {
   EXPECT_EQ(said_of({.count = 0}), "count: 0 is outside its range; give 2 to 8");
   EXPECT_EQ(said_of({.share = -1}), "share: -1 is outside its range; give 0 to 1");
   EXPECT_EQ(said_of({.share = std::nan("")}), "share: nan is outside its range; give 0 to 1");
-  EXPECT_EQ(said_of({.word = "three"}), "word: three is not known; choose one of one, two");
+  EXPECT_EQ(said_of({.word = "three"}), "word: three is not known; known: one, two");
+  EXPECT_EQ(said_of({.word = "twoo"}),
+            "word: twoo is not known; did you mean \"two\"? known: one, two");
   EXPECT_EQ(said_of({.gains = {1, 1e3}}), "gains: 1000 is outside its range; give 0.01 to 100");
   EXPECT_EQ(said_of({.ratio = 0}), "ratio: 0 is outside its range; give 1e-06 to 1e+09");
 }

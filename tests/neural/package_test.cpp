@@ -11,11 +11,16 @@
 #include <filesystem>
 #include <tuple>
 
+#include "problem_of.h"
 #include "support.h"
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 namespace malus {
 namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::problem_of;
 
 NetworkPackage small_package(PackageSettings settings = {}) {
   NetworkPackage package;
@@ -82,7 +87,8 @@ TEST(Package, RefusesDescriptionsThatDoNotFit) {
   TensorFile without = good;
   without.metadata.erase("malus_package");
   EXPECT_THROW(package_of(without, "weights"), InputError);
-  EXPECT_THROW(package_of(damaged("stabilised", "cubic"), "weights"), InputError);
+  EXPECT_THAT(problem_of([&] { package_of(damaged("stabilised", "stabilized"), "weights"); }),
+              AllOf(HasSubstr("\"domain\" is \"stabilized\""), HasSubstr("mean \"stabilised\"?")));
   EXPECT_THROW(package_of(damaged("\"guide\"", "\"guise\""), "weights"), InputError);
   EXPECT_THROW(package_of(damaged("polar-bayer-rggb", "bayer-rggb"), "weights"), InputError);
   EXPECT_THROW(package_of(damaged("\"level\"", "\"none\""), "weights"), InputError);

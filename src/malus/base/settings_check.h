@@ -16,24 +16,32 @@
 
 namespace malus {
 
-/// Throws InputError naming the setting where a number lies outside its range, NaN among them, or a
-/// text is none of its choices.
+/// What to do about a number outside the setting's range, NaN among them; empty for one within.
+inline std::string setting_remedy(double value, const ParameterInfo& info) {
+  if (value >= info.minimum && value <= info.maximum) return {};
+  return fmt::format("give {:g} to {:g}", info.minimum, info.maximum);
+}
+
+/// The same about a text that is none of the setting's choices.
+inline std::string setting_remedy(const std::string& value, const ParameterInfo& info) {
+  const auto& choices = info.choices;
+  if (choices.empty() || std::find(choices.begin(), choices.end(), value) != choices.end())
+    return {};
+  return did_you_mean(value, choices, true) + "known: " + joined(choices);
+}
+
+/// Throws InputError naming the setting where there is a setting_remedy.
 template <class Value>
 void require_setting(const Value& value, const ParameterInfo& info) {
   if constexpr (requires { value.has_value(); }) {
     if (value) require_setting(*value, info);
   } else if constexpr (std::is_same_v<Value, std::vector<double>>) {
     for (const double part : value) require_setting(part, info);
-  } else if constexpr (std::is_same_v<Value, std::string>) {
-    if (!info.choices.empty() &&
-        std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
-      throw InputError(setting_name(info.name), fmt::format("{} is not known", value),
-                       "choose one of " + joined(info.choices));
-  } else if constexpr (!std::is_same_v<Value, bool>) {
-    const auto number = static_cast<double>(value);
-    if (!(number >= info.minimum && number <= info.maximum))
-      throw InputError(setting_name(info.name), fmt::format("{} is outside its range", value),
-                       fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+  } else if (const std::string remedy = setting_remedy(value, info); !remedy.empty()) {
+    constexpr bool kText = std::is_same_v<Value, std::string>;
+    throw InputError(setting_name(info.name),
+                     fmt::format("{} is {}", value, kText ? "not known" : "outside its range"),
+                     remedy);
   }
 }
 

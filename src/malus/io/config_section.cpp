@@ -1,5 +1,6 @@
 #include "malus/io/config_section.h"
 
+#include "malus/base/settings_check.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/io/internal/file_bytes.h"
@@ -255,23 +256,19 @@ int ConfigSection::whole_value(const ParameterInfo& info) const {
   if (!value)
     fail(info.name, "is not a whole number in plain digits",
          fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
-  check_number(info, static_cast<double>(*value));
+  check(info, static_cast<double>(*value));
   if (!std::in_range<int>(*value)) fail(info.name, "is too large", "give 9 digits at most");
   return static_cast<int>(*value);
 }
 
-void ConfigSection::check_number(const ParameterInfo& info, double value) const {
-  if (!(value >= info.minimum && value <= info.maximum))  // nor NaN
-    fail(info.name, fmt::format("is {:g}", value),
-         fmt::format("give {:g} to {:g}", info.minimum, info.maximum));
+void ConfigSection::check(const ParameterInfo& info, double value) const {
+  if (const std::string remedy = setting_remedy(value, info); !remedy.empty())
+    fail(info.name, fmt::format("is {:g}", value), remedy);
 }
 
-void ConfigSection::check_choice(const ParameterInfo& info, const std::string& value) const {
-  if (info.choices.empty() ||
-      std::find(info.choices.begin(), info.choices.end(), value) != info.choices.end())
-    return;
-  fail(info.name, fmt::format("is \"{}\"", value),
-       did_you_mean(value, info.choices, true) + "known: " + joined(info.choices));
+void ConfigSection::check(const ParameterInfo& info, const std::string& value) const {
+  if (const std::string remedy = setting_remedy(value, info); !remedy.empty())
+    fail(info.name, fmt::format("is \"{}\"", value), remedy);
 }
 
 }  // namespace malus

@@ -78,8 +78,8 @@ class ConfigSection {
   explicit ConfigSection(std::shared_ptr<const Table> table) : table_(std::move(table)) {}
   bool is_empty_list(std::string_view key) const;
   int whole_value(const ParameterInfo& info) const;
-  void check_number(const ParameterInfo& info, double value) const;
-  void check_choice(const ParameterInfo& info, const std::string& value) const;
+  void check(const ParameterInfo& info, double value) const;
+  void check(const ParameterInfo& info, const std::string& value) const;
 
   template <class Value>
   void read_value(Value& value, const ParameterInfo& info) const {
@@ -95,17 +95,17 @@ class ConfigSection {
       value = flag(info.name).value_or(value);
     } else if constexpr (std::is_same_v<Value, std::string>) {
       value = text(info.name).value_or(value);
-      check_choice(info, value);
+      check(info, value);
     } else if constexpr (std::is_integral_v<Value>) {
       value = whole_value(info);
     } else if constexpr (std::is_floating_point_v<Value>) {
       value = static_cast<Value>(number(info.name).value_or(0));
-      check_number(info, static_cast<double>(value));
+      check(info, static_cast<double>(value));
     } else {
       // Where nothing is the default, an empty list says so.
       if (value.empty() && is_empty_list(info.name)) return;
       value = numbers(info.name);
-      for (const double one : value) check_number(info, one);
+      for (const double one : value) check(info, one);
     }
   }
 

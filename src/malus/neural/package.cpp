@@ -1,14 +1,13 @@
 #include "malus/neural/package.h"
 
 #include "malus/base/error.h"
-#include "malus/base/text.h"
+#include "malus/base/settings_check.h"
 #include "malus/neural/checkpoint.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/noise_flow_file.h"
 #include "malus/neural/trained_light.h"
 #include "malus/polar/demosaick.h"
 
-#include <algorithm>
 #include <cmath>
 #include <string_view>
 
@@ -70,11 +69,9 @@ PackageSettings settings_of(const Json& json, const std::string& source) {
                        kGivePackage);
     value = json.at(info.name).get<std::decay_t<decltype(value)>>();
     ++known;
-    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
-      if (!info.choices.empty() &&
-          std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
-        throw InputError(source, fmt::format("{} = \"{}\" is not known", info.name, value),
-                         "choose one of " + joined(info.choices));
+    if (const std::string remedy = setting_remedy(value, info); !remedy.empty())
+      throw InputError(source, fmt::format("\"{}\" is {}", info.name, json.at(info.name).dump()),
+                       remedy);
   });
   if (known != json.size())
     throw InputError(source, "its description has settings that this malus does not know",

@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/neural/json_text.h"
@@ -56,12 +57,9 @@ PackageSettings package_settings(const Json& wanted) {
       throw InputError(setting_name("package"),
                        fmt::format("\"{}\" is {}", info.name, given.dump()), info.help);
     value = given.get<std::decay_t<decltype(value)>>();
-    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
-      if (!info.choices.empty() &&
-          std::find(info.choices.begin(), info.choices.end(), value) == info.choices.end())
-        throw InputError(
-            setting_name("package"), fmt::format("\"{}\" is \"{}\"", info.name, value),
-            did_you_mean(value, info.choices, true) + "known: " + joined(info.choices));
+    if (const std::string remedy = setting_remedy(value, info); !remedy.empty())
+      throw InputError(setting_name("package"),
+                       fmt::format("\"{}\" is {}", info.name, given.dump()), remedy);
     ++used;
   });
   if (used != wanted.size())
