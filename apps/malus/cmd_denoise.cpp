@@ -8,6 +8,7 @@
 #include "malus/denoise/saturated_pixels.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
+#include "malus/noise/sensor_window.h"
 
 #include <filesystem>
 #include <memory>
@@ -50,7 +51,11 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
         naming_model(arguments.model, [&] { return denoising_profile_for(frame, *model, range); }),
         fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
-    fit_to_sensor(choice.profile, frame, arguments.origin, arguments.settings.defects);
+    std::optional<SensorPlace> place;
+    if (!arguments.origin.empty()) place = SensorPlace{arguments.origin[0], arguments.origin[1]};
+    const std::string left_out =
+        fit_to_sensor(choice.profile, frame, place, arguments.settings.defects);
+    if (!left_out.empty()) warn_of(frame.source, left_out);
     warn_of_model(*model, gain, arguments.model, denoiser.undoes_cut_off());
     return choice;
   }

@@ -2,7 +2,6 @@
 
 #include "malus/base/text.h"
 #include "malus/denoise/frame_complaints.h"
-#include "malus/noise/sensor_window.h"
 
 #include <algorithm>
 #include <cmath>
@@ -60,16 +59,6 @@ void check_states_error(const std::string& asked, const std::string& method) {
   if (is_weight_file(method) || denoise_method(method).on_mosaic) return;
   throw CLI::ValidationError(
       asked, fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", method));
-}
-
-void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
-                   bool fill_defects) {
-  if (!fill_defects) profile.defects.places.clear();
-  const int rows = frame.dn.rows(), cols = frame.dn.cols();
-  if (!origin.empty())
-    cut_to_window(profile, {origin[0], origin[1]}, rows, cols, frame.source);
-  else if (const std::string left_out = left_out_of_window(profile, rows, cols); !left_out.empty())
-    warn_of(frame.source, left_out);
 }
 
 void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseProfile& profile,

@@ -18,12 +18,6 @@ namespace malus::app {
 /// network, which is asked when its file is open: no file could make the two go together.
 void check_states_error(const std::string& asked, const std::string& method);
 
-/// Cuts the profile's defects and maps to the frame, whose first pixel lies at `origin` (row,
-/// column) on the sensor; where that is empty, says that those of a sensor of another size are left
-/// out. Throws InputError.
-void fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const std::vector<int>& origin,
-                   bool fill_defects);
-
 /// Says extrapolation_complaint and cut_off_complaints (malus/denoise/frame_complaints.h) of the
 /// model of this file.
 void warn_of_model(const NoiseModel& model, const GainSetting& gain,

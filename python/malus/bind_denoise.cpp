@@ -32,14 +32,9 @@ namespace {
 /// Row and column on the sensor of a frame's first pixel.
 using Origin = std::optional<std::pair<int, int>>;
 
-// As a frame of this size sees the model's defects and maps; returns what to warn of.
-std::string fit_to_sensor(NoiseProfile& profile, const RawFrame& frame, const Origin& origin,
-                          bool fill_defects) {
-  if (!fill_defects) profile.defects.places.clear();
-  const int rows = frame.dn.rows(), cols = frame.dn.cols();
-  if (!origin) return left_out_of_window(profile, rows, cols);
-  cut_to_window(profile, {origin->first, origin->second}, rows, cols, frame.source);
-  return {};
+std::optional<SensorPlace> place_of(const Origin& origin) {
+  if (!origin) return std::nullopt;
+  return SensorPlace{origin->first, origin->second};
 }
 
 // What is told of the noise, with or without a model.
@@ -68,7 +63,7 @@ NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
   if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model, gain);
   for (std::string& line : model_complaints(model, gain, cut_off_undone))
     complaints.push_back(std::move(line));
-  add(fit_to_sensor(profile, frame, told.origin, settings.defects));
+  add(fit_to_sensor(profile, frame, place_of(told.origin), settings.defects));
   return profile;
 }
 

@@ -73,6 +73,20 @@ TEST(SensorWindow, NoOriginHelpsAFrameLargerThanTheSensor) {
   EXPECT_THAT(left_out_of_window(profile, 32, 22), HasSubstr("origin"));
 }
 
+TEST(SensorWindow, AFrameIsCutOrToldOf) {
+  RawFrame frame;
+  frame.dn = Image(16, 8);
+  for (const bool fill_defects : {true, false}) {
+    NoiseProfile whole = profile_of_sensor(), cut = profile_of_sensor();
+    EXPECT_THAT(fit_to_sensor(whole, frame, std::nullopt, fill_defects),
+                HasSubstr(fill_defects ? "4 defect pixels and maps" : "model's maps"));
+    EXPECT_EQ(whole.pattern->dark_dn.rows(), 32);
+    EXPECT_EQ(fit_to_sensor(cut, frame, SensorPlace{8, 2}, fill_defects), "");
+    EXPECT_EQ(cut.pattern->dark_dn.rows(), 16);
+    EXPECT_EQ(cut.defects.places.size(), fill_defects ? 2u : 0u);
+  }
+}
+
 TEST(SensorWindow, AModelThatKnowsNoPlacesLeavesNothingOut) {
   NoiseProfile profile;
   profile.layout = SensorLayout::named("mono");

@@ -125,4 +125,13 @@ std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols) 
       cols, rows, sensor.cols, sensor.rows, places_left_out(profile), setting("origin"));
 }
 
+std::string fit_to_sensor(NoiseProfile& profile, const RawFrame& frame,
+                          std::optional<SensorPlace> origin, bool fill_defects) {
+  if (!fill_defects) profile.defects.places.clear();
+  const int rows = frame.dn.rows(), cols = frame.dn.cols();
+  if (!origin) return left_out_of_window(profile, rows, cols);
+  cut_to_window(profile, *origin, rows, cols, frame.source);
+  return {};
+}
+
 }  // namespace malus

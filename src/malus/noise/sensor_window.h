@@ -2,8 +2,10 @@
 // frame sees it.
 #pragma once
 
+#include "malus/image/raw_frame.h"
 #include "malus/noise/profile.h"
 
+#include <optional>
 #include <string>
 
 namespace malus {
@@ -28,5 +30,10 @@ void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols
 /// That the profile's defects or maps are of a sensor of another size than the frame and are left
 /// out, for a warning; empty where nothing is.
 std::string left_out_of_window(const NoiseProfile& profile, int rows, int cols);
+
+/// The profile as this frame sees it: cut to its window where `origin` is known, else as it is, and
+/// left_out_of_window is returned. Without fill_defects it has none.
+std::string fit_to_sensor(NoiseProfile& profile, const RawFrame& frame,
+                          std::optional<SensorPlace> origin, bool fill_defects);
 
 }  // namespace malus
