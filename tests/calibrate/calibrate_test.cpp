@@ -344,5 +344,22 @@ TEST(CalibratePhysics, BadInputIsNamed) {
   EXPECT_THROW(calibrate_physics(nan, {}, silent_progress()), InputError);
 }
 
+// The first one named had been the bias set, whatever its exposure.
+TEST(CalibratePhysics, OfEqualDarkSetsTheShortestExposureIsTheBiasSet) {
+  CalibrationInput input;
+  for (const double exposure_s : {5.0, 0.1, 1.0}) {
+    FrameSet set;
+    set.kind = FrameKind::kBias;
+    set.count = 2;
+    set.exposure_s = exposure_s;
+    input.sets.push_back(set);
+  }
+  EXPECT_EQ(bias_set_at(GainSetting{}, input), &input.sets[1]);
+  input.sets[2].exposure_s.reset();  // no flat's
+  EXPECT_EQ(bias_set_at(GainSetting{}, input), &input.sets[2]);
+  input.sets[0].count = 3;
+  EXPECT_EQ(bias_set_at(GainSetting{}, input), &input.sets[0]);
+}
+
 }  // namespace
 }  // namespace malus

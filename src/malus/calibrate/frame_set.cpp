@@ -144,12 +144,15 @@ CalibrationInput calibration_input(const Session& declared) {
 }
 
 const FrameSet* bias_set_at(const GainSetting& gain, const CalibrationInput& input) {
-  const FrameSet* largest = nullptr;
+  const auto is_before = [](const FrameSet& a, const FrameSet& b) {
+    return a.count != b.count ? a.count > b.count
+                              : a.exposure_s.value_or(0.0) < b.exposure_s.value_or(0.0);
+  };
+  const FrameSet* best = nullptr;
   for (const FrameSet& set : input.sets)
-    if (set.kind == FrameKind::kBias && set.gain == gain &&
-        (!largest || set.count > largest->count))
-      largest = &set;
-  return largest;
+    if (set.kind == FrameKind::kBias && set.gain == gain && (!best || is_before(set, *best)))
+      best = &set;
+  return best;
 }
 
 void require_one_gain_unit(const CalibrationInput& input) {

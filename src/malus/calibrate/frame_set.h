@@ -39,8 +39,9 @@ std::string frame_set_name(const FrameSet& set);
 /// exposure that the session does not tell are the files' (with_settings_of_files).
 CalibrationInput calibration_input(const Session& session);
 
-/// The largest set of dark frames at a gain: its bias frames. Others have the exposures of flats
-/// and their dark signal. Null where there is none.
+/// The largest set of dark frames at a gain, of equal ones that of the shortest exposure (none
+/// stated: no flat's): its bias frames. Others have the exposures of flats and their dark signal.
+/// Null where there is none.
 const FrameSet* bias_set_at(const GainSetting& gain, const CalibrationInput& input);
 
 /// Throws InputError where some sets name their gain in dB and others in ISO: what one is of the
