@@ -23,12 +23,9 @@ struct Points {
   std::size_t size() const { return x.size(); }
 };
 
-double dark_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain) {
-  return level.dark_frames < 2 ? 0.0 : variance_error_dn4(0.0, level.dark_frames, dark, gain);
-}
-
-double flat_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain) {
-  return variance_error_dn4(std::max(level.mean_dn, 0.0), level.frames, dark, gain);
+// Shot noise of the dark current that a level's exposure has and the bias frames' has not.
+double dark_current_dn2(const TransferLevel& level, const DarkPoint& dark) {
+  return level.dark_variance_dn2 - dark.variance_dn2;
 }
 
 // Sums over points that share an error of variance D beside their own 1/w: the inverse of the
@@ -247,16 +244,28 @@ double bend_of(const std::vector<TransferLevel>& levels, const Points& points,
 
 }  // namespace
 
-double variance_error_dn4(double signal_dn, int frames, const DarkPoint& dark,
+double variance_error_dn4(double shot_dn2, int frames, const DarkPoint& dark,
                           double gain_dn_per_e) {
   const double row = std::max(dark.row_variance_dn2, 0.0);
-  const double pixel = std::max(dark.variance_dn2 + gain_dn_per_e * signal_dn - row, 0.0);
+  const double pixel = std::max(dark.variance_dn2 + shot_dn2 - row, 0.0);
   // Of a Poisson variable, in DN⁴, and of the dark noise: cumulants of independent parts add.
-  const double fourth_cumulant = std::pow(gain_dn_per_e, 3) * signal_dn + dark.fourth_cumulant_dn4;
+  const double fourth_cumulant =
+      gain_dn_per_e * gain_dn_per_e * std::max(shot_dn2, 0.0) + dark.fourth_cumulant_dn4;
   const auto pixels = static_cast<double>(dark.pixels);
   const double gaussian = pixel * pixel / pixels + 2.0 * row * pixel / pixels +
                           row * row / std::max(dark.row_groups, 1);
   return 2.0 / (frames - 1.0) * gaussian + fourth_cumulant / (frames * pixels);
+}
+
+double flat_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain_dn_per_e) {
+  const double light = gain_dn_per_e * std::max(level.mean_dn, 0.0);
+  return variance_error_dn4(light + dark_current_dn2(level, dark), level.frames, dark,
+                            gain_dn_per_e);
+}
+
+double dark_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain_dn_per_e) {
+  if (level.dark_frames < 2) return 0.0;
+  return variance_error_dn4(dark_current_dn2(level, dark), level.dark_frames, dark, gain_dn_per_e);
 }
 
 Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& levels,

@@ -39,10 +39,14 @@ struct DarkPoint {
   bool cut_off = false;
 };
 
-/// Squared standard error of the temporal variance of `frames` (two or more) at a signal, averaged
-/// over the channel's pixels: 2/(M-1) [(σ⁴ + 2 σ² σ_b²) / P + σ_b⁴ / G] + (K³ s + κ) / (M P).
-double variance_error_dn4(double signal_dn, int frames, const DarkPoint& dark,
-                          double gain_dn_per_e);
+/// Squared standard error of the temporal variance of `frames` (two or more), averaged over the
+/// channel's pixels: 2/(M-1) [(σ⁴ + 2 σ² σ_b²) / P + σ_b⁴ / G] + (K² shot + κ) / (M P).
+/// shot_dn2: of σ² the shot noise, of light and of dark current beyond the bias frames'.
+double variance_error_dn4(double shot_dn2, int frames, const DarkPoint& dark, double gain_dn_per_e);
+
+/// The same of a level's flats, and of the dark frames of its own (0 where it has none).
+double flat_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain_dn_per_e);
+double dark_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain_dn_per_e);
 
 struct TransferFit {
   double slope_dn_per_e = 0, slope_stderr = 0;

@@ -20,9 +20,9 @@ struct Excess {
 bool quieter(const Excess& a, const Excess& b) { return a.variance_dn2 < b.variance_dn2; }
 
 Excess excess_of(const TransferLevel& level, const DarkPoint& dark, double gain) {
-  double error = variance_error_dn4(std::max(level.mean_dn, 0.0), level.frames, dark, gain);
+  double error = flat_error_dn4(level, dark, gain);
   error += level.dark_frames < 2 ? dark.variance_stderr_dn2 * dark.variance_stderr_dn2
-                                 : variance_error_dn4(0.0, level.dark_frames, dark, gain);
+                                 : dark_error_dn4(level, dark, gain);
   return {level.mean_dn, level.variance_dn2 - level.dark_variance_dn2, std::sqrt(error)};
 }
 
