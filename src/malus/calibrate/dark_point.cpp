@@ -1,6 +1,7 @@
 #include "malus/calibrate/dark_point.h"
 
 #include "malus/base/index.h"
+#include "malus/base/statistics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -35,6 +36,18 @@ bool enough_levels_without(const IsOne& is_one, const std::vector<TransferLevel>
          }) >= kFewest;
 }
 
+// Electrons of light and of dark current have one shot noise: it rises with both levels together.
+// 0 where no level tells.
+double rough_gain(const DarkPoint& dark, const std::vector<TransferLevel>& levels) {
+  std::vector<double> gains;
+  for (const TransferLevel& level : levels) {
+    const double signal_dn = level.mean_dn + std::max(level.dark_current_dn, 0.0);
+    if (level.refused.empty() && signal_dn > 0)
+      gains.push_back((level.variance_dn2 - dark.variance_dn2) / signal_dn);
+  }
+  return gains.empty() ? 0.0 : std::max(median_of(gains), 0.0);
+}
+
 }  // namespace
 
 DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
@@ -59,13 +72,15 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
     return level.variance_dn2 < hidden.widest_codes_dn2;
   };
   const bool enough = enough_levels_without(is_narrow, levels);
-  for (TransferLevel& level : levels) {
+  for (TransferLevel& level : levels)
     if (enough && level.refused.empty() && is_narrow(level))
       level.refused = fmt::format(
           "the variance, {:.2g} DN², is below {:.2g} DN²: the converter's step hides its noise",
           level.variance_dn2, hidden.widest_codes_dn2);
+  const double gain = rough_gain(dark, levels);
+  for (TransferLevel& level : levels) {
     if (level.dark_frames >= 2 && level.dark_variance_dn2 > hidden.widest_codes_dn2) continue;
-    level.dark_variance_dn2 = dark.variance_dn2;
+    level.dark_variance_dn2 = dark.variance_dn2 + gain * std::max(level.dark_current_dn, 0.0);
     level.dark_frames = 0;
   }
 }

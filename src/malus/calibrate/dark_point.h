@@ -18,8 +18,9 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
 
 /// Rounding gives narrow noise any variance from 0 to a quarter of q², and wide noise q²/12 more
 /// than its own: what the flats hold is not what was measured in the dark. Into the dark point, and
-/// what is subtracted from the levels. Levels whose own noise is as narrow are refused where enough
-/// others are not.
+/// what is subtracted from the levels: where the step hides the noise of a level's own dark frames,
+/// too, this and the shot noise of their dark current, by their level. Levels whose own noise is as
+/// narrow are refused where enough others are not.
 void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
                        std::vector<TransferLevel>& levels);
 

@@ -201,6 +201,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.exposure_s = flat.exposure_s.value_or(0.0);
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;
+    point.dark_current_dn = dark.current_dn[c];
     point.zero_share = level.at_zero[c];
     point.at_white = level.saturated[c] > kMostSaturated;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);

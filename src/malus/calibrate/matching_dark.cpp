@@ -69,7 +69,11 @@ MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSe
   } else {
     take_common_dark(common, bias, out);
   }
-  for (std::size_t c = 0; c < out.level_dn.size(); ++c) out.level_dn[c] += first.black_dn[c];
+  const std::vector<double> bias_level_dn = common.temporal.mean_dn();
+  for (std::size_t c = 0; c < out.level_dn.size(); ++c) {
+    out.current_dn.push_back(out.level_dn[c] - bias_level_dn[c]);
+    out.level_dn[c] += first.black_dn[c];
+  }
   out.defect_above_dn = defect_limits(out.shading_dn(), geometry, first);
   return out;
 }
