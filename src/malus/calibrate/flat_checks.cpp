@@ -143,8 +143,12 @@ void warn_of_changing_light(const std::vector<FlatObservation>& flats,
   const FlatObservation* worst = nullptr;
   double most = 0;
   const char* direction = "";
-  const auto judge = [&](const FlatObservation& flat, double change, double error,
-                         const char* way) {
+  // Row noise is taken off as a band of one group has it. Of so few draws it scatters itself.
+  const auto judge = [&](const FlatObservation& flat, double change, double pixels_error,
+                         double lines_dn2, double draws, const char* way) {
+    change -= lines_dn2;
+    const double freedom = draws * (static_cast<double>(flat.signal_dn.size()) - 1.0);
+    const double error = pixels_error + lines_dn2 * std::sqrt(2.0 / freedom);
     const double share = change / flat.mean_variance_dn2;
     if (!(share > std::max(kOfVariance, most)) || !(change > kErrors * error)) return;
     worst = &flat;
@@ -153,10 +157,11 @@ void warn_of_changing_light(const std::vector<FlatObservation>& flats,
   };
   for (const FlatObservation& flat : flats) {
     if (!(flat.mean_variance_dn2 > 0)) continue;
-    judge(flat, flat.light.rows_dn2 - reference.row_variance_dn2, flat.light.rows_stderr_dn2,
-          "down");
-    judge(flat, flat.light.columns_dn2 - reference.column_variance_dn2,
-          flat.light.columns_stderr_dn2, "across");
+    const LightChange& light = flat.light;
+    judge(flat, light.rows_dn2, light.rows_stderr_dn2, reference.row_variance_dn2,
+          std::min<double>(light.row_bands, reference.row_groups), "down");
+    judge(flat, light.columns_dn2, light.columns_stderr_dn2, reference.column_variance_dn2,
+          light.column_bands, "across");
   }
   if (!worst) return;
   const double light = mean_of(worst->signal_dn);

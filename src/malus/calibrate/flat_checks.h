@@ -59,6 +59,7 @@ struct FlatReference {
   double frame_sd_dn = 0;  ///< of a frame's mean from frame to frame, without light
   int bias_frames = 0;
   double row_variance_dn2 = 0, column_variance_dn2 = 0;  ///< of rows and columns, without light
+  double row_groups = 0;                                 ///< in the frame
   double step_dn = 0;                                    ///< of the codes; 0: not whole numbers
   double dark_code_spacing_dn = 0;                       ///< occupied_spacing; 0: not known
   double black_dn = 0, white_dn = 0;

@@ -80,6 +80,8 @@ LightChange LightProfile::change(double variance_dn2) const {
   if (rows_.shares.size() < 2 || !(light_ > 0)) return out;
   out.rows_dn2 = excess_dn2(rows_, variance_dn2, out.rows_stderr_dn2);
   out.columns_dn2 = excess_dn2(columns_, variance_dn2, out.columns_stderr_dn2);
+  out.row_bands = static_cast<int>(rows_.pixels.size());
+  out.column_bands = static_cast<int>(columns_.pixels.size());
   return out;
 }
 

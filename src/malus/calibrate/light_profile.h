@@ -10,10 +10,12 @@
 
 namespace malus {
 
-/// What light that changes from frame to frame adds to a pixel's temporal variance.
+/// What light that changes from frame to frame adds to a pixel's temporal variance; row and column
+/// noise included, but not in the standard errors, which are those of the pixels' noise.
 struct LightChange {
   double rows_dn2 = 0, rows_stderr_dn2 = 0;        ///< light that changes down the frame
-  double columns_dn2 = 0, columns_stderr_dn2 = 0;  ///< and across it; row and column noise included
+  double columns_dn2 = 0, columns_stderr_dn2 = 0;  ///< and across it
+  int row_bands = 0, column_bands = 0;             ///< that were compared
 };
 
 /// Shares of the frame's light in bands of rows and of columns, frame by frame: kilobytes.
