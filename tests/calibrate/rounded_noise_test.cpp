@@ -1,6 +1,7 @@
 #include "malus/calibrate/rounded_noise.h"
 
 #include "malus/base/random.h"
+#include "malus/calibrate/gaussian_calibration.h"
 #include "malus/noise/physics.h"
 
 #include <cmath>
@@ -106,6 +107,14 @@ TEST(RoundedNoise, FixedPatternBiasAndRowsAreNotWhatRoundingMakesOfThem) {
     EXPECT_NEAR(p.sigma_row.mean[0], 0.05, 4 * p.sigma_row.standard_error[0]) << mu;
     EXPECT_LT(p.sigma_row.standard_error[0], 0.003) << mu;
   }
+}
+
+// Dark frames of such noise hardly change; lit ones hold it and q²/12 without light.
+TEST(RoundedNoise, IsInTheOffsetOfAGaussianModel) {
+  const GaussianCalibration lit =
+      gaussian_of(testing::calibrated(narrow_camera(0.15, 0.1, 40)).physics.at(0));
+  EXPECT_NEAR(lit.offset_dn2[0], 0.15 * 0.15 + 1.0 / 12, 4 * lit.offset_stderr_dn2[0]);
+  EXPECT_LT(lit.offset_stderr_dn2[0], 0.01);
 }
 
 // Changes across one boundary tell no pattern either: its error says so (0.28 ± 0.001 DN before).

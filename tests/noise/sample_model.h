@@ -42,6 +42,8 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.sigma_column = statistics2(0.02, 0.03);
   p.temporal_sd_dark_dn = {2.5 * K, 2.6 * K};
   p.temporal_sd_dark_stderr_dn = {0.01, 0.02};
+  p.dark_point_dn2 = {4.2, 4.3};
+  p.dark_point_stderr_dn2 = {0.1, 0.2};
   p.dsnu_dn = {0.3, 0.4};
   p.dsnu_stderr_dn = {0.01, 0.02};
   p.prnu = {0.01, 0.02};

@@ -85,6 +85,14 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
   }
 }
 
+void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& out) {
+  const std::size_t c = out.dark_point_dn2.size();
+  const double sd = out.temporal_sd_dark_dn[c];
+  out.dark_point_dn2.push_back(hidden ? dark.variance_dn2 : sd * sd);
+  out.dark_point_stderr_dn2.push_back(hidden ? dark.variance_stderr_dn2
+                                             : 2.0 * sd * out.temporal_sd_dark_stderr_dn[c]);
+}
+
 void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels) {
   if (!cut.known) return;
   dark.cut_off = false;

@@ -28,4 +28,8 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
 /// themselves are refused where enough others are not.
 void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels);
 
+/// Into dark_point of `out`: this where the step hides the noise, else temporal_sd_dark squared.
+/// Once per channel, in their order.
+void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& out);
+
 }  // namespace malus

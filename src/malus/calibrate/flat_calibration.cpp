@@ -18,6 +18,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <numeric>
@@ -359,6 +360,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
     if (!dark.hidden.empty()) take_hidden_noise(dark.hidden[as_index(c)], point, levels);
     if (!dark.cut_off.empty()) take_cut_off(dark.cut_off[as_index(c)], point, levels);
+    if (std::any_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::hidden)))
+      append_dark_point(dark.hidden[as_index(c)].hidden, point, out);
     cut_off |= point.cut_off;
     leave_out_saturated(point, levels);
     fits.push_back(fit_photon_transfer(levels, point));

@@ -89,6 +89,10 @@ GaussianCalibration gaussian_of(const PhysicsCalibration& physics) {
     out.offset_dn2.push_back(sd * sd);
     out.offset_stderr_dn2.push_back(2.0 * sd * physics.temporal_sd_dark_stderr_dn[c]);
   }
+  if (!physics.dark_point_dn2.empty()) {
+    out.offset_dn2 = physics.dark_point_dn2;
+    out.offset_stderr_dn2 = physics.dark_point_stderr_dn2;
+  }
   return out;
 }
 

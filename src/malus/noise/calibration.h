@@ -58,6 +58,9 @@ struct PhysicsCalibration {
   ChannelStatistics sigma_column;           ///< DN; part of sigma_tl (column_noise.h)
   std::vector<double> temporal_sd_dark_dn;  ///< rows, quantisation and all
   std::vector<double> temporal_sd_dark_stderr_dn;
+  /// Where the converter's step hides the dark noise of a channel: variance without light as lit
+  /// frames hold it, rows and q²/12 in it, where K's line begins. Empty: temporal_sd_dark squared.
+  std::vector<double> dark_point_dn2, dark_point_stderr_dn2;
   /// Per channel, share of the dark pixels at DN 0 where the camera cuts the noise off; empty where
   /// it does not.
   std::vector<double> dark_zero_share;

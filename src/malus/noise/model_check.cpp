@@ -123,6 +123,8 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   check_sized(findings, p.K_intercept_stderr_dn2, n, at + "K_intercept standard error");
   check_sized(findings, p.temporal_sd_dark_dn, n, at + "temporal_sd_dark");
   check_sized(findings, p.temporal_sd_dark_stderr_dn, n, at + "temporal_sd_dark standard error");
+  check_sized(findings, p.dark_point_dn2, n, at + "dark_point_dn2");
+  check_sized(findings, p.dark_point_stderr_dn2, n, at + "dark_point_stderr_dn2");
   check_sized(findings, p.dark_zero_share, n, at + "dark_zero_share");
   check_sized(findings, p.dsnu_dn, n, at + "dsnu");
   check_sized(findings, p.dsnu_stderr_dn, n, at + "dsnu standard error");

@@ -174,6 +174,10 @@ void transfer_physics(Archive& archive, Calibration& p) {
                   p.temporal_sd_dark_dn);
   archive.numbers({"temporal_sd_dark_stderr_dn", "DN", "standard error of temporal_sd_dark_dn"},
                   p.temporal_sd_dark_stderr_dn);
+  archive.numbers({"dark_point_dn2", "DN^2", "variance without light that lit frames hold"},
+                  p.dark_point_dn2);
+  archive.numbers({"dark_point_stderr_dn2", "DN^2", "standard error of dark_point_dn2"},
+                  p.dark_point_stderr_dn2);
   archive.numbers({"dark_zero_share", "1", "of the dark pixels that are cut off at 0"},
                   p.dark_zero_share);
   transfer_cut_off_undone(archive, p.cut_off_undone);
