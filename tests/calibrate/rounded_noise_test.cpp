@@ -64,6 +64,7 @@ TEST(RoundedNoise, HasTheErrorOfAPatternThatDoesNotShow) {
     if (!fit) continue;
     without += fit->pattern_sd == 0;
     EXPECT_NEAR(fit->sd, 0.1, 4 * fit->stderr_of_sd) << seed;
+    EXPECT_NEAR(fit->pattern_sd, 0.1, 4 * fit->stderr_of_pattern_sd) << seed;
   }
   EXPECT_GE(without, 1);
 }
@@ -109,6 +110,32 @@ TEST(RoundedNoise, FixedPatternBiasAndRowsAreNotWhatRoundingMakesOfThem) {
   }
 }
 
+// It was 0 DN with the error of rounded frames: of a DSNU of 0.03 DN, ten of them off.
+TEST(RoundedNoise, AFixedPatternThatDoesNotShowHasTheErrorOfTheWidestThatMayBe) {
+  int without = 0;
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    testing::SimulatedCamera camera = narrow_camera(0.3, 0.03, seed);
+    camera.gains[0].noise.channels[0].mu_dn = 0.1;
+    camera.rows = camera.cols = 48;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    without += p.dsnu_dn[0] == 0;
+    EXPECT_NEAR(p.dsnu_dn[0], 0.03, 4 * p.dsnu_stderr_dn[0]) << seed;
+    EXPECT_LT(p.dsnu_stderr_dn[0], 0.1) << seed;
+  }
+  EXPECT_GE(without, 1);
+}
+
+// Rows of which rounding shows a tenth: they were taken for a third of themselves, 16 errors off.
+TEST(RoundedNoise, RowsThatRoundingHidesAreNotTooSmall) {
+  for (std::uint64_t seed = 30; seed < 33; ++seed) {
+    testing::SimulatedCamera camera = narrow_camera(0.15, 0.1, seed);
+    camera.gains[0].noise.channels[0].sigma_row_dn = 0.03;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    EXPECT_NEAR(p.sigma_row.mean[0], 0.03, 4 * p.sigma_row.standard_error[0]) << seed;
+    EXPECT_LT(p.sigma_row.standard_error[0], 0.03) << seed;
+  }
+}
+
 // Dark frames of such noise hardly change; lit ones hold it and q²/12 without light.
 TEST(RoundedNoise, IsInTheOffsetOfAGaussianModel) {
   const GaussianCalibration lit =
@@ -124,6 +151,7 @@ TEST(RoundedNoise, AFixedPatternThatIsNotKnownHasTheErrorOfRounding) {
   const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
   EXPECT_NEAR(p.dsnu_dn[0], 0.15, 2 * p.dsnu_stderr_dn[0]);
   EXPECT_GT(p.dsnu_stderr_dn[0], 0.1);
+  EXPECT_GT(p.sigma_row.standard_error[0], 0.28);  // q/√12: it was 0 ± 0 where no rows show
 }
 
 // Dark pixels that keep their code: the dark variance is not known, and the line must not be held

@@ -13,22 +13,24 @@ namespace {
 // pairs of codes tell, else how far off they may be.
 void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
                          PhysicsCalibration& out) {
-  constexpr double kLeastSlope = 0.3;  // below, rows show next to nothing of themselves
+  constexpr double kLeastSlope = 0.3, kLeastSlopeOfRows = 1e-3;
   double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
   double &row = out.sigma_row.mean[c], &row_error = out.sigma_row.standard_error[c];
   if (!hidden.known()) {
     mu_error = std::hypot(mu_error, std::sqrt(hidden.rounding_dn2));
-    row_error = std::max(row_error, row);
+    row_error = std::max({row_error, row, std::sqrt(hidden.rounding_dn2)});
     return;
   }
-  const double slope = std::max(hidden.slope, kLeastSlope);
   const double shift = usual_code_dn + hidden.mean_dn - mu;
   for (auto& frame : out.mu.per_frame) frame[c] += shift;
   mu += shift;
-  mu_error = std::max(mu_error / slope, hidden.mean_stderr_dn);
+  mu_error = std::max(mu_error / std::max(hidden.slope, kLeastSlope), hidden.mean_stderr_dn);
+  // Rows may show next to nothing of themselves, but they are a part of the noise.
+  const double slope = std::max(hidden.slope, kLeastSlopeOfRows);
+  const double most_dn = std::sqrt(hidden.variance_dn2);
   for (auto& frame : out.sigma_row.per_frame) frame[c] /= slope;
-  row /= slope;
-  row_error /= slope;
+  row = std::min(row / slope, most_dn);
+  row_error = std::min(std::hypot(row_error, row * hidden.slope_stderr) / slope, most_dn);
 }
 
 }  // namespace
@@ -89,7 +91,7 @@ void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
     double &dsnu = out.dsnu_dn[c], &error = out.dsnu_stderr_dn[c];
     if (hidden.known()) {
       dsnu = hidden.dsnu_dn;
-      if (dsnu > 0) error = hidden.dsnu_stderr_dn;
+      error = hidden.dsnu_stderr_dn;
     } else if (hidden.hidden) {
       error = std::hypot(error, std::sqrt(hidden.rounding_dn2));
     } else if (c < dark.cut_off.size()) {

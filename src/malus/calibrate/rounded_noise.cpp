@@ -157,20 +157,25 @@ Eigen::Vector3d errors2(const Eigen::Matrix3d& information, const Parameters& p)
   return {errors[0], 0.0, errors[1]};
 }
 
-// Relative error that a pattern which does not show gives the noise: the widest that is not two
-// standard errors off would leave so much less noise, and that is two errors of the noise.
-double error_of_unseen_pattern(const CodePairs& pairs, double total, const Parameters& best) {
+// Two standard errors of a pattern that does not show, and what it makes one of the noise,
+// relative: the widest that is not two standard errors off would leave so much less noise, and that
+// is two errors of the noise.
+struct UnseenPattern {
+  double widest, noise_error;
+};
+UnseenPattern unseen_pattern(const CodePairs& pairs, double total, const Parameters& best) {
   constexpr double kErrors = 2.0, kFiner = 1.3;
   const double least =
       likelihood_of(pairs, best) - 0.5 * kErrors * kErrors * std::max(pairs.per_pixel, 1.0);
-  double narrowest = best[2];
+  double widest = best[1], narrowest = best[2];
   Parameters p = best;
   for (p[1] += std::log(kFiner); p[1] < std::log(0.5); p[1] += std::log(kFiner)) {
     p = climbed(pairs, total, p, false);
     if (likelihood_of(pairs, p) < least) break;
+    widest = p[1];
     narrowest = std::min(narrowest, p[2]);
   }
-  return (1.0 - std::exp(narrowest - best[2])) / kErrors;
+  return {std::exp(widest), (1.0 - std::exp(narrowest - best[2])) / kErrors};
 }
 
 // Density of the pixels' values at the boundaries between codes, all in codes (Stein's lemma: that
@@ -179,6 +184,18 @@ double slope_of(double mean, double deviation) {
   double slope = 0.0;
   for (int k = -kReach; k < kReach; ++k) slope += normal_density((k + 0.5 - mean) / deviation);
   return slope / deviation;
+}
+
+// Standard error of that slope, by those of the fit.
+double slope_error(const RoundedNoise& fit) {
+  const double deviation = std::hypot(fit.sd, fit.pattern_sd);
+  const double error =
+      std::hypot(fit.sd * fit.stderr_of_sd, fit.pattern_sd * fit.stderr_of_pattern_sd) / deviation;
+  const double by_mean = slope_of(fit.mean + fit.stderr_of_mean, deviation) -
+                         slope_of(fit.mean - fit.stderr_of_mean, deviation);
+  const double by_deviation = slope_of(fit.mean, deviation + error) -
+                              slope_of(fit.mean, std::max(deviation - error, 0.5 * deviation));
+  return 0.5 * std::hypot(by_mean, by_deviation);
 }
 
 // Changes across the boundary between two codes that is crossed second most often.
@@ -259,6 +276,7 @@ HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, doub
     out.dsnu_dn = fit->pattern_sd * step_dn;
     out.dsnu_stderr_dn = fit->stderr_of_pattern_sd * step_dn;
     out.slope = slope_of(fit->mean, std::hypot(fit->sd, fit->pattern_sd));
+    out.slope_stderr = slope_error(*fit);
     return out;
   }
   // Anywhere from 0 to the limit.
@@ -286,14 +304,14 @@ Estimate<RoundedNoise> fit_rounded_noise(const CodePairs& pairs) {
   // The pairs of one pixel share its offset and, in part, its frames: they count as one.
   const Eigen::Vector3d errors =
       (pairs.per_pixel * errors2(ascent_at(pairs, total, best).information, best)).cwiseSqrt();
-  const double noise = std::exp(best[2]),
-               error = shows_pattern(best)
-                           ? errors[2]
-                           : std::hypot(errors[2], error_of_unseen_pattern(pairs, total, best));
+  const bool shown = shows_pattern(best);
+  const UnseenPattern unseen = shown ? UnseenPattern{} : unseen_pattern(pairs, total, best);
+  const double noise = std::exp(best[2]), error = std::hypot(errors[2], unseen.noise_error);
   if (!(error < kMostError))
     return Undecided{fmt::format("{:.2g} codes ± {:.0f} %", noise, 100 * std::min(error, 9.99))};
-  const double pattern = shows_pattern(best) ? std::exp(best[1]) : 0.0;
-  return RoundedNoise{noise, noise * error, best[0], errors[0], pattern, pattern * errors[1]};
+  const double pattern = shown ? std::exp(best[1]) : 0.0;
+  const double pattern_error = shown ? pattern * errors[1] : 0.5 * unseen.widest;
+  return RoundedNoise{noise, noise * error, best[0], errors[0], pattern, pattern_error};
 }
 
 }  // namespace malus

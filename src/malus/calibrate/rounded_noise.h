@@ -43,7 +43,7 @@ class CodePairCounter {
 
 /// In codes: deviation of a pixel's noise from frame to frame, mean (from the usual code) and
 /// deviation of the pixels' offsets, with their standard errors. A deviation of offsets that is
-/// next to nothing is 0.
+/// next to nothing is 0, with half of the widest that may be (two standard errors) as its error.
 struct RoundedNoise {
   double sd = 0, stderr_of_sd = 0;
   double mean = 0, stderr_of_mean = 0;
@@ -63,7 +63,7 @@ struct HiddenNoise {
   double dsnu_dn = 0, dsnu_stderr_dn = 0;
   /// Change of the pixels' mean code per change of all offsets: that of row offsets, to first
   /// order. 1 for wide noise.
-  double slope = 1;
+  double slope = 1, slope_stderr = 0;
   bool known() const { return hidden && unknown.empty(); }
 };
 
