@@ -28,6 +28,12 @@ void take_common_dark(const DarkPass& common, const PhysicsCalibration& bias, Ma
   out.level_dn = common.temporal.mean_dn();
   out.variance_dn2 = out.shading_error_dn2 = common.temporal.variance_dn2();
   for (double& error : out.shading_error_dn2) error /= bias.bias_frames;
+  // No number of frames averages out what rounding makes of an offset beside narrow noise.
+  out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);
+  for (std::size_t c = 0; c < common.hidden.size(); ++c) {
+    out.shading_error_dn2[c] += common.hidden[c].left_dn2;
+    out.shading_doubt_dn2[c] = common.hidden[c].left_stderr_dn2;
+  }
   out.bias_shading_dn = bias.dark_shading_dn;
 }
 
@@ -41,6 +47,7 @@ void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeome
   out.level_dn = own.mean_dn();
   out.variance_dn2 = out.shading_error_dn2 = own.variance_dn2();
   for (double& error : out.shading_error_dn2) error /= set.count;
+  out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);
   out.own_shading_dn = own.release_mean_frame_dn();
   subtract_levels(out.own_shading_dn, out.level_dn, geometry);
 }

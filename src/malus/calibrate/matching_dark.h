@@ -17,7 +17,8 @@ struct MatchingDark {
   int set = 0;                                 ///< which of the dark sets
   Image own_shading_dn;                        ///< empty: the bias frames' is meant
   View<const float> bias_shading_dn;
-  std::vector<double> shading_error_dn2;  ///< per channel, of one pixel
+  /// Per channel, variance of a pixel's error in the shading, and the standard error of that.
+  std::vector<double> shading_error_dn2, shading_doubt_dn2;
   /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
   /// without light, or lies beyond half of the range.
   std::vector<double> defect_above_dn;

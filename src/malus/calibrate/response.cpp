@@ -277,6 +277,7 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
                             squares = channel_means(flat.sum_of_squares(), geometry_);
   SharedDark& shared = darks_[dark.set];
   shared.error_dn2 = dark.error_dn2;
+  shared.doubt_dn2 = dark.doubt_dn2;
   shared.scale.resize(mean.size(), 0.0);
   std::vector<double> scale(mean.size()), of_squares(mean.size()), per_square(mean.size());
   for (std::size_t c = 0; c < mean.size(); ++c) {
@@ -315,24 +316,28 @@ Response ResponseAccumulator::response() const {
       outstanding.find(out.map, geometry_, channel);
       relate(sum_, geometry_, channel, outstanding, out.map, light);
     }
-    double dark = 0;
-    for (const auto& [set, shared] : darks_)
+    double dark = 0, doubt = 0;
+    for (const auto& [set, shared] : darks_) {
       dark += shared.error_dn2[i] * shared.scale[i] * shared.scale[i];
+      doubt += shared.doubt_dn2[i] * shared.scale[i] * shared.scale[i];
+    }
     const int largest = largest_radius(geometry_, channel);
     LineResponse rows(geometry_.channel_rows(channel), largest),
         cols(geometry_.channel_cols(channel), largest);
-    Moments square, of_map;
+    Moments square, of_map, doubts;
     for_channel(geometry_, channel, [&](int r, int c, int row, int col) {
       const double own = light(row, col), kept = kept_variance(r, c, geometry_, channel);
       if (!(own > 0 && kept > 0) || outstanding.holds(row, col)) return;
       const double difference = out.map(row, col) - 1.0;
       square.add(difference * difference / kept - (error_(row, col) + dark) / (own * own));
       of_map.add(difference * difference / kept);
+      doubts.add(doubt / (own * own));
       rows.add(r, difference, kept);
       cols.add(c, difference, kept);
     });
     double variance = square.count() > 0 ? square.mean() : 0.0;
-    double error2 = square.variance() / static_cast<double>(square.count());
+    double error2 =
+        square.variance() / static_cast<double>(square.count()) + doubts.mean() * doubts.mean();
     for (const LineResponse* lines : {&rows, &cols}) {
       const double of_lines = lines->variance(of_map.mean());
       variance += of_lines * lines->lost();

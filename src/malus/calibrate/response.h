@@ -26,7 +26,8 @@ struct Response {
 /// The dark frames that belong to a flat level.
 struct DarkReference {
   View<const float> shading_dn;   ///< their mean frame minus its channels' means
-  std::vector<double> error_dn2;  ///< per channel, sampling variance of one of its pixels
+  std::vector<double> error_dn2;  ///< per channel, variance of the error of one of its pixels
+  std::vector<double> doubt_dn2;  ///< standard error of that
   int set = 0;                    ///< levels of one set have this error in common
 };
 
@@ -53,7 +54,7 @@ class ResponseAccumulator {
 
  private:
   struct SharedDark {
-    std::vector<double> scale, error_dn2;  ///< per channel; scale: sum over the levels
+    std::vector<double> scale, error_dn2, doubt_dn2;  ///< per channel; scale: sum over the levels
   };
   MosaicGeometry geometry_;
   Image sum_;

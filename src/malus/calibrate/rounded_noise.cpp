@@ -198,6 +198,35 @@ double slope_error(const RoundedNoise& fit) {
   return 0.5 * std::hypot(by_mean, by_deviation);
 }
 
+// Variance over offsets of such a deviation of what rounding adds to their mean codes, in codes.
+double variance_left(double mean, double pattern, double noise) {
+  constexpr double kWidest = 4.0, kPerCode = 20.0;
+  const int nodes = std::max(static_cast<int>(2 * kWidest * pattern * kPerCode), 80);
+  double total = 0, sum = 0, squares = 0;
+  for (int i = 0; i <= nodes; ++i) {
+    const double x = kWidest * (2.0 * i / nodes - 1.0), weight = std::exp(-0.5 * x * x);
+    const double offset = mean + pattern * x, apart = offset - std::round(offset);
+    double code = -kReach;
+    for (int k = -kReach; k < kReach; ++k) code += normal_cdf((apart - k - 0.5) / noise);
+    const double left = code - apart;
+    total += weight;
+    sum += weight * left;
+    squares += weight * left * left;
+  }
+  return squares / total - (sum / total) * (sum / total);
+}
+
+double error_of_variance_left(const RoundedNoise& fit) {
+  const double least = std::max(fit.pattern_sd - fit.stderr_of_pattern_sd, 0.0);
+  const double by_pattern =
+      variance_left(fit.mean, fit.pattern_sd + fit.stderr_of_pattern_sd, fit.sd) -
+      variance_left(fit.mean, least, fit.sd);
+  const double by_noise =
+      variance_left(fit.mean, fit.pattern_sd, fit.sd + fit.stderr_of_sd) -
+      variance_left(fit.mean, fit.pattern_sd, std::max(fit.sd - fit.stderr_of_sd, 0.5 * fit.sd));
+  return 0.5 * std::hypot(by_pattern, by_noise);
+}
+
 // Changes across the boundary between two codes that is crossed second most often.
 double second_boundary(const CodePairs& pairs) {
   std::array<double, kCodes - 1> crossed{};
@@ -277,11 +306,15 @@ HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, doub
     out.dsnu_stderr_dn = fit->stderr_of_pattern_sd * step_dn;
     out.slope = slope_of(fit->mean, std::hypot(fit->sd, fit->pattern_sd));
     out.slope_stderr = slope_error(*fit);
+    out.left_dn2 = variance_left(fit->mean, fit->pattern_sd, fit->sd) * step2;
+    out.left_stderr_dn2 = error_of_variance_left(*fit) * step2;
     return out;
   }
   // Anywhere from 0 to the limit.
   out.variance_dn2 = 0.5 * kLimit * step2;
   out.variance_stderr_dn2 = kLimit / std::sqrt(12.0) * step2;
+  out.left_dn2 = 0.5 * out.rounding_dn2;
+  out.left_stderr_dn2 = out.rounding_dn2 / std::sqrt(12.0);
   out.unknown = fit.reason();
   return out;
 }

@@ -64,6 +64,9 @@ struct HiddenNoise {
   /// Change of the pixels' mean code per change of all offsets: that of row offsets, to first
   /// order. 1 for wide noise.
   double slope = 1, slope_stderr = 0;
+  /// Variance over the pixels of what rounding leaves in their means over many frames, beyond their
+  /// offsets; half of q²/12 where nothing is known.
+  double left_dn2 = 0, left_stderr_dn2 = 0;
   bool known() const { return hidden && unknown.empty(); }
 };
 
