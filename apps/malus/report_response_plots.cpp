@@ -19,12 +19,13 @@ bool knows_electrons(const PhysicsCalibration& p) {
 
 constexpr double kMostOfLight = 1.5;  // of the light's own ratio of signal to noise
 
-// Points of a flat level in electrons. The transfer curve's variance is without the dark one. Where
-// saturation has cut the light's own noise off, the ratio tells nothing of the camera, and may be
-// thousands.
+// Points of a flat level in electrons. The transfer curve's variance is without the dark one, which
+// a long exposure has more of than the bias frames. Where saturation has cut the light's own noise
+// off, the ratio tells nothing of the camera, and may be thousands.
 FlatPoint signal_to_noise_point(const PhysicsCalibration& p, const PhotonTransferPoint& point) {
-  const double dark_dn = p.temporal_sd_dark_dn[as_index(point.channel)];
-  const double variance_dn2 = point.variance_dn2 + dark_dn * dark_dn;
+  const double bias_dn = p.temporal_sd_dark_dn[as_index(point.channel)];
+  const double dark_dn2 = point.dark_variance_dn2 > 0 ? point.dark_variance_dn2 : bias_dn * bias_dn;
+  const double variance_dn2 = point.variance_dn2 + dark_dn2;
   const double signal_e = point.mean_dn / p.K.mean[as_index(point.channel)];
   const double ratio = point.mean_dn / std::sqrt(variance_dn2);
   if (ratio > kMostOfLight * std::sqrt(signal_e)) return {signal_e, Measured::kNone, 0};
@@ -34,7 +35,8 @@ FlatPoint signal_to_noise_point(const PhysicsCalibration& p, const PhotonTransfe
 Chart signal_to_noise_chart(const NoiseModel& model, const PhysicsCalibration& p) {
   Chart chart{title_at("Signal to noise", p.gain),
               "Mean signal of the flat frames over their temporal noise, against the signal. The "
-              "line is what K and the dark noise predict, means over the channels; dashed, light's "
+              "line is what K and the noise of the bias frames predict, means over the channels; "
+              "dashed, light's "
               "own noise alone. Differences between pixels (PRNU) are not part of it.",
               {"signal", "e-", AxisScale::kLogarithmic},
               {"signal / noise", "1", AxisScale::kLogarithmic},

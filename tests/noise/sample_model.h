@@ -50,7 +50,7 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.prnu_stderr = {0.0001, 0.0002};
   p.row_correlation = matrix2(1.0, 0.9, 1.0);
   p.transfer = {{0, 0.01, 100.0, 40.0, 1.0, true, ""},
-                {1, 0.02, 3900.0, 40.0, 2.0, false, "above 70 % of saturation", true, true}};
+                {1, 0.02, 3900.0, 40.0, 2.0, false, "above 70 % of saturation", true, true, 4.5}};
   p.dark_shading_dn = Image(130, 62, 0.25F);
   p.dark_shading_dn(3, 7) = -1.5F;
   p.prnu_map = Image(130, 62, 1.0F);

@@ -63,6 +63,7 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
     point.why_not = levels[i].refused;
     point.saturated = levels[i].saturated;
     point.at_white = levels[i].at_white;
+    point.dark_variance_dn2 = levels[i].dark_variance_dn2;
     out.transfer.push_back(std::move(point));
   }
 }

@@ -34,12 +34,14 @@ struct PhotonTransferPoint {
   int channel = 0;
   double exposure_s = 0;
   double mean_dn = 0;       ///< signal above dark
-  double variance_dn2 = 0;  ///< temporal variance minus the dark pair's
+  double variance_dn2 = 0;  ///< temporal variance minus dark_variance_dn2
   double variance_stderr_dn2 = 0;
   bool used = false;
   std::string why_not;     ///< reason when not used, with numbers
   bool saturated = false;  ///< past the maximum of the variance, below white (EMVA 1288)
   bool at_white = false;   ///< more pixels than a stray few are at the white level
+  /// Temporal, of the level's own dark frames, else of the bias frames; 0: not known (older files).
+  double dark_variance_dn2 = 0;
   bool operator==(const PhotonTransferPoint&) const = default;
 };
 

@@ -90,7 +90,7 @@ void check_transfer(Findings& findings, const PhotonTransferPoint& point, int ch
                    "names a channel that the layout lacks");
   // An exposure may be unknown (NaN), and so may a standard error.
   findings.require(std::isfinite(point.mean_dn) && std::isfinite(point.variance_dn2) &&
-                       !std::isinf(point.exposure_s),
+                       std::isfinite(point.dark_variance_dn2) && !std::isinf(point.exposure_s),
                    where, "holds a value that is not finite");
 }
 

@@ -81,10 +81,14 @@ Field at_white_column() {
   return {"at_white", "1", "1 when more than a thousandth of the pixels are at the white level"};
 }
 
+Field dark_variance_column() {
+  return {"dark_variance_dn2", "DN^2", "temporal variance of the level's dark frames"};
+}
+
 // Columns of the photon-transfer points <-> one data set per column.
 struct TransferColumns {
   std::vector<std::int64_t> channel, used, saturated, at_white;
-  std::vector<double> exposure_s, mean_dn, variance_dn2, stderr_dn2;
+  std::vector<double> exposure_s, mean_dn, variance_dn2, stderr_dn2, dark_variance_dn2;
   std::vector<std::string> why_not;
 };
 
@@ -111,12 +115,14 @@ void transfer_points(Hdf5Writer& parent, const std::vector<PhotonTransferPoint>&
     t.mean_dn.push_back(p.mean_dn);
     t.variance_dn2.push_back(p.variance_dn2);
     t.stderr_dn2.push_back(p.variance_stderr_dn2);
+    t.dark_variance_dn2.push_back(p.dark_variance_dn2);
     t.why_not.push_back(p.why_not);
   }
   Hdf5Writer archive = parent.group("photon_transfer");
   transfer_columns(archive, t);
   archive.integers(saturated_column(), t.saturated);
   archive.integers(at_white_column(), t.at_white);
+  archive.numbers(dark_variance_column(), t.dark_variance_dn2);
 }
 
 void transfer_points(const Hdf5Reader& parent, std::vector<PhotonTransferPoint>& points) {
@@ -127,17 +133,20 @@ void transfer_points(const Hdf5Reader& parent, std::vector<PhotonTransferPoint>&
   const std::size_t n = t.channel.size();
   t.saturated.assign(n, 0);  // files of earlier versions
   t.at_white.assign(n, 0);
+  t.dark_variance_dn2.assign(n, 0.0);
   if (archive.holds("saturated")) archive.integers(saturated_column(), t.saturated);
   if (archive.holds("at_white")) archive.integers(at_white_column(), t.at_white);
-  for (std::size_t size :
-       {t.used.size(), t.exposure_s.size(), t.mean_dn.size(), t.variance_dn2.size(),
-        t.stderr_dn2.size(), t.why_not.size(), t.saturated.size(), t.at_white.size()})
+  if (archive.holds("dark_variance_dn2"))
+    archive.numbers(dark_variance_column(), t.dark_variance_dn2);
+  for (std::size_t size : {t.used.size(), t.exposure_s.size(), t.mean_dn.size(),
+                           t.variance_dn2.size(), t.stderr_dn2.size(), t.why_not.size(),
+                           t.saturated.size(), t.at_white.size(), t.dark_variance_dn2.size()})
     if (size != n) archive.fail("", "has columns of different lengths");
   for (std::size_t i = 0; i < n; ++i) {
     if (t.channel[i] < 0 || t.channel[i] >= 64) archive.fail("channel", "is out of range");
     points.push_back({static_cast<int>(t.channel[i]), t.exposure_s[i], t.mean_dn[i],
                       t.variance_dn2[i], t.stderr_dn2[i], t.used[i] != 0, t.why_not[i],
-                      t.saturated[i] != 0, t.at_white[i] != 0});
+                      t.saturated[i] != 0, t.at_white[i] != 0, t.dark_variance_dn2[i]});
   }
 }
 
