@@ -71,18 +71,29 @@ NoticesBlock findings(const NoiseModel& model) {
   return notices;
 }
 
-// Mean over the channels; the standard error takes the channels' errors as independent.
+// Whether the channels' errors are one and the same in good part: that of rows and of the frames'
+// levels, which the channels share.
+bool has_shared_error(const Quantity& quantity) {
+  return quantity.name == "temporal_dark_noise" || quantity.name == "dark_signal" ||
+         quantity.name == "dsnu";
+}
+
+// Mean over the channels. Its standard error takes the channels' errors as independent, or, where
+// they are not, is their mean, which it cannot exceed.
 Measured channel_mean(const Quantity& quantity) {
   Moments values;
-  double squares = 0;
+  double errors = 0, squares = 0;
   for (std::size_t c = 0; c < quantity.value.size(); ++c) {
     if (!std::isfinite(quantity.value[c])) continue;
     values.add(quantity.value[c]);
-    squares += c < quantity.standard_error.size() ? std::pow(quantity.standard_error[c], 2)
-                                                  : Measured::kNone;
+    const double error =
+        c < quantity.standard_error.size() ? quantity.standard_error[c] : Measured::kNone;
+    errors += error;
+    squares += error * error;
   }
   if (values.count() == 0) return {Measured::kNone, Measured::kNone};
-  return {values.mean(), std::sqrt(squares) / static_cast<double>(values.count())};
+  return {values.mean(), (has_shared_error(quantity) ? errors : std::sqrt(squares)) /
+                             static_cast<double>(values.count())};
 }
 
 FiguresBlock key_figures(const NoiseModel& model) {
@@ -100,11 +111,17 @@ FiguresBlock key_figures(const NoiseModel& model) {
 }
 
 TableBlock sheet_over_gains(const NoiseModel& model) {
+  const bool below_white =
+      std::any_of(model.physics.begin(), model.physics.end(), [](const PhysicsCalibration& p) {
+        return std::any_of(p.transfer.begin(), p.transfer.end(),
+                           [](const PhotonTransferPoint& point) { return point.saturated; });
+      });
   TableBlock table{.title = "Data sheet",
-                   .note =
-                       "Terms of the EMVA Standard 1288, means of the channels. Saturation is "
-                       "the white level's. Quantum efficiency is not measured, so the "
-                       "threshold is in electrons.",
+                   .note = fmt::format(
+                       "Terms of the EMVA Standard 1288, means of the channels. Saturation is {}. "
+                       "Quantum efficiency is not measured, so the threshold is in electrons.",
+                       below_white ? "where the temporal noise is largest, else the white level's"
+                                   : "the white level's"),
                    .head = "quantity",
                    .columns = {},
                    .rows = {}};

@@ -171,6 +171,22 @@ def test_signal_to_noise_has_the_noise_of_dark_current(long_exposures):
         assert y == pytest.approx(electrons / math.sqrt(2 * electrons + (READ_DN / K) ** 2), rel=0.065)
 
 
+def test_what_channels_share_does_not_average_out(long_exposures):
+    page, model = long_exposures
+    sheet = next(b for b in blocks_of(page, "table") if b["title"] == "Data sheet")
+    (cell,) = next(row["cells"] for row in sheet["rows"] if row["name"].startswith("dark signal above black"))
+    errors = model["gains"][0]["mu"]["stderr"]
+    assert cell["error"] == pytest.approx(sum(errors) / len(errors), rel=0.01) and min(errors) > 0.1
+    (K_cell,) = next(row["cells"] for row in sheet["rows"] if "K" in row["name"])
+    errors = model["gains"][0]["K"]["stderr"]
+    assert K_cell["error"] == pytest.approx(math.hypot(*errors) / len(errors), rel=0.01)
+
+
+def test_where_saturation_counts_to_is_said(calibrated, long_exposures):
+    notes = [next(b["note"] for b in blocks_of(page, "table") if b["title"] == "Data sheet") for page, _ in (calibrated, long_exposures)]
+    assert "Saturation is the white level's" in notes[0] and "where the temporal noise is largest" in notes[1]
+
+
 def test_linearity_is_drawn_against_the_exposure(calibrated):
     page, _ = calibrated
     chart, deviation = charts_of(page, "Linearity")
