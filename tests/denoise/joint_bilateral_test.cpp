@@ -51,6 +51,10 @@ double squared_error(const Image& estimate, const Image& clean) {
   return sum / static_cast<double>(clean.size());
 }
 
+internal::SampleNoise sample_noise(float uncut, float variance) {
+  return {std::vector<float>(16, uncut), [variance](std::size_t, float) { return variance; }};
+}
+
 struct Averaged {
   Image estimate, error;
 };
@@ -60,7 +64,7 @@ Averaged averaged(const Image& samples, const Image& estimate, float error,
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   Averaged result{estimate, Image(estimate.rows(), estimate.cols(), error)};
   internal::average_alike_pixels([&](int r, int c) { return samples(r, c); },
-                                 std::vector<float>(16, uncut), sure_noise, layout, memory_mib, 0,
+                                 sample_noise(uncut, sure_noise), layout, memory_mib, 0,
                                  result.estimate, &result.error, silent_progress());
   return result;
 }
@@ -175,6 +179,16 @@ TEST(JointBilateral, IsLeftOutIfAsked) {
   EXPECT_LT(error(true), 0.5 * error(false));
 }
 
+// In the dark stabilised samples have less than unit noise, which is no noise that was kept.
+TEST(JointBilateral, LeavesEvenDarkLight) {
+  const PhysicsNoise noise = equal_channels("polar-mono", {1.0, 0.14, 0, 0.7, 0});
+  const RawFrame frame = drawn_frame(Image(128, 128, 0.2f), noise, {.black_dn = 82}, 9);
+  const auto result = [&](bool like_pixels) {
+    return denoise_frame(frame, profile_of(noise), {.like_pixels = like_pixels}).dn_above_black;
+  };
+  EXPECT_EQ(result(true), result(false));
+}
+
 TEST(JointBilateral, StopsWhenAsked) {
   class Stopped : public Progress {
     void begin(std::string_view, std::int64_t) override {}
@@ -184,7 +198,7 @@ TEST(JointBilateral, StopsWhenAsked) {
   } stopped;
   Image estimate = printed(3);
   EXPECT_THROW(internal::average_alike_pixels(
-                   [&](int r, int c) { return estimate(r, c); }, std::vector<float>(16, 1e5f), 1.0f,
+                   [&](int r, int c) { return estimate(r, c); }, sample_noise(1e5f, 1.0f),
                    SensorLayout::named("polar-bayer-rggb"), 1024, 0, estimate, nullptr, stopped),
                Cancelled);
 }

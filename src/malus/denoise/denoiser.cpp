@@ -26,18 +26,27 @@ namespace {
 
 // A picture shows its noise too large where it has texture: this share of its variance is sure
 // (docs/denoising-experiments.md, "Pixels that are alike").
-constexpr float kSureNoise = 0.9f;
+constexpr double kSureNoise = 0.9;
 
 // Nearer to white, in deviations of the noise, it is cut off, and residuals are smaller and below
 // zero whatever the estimate.
 constexpr double kFromWhite = 2;
 
-// Variance that the noise has at least, in units of what the filter is told.
-float sure_noise(const NoiseProfile& profile, const DenoiseSettings& settings,
-                 const Denoised& result) {
-  const double share =
-      profile.estimated_from_picture ? double{kSureNoise} : sure_noise_share(result.noise);
-  return static_cast<float>(std::min(share / (settings.strength * settings.strength), 1.0));
+// What is sure of the noise of stabilised samples: no more than the filter is told. In the dark an
+// estimate's law itself has less than what is sure of it, and texture is lost in noise.
+internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
+                                 const PreparedFrame& frame, const NoiseProfile& profile,
+                                 const Denoised& result) {
+  internal::SampleNoise noise;
+  for (std::size_t k = 0; k < stabilizers.size(); ++k)
+    noise.uncut.push_back(
+        static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k]) - kFromWhite));
+  const bool own = profile.estimated_from_picture;
+  const double share = own ? 1 : sure_noise_share(result.noise), most = own ? kSureNoise : 1;
+  noise.variance = [&stabilizers, share, most](std::size_t channel, float estimate) {
+    return static_cast<float>(std::min(share * stabilizers[channel].variance_at(estimate), most));
+  };
+  return noise;
 }
 
 // From the stabilised estimate and its error back to DN.
@@ -108,14 +117,12 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident, result.dn_above_black, {.error = error}, progress);
-  std::vector<float> uncut;
-  for (std::size_t k = 0; k < stabilizers.size(); ++k)
-    uncut.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k]) - kFromWhite));
+  const internal::SampleNoise noise = sure_noise(stabilizers, frame, profile, result);
   if (settings.like_pixels)
-    internal::average_alike_pixels(pixel, uncut, sure_noise(profile, settings, result),
-                                   frame.layout, settings.memory_mib, resident,
+    internal::average_alike_pixels(pixel, noise, frame.layout, settings.memory_mib, resident,
                                    result.dn_above_black, error, progress);
-  if (error) internal::add_missed_signal(pixel, uncut, frame.layout, result.dn_above_black, *error);
+  if (error)
+    internal::add_missed_signal(pixel, noise.uncut, frame.layout, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

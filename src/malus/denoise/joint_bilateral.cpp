@@ -51,7 +51,7 @@ struct BilateralSums {
   Image gain, gain_common;      // Stein's estimate of (truth - estimate) (mean - estimate)
   Image energy, energy_common;  // (mean - estimate)²
   Image blind;                  // what the mean has of the guide's error, taken from 1
-  Image own;                    // weight of a pixel's own sample in its mean
+  Image own;                    // noise of a pixel's own sample in its mean
 };
 
 // Whose stated error changes with the estimate.
@@ -164,7 +164,7 @@ class Averaging {
       cells_.gain(i, k) += share * rest * difference;
       cells_.blind(i, k) += share * (1.0f - slope[at]);
       cells_.energy(i, k) += share * difference * difference;
-      cells_.own(i, k) += share * own[at];
+      cells_.own(i, k) += share * own[at] * strip_.variance(r, c);
     }
   }
 
@@ -276,18 +276,16 @@ int strip_rows(const Image& estimate, int reach, double memory_mib, double resid
 
 }  // namespace
 
-void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& uncut,
-                          float sure_noise, const SensorLayout& layout, double memory_mib,
-                          double resident_values, Image& estimate, Image* error,
-                          Progress& progress) {
+void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
+                          const SensorLayout& layout, double memory_mib, double resident_values,
+                          Image& estimate, Image* error, Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols(), reach = averaging_reach(layout);
   const int core_rows = strip_rows(estimate, reach, memory_mib, resident_values);
   Image above;  // the estimate before the change, up to the strip
   for (int core = 0; core < rows; core += core_rows) {
     const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
               end = std::min(core_end + reach, rows);
-    PixelStrip strip{layout, Image(end - first, cols), Image(end - first, cols), uncut, sure_noise,
-                     first};
+    PixelStrip strip{layout, Image(end - first, cols), Image(end - first, cols), noise, first};
     parallel_for(first, end, kRowsPerTask, [&](std::ptrdiff_t task, std::ptrdiff_t task_end) {
       for (int r = static_cast<int>(task); r < static_cast<int>(task_end); ++r) {
         const float* from = r < core ? above.row(r - core + above.rows()) : estimate.row(r);

@@ -12,19 +12,30 @@ namespace {
 constexpr float kNoiseDeviation = 4.0f;  // of the neighbourhoods, in cells
 constexpr int kCellsOfTask = 8;          // rows of cells
 
-// Sum over the cell's pixels of the squared deviation of their groups' means.
-float common_residual(const PixelStrip& strip, int i, int k) {
-  float sum = 0;
+// Of the pixels of a cell, and of their groups' means, each counted for the pixels of its group:
+// what the squared residual lacks of the noise's variance. Where noise is cut off it tells nothing.
+void measure_cell(const PixelStrip& strip, int i, int k, KeptNoise& kept) {
+  float all = 0, common = 0;
   strip.for_groups(i, k, [&](const PixelGroup& group) {
+    float variance = 0, rest = 0;
     bool is_known = true;
-    const float mean = group.mean([&](int r, int c) {
-      is_known = is_known && !strip.is_cut_off(r, c);
-      return strip.samples(r, c) - strip.estimate(r, c);
-    });
-    const auto size = static_cast<float>(group.size());
-    sum += size * (is_known ? size * mean * mean : strip.sure_noise);
+    for (int r = group.row; r < group.row_end; ++r)
+      for (int c = group.col; c < group.col_end; ++c) {
+        if (strip.is_cut_off(r, c)) {
+          is_known = false;
+          continue;
+        }
+        const float own = strip.samples(r, c) - strip.estimate(r, c);
+        const float own_variance = strip.variance(r, c);
+        all += own_variance - own * own;
+        variance += own_variance;
+        rest += own;
+      }
+    if (is_known) common += variance - rest * rest;
   });
-  return sum;
+  const auto pixels = static_cast<float>(strip.pixels_of(i, k));
+  kept.all(i, k) = all / pixels;
+  kept.common(i, k) = common / pixels;
 }
 
 }  // namespace
@@ -33,18 +44,8 @@ float common_residual(const PixelStrip& strip, int i, int k) {
 KeptNoise measure_kept_noise(const PixelStrip& strip) {
   KeptNoise kept{strip.cell_map(), strip.cell_map()};
   parallel_for(0, kept.all.rows(), kCellsOfTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin) * kCell;
-         r < std::min(static_cast<int>(end) * kCell, strip.rows()); ++r)
-      for (int c = 0; c < strip.cols(); ++c) {
-        const float rest = strip.samples(r, c) - strip.estimate(r, c);
-        kept.all(r / kCell, c / kCell) += strip.is_cut_off(r, c) ? strip.sure_noise : rest * rest;
-      }
     for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
-      for (int k = 0; k < kept.all.cols(); ++k) {
-        const auto pixels = static_cast<float>(strip.pixels_of(i, k));
-        kept.all(i, k) = strip.sure_noise - kept.all(i, k) / pixels;
-        kept.common(i, k) = strip.sure_noise - common_residual(strip, i, k) / pixels;
-      }
+      for (int k = 0; k < kept.all.cols(); ++k) measure_cell(strip, i, k, kept);
   });
   kept.all = gaussian_means(kept.all, kNoiseDeviation, kNoiseRadius);
   kept.common = gaussian_means(kept.common, kNoiseDeviation, kNoiseRadius);

@@ -16,6 +16,8 @@ constexpr double kNoiseFloor = 4e-6;
 // Of the forward table: so many at least, and more where steps would be wider than half a dark
 // deviation (a white level nobody knows makes signals of 16 bits of them).
 constexpr double kLeastKnots = 8192, kMostKnots = 65536, kKnotsPerDeviation = 2;
+// Of the variances; the transformation holds them at 1 well below that many deviations.
+constexpr double kVarianceStep = 0.25, kDarkDeviations = 20;
 
 }  // namespace
 
@@ -30,12 +32,12 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const N
     const double offset = std::max(variance_.offset_dn2(), floor_dn2_);
     dark_deviation_dn_ = std::sqrt(offset + 0.375 * slope * slope);
     negative_deviation_dn_ = std::sqrt(std::max(offset, 0.0625 * slope * slope));
-    if (is_straight()) return;
   } else {
     dark_deviation_dn_ = std::sqrt(std::max(variance_(0.0), floor_dn2_));
     build_forward_table(highest_dn);
   }
-  build_inverse_table(highest_dn, law);
+  if (!is_straight()) build_inverse_table(highest_dn, law);
+  build_variance_table(highest_dn, law);
 }
 
 void Stabilizer::build_forward_table(double highest_dn) {
@@ -138,6 +140,19 @@ std::vector<double> Stabilizer::expectations_at(const std::vector<double>& knots
   return expected;
 }
 
+void Stabilizer::build_variance_table(double highest_dn, const NoiseLaw& law) {
+  std::vector<double> signals{is_straight() ? highest_dn : 0.0};
+  dark_mean_ = mean_of(0.0);
+  for (double x = dark_mean_ + kVarianceStep; !is_straight() && x < kDarkDeviations;
+       x += kVarianceStep)
+    signals.push_back(inverse(x));
+  const auto curve = [this](double dn) { return forward(dn); };
+  const auto squared = [this](double dn) { return std::pow(forward(dn), 2); };
+  const std::vector<double> mean = law.expectations(curve, signals);
+  variances_ = law.expectations(squared, signals);
+  for (std::size_t i = 0; i < signals.size(); ++i) variances_[i] -= mean[i] * mean[i];
+}
+
 double Stabilizer::inverse(double stabilized) const {
   if (is_straight()) return stabilized * dark_deviation_dn_;
   const double position = (stabilized - inverse_low_) / kInverseStep;
@@ -159,6 +174,15 @@ double Stabilizer::mean_of(double signal_dn) const {
 double Stabilizer::inverse_slope(double stabilized) const {
   return (inverse(stabilized + kInverseStep) - inverse(stabilized - kInverseStep)) /
          (2 * kInverseStep);
+}
+
+double Stabilizer::variance_at(double stabilized) const {
+  if (variances_.size() < 2) return variances_.front();
+  const double position = (stabilized - dark_mean_) / kVarianceStep;
+  const auto last = static_cast<double>(variances_.size() - 1);
+  const double within = std::clamp(position, 0.0, last);
+  const auto i = std::min(static_cast<std::size_t>(within), variances_.size() - 2);
+  return variances_[i] + (within - static_cast<double>(i)) * (variances_[i + 1] - variances_[i]);
 }
 
 }  // namespace malus

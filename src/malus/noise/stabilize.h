@@ -34,6 +34,9 @@ class Stabilizer {
   double mean_of(double signal_dn) const;
   /// d signal / d stabilised at a stabilised value: turns deviations back to DN.
   double inverse_slope(double stabilized) const;
+  /// Variance that the law gives stabilised samples of this mean: 1 but in the dark, where it is
+  /// less, and of a curve that is a multiple of the law's.
+  double variance_at(double stabilized) const;
 
  private:
   /// One variance for all signals: forward and inverse are the same line for every law.
@@ -41,6 +44,7 @@ class Stabilizer {
   void build_forward_table(double highest_dn);
   void build_inverse_table(double highest_dn, const NoiseLaw& law);
   std::vector<double> expectations_at(const std::vector<double>& knots, const NoiseLaw& law) const;
+  void build_variance_table(double highest_dn, const NoiseLaw& law);
 
   VarianceCurve variance_;
   double floor_dn2_;              ///< least variance
@@ -50,6 +54,8 @@ class Stabilizer {
   double signal_step_dn_ = 0;
   std::vector<double> signal_dn_;  ///< inverse at inverse_low_ + i * kInverseStep, if not straight
   double inverse_low_ = 0;
+  double dark_mean_ = 0;           ///< mean_of(0)
+  std::vector<double> variances_;  ///< at dark_mean_ + i * kVarianceStep; the last of all above
 };
 
 }  // namespace malus

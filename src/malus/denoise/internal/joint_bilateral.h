@@ -7,20 +7,16 @@
 // Statist. 9, 1981): where light has many levels, as in photographs, it is next to nothing.
 #pragma once
 
-#include "malus/denoise/internal/mosaic_filter.h"
-
-#include <vector>
+#include "malus/denoise/internal/pixel_strip.h"
 
 namespace malus::internal {
 
-/// Samples from `pixel`, whose noise has deviation 1 and is whole up to `uncut` (one value per
-/// channel; nearer to white it is cut off), change `estimate`, which was made of them, and its
-/// expected squared error, where there is one. Strips of the frame take what memory_mib leaves
-/// after four bytes per `resident_values`; they and the threads do not change a byte of the result.
-/// sure_noise: the variance that the noise has at least, 1 where it is known. Throws Cancelled.
-void average_alike_pixels(const PixelSource& pixel, const std::vector<float>& uncut,
-                          float sure_noise, const SensorLayout& layout, double memory_mib,
-                          double resident_values, Image& estimate, Image* error,
-                          Progress& progress);
+/// Stabilised samples from `pixel` change `estimate`, which was made of them, and its expected
+/// squared error, where there is one. Strips of the frame take what memory_mib leaves after four
+/// bytes per `resident_values`; they and the threads do not change a byte of the result. Throws
+/// Cancelled.
+void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
+                          const SensorLayout& layout, double memory_mib, double resident_values,
+                          Image& estimate, Image* error, Progress& progress);
 
 }  // namespace malus::internal

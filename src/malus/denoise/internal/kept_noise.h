@@ -6,10 +6,10 @@
 
 namespace malus::internal {
 
-/// Shares of the noise's variance, one per cell, as far as the samples tell them: below 0 and above
-/// 1 by chance. What 2x2 pixels have in common, their mean, is counted by itself: the estimate
-/// keeps less noise of what they differ by, colour and polarization, where these are simpler than
-/// the light.
+/// Of the noise's variance, 1 in the stabilised samples of bright light, one value per cell, as far
+/// as the samples tell them: below 0 and above 1 by chance. What 2x2 pixels have in common, their
+/// mean, is counted by itself: the estimate keeps less noise of what they differ by, colour and
+/// polarization, where these are simpler than the light.
 struct KeptNoise {
   Image all, common;
 

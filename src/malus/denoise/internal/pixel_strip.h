@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
 #include <vector>
 
 namespace malus::internal {
@@ -24,21 +25,25 @@ struct PixelGroup {
   }
 };
 
+/// Of stabilised samples.
+struct SampleNoise {
+  std::vector<float> uncut;  ///< per channel: the noise is whole up to there; white cuts off others
+  /// (channel, estimate): the variance that it has at least there, 1 where it is known.
+  std::function<float(std::size_t, float)> variance;
+};
+
 /// With its surroundings above and below. Its rows begin at a whole cell.
 struct PixelStrip {
   const SensorLayout& layout;
-  Image samples, estimate;          ///< of one size; the samples' noise has deviation 1
-  const std::vector<float>& uncut;  ///< per channel: the noise is whole up to there
-  float sure_noise;                 ///< the variance that the noise has at least
-  int first_row;                    ///< of the frame
+  Image samples, estimate;   ///< of one size
+  const SampleNoise& noise;  ///< of the samples
+  int first_row;             ///< of the frame
 
   int rows() const { return estimate.rows(); }
   int cols() const { return estimate.cols(); }
   /// Where white cuts the noise off the residual is less, whatever the estimate keeps.
-  bool is_cut_off(int r, int c) const {
-    const auto channel = static_cast<std::size_t>(layout.channel_at(first_row + r, c));
-    return estimate(r, c) > uncut[channel];
-  }
+  bool is_cut_off(int r, int c) const { return estimate(r, c) > noise.uncut[channel_at(r, c)]; }
+  float variance(int r, int c) const { return noise.variance(channel_at(r, c), estimate(r, c)); }
   /// One value per cell, 0.
   Image cell_map() const { return Image(cell_count(rows()), cell_count(cols())); }
   int pixels_of(int i, int k) const {
@@ -50,6 +55,11 @@ struct PixelStrip {
     for (int r = i * kCell; r < std::min((i + 1) * kCell, rows()); r += 2)
       for (int c = k * kCell; c < std::min((k + 1) * kCell, cols()); c += 2)
         use(PixelGroup{r, c, std::min(r + 2, rows()), std::min(c + 2, cols())});
+  }
+
+ private:
+  std::size_t channel_at(int r, int c) const {
+    return static_cast<std::size_t>(layout.channel_at(first_row + r, c));
   }
 };
 
