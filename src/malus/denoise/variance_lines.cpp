@@ -64,18 +64,18 @@ VarianceLine fit_levels(const std::vector<VarianceLevel>& levels) {
   return line;
 }
 
-// The line as a curve: one whose read noise came out below zero stays above a tenth of the lowest
-// level's variance, and none falls below that of rounding. Pixels that all have one value, or two,
-// do not tell it: where the noise is less than a step, what rounding adds is the picture's.
+// The line as a curve. None falls below the variance of rounding. Pixels that all have one value,
+// or two, do not tell it: where the noise is less than a step, what rounding adds is the picture's.
+// A line that begins lower is raised as a whole: as a line it keeps the law of shot noise, without
+// which light of few electrons comes out too bright. One whose read noise came out below zero, as
+// of an unknown black level, stays above a tenth of the lowest level's variance.
 VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel>& levels,
                        double rounding_dn2) {
-  double least = rounding_dn2;
-  if (line.offset < 0) {
-    double lowest = levels.front().variance;
-    for (const VarianceLevel& l : levels) lowest = std::min(lowest, l.variance);
-    least = std::max(least, 0.1 * lowest);
-  }
-  return VarianceCurve::floored_line(std::max(line.slope, 0.0), line.offset, least);
+  const double slope = std::max(line.slope, 0.0);
+  if (line.offset >= 0) return VarianceCurve::affine(slope, std::max(line.offset, rounding_dn2));
+  double lowest = levels.front().variance;
+  for (const VarianceLevel& l : levels) lowest = std::min(lowest, l.variance);
+  return VarianceCurve::floored_line(slope, line.offset, std::max(rounding_dn2, 0.1 * lowest));
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
