@@ -210,5 +210,18 @@ TEST(CutOffNoise, ThatItIsUndoneIsWrittenDown) {
   std::filesystem::remove(path);
 }
 
+// A fixed pattern of half of the noise: what comes out is off by three to nine stated errors.
+TEST(CutOffNoise, BesideAStrongPatternItIsToldToBeRough) {
+  for (const double dsnu_dn : {1.0, 4.0}) {
+    testing::SimulatedCamera camera = cut_camera(0.14, 1.6, 63);
+    camera.dsnu_dn = dsnu_dn;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    bool told = false;
+    for (const std::string& warning : p.warnings)
+      told |= warning.find("known only roughly") != std::string::npos;
+    EXPECT_EQ(told, dsnu_dn > 2) << dsnu_dn;
+  }
+}
+
 }  // namespace
 }  // namespace malus

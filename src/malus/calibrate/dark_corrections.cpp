@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
+
 namespace malus {
 namespace {
 
@@ -31,6 +33,24 @@ void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::s
   for (auto& frame : out.sigma_row.per_frame) frame[c] /= slope;
   row = std::min(row / slope, most_dn);
   row_error = std::min(std::hypot(row_error, row * hidden.slope_stderr) / slope, most_dn);
+}
+
+// The mirror image is taken of residuals about means that are cut off themselves, by one shift of
+// all pixels: beside offsets or steps that are wide against the noise that is not enough.
+void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
+  constexpr double kFewZeros = 0.03, kMostPattern = 0.3, kMostStep = 0.4;
+  double pattern = 0, step = 0;  // of the noise
+  for (std::size_t c = 0; c < dark.cut_off.size(); ++c) {
+    if (!dark.cut_off[c].known || !(dark.zero_share[c] > kFewZeros)) continue;
+    pattern = std::max(pattern, out.dsnu_dn[c] / out.temporal_sd_dark_dn[c]);
+    step = std::max(step, dark.step_dn / out.temporal_sd_dark_dn[c]);
+  }
+  if (!(pattern > kMostPattern || step > kMostStep)) return;
+  out.warnings.push_back(fmt::format(
+      "the fixed pattern is {:.2g} and the converter's step {:.2g} of the dark noise: what it was "
+      "before it was cut off at 0 is known only roughly, and its standard errors are too small; "
+      "raise the black level",
+      pattern, step));
 }
 
 }  // namespace
@@ -99,6 +119,7 @@ void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out) {
       error /= dark.cut_off[c].slope;
     }
   }
+  warn_of_rough_cut_off(dark, out);
 }
 
 }  // namespace malus

@@ -28,7 +28,8 @@ void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analy
                   PhysicsCalibration& out);
 
 /// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off at 0: as
-/// `dark` knows it, or with the error that rounding may make where it does not.
+/// `dark` knows it, or with the error that rounding may make where it does not. A warning where
+/// noise before the cut is known only roughly.
 void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out);
 
 }  // namespace malus
