@@ -210,6 +210,19 @@ TEST(CutOffNoise, ThatItIsUndoneIsWrittenDown) {
   std::filesystem::remove(path);
 }
 
+// Eight bits of a camera without a black level: the part of the noise that shows is narrow, but the
+// noise is not, and what shows is kept as such.
+TEST(CutOffNoise, IsNotTakenForNoiseThatTheStepHides) {
+  testing::SimulatedCamera camera = testing::mono_camera(0.05, 0.1349, 0.6, 0.06, 62);
+  camera.black_dn = 0;
+  camera.white_dn = 255;
+  camera.dsnu_dn = 0.2;
+  const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+  EXPECT_TRUE(p.dark_was_cut_off());
+  for (const std::string& warning : p.warnings)
+    EXPECT_EQ(warning.find("hidden by the converter's step"), std::string::npos) << warning;
+}
+
 // A fixed pattern of half of the noise: what comes out is off by three to nine stated errors.
 TEST(CutOffNoise, BesideAStrongPatternItIsToldToBeRough) {
   for (const double dsnu_dn : {1.0, 4.0}) {

@@ -13,19 +13,22 @@ namespace malus {
 namespace {
 
 // Rounded normal noise of 64 x 64 pixels about offsets with a fixed pattern, in steps of 1 DN.
-CodePairs pairs_of(double mean, double pattern, double noise, int frames, std::uint64_t seed) {
+CodePairs pairs_of(double mean, double pattern, double noise, int frames, std::uint64_t seed,
+                   double base_dn = 100) {
   constexpr int kSize = 64;
   RandomSequence random(seed, 0, Draw::kUser);
   std::vector<double> offset;
-  for (int i = 0; i < kSize * kSize; ++i) offset.push_back(100 + mean + pattern * random.normal());
+  for (int i = 0; i < kSize * kSize; ++i)
+    offset.push_back(base_dn + mean + pattern * random.normal());
   CodePairCounter counter(MosaicGeometry(SensorLayout::named("mono"), kSize, kSize, 1), 1.0);
   Image dn(kSize, kSize);
   for (int f = 0; f < frames; ++f) {
     for (int i = 0; i < kSize * kSize; ++i)
       dn(i / kSize, i % kSize) = static_cast<float>(
-          std::round(offset[static_cast<std::size_t>(i)] + noise * random.normal()));
+          std::max(std::round(offset[static_cast<std::size_t>(i)] + noise * random.normal()), 0.0));
     counter.add(dn);
   }
+  if (base_dn == 0) counter.end_at_zero(0);
   return counter.pairs()[0];
 }
 
@@ -67,6 +70,19 @@ TEST(RoundedNoise, HasTheErrorOfAPatternThatDoesNotShow) {
     EXPECT_NEAR(fit->pattern_sd, 0.1, 4 * fit->stderr_of_pattern_sd) << seed;
   }
   EXPECT_GE(without, 1);
+}
+
+// Half of the values are below DN 0, which the camera writes as 0: taken for those of half a step
+// alone, the noise was a half too small and the mean 0.2 steps too high.
+TEST(RoundedNoise, KnowsThatZeroStandsForAllBelowIt) {
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    const auto fit = fit_rounded_noise(pairs_of(0.0, 0.2, 0.6, 30, seed, 0));
+    ASSERT_TRUE(fit.decided()) << fit.reason();
+    EXPECT_NEAR(fit->sd, 0.6, 4 * fit->stderr_of_sd) << seed;
+    EXPECT_LT(fit->stderr_of_sd, 0.05) << seed;
+    EXPECT_NEAR(fit->pattern_sd, 0.2, 4 * fit->stderr_of_pattern_sd) << seed;
+    EXPECT_NEAR(fit->mean, 0.0, 4 * std::hypot(fit->stderr_of_mean, 0.2 / 64)) << seed;
+  }
 }
 
 TEST(RoundedNoise, IsUndecidedWhereOneBoundaryIsCrossed) {

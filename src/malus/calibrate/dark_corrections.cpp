@@ -15,7 +15,7 @@ namespace {
 // pairs of codes tell, else how far off they may be.
 void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
                          PhysicsCalibration& out) {
-  constexpr double kLeastSlope = 0.3, kLeastSlopeOfRows = 1e-3;
+  constexpr double kLeastSlope = 0.3, kLeastSlopeOfRows = 1e-3;  // of what shows
   double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
   double &row = out.sigma_row.mean[c], &row_error = out.sigma_row.standard_error[c];
   if (!hidden.known()) {
@@ -55,14 +55,21 @@ void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
 
 }  // namespace
 
-void take_hidden_noise(const CodePairCounter& pairs, double step_dn, const RawFrame& first,
+void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
                        DarkPass& dark, PhysicsCalibration& out) {
   for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
+    const double zeros = dark.zero_share[c];
+    if (zeros > 0) pairs.end_at_zero(static_cast<int>(c));
     dark.hidden.push_back(
         hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
     if (!dark.hidden[c].hidden) continue;
     const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
     take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
+    if (!dark.hidden[c].known() || !(zeros > kMostDarkZeros)) continue;
+    const double shown_dn = out.temporal_sd_dark_dn[c],
+                 before_dn = std::sqrt(dark.hidden[c].codes_dn2);
+    out.temporal_sd_dark_stderr_dn[c] *= before_dn / shown_dn;
+    out.temporal_sd_dark_dn[c] = before_dn;
   }
 }
 
@@ -100,9 +107,12 @@ void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analy
         before_dn;
     sd = before_dn;
   }
-  for (std::size_t c = 0; c < dark.cut_off.size(); ++c) out.cut_off_undone |= dark.cut_off[c].known;
+  const auto is_undone = [&](std::size_t c) {
+    return dark.cut_off[c].known || (dark.zero_share[c] > 0 && dark.hidden[c].known());
+  };
+  for (std::size_t c = 0; c < dark.cut_off.size(); ++c) out.cut_off_undone |= is_undone(c);
   for (std::size_t c = 0; c < dark.cut_off.size(); ++c)
-    out.cut_off_undone &= dark.cut_off[c].known || dark.zero_share[c] <= kMostUndoneDarkZeros;
+    out.cut_off_undone &= is_undone(c) || dark.zero_share[c] <= kMostUndoneDarkZeros;
 }
 
 void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out) {

@@ -68,6 +68,7 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
   if (!hidden.hidden) return;
   dark.variance_dn2 = hidden.variance_dn2 + hidden.rounding_dn2;
   dark.variance_stderr_dn2 = hidden.variance_stderr_dn2;
+  if (hidden.known()) dark.cut_off = false;
   const auto is_narrow = [&](const TransferLevel& level) {
     return level.variance_dn2 < hidden.widest_codes_dn2;
   };

@@ -26,8 +26,9 @@ constexpr double kMostError = 0.25, kFewestChanges = 40.0;
 using Parameters = Eigen::Vector3d;
 using PairChances = std::array<double, kCodes * kCodes>;
 
-// Chance of every pair of codes: the offsets by trapezoids, narrower than the noise.
-PairChances chances_of(const Parameters& p) {
+// Chance of every pair of codes, of which the lowest has no lower end: the offsets by trapezoids,
+// narrower than the noise.
+PairChances chances_of(const Parameters& p, int lowest) {
   constexpr double kWidest = 5.0, kPerNoise = 3.0;
   const double pattern = std::exp(p[1]), noise = std::exp(p[2]);
   const int nodes =
@@ -39,7 +40,7 @@ PairChances chances_of(const Parameters& p) {
     total += weight;
     std::array<double, kCodes> one{};
     double last = 0.0;
-    for (int k = 0; k < kCodes; ++k) {
+    for (int k = kReach + lowest; k < kCodes; ++k) {
       const double next = normal_cdf((k - kReach + 0.5 - p[0] - pattern * x) / noise);
       one[as_index(k)] = next - last;
       last = next;
@@ -57,7 +58,7 @@ PairChances chances_of(const Parameters& p) {
 }
 
 double likelihood_of(const CodePairs& pairs, const Parameters& p) {
-  const PairChances chances = chances_of(p);
+  const PairChances chances = chances_of(p, pairs.lowest);
   double sum = 0.0;
   for (std::size_t i = 0; i < chances.size(); ++i)
     if (pairs.count[i] > 0) sum += pairs.count[i] * std::log(chances[i]);
@@ -72,13 +73,13 @@ struct Ascent {
 
 Ascent ascent_at(const CodePairs& pairs, double total, const Parameters& p) {
   constexpr double kDelta = 1e-4;
-  const PairChances here = chances_of(p);
+  const PairChances here = chances_of(p, pairs.lowest);
   std::array<PairChances, 3> slope;
   for (int j = 0; j < 3; ++j) {
     Parameters up = p, down = p;
     up[j] += kDelta;
     down[j] -= kDelta;
-    const PairChances high = chances_of(up), low = chances_of(down);
+    const PairChances high = chances_of(up, pairs.lowest), low = chances_of(down, pairs.lowest);
     for (std::size_t i = 0; i < here.size(); ++i)
       slope[as_index(j)][i] = (high[i] - low[i]) / (2 * kDelta);
   }
@@ -180,34 +181,36 @@ UnseenPattern unseen_pattern(const CodePairs& pairs, double total, const Paramet
 
 // Density of the pixels' values at the boundaries between codes, all in codes (Stein's lemma: that
 // is how the rounded value follows a normal part of them).
-double slope_of(double mean, double deviation) {
+double slope_of(double mean, double deviation, int lowest) {
   double slope = 0.0;
-  for (int k = -kReach; k < kReach; ++k) slope += normal_density((k + 0.5 - mean) / deviation);
+  for (int k = lowest; k < kReach; ++k) slope += normal_density((k + 0.5 - mean) / deviation);
   return slope / deviation;
 }
 
 // Standard error of that slope, by those of the fit.
-double slope_error(const RoundedNoise& fit) {
+double slope_error(const RoundedNoise& fit, int lowest) {
   const double deviation = std::hypot(fit.sd, fit.pattern_sd);
   const double error =
       std::hypot(fit.sd * fit.stderr_of_sd, fit.pattern_sd * fit.stderr_of_pattern_sd) / deviation;
-  const double by_mean = slope_of(fit.mean + fit.stderr_of_mean, deviation) -
-                         slope_of(fit.mean - fit.stderr_of_mean, deviation);
-  const double by_deviation = slope_of(fit.mean, deviation + error) -
-                              slope_of(fit.mean, std::max(deviation - error, 0.5 * deviation));
+  const double by_mean = slope_of(fit.mean + fit.stderr_of_mean, deviation, lowest) -
+                         slope_of(fit.mean - fit.stderr_of_mean, deviation, lowest);
+  const double by_deviation =
+      slope_of(fit.mean, deviation + error, lowest) -
+      slope_of(fit.mean, std::max(deviation - error, 0.5 * deviation), lowest);
   return 0.5 * std::hypot(by_mean, by_deviation);
 }
 
 // Variance over offsets of such a deviation of what rounding adds to their mean codes, in codes.
-double variance_left(double mean, double pattern, double noise) {
+double variance_left(double mean, double pattern, double noise, int lowest) {
   constexpr double kWidest = 4.0, kPerCode = 20.0;
   const int nodes = std::max(static_cast<int>(2 * kWidest * pattern * kPerCode), 80);
   double total = 0, sum = 0, squares = 0;
   for (int i = 0; i <= nodes; ++i) {
     const double x = kWidest * (2.0 * i / nodes - 1.0), weight = std::exp(-0.5 * x * x);
     const double offset = mean + pattern * x, apart = offset - std::round(offset);
-    double code = -kReach;
-    for (int k = -kReach; k < kReach; ++k) code += normal_cdf((apart - k - 0.5) / noise);
+    const int least = std::max(-kReach, lowest - static_cast<int>(std::round(offset)));
+    double code = least;
+    for (int k = least; k < kReach; ++k) code += normal_cdf((apart - k - 0.5) / noise);
     const double left = code - apart;
     total += weight;
     sum += weight * left;
@@ -216,15 +219,28 @@ double variance_left(double mean, double pattern, double noise) {
   return squares / total - (sum / total) * (sum / total);
 }
 
-double error_of_variance_left(const RoundedNoise& fit) {
+double error_of_variance_left(const RoundedNoise& fit, int lowest) {
   const double least = std::max(fit.pattern_sd - fit.stderr_of_pattern_sd, 0.0);
   const double by_pattern =
-      variance_left(fit.mean, fit.pattern_sd + fit.stderr_of_pattern_sd, fit.sd) -
-      variance_left(fit.mean, least, fit.sd);
+      variance_left(fit.mean, fit.pattern_sd + fit.stderr_of_pattern_sd, fit.sd, lowest) -
+      variance_left(fit.mean, least, fit.sd, lowest);
   const double by_noise =
-      variance_left(fit.mean, fit.pattern_sd, fit.sd + fit.stderr_of_sd) -
-      variance_left(fit.mean, fit.pattern_sd, std::max(fit.sd - fit.stderr_of_sd, 0.5 * fit.sd));
+      variance_left(fit.mean, fit.pattern_sd, fit.sd + fit.stderr_of_sd, lowest) -
+      variance_left(fit.mean, fit.pattern_sd, std::max(fit.sd - fit.stderr_of_sd, 0.5 * fit.sd),
+                    lowest);
   return 0.5 * std::hypot(by_pattern, by_noise);
+}
+
+// Temporal variance of codes that nothing cuts off.
+double codes_variance(const RoundedNoise& fit) {
+  const Parameters p(fit.mean, std::log(std::max(fit.pattern_sd, kNarrowestPattern)),
+                     std::log(fit.sd));
+  const PairChances chances = chances_of(p, -kReach);
+  double sum = 0.0;
+  for (int a = 0; a < kCodes; ++a)
+    for (int b = 0; b < kCodes; ++b)
+      sum += 0.5 * (a - b) * (a - b) * chances[as_index(a * kCodes + b)];
+  return sum;
 }
 
 // Changes across the boundary between two codes that is crossed second most often.
@@ -251,6 +267,10 @@ int CodePairCounter::code(float dn, int channel) const {
 
 double CodePairCounter::usual_code_dn(int channel) const {
   return origin_dn_ + step_dn_ * middle_[as_index(channel)];
+}
+
+void CodePairCounter::end_at_zero(int channel) {
+  pairs_[as_index(channel)].lowest = std::clamp(code(0.0F, channel), -CodePairs::kReach, 0);
 }
 
 void CodePairCounter::find_middle(View<const float> dn) {
@@ -304,10 +324,11 @@ HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, doub
     out.mean_stderr_dn = fit->stderr_of_mean * step_dn;
     out.dsnu_dn = fit->pattern_sd * step_dn;
     out.dsnu_stderr_dn = fit->stderr_of_pattern_sd * step_dn;
-    out.slope = slope_of(fit->mean, std::hypot(fit->sd, fit->pattern_sd));
-    out.slope_stderr = slope_error(*fit);
-    out.left_dn2 = variance_left(fit->mean, fit->pattern_sd, fit->sd) * step2;
-    out.left_stderr_dn2 = error_of_variance_left(*fit) * step2;
+    out.slope = slope_of(fit->mean, std::hypot(fit->sd, fit->pattern_sd), pairs.lowest);
+    out.slope_stderr = slope_error(*fit, pairs.lowest);
+    out.left_dn2 = variance_left(fit->mean, fit->pattern_sd, fit->sd, pairs.lowest) * step2;
+    out.left_stderr_dn2 = error_of_variance_left(*fit, pairs.lowest) * step2;
+    out.codes_dn2 = codes_variance(*fit) * step2;
     return out;
   }
   // Anywhere from 0 to the limit.
