@@ -49,6 +49,22 @@ TEST(NoiseFloor, OfASmoothPictureIsItsNoise) {
     }
 }
 
+// Beside an edge the surroundings are of other noise than a patch.
+TEST(NoiseFloor, OfStripesIsTheirOwnNoise) {
+  const Image stripes = noisy(320, 320, [](int r, int c) {
+    return 480.0 + 450 * std::tanh(7 * std::sin(2 * M_PI * (0.97 * c + 0.24 * r) / 64));
+  });
+  for (const std::string layout : {"mono", "polar-mono"}) {
+    const auto channels = static_cast<std::size_t>(SensorLayout::named(layout).channels());
+    const std::vector<NoiseFloor> floors = noise_floor(
+        stripes, SensorLayout::named(layout), std::vector(channels, VarianceCurve::affine(0.1, 4)),
+        std::vector(channels, 1e9F));
+    ASSERT_FALSE(floors.empty());
+    for (const NoiseFloor& floor : floors)
+      EXPECT_NEAR(floor.ratio, 1.0, 0.15) << layout << " at " << floor.signal_dn;
+  }
+}
+
 // 30 times the noise's variance in the differences of neighbours, and only a few per cent are left.
 TEST(NoiseFloor, TextureThatNeighboursTellIsNotInIt) {
   const Image weave = noisy(512, 512, [](int r, int c) {

@@ -17,6 +17,8 @@ namespace {
 
 constexpr int kSide = 6, kPixels = kSide * kSide;  // of a patch
 constexpr int kMargin = 3;                         // units around a patch that are its surroundings
+constexpr int kEvenMargin = 8;                     // pixels around a patch that must be as bright
+constexpr double kUnevenSignal = 0.25;             // of the brightness
 constexpr int kHalfUnits = 16;      // side of the squares that the halves take in turns
 constexpr int kTileUnits = 64;      // a tile's side at most
 constexpr int kMostTiles = 9;       // of a large frame, spread evenly
@@ -61,6 +63,12 @@ struct Frame {
     const float v = dn(row, col);
     return std::isfinite(v) &&
            v < saturated_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
+  }
+  // Mean over the channels.
+  double variance_at(double signal_dn) const {
+    double sum = 0;
+    for (const VarianceCurve& curve : variance) sum += curve(signal_dn);
+    return sum / static_cast<double>(variance.size());
   }
 };
 
@@ -147,9 +155,45 @@ bool measure_surroundings(const Tile& tile, int unit_row, int unit_col, int down
   return true;
 }
 
+// Mean of the units [row, row1) x [col, col1) that count; NaN where none does.
+double signal_of(const Tile& tile, const Unit& unit, int row, int col, int row1, int col1) {
+  double signal = 0, count = 0;
+  for (int i = std::max(row, 0); i < std::min(row1, tile.units_down); ++i)
+    for (int k = std::max(col, 0); k < std::min(col1, tile.units_across); ++k) {
+      const auto at = static_cast<std::size_t>(i * tile.units_across + k);
+      signal += tile.signal[at];
+      count += tile.counts[at];
+    }
+  return signal / (count * unit.rows * unit.cols);
+}
+
+// As bright as what is near it on every side, but for what changes the noise by no more than a
+// quarter: else it would be measured by noise that is not its own, beside an edge by much more.
+// What texture has made of the given variance tells no such change, so brightness itself counts.
+bool is_even(const Frame& frame, const Tile& tile, const Unit& unit, int unit_row, int unit_col,
+             int down, int across) {
+  const int rows = kEvenMargin / unit.rows, cols = kEvenMargin / unit.cols;
+  const int row = unit_row - rows, row1 = unit_row + down + rows, col = unit_col - cols,
+            col1 = unit_col + across + cols;
+  double least = std::numeric_limits<double>::infinity(), most = -least;
+  for (const double signal :
+       {signal_of(tile, unit, unit_row, unit_col, unit_row + down, unit_col + across),
+        signal_of(tile, unit, row, col, unit_row - 1, col1),
+        signal_of(tile, unit, unit_row + down, col, row1, col1),
+        signal_of(tile, unit, row, col, row1, unit_col - 1),
+        signal_of(tile, unit, row, unit_col + across, row1, col1)})
+    if (std::isfinite(signal)) {
+      least = std::min(least, signal);
+      most = std::max(most, signal);
+    }
+  const double mean = (least + most) / 2;
+  return most - least <
+         std::max(kUnevenSignal * std::abs(mean), std::sqrt(frame.variance_at(mean)));
+}
+
 // Patches that begin `phase` pixels inside of a unit.
-void cut_patches(const Tile& tile, const Unit& unit, int phase_row, int phase_col,
-                 std::vector<Patch>& patches) {
+void cut_patches(const Frame& frame, const Tile& tile, const Unit& unit, int phase_row,
+                 int phase_col, std::vector<Patch>& patches) {
   const int down = (phase_row + kSide + unit.rows - 1) / unit.rows,
             across = (phase_col + kSide + unit.cols - 1) / unit.cols;
   Patch patch;
@@ -164,7 +208,8 @@ void cut_patches(const Tile& tile, const Unit& unit, int phase_row, int phase_co
           patch.values[static_cast<std::size_t>(r * kSide + c)] = v;
           whole = whole && std::isfinite(v);
         }
-      if (!whole || !measure_surroundings(tile, i, k, down, across, unit.rows * unit.cols, patch))
+      if (!whole || !measure_surroundings(tile, i, k, down, across, unit.rows * unit.cols, patch) ||
+          !is_even(frame, tile, unit, i, k, down, across))
         continue;
       patch.second_half = (i / kHalfUnits + k / kHalfUnits) % 2 != 0;
       patches.push_back(patch);
@@ -215,7 +260,7 @@ std::vector<std::vector<Patch>> patches_of(const Frame& frame) {
       // A cell of two by two looks the same from everywhere once its halves are in one patch.
       if ((row > 0 && unit.rows <= 2) || (col > 0 && unit.cols <= 2)) continue;
       patches.emplace_back();
-      for (const Tile& tile : tiles) cut_patches(tile, unit, row, col, patches.back());
+      for (const Tile& tile : tiles) cut_patches(frame, tile, unit, row, col, patches.back());
     }
   return patches;
 }

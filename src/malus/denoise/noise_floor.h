@@ -24,7 +24,8 @@ struct NoiseFloor {
 /// of the converter leaves patches of equal pixels.
 ///
 /// Patches of 6x6 pixels of the mosaic, divided by the deviations that variance gives for their
-/// surroundings. The directions in which one half of the patches varies least (the four smallest
+/// surroundings; those beside edges are left out, where the surroundings are of another brightness.
+/// The directions in which one half of the patches varies least (the four smallest
 /// principal components) are measured on the other half, by a median: no direction is chosen by the
 /// noise that it is measured with. Of all patches, of the two fifths and of the fifth in the
 /// smoothest surroundings (of the surroundings alone, or noise would choose) the least counts.
