@@ -178,9 +178,9 @@ bool is_even(const Frame& frame, const Tile& tile, const Unit& unit, int unit_ro
   double least = std::numeric_limits<double>::infinity(), most = -least;
   for (const double signal :
        {signal_of(tile, unit, unit_row, unit_col, unit_row + down, unit_col + across),
-        signal_of(tile, unit, row, col, unit_row - 1, col1),
+        signal_of(tile, unit, row, col, unit_row, col1),
         signal_of(tile, unit, unit_row + down, col, row1, col1),
-        signal_of(tile, unit, row, col, row1, unit_col - 1),
+        signal_of(tile, unit, row, col, row1, unit_col),
         signal_of(tile, unit, row, unit_col + across, row1, col1)})
     if (std::isfinite(signal)) {
       least = std::min(least, signal);
