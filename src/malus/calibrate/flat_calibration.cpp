@@ -356,14 +356,15 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   out.flat_levels = static_cast<int>(flats.size());
   std::vector<Estimate<TransferFit>> fits;
   bool cut_off = false;
+  const bool any_hidden =
+      std::any_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::hidden));
   for (int c = 0; c < geometry.channels(); ++c) {
     std::vector<TransferLevel>& levels = series.levels[as_index(c)];
     DarkPoint point = dark_point(c, geometry, dark_variance[as_index(c)], out);
     point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
     if (!dark.hidden.empty()) take_hidden_noise(dark.hidden[as_index(c)], point, levels);
     if (!dark.cut_off.empty()) take_cut_off(dark.cut_off[as_index(c)], point, levels);
-    if (std::any_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::hidden)))
-      append_dark_point(dark.hidden[as_index(c)].hidden, point, out);
+    if (any_hidden) append_dark_point(dark.hidden[as_index(c)].hidden, point, out);
     cut_off |= point.cut_off;
     leave_out_saturated(point, levels);
     fits.push_back(fit_photon_transfer(levels, point));

@@ -24,6 +24,7 @@ struct Picture {
 /// The bits that whole numbers of a NumPy type fill: less the sign, at most the 24 that float
 /// holds; 1 of bool (kind b), 0 of floats (f).
 int bits_of_numbers(char kind, int item_bytes);
+
 /// What the picture shows as white: the largest number of so many bits, 1 of floats. Of types that
 /// no camera fills (white_of_bits) the largest number that there is.
 double white_of_picture(int bits, const Planes& planes);

@@ -16,7 +16,7 @@ namespace malus {
 namespace {
 
 // Generations made before they are needed. With one, makers that find no place left in it wait for
-// the slowest of its examples: 14 makers stood idle for a quarter of the time.
+// the slowest of its examples.
 constexpr std::int64_t kAhead = 2;
 // Where the refresh is measured: the first batches, which do not count (a GPU chooses its kernels),
 // and the share of the makers' pace that is asked of them.
