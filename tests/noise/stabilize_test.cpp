@@ -60,23 +60,24 @@ TEST(Stabilizer, DeviationIsOneAndTheInverseIsUnbiased) {
 }
 
 // Less than 1 in the dark; of a curve that is a multiple of the law's, the law's own share.
-TEST(Stabilizer, TellsTheVarianceOfStabilizedSamples) {
+TEST(StabilizedVariance, IsThatOfSamples) {
   constexpr int kSamples = 40000;
   for (const AffineLaw& law : {AffineLaw{2.0, 1.4}, AffineLaw{1.55, 3.7}, AffineLaw{0.0, 2.0}})
     for (const double factor : {1.0, 1.44}) {
       const VarianceCurve curve =
           VarianceCurve::affine(law.slope, law.read_deviation * law.read_deviation);
       const Stabilizer stabilizer(curve.scaled(factor), 4013, NoiseLaw::gaussian(curve));
+      const StabilizedVariance variance(stabilizer, 4013, NoiseLaw::gaussian(curve));
       for (const double s : {0.0, 0.4, 2.0, 10.0, 250.0, 600.0}) {
         RandomSequence random(8, static_cast<std::uint32_t>(10 * s), Draw::kUser);
         Moments moments;
         for (int i = 0; i < kSamples; ++i) moments.add(stabilizer.forward(sample(law, s, random)));
         // Five standard errors.
-        EXPECT_NEAR(stabilizer.variance_at(stabilizer.mean_of(s)) / moments.variance(), 1.0,
+        EXPECT_NEAR(variance.at(stabilizer.mean_of(s)) / moments.variance(), 1.0,
                     5 * std::sqrt(2.0 / kSamples))
             << law.slope << " at " << s;
       }
-      EXPECT_EQ(stabilizer.variance_at(-3), stabilizer.variance_at(stabilizer.mean_of(0)));
+      EXPECT_EQ(variance.at(-3), variance.at(stabilizer.mean_of(0)));
     }
 }
 

@@ -32,21 +32,28 @@ constexpr double kSureNoise = 0.9;
 // zero whatever the estimate.
 constexpr double kFromWhite = 2;
 
+// Up to where the noise of stabilised samples is whole, per channel.
+std::vector<float> uncut_samples(const std::vector<Stabilizer>& stabilizers,
+                                 const PreparedFrame& frame) {
+  std::vector<float> uncut;
+  for (std::size_t k = 0; k < stabilizers.size(); ++k)
+    uncut.push_back(static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k]) - kFromWhite));
+  return uncut;
+}
+
 // What is sure of the noise of stabilised samples: no more than the filter is told. In the dark an
 // estimate's law itself has less than what is sure of it, and texture is lost in noise.
 internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
-                                 const PreparedFrame& frame, const NoiseProfile& profile,
-                                 const Denoised& result) {
-  internal::SampleNoise noise;
+                                 const std::vector<float>& uncut, const PreparedFrame& frame,
+                                 const NoiseProfile& profile, const Denoised& result) {
+  std::vector<StabilizedVariance> variances;
   for (std::size_t k = 0; k < stabilizers.size(); ++k)
-    noise.uncut.push_back(
-        static_cast<float>(stabilizers[k].forward(frame.saturated_dn[k]) - kFromWhite));
+    variances.emplace_back(stabilizers[k], frame.highest_dn, profile.channels[k].distribution());
   const bool own = profile.estimated_from_picture;
   const double share = own ? 1 : sure_noise_share(result.noise), most = own ? kSureNoise : 1;
-  noise.variance = [&stabilizers, share, most](std::size_t channel, float estimate) {
-    return static_cast<float>(std::min(share * stabilizers[channel].variance_at(estimate), most));
-  };
-  return noise;
+  return {uncut, [variances = std::move(variances), share, most](std::size_t channel, float mean) {
+            return static_cast<float>(std::min(share * variances[channel].at(mean), most));
+          }};
 }
 
 // From the stabilised estimate and its error back to DN.
@@ -117,12 +124,12 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tiles = internal::filter_frame(
       pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
       settings.memory_mib, resident, result.dn_above_black, {.error = error}, progress);
-  const internal::SampleNoise noise = sure_noise(stabilizers, frame, profile, result);
+  const std::vector<float> uncut = uncut_samples(stabilizers, frame);
   if (settings.like_pixels)
-    internal::average_alike_pixels(pixel, noise, frame.layout, settings.memory_mib, resident,
+    internal::average_alike_pixels(pixel, sure_noise(stabilizers, uncut, frame, profile, result),
+                                   frame.layout, settings.memory_mib, resident,
                                    result.dn_above_black, error, progress);
-  if (error)
-    internal::add_missed_signal(pixel, noise.uncut, frame.layout, result.dn_above_black, *error);
+  if (error) internal::add_missed_signal(pixel, uncut, frame.layout, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

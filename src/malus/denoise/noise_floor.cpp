@@ -64,12 +64,6 @@ struct Frame {
     return std::isfinite(v) &&
            v < saturated_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
   }
-  // Mean over the channels.
-  double variance_at(double signal_dn) const {
-    double sum = 0;
-    for (const VarianceCurve& curve : variance) sum += curve(signal_dn);
-    return sum / static_cast<double>(variance.size());
-  }
 };
 
 // Mean of the pixels of one channel in a ring of cells around a pixel: the noise of any nearer ones
@@ -167,9 +161,9 @@ double signal_of(const Tile& tile, const Unit& unit, int row, int col, int row1,
   return signal / (count * unit.rows * unit.cols);
 }
 
-// As bright as what is near it on every side, but for what changes the noise by no more than a
-// quarter: else it would be measured by noise that is not its own, beside an edge by much more.
-// What texture has made of the given variance tells no such change, so brightness itself counts.
+// As bright as what is near it on every side, to a quarter or one deviation of the noise: else it
+// would be measured by noise that is not its own, beside an edge by much more. Brightness itself
+// counts: what texture has made of the given variance may tell no change.
 bool is_even(const Frame& frame, const Tile& tile, const Unit& unit, int unit_row, int unit_col,
              int down, int across) {
   const int rows = kEvenMargin / unit.rows, cols = kEvenMargin / unit.cols;
@@ -187,8 +181,8 @@ bool is_even(const Frame& frame, const Tile& tile, const Unit& unit, int unit_ro
       most = std::max(most, signal);
     }
   const double mean = (least + most) / 2;
-  return most - least <
-         std::max(kUnevenSignal * std::abs(mean), std::sqrt(frame.variance_at(mean)));
+  return most - least < std::max(kUnevenSignal * std::abs(mean),
+                                 std::sqrt(mean_variance_dn2(frame.variance, mean)));
 }
 
 // Patches that begin `phase` pixels inside of a unit.

@@ -302,7 +302,7 @@ std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double hig
   std::vector<Stabilizer> stabilizers;
   for (const ChannelProfile& channel : profile.channels)
     stabilizers.emplace_back(channel.variance.scaled(strength * strength), highest_dn,
-                             channel.law ? *channel.law : NoiseLaw::gaussian(channel.variance));
+                             channel.distribution());
   return stabilizers;
 }
 

@@ -106,9 +106,7 @@ struct PatchCamera {
   }
   // Mean over the channels: of patches of other brightness against each other.
   double noise_at(double signal_dn) const {
-    double sum = 0;
-    for (const VarianceCurve& curve : variance) sum += curve(signal_dn);
-    return std::max(sum, 1e-30);
+    return std::max(mean_variance_dn2(variance, signal_dn), 1e-30);
   }
   bool dark(const std::vector<double>& pattern) const {
     for (std::size_t i = 0; i < pattern.size(); ++i)

@@ -22,6 +22,7 @@ struct ChannelProfile {
   double gain_dn_per_e = 0;    ///< 0 when not known
   /// Distribution of the pixels about signal and bias; none: NoiseLaw::gaussian(variance).
   std::optional<NoiseLaw> law = std::nullopt;
+  NoiseLaw distribution() const { return law ? *law : NoiseLaw::gaussian(variance); }
 };
 
 /// Pixels that do not tell the light, by their place in a frame of the whole sensor.

@@ -37,7 +37,6 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const N
     build_forward_table(highest_dn);
   }
   if (!is_straight()) build_inverse_table(highest_dn, law);
-  build_variance_table(highest_dn, law);
 }
 
 void Stabilizer::build_forward_table(double highest_dn) {
@@ -140,19 +139,6 @@ std::vector<double> Stabilizer::expectations_at(const std::vector<double>& knots
   return expected;
 }
 
-void Stabilizer::build_variance_table(double highest_dn, const NoiseLaw& law) {
-  std::vector<double> signals{is_straight() ? highest_dn : 0.0};
-  dark_mean_ = mean_of(0.0);
-  for (double x = dark_mean_ + kVarianceStep; !is_straight() && x < kDarkDeviations;
-       x += kVarianceStep)
-    signals.push_back(inverse(x));
-  const auto curve = [this](double dn) { return forward(dn); };
-  const auto squared = [this](double dn) { return std::pow(forward(dn), 2); };
-  const std::vector<double> mean = law.expectations(curve, signals);
-  variances_ = law.expectations(squared, signals);
-  for (std::size_t i = 0; i < signals.size(); ++i) variances_[i] -= mean[i] * mean[i];
-}
-
 double Stabilizer::inverse(double stabilized) const {
   if (is_straight()) return stabilized * dark_deviation_dn_;
   const double position = (stabilized - inverse_low_) / kInverseStep;
@@ -176,7 +162,21 @@ double Stabilizer::inverse_slope(double stabilized) const {
          (2 * kInverseStep);
 }
 
-double Stabilizer::variance_at(double stabilized) const {
+StabilizedVariance::StabilizedVariance(const Stabilizer& stabilizer, double highest_dn,
+                                       const NoiseLaw& law)
+    : dark_mean_(stabilizer.mean_of(0.0)) {
+  std::vector<double> signals{stabilizer.is_straight() ? highest_dn : 0.0};
+  for (double x = dark_mean_ + kVarianceStep; !stabilizer.is_straight() && x < kDarkDeviations;
+       x += kVarianceStep)
+    signals.push_back(stabilizer.inverse(x));
+  const auto curve = [&](double dn) { return stabilizer.forward(dn); };
+  const auto squared = [&](double dn) { return std::pow(stabilizer.forward(dn), 2); };
+  const std::vector<double> mean = law.expectations(curve, signals);
+  variances_ = law.expectations(squared, signals);
+  for (std::size_t i = 0; i < signals.size(); ++i) variances_[i] -= mean[i] * mean[i];
+}
+
+double StabilizedVariance::at(double stabilized) const {
   if (variances_.size() < 2) return variances_.front();
   const double position = (stabilized - dark_mean_) / kVarianceStep;
   const auto last = static_cast<double>(variances_.size() - 1);

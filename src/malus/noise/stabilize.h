@@ -34,17 +34,13 @@ class Stabilizer {
   double mean_of(double signal_dn) const;
   /// d signal / d stabilised at a stabilised value: turns deviations back to DN.
   double inverse_slope(double stabilized) const;
-  /// Variance that the law gives stabilised samples of this mean: 1 but in the dark, where it is
-  /// less, and of a curve that is a multiple of the law's.
-  double variance_at(double stabilized) const;
-
- private:
   /// One variance for all signals: forward and inverse are the same line for every law.
   bool is_straight() const { return variance_.is_affine() && variance_.slope_dn() == 0; }
+
+ private:
   void build_forward_table(double highest_dn);
   void build_inverse_table(double highest_dn, const NoiseLaw& law);
   std::vector<double> expectations_at(const std::vector<double>& knots, const NoiseLaw& law) const;
-  void build_variance_table(double highest_dn, const NoiseLaw& law);
 
   VarianceCurve variance_;
   double floor_dn2_;              ///< least variance
@@ -54,7 +50,19 @@ class Stabilizer {
   double signal_step_dn_ = 0;
   std::vector<double> signal_dn_;  ///< inverse at inverse_low_ + i * kInverseStep, if not straight
   double inverse_low_ = 0;
-  double dark_mean_ = 0;           ///< mean_of(0)
+};
+
+/// Variance that the law gives stabilised samples: 1 but in the dark, where it is less, and of a
+/// curve that is a multiple of the law's. Apart from the stabilizer, most of whose users never ask.
+class StabilizedVariance {
+ public:
+  /// highest_dn, law: the stabilizer's.
+  StabilizedVariance(const Stabilizer& stabilizer, double highest_dn, const NoiseLaw& law);
+  /// Of samples of this mean.
+  double at(double stabilized) const;
+
+ private:
+  double dark_mean_;               ///< of the samples without light
   std::vector<double> variances_;  ///< at dark_mean_ + i * kVarianceStep; the last of all above
 };
 

@@ -57,4 +57,11 @@ VarianceCurve VarianceCurve::scaled(double factor) const {
   return curve;
 }
 
+double mean_variance_dn2(const std::vector<VarianceCurve>& curves, double signal_dn) {
+  MALUS_REQUIRE(!curves.empty());
+  double sum = 0;
+  for (const VarianceCurve& curve : curves) sum += curve(signal_dn);
+  return sum / static_cast<double>(curves.size());
+}
+
 }  // namespace malus

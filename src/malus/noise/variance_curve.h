@@ -34,4 +34,7 @@ class VarianceCurve {
   std::vector<double> signal_dn_, variance_dn2_;
 };
 
+/// Mean over the channels' curves. Contract: there is one.
+double mean_variance_dn2(const std::vector<VarianceCurve>& curves, double signal_dn);
+
 }  // namespace malus
