@@ -199,6 +199,41 @@ TEST(Uncertainty, DenoisedIntensitiesGetTheExpectedDolpAndTheErrorThatTheyShare)
   EXPECT_FLOAT_EQ(u[0].s2_variance(0, 0), 8 * 0.65f);
 }
 
+// One angle errs much more than the others, as of light behind a polarizer or with a filled defect:
+// beside it next to nothing cancels. All the planes' figures against errors that are drawn.
+TEST(Uncertainty, ErrorsThatAreSharedCancelAsFarAsTheyAreAlike) {
+  constexpr double kShared = 0.35;
+  const Stokes truth{1000, 400, 250};
+  for (const std::array<double, 4> sd : {std::array<double, 4>{10, 3, 0.5, 3}, {2, 9, 4, 1}}) {
+    const auto layout = SensorLayout::named("polar-mono");
+    Planes intensity(4, 1, 1), variance(4, 1, 1);
+    for (int k = 0; k < 4; ++k) {
+      const int angle = *layout.site(k).angle_deg;
+      intensity[k](0, 0) = static_cast<float>(intensity_behind(truth, angle));
+      variance[k](0, 0) = static_cast<float>(std::pow(sd[static_cast<std::size_t>(angle / 45)], 2));
+    }
+    RandomSequence random(17, 0, Draw::kUser);
+    Moments s0, s1, s2, dolp, aolp_deg;
+    for (int i = 0; i < kDraws; ++i) {
+      const double alike = std::sqrt(kShared) * random.normal();
+      std::array<double, 4> of;
+      for (std::size_t a = 0; a < 4; ++a)
+        of[a] = intensity_behind(truth, 45.0 * static_cast<double>(a)) +
+                sd[a] * (alike + std::sqrt(1 - kShared) * random.normal());
+      const Stokes s = stokes_of(of[0], of[1], of[2], of[3]);
+      s0.add(s.s0), s1.add(s.s1), s2.add(s.s2);
+      dolp.add(dolp_of(s)), aolp_deg.add(aolp_deg_of(s));
+    }
+    const auto u = uncertainty_per_color(stokes_per_color(intensity, layout), variance, layout,
+                                         Intensities::kDenoised)[0];
+    EXPECT_NEAR(s0.variance() / u.s0_variance(0, 0), 1, kVarianceTolerance);
+    EXPECT_NEAR(s1.variance() / u.s1_variance(0, 0), 1, kVarianceTolerance);
+    EXPECT_NEAR(s2.variance() / u.s2_variance(0, 0), 1, kVarianceTolerance);
+    EXPECT_NEAR(dolp.variance() / std::pow(u.dolp_sd(0, 0), 2), 1, kVarianceTolerance);
+    EXPECT_NEAR(aolp_deg.variance() / std::pow(u.aolp_sd_deg(0, 0), 2), 1, kVarianceTolerance);
+  }
+}
+
 TEST(Uncertainty, OfOneUnknownIntensityNothingFollows) {
   const auto layout = SensorLayout::named("polar-mono");
   for (const float unknown :

@@ -18,8 +18,8 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
 
 // Correlation of a filter's errors between the angles, and between sites of one angle, of one or of
 // several colours: they are mostly of what all of these share, so they do not average out, neither
-// in S0 nor in the mean of sites, and partly cancel in S1 and S2, which are differences
-// (docs/uncertainty.md has the measurements).
+// in S0 nor in the mean of sites, and of like size they partly cancel in S1 and S2, which are
+// differences (docs/uncertainty.md has the measurements).
 constexpr double kSharedError = 0.35;
 
 // Colours whose mean is one, as green is that of both greens; the groups weigh alike.
@@ -103,6 +103,22 @@ bool without_direction(const Stokes& s) { return s.s1 == 0 && s.s2 == 0; }
 
 }  // namespace
 
+StokesCovariance stokes_covariance(double v0, double v45, double v90, double v135, double shared) {
+  const StokesCovariance independent{0.25 * (v0 + v45 + v90 + v135),
+                                     v0 + v90,
+                                     v45 + v135,
+                                     0.5 * (v0 - v90),
+                                     0.5 * (v45 - v135),
+                                     0};
+  if (shared == 0) return independent;
+  // What independent errors and errors that are all alike give, as in variance_of_mean.
+  const Stokes d = stokes_of(std::sqrt(v0), std::sqrt(v45), std::sqrt(v90), std::sqrt(v135));
+  const auto mixed = [&](double one, double other) { return (1 - shared) * one + shared * other; };
+  return {mixed(independent.s0s0, d.s0 * d.s0), mixed(independent.s1s1, d.s1 * d.s1),
+          mixed(independent.s2s2, d.s2 * d.s2), mixed(independent.s0s1, d.s0 * d.s1),
+          mixed(independent.s0s2, d.s0 * d.s2), mixed(independent.s1s2, d.s1 * d.s2)};
+}
+
 double dolp_variance(const Stokes& s, const StokesCovariance& v) {
   if (!(s.s0 > 0)) return kUnknown;
   if (without_direction(s)) return std::min(0.5 * (v.s1s1 + v.s2s2) / (s.s0 * s.s0), 1.0);
@@ -148,11 +164,8 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
     for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
       for (int c = 0; c < cols; ++c) {
         const Stokes s{stokes.s0(r, c), stokes.s1(r, c), stokes.s2(r, c)};
-        StokesCovariance v = stokes_covariance(variance.i0(r, c), variance.i45(r, c),
-                                               variance.i90(r, c), variance.i135(r, c));
-        v.s0s0 *= 1 + 3 * shared;
-        v.s1s1 *= 1 - shared;
-        v.s2s2 *= 1 - shared;
+        const StokesCovariance v = stokes_covariance(
+            variance.i0(r, c), variance.i45(r, c), variance.i90(r, c), variance.i135(r, c), shared);
         out.s0_variance(r, c) = static_cast<float>(v.s0s0);
         out.s1_variance(r, c) = static_cast<float>(v.s1s1);
         out.s2_variance(r, c) = static_cast<float>(v.s2s2);

@@ -11,15 +11,11 @@ struct StokesCovariance {
   double s0s0 = 0, s1s1 = 0, s2s2 = 0, s0s1 = 0, s0s2 = 0, s1s2 = 0;
 };
 
-/// Of independent intensities with these variances: S is linear in them, so this is exact.
-inline StokesCovariance stokes_covariance(double v0, double v45, double v90, double v135) {
-  return {0.25 * (v0 + v45 + v90 + v135),
-          v0 + v90,
-          v45 + v135,
-          0.5 * (v0 - v90),
-          0.5 * (v45 - v135),
-          0};
-}
+/// Of intensities with these variances and every two of them correlated by `shared`; S is linear in
+/// them, so this is exact. A difference of two loses to the correlation no more than what both
+/// have: beside a far larger error nothing cancels.
+StokesCovariance stokes_covariance(double v0, double v45, double v90, double v135,
+                                   double shared = 0);
 
 /// Variance of DoLP, to first order and never more than the square of the largest error there can
 /// be: light has a DoLP of 0 to 1, so that is 1, or DoLP itself where noise makes it more. NaN
