@@ -5,9 +5,10 @@
 // states, never silently:
 //   - diffuse light is polarized along the azimuth, reflected light across it: `reflection`;
 //   - AoLP is an axis, so azimuth and azimuth + 180 look alike: `azimuth`. `convex` takes the one
-//     that points away from the centre of its object (a connected part of the mask), right for
-//     convex objects and at the outline of all others; up, down, left and right take the one in
-//     that half-plane.
+//     that points away from the centre of its object (a connected part of the mask), right where
+//     the surface falls away from that centre on all sides, as in spheres and upright ellipsoids
+//     that lie wholly in the frame, and at convex outlines; up, down, left and right take the one
+//     in that half-plane.
 #pragma once
 
 #include "malus/base/estimate.h"
