@@ -216,9 +216,8 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* d
   const Evaluation e =
       evaluate_mosaics(scene.clean->clean_dn, test_dn, scene.frame.layout, scene.range_dn);
   score.image_psnr_db += *e.image_psnr_db;
-  score.polarized = scene.frame.layout.polarized();
-  score.dolp_psnr_db += e.dolp_psnr_db.value_or(0);
-  score.aolp_deg += e.aolp_circular_deg.value_or(0);
+  score.dolp_psnr_db.add(e.dolp_psnr_db);
+  score.aolp_deg.add(e.aolp_circular_deg);
   ++score.count;
 }
 
@@ -227,8 +226,9 @@ Json score_json(const std::vector<SceneScore>& scores) {
   for (const SceneScore& score : scores) {
     const double n = std::max(score.count, 1);
     Json row{{"name", score.name}, {"image_psnr_db", score.image_psnr_db / n}};
-    row["dolp_psnr_db"] = score.polarized ? Json(score.dolp_psnr_db / n) : Json();
-    row["aolp_circular_deg"] = score.polarized ? Json(score.aolp_deg / n) : Json();
+    const auto decided = [](const MeanOfDecided& m) { return m.mean() ? Json(*m.mean()) : Json(); };
+    row["dolp_psnr_db"] = decided(score.dolp_psnr_db);
+    row["aolp_circular_deg"] = decided(score.aolp_deg);
     row["seconds"] = score.seconds / n;
     list.push_back(std::move(row));
   }
@@ -241,11 +241,11 @@ std::string score_text(const std::vector<SceneScore>& scores) {
       "|---|---|---|---|---|\n";
   for (const SceneScore& score : scores) {
     const double n = std::max(score.count, 1);
-    const auto where_polarized = [&](double sum) {
-      return score.polarized ? fmt::format("{:.2f}", sum / n) : std::string("-");
+    const auto decided = [](const MeanOfDecided& m) {
+      return m.mean() ? fmt::format("{:.2f}", *m.mean()) : std::string("-");
     };
     table += fmt::format("| {} | {:.2f} | {} | {} | {} |\n", score.name, score.image_psnr_db / n,
-                         where_polarized(score.dolp_psnr_db), where_polarized(score.aolp_deg),
+                         decided(score.dolp_psnr_db), decided(score.aolp_deg),
                          score.seconds > 0 ? fmt::format("{:.2f}", score.seconds / n) : "-");
   }
   return table;

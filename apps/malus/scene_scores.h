@@ -2,6 +2,7 @@
 // experiments on denoising share.
 #pragma once
 
+#include "malus/evaluate/evaluation.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/light_case.h"
 
@@ -35,9 +36,9 @@ NoiseModel with_row_noise(const NoiseModel& model, double read_deviations);
 /// Sums over scenes and cases.
 struct SceneScore {
   std::string name;
-  double image_psnr_db = 0, dolp_psnr_db = 0, aolp_deg = 0, seconds = 0;
+  double image_psnr_db = 0, seconds = 0;
+  MeanOfDecided dolp_psnr_db, aolp_deg;
   int count = 0;
-  bool polarized = true;  ///< else DoLP and AoLP have no meaning
 };
 
 /// One noisy frame of a scene. The same seed gives the same frame.

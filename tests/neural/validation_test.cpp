@@ -15,6 +15,8 @@
 namespace malus {
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr std::uint64_t kSeed = 5;
 constexpr int kSide = 48;
 
@@ -111,6 +113,26 @@ TEST(Validation, LightOfAPictureIsUnpolarized) {
   const Image clean = sample_of(config, folder, "clean");
   ASSERT_EQ(clean.size(), std::size_t{kSide} * kSide);
   for (const float dn : clean.values()) ASSERT_NEAR(dn, 0.25 * white, 0.1);
+}
+
+// So it has no error of AoLP, and counts for that of the other scenes as if it were not there.
+TEST(Validation, AFrameWithoutAMetricIsNotCountedAsZero) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  TrainingConfig config = guided_config(scene);
+  const fs::path grey = folder / "grey.exr";
+  save_picture(grey, Image(64, 64, 0.5F));
+  const auto noisy = [&](const std::vector<fs::path>& scenes) {
+    config.validation_scenes = scenes;
+    return Validation(config, kSeed, silent_progress()).noisy_score();
+  };
+  const ValidationScore polarized = noisy({scene.path}), unpolarized = noisy({grey}),
+                        both = noisy({scene.path, grey});
+  EXPECT_FALSE(unpolarized.aolp_circular_deg);
+  EXPECT_TRUE(unpolarized.dolp_psnr_db);
+  EXPECT_DOUBLE_EQ(both.aolp_circular_deg.value(), polarized.aolp_circular_deg.value());
+  EXPECT_LT(both.dolp_psnr_db.value(),
+            std::max(*polarized.dolp_psnr_db, *unpolarized.dolp_psnr_db));
 }
 
 // The same draws with the bias and without it: taken out of the frames that hold it, they differ

@@ -36,6 +36,21 @@ def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_p
     assert "one picture" in refused("experiment", "denoise", tmp_path / f"picture.{ending}", "--methods", "bm3d/fast")
 
 
+def test_unpolarized_light_has_no_error_of_aolp(malus, scene, tmp_path):
+    plain = tmp_path / "plain"
+    plain.mkdir()
+    grey = Image.fromarray(np.full((64, 64, 3), 110, np.uint8))
+    for angle in (0, 45, 90, 135):
+        grey.save(plain / f"I{angle}.png")
+    errors, shown = [], []
+    for scenes in ([scene], [plain], [scene, plain]):
+        run = ["experiment", "denoise", *scenes, "--methods", "bm3d/fast", "--cases", "12:10"]
+        errors.append([row["aolp_circular_deg"] for row in malus(*run, "--json").json["methods"]])
+        shown.append(malus(*run).out.splitlines()[-1].split("|")[4].strip())
+    assert errors[1] == [None, None] and shown[1] == "-"
+    assert errors[2] == errors[0] and shown[2] == shown[0]  # the seeds count up from the first scene
+
+
 def test_light_above_white_is_white(malus, tmp_path):
     """A linear picture may be brighter than the sensor's white: the truth ends there, or no result could reach it."""
     rows, cols = np.mgrid[0:64, 0:96]

@@ -7,6 +7,7 @@
 #include "malus/image/view.h"
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace malus {
@@ -15,6 +16,24 @@ struct Evaluation {
   Estimate<double> image_psnr_db, image_ssim;
   Estimate<double> dolp_psnr_db, aolp_psnr_db, aolp_circular_deg;  ///< undecided without angles
   std::int64_t pixels_left_out = 0;  ///< not finite in one of the pictures
+};
+
+/// Mean of one metric over the frames that have it: unpolarized light has no error of AoLP.
+class MeanOfDecided {
+ public:
+  void add(const Estimate<double>& value) {
+    if (!value) return;
+    sum_ += *value;
+    ++count_;
+  }
+  /// None where no frame has the metric.
+  std::optional<double> mean() const {
+    return count_ > 0 ? std::optional(sum_ / static_cast<double>(count_)) : std::nullopt;
+  }
+
+ private:
+  double sum_ = 0;
+  std::int64_t count_ = 0;
 };
 
 /// Planes in DN above black, same channels and sizes; peak_dn is white above black. PSNR and SSIM

@@ -175,19 +175,18 @@ ValidationScore Validation::mean_score(const std::vector<Image>& mosaics) const 
     return picture_score(pictures);
   }
   ValidationScore score;
-  const auto add = [](std::optional<double>& sum, const Estimate<double>& value, double n) {
-    if (value) sum = sum.value_or(0) + *value / n;
-  };
+  MeanOfDecided dolp_psnr_db, aolp_circular_deg;
   for (std::size_t i = 0; i < mosaics.size(); ++i) {
     Image test = mosaics[i];
     for (float& v : test.values()) v *= static_cast<float>(frames_[i].ratio);
     const Evaluation e = evaluate_mosaics(frames_[i].reference_dn, test,
                                           frames_[i].noisy.frame.layout, frames_[i].peak_dn);
-    const auto n = static_cast<double>(mosaics.size());
-    score.image_psnr_db += e.image_psnr_db.value_or(0) / n;
-    add(score.dolp_psnr_db, e.dolp_psnr_db, n);
-    add(score.aolp_circular_deg, e.aolp_circular_deg, n);
+    score.image_psnr_db += e.image_psnr_db.value_or(0) / static_cast<double>(mosaics.size());
+    dolp_psnr_db.add(e.dolp_psnr_db);
+    aolp_circular_deg.add(e.aolp_circular_deg);
   }
+  score.dolp_psnr_db = dolp_psnr_db.mean();
+  score.aolp_circular_deg = aolp_circular_deg.mean();
   return score;
 }
 

@@ -21,7 +21,7 @@ struct ValidationScore {
   /// Means over the frames. Of pictures the image alone, as the network's target has it; "noisy"
   /// and "guide" are then demosaicked.
   double image_psnr_db = 0;
-  std::optional<double> dolp_psnr_db, aolp_circular_deg;  ///< of polarized layouts alone
+  std::optional<double> dolp_psnr_db, aolp_circular_deg;  ///< over the frames that have them
 };
 
 /// As the log holds it; and what the best one is chosen by, NaN where a metric in it is none.
