@@ -8,6 +8,7 @@
 #include "malus/denoise/censored_error.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/baselines.h"
+#include "malus/denoise/internal/bm3d_mix.h"
 #include "malus/denoise/internal/frame_filter.h"
 #include "malus/denoise/internal/joint_bilateral.h"
 #include "malus/denoise/internal/missed_signal.h"
@@ -18,6 +19,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -108,6 +110,26 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
   for (const FilledPixel& p : frame.filled) variance_dn2(p.row, p.col) += p.variance_dn2;
 }
 
+// Returns the number of tiles.
+int filter_stabilised(const PixelSource& pixel, const SensorLayout& layout,
+                      const DenoiseSettings& settings, double resident_values, Image& estimate,
+                      Image* error, Progress& progress) {
+  std::optional<internal::Bm3dMix> mix;
+  Image cell_error;
+  if (internal::mixes_bm3d(settings.method, settings.profile, layout)) {
+    mix = internal::plan_bm3d_mix(settings.profile, estimate.rows(), estimate.cols(),
+                                  settings.memory_mib, resident_values);
+    cell_error =
+        Image(internal::cell_count(estimate.rows()), internal::cell_count(estimate.cols()));
+  }
+  const int tiles = internal::filter_frame(
+      pixel, layout, mosaic_filter_plan(settings.method, settings.profile, layout),
+      settings.memory_mib, resident_values, estimate,
+      {.error = error, .cell_error = mix ? &cell_error : nullptr}, progress);
+  if (mix) internal::mix_bm3d(*mix, pixel, cell_error, estimate, progress);
+  return tiles;
+}
+
 }  // namespace
 
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
@@ -121,9 +143,8 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   Image* const error = result.variance_dn2 ? &*result.variance_dn2 : nullptr;
   const int frames = (error ? 3 : 2) + (profile.pattern ? 2 : 0);
   const double resident = frames * static_cast<double>(frame.dn.size()) + settings.held_values;
-  result.tiles = internal::filter_frame(
-      pixel, frame.layout, mosaic_filter_plan(settings.method, settings.profile, frame.layout),
-      settings.memory_mib, resident, result.dn_above_black, {.error = error}, progress);
+  result.tiles = filter_stabilised(pixel, frame.layout, settings, resident, result.dn_above_black,
+                                   error, progress);
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
   if (settings.like_pixels)
     internal::average_alike_pixels(pixel, sure_noise(stabilizers, uncut, frame, profile, result),

@@ -48,6 +48,22 @@ void copy_core(const Image& tile, const Span& down, const Span& across, Image& f
                 across.end - across.begin, frame.row(r) + across.begin);
 }
 
+// Means over the cells of the core; those that reach beyond it have the same value in both tiles,
+// whose surroundings are larger by a cell for that.
+void copy_core_means(const Image& tile, const Span& down, const Span& across, int rows, int cols,
+                     Image& frame) {
+  for (int i = down.begin / kCell; i < cell_count(down.end); ++i)
+    for (int k = across.begin / kCell; k < cell_count(across.end); ++k) {
+      const int row_end = std::min((i + 1) * kCell, rows),
+                col_end = std::min((k + 1) * kCell, cols);
+      float sum = 0;
+      for (int r = i * kCell; r < row_end; ++r)
+        for (int c = k * kCell; c < col_end; ++c)
+          sum += tile(r - down.tile_begin, c - across.tile_begin);
+      frame(i, k) = sum / static_cast<float>((row_end - i * kCell) * (col_end - k * kCell));
+    }
+}
+
 // The cells of the core; those that reach beyond it have the same value in both tiles.
 void copy_core_cells(const CellMap& tile, const Span& down, const Span& across, Image& frame) {
   for (int i = down.begin / kCell; i < cell_count(down.end); ++i)
@@ -88,14 +104,14 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const Mos
                  double memory_mib, double resident_values, Image& estimate,
                  const FrameReport& report, Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols();
+  const bool with_error = report.error || report.cell_error;
   // One coarse scale, as Wiener filters have, tells no even light: slow light is alike there too.
   const bool many_scales = plan.guided.back().filter == StackFilter::ridge;
   std::optional<CoarseScale> coarse =
       filter_coarse(pixel, layout, plan, memory_mib, resident_values, rows, cols,
-                    report.unlike || (report.error && many_scales), progress);
+                    report.unlike || (with_error && many_scales), progress);
   if (coarse) resident_values += static_cast<double>(coarse->estimate.size());
-  const bool with_error = report.error != nullptr;
-  const int reach = mosaic_filter_reach(plan, layout, with_error);
+  const int reach = mosaic_filter_reach(plan, layout, with_error) + (report.cell_error ? kCell : 0);
   const int border = std::min(mosaic_filter_border(plan, layout), reach);
   const TileSize size = plan_tiles(rows, cols, reach, border, memory_mib, resident_values);
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
@@ -116,7 +132,8 @@ int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const Mos
          .unlike = unlike ? &*unlike : nullptr,
          .coarse_unlike = coarse && coarse->unlike.size() ? &coarse->unlike : nullptr});
     copy_core(filtered, v, h, estimate);
-    if (with_error) copy_core(tile_error, v, h, *report.error);
+    if (report.error) copy_core(tile_error, v, h, *report.error);
+    if (report.cell_error) copy_core_means(tile_error, v, h, rows, cols, *report.cell_error);
     if (unlike) copy_core_cells(*unlike, v, h, *report.unlike);
     progress.advance(1);
   }

@@ -8,6 +8,7 @@ set(denoise_SOURCES
     bm3d_pass.cpp
     bm3d_steps.cpp
     block_mix.cpp
+    bm3d_mix.cpp
     cell_statistics.cpp
     censored_error.cpp
     coarse_scale.cpp

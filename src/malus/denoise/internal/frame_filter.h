@@ -7,8 +7,9 @@ namespace malus::internal {
 
 /// What the filter tells of a frame's error; of what is null nothing.
 struct FrameReport {
-  Image* error = nullptr;   ///< expected squared error, of the frame's size
-  Image* unlike = nullptr;  ///< StageReport::unlike of all scales, the most; one value per cell
+  Image* error = nullptr;       ///< expected squared error, of the frame's size
+  Image* cell_error = nullptr;  ///< its means over the cells
+  Image* unlike = nullptr;      ///< StageReport::unlike of all scales, the most; one value per cell
 };
 
 /// Cells of so many pixels.

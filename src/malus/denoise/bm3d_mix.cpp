@@ -1,0 +1,212 @@
+#include "malus/denoise/internal/bm3d_mix.h"
+
+#include "malus/base/parallel.h"
+#include "malus/denoise/bm3d.h"
+#include "malus/denoise/internal/gaussian_means.h"
+#include "malus/denoise/internal/memory_budget.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus::internal {
+namespace {
+
+// All measured (docs/denoising-experiments.md, "One channel"). Of the neighbourhood that decides,
+// in cells.
+constexpr float kMixDeviation = 2.0f;
+constexpr int kMixRadius = 5;
+constexpr int kMixContext = (kMixRadius + 1) * kCell;  // pixels
+// Of the estimate's stated error, what its own noise is: it is stated a little too large.
+constexpr float kOwnOfStated = 0.85f;
+// Where little is known half of either is best; that counts for as much as a difference between the
+// two of so many times the error.
+constexpr float kPriorShare = 0.5f, kPriorErrors = 1.0f;
+// Of smooth light, where BM3D's error is stated so many times as large, nothing is taken: its
+// matching follows the noise, and Stein's estimate does not see that.
+constexpr float kMostRatio = 1.25f;
+// What BM3D holds per pixel: samples, result, its error, padded samples and pilot, three sums.
+constexpr double kBytesPerPixel = 36;
+
+// Along one axis: the part, what decides about it, and what BM3D sees, which begins on its lattice.
+struct MixSpan {
+  int begin, end, context_begin, context_end, tile_begin, tile_end;
+  MixSpan(int part, int size, int frame, const Bm3dReach& reach)
+      : begin(part * size),
+        end(std::min(begin + size, frame)),
+        context_begin(std::max(begin - kMixContext, 0)),
+        context_end(std::min(end + kMixContext, frame)),
+        tile_begin(std::max(begin - on_lattice(reach), 0)),
+        tile_end(std::min(context_end + reach.pixels, frame)) {}
+  static int on_lattice(const Bm3dReach& reach) {
+    return (kMixContext + reach.pixels + reach.grid - 1) / reach.grid * reach.grid;
+  }
+};
+
+int part_count(int frame, int size) { return (frame + size - 1) / size; }
+
+// Means over the cells of a context.
+struct MixSums {
+  Image gain, energy, plain_error;
+};
+
+// Share of BM3D's estimate.
+float share_of(float gain, float energy, float error, float plain_error) {
+  const float prior = kPriorErrors * std::min(error, plain_error);
+  const float best = (gain + kPriorShare * prior) / std::max(energy + prior, 1e-9f);
+  const float ratio = std::min(plain_error / std::max(kMostRatio * error, 1e-6f), 4.0f);
+  const float cut = std::pow(ratio, 16.0f);
+  return std::clamp(best, 0.0f, 1.0f) / (1 + cut);
+}
+
+class Mixing {
+ public:
+  Mixing(const Bm3dMix& mix, const PixelSource& pixel, const Image& cell_error, Image& estimate,
+         Progress& progress)
+      : mix_(mix),
+        reach_(malus::bm3d_reach({.profile = mix.profile})),
+        pixel_(pixel),
+        cell_error_(cell_error),
+        estimate_(estimate),
+        progress_(progress) {}
+
+  void run() {
+    Image above;  // the estimate before the change, up to the band
+    for (int i = 0; i < part_count(estimate_.rows(), mix_.part_rows); ++i) {
+      const MixSpan down(i, mix_.part_rows, estimate_.rows(), reach_);
+      const Image before = estimate_before(down, above);
+      for (int k = 0; k < part_count(estimate_.cols(), mix_.part_cols); ++k)
+        mix_part(down, MixSpan(k, mix_.part_cols, estimate_.cols(), reach_), before);
+      above = Image(down.end - down.context_begin, before.cols());
+      std::copy_n(before.row(0), above.size(), above.row(0));
+    }
+  }
+
+ private:
+  // Rows of the context; those above the band have changed in the frame.
+  Image estimate_before(const MixSpan& down, const Image& above) const {
+    Image before(down.context_end - down.context_begin, estimate_.cols());
+    for (int r = down.context_begin; r < down.context_end; ++r) {
+      const float* from =
+          r < down.begin ? above.row(above.rows() - (down.begin - r)) : estimate_.row(r);
+      std::copy_n(from, estimate_.cols(), before.row(r - down.context_begin));
+    }
+    return before;
+  }
+
+  void mix_part(const MixSpan& down, const MixSpan& across, const Image& before) {
+    Planes samples(1, down.tile_end - down.tile_begin, across.tile_end - across.tile_begin);
+    parallel_for(0, samples.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+        for (int c = 0; c < samples.cols(); ++c)
+          samples[0](r, c) = pixel_(down.tile_begin + r, across.tile_begin + c);
+    });
+    const float deviation = 1;
+    Planes error;
+    const Planes plain =
+        bm3d(samples, {&deviation, 1}, {.profile = mix_.profile}, {}, progress_, &error);
+    const int row0 = down.context_begin - down.tile_begin,
+              col0 = across.context_begin - across.tile_begin;
+    const int rows = down.context_end - down.context_begin,
+              cols = across.context_end - across.context_begin;
+    const auto part_of = [&](const Planes& planes) {
+      return planes[0].view().window(row0, col0, rows, cols);
+    };
+    const View<const float> own = before.view().window(0, across.context_begin, rows, cols);
+    const MixSums sums = compare(part_of(samples), own, part_of(plain), part_of(error));
+    take(sums, down, across, own, part_of(plain));
+  }
+
+  static MixSums compare(const View<const float>& samples, const View<const float>& own,
+                         const View<const float>& plain, const View<const float>& error) {
+    MixSums sums;
+    for (Image* map : {&sums.gain, &sums.energy, &sums.plain_error})
+      *map = Image(cell_count(own.rows()), cell_count(own.cols()));
+    parallel_for(0, sums.gain.rows(), 8, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
+        for (int k = 0; k < sums.gain.cols(); ++k) {
+          const int row_end = std::min((i + 1) * kCell, own.rows()),
+                    col_end = std::min((k + 1) * kCell, own.cols());
+          float gain = 0, energy = 0, plain_error = 0;
+          for (int r = i * kCell; r < row_end; ++r)
+            for (int c = k * kCell; c < col_end; ++c) {
+              const float change = plain(r, c) - own(r, c);
+              gain += (samples(r, c) - own(r, c)) * change;
+              energy += change * change;
+              plain_error += error(r, c);
+            }
+          const float share =
+              1.0f / static_cast<float>((row_end - i * kCell) * (col_end - k * kCell));
+          sums.gain(i, k) = share * gain;
+          sums.energy(i, k) = share * energy;
+          sums.plain_error(i, k) = share * plain_error;
+        }
+    });
+    for (Image* map : {&sums.gain, &sums.energy, &sums.plain_error})
+      *map = gaussian_means(*map, kMixDeviation, kMixRadius);
+    return sums;
+  }
+
+  // The estimate's own error over the cells of a context.
+  Image own_error(const MixSpan& down, const MixSpan& across) const {
+    Image error(cell_count(down.context_end - down.context_begin),
+                cell_count(across.context_end - across.context_begin));
+    for (int i = 0; i < error.rows(); ++i)
+      std::copy_n(cell_error_.row(down.context_begin / kCell + i) + across.context_begin / kCell,
+                  error.cols(), error.row(i));
+    return gaussian_means(error, kMixDeviation, kMixRadius);
+  }
+
+  void take(const MixSums& sums, const MixSpan& down, const MixSpan& across,
+            const View<const float>& own, const View<const float>& plain) {
+    const Image error = own_error(down, across);
+    parallel_for(down.begin, down.end, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+        for (int c = across.begin; c < across.end; ++c) {
+          const int row = r - down.context_begin, col = c - across.context_begin;
+          const int i = row / kCell, k = col / kCell;
+          const float plain_error = sums.plain_error(i, k);
+          const float gain = sums.gain(i, k) - (plain_error - kOwnOfStated * error(i, k));
+          estimate_(r, c) += share_of(gain, sums.energy(i, k), error(i, k), plain_error) *
+                             (plain(row, col) - own(row, col));
+        }
+    });
+  }
+
+  const Bm3dMix& mix_;
+  Bm3dReach reach_;
+  const PixelSource& pixel_;
+  const Image& cell_error_;
+  Image& estimate_;
+  Progress& progress_;
+};
+
+}  // namespace
+
+bool mixes_bm3d(const std::string& method, const std::string& profile, const SensorLayout& layout) {
+  return method == "nl-ridge" && profile != "fast" && layout.rows() == 1 && layout.cols() == 1;
+}
+
+Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, double memory_mib,
+                      double resident_values) {
+  const Bm3dReach reach = malus::bm3d_reach({.profile = profile});
+  const double bytes = pixel_budget_bytes(memory_mib) - 4 * resident_values;
+  const auto needed = [&](int part_rows, int part_cols) {
+    const double around = MixSpan::on_lattice(reach) + kMixContext + reach.pixels;
+    return kBytesPerPixel * std::min<double>(part_rows + around, rows) *
+               std::min<double>(part_cols + around, cols) +
+           8.0 * cols * std::min(part_rows + 2 * kMixContext, rows);
+  };
+  if (needed(rows, cols) <= bytes) return {profile, rows, cols};
+  int side = reach.grid;
+  if (needed(side, side) > bytes)
+    refuse_memory(memory_mib, needed(side, side) + 4 * resident_values, rows, cols);
+  while (needed(side + reach.grid, side + reach.grid) <= bytes) side += reach.grid;
+  return {profile, side, side};
+}
+
+void mix_bm3d(const Bm3dMix& mix, const PixelSource& pixel, const Image& cell_error,
+              Image& estimate, Progress& progress) {
+  Mixing(mix, pixel, cell_error, estimate, progress).run();
+}
+
+}  // namespace malus::internal

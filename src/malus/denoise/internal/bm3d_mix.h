@@ -1,0 +1,37 @@
+// Of sensors with one channel no colours and angles tell blocks apart, and plain BM3D of the same
+// samples (bm3d.h) is as good on photographs and better on what is small and stands alone, as
+// stars, while it keeps more noise of smooth light. So the estimate and BM3D's are mixed, place by
+// place: Stein's unbiased estimate of the squared error (Ann. Statist. 9, 1981) tells what a mix
+// leaves. What it needs of either is how much of a sample's own noise goes into its estimate; of
+// estimates that are as good as their samples allow that is their expected squared error (Tweedie's
+// formula: Efron, J. Am. Stat. Assoc. 106, 2011), which both of them state.
+#pragma once
+
+#include "malus/denoise/internal/frame_filter.h"
+#include "malus/image/layout.h"
+
+#include <string>
+
+namespace malus::internal {
+
+/// How a frame is cut for it: parts [pixels], on BM3D's lattice.
+struct Bm3dMix {
+  std::string profile;  ///< BM3D's
+  int part_rows, part_cols;
+};
+
+/// Whether the result is mixed: not in profile `fast`, whose own last pass is a Wiener filter too.
+bool mixes_bm3d(const std::string& method, const std::string& profile, const SensorLayout& layout);
+
+/// profile: of the method. A part with its surroundings and four bytes per `resident_values` take
+/// no more than memory_mib. Throws InputError when it is too little.
+Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, double memory_mib,
+                      double resident_values);
+
+/// Stabilised samples from `pixel` change `estimate`, which was made of them. cell_error: its
+/// expected squared error (FrameReport::cell_error), which mixes do not exceed and which is stated
+/// of them too. Parts and threads do not change a byte of the result. Throws Cancelled.
+void mix_bm3d(const Bm3dMix& mix, const PixelSource& pixel, const Image& cell_error,
+              Image& estimate, Progress& progress);
+
+}  // namespace malus::internal
