@@ -1,7 +1,10 @@
 #include "malus/synthesize/model_renoiser.h"
 
+#include "malus/base/random.h"
 #include "malus/base/settings_check.h"
 #include "malus/synthesize/synthesizer.h"
+
+#include <bit>
 
 namespace malus {
 namespace {
@@ -21,11 +24,23 @@ Renoiser make_renoiser(const NoiseModel& model, const GainSetting& from, const G
   return Renoiser(model.physics_at(from), target_physics(model, to, rounded), white_dn);
 }
 
+std::uint64_t seed_between(std::uint64_t seed, const GainSetting& from, const GainSetting& to) {
+  PhiloxBlock gains;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const GainSetting& gain = i == 0 ? from : to;
+    const auto bits = std::bit_cast<std::uint64_t>(gain.gain_db.value_or(gain.iso.value_or(0)));
+    gains.word[2 * i] = static_cast<std::uint32_t>(bits);
+    gains.word[2 * i + 1] = static_cast<std::uint32_t>(bits >> 32);
+  }
+  const PhiloxBlock mixed = philox4x32(gains, seed);
+  return std::uint64_t{mixed.word[0]} << 32 | mixed.word[1];
+}
+
 }  // namespace
 
 ModelRenoiser::ModelRenoiser(const NoiseModel& model, const GainSetting& from,
                              const GainSetting& to, const RenoiseSettings& settings, bool rounded)
-    : layout_(model.layout) {
+    : layout_(model.layout), from_(from), to_(to) {
   require_settings(settings);
   if (rounded) rounding_ = CameraOutput{model.black_dn, model.white_dn, model.quantization_dn};
   if (settings.method == "naive") {
@@ -42,10 +57,12 @@ LevelCoverage ModelRenoiser::apply(View<const float> noisy_dn, View<float> guide
                                    const DrawAddress& address) const {
   LevelCoverage coverage;
   if (!ranges_.empty()) coverage = level_coverage(layout_, ranges_, guide_dn);
+  DrawAddress step = address;
+  step.seed = seed_between(address.seed, from_, to_);
   if (naive_)
-    naive_->apply(guide_dn, guide_dn, second_noise(address));
+    naive_->apply(guide_dn, guide_dn, second_noise(step));
   else
-    renoiser_->apply(noisy_dn, guide_dn, guide_dn, address);
+    renoiser_->apply(noisy_dn, guide_dn, guide_dn, step);
   if (rounding_) round_as_camera(guide_dn, layout_, *rounding_);
   return coverage;
 }
