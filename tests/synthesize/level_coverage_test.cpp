@@ -39,6 +39,17 @@ TEST(LevelCoverage, NoLightIsNotTooDark) {
   EXPECT_EQ(dark.below, 15);
 }
 
+TEST(LevelCoverage, InfinityIsNoLight) {
+  const SensorLayout layout = SensorLayout::named("bayer-rggb");
+  Image signal(4, 4, std::numeric_limits<float>::infinity());
+  signal(0, 0) = signal(1, 1) = 250.0F;
+  signal(2, 2) = -std::numeric_limits<float>::infinity();
+  const LevelCoverage found = level_coverage(layout, ranges(5, true), signal);
+  EXPECT_EQ(found.pixels, 2);
+  EXPECT_EQ(found.above, 1);
+  EXPECT_EQ(found.below, 0);
+}
+
 TEST(LevelCoverage, SaysSharesAndWhatTheyGet) {
   const SensorLayout layout = SensorLayout::named("bayer-rggb");
   const auto said = [&](double darkest_dn, bool continued, float signal) {

@@ -66,9 +66,10 @@ LevelCoverage level_coverage(const SensorLayout& layout, const std::vector<Level
         const float* row = signal_dn.row(r);
         for (int c = phase; c < signal_dn.cols(); c += period) {
           const float signal = row[c];
-          finite += signal - signal == 0.0f;
-          darker += std::max(signal, 0.0f) < low;
-          brighter += signal > high;
+          const bool is_finite = signal - signal == 0.0f;
+          finite += is_finite;
+          darker += is_finite & (std::max(signal, 0.0f) < low);
+          brighter += is_finite & (signal > high);
         }
       }
     pixels += finite;
