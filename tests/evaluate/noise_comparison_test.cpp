@@ -112,9 +112,40 @@ TEST(NoiseStructure, AChannelWithoutPixelsLeavesTheOthersAsTheyAre) {
   EXPECT_TRUE(std::isnan(found.mean_dn[0]) && std::isnan(found.sd_dn[0]) &&
               std::isnan(found.row_sd_dn[0]) && std::isnan(found.column_sd_dn[0]));
   for (const std::size_t k : {1, 2, 3}) EXPECT_EQ(found.sd_dn[k], even.sd_dn[k]);
-  EXPECT_EQ(found.row_power_dn2, even.row_power_dn2);
-  EXPECT_EQ(found.along_row, even.along_row);
-  EXPECT_EQ(found.between_frames, even.between_frames);
+  // Half of the rows have 64 pixels, half of them 32. Three standard errors of 64 frequencies.
+  double power = 0;
+  for (const double v : found.row_power_dn2) power += v / kRowBands;
+  EXPECT_NEAR(power, 0.5 * (25.0 / 64 + 25.0 / 32), 0.25);
+  EXPECT_NEAR(found.along_row[0], 0, 4 / std::sqrt(2.0 * 32 * 63));
+  EXPECT_NEAR(found.between_frames, 0, 4 / std::sqrt(3.0 * 32 * 32));
+}
+
+// Half of the columns, and a tenth of the others: what is left tells what all would. Every frame
+// has the same pattern besides.
+TEST(CompareNoise, PixelsThatAreNotFiniteAreLeftOut) {
+  RandomSequence random(12, 0, Draw::kUser);
+  Image pattern(kRows, kCols);
+  for (float& v : pattern.values()) v = static_cast<float>(4 * random.normal());
+  const NoiseFrames sound = frames_of(pattern, {.sd = 4, .sd_row = 3}, 40, 3);
+  const NoiseFrames holed{40, [&](int k) {
+                            Image frame = sound.load(k);
+                            RandomSequence holes(13, static_cast<std::uint32_t>(k), Draw::kUser);
+                            for (int r = 0; r < kRows; ++r)
+                              for (int c = 0; c < kCols; ++c)
+                                if (holes.uniform() < 0.1 || c < kCols / 2)
+                                  frame(r, c) = std::nanf("");
+                            return frame;
+                          }};
+  const NoiseStructure found =
+      compare_noise(sound, holed, std::nullopt, SensorLayout::named("mono"), {}).test;
+  EXPECT_NEAR(found.row_sd_dn[0], 3, 0.15);  // 96 rows x 40 frames: 4 standard errors are 0.14
+  EXPECT_NEAR(found.column_sd_dn[0], 0, 0.6);
+  for (const double correlation : found.along_row) EXPECT_NEAR(correlation, 9.0 / 41, 0.02);
+  EXPECT_NEAR(found.along_column[0], 0, 0.02);
+  EXPECT_NEAR(found.between_frames, 16.0 / 41, 0.02);
+  double power = 0;
+  for (const double v : found.row_power_dn2) power += v / kRowBands;
+  EXPECT_NEAR(power, 9 + 32 / (0.9 * kCols / 2), 1);
 }
 
 TEST(CompareNoise, TheSameNoiseIsAtTheSamplingFloor) {

@@ -58,7 +58,7 @@ struct NoiseStructure {
   std::vector<double> column_sd_dn;  ///< per channel
   /// Power of the mosaic rows' means in kRowBands equal bands of frequency, low to high, DN²;
   /// channel means removed, pixel noise included. White rows: equal powers, each the variance of
-  /// the means. Empty for frames with too few rows.
+  /// the means. Empty for frames with too few rows, or with rows without a finite pixel.
   std::vector<double> row_power_dn2;
   /// Correlation of mosaic neighbours, channels scaled to one variance; lags 1, 2, ... kLags.
   std::vector<double> along_row, along_column;

@@ -20,57 +20,92 @@ struct Spread {
   double mean = 0, variance = 0, row_variance = 0, column_variance = 0;
 };
 
-// Variance of line means beyond the part that independent pixels explain (000, 3.2: σ_b).
-double line_variance(const std::vector<double>& means, double pixel_variance, int pixels_per_line) {
-  if (means.size() < 2) return 0;
-  const double sd = standard_deviation_of(means);
-  return sd * sd - pixel_variance / pixels_per_line;
-}
+// Sum and count of a line's finite pixels.
+struct Line {
+  double sum = 0;
+  int pixels = 0;
+  void add(float v) {
+    if (!std::isfinite(v)) return;
+    sum += double{v};
+    ++pixels;
+  }
+};
 
-// Replaces broken pixels by the mean so that the sums below need no case for them. Fewer than two
-// sound ones tell nothing, and their plane is even.
+// Means of the lines that have pixels, as their spread tells of them.
+class LineMeans {
+ public:
+  explicit LineMeans(const std::vector<Line>& lines) {
+    for (const Line& line : lines) {
+      if (line.pixels == 0) continue;
+      means_.push_back(line.sum / line.pixels);
+      pixels_share_ += 1.0 / line.pixels;
+    }
+    if (means_.size() < 2) return;
+    const double sd = standard_deviation_of(means_);
+    variance_ = sd * sd;
+    pixels_share_ /= static_cast<double>(means_.size());
+  }
+  bool known() const { return means_.size() > 1; }
+  double variance() const { return variance_; }
+  // Share of the pixels' own variance that the means hold.
+  double pixels_share() const { return known() ? pixels_share_ : 0.0; }
+  // Variance beyond the part that independent pixels explain (000, 3.2: σ_b).
+  double own_variance(double pixel_variance) const {
+    return known() ? variance_ - pixel_variance * pixels_share_ : 0.0;
+  }
+
+ private:
+  std::vector<double> means_;
+  double variance_ = 0, pixels_share_ = 0;
+};
+
+// Takes the mean off. Fewer than two finite pixels tell nothing, and none of their plane is left.
 std::optional<Spread> centre(Image& plane) {
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   Moments moments;
   for (float v : plane.values())
     if (std::isfinite(v)) moments.add(v);
   Spread spread;
   if (moments.count() < 2) {
-    std::fill(plane.values().begin(), plane.values().end(), 0.0f);
+    std::fill(plane.values().begin(), plane.values().end(), kNone);
     return std::nullopt;
   }
   spread.mean = moments.mean();
   spread.variance = moments.variance();
-  std::vector<double> rows(static_cast<std::size_t>(plane.rows()));
-  std::vector<double> cols(static_cast<std::size_t>(plane.cols()));
+  std::vector<Line> row_lines(static_cast<std::size_t>(plane.rows()));
+  std::vector<Line> col_lines(static_cast<std::size_t>(plane.cols()));
   for (int r = 0; r < plane.rows(); ++r)
     for (int c = 0; c < plane.cols(); ++c) {
       float& v = plane(r, c);
-      v = std::isfinite(v) ? static_cast<float>(v - spread.mean) : 0.0f;
-      rows[static_cast<std::size_t>(r)] += double{v} / plane.cols();
-      cols[static_cast<std::size_t>(c)] += double{v} / plane.rows();
+      v = std::isfinite(v) ? static_cast<float>(v - spread.mean) : kNone;
+      row_lines[static_cast<std::size_t>(r)].add(v);
+      col_lines[static_cast<std::size_t>(c)].add(v);
     }
   // The pixel variance about the lines' own means: the lines' part comes off the whole, and with it
-  // the share 1 / length of the pixels' own variance that the lines' means hold.
-  const double row_part = standard_deviation_of(rows), col_part = standard_deviation_of(cols);
-  const double left = (rows.size() > 1 ? 1.0 - 1.0 / plane.cols() : 1.0) -
-                      (cols.size() > 1 ? 1.0 / plane.rows() : 0.0);
-  double pixel = std::max(0.0, spread.variance - (rows.size() > 1 ? row_part * row_part : 0) -
-                                   (cols.size() > 1 ? col_part * col_part : 0));
+  // the share of the pixels' own variance that the lines' means hold.
+  const LineMeans rows(row_lines), cols(col_lines);
+  const double left = 1.0 - rows.pixels_share() - cols.pixels_share();
+  double pixel = std::max(0.0, spread.variance - rows.variance() - cols.variance());
   if (left > 0) pixel /= left;  // a plane of 2 x 2 leaves nothing
-  spread.row_variance = line_variance(rows, pixel, plane.cols());
-  spread.column_variance = line_variance(cols, pixel, plane.rows());
+  spread.row_variance = rows.own_variance(pixel);
+  spread.column_variance = cols.own_variance(pixel);
   return spread;
 }
 
-// Means of the mosaic's rows, from planes with mean 0.
+// Means of the mosaic's rows, from planes with mean 0; empty where a row has no finite pixel, for
+// a series with gaps has no periodogram.
 std::vector<double> row_means(const Planes& planes, const SensorLayout& layout) {
-  std::vector<double> means(static_cast<std::size_t>(planes.rows() * layout.rows()), 0.0);
+  std::vector<Line> lines(static_cast<std::size_t>(planes.rows() * layout.rows()));
   for (int k = 0; k < planes.channels(); ++k)
     for (int r = 0; r < planes.rows(); ++r) {
-      double& mean = means[static_cast<std::size_t>(r * layout.rows() + k / layout.cols())];
-      for (int c = 0; c < planes.cols(); ++c)
-        mean += double{planes[k](r, c)} / (planes.cols() * layout.cols());
+      Line& line = lines[static_cast<std::size_t>(r * layout.rows() + k / layout.cols())];
+      for (int c = 0; c < planes.cols(); ++c) line.add(planes[k](r, c));
     }
+  std::vector<double> means;
+  for (const Line& line : lines) {
+    if (line.pixels == 0) return {};
+    means.push_back(line.sum / line.pixels);
+  }
   return means;
 }
 
@@ -98,21 +133,27 @@ std::vector<double> row_power(const std::vector<double>& means) {
   return power;
 }
 
-// Mean product of pixels (row, col) of one image and (row + down, col + right) of the other.
-double lagged_product(const Image& image, const Image& other, int down, int right) {
-  if (image.rows() <= down || image.cols() <= right) return 0;
-  const double sum = parallel_reduce(
-      0, image.rows() - down, kRowsPerTask, 0.0,
+// Products of pixels (row, col) of one image and (row + down, col + right) of the other, where both
+// are finite.
+StructureSums::Products lagged_products(const Image& image, const Image& other, int down,
+                                        int right) {
+  if (image.rows() <= down || image.cols() <= right) return {};
+  return parallel_reduce(
+      0, image.rows() - down, kRowsPerTask, StructureSums::Products{},
       [&](std::ptrdiff_t first, std::ptrdiff_t last) {
-        double part = 0;
+        StructureSums::Products part;
         for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
           const float *a = image.row(r), *b = other.row(r + down) + right;
-          for (int c = 0; c < image.cols() - right; ++c) part += double{a[c]} * double{b[c]};
+          for (int c = 0; c < image.cols() - right; ++c) {
+            const double product = double{a[c]} * double{b[c]};
+            const bool known = !std::isnan(product);
+            part.sum += known ? product : 0.0;
+            part.pairs += known;
+          }
         }
         return part;
       },
       std::plus<>());
-  return sum / (static_cast<double>(image.rows() - down) * (image.cols() - right));
 }
 
 }  // namespace
@@ -139,17 +180,21 @@ void StructureSums::add(const Image& noise) {
     ++sums.frames;
   }
   const std::vector<double> power = row_power(row_means(planes, layout_));
-  row_power_.resize(power.size());
-  for (std::size_t band = 0; band < power.size(); ++band) row_power_[band] += power[band];
+  if (!power.empty()) {
+    row_power_.resize(power.size());
+    for (std::size_t band = 0; band < power.size(); ++band) row_power_[band] += power[band];
+    ++row_power_frames_;
+  }
   for (int k = 0; k < planes.channels(); ++k)
     for (float& v : planes[k].values()) v *= scale[static_cast<std::size_t>(k)];
   Image scaled(noise.rows(), noise.cols());
   unpack(planes, layout_, scaled);
   for (int lag = 1; lag <= kLags; ++lag) {
-    along_row_[static_cast<std::size_t>(lag - 1)] += lagged_product(scaled, scaled, 0, lag);
-    along_column_[static_cast<std::size_t>(lag - 1)] += lagged_product(scaled, scaled, lag, 0);
+    const auto i = static_cast<std::size_t>(lag - 1);
+    along_row_[i] = along_row_[i] + lagged_products(scaled, scaled, 0, lag);
+    along_column_[i] = along_column_[i] + lagged_products(scaled, scaled, lag, 0);
   }
-  if (!before_.empty()) between_frames_ += lagged_product(before_, scaled, 0, 0);
+  if (!before_.empty()) between_frames_ = between_frames_ + lagged_products(before_, scaled, 0, 0);
   before_ = std::move(scaled);
   ++frames_;
 }
@@ -167,12 +212,11 @@ NoiseStructure StructureSums::result() const {
     structure.row_sd_dn.push_back(deviation(sums.row_variance));
     structure.column_sd_dn.push_back(deviation(sums.column_variance));
   }
-  structure.between_frames = between_frames_ / std::max(frames_ - 1, 1);
-  structure.along_row = along_row_;
-  structure.along_column = along_column_;
-  structure.row_power_dn2 = row_power_;
-  for (auto* list : {&structure.along_row, &structure.along_column, &structure.row_power_dn2})
-    for (double& v : *list) v /= frames_;
+  structure.between_frames = between_frames_.mean();
+  for (const Products& products : along_row_) structure.along_row.push_back(products.mean());
+  for (const Products& products : along_column_) structure.along_column.push_back(products.mean());
+  for (const double power : row_power_)
+    structure.row_power_dn2.push_back(power / row_power_frames_);
   return structure;
 }
 

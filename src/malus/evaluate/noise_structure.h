@@ -4,17 +4,31 @@
 #include "malus/evaluate/noise_comparison.h"
 #include "malus/image/view.h"
 
+#include <cstdint>
+#include <vector>
+
 namespace malus {
 
 /// Sums over frames of one size; deterministic for any number of threads.
 class StructureSums {
  public:
   explicit StructureSums(const SensorLayout& layout);
-  /// noise: frame minus clean, a mosaic. Pixels that are not finite count as the channel's mean;
-  /// of a channel with fewer than two others nothing is known (NaN, if it is so in all frames).
+  /// noise: frame minus clean, a mosaic. Pixels that are not finite are left out; of a channel with
+  /// fewer than two others nothing is known (NaN, if it is so in all frames), and a frame with a
+  /// row without any tells nothing of the row power.
   void add(const Image& noise);
   /// Contract: at least one frame was added.
   NoiseStructure result() const;
+
+  /// Of pixels scaled to variance 1.
+  struct Products {
+    double sum = 0;
+    std::int64_t pairs = 0;
+    double mean() const { return pairs > 0 ? sum / static_cast<double>(pairs) : 0.0; }
+    Products operator+(const Products& other) const {
+      return {sum + other.sum, pairs + other.pairs};
+    }
+  };
 
  private:
   struct ChannelSums {
@@ -24,9 +38,11 @@ class StructureSums {
   SensorLayout layout_;
   int frames_ = 0;
   std::vector<ChannelSums> channels_;
-  std::vector<double> along_row_, along_column_, row_power_;
+  std::vector<Products> along_row_, along_column_;
+  std::vector<double> row_power_;
+  int row_power_frames_ = 0;
   Image before_;  ///< the last frame, channels scaled to mean 0 and variance 1
-  double between_frames_ = 0;
+  Products between_frames_;
 };
 
 }  // namespace malus
