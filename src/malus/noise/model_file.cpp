@@ -267,13 +267,14 @@ void transfer_layout(const Hdf5Reader& archive, SensorLayout& layout) {
     cell[i / static_cast<std::size_t>(cols)].push_back(sites[i]);
   try {
     layout = SensorLayout::from_sites(cell);
-    const auto names = SensorLayout::known_names();
-    if (std::find(names.begin(), names.end(), name) != names.end() &&
-        SensorLayout::named(name) == layout)
-      layout = SensorLayout::named(name);
   } catch (const InputError& error) {
     archive.fail("channels", "name no layout: " + error.problem());
   }
+  const auto names = SensorLayout::known_names();
+  if (std::find(names.begin(), names.end(), name) == names.end()) return;
+  if (!(SensorLayout::named(name) == layout))
+    archive.fail("layout", fmt::format("is {}, which has other channels than the cell", name));
+  layout = SensorLayout::named(name);
 }
 
 template <class Archive, class Model>

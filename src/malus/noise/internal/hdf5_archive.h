@@ -137,6 +137,7 @@ class Hdf5Reader {
   Hdf5Reader(const Hdf5Reader& parent, Hdf5Handle group, std::string where);
   static std::string number_name(std::size_t i);
   std::size_t numbered_groups() const;
+  std::string first_stranger(std::size_t entries) const;
   Hdf5Handle open(const Field& field, int type_class, std::size_t rank, std::size_t max_values,
                   std::vector<std::size_t>& shape) const;
   void read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values) const;

@@ -5,6 +5,7 @@
 #include "malus/noise/internal/hdf5_archive.h"
 
 #include <algorithm>
+#include <array>
 #include <climits>
 
 #include <fmt/format.h>
@@ -98,7 +99,23 @@ std::size_t Hdf5Reader::numbered_groups() const {
   std::size_t count = 0;
   while (count < kMaxListItems && holds(number_name(count))) ++count;
   if (count == kMaxListItems) fail("", fmt::format("holds {} entries or more", kMaxListItems));
+  H5G_info_t info;
+  if (H5Gget_info(group_.id(), &info) < 0) fail("", "cannot be listed");
+  // What lies behind a gap would be passed over without a word. By name, the first that is no entry
+  // stands where the next entry would, or before.
+  if (info.nlinks > count)
+    fail(first_stranger(count), "is no entry: they are numbered from 000 on");
   return count;
+}
+
+std::string Hdf5Reader::first_stranger(std::size_t entries) const {
+  for (std::size_t i = 0; i <= entries; ++i) {
+    std::array<char, 64> name{};
+    H5Lget_name_by_idx(group_.id(), ".", H5_INDEX_NAME, H5_ITER_INC, i, name.data(), name.size(),
+                       H5P_DEFAULT);
+    if (name.data() != number_name(i)) return name.data();
+  }
+  return {};
 }
 
 Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank,
