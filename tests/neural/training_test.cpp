@@ -63,24 +63,6 @@ TEST(Augmentation, TurnsPolarizationWithThePicture) {
   EXPECT_EQ(seen.size(), 4u);
 }
 
-TEST(Sensors, AreVariedByTheStatedSpread) {
-  const NoiseModel model = load_model("imx250myr-simulated");
-  const GainSetting gain{12.0, {}};
-  const double K = model.parameters_at(gain).K[0];
-  double sum = 0, squares = 0;
-  constexpr int kSensors = 2000;
-  for (std::uint32_t i = 0; i < kSensors; ++i) {
-    const NoiseModel sensor = jittered_sensor(model, gain, 0.3, 4, i);
-    EXPECT_EQ(contradiction_in(sensor), "");
-    const double x = std::log(sensor.parameters_at(gain).K[0] / K);
-    sum += x;
-    squares += x * x;
-  }
-  // Five standard errors: 0.3 / sqrt(2000) and 0.3 / sqrt(4000).
-  EXPECT_NEAR(sum / kSensors, 0, 0.034);
-  EXPECT_NEAR(std::sqrt(squares / kSensors), 0.3, 0.024);
-}
-
 TEST(Training, GoesOnToTheSameBitsAsAnUnbrokenRun) {
   const TemporaryFolder folder;
   const AngleScene scene(folder);

@@ -1,6 +1,7 @@
 #include "malus/neural/raw_pairs.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/recorded_pairs.h"
@@ -50,7 +51,7 @@ class SyntheticPairs final : public PairSource {
   }
 
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
-    RandomSequence random(seed, number, Draw::kParameters, 1);
+    RandomSequence random(seed, number, Draw::kParameters, kStreamPair);
     const NoiseModel& base = models_[pick(random, models_.size())];
     GainSetting gain = random_gain(base, synthesis_, seed, number);
     if (!noise_.gains.empty())
@@ -114,7 +115,7 @@ class MixedPairs final : public PairSource {
     weights_.push_back(weight);
   }
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
-    RandomSequence random(seed, number, Draw::kParameters, 2);
+    RandomSequence random(seed, number, Draw::kParameters, kStreamPairSource);
     std::size_t at =
         pick(random, std::accumulate(weights_.begin(), weights_.end(), std::size_t{0}));
     std::size_t i = 0;
@@ -141,7 +142,7 @@ NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& 
 
 NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
                            std::uint64_t seed, std::uint32_t number, GainRange range) {
-  RandomSequence random(seed, number, Draw::kParameters, 3);
+  RandomSequence random(seed, number, Draw::kParameters, kStreamJitter);
   const auto factor = [&] { return std::exp(jitter * random.normal()); };
   PhysicsCalibration entry = calibration_of(model.parameters_at(gain, range));
   multiply(entry.K, factor());

@@ -1,5 +1,6 @@
 // Random parameters of a frame (000 Eq. 5-6) and random gains.
 #include "malus/base/error.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/random.h"
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/model.h"
@@ -13,8 +14,6 @@ namespace malus {
 namespace {
 
 constexpr int kMaxRedraws = 32;
-// Index of RandomSequence per parameter: redrawing one leaves the others as they are.
-enum ParameterStream : std::uint64_t { kStreamMu, kStreamSigmaRow, kStreamSigmaTl, kStreamGain };
 
 bool any_negative(const std::vector<double>& values) {
   return std::any_of(values.begin(), values.end(), [](double v) { return v < 0; });

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
@@ -18,9 +19,6 @@
 namespace malus {
 namespace {
 
-// Indices of RandomSequence(kParameters) that choose a dark frame, a place in it and its gain; the
-// noise module uses 0 to 3.
-constexpr std::uint64_t kStreamDarkFrame = 16, kStreamDarkPlace = 17, kStreamDarkGain = 18;
 constexpr std::ptrdiff_t kRowsPerPiece = 16;
 constexpr double kHighestInteger = 65535.0;  // of what is written; and white where none is known
 

@@ -1,0 +1,79 @@
+// Which sensors and which light examples are drawn with.
+#include "malus/neural/raw_pairs.h"
+
+#include "malus/base/statistics.h"
+
+#include <cmath>
+
+#include "training_runs.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::AngleScene;
+using testing::scene_config;
+using testing::TemporaryFolder;
+
+double correlation_of(const std::vector<double>& x, const std::vector<double>& y) {
+  const double mean_x = mean_of(x), mean_y = mean_of(y);
+  double xy = 0, xx = 0, yy = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    xy += (x[i] - mean_x) * (y[i] - mean_y);
+    xx += (x[i] - mean_x) * (x[i] - mean_x);
+    yy += (y[i] - mean_y) * (y[i] - mean_y);
+  }
+  return xy / std::sqrt(xx * yy);
+}
+
+TEST(Sensors, AreVariedByTheStatedSpread) {
+  const NoiseModel model = load_model("imx250myr-simulated");
+  const GainSetting gain{12.0, {}};
+  const double K = model.parameters_at(gain).K[0];
+  double sum = 0, squares = 0;
+  constexpr int kSensors = 2000;
+  for (std::uint32_t i = 0; i < kSensors; ++i) {
+    const NoiseModel sensor = jittered_sensor(model, gain, 0.3, 4, i);
+    EXPECT_EQ(contradiction_in(sensor), "");
+    const double x = std::log(sensor.parameters_at(gain).K[0] / K);
+    sum += x;
+    squares += x * x;
+  }
+  // Five standard errors: 0.3 / sqrt(2000) and 0.3 / sqrt(4000).
+  EXPECT_NEAR(sum / kSensors, 0, 0.034);
+  EXPECT_NEAR(std::sqrt(squares / kSensors), 0.3, 0.024);
+}
+
+// What an example is drawn with are draws of their own: the gain, the factor on K, the light, and
+// the row noise of the frame.
+TEST(Sensors, AreVariedWhateverTheirGainAndLight) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.data.example = 16;
+  config.noise.ratio_high = 10;
+  const auto source = make_pair_source(config);
+  const NoiseModel model = load_model("imx250myr-simulated");
+  constexpr std::uint64_t kSeed = 4;
+  constexpr std::uint32_t kExamples = 400;
+  std::vector<double> gain_db, K_factor, light;
+  std::vector<std::vector<double>> rows(static_cast<std::size_t>(model.layout.channels()));
+  for (std::uint32_t i = 0; i < kExamples; ++i) {
+    const RawPair pair = source->pair(kSeed, i);
+    const GainSetting& gain = pair.noisy.gain;
+    gain_db.push_back(*gain.gain_db);
+    const NoiseModel sensor = jittered_sensor(model, gain, 0.3, kSeed, i);
+    K_factor.push_back(std::log(sensor.parameters_at(gain).K[0] / model.parameters_at(gain).K[0]));
+    light.push_back(std::log(pair.ratio));
+    const PhysicsNoise frame = model.sample_physics_at({12.0, {}}, kSeed, i);
+    for (std::size_t c = 0; c < rows.size(); ++c) rows[c].push_back(frame.channels[c].sigma_row_dn);
+  }
+  const double error = 4.5 / std::sqrt(kExamples);
+  EXPECT_NEAR(correlation_of(gain_db, K_factor), 0, error);
+  EXPECT_NEAR(correlation_of(gain_db, light), 0, error);
+  EXPECT_NEAR(correlation_of(light, K_factor), 0, error);
+  for (const auto& row : rows) EXPECT_NEAR(correlation_of(light, row), 0, error);
+}
+
+}  // namespace
+}  // namespace malus
