@@ -15,9 +15,6 @@
 namespace malus {
 namespace {
 
-// Generations made before they are needed. With one, makers that find no place left in it wait for
-// the slowest of its examples.
-constexpr std::int64_t kAhead = 2;
 // Where the refresh is measured: the first batches, which do not count (a GPU chooses its kernels),
 // and the share of the makers' pace that is asked of them.
 constexpr int kSettlingSteps = ExamplePool::kMeasuringSteps / 5;
@@ -93,8 +90,8 @@ ExamplePool::~ExamplePool() {
 
 // As far as the pool reaches, while the pace is measured for the first time.
 std::int64_t ExamplePool::newest_wanted(std::int64_t step) const {
-  const std::int64_t room = std::max<std::int64_t>(shape_.pool - 1, kAhead);
-  return shape_.refresh.newest(step) + (shape_.refresh.per_step > 0 ? kAhead : room);
+  const std::int64_t room = std::max<std::int64_t>(shape_.pool - 1, kGenerationsAhead);
+  return shape_.refresh.newest(step) + (shape_.refresh.per_step > 0 ? kGenerationsAhead : room);
 }
 
 bool ExamplePool::refresh_is_due(std::int64_t step) const {

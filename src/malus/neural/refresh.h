@@ -18,4 +18,8 @@ struct Refresh {
   }
 };
 
+/// Generations made before they are needed, beside the pool. With one, makers that find no place
+/// left in it wait for the slowest of its examples.
+inline constexpr int kGenerationsAhead = 2;
+
 }  // namespace malus

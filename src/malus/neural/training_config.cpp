@@ -8,6 +8,7 @@
 #include "malus/neural/json_text.h"
 #include "malus/neural/named_networks.h"
 #include "malus/neural/noise_flow_file.h"
+#include "malus/neural/refresh.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/light_case.h"
 #include "malus/synthesize/scene.h"
@@ -168,9 +169,10 @@ void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
     root.fail("data", "names no pictures, scenes, shards or pairs", "give one of them");
   const double planes = config.package.output_planes() * std::pow(config.package.upscale(), 2) +
                         config.package.input_planes();
-  // One generation is made ahead (example_pool.h).
+  // As many as a pool holds at once (example_pool.h).
+  const int generations = config.data.pool + kGenerationsAhead;
   const double bytes = 4.0 * planes * config.data.example * config.data.example /
-                       layout.channels() * (config.data.pool + 1) * config.train.batch;
+                       layout.channels() * generations * config.train.batch;
   if (bytes > config.data.memory_mib * 0x1p20)
     data.fail("pool", fmt::format("would take up to {:.0f} MiB", std::ceil(bytes / 0x1p20)),
               fmt::format("allow it with memory, or make pool, batch or example smaller"));
