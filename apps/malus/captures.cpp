@@ -8,6 +8,7 @@
 #include "malus/image/middle.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/demosaick.h"
 #include "malus/synthesize/scene.h"
@@ -122,6 +123,7 @@ LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model)
       loaded.clean_dn.cols() != loaded.noisy.dn.cols())
     throw InputError(capture.noisy.string(), "has another size than its reference",
                      "make the pairs again");
+  if (capture.bias_at) subtract_bias(loaded.clean_dn, model.profile_at(*capture.bias_at));
   for (float& v : loaded.clean_dn.values()) v /= static_cast<float>(capture.ratio);
   return loaded;
 }

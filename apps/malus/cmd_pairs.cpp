@@ -248,7 +248,9 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
        clipped_share(reference.dn, white_above_black(reference.white_dn, reference.black_dn))},
       {"candidates", intensities},
       {"deviation", nearest.deviation},
-      {"flicker", nearest.flicker}};
+      {"flicker", nearest.flicker},
+      {"bias_removed", job.model.has_value()},
+      {"reference_gain", gain_json(reference.gain)}};
   entry.update(gain_json(group.gain));
   return entry;
 }
@@ -300,7 +302,8 @@ void add_pairs(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->folder, "folder of the pairs")->required();
   command->add_option("--model", arguments->model,
                       "noise model whose mean bias is subtracted before frames are compared, and "
-                      "whose K tells how gains compare");
+                      "whose K tells how gains compare; without one the references hold their "
+                      "bias, as the list says, and training takes it off by its own model");
   command
       ->add_option("--ratio", arguments->ratio,
                    "light of the reference over that of the short frames; otherwise from "

@@ -56,6 +56,25 @@ TEST(PairList, ComesBackFromAnotherFolder) {
   EXPECT_EQ(back[0].gain, pair.gain);
 }
 
+TEST(PairList, SaysWhichBiasAReferenceHolds) {
+  const testing::TemporaryFolder folder;
+  const auto read = [&](const std::string& more) {
+    std::string entry = kEntry;
+    entry.insert(entry.size() - 1, more);
+    std::ofstream(folder / "pairs.json") << R"({"pairs": [)" << entry << "]}";
+    return load_pair_list(folder / "pairs.json");
+  };
+  EXPECT_FALSE(read("")[0].bias_at);
+  EXPECT_FALSE(read(R"(, "bias_removed": true)")[0].bias_at);
+  const auto biased =
+      read(R"(, "bias_removed": false, "reference_gain": {"gain_db": null, "iso": 200})");
+  EXPECT_EQ(biased[0].bias_at, (GainSetting{.gain_db = std::nullopt, .iso = 200}));
+  save_pair_list(biased, folder / "again.json");
+  EXPECT_EQ(load_pair_list(folder / "again.json")[0].bias_at, biased[0].bias_at);
+  EXPECT_THAT([&] { read(R"(, "bias_removed": false)"); },
+              ThrowsMessage<InputError>(HasSubstr("no list of pairs")));
+}
+
 TEST(PairList, NamesThatAreNotUtf8AreRefusedBeforeAnythingIsWritten) {
   const testing::TemporaryFolder folder;
   RecordedPair pair;

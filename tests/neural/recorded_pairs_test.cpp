@@ -126,6 +126,27 @@ TrainingConfig recorded_list(const TemporaryFolder& folder, float value = 300) {
   return config;
 }
 
+// What `malus pairs` writes without a model: the reference's bias is that of its own gain.
+TEST(RecordedPairs, BiasThatAReferenceHoldsIsTakenOff) {
+  const TemporaryFolder folder;
+  const TrainingConfig config = recorded_list(folder);
+  const NoiseProfile profile =
+      load_model("imx250mzr-simulated").profile_at({.gain_db = 24, .iso = {}});
+  const auto light = [&](const char* more) {
+    std::ofstream(folder / "pairs.json")
+        << R"({"pairs": [{"short": "short.npy", "reference": "reference.npy", "ratio": 10,)"
+        << R"( "gain_db": 12, "iso": null)" << more << "}]}";
+    return make_pair_source(config)->pair(1, 0).clean_dn(0, 0);
+  };
+  ASSERT_NE(profile.channels[0].bias_dn, 0);
+  EXPECT_FLOAT_EQ(light(""), 30);
+  EXPECT_FLOAT_EQ(
+      light(R"(, "bias_removed": true, "reference_gain": {"gain_db": 24, "iso": null})"), 30);
+  EXPECT_FLOAT_EQ(
+      light(R"(, "bias_removed": false, "reference_gain": {"gain_db": 24, "iso": null})"),
+      (300 - static_cast<float>(profile.channels[0].bias_dn)) / 10);
+}
+
 TEST(RecordedPairs, NeedAModelOfThePackagesLayout) {
   const TemporaryFolder folder;
   RecordedShard shard(folder, 16, 16);

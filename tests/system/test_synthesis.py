@@ -180,6 +180,9 @@ def test_pairs_take_the_frame_nearest_in_light(malus, tmp_path):
     short = np.array(Image.open(tmp_path / "out" / pair["short"]))
     assert np.array_equal(short, np.array(Image.open(tmp_path / "short_2.png")))
     assert json.loads((tmp_path / "out/pairs.json").read_text()) == result
+    assert pair["bias_removed"] is False and pair["reference_gain"] == {"gain_db": 0, "iso": None}
+    model = ["--model", "imx250mzr-simulated"]
+    assert malus("pairs", session, "-o", tmp_path / "unbiased", *model, "--json").json["pairs"][0]["bias_removed"] is True
 
 
 def test_pairs_of_files_with_any_name(malus, tmp_path):

@@ -72,8 +72,8 @@ def biased_camera(malus, tmp_path):
     return "biased.h5"
 
 
-@pytest.fixture
-def biased_pairs(malus, biased_camera, tmp_path):
+@pytest.fixture(params=["with its model", "without"])
+def biased_pairs(malus, biased_camera, tmp_path, request):
     """What `malus pairs` makes of dim frames by that camera and a tenfold exposure."""
     random = np.random.default_rng(2)
     rows, cols = np.mgrid[0:128, 0:128]
@@ -86,7 +86,8 @@ def biased_pairs(malus, biased_camera, tmp_path):
             np.save(tmp_path / f"{kind}{number}.npy", np.round(shot).astype(np.uint16))
         text += f'[[frames]]\nkind = "{kind}"\nlevel = 1\ngain_db = 12\nexposure_s = {seconds}\npaths = ["{kind}?.npy"]\n'
     (tmp_path / "scenes.toml").write_text(text)
-    malus("pairs", tmp_path / "scenes.toml", "--model", tmp_path / biased_camera, "-o", tmp_path / "pairs")
+    model = ["--model", tmp_path / biased_camera] if request.param == "with its model" else []
+    malus("pairs", tmp_path / "scenes.toml", *model, "-o", tmp_path / "pairs")
     return 'pairs = ["pairs/pairs.json"]'
 
 

@@ -27,6 +27,7 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
                     .picture = entry.contains("picture") ? file("picture") : fs::path(),
                     .ratio = entry.at("ratio").get<double>(),
                     .gain = gain_from(entry)};
+  if (!entry.value("bias_removed", true)) pair.bias_at = gain_from(entry.at("reference_gain"));
   if (!std::isfinite(pair.ratio) || pair.ratio <= 0)
     throw InputError(list.string(), fmt::format("has the low-light ratio {}", pair.ratio),
                      "a ratio is above 0");
@@ -68,6 +69,8 @@ void save_pair_list(const std::vector<RecordedPair>& pairs, const fs::path& list
                        {"short", fs::absolute(pair.noisy).string()},
                        {"ratio", pair.ratio}});
     entries.back().update(gain_json(pair.gain));
+    entries.back()["bias_removed"] = !pair.bias_at;
+    if (pair.bias_at) entries.back()["reference_gain"] = gain_json(*pair.bias_at);
     if (!pair.picture.empty()) entries.back()["picture"] = fs::absolute(pair.picture).string();
   }
   std::string text;

@@ -5,6 +5,7 @@
 #include "malus/image/raw_frame.h"
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,10 @@ struct RecordedPair {
   std::filesystem::path picture;    ///< the reference's light as R, G, B; may be empty
   double ratio = 1;                 ///< light of the reference over that of the noisy frame
   GainSetting gain;                 ///< of the noisy frame
-  std::string scene() const;        ///< the name without its last part: "scene003"
+  /// Gain of the reference, where that still holds the sensor's bias; empty where it holds none,
+  /// and where a list does not say, as those from before 2026-11-27.
+  std::optional<GainSetting> bias_at = std::nullopt;
+  std::string scene() const;  ///< the name without its last part: "scene003"
 };
 
 /// Paths are relative to the list's folder. Throws InputError on a file that is no such list or

@@ -75,6 +75,7 @@ void add_scene(Hash& hash, const fs::path& path) {
 void add_pairs(Hash& hash, const fs::path& list) {
   for (const RecordedPair& pair : load_pair_list(list)) {
     hash.add(fmt::format("{} {}", pair.ratio, pair.gain.text()));
+    if (pair.bias_at) hash.add("with the bias at " + pair.bias_at->text());
     for (const fs::path& path : {pair.noisy, pair.reference, pair.picture})
       if (!path.empty()) hash.add_file(path, Extent::kEnds);
   }

@@ -10,6 +10,7 @@
 #include "malus/io/pair_list.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/dataset.h"
 
@@ -200,6 +201,8 @@ class CapturedPairs final : public PairSource {
     RawPair pair;
     pair.noisy = load_of_sensor(recorded.noisy);
     std::vector<Image> clean{load_of_sensor(recorded.reference).dn};
+    if (recorded.bias_at)
+      subtract_bias(clean.front(), model_.profile_at(*recorded.bias_at, gains_));
     if (with_picture_ && !recorded.picture.empty())
       for (Image& plane : load_colors(recorded)) clean.push_back(std::move(plane));
     for (Image& plane : clean) {
