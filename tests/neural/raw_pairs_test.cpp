@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "problem_of.h"
 #include "training_runs.h"
 #include <gtest/gtest.h>
 
@@ -73,6 +74,31 @@ TEST(Sensors, AreVariedWhateverTheirGainAndLight) {
   EXPECT_NEAR(correlation_of(gain_db, light), 0, error);
   EXPECT_NEAR(correlation_of(light, K_factor), 0, error);
   for (const auto& row : rows) EXPECT_NEAR(correlation_of(light, row), 0, error);
+}
+
+// A gain is drawn, or named, of the kind that the noise is of.
+TEST(Sensors, GainsAreThoseOfTheKind) {
+  const TemporaryFolder folder;
+  NoiseModel model = load_model("imx250myr-simulated");
+  for (const double gain_db : {0.0, 12.0})
+    model.gaussian.push_back({.gain = {gain_db, {}},
+                              .levels = 3,
+                              .slope_dn = std::vector<double>(16, 0.5 + gain_db / 12),
+                              .slope_stderr_dn = {},
+                              .offset_dn2 = std::vector<double>(16, 4.0),
+                              .offset_stderr_dn2 = {},
+                              .bias_dn = {},
+                              .warnings = {}});
+  save_model(model, folder / "model.h5");
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.models = {folder / "model.h5"};
+  config.synthesis.kind = "gaussian";
+  config.noise.gains = {6};
+  EXPECT_EQ(testing::problem_of([&] { make_pair_source(config); }), "");
+  config.noise.gains = {6, 24};
+  EXPECT_NE(testing::problem_of([&] { make_pair_source(config); }).find("24 dB"),
+            std::string::npos);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/synthesizer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <set>
 
@@ -106,6 +107,36 @@ TEST(Synthesizer, RandomGainsOfDarkFramesAreThoseThatHaveThem) {
   for (std::uint32_t frame = 0; frame < 40; ++frame)
     gains.insert(*dark.draw(Image(8, 8), std::nullopt, {.seed = 3, .frame = frame}).gain.gain_db);
   EXPECT_EQ(gains, (std::set{6.0, 24.0}));
+}
+
+// Not of the range that another kind was measured over.
+TEST(Synthesizer, RandomGainsAreThoseOfTheKind) {
+  NoiseModel model = load_model("imx250mzr-simulated");
+  const NoiseModel all = camera_of_all_kinds();
+  for (const double gain_db : {6.0, 12.0}) {
+    model.gaussian.push_back(all.gaussian[0]);
+    model.gaussian.back().gain = {gain_db, {}};
+    model.nonparametric.push_back(all.nonparametric[0]);
+    model.nonparametric.back().gain = {gain_db, {}};
+  }
+  for (const char* kind : {"physics", "gaussian", "nonparametric"}) {
+    SynthesisSettings settings;
+    settings.kind = kind;
+    double least_db = 100, most_db = -100;
+    for (std::uint32_t frame = 0; frame < 400; ++frame) {
+      const double gain_db = *random_gain(model, settings, 3, frame).gain_db;
+      least_db = std::min(least_db, gain_db);
+      most_db = std::max(most_db, gain_db);
+    }
+    // Of 400 draws the outermost lie within a hundredth of the range from its ends, but for 4 % of
+    // the seeds.
+    const bool physics = settings.kind == "physics";
+    const double low_db = physics ? 0 : 6, high_db = physics ? 30 : 12;
+    EXPECT_GE(least_db, low_db) << kind;
+    EXPECT_LE(most_db, high_db) << kind;
+    EXPECT_NEAR(least_db, low_db, 0.01 * (high_db - low_db)) << kind;
+    EXPECT_NEAR(most_db, high_db, 0.01 * (high_db - low_db)) << kind;
+  }
 }
 
 // Of every kind, not at the first draw.

@@ -95,8 +95,11 @@ class SyntheticPairs final : public PairSource {
   // What no example could be drawn with fails here, where the configuration is known.
   void require_served(const NoiseModel& model) const {
     const Synthesizer of_this_kind(model, synthesis_);
-    for (const double gain : noise_.gains)
-      model.profile_at(Model(model).gain_setting(gain), gain_range(synthesis_.extrapolate_gain));
+    for (const double gain : noise_.gains) {
+      const GainSetting setting = Model(model).gain_setting(gain);
+      of_this_kind.require_gain(setting);
+      model.profile_at(setting, gain_range(synthesis_.extrapolate_gain));
+    }
   }
 
   CleanScenes scenes_;

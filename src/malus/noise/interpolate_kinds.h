@@ -4,6 +4,7 @@
 
 #include "malus/noise/calibration.h"
 
+#include <cstdint>
 #include <vector>
 
 namespace malus {
@@ -27,5 +28,12 @@ NonparametricCalibration interpolated(const NonparametricCalibration& low,
 /// that of all counts as the gain setting tells it.
 std::vector<int> conversion_gain_breaks(const std::vector<GaussianCalibration>& calibrations);
 std::vector<int> conversion_gain_breaks(const std::vector<NonparametricCalibration>& calibrations);
+
+/// A gain that they serve, by (seed, frame): uniform in dB between the measured gains, but not
+/// between two conversion gains; one of them where none are joined. Contract: there are some.
+GainSetting random_gain(const std::vector<GaussianCalibration>& calibrations, std::uint64_t seed,
+                        std::uint32_t frame);
+GainSetting random_gain(const std::vector<NonparametricCalibration>& calibrations,
+                        std::uint64_t seed, std::uint32_t frame);
 
 }  // namespace malus

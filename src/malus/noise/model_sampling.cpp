@@ -68,10 +68,13 @@ GainSetting one_of(const std::vector<Calibration>& calibrations, double u) {
   return calibrations[static_cast<std::size_t>(u * static_cast<double>(calibrations.size()))].gain;
 }
 
-// Uniform in dB between the measured gains, leaving out the steps between conversion gains.
+double gain_draw(std::uint64_t seed, std::uint32_t frame) {
+  return RandomSequence(seed, frame, Draw::kParameters, kStreamGain).uniform();
+}
+
 template <class Calibration>
-GainSetting random_gain_of(const std::vector<Calibration>& calibrations,
-                           const std::vector<int>& breaks, double u) {
+GainSetting random_gain_of(const std::vector<Calibration>& calibrations, double u) {
+  const std::vector<int> breaks = conversion_gain_breaks(calibrations);
   std::vector<Interval> unbroken;
   for (std::size_t i = 0; i + 1 < calibrations.size(); ++i)
     if (std::find(breaks.begin(), breaks.end(), static_cast<int>(i)) == breaks.end())
@@ -120,13 +123,21 @@ PhysicsNoise NoiseModel::sample_physics_at(const GainSetting& gain, std::uint64_
   return ParameterSampler(*this, parameters_at(gain, range)).draw(seed, frame);
 }
 
+GainSetting random_gain(const std::vector<GaussianCalibration>& calibrations, std::uint64_t seed,
+                        std::uint32_t frame) {
+  return random_gain_of(calibrations, gain_draw(seed, frame));
+}
+
+GainSetting random_gain(const std::vector<NonparametricCalibration>& calibrations,
+                        std::uint64_t seed, std::uint32_t frame) {
+  return random_gain_of(calibrations, gain_draw(seed, frame));
+}
+
 GainSetting NoiseModel::random_gain(std::uint64_t seed, std::uint32_t frame) const {
-  RandomSequence random(seed, frame, Draw::kParameters, kStreamGain);
-  const double u = random.uniform();
+  const double u = gain_draw(seed, frame);
   if (physics.empty()) {
-    if (!gaussian.empty()) return random_gain_of(gaussian, conversion_gain_breaks(gaussian), u);
-    if (!nonparametric.empty())
-      return random_gain_of(nonparametric, conversion_gain_breaks(nonparametric), u);
+    if (!gaussian.empty()) return random_gain_of(gaussian, u);
+    if (!nonparametric.empty()) return random_gain_of(nonparametric, u);
     throw InputError(sensor.empty() ? "noise model" : sensor,
                      "holds no model that reaches between gains", "name the gain");
   }

@@ -7,6 +7,7 @@
 #include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
+#include "malus/noise/interpolate_kinds.h"
 #include "malus/synthesize/exact.h"
 
 #include <algorithm>
@@ -111,6 +112,17 @@ PhysicsParts parts_of(const SynthesisSettings& settings) {
           .bias = settings.bias};
 }
 
+void require_kind(const NoiseModel& model, const SynthesisSettings& settings) {
+  const bool physics = settings.kind == "physics" || settings.kind == "poisson-gaussian";
+  const std::string needed = physics ? "physics" : settings.kind;
+  const auto kinds = model.kinds();
+  if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
+    throw InputError(model.sensor.empty() ? "noise model" : model.sensor,
+                     fmt::format("holds no {} model", needed),
+                     fmt::format("calibrate with {}, or give another {}", setting("kinds", needed),
+                                 setting("kind")));
+}
+
 // What would change nothing is refused: whoever sets it expects something else of the kind.
 void refuse_settings_without_meaning(const SynthesisSettings& s) {
   const bool gaussian = s.kind == "gaussian", levels = s.kind == "nonparametric",
@@ -137,6 +149,9 @@ void refuse_settings_without_meaning(const SynthesisSettings& s) {
 
 GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settings,
                         std::uint64_t seed, std::uint32_t frame) {
+  require_kind(model, settings);
+  if (settings.kind == "gaussian") return random_gain(model.gaussian, seed, frame);
+  if (settings.kind == "nonparametric") return random_gain(model.nonparametric, seed, frame);
   if (settings.kind != "dark-frames") return model.random_gain(seed, frame);
   RandomSequence random(seed, frame, Draw::kParameters, kStreamDarkGain);
   return model.dark_frames[pick(random, model.dark_frames.size())].gain;
@@ -147,14 +162,7 @@ Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
       settings_(std::move(settings)),
       cache_(std::make_shared<GainTableCache>()) {
   require_settings(settings_);
-  const bool physics = settings_.kind == "physics" || settings_.kind == "poisson-gaussian";
-  const std::string needed = physics ? "physics" : settings_.kind;
-  const auto kinds = model_.kinds();
-  if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
-    throw InputError(model_.sensor.empty() ? "noise model" : model_.sensor,
-                     fmt::format("holds no {} model", needed),
-                     fmt::format("calibrate with {}, or give another {}", setting("kinds", needed),
-                                 setting("kind")));
+  require_kind(model_, settings_);
   refuse_settings_without_meaning(settings_);
 }
 

@@ -82,8 +82,10 @@ struct SyntheticFrame : FrameParameters {
   Image dn;  ///< DN above black, unrounded
 };
 
-/// A gain that the kind can be drawn at: NoiseModel::random_gain (000: uniform in log K over the
-/// calibrated range); of dark frames, which are not interpolated, one that has them.
+/// A gain that the kind can be drawn at: of physics NoiseModel::random_gain (000: uniform in log K
+/// over the calibrated range); of kinds gaussian and nonparametric uniform in dB over their own
+/// gains; of dark frames, which are not interpolated, one that has them. Throws InputError where
+/// the model lacks the kind.
 GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settings,
                         std::uint64_t seed, std::uint32_t frame);
 
