@@ -1,6 +1,7 @@
 // Noise models: load, draw, save.
 #include "malus/base/error.h"
 #include "malus/base/frame_numbers.h"
+#include "malus/base/settings_check.h"
 #include "malus/denoise/frame_complaints.h"
 #include "malus/noise/builtin_models.h"
 #include "malus/synthesize/model.h"
@@ -177,15 +178,19 @@ void add_drawing(ModelClass& model_class) {
           (synthesize_help() + settings_help<SynthesisSettings>()).c_str())
       .def(
           "random_gain",
-          [](const ModelWithSampler& model, std::uint64_t seed, std::uint32_t frame) {
-            const auto gain = model.description().random_gain(seed, frame);
+          [](const ModelWithSampler& model, std::uint64_t seed, std::uint32_t frame,
+             const std::string& kind) {
+            SynthesisSettings settings;
+            settings.kind = kind;
+            require_settings(settings);
+            const auto gain = random_gain(model.description(), settings, seed, frame);
             if (!gain.decibel())
               throw InputError("model", "was calibrated at one gain that nobody told",
                                "leave the gain out: there is no other to draw");
             return gain.iso ? *gain.iso : *gain.gain_db;
           },
-          py::arg("seed"), py::arg("frame"),
-          "The gain [dB or ISO] that synthesize(gain=None) draws for this seed and frame.");
+          py::arg("seed"), py::arg("frame"), py::kw_only(), py::arg("kind") = "physics",
+          "The gain [dB or ISO] that synthesize(gain=None) draws for this seed, frame and kind.");
 }
 
 // Pickled is the model file itself, by way of a folder that goes with the call.

@@ -143,6 +143,23 @@ def test_gain_and_exposure_of_frames_are_those_of_their_set():
         alone.random_gain(1, 2)
 
 
+@pytest.mark.filterwarnings("ignore")  # of frames without row noise
+def test_the_random_gain_of_a_kind_is_the_one_that_is_drawn(model):
+    """Dark frames are not interpolated, so theirs is one of the gains that have them."""
+    sets = [each for gain in (6, 24) for each in session(gain_db=gain)]
+    both = malus.calibrate(sets, kinds=["physics", "dark-frames"], layout=LAYOUT, black=BLACK, white=WHITE)
+    gains = [both.random_gain(5, frame, kind="dark-frames") for frame in range(12)]
+    assert set(gains) == {6, 24}
+    clean = np.full((64, 64), 100, np.float32)
+    for frame, gain in enumerate(gains):
+        told = dict(seed=5, frame=frame, kind="dark-frames")
+        assert np.array_equal(both.synthesize(clean, gain=None, **told), both.synthesize(clean, gain=gain, **told))
+    with pytest.raises(malus.InputError, match="holds no dark-frames model"):
+        model.random_gain(5, 0, kind="dark-frames")
+    with pytest.raises(malus.InputError, match="kind: lognormal is not known"):
+        model.random_gain(5, 0, kind="lognormal")
+
+
 def test_settings_of_arrays_are_checked_as_those_of_sessions():
     codes = camera(0, 2, 0)
     for bad, words in (({"iso": -5}, "^iso: is -5; ISO is positive"), ({"iso": float("inf")}, "^iso: is inf"), ({"gain_db": float("nan")}, "^gain_db: is nan"),
