@@ -107,6 +107,30 @@ TEST(Response, DarkFramesOfTheSameExposureTakeDarkCurrentOut) {
   }
 }
 
+// Dark frames of the flats' own exposure that dark current lifts off DN 0, where the bias frames
+// are cut off: what these lost was subtracted from the former, too, and a straight sensor was "not
+// linear" with an error of K of 4 %.
+TEST(Response, DarkFramesThatDarkCurrentLiftsOffZeroLostNothing) {
+  testing::SimulatedCamera camera = dark_current_camera(0.005);
+  camera.gains[0].noise.channels[0].sigma_tl_dn = 2.0;
+  camera.black_dn = 4;  // a tenth of the bias frames' pixels are 0
+  camera.white_dn = 200;
+  camera.dsnu_dn = 0.2;
+  camera.flat_frames = 6;
+  const DarkCurrent current{.mean = 14, .deviation = 3};
+  camera.rounded = false;  // but after the dark current is added
+  CalibrationInput input = dark_current_session(camera, current, 6);
+  testing::change_frames(input.sets[0],
+                         [&](RawFrame& frame, int) { add_dark_current(current, 0, 9, frame); });
+  const auto p = measured(input);
+  EXPECT_TRUE(p.cut_off_undone);
+  EXPECT_NEAR(p.K.mean.at(0), kGainOfResponse, 4 * p.K.standard_error.at(0));
+  EXPECT_LT(p.K.standard_error.at(0), 0.01 * kGainOfResponse);
+  EXPECT_NEAR(p.K_intercept_dn2.at(0), 0, 4 * p.K_intercept_stderr_dn2.at(0));
+  EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("linear"))));
+  EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("straight"))));
+}
+
 // Where the step hides the noise without light, it hides that of weak dark current, too. Dark
 // frames of 1.5 % of the light had been taken for bias frames, and K was 1.4 % too large, seven
 // stated errors.

@@ -10,6 +10,7 @@
 #include "malus/calibrate/read_noise_shape.h"
 #include "malus/calibrate/row_drift_fit.h"
 #include "malus/calibrate/row_group.h"
+#include "malus/calibrate/zero_share.h"
 #include "malus/image/quantization.h"
 
 #include <algorithm>
@@ -208,7 +209,7 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
                 RowLagAccumulator(geometry),
-                std::vector<double>(first.black_dn.size(), 0.0),
+                {},
                 {},
                 NeighbourCorrelation(geometry),
                 {},
@@ -216,7 +217,7 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
   pass.step_dn = step_dn;
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
-  bool cut_at_zero = true;  // not where black is subtracted already
+  ZeroShare zeros(geometry);
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) pass.code_spacing_dn = occupied_spacing(first_channel(frame.dn, geometry));
     pass.temporal.add(frame.dn);
@@ -224,17 +225,10 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
     equal.add(frame.dn);
     pairs.add(frame.dn);
     pass.rows.add(frame.dn, channel_means(frame.dn, geometry));
-    for (int r = 0; r < geometry.rows(); ++r)
-      for (int c = 0; c < geometry.cols(); ++c) {
-        if (frame.dn(r, c) < 0.0F) cut_at_zero = false;
-        if (frame.dn(r, c) <= 0.0F) pass.zero_share[as_index(geometry.channel(r, c))] += 1.0;
-      }
+    zeros.add(frame.dn);
   });
   pass.constancy = equal.chance_of_constancy();
-  if (!cut_at_zero) pass.zero_share.assign(pass.zero_share.size(), 0.0);
-  for (int c = 0; c < geometry.channels(); ++c)
-    pass.zero_share[as_index(c)] /=
-        static_cast<double>(geometry.channel_pixels(c)) * std::max(set.count, 1);
+  pass.zero_share = zeros.shares();
   return pass;
 }
 

@@ -94,7 +94,8 @@ void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& o
                                              : 2.0 * sd * out.temporal_sd_dark_stderr_dn[c]);
 }
 
-void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferLevel>& levels) {
+void take_cut_off(const CutOffNoise& cut, double zero_share, DarkPoint& dark,
+                  std::vector<TransferLevel>& levels) {
   if (!cut.known) return;
   dark.cut_off = false;
   const double taken_dn2 = cut.variance_dn2 + cut.rows_dn2;
@@ -105,8 +106,9 @@ void take_cut_off(const CutOffNoise& cut, DarkPoint& dark, std::vector<TransferL
   };
   const bool enough = enough_levels_without(is_cut_off, levels);
   for (TransferLevel& level : levels) {
-    level.dark_variance_dn2 += taken_dn2;
-    level.mean_dn += cut.shift_dn;
+    const double share = level.dark_zero_share / zero_share;  // cut.known: some are 0
+    level.dark_variance_dn2 += share * taken_dn2;
+    level.mean_dn += share * cut.shift_dn;
     if (enough && level.refused.empty() && is_cut_off(level))
       level.refused = fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
                                   100 * level.zero_share, 100 * kMostSilentZeros);

@@ -204,6 +204,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.exposure_s = flat.exposure_s.value_or(0.0);
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;
+    point.dark_zero_share = dark.zero_share[c];
     point.dark_current_dn = dark.current_dn[c];
     point.zero_share = level.at_zero[c];
     point.at_white = level.saturated[c] > kMostSaturated;
@@ -363,7 +364,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     DarkPoint point = dark_point(c, geometry, dark_variance[as_index(c)], out);
     point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
     if (!dark.hidden.empty()) take_hidden_noise(dark.hidden[as_index(c)], point, levels);
-    if (!dark.cut_off.empty()) take_cut_off(dark.cut_off[as_index(c)], point, levels);
+    if (!dark.cut_off.empty())
+      take_cut_off(dark.cut_off[as_index(c)], dark.zero_share[as_index(c)], point, levels);
     if (any_hidden) append_dark_point(dark.hidden[as_index(c)].hidden, point, out);
     cut_off |= point.cut_off;
     leave_out_saturated(point, levels);

@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/pixel_location.h"
+#include "malus/calibrate/zero_share.h"
 
 #include <algorithm>
 #include <cmath>
@@ -34,6 +35,7 @@ void take_common_dark(const DarkPass& common, const PhysicsCalibration& bias, Ma
     out.shading_error_dn2[c] += common.hidden[c].left_dn2;
     out.shading_doubt_dn2[c] = common.hidden[c].left_stderr_dn2;
   }
+  out.zero_share = common.zero_share;
   out.bias_shading_dn = bias.dark_shading_dn;
 }
 
@@ -42,7 +44,12 @@ void take_common_dark(const DarkPass& common, const PhysicsCalibration& bias, Ma
 void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeometry& geometry,
                    Progress& progress, MatchingDark& out) {
   TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
-  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) { own.add(frame.dn); });
+  ZeroShare zeros(geometry);
+  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
+    own.add(frame.dn);
+    zeros.add(frame.dn);
+  });
+  out.zero_share = zeros.shares();
   out.frames = set.count;
   out.level_dn = own.mean_dn();
   out.variance_dn2 = out.shading_error_dn2 = own.variance_dn2();
