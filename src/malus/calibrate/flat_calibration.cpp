@@ -175,9 +175,9 @@ void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& da
   const std::vector<double> mean = level.temporal.mean_dn();
   for (std::size_t c = 0; c < mean.size(); ++c)
     if (!(mean[c] > kResponseShare * (first.white_dn - first.black_dn[c]))) return;
-  const LevelResponse response =
-      patterns.response.add(level.temporal, {dark.shading_dn(), dark.shading_error_dn2,
-                                             dark.shading_doubt_dn2, dark.frames ? dark.set : -1});
+  const LevelResponse response = patterns.response.add(
+      level.temporal,
+      {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2, dark.shading_set()});
   if (dark.frames == 0)
     patterns.darkless.push_back(
         {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});

@@ -25,24 +25,42 @@ std::vector<double> defect_limits(View<const float> shading_dn, const MosaicGeom
   return limits;
 }
 
-void take_common_dark(const DarkPass& common, const PhysicsCalibration& bias, MatchingDark& out) {
-  out.level_dn = common.temporal.mean_dn();
-  out.variance_dn2 = out.shading_error_dn2 = common.temporal.variance_dn2();
+void take_common_shading(const DarkPass& common, const PhysicsCalibration& bias,
+                         MatchingDark& out) {
+  out.shading_error_dn2 = common.temporal.variance_dn2();
   for (double& error : out.shading_error_dn2) error /= bias.bias_frames;
   // No number of frames averages out what rounding makes of an offset beside narrow noise.
-  out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);
+  out.shading_doubt_dn2.assign(out.shading_error_dn2.size(), 0.0);
   for (std::size_t c = 0; c < common.hidden.size(); ++c) {
     out.shading_error_dn2[c] += common.hidden[c].left_dn2;
     out.shading_doubt_dn2[c] = common.hidden[c].left_stderr_dn2;
   }
-  out.zero_share = common.zero_share;
   out.bias_shading_dn = bias.dark_shading_dn;
+}
+
+void take_common_dark(const DarkPass& common, MatchingDark& out) {
+  out.level_dn = common.temporal.mean_dn();
+  out.variance_dn2 = common.temporal.variance_dn2();
+  out.zero_share = common.zero_share;
+}
+
+// Where the step hides their noise and no dark current moves them, offsets are rounded as in the
+// bias frames: the error of that is the same in both, and what it is was found for the bias frames.
+bool rounds_as_common(const MatchingDark& own, const DarkPass& common) {
+  const std::vector<double> common_level_dn = common.temporal.mean_dn();
+  for (std::size_t c = 0; c < own.level_dn.size(); ++c) {
+    if (common.hidden.empty() || !common.hidden[c].hidden) return false;
+    if (!(own.variance_dn2[c] < common.hidden[c].widest_codes_dn2)) return false;
+    if (!common.hidden[c].rounds_alike(own.level_dn[c] - common_level_dn[c])) return false;
+  }
+  return true;
 }
 
 // Dark current differs from pixel to pixel, and a bright flat holds as much of it as a dark frame
 // of the same exposure, which EMVA 1288 takes off for that.
 void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeometry& geometry,
-                   Progress& progress, MatchingDark& out) {
+                   const DarkPass& common, const PhysicsCalibration& bias, Progress& progress,
+                   MatchingDark& out) {
   TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
   ZeroShare zeros(geometry);
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
@@ -52,7 +70,12 @@ void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeome
   out.zero_share = zeros.shares();
   out.frames = set.count;
   out.level_dn = own.mean_dn();
-  out.variance_dn2 = out.shading_error_dn2 = own.variance_dn2();
+  out.variance_dn2 = own.variance_dn2();
+  if (rounds_as_common(out, common)) {
+    take_common_shading(common, bias, out);
+    return;
+  }
+  out.shading_error_dn2 = out.variance_dn2;
   for (double& error : out.shading_error_dn2) error /= set.count;
   out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);
   out.own_shading_dn = own.release_mean_frame_dn();
@@ -79,9 +102,10 @@ MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSe
   MatchingDark out;
   if (const std::optional<int> own = own_dark(flat, darks)) {
     out.set = *own;
-    take_own_dark(*darks[as_index(*own)], first, geometry, progress, out);
+    take_own_dark(*darks[as_index(*own)], first, geometry, common, bias, progress, out);
   } else {
-    take_common_dark(common, bias, out);
+    take_common_dark(common, out);
+    take_common_shading(common, bias, out);
   }
   const std::vector<double> bias_level_dn = common.temporal.mean_dn();
   for (std::size_t c = 0; c < out.level_dn.size(); ++c) {

@@ -28,6 +28,8 @@ struct MatchingDark {
   View<const float> shading_dn() const {
     return own_shading_dn.empty() ? bias_shading_dn : View<const float>(own_shading_dn);
   }
+  /// Levels with one of these share the shading's error: that of the set, or -1 of the bias frames.
+  int shading_set() const { return own_shading_dn.empty() ? -1 : set; }
 };
 
 /// Which of the dark sets is the flat's own, if any: the first of two frames or more and an

@@ -312,6 +312,21 @@ HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, doub
   HiddenNoise out;
   out.limit_dn2 = kLimit * step2;
   out.rounding_dn2 = step2 / 12.0;
+bool HiddenNoise::rounds_alike(double apart_dn) const {
+  constexpr double kSteps = 0.1;
+  return std::abs(apart_dn) < kSteps * std::sqrt(12.0 * rounding_dn2);
+}
+
+// Of normal values of deviation s at m, in codes, rounding makes s² + 1/12 - (4 s² + 1/π²)
+// exp(-2π² s²) cos(2π m), to first order; the offsets spread m.
+double HiddenNoise::variance_doubt_dn2(double shown_dn2) const {
+  constexpr double kPi2 = std::numbers::pi * std::numbers::pi;
+  const double step2 = 12.0 * rounding_dn2;
+  const double noise = std::max(shown_dn2 - rounding_dn2, 0.0) / step2,
+               offsets = dsnu_dn * dsnu_dn / step2;
+  return step2 * (4 * noise + 1 / kPi2) * std::exp(-2 * kPi2 * (noise + offsets)) / std::sqrt(2.0);
+}
+
   out.widest_codes_dn2 = kMostOfCodes * step2;
   if (!(step_dn > 0) || !(codes_variance_dn2 < kMostOfCodes * step2)) return out;
   const auto fit = fit_rounded_noise(pairs);

@@ -76,6 +76,11 @@ struct HiddenNoise {
 };
 
 /// codes_variance_dn2: temporal variance of the codes, which says whether it may be hidden.
+  /// Whether offsets that lie this far from those of these frames are rounded as they are.
+  bool rounds_alike(double apart_dn) const;
+  /// Standard deviation, over its place in a code, of what rounding adds beside q²/12 to a temporal
+  /// variance that shows as this one, of pixels with these offsets.
+  double variance_doubt_dn2(double shown_dn2) const;
 HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn);
 
 /// Maximum likelihood of three parameters: the pixels' offsets are normal (mean and deviation,
