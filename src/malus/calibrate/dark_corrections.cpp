@@ -11,28 +11,39 @@
 namespace malus {
 namespace {
 
-// mu and row noise, made of rounded values, where the converter's step hides the noise: what the
-// pairs of codes tell, else how far off they may be.
+constexpr double kLeastSlope = 0.3;  // of what shows
+
+// Noise of whole rows, or columns. It may show next to nothing of itself, but it is a part of the
+// noise.
+void take_hidden_lines(const HiddenNoise& hidden, std::size_t c, ChannelStatistics& lines) {
+  constexpr double kLeastSlopeOfLines = 1e-3;
+  double &deviation = lines.mean[c], &error = lines.standard_error[c];
+  if (!hidden.known()) {
+    error = std::max({error, deviation, std::sqrt(hidden.rounding_dn2)});
+    return;
+  }
+  const double slope = std::max(hidden.slope, kLeastSlopeOfLines);
+  const double most_dn = std::sqrt(hidden.variance_dn2);
+  for (auto& frame : lines.per_frame) frame[c] /= slope;
+  deviation = std::min(deviation / slope, most_dn);
+  error = std::min(std::hypot(error, deviation * hidden.slope_stderr) / slope, most_dn);
+}
+
+// mu, row and column noise, made of rounded values, where the converter's step hides the noise:
+// what the pairs of codes tell, else how far off they may be.
 void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
                          PhysicsCalibration& out) {
-  constexpr double kLeastSlope = 0.3, kLeastSlopeOfRows = 1e-3;  // of what shows
   double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
-  double &row = out.sigma_row.mean[c], &row_error = out.sigma_row.standard_error[c];
+  for (ChannelStatistics* lines : {&out.sigma_row, &out.sigma_column})
+    take_hidden_lines(hidden, c, *lines);
   if (!hidden.known()) {
     mu_error = std::hypot(mu_error, std::sqrt(hidden.rounding_dn2));
-    row_error = std::max({row_error, row, std::sqrt(hidden.rounding_dn2)});
     return;
   }
   const double shift = usual_code_dn + hidden.mean_dn - mu;
   for (auto& frame : out.mu.per_frame) frame[c] += shift;
   mu += shift;
   mu_error = std::max(mu_error / std::max(hidden.slope, kLeastSlope), hidden.mean_stderr_dn);
-  // Rows may show next to nothing of themselves, but they are a part of the noise.
-  const double slope = std::max(hidden.slope, kLeastSlopeOfRows);
-  const double most_dn = std::sqrt(hidden.variance_dn2);
-  for (auto& frame : out.sigma_row.per_frame) frame[c] /= slope;
-  row = std::min(row / slope, most_dn);
-  row_error = std::min(std::hypot(row_error, row * hidden.slope_stderr) / slope, most_dn);
 }
 
 // The mirror image is taken of residuals about means that are cut off themselves, by one shift of

@@ -13,9 +13,9 @@
 
 namespace malus {
 
-/// Fills hidden of `dark`; where the step hides a channel's noise, mu and sigma_row of `out` are
-/// what its pairs of codes tell, else they get the error that rounding may make. step_dn: of the
-/// codes.
+/// Fills hidden of `dark`; where the step hides a channel's noise, mu, sigma_row and sigma_column
+/// of `out` are what its pairs of codes tell, else they get the error that rounding may make.
+/// step_dn: of the codes.
 void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
                        DarkPass& dark, PhysicsCalibration& out);
 
