@@ -31,7 +31,7 @@ void take_hidden_lines(const HiddenNoise& hidden, std::size_t c, ChannelStatisti
 
 // mu, row and column noise, made of rounded values, where the converter's step hides the noise:
 // what the pairs of codes tell, else how far off they may be.
-void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::size_t c,
+void take_hidden_offsets(HiddenNoise& hidden, double usual_code_dn, std::size_t c,
                          PhysicsCalibration& out) {
   double &mu = out.mu.mean[c], &mu_error = out.mu.standard_error[c];
   for (ChannelStatistics* lines : {&out.sigma_row, &out.sigma_column})
@@ -40,9 +40,9 @@ void take_hidden_offsets(const HiddenNoise& hidden, double usual_code_dn, std::s
     mu_error = std::hypot(mu_error, std::sqrt(hidden.rounding_dn2));
     return;
   }
-  const double shift = usual_code_dn + hidden.mean_dn - mu;
-  for (auto& frame : out.mu.per_frame) frame[c] += shift;
-  mu += shift;
+  hidden.shift_dn = mu - (usual_code_dn + hidden.mean_dn);
+  for (auto& frame : out.mu.per_frame) frame[c] -= hidden.shift_dn;
+  mu -= hidden.shift_dn;
   mu_error = std::max(mu_error / std::max(hidden.slope, kLeastSlope), hidden.mean_stderr_dn);
 }
 

@@ -48,6 +48,18 @@ double rough_gain(const DarkPoint& dark, const std::vector<TransferLevel>& level
   return gains.empty() ? 0.0 : std::max(median_of(gains), 0.0);
 }
 
+// The level without light is that of rounded values, too, and all levels that were counted from one
+// at the same place in a code share its error.
+void take_hidden_level(const HiddenNoise& hidden, TransferLevel& level) {
+  if (!hidden.rounds_alike(level.dark_current_dn)) {
+    level.mean_variance_dn2 += hidden.mean_doubt_dn2;
+    return;
+  }
+  level.mean_dn += hidden.shift_dn;
+  level.dark_mean_variance_dn2 +=
+      hidden.known() ? hidden.mean_stderr_dn * hidden.mean_stderr_dn : hidden.mean_doubt_dn2;
+}
+
 }  // namespace
 
 DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
@@ -80,9 +92,11 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
           level.variance_dn2, hidden.widest_codes_dn2);
   const double gain = rough_gain(dark, levels);
   for (TransferLevel& level : levels) {
+    level.rounding_error_dn2 = hidden.variance_doubt_dn2(level.variance_dn2);
     if (level.dark_frames >= 2 && level.dark_variance_dn2 > hidden.widest_codes_dn2) continue;
+    take_hidden_level(hidden, level);
     level.dark_variance_dn2 = dark.variance_dn2 + gain * std::max(level.dark_current_dn, 0.0);
-    level.dark_frames = 0;
+    level.dark_frames = level.dark_set = 0;
   }
 }
 

@@ -134,11 +134,13 @@ double mandel_paule(const Points& points, const DarkPoint& dark) {
 void reweight(Points& points, const std::vector<const TransferLevel*>& used, const DarkPoint& dark,
               const LineFit& line, double excess_dn4) {
   const double gain = std::max(line.slope, 0.0);
+  std::fill(points.shared.begin(), points.shared.end(), 0.0);
   for (std::size_t i = 0; i < used.size(); ++i) {
     const TransferLevel& level = *used[i];
     points.variance[i] = flat_error_dn4(level, dark, gain) + gain * gain * level.mean_variance_dn2;
-    points.shared[points.set[i]] =
-        dark_error_dn4(level, dark, gain) + gain * gain * level.dark_mean_variance_dn2;
+    double& shared = points.shared[points.set[i]];
+    shared = std::max(
+        shared, dark_error_dn4(level, dark, gain) + gain * gain * level.dark_mean_variance_dn2);
   }
   const std::vector<Sums> sets = sums_of(points, excess_dn4, line);
   for (std::size_t i = 0; i < used.size(); ++i) {
@@ -260,7 +262,8 @@ double variance_error_dn4(double shot_dn2, int frames, const DarkPoint& dark,
 double flat_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain_dn_per_e) {
   const double light = gain_dn_per_e * std::max(level.mean_dn, 0.0);
   return variance_error_dn4(light + dark_current_dn2(level, dark), level.frames, dark,
-                            gain_dn_per_e);
+                            gain_dn_per_e) +
+         level.rounding_error_dn2 * level.rounding_error_dn2;
 }
 
 double dark_error_dn4(const TransferLevel& level, const DarkPoint& dark, double gain_dn_per_e) {

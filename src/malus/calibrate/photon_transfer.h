@@ -12,16 +12,17 @@ namespace malus {
 
 /// One channel at one light level, with the dark frames that belong to it.
 struct TransferLevel {
-  double mean_dn = 0;            ///< signal above dark
-  double mean_variance_dn2 = 0;  ///< error of the flats' share in mean_dn, squared
-  double variance_dn2 = 0;       ///< temporal, dark part and all
+  double mean_dn = 0;             ///< signal above dark
+  double mean_variance_dn2 = 0;   ///< error of the flats' share in mean_dn, squared
+  double variance_dn2 = 0;        ///< temporal, dark part and all
+  double rounding_error_dn2 = 0;  ///< standard error that rounding adds to variance_dn2
   int frames = 0;
   double exposure_s = 0;              ///< 0: not known
   double dark_variance_dn2 = 0;       ///< temporal variance of the matching dark frames
   int dark_frames = 0;                ///< their number; 0: the common dark point was used
   int dark_set = 0;                   ///< which: levels of one set share the error of its frames
-  double dark_current_dn = 0;         ///< level of the matching dark frames above the bias frames
   double dark_zero_share = 0;         ///< of the matching dark frames' pixels at DN 0
+  double dark_current_dn = 0;         ///< level of the matching dark frames above the bias frames
   double dark_mean_variance_dn2 = 0;  ///< error of the dark frames' share in mean_dn, squared
   bool saturated = false;             ///< past the maximum of the variance, below white
   double zero_share = 0;              ///< of the pixels at DN 0

@@ -219,6 +219,13 @@ double variance_left(double mean, double pattern, double noise, int lowest) {
   return squares / total - (sum / total) * (sum / total);
 }
 
+// Variance over the mean's place in a code of what rounding adds to the mean of normal values of
+// this deviation, in codes: of the first harmonic, which is most of it.
+double mean_doubt(double deviation) {
+  constexpr double kPi = std::numbers::pi;
+  return std::exp(-4 * kPi * kPi * deviation * deviation) / (2 * kPi * kPi);
+}
+
 double error_of_variance_left(const RoundedNoise& fit, int lowest) {
   const double least = std::max(fit.pattern_sd - fit.stderr_of_pattern_sd, 0.0);
   const double by_pattern =
@@ -305,13 +312,6 @@ void CodePairCounter::add(View<const float> dn) {
     }
 }
 
-HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn) {
-  // Noise on a boundary has up to a quarter of q² however narrow.
-  constexpr double kMostOfCodes = 0.3, kLimit = kLeastDarkVariance - 1.0 / 12.0;
-  const double step2 = step_dn * step_dn;
-  HiddenNoise out;
-  out.limit_dn2 = kLimit * step2;
-  out.rounding_dn2 = step2 / 12.0;
 bool HiddenNoise::rounds_alike(double apart_dn) const {
   constexpr double kSteps = 0.1;
   return std::abs(apart_dn) < kSteps * std::sqrt(12.0 * rounding_dn2);
@@ -327,6 +327,13 @@ double HiddenNoise::variance_doubt_dn2(double shown_dn2) const {
   return step2 * (4 * noise + 1 / kPi2) * std::exp(-2 * kPi2 * (noise + offsets)) / std::sqrt(2.0);
 }
 
+HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn) {
+  // Noise on a boundary has up to a quarter of q² however narrow.
+  constexpr double kMostOfCodes = 0.3, kLimit = kLeastDarkVariance - 1.0 / 12.0;
+  const double step2 = step_dn * step_dn;
+  HiddenNoise out;
+  out.limit_dn2 = kLimit * step2;
+  out.rounding_dn2 = step2 / 12.0;
   out.widest_codes_dn2 = kMostOfCodes * step2;
   if (!(step_dn > 0) || !(codes_variance_dn2 < kMostOfCodes * step2)) return out;
   const auto fit = fit_rounded_noise(pairs);
@@ -343,12 +350,14 @@ double HiddenNoise::variance_doubt_dn2(double shown_dn2) const {
     out.slope_stderr = slope_error(*fit, pairs.lowest);
     out.left_dn2 = variance_left(fit->mean, fit->pattern_sd, fit->sd, pairs.lowest) * step2;
     out.left_stderr_dn2 = error_of_variance_left(*fit, pairs.lowest) * step2;
+    out.mean_doubt_dn2 = mean_doubt(std::hypot(fit->sd, fit->pattern_sd)) * step2;
     out.codes_dn2 = codes_variance(*fit) * step2;
     return out;
   }
   // Anywhere from 0 to the limit.
   out.variance_dn2 = 0.5 * kLimit * step2;
   out.variance_stderr_dn2 = kLimit / std::sqrt(12.0) * step2;
+  out.mean_doubt_dn2 = out.rounding_dn2;
   out.left_dn2 = 0.5 * out.rounding_dn2;
   out.left_stderr_dn2 = out.rounding_dn2 / std::sqrt(12.0);
   out.unknown = fit.reason();

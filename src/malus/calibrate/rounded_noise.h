@@ -64,6 +64,7 @@ struct HiddenNoise {
   std::string unknown;          ///< not empty: why variance_dn2 is anything from 0 to the limit
   /// What rounding makes of the pixels' offsets is as wrong as of their noise. Where it is known:
   double mean_dn = 0, mean_stderr_dn = 0;  ///< of the offsets, from the usual code
+  double shift_dn = 0;  ///< mean as the rounded frames show it, minus the true one
   double dsnu_dn = 0, dsnu_stderr_dn = 0;
   /// Change of the pixels' mean code per change of all offsets: that of row offsets, to first
   /// order. 1 for wide noise.
@@ -71,16 +72,18 @@ struct HiddenNoise {
   /// Variance over the pixels of what rounding leaves in their means over many frames, beyond their
   /// offsets; half of q²/12 where nothing is known.
   double left_dn2 = 0, left_stderr_dn2 = 0;
+  /// Variance of what rounding may add to the mean of such frames at any other place in a code.
+  double mean_doubt_dn2 = 0;
   double codes_dn2 = 0;  ///< temporal variance of the codes, were none cut off; where it is known
   bool known() const { return hidden && unknown.empty(); }
-};
-
-/// codes_variance_dn2: temporal variance of the codes, which says whether it may be hidden.
   /// Whether offsets that lie this far from those of these frames are rounded as they are.
   bool rounds_alike(double apart_dn) const;
   /// Standard deviation, over its place in a code, of what rounding adds beside q²/12 to a temporal
   /// variance that shows as this one, of pixels with these offsets.
   double variance_doubt_dn2(double shown_dn2) const;
+};
+
+/// codes_variance_dn2: temporal variance of the codes, which says whether it may be hidden.
 HiddenNoise hidden_noise(const CodePairs& pairs, double codes_variance_dn2, double step_dn);
 
 /// Maximum likelihood of three parameters: the pixels' offsets are normal (mean and deviation,
