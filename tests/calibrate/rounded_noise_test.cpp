@@ -250,6 +250,22 @@ TEST(RoundedNoise, ColumnsThatRoundingHidesAreNotTooSmall) {
   }
 }
 
+// Whole rows and columns of the fixed pattern are few: DSNU was off by six of its errors.
+TEST(RoundedNoise, FixedRowsAndColumnsAreInTheErrorOfTheFixedPattern) {
+  for (std::uint64_t seed = 60; seed < 64; ++seed) {
+    const auto offset = [&](int at, std::uint32_t stream) {
+      return testing::internal::normal_at(seed, static_cast<std::uint64_t>(at), stream);
+    };
+    const PhysicsCalibration p =
+        calibrated_with(narrow_camera(0.25, 0.2, seed),
+                        [&](int, int r, int c) { return 0.2 * offset(r, 6) + 0.3 * offset(c, 7); });
+    const double truth = std::sqrt(0.2 * 0.2 + 0.2 * 0.2 + 0.3 * 0.3);
+    EXPECT_NEAR(p.dsnu_dn[0], truth, 4 * p.dsnu_stderr_dn[0]) << seed;
+    EXPECT_GT(p.dsnu_stderr_dn[0], 0.025 * truth) << seed;
+    EXPECT_LT(p.dsnu_stderr_dn[0], 0.08 * truth) << seed;
+  }
+}
+
 // Dim flats of a bias between two codes: their light was counted from a dark level that rounding
 // had moved, and the variance of the dimmest still depends on where in a code they lie. The line
 // missed its dark point by three to five stated errors, and was told not to be straight. The mean

@@ -268,7 +268,7 @@ void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, Ro
   level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   widen_by_drift(of_drift, out);
-  if (several) take_hidden_noise(pairs, step, first, dark, out);
+  if (several) take_hidden_noise(pairs, step, first, ordinary, geometry, dark, out);
   if (remove_pattern)
     undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count),
                  analyzer, first, dark, frames, out);

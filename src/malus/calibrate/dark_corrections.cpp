@@ -1,6 +1,7 @@
 #include "malus/calibrate/dark_corrections.h"
 
 #include "malus/base/index.h"
+#include "malus/base/statistics.h"
 #include "malus/calibrate/cut_off_noise.h"
 
 #include <algorithm>
@@ -46,6 +47,20 @@ void take_hidden_offsets(HiddenNoise& hidden, double usual_code_dn, std::size_t 
   mu_error = std::max(mu_error / std::max(hidden.slope, kLeastSlope), hidden.mean_stderr_dn);
 }
 
+// The pairs of codes take pixels for independent, but whole rows and columns of the fixed pattern
+// are fewer. They show of it what the offsets do, and are no more than it.
+void widen_by_lines(double row_dn2, double column_dn2, const MosaicGeometry& geometry, int channel,
+                    const PhysicsCalibration& out, HiddenNoise& hidden) {
+  if (!(hidden.dsnu_dn > 0)) return;
+  const double all_dn2 = hidden.dsnu_dn * hidden.dsnu_dn,
+               shown = std::pow(std::max(hidden.slope, kLeastSlope), 2);
+  const double error_dn4 =
+      line_error_dn4(std::min(row_dn2 / shown, all_dn2), std::min(column_dn2 / shown, all_dn2),
+                     geometry, channel, out);
+  hidden.dsnu_stderr_dn =
+      std::hypot(hidden.dsnu_stderr_dn, root_standard_error(all_dn2, std::sqrt(error_dn4)));
+}
+
 // The mirror image is taken of residuals about means that are cut off themselves, by one shift of
 // all pixels: beside offsets or steps that are wide against the noise that is not enough.
 void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
@@ -67,6 +82,7 @@ void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
 }  // namespace
 
 void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
+                       const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry,
                        DarkPass& dark, PhysicsCalibration& out) {
   for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
     const double zeros = dark.zero_share[c];
@@ -74,6 +90,10 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
     dark.hidden.push_back(
         hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
     if (!dark.hidden[c].hidden) continue;
+    if (dark.hidden[c].known()) {
+      widen_by_lines(mean_frame.row_variance_dn2[c], mean_frame.column_variance_dn2[c], geometry,
+                     static_cast<int>(c), out, dark.hidden[c]);
+    }
     const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
     take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
     if (!dark.hidden[c].known() || !(zeros > kMostDarkZeros)) continue;

@@ -4,6 +4,7 @@
 
 #include "malus/calibrate/bias_calibration.h"
 #include "malus/calibrate/bias_frames.h"
+#include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/rounded_noise.h"
 #include "malus/image/raw_frame.h"
@@ -15,8 +16,9 @@ namespace malus {
 
 /// Fills hidden of `dark`; where the step hides a channel's noise, mu, sigma_row and sigma_column
 /// of `out` are what its pairs of codes tell, else they get the error that rounding may make.
-/// step_dn: of the codes.
+/// step_dn: of the codes; mean_frame: its ordinary pixels.
 void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
+                       const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry,
                        DarkPass& dark, PhysicsCalibration& out);
 
 /// Level, variances and residuals as they were before the camera cut the noise off at 0, in

@@ -98,21 +98,16 @@ double columns_left_dn2(const PhysicsCalibration& out, std::size_t c) {
   return std::pow(out.sigma_column.mean[c], 2) / out.bias_frames;
 }
 
-// Sampling variance that the rows and columns of a mean frame add to the spatial variance of a
-// channel's pixels: there are fewer of them than of pixels.
-double line_error_dn4(const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry, int channel,
-                      const PhysicsCalibration& out) {
-  const auto c = as_index(channel);
+}  // namespace
+
+double line_error_dn4(double row_dn2, double column_dn2, const MosaicGeometry& geometry,
+                      int channel, const PhysicsCalibration& out) {
   const int groups = geometry.channel_groups(channel);
-  const double row = std::max(rows_left_dn2(out, c), mean_frame.row_variance_dn2[c]),
-               column = std::max(columns_left_dn2(out, c), mean_frame.column_variance_dn2[c]);
   const double drift =
       drift_of_variances(out.row_drift.drift, groups, geometry.group_stride(channel), 0);
-  return 2.0 * row * row * (1.0 + drift) / (groups - 1.0) +
-         2.0 * column * column / (geometry.channel_cols(channel) - 1.0);
+  return 2.0 * row_dn2 * row_dn2 * (1.0 + drift) / (groups - 1.0) +
+         2.0 * column_dn2 * column_dn2 / (geometry.channel_cols(channel) - 1.0);
 }
-
-}  // namespace
 
 void measure_dsnu(const OrdinaryPixels& mean_frame,
                   const std::vector<double>& temporal_variance_dn2, const MosaicGeometry& geometry,
@@ -124,9 +119,12 @@ void measure_dsnu(const OrdinaryPixels& mean_frame,
     const auto c = as_index(channel);
     const double temporal_error_dn2 =
         2.0 * out.temporal_sd_dark_dn[c] * out.temporal_sd_dark_stderr_dn[c] / frames;
-    const double error_dn4 = std::pow(mean_frame.variance_stderr_dn2[c], 2) +
-                             line_error_dn4(mean_frame, geometry, channel, out) +
-                             temporal_error_dn2 * temporal_error_dn2;
+    const double error_dn4 =
+        std::pow(mean_frame.variance_stderr_dn2[c], 2) +
+        line_error_dn4(std::max(rows_left_dn2(out, c), mean_frame.row_variance_dn2[c]),
+                       std::max(columns_left_dn2(out, c), mean_frame.column_variance_dn2[c]),
+                       geometry, channel, out) +
+        temporal_error_dn2 * temporal_error_dn2;
     out.dsnu_stderr_dn.push_back(root_standard_error(
         mean_frame.variance_dn2[c] - temporal_variance_dn2[c] / frames, std::sqrt(error_dn4)));
   }

@@ -46,6 +46,11 @@ void subtract_levels(Image& mosaic_dn, const std::vector<double>& level_dn,
 std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames);
 
+/// Sampling variance that rows and columns of these variances add to the spatial variance of a
+/// channel's pixels: there are fewer of them than of pixels. `out` tells the rows' drift.
+double line_error_dn4(double row_dn2, double column_dn2, const MosaicGeometry& geometry,
+                      int channel, const PhysicsCalibration& out);
+
 /// dsnu_dn and its standard error, that of a sensor's DSNU of which these pixels, rows and columns
 /// are a sample, into `out`, whose bias_frames, row and column noise and temporal noise are known.
 /// mean_frame: its ordinary pixels; temporal_variance_dn2: of the pixels that count.
