@@ -184,7 +184,7 @@ void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const R
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
-  warn_of_outlying_noise(frames.residuals, out);
+  warn_of_outlying_noise(frames.residuals, dark.hidden, out);
   warn_of_high_level(first, out);
   warn_of_clipping(dark.zero_share, first.layout, out);
   if (dark.hidden.empty() ||

@@ -45,15 +45,18 @@ struct FrameNoise {
   double size_dn = 0, error_dn = 0;
 };
 
-FrameNoise noise_of(const std::vector<ResidualHistogram>& channels) {
+FrameNoise noise_of(const std::vector<ResidualHistogram>& channels,
+                    const std::vector<HiddenNoise>& hidden) {
   double count = 0, sum = 0, squares = 0;
-  for (const ResidualHistogram& residuals : channels)
-    for (const ResidualHistogram::Cell& cell : residuals.cells()) {
-      const double size = std::abs(residuals.centre_dn(cell));
+  for (std::size_t c = 0; c < channels.size(); ++c) {
+    if (c < hidden.size() && hidden[c].hidden) continue;
+    for (const ResidualHistogram::Cell& cell : channels[c].cells()) {
+      const double size = std::abs(channels[c].centre_dn(cell));
       count += cell.count;
       sum += cell.count * size;
       squares += cell.count * size * size;
     }
+  }
   if (!(count > 0)) return {};
   const double mean = sum / count;
   return {mean, std::sqrt(std::max(squares / count - mean * mean, 0.0) / count)};
@@ -106,11 +109,11 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
 }
 
 void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
-                            PhysicsCalibration& out) {
+                            const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out) {
   constexpr double kOfNoise = 0.15, kStandardErrors = 8.0;
   if (residuals.size() < 3) return;  // two are mirror images, about their mean
   std::vector<FrameNoise> noise;
-  for (const auto& frame : residuals) noise.push_back(noise_of(frame));
+  for (const auto& frame : residuals) noise.push_back(noise_of(frame, hidden));
   // A frame of the set, not between two: half of them may be of another setting.
   const auto lower = [](const FrameNoise& a, const FrameNoise& b) { return a.size_dn < b.size_dn; };
   std::vector<FrameNoise> sorted = noise;

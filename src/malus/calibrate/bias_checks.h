@@ -3,6 +3,7 @@
 
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/geometry.h"
+#include "malus/calibrate/rounded_noise.h"
 #include "malus/calibrate/tukey_fit.h"
 #include "malus/image/layout.h"
 #include "malus/image/raw_frame.h"
@@ -24,9 +25,10 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
 
 /// Frames whose mean absolute residual differs from the middle frame's by more than 15 % and by
 /// more than eight of its standard errors, as those of another gain do; of three frames or more.
-/// residuals: [frame][channel].
+/// residuals: [frame][channel]. hidden: per channel, or empty; where the step hides the noise, what
+/// shows of it follows the frame's level, and nothing is said.
 void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
-                            PhysicsCalibration& out);
+                            const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out);
 
 /// A dark level more than a tenth of the range above black; or, where black is declared, more than
 /// twenty deviations of the dark noise; or a tenth of black (1 DN at least) below it. Reads mu and

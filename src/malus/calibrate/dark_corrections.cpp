@@ -61,6 +61,28 @@ void widen_by_lines(double row_dn2, double column_dn2, const MosaicGeometry& geo
       std::hypot(hidden.dsnu_stderr_dn, root_standard_error(all_dn2, std::sqrt(error_dn4)));
 }
 
+// The pairs hold how the frames' level changes, too: as noise where it jumps and as fixed pattern
+// where it drifts. All other noise is counted about each frame's level.
+void take_level_changes_out(const FrameSeries& frame_means_dn, std::size_t c, HiddenNoise& hidden) {
+  constexpr double kLeastLeft = 0.01;  // of the variance
+  const auto pairs = static_cast<double>(frame_means_dn.size() - 1);
+  double mean = 0, jumps = 0, together = 0;
+  for (const std::vector<double>& frame : frame_means_dn)
+    mean += frame[c] / static_cast<double>(frame_means_dn.size());
+  for (std::size_t f = 1; f < frame_means_dn.size(); ++f) {
+    const double before = frame_means_dn[f - 1][c] - mean, after = frame_means_dn[f][c] - mean;
+    jumps += 0.5 * (after - before) * (after - before) / pairs;
+    together += before * after / pairs;
+  }
+  const double slope = std::max(hidden.slope, kLeastSlope), shown = slope * slope;
+  hidden.variance_stderr_dn2 =
+      std::hypot(hidden.variance_stderr_dn2, 2 * jumps / shown * hidden.slope_stderr / slope);
+  hidden.variance_dn2 =
+      std::max(hidden.variance_dn2 - jumps / shown, kLeastLeft * hidden.variance_dn2);
+  const double dsnu_dn2 = hidden.dsnu_dn * hidden.dsnu_dn;
+  if (dsnu_dn2 > 0) hidden.dsnu_dn = std::sqrt(std::max(dsnu_dn2 - together / shown, 0.0));
+}
+
 // The mirror image is taken of residuals about means that are cut off themselves, by one shift of
 // all pixels: beside offsets or steps that are wide against the noise that is not enough.
 void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
@@ -91,6 +113,7 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
         hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
     if (!dark.hidden[c].hidden) continue;
     if (dark.hidden[c].known()) {
+      take_level_changes_out(out.mu.per_frame, c, dark.hidden[c]);
       widen_by_lines(mean_frame.row_variance_dn2[c], mean_frame.column_variance_dn2[c], geometry,
                      static_cast<int>(c), out, dark.hidden[c]);
     }
