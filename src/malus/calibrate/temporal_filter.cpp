@@ -64,14 +64,15 @@ SuccessiveProducts products_of(const MosaicGeometry& geometry, Image& first, Ima
   const double most = kFarOut * mean_change(first, second);
   Image& d1 = first;
   Image& d2 = second;
+  SuccessiveProducts sum;
   for (int r = 0; r < d1.rows(); ++r)
     for (int c = 0; c < d1.cols(); ++c) {
       d1(r, c) = second(r, c) - first(r, c);
       d2(r, c) = third(r, c) - second(r, c);
+      sum.changed += d1(r, c) != 0 || d2(r, c) != 0;
     }
   level_lines(geometry, d1);
   level_lines(geometry, d2);
-  SuccessiveProducts sum;
   for (int r = 0; r < d1.rows(); ++r)
     for (int c = 0; c < d1.cols(); ++c) {
       const double a = d1(r, c), b = d2(r, c);
@@ -96,6 +97,7 @@ void SuccessiveProducts::merge(const SuccessiveProducts& other) {
   cross += other.cross;
   square2 += other.square2;
   pixels += other.pixels;
+  changed += other.changed;
 }
 
 SuccessiveProducts SuccessiveProducts::scaled(double of_products, double of_squares) const {
@@ -117,6 +119,11 @@ double SuccessiveProducts::standard_error() const {
   const double ratio = products / squares;
   const double scatter = product2 - 2.0 * ratio * cross + ratio * ratio * square2;
   return 2.0 * std::sqrt(std::max(scatter, 0.0)) / squares;
+}
+
+bool SuccessiveFrames::tells() const {
+  constexpr double kFewest = 100;
+  return sum_.changed >= kFewest;
 }
 
 void SuccessiveFrames::add(View<const float> dn) {
@@ -170,14 +177,14 @@ SuccessiveProducts SuccessiveFlats::products(double shot_share) const {
 
 bool mixes_frames(const SuccessiveFrames& dark) {
   constexpr double kLeast = 0.1, kErrors = 8.0;
-  return dark.correlation() > std::max(kLeast, kErrors * dark.standard_error());
+  return dark.tells() && dark.correlation() > std::max(kLeast, kErrors * dark.standard_error());
 }
 
 // No mixture of frames correlates by more than 1: where the measure says so, a difference tells the
 // next one.
 void warn_of_temporal_filter(const SuccessiveFrames& dark, PhysicsCalibration& out) {
   constexpr double kErrors = 8.0;
-  if (dark.correlation() - kErrors * dark.standard_error() > 1.0)
+  if (dark.tells() && dark.correlation() - kErrors * dark.standard_error() > 1.0)
     out.warnings.push_back(
         "what a pixel changes by from one dark frame to the next it goes on changing by: that is a "
         "drift and no noise, and K and the noise are not the sensor's; let the camera warm up, and "

@@ -18,6 +18,7 @@ struct SuccessiveProducts {
   double products = 0, squares = 0;
   double product2 = 0, cross = 0, square2 = 0;  ///< of these: squares and product
   double pixels = 0;
+  double changed = 0;  ///< of them, those whose value is not the same in all three frames
 
   void merge(const SuccessiveProducts& other);
   /// The same of products and squares times a number each.
@@ -34,6 +35,8 @@ class SuccessiveFrames {
   void add(View<const float> dn);
   double correlation() const { return sum_.correlation(); }
   double standard_error() const { return sum_.standard_error(); }
+  /// Whether enough pixels change to tell: of a few, what they happen to do alike has no scatter.
+  bool tells() const;
 
  private:
   MosaicGeometry geometry_;
@@ -72,7 +75,8 @@ class SuccessiveFlats {
   bool lit_ = true;
 };
 
-/// Whether successive dark frames correlate by more than 0.1 and eight standard errors.
+/// Whether successive dark frames correlate by more than 0.1 and eight standard errors, of pixels
+/// enough to tell.
 bool mixes_frames(const SuccessiveFrames& dark);
 
 /// Appends a warning where they do: of frames that are mixed, or that drift.
