@@ -172,12 +172,13 @@ struct FlatSeries {
 void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& dark,
                   const RawFrame& first, FlatPatterns& patterns) {
   patterns.neighbours.merge(level.neighbours);
-  const std::vector<double> mean = level.temporal.mean_dn();
+  const std::vector<double> mean = level.temporal.mean_dn(level.filled, dark.shading_dn());
   for (std::size_t c = 0; c < mean.size(); ++c)
     if (!(mean[c] > kResponseShare * (first.white_dn - first.black_dn[c]))) return;
   const LevelResponse response = patterns.response.add(
       level.temporal,
-      {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2, dark.shading_set()});
+      {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2, dark.shading_set()},
+      level.filled);
   if (dark.frames == 0)
     patterns.darkless.push_back(
         {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
@@ -186,9 +187,10 @@ void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& da
 void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                const RawFrame& first, const std::vector<double>& frame_deviation_dn,
                int bias_frames, double saturation_limit, FlatSeries& series) {
-  const std::vector<double> mean = level.temporal.mean_dn();
-  const std::vector<double> variance =
-      flat.count >= 2 ? level.temporal.variance_dn2() : std::vector<double>(mean.size(), 0.0);
+  const std::vector<double> mean = level.temporal.mean_dn(level.filled, dark.shading_dn()),
+                            dark_variance = dark.variance_without_dn2(level.filled);
+  const std::vector<double> variance = flat.count >= 2 ? level.temporal.variance_dn2(level.filled)
+                                                       : std::vector<double>(mean.size(), 0.0);
   bool good = true;
   for (std::size_t c = 0; c < mean.size(); ++c) {
     const double range = first.white_dn - first.black_dn[c];
@@ -197,7 +199,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     const double frame_variance = frame_deviation_dn[c] * frame_deviation_dn[c];
     point.mean_variance_dn2 = frame_variance / flat.count;
     point.dark_mean_variance_dn2 = frame_variance / (dark.frames ? dark.frames : bias_frames);
-    point.dark_variance_dn2 = dark.variance_dn2[c];
+    point.dark_variance_dn2 = dark_variance[c];
     point.variance_dn2 =
         steady_variance_dn2(level.temporal, c, mean[c], variance[c], point.dark_variance_dn2);
     point.frames = flat.count;

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <set>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -17,9 +19,10 @@ constexpr double kLampShare = 0.05;
 constexpr int kPairsPerLevel = 2;  // of frames, to compare neighbours
 
 // Pixels that are defects without light are left out of the count of saturated ones, of which a
-// small frame bears no single one.
+// small frame bears no single one; those that are saturated are kept apart.
 void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDark& dark,
-                  const MosaicGeometry& geometry, FlatLevel& level) {
+                  const MosaicGeometry& geometry, std::set<std::pair<int, int>>& filled,
+                  FlatLevel& level) {
   const View<const float> shading_dn = dark.shading_dn();
   level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
   for (int r = 0; r < geometry.rows(); ++r)
@@ -28,7 +31,10 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
       if (!(dn > 0)) level.at_zero[as_index(geometry.channel(r, c))] += 1.0;
       if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
       const auto channel = as_index(geometry.channel(r, c));
-      if (shading_dn(r, c) > dark.defect_above_dn[channel]) continue;
+      if (shading_dn(r, c) > dark.defect_above_dn[channel]) {
+        if (dn >= first.white_dn) filled.emplace(r, c);
+        continue;
+      }
       level.seen.codes.add(dn);
       if (dn >= first.white_dn) level.saturated[channel] += 1.0;
       if (dn > first.white_dn) ++level.seen.above_white;
@@ -44,12 +50,14 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
                   NeighbourCorrelation(geometry),
                   std::vector<double>(dark.level_dn.size(), 0.0),
                   std::vector<double>(dark.level_dn.size(), 0.0),
+                  {},
                   FlatObservation(),
                   GainBlocks()};
   level.seen.name = flat.name;
   FramePairs pairs(level.neighbours, dark.level_dn, kPairsPerLevel);
   LightProfile profile(geometry, dark.level_dn);
   SuccessiveFlats successive(geometry, dark.level_dn, dark.shading_dn());
+  std::set<std::pair<int, int>> filled;
   double step_dn = 0;
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
@@ -69,8 +77,9 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     pairs.add(frame.dn);
     profile.add(frame.dn);
     level.seen.sources.push_back(frame.source);
-    count_bright(frame, first, dark, geometry, level);
+    count_bright(frame, first, dark, geometry, filled, level);
   });
+  level.filled.assign(filled.begin(), filled.end());
   for (const std::vector<double>& means : level.temporal.frame_means_dn())
     level.seen.signal_dn.push_back(mean_of(means));
   if (flat.count >= 2) {

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -41,6 +42,7 @@ void take_common_shading(const DarkPass& common, const PhysicsCalibration& bias,
 void take_common_dark(const DarkPass& common, MatchingDark& out) {
   out.level_dn = common.temporal.mean_dn();
   out.variance_dn2 = common.temporal.variance_dn2();
+  out.common = &common.temporal;
   out.zero_share = common.zero_share;
 }
 
@@ -71,14 +73,16 @@ void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeome
   out.frames = set.count;
   out.level_dn = own.mean_dn();
   out.variance_dn2 = own.variance_dn2();
+  out.own_shading_dn = own.release_mean_frame_dn();
+  out.own = std::move(own);
   if (rounds_as_common(out, common)) {
+    out.own_shading_dn = Image();
     take_common_shading(common, bias, out);
     return;
   }
   out.shading_error_dn2 = out.variance_dn2;
   for (double& error : out.shading_error_dn2) error /= set.count;
   out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);
-  out.own_shading_dn = own.release_mean_frame_dn();
   subtract_levels(out.own_shading_dn, out.level_dn, geometry);
 }
 

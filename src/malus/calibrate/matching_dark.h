@@ -18,6 +18,8 @@ struct MatchingDark {
   int set = 0;                                 ///< which of the dark sets
   Image own_shading_dn;                        ///< empty: the bias frames' is meant
   View<const float> bias_shading_dn;
+  std::optional<TemporalAccumulator> own;       ///< without its mean frame
+  const TemporalAccumulator* common = nullptr;  ///< the bias frames'
   /// Per channel, variance of a pixel's error in the shading, and the standard error of that.
   std::vector<double> shading_error_dn2, shading_doubt_dn2;
   /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
@@ -27,6 +29,10 @@ struct MatchingDark {
   /// Mean dark frame minus its channels' level.
   View<const float> shading_dn() const {
     return own_shading_dn.empty() ? bias_shading_dn : View<const float>(own_shading_dn);
+  }
+  /// variance_dn2 without these pixels.
+  std::vector<double> variance_without_dn2(const PixelPlaces& left_out) const {
+    return left_out.empty() ? variance_dn2 : (own ? *own : *common).variance_dn2(left_out);
   }
   /// Levels with one of these share the shading's error: that of the set, or -1 of the bias frames.
   int shading_set() const { return own_shading_dn.empty() ? -1 : set; }

@@ -96,7 +96,10 @@ class WindowMean {
 // pixels are no part of the next map's windows, nor of the variance.
 class Outstanding {
  public:
+  /// left_out: further such pixels, above 0; may be empty.
+  explicit Outstanding(View<const float> left_out) : left_out_(left_out) {}
   bool holds(int row, int col) const {
+    if (!left_out_.empty() && left_out_(row, col) > 0) return true;
     return usual_.deviation > 0 &&
            std::abs(before_(row, col) - usual_.centre) > kDefectDeviations * usual_.deviation;
   }
@@ -108,6 +111,7 @@ class Outstanding {
   }
 
  private:
+  View<const float> left_out_;
   Image before_;
   PixelLocation usual_;
 };
@@ -265,7 +269,8 @@ class LineResponse {
 
 ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
 
-LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& dark) {
+LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& dark,
+                                       const PixelPlaces& left_out) {
   MALUS_REQUIRE(flat.frames() >= 2);
   if (sum_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
@@ -273,7 +278,10 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
     weight_.assign(as_index(geometry_.channels()), 0.0);
     weighted_mean_dn_ = weight_;
   }
-  const std::vector<double> mean = flat.mean_dn(), variance = flat.variance_dn2(),
+  if (left_out_.empty() && !left_out.empty()) left_out_ = Image(geometry_.rows(), geometry_.cols());
+  for (const auto& [row, col] : left_out) left_out_(row, col) = 1.0F;
+  const std::vector<double> mean = flat.mean_dn(left_out, dark.shading_dn),
+                            variance = flat.variance_dn2(left_out),
                             squares = channel_means(flat.sum_of_squares(), geometry_);
   SharedDark& shared = darks_[dark.set];
   shared.error_dn2 = dark.error_dn2;
@@ -310,7 +318,7 @@ Response ResponseAccumulator::response() const {
   Image light(geometry_.rows(), geometry_.cols());
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
-    Outstanding outstanding;
+    Outstanding outstanding(left_out_);
     relate(sum_, geometry_, channel, outstanding, out.map, light);
     for (int round = 0; round < kRounds; ++round) {
       outstanding.find(out.map, geometry_, channel);

@@ -45,8 +45,10 @@ struct UnlitLines {
 class ResponseAccumulator {
  public:
   explicit ResponseAccumulator(const MosaicGeometry& geometry);
-  /// Takes the flat's mean frame. Contract: two frames or more.
-  LevelResponse add(TemporalAccumulator& flat, const DarkReference& dark);
+  /// Takes the flat's mean frame. left_out: pixels that are part of the map alone. Contract: two
+  /// frames or more.
+  LevelResponse add(TemporalAccumulator& flat, const DarkReference& dark,
+                    const PixelPlaces& left_out = {});
   bool empty() const { return sum_.empty(); }
   /// Contract, of both: not empty.
   Response response() const;
@@ -58,6 +60,7 @@ class ResponseAccumulator {
   };
   MosaicGeometry geometry_;
   Image sum_;
+  Image left_out_;                   ///< above 0; empty: no pixel is
   Image error_;                      ///< sampling variance of sum_ that the flats make
   std::map<int, SharedDark> darks_;  ///< by set
   std::vector<double> weight_, weighted_mean_dn_;  ///< per channel, sums over the levels

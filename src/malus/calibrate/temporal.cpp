@@ -118,6 +118,29 @@ std::vector<double> TemporalAccumulator::mean_dn() const {
   return mean;
 }
 
+std::vector<double> TemporalAccumulator::mean_dn(const PixelPlaces& left_out,
+                                                 View<const float> shading_dn) const {
+  std::vector<double> mean = mean_dn();
+  if (left_out.empty()) return mean;
+  const std::vector<double> with = channel_means(mean_, geometry_),
+                            shading = channel_means(shading_dn, geometry_);
+  std::vector<double> sum(mean.size(), 0.0), count = sum;
+  for (const auto& [row, col] : left_out) {
+    const auto c = static_cast<std::size_t>(geometry_.channel(row, col));
+    sum[c] += double{mean_(row, col)} - shading_dn(row, col) - (with[c] - shading[c]);
+    count[c] += 1.0;
+  }
+  for (std::size_t c = 0; c < mean.size(); ++c) {
+    const double first = frame_means_.front()[c],
+                 kept =
+                     static_cast<double>(geometry_.channel_pixels(static_cast<int>(c))) - count[c];
+    if (!(kept > 0)) continue;
+    const bool scaled = alignment_ == FrameAlignment::kMultiplicative && first > 0;
+    mean[c] -= sum[c] / kept * (scaled ? mean[c] / first : 1.0);
+  }
+  return mean;
+}
+
 std::vector<double> TemporalAccumulator::frame_deviation_dn() const {
   std::vector<double> deviation(dark_dn_.size(), 0.0);
   if (frames_ < 2) return deviation;
@@ -137,15 +160,22 @@ std::vector<std::vector<double>> TemporalAccumulator::frame_drifts_dn() const {
   return drifts;
 }
 
-std::vector<double> TemporalAccumulator::variance_dn2() const {
+std::vector<double> TemporalAccumulator::variance_dn2(const PixelPlaces& left_out) const {
   MALUS_REQUIRE(frames_ >= 2);
-  std::vector<double> variance = channel_means(m2_, geometry_);
+  std::vector<double> variance = channel_means(m2_, geometry_), count(variance.size(), 0.0);
+  for (int c = 0; c < geometry_.channels(); ++c)
+    variance[static_cast<std::size_t>(c)] *= static_cast<double>(geometry_.channel_pixels(c));
+  for (const auto& [row, col] : left_out) {
+    const auto c = static_cast<std::size_t>(geometry_.channel(row, col));
+    variance[c] -= m2_(row, col);
+    count[c] += 1.0;
+  }
   const std::vector<double> mean = mean_dn();
   for (int i = 0; i < geometry_.channels(); ++i) {
     const auto c = static_cast<std::size_t>(i);
-    const auto pixels = static_cast<double>(geometry_.channel_pixels(i));
+    const double pixels = static_cast<double>(geometry_.channel_pixels(i)) - count[c];
     // Aligning a frame costs one degree of freedom per frame and channel.
-    variance[c] *= pixels / (pixels - 1.0) / (frames_ - 1.0);
+    variance[c] /= (pixels - 1.0) * (frames_ - 1.0);
     // Multiplicative alignment scaled everything to the first frame; the mean frame is meant.
     const double first = frame_means_.front()[c];
     if (alignment_ == FrameAlignment::kMultiplicative && first > 0)

@@ -5,9 +5,12 @@
 #include "malus/calibrate/geometry.h"
 #include "malus/image/view.h"
 
+#include <utility>
 #include <vector>
 
 namespace malus {
+
+using PixelPlaces = std::vector<std::pair<int, int>>;  ///< (row, column), none twice
 
 /// How frames are brought to one level before their temporal variance is taken: a drift of the
 /// black level adds to every pixel, a flickering lamp multiplies.
@@ -26,13 +29,16 @@ class TemporalAccumulator {
   int frames() const { return frames_; }
   /// Mean of all frames' means above dark, per channel, DN.
   std::vector<double> mean_dn() const;
+  /// The same without these pixels. shading_dn: of the pixels without light, about their channel's
+  /// mean. Contract: the mean frame was not given away.
+  std::vector<double> mean_dn(const PixelPlaces& left_out, View<const float> shading_dn) const;
   /// Sd of the frames' means from frame to frame, per channel; 0 for a single frame.
   std::vector<double> frame_deviation_dn() const;
   /// Each frame's means above those of all frames, DN: [frame][channel].
   std::vector<std::vector<double>> frame_drifts_dn() const;
   /// Unbiased temporal variance of a pixel about its own mean, averaged over the channel, frame
   /// means aligned; DN². Contract: at least two frames.
-  std::vector<double> variance_dn2() const;
+  std::vector<double> variance_dn2(const PixelPlaces& left_out = {}) const;
   /// Sum of squares of one pixel about its mean; the variance is this / (frames - 1).
   View<const float> sum_of_squares() const { return m2_; }
   /// Mean frame above dark, aligned to the first.
