@@ -37,7 +37,7 @@ NoiseModel with_row_noise(const NoiseModel& model, double read_deviations);
 struct SceneScore {
   std::string name;
   double image_psnr_db = 0, seconds = 0;
-  MeanOfDecided dolp_psnr_db, aolp_deg;
+  MeanOfDecided dolp_psnr_db = {}, aolp_deg = {};
   int count = 0;
 };
 
