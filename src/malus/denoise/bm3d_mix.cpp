@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace malus::internal {
 namespace {
@@ -44,11 +45,6 @@ struct MixSpan {
 
 int part_count(int frame, int size) { return (frame + size - 1) / size; }
 
-// Means over the cells of a context.
-struct MixSums {
-  Image gain, energy, plain_error;
-};
-
 // Share of BM3D's estimate.
 float share_of(float gain, float energy, float error, float plain_error) {
   const float prior = kPriorErrors * std::min(error, plain_error);
@@ -70,29 +66,22 @@ class Mixing {
         progress_(progress) {}
 
   void run() {
-    Image above;  // the estimate before the change, up to the band
+    Image before;  // the estimate before the change, of a band and its context
+    int first_row = 0;
     for (int i = 0; i < part_count(estimate_.rows(), mix_.part_rows); ++i) {
       const MixSpan down(i, mix_.part_rows, estimate_.rows(), reach_);
-      const Image before = estimate_before(down, above);
+      Image band(down.context_end - down.context_begin, estimate_.cols());
+      for (int r = down.context_begin; r < down.context_end; ++r)
+        std::copy_n(r < down.begin ? before.row(r - first_row) : estimate_.row(r), band.cols(),
+                    band.row(r - down.context_begin));
+      before = std::move(band);
+      first_row = down.context_begin;
       for (int k = 0; k < part_count(estimate_.cols(), mix_.part_cols); ++k)
         mix_part(down, MixSpan(k, mix_.part_cols, estimate_.cols(), reach_), before);
-      above = Image(down.end - down.context_begin, before.cols());
-      std::copy_n(before.row(0), above.size(), above.row(0));
     }
   }
 
  private:
-  // Rows of the context; those above the band have changed in the frame.
-  Image estimate_before(const MixSpan& down, const Image& above) const {
-    Image before(down.context_end - down.context_begin, estimate_.cols());
-    for (int r = down.context_begin; r < down.context_end; ++r) {
-      const float* from =
-          r < down.begin ? above.row(above.rows() - (down.begin - r)) : estimate_.row(r);
-      std::copy_n(from, estimate_.cols(), before.row(r - down.context_begin));
-    }
-    return before;
-  }
-
   void mix_part(const MixSpan& down, const MixSpan& across, const Image& before) {
     Planes samples(1, down.tile_end - down.tile_begin, across.tile_end - across.tile_begin);
     parallel_for(0, samples.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
@@ -112,42 +101,13 @@ class Mixing {
       return planes[0].view().window(row0, col0, rows, cols);
     };
     const View<const float> own = before.view().window(0, across.context_begin, rows, cols);
-    const MixSums sums = compare(part_of(samples), own, part_of(plain), part_of(error));
-    take(sums, down, across, own, part_of(plain));
+    const Image share =
+        shares(part_of(samples), own, part_of(plain), part_of(error), error_around(down, across));
+    take(share, down, across, own, part_of(plain));
   }
 
-  static MixSums compare(const View<const float>& samples, const View<const float>& own,
-                         const View<const float>& plain, const View<const float>& error) {
-    MixSums sums;
-    for (Image* map : {&sums.gain, &sums.energy, &sums.plain_error})
-      *map = Image(cell_count(own.rows()), cell_count(own.cols()));
-    parallel_for(0, sums.gain.rows(), 8, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-      for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
-        for (int k = 0; k < sums.gain.cols(); ++k) {
-          const int row_end = std::min((i + 1) * kCell, own.rows()),
-                    col_end = std::min((k + 1) * kCell, own.cols());
-          float gain = 0, energy = 0, plain_error = 0;
-          for (int r = i * kCell; r < row_end; ++r)
-            for (int c = k * kCell; c < col_end; ++c) {
-              const float change = plain(r, c) - own(r, c);
-              gain += (samples(r, c) - own(r, c)) * change;
-              energy += change * change;
-              plain_error += error(r, c);
-            }
-          const float share =
-              1.0f / static_cast<float>((row_end - i * kCell) * (col_end - k * kCell));
-          sums.gain(i, k) = share * gain;
-          sums.energy(i, k) = share * energy;
-          sums.plain_error(i, k) = share * plain_error;
-        }
-    });
-    for (Image* map : {&sums.gain, &sums.energy, &sums.plain_error})
-      *map = gaussian_means(*map, kMixDeviation, kMixRadius);
-    return sums;
-  }
-
-  // The estimate's own error over the cells of a context.
-  Image own_error(const MixSpan& down, const MixSpan& across) const {
+  // The estimate's error around the cells of a context.
+  Image error_around(const MixSpan& down, const MixSpan& across) const {
     Image error(cell_count(down.context_end - down.context_begin),
                 cell_count(across.context_end - across.context_begin));
     for (int i = 0; i < error.rows(); ++i)
@@ -156,18 +116,38 @@ class Mixing {
     return gaussian_means(error, kMixDeviation, kMixRadius);
   }
 
-  void take(const MixSums& sums, const MixSpan& down, const MixSpan& across,
+  // Of BM3D's estimate, one value per cell. own_error: error_around; plain_error: of BM3D's pixels.
+  static Image shares(const View<const float>& samples, const View<const float>& own,
+                      const View<const float>& plain, const View<const float>& plain_error,
+                      const Image& own_error) {
+    const auto means = [&](const auto& value) {
+      Image map(own_error.rows(), own_error.cols());
+      parallel_for(0, map.rows(), 8, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        for (int i = static_cast<int>(begin); i < static_cast<int>(end); ++i)
+          for (int k = 0; k < map.cols(); ++k)
+            map(i, k) = cell_mean(i, k, own.rows(), own.cols(), value);
+      });
+      return gaussian_means(map, kMixDeviation, kMixRadius);
+    };
+    const auto change = [&](int r, int c) { return plain(r, c) - own(r, c); };
+    Image share = means([&](int r, int c) { return (samples(r, c) - own(r, c)) * change(r, c); });
+    const Image energy = means([&](int r, int c) { return change(r, c) * change(r, c); });
+    const Image error = means([&](int r, int c) { return plain_error(r, c); });
+    for (int i = 0; i < share.rows(); ++i)
+      for (int k = 0; k < share.cols(); ++k) {
+        const float gain = share(i, k) - (error(i, k) - kOwnOfStated * own_error(i, k));
+        share(i, k) = share_of(gain, energy(i, k), own_error(i, k), error(i, k));
+      }
+    return share;
+  }
+
+  void take(const Image& share, const MixSpan& down, const MixSpan& across,
             const View<const float>& own, const View<const float>& plain) {
-    const Image error = own_error(down, across);
     parallel_for(down.begin, down.end, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
         for (int c = across.begin; c < across.end; ++c) {
           const int row = r - down.context_begin, col = c - across.context_begin;
-          const int i = row / kCell, k = col / kCell;
-          const float plain_error = sums.plain_error(i, k);
-          const float gain = sums.gain(i, k) - (plain_error - kOwnOfStated * error(i, k));
-          estimate_(r, c) += share_of(gain, sums.energy(i, k), error(i, k), plain_error) *
-                             (plain(row, col) - own(row, col));
+          estimate_(r, c) += share(row / kCell, col / kCell) * (plain(row, col) - own(row, col));
         }
     });
   }

@@ -53,15 +53,10 @@ void copy_core(const Image& tile, const Span& down, const Span& across, Image& f
 void copy_core_means(const Image& tile, const Span& down, const Span& across, int rows, int cols,
                      Image& frame) {
   for (int i = down.begin / kCell; i < cell_count(down.end); ++i)
-    for (int k = across.begin / kCell; k < cell_count(across.end); ++k) {
-      const int row_end = std::min((i + 1) * kCell, rows),
-                col_end = std::min((k + 1) * kCell, cols);
-      float sum = 0;
-      for (int r = i * kCell; r < row_end; ++r)
-        for (int c = k * kCell; c < col_end; ++c)
-          sum += tile(r - down.tile_begin, c - across.tile_begin);
-      frame(i, k) = sum / static_cast<float>((row_end - i * kCell) * (col_end - k * kCell));
-    }
+    for (int k = across.begin / kCell; k < cell_count(across.end); ++k)
+      frame(i, k) = cell_mean(i, k, rows, cols, [&](int r, int c) {
+        return tile(r - down.tile_begin, c - across.tile_begin);
+      });
 }
 
 // The cells of the core; those that reach beyond it have the same value in both tiles.

@@ -3,6 +3,8 @@
 
 #include "malus/denoise/internal/mosaic_filter.h"
 
+#include <algorithm>
+
 namespace malus::internal {
 
 /// What the filter tells of a frame's error; of what is null nothing.
@@ -14,6 +16,16 @@ struct FrameReport {
 
 /// Cells of so many pixels.
 constexpr int cell_count(int pixels) { return (pixels + kCell - 1) / kCell; }
+
+/// Mean of value(row, col) over the pixels of cell (i, k) in a picture of this size.
+template <class Value>
+float cell_mean(int i, int k, int rows, int cols, const Value& value) {
+  const int row_end = std::min((i + 1) * kCell, rows), col_end = std::min((k + 1) * kCell, cols);
+  float sum = 0;
+  for (int r = i * kCell; r < row_end; ++r)
+    for (int c = k * kCell; c < col_end; ++c) sum += value(r, c);
+  return sum / static_cast<float>((row_end - i * kCell) * (col_end - k * kCell));
+}
 
 /// Filters a frame whose noise has deviation 1 into `estimate`. All pictures have their size when
 /// it is called. Tiles are cut so that they and four bytes per `resident_values` take no more than
