@@ -131,16 +131,22 @@ TEST(Response, DarkFramesThatDarkCurrentLiftsOffZeroLostNothing) {
   EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("straight"))));
 }
 
+// Eight bits, for noise that the step hides.
+testing::SimulatedCamera eight_bit_camera(double prnu, double dsnu_dn) {
+  testing::SimulatedCamera camera = dark_current_camera(prnu);
+  camera.black_dn = 8;
+  camera.white_dn = 255;
+  camera.dsnu_dn = dsnu_dn;
+  camera.flat_frames = 8;
+  return camera;
+}
+
 // Where the step hides the noise without light, it hides that of weak dark current, too. Dark
 // frames of 1.5 % of the light had been taken for bias frames, and K was 1.4 % too large, seven
 // stated errors.
 TEST(Response, DarkCurrentThatTheStepHidesIsNoLight) {
   constexpr double kNarrowGain = 0.05;
-  testing::SimulatedCamera camera = dark_current_camera(0.005);
-  camera.black_dn = 8;
-  camera.white_dn = 255;
-  camera.dsnu_dn = 0.15;
-  camera.flat_frames = 8;
+  testing::SimulatedCamera camera = eight_bit_camera(0.005, 0.15);
   camera.rounded = false;  // but after the dark current is added
   camera.gains[0].noise.channels[0] = {
       .gain_dn_per_e = kNarrowGain, .lambda = 0.14, .sigma_tl_dn = 0.136, .sigma_row_dn = 0.02};
@@ -158,11 +164,7 @@ TEST(Response, DarkCurrentThatTheStepHidesIsNoLight) {
 // Up to half a code of every offset stays in the mean dark frame of narrow noise. It had counted as
 // response: a PRNU of 0.3 % was 0.35 %, six of its errors.
 TEST(Response, OffsetsThatDarkFramesRoundAreNotPartOfIt) {
-  testing::SimulatedCamera camera = dark_current_camera(0.003);
-  camera.black_dn = 8;
-  camera.white_dn = 255;
-  camera.dsnu_dn = 0.3;
-  camera.flat_frames = 8;
+  testing::SimulatedCamera camera = eight_bit_camera(0.003, 0.3);
   camera.gains[0].noise.channels[0] = {
       .gain_dn_per_e = 0.05, .lambda = 0.14, .sigma_tl_dn = 0.068, .sigma_row_dn = 0};
   const auto p = measured(testing::simulated_session(camera));
@@ -173,12 +175,8 @@ TEST(Response, OffsetsThatDarkFramesRoundAreNotPartOfIt) {
 // The same of dark frames of the flats' exposure without dark current, whose offsets are rounded as
 // those of the bias frames are: PRNU was 0.25 % for 0.2, 11 errors off.
 TEST(Response, OffsetsThatDarkFramesOfTheSameExposureRoundAreNotPartOfIt) {
-  testing::SimulatedCamera camera = dark_current_camera(0.002);
-  camera.black_dn = 8;
-  camera.white_dn = 255;
-  camera.dsnu_dn = 0.3;
+  testing::SimulatedCamera camera = eight_bit_camera(0.002, 0.3);
   camera.bias_frames = 20;
-  camera.flat_frames = 8;
   camera.gains[0].noise.channels[0] = {
       .gain_dn_per_e = 0.05, .lambda = 0.14, .sigma_tl_dn = 0.083, .sigma_row_dn = 0.02};
   const DarkCurrent none{.mean = 0, .deviation = 0};
