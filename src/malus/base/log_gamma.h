@@ -1,7 +1,7 @@
 // log |Γ(x)| that threads may call together.
 #pragma once
 
-#include "malus/base/random.h"
+#include "malus/base/host_device.h"
 
 #if !defined(__CUDACC__)
 #include <math.h>  // lgamma_r, which <cmath> does not name

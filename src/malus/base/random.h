@@ -4,15 +4,9 @@
 // known-answer vectors of that paper's Random123 distribution.
 #pragma once
 
-#include <array>
-#include <cstdint>
+#include "malus/base/host_device.h"
 
-// The same source serves CPU and GPU.
-#if defined(__CUDACC__)
-#define MALUS_HOST_DEVICE __host__ __device__
-#else
-#define MALUS_HOST_DEVICE
-#endif
+#include <cstdint>
 
 namespace malus {
 

@@ -4,7 +4,7 @@
 // and 2.
 #pragma once
 
-#include "malus/base/random.h"
+#include "malus/base/host_device.h"
 
 #if !defined(__CUDACC__)
 #include <cmath>

@@ -4,8 +4,8 @@
 // Mathematics and Economics 12, 1993), 2.3 uniforms on average. The same source serves CPU and GPU.
 #pragma once
 
+#include "malus/base/host_device.h"
 #include "malus/base/log_gamma.h"
-#include "malus/base/random.h"
 
 #if !defined(__CUDACC__)
 #include <cmath>
