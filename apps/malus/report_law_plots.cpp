@@ -1,10 +1,10 @@
 #include "malus/base/index.h"
+#include "malus/base/normal_distribution.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "report_plots.h"
 #include <fmt/format.h>
@@ -82,10 +82,6 @@ double residual_deviation(const std::vector<double>& counts, double cell_dn) {
   return total > 0 ? std::sqrt(squares / total) : 0;
 }
 
-double normal_density(double x, double sd) {
-  return std::exp(-0.5 * x * x / (sd * sd)) / (sd * std::sqrt(2 * std::numbers::pi));
-}
-
 Distribution distribution_of(const PhysicsCalibration& p, int channel) {
   const std::vector<double>& counts = p.residual_counts[as_index(channel)];
   const double cell = p.residual_cell_dn[as_index(channel)];
@@ -121,7 +117,7 @@ Distribution distribution_of(const PhysicsCalibration& p, int channel) {
   for (int i = -kPoints; i <= kPoints; ++i) {
     const double x = reach * i / kPoints;
     d.normal.x.push_back(x);
-    d.normal.y.push_back(normal_density(x, sd));
+    d.normal.y.push_back(normal_density(x / sd) / sd);
     d.tukey.x.push_back(x);
     d.tukey.y.push_back(tukey_lambda_pdf(x / scale, lambda) / scale);
   }
@@ -149,8 +145,7 @@ Chart probability_chart(const PhysicsCalibration& p, int channel, const std::str
   for (const double count : counts) total += count;
   PointSeries tukey{.name = "Tukey lambda", .mark = Mark::kPoints},
       normal{.name = "Gaussian", .mark = Mark::kPoints};
-  constexpr double kTukeyOfNormal = 0.14;  // Gaussian quantiles within 0.1 % to 3 deviations
-  const double unit = std::sqrt(tukey_lambda_variance(kTukeyOfNormal));
+  const double unit = tukey_lambda_deviation(1.0, kNormalLambda);
   for (std::size_t i = 0; i + 1 < counts.size(); ++i) {
     below += counts[i];
     if (counts[i] == 0) continue;
@@ -158,7 +153,7 @@ Chart probability_chart(const PhysicsCalibration& p, int channel, const std::str
     for (const double side : {-1.0, 1.0}) {
       tukey.x.push_back(side * scale * tukey_lambda_quantile(u, lambda));
       tukey.y.push_back(side * edge);
-      normal.x.push_back(side * sd / unit * tukey_lambda_quantile(u, kTukeyOfNormal));
+      normal.x.push_back(side * sd / unit * tukey_lambda_quantile(u, kNormalLambda));
       normal.y.push_back(side * edge);
     }
   }

@@ -176,8 +176,8 @@ NoiseModel with_row_noise(const NoiseModel& model, double read_deviations) {
   changed.joint.reset();
   for (PhysicsCalibration& entry : changed.physics) {
     for (std::size_t k = 0; k < entry.sigma_row.mean.size(); ++k)
-      entry.sigma_row.mean[k] = read_deviations * entry.sigma_tl.mean[k] *
-                                std::sqrt(tukey_lambda_variance(entry.lambda.mean[k]));
+      entry.sigma_row.mean[k] =
+          read_deviations * tukey_lambda_deviation(entry.sigma_tl.mean[k], entry.lambda.mean[k]);
     entry.sigma_row.spread.assign(entry.sigma_row.mean.size(), 0.0);
     entry.sigma_row.covariance = {};
     entry.sigma_row.per_frame.clear();

@@ -1,5 +1,7 @@
 #include "malus/noise/tukey_lambda.h"
 
+#include "malus/base/normal_distribution.h"
+
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -81,6 +83,15 @@ TEST(TukeyLambda, CdfInvertsTheQuantile) {
   }
   EXPECT_EQ(tukey_lambda_cdf(-1.001, 1.0), 0.0);
   EXPECT_EQ(tukey_lambda_cdf(0.501, 2.0), 1.0);
+}
+
+TEST(TukeyLambda, OneShapeIsAsGoodAsNormal) {
+  const double sd = tukey_lambda_deviation(2.0, kNormalLambda);
+  EXPECT_NEAR(sd * sd, 4 * tukey_lambda_variance(kNormalLambda), 1e-12);
+  for (double z = 0.25; z <= 3; z += 0.25)
+    EXPECT_NEAR(2 * tukey_lambda_quantile(normal_cdf(z), kNormalLambda) / sd, z,
+                (z <= 2.5 ? 0.004 : 0.012) * z)
+        << z;
 }
 
 TEST(TukeyLambda, DensityIsTheSlopeOfTheCdf) {

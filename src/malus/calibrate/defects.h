@@ -4,6 +4,7 @@
 #include "malus/calibrate/geometry.h"
 #include "malus/image/view.h"
 #include "malus/noise/calibration.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <vector>
 
@@ -11,7 +12,7 @@ namespace malus {
 
 /// Read noise of a channel's ordinary pixels, to judge the others by.
 struct ReadTail {
-  double lambda = 0.14, scale_dn = 0;
+  double lambda = kNormalLambda, scale_dn = 0;
 };
 
 /// What one frame alone adds to a pixel: its value that lies farthest from the pixel's mean.

@@ -17,8 +17,6 @@
 namespace malus {
 namespace {
 
-constexpr double kNormalLambda = 0.14;
-
 // Per-frame shape and scale of one channel.
 struct ChannelShapes {
   std::vector<double> lambda, scale;

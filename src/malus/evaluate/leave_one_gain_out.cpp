@@ -26,10 +26,8 @@ double worst_error(const Values& predicted, const Values& measured) {
 double read_distance(double lambda_a, double sigma_a, double lambda_b, double sigma_b,
                      double step_dn) {
   constexpr double kReach = 15;  // in standard deviations
-  const auto deviation = [](double lambda, double sigma) {
-    return sigma * std::sqrt(tukey_lambda_variance(lambda));
-  };
-  const double sd = std::max(deviation(lambda_a, sigma_a), deviation(lambda_b, sigma_b));
+  const double sd = std::max(tukey_lambda_deviation(sigma_a, lambda_a),
+                             tukey_lambda_deviation(sigma_b, lambda_b));
   const double step = step_dn > 0 ? step_dn : sd / 8;
   const auto half = static_cast<int>(std::ceil(kReach * sd / step));
   Values a, b;

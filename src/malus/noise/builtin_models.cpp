@@ -4,6 +4,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/noise/internal/published_cameras.h"
+#include "malus/noise/physics.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <cmath>
@@ -16,10 +17,10 @@ using Values = std::vector<double>;
 // Rows, quantisation and all.
 void set_dark_deviation(PhysicsCalibration& p, double quantization_dn) {
   for (std::size_t c = 0; c < p.sigma_tl.mean.size(); ++c) {
-    const double sigma_tl = p.sigma_tl.mean[c], sigma_row = p.sigma_row.mean[c];
-    p.temporal_sd_dark_dn.push_back(
-        std::sqrt(sigma_tl * sigma_tl * tukey_lambda_variance(p.lambda.mean[c]) +
-                  sigma_row * sigma_row + quantization_dn * quantization_dn / 12.0));
+    const PhysicsChannel channel{.lambda = p.lambda.mean[c],
+                                 .sigma_tl_dn = p.sigma_tl.mean[c],
+                                 .sigma_row_dn = p.sigma_row.mean[c]};
+    p.temporal_sd_dark_dn.push_back(dark_deviation_dn(channel, quantization_dn));
   }
 }
 
@@ -66,7 +67,7 @@ PhysicsCalibration simulated_gain(const SensorLayout& layout, double gain_db) {
     p.K.mean.push_back(K);
     p.lambda.mean.push_back(lambda);
     p.lambda.spread.push_back(0.004);
-    p.sigma_tl.mean.push_back(read_dn / std::sqrt(tukey_lambda_variance(lambda)));
+    p.sigma_tl.mean.push_back(read_dn / tukey_lambda_deviation(1.0, lambda));
     p.sigma_tl.spread.push_back(0.004 * p.sigma_tl.mean.back());
     p.sigma_row.mean.push_back(
         std::hypot(K * kRowE * (1.0 + 0.05 * channel_offset(c, 0.7)), kRowDn));

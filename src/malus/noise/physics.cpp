@@ -18,19 +18,23 @@ double pixel_variance_dn2(const PhysicsChannel& channel, double signal_dn, doubl
          quantization_dn * quantization_dn / 12.0;
 }
 
+double dark_deviation_dn(const PhysicsChannel& channel, double quantization_dn) {
+  return std::sqrt(pixel_variance_dn2(channel, 0.0, quantization_dn) +
+                   channel.sigma_row_dn * channel.sigma_row_dn);
+}
+
 std::vector<double> temporal_sd_dark_dn(const PhysicsNoise& noise) {
   std::vector<double> deviation;
   for (const PhysicsChannel& channel : noise.channels)
-    deviation.push_back(std::sqrt(pixel_variance_dn2(channel, 0.0, noise.quantization_dn) +
-                                  channel.sigma_row_dn * channel.sigma_row_dn));
+    deviation.push_back(dark_deviation_dn(channel, noise.quantization_dn));
   return deviation;
 }
 
 std::vector<double> read_noise_dn(const PhysicsCalibration& calibration) {
   std::vector<double> deviation;
   for (std::size_t c = 0; c < calibration.sigma_tl.mean.size(); ++c)
-    deviation.push_back(calibration.sigma_tl.mean[c] *
-                        std::sqrt(tukey_lambda_variance(calibration.lambda.mean[c])));
+    deviation.push_back(
+        tukey_lambda_deviation(calibration.sigma_tl.mean[c], calibration.lambda.mean[c]));
   return deviation;
 }
 

@@ -3,6 +3,7 @@
 
 #include "malus/image/layout.h"
 #include "malus/noise/calibration.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <vector>
 
@@ -10,11 +11,11 @@ namespace malus {
 
 /// One channel at one gain. Read noise excludes row noise and quantisation.
 struct PhysicsChannel {
-  double gain_dn_per_e = 1.0;  ///< K, overall system gain
-  double lambda = 0.14;        ///< Tukey-lambda shape; 0.14 is close to a Gaussian
-  double mu_dn = 0.0;          ///< mean of dark pixels above the black level
-  double sigma_tl_dn = 0.0;    ///< Tukey-lambda scale
-  double sigma_row_dn = 0.0;   ///< σ_b, sd of the row groups' offsets
+  double gain_dn_per_e = 1.0;     ///< K, overall system gain
+  double lambda = kNormalLambda;  ///< Tukey-lambda shape
+  double mu_dn = 0.0;             ///< mean of dark pixels above the black level
+  double sigma_tl_dn = 0.0;       ///< Tukey-lambda scale
+  double sigma_row_dn = 0.0;      ///< σ_b, sd of the row groups' offsets
 };
 
 /// λ that a sampler draws with: below, read noise has no variance; above, none of a sensor's.
@@ -43,7 +44,8 @@ double read_variance_dn2(const PhysicsChannel& channel);
 /// Negative signals have no shot noise.
 double pixel_variance_dn2(const PhysicsChannel& channel, double signal_dn, double quantization_dn);
 
-/// Temporal sd of dark pixels per channel, rows and quantisation included, in DN.
+/// Temporal sd of a channel's dark pixels, rows and quantisation included, in DN; of all channels.
+double dark_deviation_dn(const PhysicsChannel& channel, double quantization_dn);
 std::vector<double> temporal_sd_dark_dn(const PhysicsNoise& noise);
 
 /// Standard deviation of read noise per channel (rows and quantisation excluded) of a calibration,

@@ -70,6 +70,10 @@ double tukey_lambda_variance(double lambda) {
   return 2.0 * one_minus_ratio / (1.0 + 2.0 * lambda);
 }
 
+double tukey_lambda_deviation(double scale, double lambda) {
+  return scale * std::sqrt(tukey_lambda_variance(lambda));
+}
+
 double tukey_lambda_cdf(double x, double lambda) {
   return x > 0 ? 1.0 - lower_cdf(-x, lambda) : lower_cdf(x, lambda);
 }
