@@ -1,12 +1,12 @@
 #include "malus/calibrate/cell_density.h"
 
 #include "malus/base/index.h"
-#include "malus/calibrate/normal_nodes.h"
+#include "malus/base/normal_distribution.h"
+#include "malus/base/normal_nodes.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace malus {
 namespace {
@@ -57,9 +57,7 @@ class LowerHalf {
 // Integral of the distribution function of normal noise from -∞ to s.
 double normal_ramp(double s, double deviation) {
   if (!(deviation > 0)) return std::max(s, 0.0);
-  const double z = s / deviation;
-  return s * 0.5 * std::erfc(-z / std::numbers::sqrt2) +
-         deviation * std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::numbers::pi);
+  return deviation * mean_above_zero(s / deviation);
 }
 
 }  // namespace

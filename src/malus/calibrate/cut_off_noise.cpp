@@ -1,7 +1,7 @@
 #include "malus/calibrate/cut_off_noise.h"
 
 #include "malus/base/error.h"
-#include "malus/calibrate/normal_nodes.h"
+#include "malus/base/normal_nodes.h"
 
 #include <algorithm>
 #include <cmath>

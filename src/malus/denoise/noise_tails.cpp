@@ -1,35 +1,26 @@
 #include "malus/denoise/internal/noise_tails.h"
 
+#include "malus/base/normal_distribution.h"
+#include "malus/base/normal_nodes.h"
 #include "malus/denoise/internal/sampled_pixels.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace malus::internal {
 namespace {
 
 constexpr std::size_t kSamples = 4096;
 
-// Gauss and Hermite's rule for the mean over a normal variable.
-struct Node {
-  double at, weight;
-};
-constexpr Node kNormal[] = {{-2.8569700, 0.0112574},
-                            {-1.3556262, 0.2220759},
-                            {0, 0.5333333},
-                            {1.3556262, 0.2220759},
-                            {2.8569700, 0.0112574}};
-
 // Share of pixels of this signal whose read noise and shot noise together lie beyond a threshold.
 double share_beyond(const ChannelProfile& channel, double signal_dn, double threshold) {
-  const double normal = std::erfc(threshold / std::numbers::sqrt2);
+  const double normal = 2 * normal_cdf(-threshold);
   const double variance = std::max(channel.variance(signal_dn), 0.0);
   if (!channel.law || !(variance > 0)) return normal;
   const double noise = std::sqrt(variance),
                shot = std::sqrt(std::max(variance - channel.variance(0), 0.0));
   double read = 0;
-  for (const Node& node : kNormal)
+  for (const NormalNode& node : kNormalNodes)
     read += node.weight *
             channel.law->read_tail(std::max(threshold * noise - node.at * shot, 1e-3 * noise));
   return std::max(normal, read);

@@ -1,5 +1,6 @@
 #include "malus/denoise/row_noise.h"
 
+#include "malus/base/normal_distribution.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/denoise/internal/line_offsets.h"
@@ -8,7 +9,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -16,8 +16,8 @@
 namespace malus {
 namespace {
 
-constexpr double kOutlierFreedom =
-    4.0;  // of Student's law for rows that the picture explains better
+// Of Student's law for rows that the picture explains better.
+constexpr double kOutlierFreedom = 4.0;
 constexpr int kReweightings = 4;
 // Rows are compared with neighbours so many periods of the layout away: near ones see the least of
 // the picture, far ones the slow waves of the offsets.
@@ -35,6 +35,7 @@ constexpr std::size_t kLeastGroups = 32;
 // Of the groups that are taken for lines of the picture so many, on average, may be noise.
 constexpr double kFalseLines = 0.05;
 constexpr int kLineRounds = 3;  // without the lines that are found their neighbours tell of others
+
 // Level stripes of the picture look like rows that are lifted, but by more than the model's offsets
 // are wide. Of a sum of deviation d the offsets, of deviation 1, are expected to be 1/d² (Wiener).
 void leave_stripes(RowNoise& rows, double wide) {
@@ -53,7 +54,7 @@ std::vector<int> lines_in(const RowNoise& rows, double wide, std::size_t known) 
   };
   std::sort(furthest.begin(), furthest.end(), [&](int a, int b) { return size(a) > size(b); });
   const auto expected = [&](double offset) {  // groups of noise as far out
-    return static_cast<double>(furthest.size()) * std::erfc(offset / (wide * std::numbers::sqrt2));
+    return static_cast<double>(furthest.size()) * 2 * normal_cdf(-offset / wide);
   };
   std::size_t lines = 0;
   for (std::size_t k = 0; k < furthest.size(); ++k)
