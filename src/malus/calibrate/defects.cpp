@@ -1,5 +1,6 @@
 #include "malus/calibrate/defects.h"
 
+#include "malus/base/chi_square.h"
 #include "malus/base/index.h"
 #include "malus/calibrate/pixel_location.h"
 #include "malus/noise/tukey_lambda.h"
@@ -9,12 +10,6 @@
 
 namespace malus {
 namespace {
-
-// Standard normal equivalent of a χ² variable over its degrees of freedom (Wilson and Hilferty).
-double chi_square_deviation(double ratio, double freedom) {
-  const double a = 2.0 / (9.0 * freedom);
-  return (std::cbrt(ratio) - (1.0 - a)) / std::sqrt(a);
-}
 
 // Chances that the heaviest of some values alone explains what they show: of a heavy-tailed sum the
 // tail is that of its largest term (Chistyakov, Theory Probab. Appl. 9, 1964). No variance of a
@@ -65,8 +60,7 @@ struct UsualPixel {
     return variance_dn2 > 0 ? pixel.squares_dn2 / (pixel.frames - 1.0) / variance_dn2 : 1.0;
   }
   double deviations_noisy(const PixelOfFrames& pixel) const {
-    return pixel.frames >= 2 ? chi_square_deviation(variance_ratio(pixel), pixel.frames - 1.0)
-                             : 0.0;
+    return pixel.frames >= 2 ? chi_square_deviate(variance_ratio(pixel), pixel.frames - 1.0) : 0.0;
   }
 };
 

@@ -1,5 +1,6 @@
 #include "malus/calibrate/gain_map.h"
 
+#include "malus/base/chi_square.h"
 #include "malus/base/index.h"
 #include "malus/calibrate/pixel_location.h"
 
@@ -163,9 +164,7 @@ void warn_of_gain_map(const std::vector<GainBlocks>& levels, const RowsOfFrame& 
   for (const GainBlocks& level : levels) used += level.light.empty() ? 0 : 1;
   const auto [low, high] = std::minmax_element(gain.begin(), gain.end());
   const auto [dim, bright] = std::minmax_element(light.begin(), light.end());
-  // Wilson and Hilferty's normal equivalent of a χ².
-  const double k = kBlocks, third = 2.0 / (9.0 * k);
-  const double deviations = (std::cbrt(chi_square / k) - 1.0 + third) / std::sqrt(third);
+  const double deviations = chi_square_deviate(chi_square / kBlocks, kBlocks);
   if (!(*high - *low > kLeast) || !(deviations > kDeviations)) return;
   out.warnings.push_back(fmt::format(
       "K differs by {:.0f} % over the frame, the light by {:.0f} %: a flat-field or shading "

@@ -1,5 +1,6 @@
 #include "malus/calibrate/photon_transfer.h"
 
+#include "malus/base/chi_square.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/response_bend.h"
@@ -104,12 +105,11 @@ double chi_square(const Points& points, const LineFit& line, double excess_dn4) 
   return merged(sums_of(points, excess_dn4, line), points.shared).yy;
 }
 
-// χ² that chance exceeds once in 10,000 (Wilson and Hilferty, 1931): a session of 16 channels and
-// several gains has many curves, and a straight one must not be called bent.
+// χ² that chance exceeds once in 10,000: a session of 16 channels and several gains has many
+// curves, and a straight one must not be called bent.
 double chi_square_limit(double freedom) {
   constexpr double kNormalQuantile = 3.7190164854556804;
-  const double a = 2.0 / (9.0 * freedom);
-  return freedom * std::pow(1.0 - a + kNormalQuantile * std::sqrt(a), 3);
+  return freedom * chi_square_ratio(kNormalQuantile, freedom);
 }
 
 // The constant variance that brings χ² down to its expectation.

@@ -1,5 +1,6 @@
 #include "malus/denoise/estimate_noise.h"
 
+#include "malus/base/chi_square.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
@@ -86,11 +87,10 @@ VarianceLevel measure_level(std::vector<Block> blocks) {
   blocks.resize(count);
   std::vector<double> variances;
   for (const Block& block : blocks) variances.push_back(block.variance);
-  // Blocks whose details still hold texture lie far above the median: they are clipped. For 16
-  // squares the median of their mean is 2/(9*16) below the expectation (Wilson, Hilferty, 1931).
+  // Blocks whose details still hold texture lie far above the median: they are clipped. The median
+  // of a mean of 16 squares is below its expectation.
   constexpr double kDegrees = kBlock * kBlock / 4.0;
-  const double median_factor = std::pow(1.0 - 2.0 / (9.0 * kDegrees), 3);
-  const double center = median_of(variances) / median_factor;
+  const double center = median_of(variances) / chi_square_ratio(0.0, kDegrees);
   const double spread = center * std::sqrt(2.0 / kDegrees);
   // The signal is theirs alone too: a level may hold dark blocks and bright ones.
   double variance = 0, signal = 0;

@@ -1,5 +1,6 @@
 #include "malus/denoise/row_stripes.h"
 
+#include "malus/base/chi_square.h"
 #include "malus/base/statistics.h"
 
 #include <algorithm>
@@ -82,11 +83,9 @@ class SineWindow {
   std::vector<double> weight_;
 };
 
-// Mean power of so many frequencies that noise hardly exceeds (Wilson, Hilferty, PNAS 17, 1931).
+// Mean power of this many frequencies that noise hardly exceeds.
 double surprising_power(int count) {
-  const double freedom = count == 1 ? 2.0 : 2.0 * count / kSharedByNeighbours;
-  const double v = 2.0 / (9.0 * freedom);
-  return std::pow(1 - v + kSurprise * std::sqrt(v), 3);
+  return chi_square_ratio(kSurprise, count == 1 ? 2.0 : 2.0 * count / kSharedByNeighbours);
 }
 
 // The share of every frequency that is the camera's. Of a sum of the camera's offsets, whose power
