@@ -76,23 +76,9 @@ Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice
             {"settings", settings_json(arguments.settings)},
             {"noise", choice.origin},
             {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
-            {"sigma_dn", result.sigma_used_dn},
-            {"row_noise_removed_dn", result.row_noise_removed_dn},
-            {"column_noise_removed_dn", result.column_noise_removed_dn},
-            {"mean_dn", result.mean_dn},
-            {"mean_shift_dn", result.mean_shift_dn},
-            {"nonfinite_pixels", result.nonfinite_pixels},
-            {"saturated_pixels", result.saturated_pixels},
-            {"cut_off_share", result.cut_off_share},
-            {"cut_off_undone", result.cut_off_undone},
-            {"defect_pixels", result.defect_pixels},
-            {"impulse_pixels", result.impulse_pixels},
-            {"kept_pixels", result.kept_pixels},
-            {"dark_pattern_share", result.dark_pattern_share},
-            {"response_pattern_share", result.response_pattern_share},
-            {"frame_noise", noise_json(result)},
-            {"tiles", result.tiles},
-            {"seconds", seconds}};
+            {"frame_noise", noise_json(result)}};
+  json.update(settings_json(result));
+  json["seconds"] = seconds;
   if (!arguments.origin.empty()) json["origin_row_col"] = arguments.origin;
   for (const StageTime& time : result.times) json["stage_seconds"][time.stage] = time.seconds;
   return json;

@@ -110,6 +110,7 @@ std::vector<std::string> given_settings(const CLI::App& command) {
   return given;
 }
 
+/// Of results that describe themselves, too.
 template <class Settings>
 nlohmann::ordered_json settings_json(const Settings& settings) {
   nlohmann::ordered_json json;

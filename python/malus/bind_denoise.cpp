@@ -69,21 +69,7 @@ NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
 
 // Facts about the frame, its noise and what was done.
 py::dict facts_of(const Denoised& result, bool noise_estimated) {
-  py::dict out;
-  out["sigma_used_dn"] = result.sigma_used_dn;
-  out["row_noise_removed_dn"] = result.row_noise_removed_dn;
-  out["column_noise_removed_dn"] = result.column_noise_removed_dn;
-  out["nonfinite_pixels"] = result.nonfinite_pixels;
-  out["saturated_pixels"] = result.saturated_pixels;
-  out["cut_off_share"] = result.cut_off_share;
-  out["cut_off_undone"] = result.cut_off_undone;
-  out["defect_pixels"] = result.defect_pixels;
-  out["impulse_pixels"] = result.impulse_pixels;
-  out["kept_pixels"] = result.kept_pixels;
-  out["dark_pattern_share"] = result.dark_pattern_share;
-  out["response_pattern_share"] = result.response_pattern_share;
-  out["mean_dn"] = result.mean_dn;
-  out["mean_shift_dn"] = result.mean_shift_dn;
+  py::dict out = dict_of_described(result);
   out["noise_estimated_from_picture"] = noise_estimated;
   return out;
 }
@@ -237,14 +223,11 @@ void bind_denoise(py::module_& m) {
        "    and ratio are for; the last one is kept for the next call.\n\n"
        "Returns a dict: dn (float32 [row, column], DN above black), variance (its expected "
        "squared error [DN^2], NaN of saturated pixels; with variance=True, else None), "
-       "sigma_used_dn (per channel), row_noise_removed_dn, column_noise_removed_dn, defect_pixels, "
-       "impulse_pixels, kept_pixels, "
-       "mean_dn, mean_shift_dn, noise_estimated_from_picture, target ('mosaic'). Of a network that "
-       "gives pictures, target is 'rgb' or 'srgb', dn None, and picture (float32 [3, row, column]) "
-       "DN above black, or displayed values of about 0 to 1 at scale_dn, the light that is shown "
-       "as "
-       "1." +
-       settings_help<DenoiseKeywords>())
+       "noise_estimated_from_picture, target ('mosaic'), picture and scale_dn (None). Of a network "
+       "that gives pictures, target is 'rgb' or 'srgb', dn None, and picture (float32 [3, row, "
+       "column]) DN above black, or displayed values of about 0 to 1 at scale_dn, the light that "
+       "is shown as 1. And of the frame:\n" +
+       results_help<Denoised>() + settings_help<DenoiseKeywords>())
           .c_str());
   m.def("estimate_noise", &noise_of_picture, py::arg("raw"), py::kw_only(),
         py::arg("layout") = py::none(), py::arg("black") = py::none(),

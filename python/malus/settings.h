@@ -1,4 +1,5 @@
-// Settings structs (malus/base/parameter.h) from keyword arguments, and their help text.
+// Settings structs (malus/base/parameter.h) from keyword arguments, results that are described like
+// them, and the help text of both.
 #pragma once
 
 #include "malus/base/error.h"
@@ -106,6 +107,29 @@ std::vector<std::string> given_settings(const pybind11::kwargs& kwargs) {
     if (kwargs.contains(info.name.c_str())) given.push_back(info.name);
   });
   return given;
+}
+
+/// A result that describes itself.
+template <class Result>
+pybind11::dict dict_of_described(const Result& result) {
+  pybind11::dict out;
+  Result::describe(result, [&](const auto& value, const ParameterInfo& info) {
+    out[info.name.c_str()] = value;
+  });
+  return out;
+}
+
+/// One line per value of such a result: name, unit, meaning.
+template <class Result>
+std::string results_help() {
+  std::string text;
+  const Result result;
+  Result::describe(result, [&](const auto&, const ParameterInfo& info) {
+    text += "    " + info.name;
+    if (!info.unit.empty() && info.unit != "1") text += " [" + info.unit + "]";
+    text += ": " + info.help + "\n";
+  });
+  return text;
 }
 
 /// One line per setting: name, default, unit, meaning.

@@ -106,6 +106,13 @@ def test_other_threads_run_meanwhile(model):
     assert sum(start < t < end for t in ticks) >= 3
 
 
+def test_the_help_of_denoise_names_all_that_it_tells(model):
+    noisy = model.synthesize(np.full((64, 64), 300.0), gain=24, seed=1)
+    result = malus.denoise(noisy, layout=model.layout, white=4000, model=model, gain=24)
+    untold = [name for name in result if not re.search(rf"\b{name}\b", malus.denoise.__doc__)]
+    assert not untold and result["tiles"] == 1
+
+
 @pytest.mark.parametrize("method", ["bm3d", "nl-ridge"])
 def test_denoise_stokes_and_metrics(model, method):
     """A polarized ramp: denoising brings it closer to the truth in the picture, in DoLP and in AoLP."""

@@ -92,7 +92,7 @@ def test_a_frame_of_synthesis_is_denoised_with_the_whole_read_noise(malus, camer
     _, out, run = denoised(malus, folder, tmp_path, *levels, frame="drawn.tif")
     _, same, _ = denoised(malus, folder, tmp_path / "same", "--no-column-noise", *levels, frame="drawn.tif")
     assert run["column_noise_removed_dn"] == 0 and np.array_equal(out, same)
-    assert np.mean(run["sigma_dn"]) == pytest.approx(np.sqrt(K * LIGHT + READ**2 + COLUMN**2), rel=0.03)
+    assert np.mean(run["sigma_used_dn"]) == pytest.approx(np.sqrt(K * LIGHT + READ**2 + COLUMN**2), rel=0.03)
 
 
 def test_a_camera_without_them_is_as_it_was(malus, tmp_path):

@@ -1,5 +1,5 @@
 // A setting is declared once and feeds the command-line flag, the configuration file, the JSON,
-// Python and the report.
+// Python and the report. So is what a result tells (Denoised): it feeds the JSON and Python.
 //
 //   struct DenoiseSettings {
 //     double strength = 1.0;
@@ -9,7 +9,8 @@
 //     }
 //   };
 //
-// Field types: bool, int, double, std::string, std::vector<double>, and std::optional of these.
+// Field types: bool, int, double, std::string, std::vector<double>, and std::optional of these; of
+// results std::int64_t, too.
 #pragma once
 
 #include <limits>

@@ -73,30 +73,60 @@ struct Denoised {
   /// Expected squared error of every pixel, if asked for. NaN where nothing is known of it: of
   /// saturated pixels and of those that are not numbers.
   std::optional<Image> variance_dn2;
-  std::vector<double> sigma_used_dn;  ///< per channel: noise deviation at the channel's mean signal
-  double row_noise_removed_dn = 0;    ///< root mean square over the row groups
-  double column_noise_removed_dn = 0;  ///< over the columns
-  std::vector<double> mean_dn;         ///< per channel, of the frame above black and bias
-  /// The result's mean minus that. Filters keep means: where it moves, the noise was not what the
-  /// profile says.
+  std::vector<double> sigma_used_dn;
+  double row_noise_removed_dn = 0, column_noise_removed_dn = 0;
+  std::vector<double> mean_dn;
+  /// Filters keep means: where it moves, the noise was not what the profile says.
   std::vector<double> mean_shift_dn;
-  /// Input pixels that hold no light (light_range), NaN and infinite ones among them, kept as they
-  /// are.
-  std::int64_t nonfinite_pixels = 0;
+  std::int64_t nonfinite_pixels = 0;  ///< light_range tells which hold light
   std::int64_t saturated_pixels = 0;
-  /// Of the pixels, those at 0 that noise took there (cut_off.h), and whether its law was taken
-  /// back, which needs noise of half a step or more, a method that stabilises, and of a network
-  /// a stabilised domain.
-  double cut_off_share = 0;
+  double cut_off_share = 0;  ///< cut_off.h
+  /// This needs noise of half a step or more, a method that stabilises, and of a network a
+  /// stabilised domain.
   bool cut_off_undone = false;
-  std::int64_t defect_pixels = 0;   ///< of the model's list, filled from their neighbours
-  std::int64_t impulse_pixels = 0;  ///< of the read noise's tails (impulses.h), filled too
-  std::int64_t kept_pixels = 0;     ///< that the noise does not explain (kept_points.h), put back
-  /// Taken out of the frame, in units of the profile's maps; 0 where the frame does not show them.
+  std::int64_t defect_pixels = 0;
+  std::int64_t impulse_pixels = 0;  ///< impulses.h
+  std::int64_t kept_pixels = 0;     ///< kept_points.h
   double dark_pattern_share = 0, response_pattern_share = 0;
   std::optional<NoiseCheck> noise;  ///< the frame's own against the profile's
   int tiles = 1;
   std::vector<StageTime> times;
+
+  /// What is told of every frame: JSON, Python and its help come from here.
+  template <class Self, class Visitor>
+  static void describe(Self& self, Visitor&& field) {
+    field(self.sigma_used_dn,
+          ParameterInfo{"sigma_used_dn", "DN",
+                        "noise deviation at the channel's mean signal, per channel"});
+    field(self.row_noise_removed_dn,
+          ParameterInfo{"row_noise_removed_dn", "DN", "root mean square over the row groups"});
+    field(self.column_noise_removed_dn,
+          ParameterInfo{"column_noise_removed_dn", "DN", "root mean square over the columns"});
+    field(self.mean_dn,
+          ParameterInfo{"mean_dn", "DN", "of the frame above black and bias, per channel"});
+    field(self.mean_shift_dn,
+          ParameterInfo{"mean_shift_dn", "DN", "the result's mean minus that, per channel"});
+    field(self.nonfinite_pixels,
+          ParameterInfo{"nonfinite_pixels", "1",
+                        "pixels that hold no light, NaN and infinite ones among them; kept"});
+    field(self.saturated_pixels, ParameterInfo{"saturated_pixels", "1", "pixels at white"});
+    field(self.cut_off_share,
+          ParameterInfo{"cut_off_share", "1", "of the pixels, those at 0 that noise took there"});
+    field(self.cut_off_undone, ParameterInfo{"cut_off_undone", "",
+                                             "whether the law of what was cut off was taken back"});
+    field(self.defect_pixels,
+          ParameterInfo{"defect_pixels", "1", "of the model's list, filled from neighbours"});
+    field(self.impulse_pixels,
+          ParameterInfo{"impulse_pixels", "1", "of the read noise's tails, filled too"});
+    field(self.kept_pixels,
+          ParameterInfo{"kept_pixels", "1", "pixels that the noise does not explain, put back"});
+    field(self.dark_pattern_share,
+          ParameterInfo{"dark_pattern_share", "1",
+                        "dark shading taken out, in units of the model's map; 0: none shows"});
+    field(self.response_pattern_share,
+          ParameterInfo{"response_pattern_share", "1", "the same of PRNU"});
+    field(self.tiles, ParameterInfo{"tiles", "1", "parts that the frame was denoised in"});
+  }
 };
 
 struct DenoiseMethod {
