@@ -44,5 +44,16 @@ TEST(SerialLoops, GiveTheSameSums) {
   EXPECT_EQ(sum(), shared);
 }
 
+TEST(ParallelLoops, AGrainIsAtLeastOne) {
+  const auto sum_in_pieces_of = [](std::ptrdiff_t grain) {
+    return parallel_reduce(
+        0, 10, grain, 0, [](std::ptrdiff_t, std::ptrdiff_t) { return 1; },
+        [](int a, int b) { return a + b; });
+  };
+  EXPECT_EQ(sum_in_pieces_of(4), 3);
+  EXPECT_THROW(sum_in_pieces_of(0), ContractViolation);
+  EXPECT_THROW(sum_in_pieces_of(-4), ContractViolation);
+}
+
 }  // namespace
 }  // namespace malus

@@ -2,6 +2,8 @@
 // outputs, or reduce through parallel_reduce, whose order is fixed by the grain alone.
 #pragma once
 
+#include "malus/base/error.h"
+
 #include <cstddef>
 #include <functional>
 #include <vector>
@@ -14,7 +16,7 @@ int set_thread_count(int threads);
 int thread_count();
 
 /// Calls body(begin, end) on disjoint pieces of [begin, end) whose bounds are multiples of grain
-/// from begin. Exceptions thrown by body reach the caller.
+/// from begin. Contract: grain > 0. Exceptions thrown by body reach the caller.
 void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
                   const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body);
 
@@ -36,10 +38,11 @@ class SerialLoops {
 inline constexpr int kRowsPerTask = 32;
 
 /// Maps each grain-sized piece to a value in parallel and folds them in order: the same bits for
-/// any thread count.
+/// any thread count. Contract: grain > 0.
 template <class T, class Map, class Fold>
 T parallel_reduce(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain, T initial,
                   Map&& map, Fold&& fold) {
+  MALUS_REQUIRE(grain > 0);
   if (end <= begin) return initial;
   const std::ptrdiff_t pieces = (end - begin + grain - 1) / grain;
   std::vector<T> partial(static_cast<std::size_t>(pieces), initial);
