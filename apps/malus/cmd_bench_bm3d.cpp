@@ -50,7 +50,7 @@ std::vector<BenchmarkLine> bm3d_lines(const BenchmarkContext& context) {
         context.time_s([&] { (void)bm3d(grey, std::span(&kSigma, 1), {.profile = profile}); }, 5);
     lines.push_back({profile + ", " + counted(threads, "thread"), 1e3 * seconds, "ms", size});
   };
-  for (const char* profile : {"fast", "normal", "high"}) {
+  for (const std::string& profile : denoise_profile_names()) {
     time_profile(profile, 1);
     if (all > 1) time_profile(profile, all);
   }

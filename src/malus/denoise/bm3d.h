@@ -7,6 +7,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/base/progress.h"
+#include "malus/denoise/denoise_profile.h"
 #include "malus/image/view.h"
 
 #include <span>
@@ -22,7 +23,7 @@ struct Bm3dSettings {
     field(self.profile, ParameterInfo{.name = "profile",
                                       .unit = "",
                                       .help = "speed against quality",
-                                      .choices = {"fast", "normal", "high"}});
+                                      .choices = denoise_profile_names()});
   }
 };
 

@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/bm3d.h"
+#include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/internal/gaussian_means.h"
 #include "malus/denoise/internal/memory_budget.h"
 
@@ -163,7 +164,8 @@ class Mixing {
 }  // namespace
 
 bool mixes_bm3d(const std::string& method, const std::string& profile, const SensorLayout& layout) {
-  return method == "nl-ridge" && profile != "fast" && layout.rows() == 1 && layout.cols() == 1;
+  return method == "nl-ridge" && denoise_profile(profile) != DenoiseProfile::kFast &&
+         layout.rows() == 1 && layout.cols() == 1;
 }
 
 Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, double memory_mib,

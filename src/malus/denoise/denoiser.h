@@ -6,6 +6,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/base/progress.h"
+#include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/noise_check.h"
 #include "malus/image/raw_frame.h"
 #include "malus/noise/profile.h"
@@ -35,7 +36,7 @@ struct DenoiseSettings {
     field(self.profile, ParameterInfo{.name = "profile",
                                       .unit = "",
                                       .help = "speed against quality",
-                                      .choices = {"fast", "normal", "high"}});
+                                      .choices = denoise_profile_names()});
     field(self.memory_mib,
           ParameterInfo{"memory", "MiB", "frames and tiles together take no more than this", 128,
                         1 << 20});

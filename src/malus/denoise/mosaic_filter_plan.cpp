@@ -1,6 +1,7 @@
 // The numbers of the plans, which were measured (docs/denoising-experiments.md), and how far a plan
 // reaches.
 #include "malus/base/error.h"
+#include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/internal/block_mix.h"
 #include "malus/denoise/internal/detail_shrinkage.h"
 #include "malus/denoise/internal/mosaic_filter.h"
@@ -141,10 +142,15 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
                                     const SensorLayout& layout) {
   MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
   const PlanMaker plan(method, layout);
-  if (profile == "fast") return plan.fast();
-  if (profile == "normal") return plan.normal();
-  if (profile == "high") return plan.high();
-  throw InputError(profile, "is no profile of the denoiser", "use fast, normal or high");
+  switch (denoise_profile(profile)) {
+    case DenoiseProfile::kFast:
+      return plan.fast();
+    case DenoiseProfile::kHigh:
+      return plan.high();
+    case DenoiseProfile::kNormal:
+      break;
+  }
+  return plan.normal();
 }
 
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout, bool with_error) {

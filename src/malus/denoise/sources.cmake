@@ -14,6 +14,7 @@ set(denoise_SOURCES
     coarse_scale.cpp
     column_noise.cpp
     cut_off.cpp
+    denoise_profile.cpp
     denoiser.cpp
     detail_kernel.cpp
     detail_shrinkage.cpp

@@ -5,6 +5,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/denoise/cut_off.h"
+#include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/neural/network.h"
 
@@ -44,7 +45,7 @@ struct PackageSettings {
            "a classical method whose result goes in as further planes; a residual network then "
            "corrects it",
            {"none", "bm3d", "nl-ridge"});
-    choice(self.guide_profile, "guide_profile", "profile of the guide", {"fast", "normal", "high"});
+    choice(self.guide_profile, "guide_profile", "profile of the guide", denoise_profile_names());
     choice(self.amplification, "amplification",
            "linear domain: by the low-light ratio, which the caller knows, or so that the mean "
            "becomes 0.18",

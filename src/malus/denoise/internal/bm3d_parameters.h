@@ -1,7 +1,7 @@
 // The numbers behind BM3D's profiles.
 #pragma once
 
-#include <string_view>
+#include "malus/denoise/denoise_profile.h"
 
 namespace malus::internal {
 
@@ -25,7 +25,6 @@ struct Bm3dParameters {
   Bm3dStage wiener;
 };
 
-/// Throws InputError that lists the profiles.
-const Bm3dParameters& bm3d_profile(std::string_view name);
+const Bm3dParameters& bm3d_profile(DenoiseProfile profile);
 
 }  // namespace malus::internal

@@ -33,7 +33,7 @@ struct MosaicFilterPlan {
   std::vector<MosaicFilterPlan> coarse;
 };
 /// method: "bm3d" or "nl-ridge", which are one for layouts whose period divides no cell; profile:
-/// "fast", "normal" or "high". Throws InputError on another profile.
+/// one of denoise_profile_names. Throws InputError on another.
 MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
                                     const SensorLayout& layout);
 
