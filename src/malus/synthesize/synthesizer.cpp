@@ -101,8 +101,8 @@ bool is_measured(const NoiseModel& model, const NonparametricCalibration& calibr
 }
 
 // Dark frames bring all but the shot noise with them.
-PhysicsParts parts_of(const SynthesisSettings& settings) {
-  if (settings.kind == "dark-frames")
+PhysicsParts parts_of(SynthesisKind kind, const SynthesisSettings& settings) {
+  if (kind == SynthesisKind::kDarkFrames)
     return {
         .shot = settings.shot, .read = false, .row = false, .quantization = false, .bias = false};
   return {.shot = settings.shot,
@@ -112,9 +112,17 @@ PhysicsParts parts_of(const SynthesisSettings& settings) {
           .bias = settings.bias};
 }
 
-void require_kind(const NoiseModel& model, const SynthesisSettings& settings) {
-  const bool physics = settings.kind == "physics" || settings.kind == "poisson-gaussian";
-  const std::string needed = physics ? "physics" : settings.kind;
+// Throws InputError on a name of none.
+SynthesisKind kind_of(const SynthesisSettings& settings) {
+  const auto name =
+      std::find(kSynthesisKindNames.begin(), kSynthesisKindNames.end(), settings.kind);
+  if (name == kSynthesisKindNames.end()) require_settings(settings);
+  return static_cast<SynthesisKind>(name - kSynthesisKindNames.begin());
+}
+
+void require_kind(const NoiseModel& model, SynthesisKind kind) {
+  const auto drawn = kind == SynthesisKind::kPoissonGaussian ? SynthesisKind::kPhysics : kind;
+  const std::string needed(kSynthesisKindNames[static_cast<std::size_t>(drawn)]);
   const auto kinds = model.kinds();
   if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
     throw InputError(model.sensor.empty() ? "noise model" : model.sensor,
@@ -124,16 +132,17 @@ void require_kind(const NoiseModel& model, const SynthesisSettings& settings) {
 }
 
 // What would change nothing is refused: whoever sets it expects something else of the kind.
-void refuse_settings_without_meaning(const SynthesisSettings& s) {
-  const bool gaussian = s.kind == "gaussian", levels = s.kind == "nonparametric",
-             dark = s.kind == "dark-frames";
+void refuse_settings_without_meaning(SynthesisKind kind, const SynthesisSettings& s) {
+  const bool gaussian = kind == SynthesisKind::kGaussian,
+             levels = kind == SynthesisKind::kNonparametric,
+             dark = kind == SynthesisKind::kDarkFrames;
   struct Changed {
     const char* name;
     SettingValue to;
     bool changed, means_nothing;
   };
   for (const Changed& part :
-       {Changed{"exact", true, s.exact, s.kind != "physics"},
+       {Changed{"exact", true, s.exact, kind != SynthesisKind::kPhysics},
         {"parameters", "mean", s.parameters == "mean", gaussian || levels || dark},
         {"shot", false, !s.shot, levels},
         {"read", false, !s.read, levels || dark},
@@ -149,12 +158,22 @@ void refuse_settings_without_meaning(const SynthesisSettings& s) {
 
 GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settings,
                         std::uint64_t seed, std::uint32_t frame) {
-  require_kind(model, settings);
-  if (settings.kind == "gaussian") return random_gain(model.gaussian, seed, frame);
-  if (settings.kind == "nonparametric") return random_gain(model.nonparametric, seed, frame);
-  if (settings.kind != "dark-frames") return model.random_gain(seed, frame);
-  RandomSequence random(seed, frame, Draw::kParameters, kStreamDarkGain);
-  return model.dark_frames[pick(random, model.dark_frames.size())].gain;
+  const SynthesisKind kind = kind_of(settings);
+  require_kind(model, kind);
+  switch (kind) {
+    case SynthesisKind::kGaussian:
+      return random_gain(model.gaussian, seed, frame);
+    case SynthesisKind::kNonparametric:
+      return random_gain(model.nonparametric, seed, frame);
+    case SynthesisKind::kDarkFrames: {
+      RandomSequence random(seed, frame, Draw::kParameters, kStreamDarkGain);
+      return model.dark_frames[pick(random, model.dark_frames.size())].gain;
+    }
+    case SynthesisKind::kPhysics:
+    case SynthesisKind::kPoissonGaussian:
+      break;
+  }
+  return model.random_gain(seed, frame);
 }
 
 Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
@@ -162,14 +181,15 @@ Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
       settings_(std::move(settings)),
       cache_(std::make_shared<GainTableCache>()) {
   require_settings(settings_);
-  require_kind(model_, settings_);
-  refuse_settings_without_meaning(settings_);
+  kind_ = kind_of(settings_);
+  require_kind(model_, kind_);
+  refuse_settings_without_meaning(kind_, settings_);
 }
 
 DrawAddress Synthesizer::somewhere(int rows, int cols, std::uint64_t seed,
                                    std::uint32_t frame) const {
   DrawAddress address{.seed = seed, .frame = frame};
-  if (settings_.kind != "dark-frames") return address;
+  if (kind_ != SynthesisKind::kDarkFrames) return address;
   RandomSequence random(seed, frame, Draw::kParameters, kStreamDarkPlace);
   const auto place = [&](int room, int step) {
     return step *
@@ -182,7 +202,7 @@ DrawAddress Synthesizer::somewhere(int rows, int cols, std::uint64_t seed,
 }
 
 std::string Synthesizer::repetition(int rows, int cols) const {
-  if (settings_.kind != "dark-frames") return {};
+  if (kind_ != SynthesisKind::kDarkFrames) return {};
   const auto [dark_rows, dark_cols] = dark_frame_size(model_);
   // Dark frames lack what is no whole cell at the sensor's lower and right edge.
   if (rows < dark_rows + model_.layout.rows() && cols < dark_cols + model_.layout.cols()) return {};
@@ -195,7 +215,7 @@ std::string Synthesizer::repetition(int rows, int cols) const {
 GainTables Synthesizer::make_tables(const GainSetting& gain) const {
   GainTables tables;
   tables.gain = gain;
-  if (settings_.kind == "gaussian") {
+  if (kind_ == SynthesisKind::kGaussian) {
     const auto channels =
         gaussian_channels(model_.gaussian_at(gain), model_.quantization_dn, settings_);
     tables.compiled =
@@ -205,7 +225,7 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
       tables.global_bias_dn += channel.mu_dn / static_cast<double>(channels.size());
     return tables;
   }
-  if (settings_.kind == "nonparametric") {
+  if (kind_ == SynthesisKind::kNonparametric) {
     const NonparametricCalibration calibration = model_.nonparametric_at(gain);
     const double lowest_black =
         model_.black_dn.empty() ? 0.0
@@ -229,8 +249,8 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
   PhysicsNoise mean = tables.parameters->mean();
   // The mean frame's bias, not one frame's: what is left varies as it does on real frames.
   if (settings_.bias) tables.global_bias_dn = mean_bias(mean);
-  mean.parts = parts_of(settings_);
-  if (settings_.kind == "poisson-gaussian")
+  mean.parts = parts_of(kind_, settings_);
+  if (kind_ == SynthesisKind::kPoissonGaussian)
     tables.compiled = CompiledNoise::poisson_gaussian(mean);
   else if (!settings_.exact)
     tables.compiled = CompiledNoise(mean);
@@ -246,13 +266,13 @@ FrameParameters Synthesizer::physical(const GainTables& tables, View<const float
   frame.physics = settings_.parameters == "sampled"
                       ? tables.parameters->draw(address.seed, address.frame)
                       : tables.parameters->mean();
-  frame.physics.parts = parts_of(settings_);
+  frame.physics.parts = parts_of(kind_, settings_);
   if (rounded_later) frame.physics.parts.quantization = false;
   if (settings_.exact)
     add_noise_exact(frame.physics, signal_dn, noisy_dn, address);
   else
     tables.compiled->with_parameters(frame.physics).apply(signal_dn, noisy_dn, address);
-  if (settings_.kind == "dark-frames")
+  if (kind_ == SynthesisKind::kDarkFrames)
     add_dark_frame(model_.dark_frames_at(tables.gain), address,
                    rounded_later ? model_.quantization_dn : 0.0, noisy_dn);
   return frame;
@@ -264,7 +284,7 @@ std::shared_ptr<const GainTables> Synthesizer::tables_at(const GainSetting& gain
 
 void Synthesizer::require_gain(const GainSetting& gain) const {
   tables_at(gain);
-  if (settings_.kind == "dark-frames") model_.dark_frames_at(gain);
+  if (kind_ == SynthesisKind::kDarkFrames) model_.dark_frames_at(gain);
 }
 
 FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy_dn,

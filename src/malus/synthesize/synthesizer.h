@@ -12,13 +12,21 @@
 #include "malus/synthesize/gain_tables.h"
 #include "malus/synthesize/level_coverage.h"
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace malus {
+
+/// What noise is drawn from.
+enum class SynthesisKind { kPhysics, kPoissonGaussian, kGaussian, kNonparametric, kDarkFrames };
+/// Their names, in that order.
+inline constexpr std::array<std::string_view, 5> kSynthesisKindNames = {
+    "physics", "poisson-gaussian", "gaussian", "nonparametric", "dark-frames"};
 
 struct SynthesisSettings {
   std::string kind = "physics";
@@ -36,8 +44,7 @@ struct SynthesisSettings {
                                    "noise model",
                                    -infinity,
                                    infinity,
-                                   {"physics", "poisson-gaussian", "gaussian", "nonparametric",
-                                    "dark-frames"}});
+                                   {kSynthesisKindNames.begin(), kSynthesisKindNames.end()}});
     field(
         self.parameters,
         ParameterInfo{"parameters",
@@ -147,6 +154,7 @@ class Synthesizer {
   NoiseModel model_;
   SynthesisSettings settings_;
   std::shared_ptr<GainTableCache> cache_;
+  SynthesisKind kind_ = SynthesisKind::kPhysics;  ///< settings_.kind
 };
 
 /// Rounds to the camera's step with black back, and clips to 0..white; NaN becomes 0. In place: DN
