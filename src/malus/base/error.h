@@ -1,8 +1,7 @@
 // Three kinds of failure, three idioms:
 //   bad input or environment         -> throw InputError (one line: subject, problem, remedy)
 //   data that cannot decide a value  -> return Estimate<T> holding Undecided (see estimate.h)
-//   a bug in malus                   -> MALUS_REQUIRE throws ContractViolation, which nobody
-//   catches
+//   a bug in malus                   -> MALUS_REQUIRE throws ContractViolation, caught by nobody
 #pragma once
 
 #include <stdexcept>

@@ -14,8 +14,8 @@ enum class Color { kMono, kRed, kGreen1, kGreen2, kBlue };
 /// One position of the cell.
 struct Site {
   Color color = Color::kMono;
-  std::optional<int>
-      angle_deg;  ///< polarizer axis, counter-clockwise, 0 45 90 135; none without a polarizer
+  /// Polarizer axis, counter-clockwise: 0, 45, 90 or 135; none without a polarizer.
+  std::optional<int> angle_deg;
   bool operator==(const Site&) const = default;
 };
 

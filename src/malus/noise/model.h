@@ -67,7 +67,8 @@ struct NoiseModel {
   /// One frame's random parameters at a gain (000 Eq. 5-6): mu, sigma_row from their joint
   /// Gaussians, sigma_tl singly. A standard deviation drawn below zero is drawn again (for
   /// sigma_row all channels together, so that they stay correlated), up to 32 times, then set to
-  /// zero: the Gaussians of Eq. 5-6 cut at zero.
+  /// zero: the Gaussians of Eq. 5-6 cut at zero. For single frames: who draws many keeps a
+  /// ParameterSampler, which gives the same.
   PhysicsNoise sample_physics_at(const GainSetting& gain, std::uint64_t seed, std::uint32_t frame,
                                  GainRange range = GainRange::kCalibratedOnly) const;
 

@@ -1,3 +1,5 @@
+// What the picture libraries do for malus_io: the functions that malus_pictures.so hands over, or
+// those that a C++ program links (linked_codecs.cpp).
 #pragma once
 
 #include "malus/io/codecs.h"

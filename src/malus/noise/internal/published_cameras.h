@@ -19,7 +19,7 @@ struct PublishedLaw {
 struct PublishedCamera {
   const char* name;
   const char* sensor;
-  double K_min, K_max, lambda;
+  double K_min, lambda;  ///< K at the lowest ISO; the source's laws reach to 64 times that
   PublishedLaw sigma_tl, sigma_row;
   std::array<double, 4> bias_dn;
   std::array<double, 16> bias_covariance_dn2;
