@@ -16,6 +16,10 @@ endif()
 add_library(malus_warnings INTERFACE)
 target_compile_options(malus_warnings INTERFACE -Wall -Wextra -Wconversion -Wshadow
                        $<$<BOOL:${MALUS_WERROR}>:-Werror>)
+if(MALUS_TIDY)
+  find_program(MALUS_CLANG_TIDY clang-tidy REQUIRED)
+  set(CMAKE_CXX_CLANG_TIDY ${MALUS_CLANG_TIDY})
+endif()
 # Contraction to FMA would make results differ between machines and between scalar and SIMD code.
 add_compile_options(-ffp-contract=off)
 
