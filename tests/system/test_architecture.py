@@ -3,8 +3,10 @@
 import ast
 import pathlib
 import re
+import shutil
 import subprocess
 
+import pytest
 from conftest import BUILD, ROOT
 
 SOURCES = ROOT / "src" / "malus"
@@ -148,6 +150,15 @@ def functions_of(path):
         return bodies_in_braces(path.read_text(), SCRIPT_LITERALS if path.suffix == ".ts" else LITERALS)
     return [(node.lineno, node.end_lineno - node.lineno + 1, node.name) for node in ast.walk(ast.parse(path.read_text()))
             if isinstance(node, ast.FunctionDef)]
+
+
+def test_code_is_formatted():
+    """By .clang-format, as the version reads it that all of it was formatted with: others break lines elsewhere."""
+    program = shutil.which("clang-format-14") or shutil.which("clang-format")
+    if not program or " 14." not in subprocess.run([program, "--version"], capture_output=True, text=True).stdout:
+        pytest.skip("clang-format 14 is not installed (scripts/packages.sh develop, on Debian 12)")
+    done = subprocess.run([program, "--dry-run", "-Werror", *own_files(".h", ".cpp", ".cu")], capture_output=True, text=True)
+    assert not done.returncode, done.stderr[:2000]
 
 
 def test_functions_stay_short():
