@@ -2,7 +2,7 @@
 // (000, 3.3).
 #pragma once
 
-#include "malus/noise/model.h"
+#include "malus/noise/calibration.h"
 
 #include <vector>
 

@@ -6,6 +6,7 @@
 #include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/bias_frames.h"
 #include "malus/calibrate/dark_corrections.h"
+#include "malus/calibrate/equal_values.h"
 #include "malus/calibrate/fixed_pattern.h"
 #include "malus/calibrate/read_noise_shape.h"
 #include "malus/calibrate/row_drift_fit.h"

@@ -4,7 +4,6 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/cut_off_noise.h"
 #include "malus/calibrate/defects.h"
-#include "malus/calibrate/equal_values.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/neighbour_correlation.h"
@@ -12,7 +11,6 @@
 #include "malus/calibrate/temporal.h"
 #include "malus/calibrate/temporal_filter.h"
 
-#include <optional>
 #include <vector>
 
 namespace malus {

@@ -3,8 +3,8 @@
 
 #include "malus/calibrate/across_frames.h"
 #include "malus/calibrate/geometry.h"
+#include "malus/calibrate/residual_histogram.h"
 #include "malus/calibrate/rounded_noise.h"
-#include "malus/calibrate/tukey_fit.h"
 #include "malus/image/layout.h"
 #include "malus/image/raw_frame.h"
 #include "malus/noise/calibration.h"

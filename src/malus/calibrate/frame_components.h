@@ -2,9 +2,9 @@
 #pragma once
 
 #include "malus/calibrate/geometry.h"
-#include "malus/calibrate/tukey_fit.h"
+#include "malus/calibrate/residual_histogram.h"
 #include "malus/image/view.h"
-#include "malus/noise/model.h"
+#include "malus/noise/matrix.h"
 
 #include <vector>
 

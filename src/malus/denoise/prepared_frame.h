@@ -7,7 +7,6 @@
 #include "malus/denoise/saturated_pixels.h"
 #include "malus/noise/stabilize.h"
 
-#include <cstdint>
 #include <vector>
 
 namespace malus {

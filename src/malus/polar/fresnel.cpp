@@ -1,5 +1,7 @@
 #include "malus/polar/fresnel.h"
 
+#include "malus/base/error.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>

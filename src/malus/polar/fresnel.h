@@ -3,8 +3,6 @@
 // E. Hancock, "Recovery of surface orientation from diffuse polarization", IEEE TIP 15(6), 2006.
 #pragma once
 
-#include "malus/base/error.h"
-
 namespace malus {
 
 /// Diffuse: rises from 0 at 0 to its largest value at 90 degrees. zenith_deg 0..90, index > 1.
