@@ -62,6 +62,8 @@ TEST(CalibratePhysics, FrameToFrameSpreadIsSeparatedFromSamplingError) {
     return std::accumulate(v.begin(), v.end(), 0.0) / static_cast<double>(v.size());
   };
   const PhysicsCalibration varied = calibrated(camera).physics[0];
+  // 200 frames tell a spread to 5 %, less of σ_row, whose own error is 12 % per frame: the means
+  // over 16 channels err by 0.004 DN and 0.007, that of σ_TL by 0.001, of which 0.01 is plenty.
   EXPECT_NEAR(mean(varied.mu.spread), 0.3, 0.02);
   EXPECT_NEAR(mean(varied.sigma_row.spread) / mean(varied.sigma_row.mean), 0.2, 0.04);
   EXPECT_NEAR(mean(varied.sigma_tl.spread) / mean(varied.sigma_tl.mean), 0.05, 0.01);

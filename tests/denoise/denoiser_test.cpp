@@ -142,13 +142,14 @@ TEST_P(MosaicMethod, EveryLayoutAndSizeWorks) {
   for (const std::string& name : SensorLayout::known_names()) {
     const PhysicsNoise noise = camera_noise(SensorLayout::named(name));
     for (const auto& [rows, cols] : {std::pair{61, 43}, {1, 50}, {50, 1}, {1, 1}, {3, 2}}) {
-      const Image clean(rows, cols, 100.0f);
-      const Denoised result =
-          denoise_frame(noisy_frame(clean, noise, 1), profile_of(noise), quick(GetParam()));
+      const Image clean(rows, cols, 100.0f), with_black(rows, cols, 182.0f);
+      const RawFrame frame = noisy_frame(clean, noise, 1);
+      const Denoised result = denoise_frame(frame, profile_of(noise), quick(GetParam()));
       ASSERT_EQ(result.dn_above_black.rows(), rows);
       ASSERT_EQ(result.dn_above_black.cols(), cols);
-      // The noise of one pixel is 12.5 DN; a flat picture must come out much flatter.
-      EXPECT_LT(rms(result.dn_above_black, clean), rows * cols > 1000 ? 3.0 : 40.0) << name;
+      // Noise of 12.5 DN: a flat picture comes out much flatter, a handful of pixels no worse.
+      const double most_dn = rows * cols > 1000 ? 3.0 : 1.1 * rms(frame.dn, with_black);
+      EXPECT_LT(rms(result.dn_above_black, clean), most_dn) << name;
     }
     const Image clean(67, 71, 100.0f);  // odd, and large enough for a coarse scale of some
     const Denoised result =

@@ -280,7 +280,7 @@ TEST(EstimateProfile, ManyPixelsAtTheMaximumOfAFaintFrameAreNotClipped) {
 
 // All blocks of a board have nearly one brightness and no smooth one is left: lines through their
 // variances, thousands of times the noise's, are as steep as chance has it, and would differ from
-// channel to channel a hundredfold.
+// channel to channel a hundredfold. The limits stand far from that and claim no accuracy.
 TEST(EstimateProfile, ABoardOfOneBrightnessHasNoWildLines) {
   PhysicsNoise camera = shot_and_read_noise(1.0, 2.5);
   camera.layout = SensorLayout::named("bayer-rggb");

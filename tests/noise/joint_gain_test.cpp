@@ -119,6 +119,7 @@ TEST(JointGain, InterpolatesALeftOutGainOfASimulatedLaw) {
               -p.mu_dn[c] / law.minus_mu(left_out, i)})
           worst = std::max(worst, std::abs(error - 1));
         EXPECT_NEAR(p.lambda[c], law.lambda(left_out), 1e-9);
+        // A line through four sd of 7 % each tells one between them to 4.7 %: four standard errors.
         EXPECT_NEAR(p.mu_covariance(i, i) / std::pow(law.mu_sd(left_out, i), 2), 1.0, 0.45);
       }
     }
