@@ -13,6 +13,7 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <new>
 #include <numeric>
 #include <optional>
 #include <type_traits>
@@ -23,6 +24,7 @@
 #define HWY_TARGET_INCLUDE "malus/denoise/stack_kernel.cpp"
 #include <hwy/foreach_target.h>
 // After foreach_target.
+#include <hwy/aligned_allocator.h>
 #include <hwy/highway.h>
 
 // Wide vectors cross only inlined calls: their calling convention does not matter.
@@ -303,10 +305,11 @@ template <int kSide>
 void filter_block(const StackJob& job, const ReferenceBlock& block) {
   Search search(job, block, kSide * kCell);
   // Samples, pilot, and errors of the blocks.
-  std::vector<CellVector> memory(static_cast<std::size_t>(job.stack * (2 * kSide * kSide + 1)) + 1);
-  // Aligned by hand: std::vector gives 16 bytes.
-  auto address = reinterpret_cast<std::uintptr_t>(memory.data());
-  auto* cells = reinterpret_cast<Floats*>((address + 63) & ~std::uintptr_t{63});
+  const auto size = static_cast<std::size_t>(job.stack * (2 * kSide * kSide + 1));
+  const auto memory = hwy::AllocateAligned<Floats>(size);
+  if (!memory) throw std::bad_alloc();
+  Floats* cells = memory.get();
+  std::fill_n(cells, size, Floats{});
   const auto batch = std::make_unique<Batch>();
   for (int row = block.row_begin; row < block.row_end; row += job.step)
     for (int col = block.col_begin; col < block.col_end; col += job.step) {
