@@ -8,6 +8,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <type_traits>
 
 namespace malus {
 namespace {
@@ -127,30 +128,49 @@ CompiledNoise CompiledNoise::gaussian(const SensorLayout& layout,
   return compiled;
 }
 
-void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_bytes, void* out,
-                        bool out_u16, std::ptrdiff_t out_stride_bytes, int rows, int cols,
+// Rows of float or of 16-bit pixels; Byte is const where they are read.
+template <class Byte>
+struct CompiledNoise::PixelRows {
+  template <class Pixel>
+  explicit PixelRows(View<Pixel> view)
+      : first(reinterpret_cast<Byte*>(view.data())),
+        stride_bytes(view.stride() * static_cast<std::ptrdiff_t>(sizeof(Pixel))),
+        rows(view.rows()),
+        cols(view.cols()),
+        u16(std::is_same_v<std::remove_const_t<Pixel>, std::uint16_t>) {}
+  Byte* row(std::ptrdiff_t r) const { return first + r * stride_bytes; }
+
+  Byte* first;
+  std::ptrdiff_t stride_bytes;
+  int rows, cols;
+  bool u16;
+};
+
+void CompiledNoise::run(const PixelRows<const char>& in, const PixelRows<char>& out,
                         const DrawAddress& address, const CameraOutput& camera) const {
+  MALUS_REQUIRE(in.rows == out.rows && in.cols == out.cols);
   MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
-  MALUS_REQUIRE(!(in_u16 || out_u16) || camera.black_dn.size() == parts_.channels.size());
+  MALUS_REQUIRE(!(in.u16 || out.u16) || camera.black_dn.size() == parts_.channels.size());
   const int period = std::lcm(parts_.layout.cols(), kGroupColumns);
   std::vector<LaneArrays> phases;
   for (int phase = 0; phase < parts_.layout.rows(); ++phase)
     phases.push_back(lane_arrays(parts_, phase, period, camera));
   internal::RowJob job;
   job.tables = {normal_tail_lines().data(), parts_.read_lines ? parts_.read_lines->data() : nullptr,
-                parts_.shot, out_u16 ? 0.0f : parts_.quantization_dn};
+                parts_.shot, out.u16 ? 0.0f : parts_.quantization_dn};
   job.seed = address.seed;
   job.frame = address.frame;
   job.col0 = address.col0;
-  job.cols = cols;
-  job.in_u16 = in_u16;
-  job.out_u16 = out_u16;
+  job.cols = in.cols;
+  job.in_u16 = in.u16;
+  job.out_u16 = out.u16;
   job.step_dn = static_cast<float>(camera.whole_step_dn());
   job.white_dn = static_cast<float>(std::min(camera.white_dn, 65535.0));
-  std::vector<double> deviates(static_cast<std::size_t>(rows), 0.0);
-  if (parts_.row_noise) deviates = row_deviates(address, rows, parts_.row_group, parts_.row_drift);
+  std::vector<double> deviates(static_cast<std::size_t>(in.rows), 0.0);
+  if (parts_.row_noise)
+    deviates = row_deviates(address, in.rows, parts_.row_group, parts_.row_drift);
   constexpr std::ptrdiff_t kRowsPerPiece = 8;
-  parallel_for(0, rows, kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+  parallel_for(0, in.rows, kRowsPerPiece, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     internal::RowJob mine = job;
     std::vector<float> offset_dn(static_cast<std::size_t>(period));
     for (std::ptrdiff_t r = begin; r < end; ++r) {
@@ -167,8 +187,8 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
                     offset_dn.data(),
                     lanes.black_dn.data(),
                     lanes.first_line.data()};
-      mine.in = static_cast<const char*>(in) + r * in_stride_bytes;
-      mine.out = static_cast<char*>(out) + r * out_stride_bytes;
+      mine.in = in.row(r);
+      mine.out = out.row(r);
       internal::run_row(mine);
     }
   });
@@ -176,30 +196,22 @@ void CompiledNoise::run(const void* in, bool in_u16, std::ptrdiff_t in_stride_by
 
 void CompiledNoise::apply(View<const float> clean_dn, View<float> noisy_dn,
                           const DrawAddress& address) const {
-  MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
-  run(clean_dn.data(), false, clean_dn.stride() * 4, noisy_dn.data(), false, noisy_dn.stride() * 4,
-      clean_dn.rows(), clean_dn.cols(), address, {});
+  run(PixelRows<const char>(clean_dn), PixelRows<char>(noisy_dn), address, {});
 }
 
 void CompiledNoise::apply(View<const float> clean_dn, View<std::uint16_t> raw,
                           const DrawAddress& address, const CameraOutput& camera) const {
-  MALUS_REQUIRE(clean_dn.rows() == raw.rows() && clean_dn.cols() == raw.cols());
-  run(clean_dn.data(), false, clean_dn.stride() * 4, raw.data(), true, raw.stride() * 2,
-      clean_dn.rows(), clean_dn.cols(), address, camera);
+  run(PixelRows<const char>(clean_dn), PixelRows<char>(raw), address, camera);
 }
 
 void CompiledNoise::apply(View<const std::uint16_t> clean_raw, View<std::uint16_t> raw,
                           const DrawAddress& address, const CameraOutput& camera) const {
-  MALUS_REQUIRE(clean_raw.rows() == raw.rows() && clean_raw.cols() == raw.cols());
-  run(clean_raw.data(), true, clean_raw.stride() * 2, raw.data(), true, raw.stride() * 2,
-      clean_raw.rows(), clean_raw.cols(), address, camera);
+  run(PixelRows<const char>(clean_raw), PixelRows<char>(raw), address, camera);
 }
 
 void CompiledNoise::apply(View<const std::uint16_t> clean_raw, View<float> noisy_dn,
                           const DrawAddress& address, const CameraOutput& camera) const {
-  MALUS_REQUIRE(clean_raw.rows() == noisy_dn.rows() && clean_raw.cols() == noisy_dn.cols());
-  run(clean_raw.data(), true, clean_raw.stride() * 2, noisy_dn.data(), false, noisy_dn.stride() * 4,
-      clean_raw.rows(), clean_raw.cols(), address, camera);
+  run(PixelRows<const char>(clean_raw), PixelRows<char>(noisy_dn), address, camera);
 }
 
 }  // namespace malus

@@ -96,8 +96,9 @@ class CompiledNoise {
 
  private:
   CompiledNoise() = default;
-  void run(const void* in, bool in_u16, std::ptrdiff_t in_stride_bytes, void* out, bool out_u16,
-           std::ptrdiff_t out_stride_bytes, int rows, int cols, const DrawAddress& address,
+  template <class Byte>
+  struct PixelRows;
+  void run(const PixelRows<const char>& in, const PixelRows<char>& out, const DrawAddress& address,
            const CameraOutput& camera) const;
   void use_physics(const PhysicsNoise& noise);
   void make_read_lines(const PhysicsNoise& noise);
