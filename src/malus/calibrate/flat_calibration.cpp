@@ -160,12 +160,12 @@ struct FlatPatterns {
 // The flat levels of one gain as they are measured one after the other.
 struct FlatSeries {
   std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
-  std::vector<double> exposures_s;
   FlatPatterns patterns;
-  std::vector<bool> in_patterns;  ///< per level
-  std::vector<FlatObservation> seen;
-  std::vector<GainBlocks> gains;              ///< per level
-  std::vector<std::vector<double>> light_dn;  ///< of the levels that count, per channel
+  std::vector<double> exposures_s = {};
+  std::vector<bool> in_patterns = {};  ///< per level
+  std::vector<FlatObservation> seen = {};
+  std::vector<GainBlocks> gains = {};              ///< per level
+  std::vector<std::vector<double>> light_dn = {};  ///< of the levels that count, per channel
 };
 
 // A level that no channel refuses.
@@ -342,15 +342,12 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
                    const CalibrationSettings& settings, Progress& progress,
                    PhysicsCalibration& out) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+  MALUS_REQUIRE(out.sigma_row.mean.size() == as_index(geometry.channels()) &&
+                !out.dark_shading_dn.empty());
   const std::vector<double> frame_deviation = dark.temporal.frame_deviation_dn();
   const std::vector<double> dark_variance = dark.temporal.variance_dn2();
   FlatSeries series{std::vector<std::vector<TransferLevel>>(as_index(geometry.channels())),
-                    {},
-                    FlatPatterns(geometry),
-                    {},
-                    {},
-                    {},
-                    {}};
+                    FlatPatterns(geometry)};
   for (const FrameSet* flat : flats) {
     const MatchingDark own = matching_dark(*flat, darks, first, dark, out, progress);
     add_level(*flat, measure_level(*flat, first, own, progress), own, first, frame_deviation,
