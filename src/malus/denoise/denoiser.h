@@ -1,7 +1,9 @@
 // Raw frame in, denoised raw frame out: the methods by name, and what every one of them tells about
 // its work.
-//   subtract black and bias -> take out fixed pattern, row and column noise -> stabilise the
-//   variance -> filter -> exact unbiased inverse -> mosaic
+//   measure what the camera cut off at 0 -> fill defects -> subtract black and bias -> take out
+//   fixed pattern, row and column noise -> fill impulses -> stabilise the variance -> filter ->
+//   exact unbiased inverse -> mosaic
+// docs/denoising.md has these steps as a table.
 #pragma once
 
 #include "malus/base/parameter.h"
