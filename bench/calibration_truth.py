@@ -134,7 +134,7 @@ camera("dark current, 40 e-/s, dark sets", dark_e_per_s=40.0, seconds=10.0, dark
 camera("dark current, 40 e-/s, bias frames alone", dark_e_per_s=40.0, seconds=10.0)
 
 
-# Several gains of one sensor, and one between them: read noise of so many electrons before the amplifier and DN after it, bias in e-.
+# Several gains of one sensor, and one between them: read noise in electrons before the amplifier and in DN after it, bias in e-.
 BETWEEN = {
     "gains of 0, 12 and 36 dB, at 18 dB": {"gains_db": (0, 12, 36), "at_db": 18, "read_e": 2.3, "read_dn": 0.0, "bias_e": 0.5},
     "gains of 0 and 30 dB, at 10 dB": {"gains_db": (0, 30), "at_db": 10, "read_e": 2.0, "read_dn": 1.0, "bias_e": 0.0},

@@ -1,7 +1,7 @@
 """Noise that a camera cuts off at its lowest code (docs/denoising.md, "Noise cut off at 0").
 
 A NumPy camera of its own (0.4 DN/e-, 1.2 DN of read noise, mono polarization, 12 bit) looks at a spot of light that falls off to
-darkness, everywhere half polarized. Its black level is so many deviations of the read noise. Mean S0 and DoLP of places by their
+darkness, everywhere half polarized. Its black level is given in deviations of the read noise. Mean S0 and DoLP of places by their
 true light, of the raw frame and denoised: with the noise estimated from the picture, and with a model calibrated from the camera's
 own frames (whose dark frames are cut off too).
 

@@ -21,7 +21,7 @@ GLYPHS = {  # 5 x 7, rows from the top
 
 
 def text(lines, pixels):
-    """Ink (rows, cols) of lines of letters, so many pixels per dot, one dot between letters, three between lines."""
+    """Ink (rows, cols) of lines of letters, `pixels` pixels per dot, one dot between letters, three between lines."""
     dots = np.zeros((10 * len(lines), 6 * max(map(len, lines))))
     for i, line in enumerate(lines):
         for k, letter in enumerate(line):

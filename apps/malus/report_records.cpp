@@ -150,7 +150,7 @@ ChartsBlock bars_of(const Metric& metric, const std::vector<Json>& results,
   return {"", {{"", std::move(chart)}}};
 }
 
-// The last so many parts of a path.
+// The last `parts` parts of a path.
 std::filesystem::path end_of(const std::filesystem::path& path, std::ptrdiff_t parts) {
   std::filesystem::path end;
   const std::ptrdiff_t all = std::distance(path.begin(), path.end());

@@ -29,7 +29,7 @@ struct CleanScene {
 /// picture (of integers: sRGB; of floats: linear). Throws InputError.
 CleanScene load_scene(const std::filesystem::path& path, const NoiseModel& model, int crop);
 
-/// The model with Gaussian row noise of so many deviations of the read noise in place of its own,
+/// The model with Gaussian row noise of this many deviations of the read noise in place of its own,
 /// at its measured gains. Throws InputError where it has no physics part.
 NoiseModel with_row_noise(const NoiseModel& model, double read_deviations);
 

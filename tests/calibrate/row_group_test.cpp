@@ -42,7 +42,7 @@ TEST(CalibrateRowGroup, WideRowGroupsAreFoundOrNotDecided) {
   EXPECT_EQ(calibrated(camera).row_group_origin, "assumed");
 }
 
-// Bias frames of a camera that reads so many rows together.
+// Bias frames of a camera that reads `row_group` rows together.
 CalibrationInput tall_session(int row_group) {
   SimulatedCamera camera = testing::mono_camera(0.36, 0.14, 1.2, 0.8, 3);
   camera.rows = 384;

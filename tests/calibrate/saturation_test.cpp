@@ -34,7 +34,7 @@ CutOff cut_off(double c) {
   return {mean, below - c * density + c * c * above - mean * mean};
 }
 
-// Two frames per level; shot noise of a well that holds so many electrons.
+// Two frames per level; shot noise of a well that holds `well_e` electrons.
 std::vector<TransferLevel> levels_of(const std::vector<double>& electrons, double well_e,
                                      RandomSequence* random = nullptr) {
   std::vector<TransferLevel> levels;

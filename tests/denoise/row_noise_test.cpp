@@ -334,7 +334,7 @@ TEST(RowNoise, BarsThatSpanSeveralRowsAreNoRowNoise) {
   EXPECT_LE(found, 3);  // of 20
 }
 
-// Text or bricks: the same lines every so many rows, no stronger than a camera's.
+// Text or bricks: the same lines again and again, no stronger than a camera's.
 TEST(RowNoise, LinesThatRepeatAreNoRowNoise) {
   NoiseProfile unknown = profile_with(0.0, 1.5);
   unknown.row_group = 1;

@@ -11,7 +11,7 @@
 namespace malus {
 namespace {
 
-// The slow part of a share of the variance falls to 1/e over so many groups; deviations of 0.1 are
+// The slow part of a share of the variance falls to 1/e over `length` groups; deviations of 0.1 are
 // those of the estimate.
 RowNoise drawn_offsets(std::size_t groups, std::uint32_t seed, double share = 0,
                        double length = 1) {

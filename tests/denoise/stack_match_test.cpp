@@ -45,7 +45,7 @@ struct Block {
   std::size_t order;  ///< in the window, the near one first
 };
 
-// The blocks of a window with so many periods between them, but for those within `known` periods;
+// The blocks of a window with `step` periods between them, but for those within `known` periods;
 // those of the wide window (known >= 0) lie in the frame, but for the reference's own rows and
 // columns, and samples of them tell the distance.
 void add_plainly(const StackJob& job, int row, int col, int step, int known, double factor,

@@ -144,7 +144,7 @@ def check_complete(folder, frames, report):
 
 
 def run_and_end(plan, folder, frames, how):
-    """Starts a capture and ends it once so many frames lie in the folder; returns those up to the first gap."""
+    """Starts a capture and ends it once `frames` frames lie in the folder; returns those up to the first gap."""
     process = subprocess.Popen([PROGRAM, "capture", plan, "-o", folder], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not (folder / STEP).exists() or len(list((folder / STEP).glob("f*.tif"))) < frames:
         assert process.poll() is None, process.stderr.read()

@@ -45,12 +45,11 @@ struct CalibrationSettings {
                         "non-parametric, and Gaussian from bursts: distance of signal levels; 0 = "
                         "1/256 of the range",
                         0.0, 65536.0});
-    field(
-        self.bins,
-        ParameterInfo{"bins", "1",
-                      "non-parametric: about so many bins of each distribution; some 14 at least, "
-                      "and fewer where the camera's codes are wider",
-                      8, 4096});
+    field(self.bins,
+          ParameterInfo{"bins", "1",
+                        "non-parametric: about this many bins per distribution; about 14 at least, "
+                        "and fewer where the camera's codes are wider",
+                        8, 4096});
     field(self.level_samples,
           ParameterInfo{"level_samples", "1",
                         "non-parametric: samples wanted per level; levels with fewer borrow from "

@@ -16,7 +16,7 @@ namespace malus {
 /// or more.
 double response_bend_per_dn(const std::vector<TransferLevel>& levels);
 
-/// Chance that Student's |t| of so many degrees of freedom (one or more) is beyond t >= 0.
+/// Chance that Student's |t| with this many degrees of freedom (one or more) is beyond t >= 0.
 /// Abramowitz and Stegun 26.7.3, 26.7.4.
 double student_chance(double t, int freedom);
 

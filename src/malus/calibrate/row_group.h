@@ -8,7 +8,7 @@
 namespace malus {
 
 /// Variance of the rows' offsets over the frames, without what pixels alone lift the mean of a row
-/// of so many columns by; negative by chance where there is none. temporal_variance_dn2: of a
+/// of this many columns by; negative by chance where there is none. temporal_variance_dn2: of a
 /// pixel, its row's among it, averaged over channels. Contract: two frames or more.
 struct RowVariance {
   double value_dn2 = 0, standard_error_dn2 = 0;

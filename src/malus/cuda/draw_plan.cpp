@@ -17,7 +17,7 @@ DrawKernel kernel_for(const CompiledParts& parts) {
   return DrawKernel::kAny;
 }
 
-// So many that a thread's preparations are shared by many pixels, and so few that small frames
+// Enough that a thread's preparations are shared by many pixels, and few enough that small frames
 // still fill a device: some hundred thousand threads.
 int rows_per_thread_for(int rows, unsigned across) {
   constexpr double kThreads = 1 << 18;

@@ -21,9 +21,9 @@ constexpr int kMixContext = (kMixRadius + 1) * kCell;  // pixels
 // Of the estimate's stated error, what its own noise is: it is stated a little too large.
 constexpr float kOwnOfStated = 0.85f;
 // Where little is known half of either is best; that counts for as much as a difference between the
-// two of so many times the error.
+// two of kPriorErrors times the error.
 constexpr float kPriorShare = 0.5f, kPriorErrors = 1.0f;
-// Of smooth light, where BM3D's error is stated so many times as large, nothing is taken: its
+// Of smooth light, where BM3D's error is stated this many times as large, nothing is taken: its
 // matching follows the noise, and Stein's estimate does not see that.
 constexpr float kMostRatio = 1.25f;
 // What BM3D holds per pixel: samples, result, its error, padded samples and pilot, three sums.

@@ -75,7 +75,7 @@ struct CellSums {
   }
 };
 
-/// Every so many cells are read each way: about kCellsPerAlignment of every alignment.
+/// Step between the cells that are read, each way: about kCellsPerAlignment of every alignment are.
 int cells_apart(int rows, int cols, const SensorLayout& layout) {
   const double cells = std::ceil(static_cast<double>(rows) / layout.rows()) *
                        std::ceil(static_cast<double>(cols) / layout.cols());

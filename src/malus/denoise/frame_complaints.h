@@ -14,7 +14,7 @@ namespace malus {
 /// Of pixels that are not numbers, saturated ones where they are many, and dark ones that the
 /// camera cut off at 0. Without the frame's name. polarized: whether what was made has a DoLP.
 /// Contract: dn_above_black has the frame's size; or it is empty, and a network made a picture of
-/// so many pixels, all of them numbers.
+/// `of_picture` pixels, all of them numbers.
 std::vector<std::string> frame_complaints(const Denoised& result, bool polarized,
                                           std::int64_t of_picture = 0);
 

@@ -20,7 +20,7 @@ using internal::StackStage;
 // Of profile `high`, whose first pass takes a stack's axes too: it sees the linear guide only,
 // which knows less of a stack than a pilot does.
 constexpr float kGuideAxesPrior = 10.0f;
-// Detail of so many times the noise that the last pass let through keeps half, where that pass
+// Detail of this many times the noise that the last pass let through keeps half, where that pass
 // combines blocks and where it is a Wiener filter's.
 constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
 

@@ -23,7 +23,7 @@ constexpr std::ptrdiff_t kMostQuietPatches = 25000;  // of one phase
 constexpr double kKeptShares[] = {1.0, 0.5, 0.25, 0.12, 0.06, 0.03};
 constexpr int kConcentrations = 2;
 constexpr double kUneven = 0.2;  // of the brightness
-// Patches overlap: what each tells of its own is so many cells of its pixels.
+// Patches overlap: what each tells of its own is worth this many cells of its pixels.
 constexpr double kOwnOfUnit = 2.0;
 constexpr double kQuietClearly = 2.0;  // standard errors
 

@@ -22,8 +22,8 @@ constexpr double kDoubtfulReach = 3.5;
 // Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
 constexpr double kPairedRows = 0.8;
 
-// Offsets that repeat after so many rows or more agree by this over the root of their number: five
-// deviations of what chance gives, for neighbouring comparisons share rows (Bartlett, 1946).
+// Offsets that repeat after this many rows or more agree by kRepeats over the root of their number:
+// five deviations of what chance gives, for neighbouring comparisons share rows (Bartlett, 1946).
 constexpr std::size_t kLeastPeriod = 9;
 constexpr double kRepeats = 7.0;
 

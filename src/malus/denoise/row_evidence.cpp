@@ -9,7 +9,7 @@
 namespace malus {
 namespace {
 
-constexpr int kSegments = 16;          // a row's own spread is judged between so many parts of it
+constexpr int kSegments = 16;          // a row's own spread is judged between this many parts of it
 constexpr double kInfluenceEnd = 3.0;  // deviations at which a pixel's influence ends to grow
 constexpr int kReweightingsOfRow = 4;
 constexpr double kLeastSlope = 0.1;  // of a row whose pixels lie in two places, say

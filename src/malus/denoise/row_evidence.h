@@ -11,7 +11,7 @@
 
 namespace malus {
 
-/// The row against those so many periods of the layout away; dn and saturated_dn as in
+/// The row against the rows this many periods of the layout away; dn and saturated_dn as in
 /// estimate_row_noise. Nothing where those lie outside of the frame, or no pixel can be compared.
 std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile& profile,
                                         const std::vector<float>& saturated_dn, int row,

@@ -19,20 +19,21 @@ namespace {
 // Of Student's law for rows that the picture explains better.
 constexpr double kOutlierFreedom = 4.0;
 constexpr int kReweightings = 4;
-// Rows are compared with neighbours so many periods of the layout away: near ones see the least of
-// the picture, far ones the slow waves of the offsets.
+// Rows are compared with neighbours this many periods of the layout away: near ones see the least
+// of the picture, far ones the slow waves of the offsets.
 constexpr int kDistances[] = {1, 2, 4};
-// Pixels so many deviations from where most of their row lies are the picture's: where all is noise
-// that errs by a fortieth more than the row's mean (Huber, Ronchetti, Robust Statistics,
+// Pixels this many deviations from where most of their row lies are the picture's: where all is
+// noise that errs by a fortieth more than the row's mean (Huber, Ronchetti, Robust Statistics,
 // 2009, 4.8).
 constexpr double kReach = 4.685;
 // The comparisons of one row share its noise: together they are worth less than their number.
 constexpr double kShared = 2.0;
 // Offsets that deviate by more than this, in units of the model's, are not the camera's alone: a
-// warmer camera's rows may well be half as strong again. Only so many groups tell.
+// warmer camera's rows may well be half as strong again. Fewer groups than kLeastGroups do not
+// tell.
 constexpr double kTooWide = 2.0;
 constexpr std::size_t kLeastGroups = 32;
-// Of the groups that are taken for lines of the picture so many, on average, may be noise.
+// On average this many of the groups that are taken for lines of the picture may be noise.
 constexpr double kFalseLines = 0.05;
 constexpr int kLineRounds = 3;  // without the lines that are found their neighbours tell of others
 

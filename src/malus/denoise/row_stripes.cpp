@@ -20,7 +20,7 @@ constexpr double kSurprise = 4.5;
 // The mean power of a wider range, in units of the camera's: rows that drift slowly (row_drift.h)
 // come to twice a white sequence's.
 constexpr double kLeastPower = 3.0;
-// Neighbouring frequencies of a sine window share so much that so many are worth one.
+// Neighbouring frequencies of a sine window share so much that this many are worth one.
 constexpr double kSharedByNeighbours = 1.5;
 // Of the power of most frequencies: rows half as strong again as the model's are a camera's, and
 // the median of 32 powers is known to a quarter.

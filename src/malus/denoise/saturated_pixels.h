@@ -10,7 +10,7 @@
 
 namespace malus {
 
-/// Per channel, the value at which so many pixels share the largest one that they were clipped
+/// Per channel, the largest value where enough pixels share it to show that they were clipped
 /// there; infinite where none were. Noise ends in a tail: of pixels that are not clipped the
 /// largest value has fewer than the one below it.
 std::vector<float> piled_up_dn(View<const float> dn, const SensorLayout& layout);

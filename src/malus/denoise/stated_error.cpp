@@ -24,7 +24,7 @@ constexpr double kMostLost = 0.1;
 constexpr double kCoarseShare = 0.15;
 // Residuals of noise alone are seldom larger, mean over three cells per side.
 constexpr double kMostResidual = 1.4;
-// Of true copies: the noise let through so many times, and what coarser scales let through.
+// Of true copies: this many times the noise let through, and what coarser scales let through.
 constexpr double kOfCopies = 3.0, kLeastOfCopies = 0.0005;
 // Blocks are copies where their samples differ by less than the estimate bends. Chosen blocks look
 // more alike than they are, by this; and little is not told from nothing.

@@ -58,7 +58,7 @@ struct RawFrame {
   }
 };
 
-/// The largest code of so many bits. None of floats (0 bits), nor of types that no camera fills
+/// The largest code of this many bits. None of floats (0 bits), nor of types that no camera fills
 /// (above 16): where nobody tells it, their white is not known.
 std::optional<double> white_of_bits(int bits);
 
@@ -71,8 +71,8 @@ bool white_is_guessed(const RawFrame& frame);
 /// White above black: the largest signal that every channel can hold, white less the highest black.
 double white_above_black(double white_dn, const std::vector<double>& black_dn);
 
-/// Farther from black or white than so many times what lies between them no pixel holds light: it
-/// is a file's "no data" (-3.4e38), or what a program divided by nearly 0.
+/// A pixel further outside of black and white than this many times their distance holds no light:
+/// it is a file's "no data" (-3.4e38), or what a program divided by nearly 0.
 inline constexpr double kMostWhites = 100;
 
 /// Values of pixels that hold light.

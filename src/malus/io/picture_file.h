@@ -25,8 +25,8 @@ struct Picture {
 /// holds; 1 of bool (kind b), 0 of floats (f).
 int bits_of_numbers(char kind, int item_bytes);
 
-/// What the picture shows as white: the largest number of so many bits, 1 of floats. Of types that
-/// no camera fills (white_of_bits) the largest number that there is.
+/// What the picture shows as white: the largest number of this many bits, 1 of floats. Of types
+/// that no camera fills (white_of_bits) the largest number that there is.
 double white_of_picture(int bits, const Planes& planes);
 
 /// Throws InputError naming the source where that is a guess: how bright such a picture is, is not

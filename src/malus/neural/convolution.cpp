@@ -16,8 +16,8 @@ constexpr std::ptrdiff_t kPixelsPerTask = 192;
 // Winograd: most channels in and out, beyond which its 36 matrices of weights cost more than the
 // multiplications that they save; tiles along a row; bytes of a task's elements in the cache.
 constexpr std::ptrdiff_t kWinogradChannels = 384, kTileCols = 16, kElementBytes = 640 * 1024;
-// Where products round, direct ones beat Winograd's in float32 below so many outputs (a tenth to a
-// quarter slower above); Winograd's of rounded values would lose five times as much accuracy.
+// Where products round, direct ones beat Winograd's in float32 below this many outputs (a tenth to
+// a quarter slower above); Winograd's of rounded values would lose five times as much accuracy.
 constexpr std::ptrdiff_t kRoundedWinogradOutputs = 64;
 constexpr std::ptrdiff_t kElements = 36, kTile = 4, kWindow = 6;
 

@@ -11,7 +11,7 @@ namespace {
 // away, in whole tiles of products: 6 rows, or 12. Fewer where threads would go without.
 constexpr std::ptrdiff_t kFewPixels = 132, kMorePixels = 264, kMuch = 256, kLeastPixels = 48,
                          kTilePixels = 12;
-// The attention is multiplied into the weights where they are fewer than so many pixels' values.
+// The attention is multiplied into the weights where they are fewer than this many pixels' values.
 constexpr std::ptrdiff_t kPixelsPerChannel = 4;
 
 }  // namespace

@@ -59,8 +59,8 @@ void gate_halves(const float* halves, std::ptrdiff_t rows, std::ptrdiff_t width,
     }
 }
 
-// kVectors vectors of columns: so many streams through the rows, not one after another, which would
-// fetch the rows' lines again and again where rows lie a power of two apart.
+// kVectors vectors of columns: that many streams through the rows, not one after another, which
+// would fetch the rows' lines again and again where rows lie a power of two apart.
 template <int kVectors>
 HWY_INLINE void add_some_columns(const float* x, std::ptrdiff_t x_row, std::ptrdiff_t rows,
                                  bool squared, float* sums) {

@@ -26,7 +26,7 @@ torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x);
 
 /// inside(windows, mask) on x [batch, rows, cols, channels] cut into windows of [batch * windows,
 /// window², channels], put together again; sizes are multiples of window. The windows are shifted
-/// by so many rows and columns, around the borders, and mask [windows, window², window²] (0 or
+/// by `shift` rows and columns, around the borders, and mask [windows, window², window²] (0 or
 /// -100, to be added) keeps apart what only wrapping brought together; without a shift it is
 /// undefined. Swin, Liu et al. ICCV 2021, 3.2.
 torch::Tensor in_windows(

@@ -12,7 +12,7 @@ namespace malus {
 /// range or a list has the wrong length. The ranges are far beyond every published network.
 void check_network_settings(const std::string& architecture, const nlohmann::json& settings);
 
-/// The network has at least so many values in its weights: those of the layers whose size grows
+/// A lower bound of the values in the network's weights: those of the layers whose size grows
 /// with the square of the channels, or with the fourth power of the window. All of them are no more
 /// than a few times that. Contract: the settings are checked.
 double least_network_values(const std::string& architecture, const nlohmann::json& settings);

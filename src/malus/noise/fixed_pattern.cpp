@@ -18,7 +18,7 @@ double distance_db(const GainSetting& a, const GainSetting& b) {
   return x && y ? std::abs(*x - *y) : std::numeric_limits<double>::infinity();
 }
 
-// Beyond so many deviations of a map an outlier has little sampling error for its size.
+// Beyond this many deviations of a map an outlier has little sampling error for its size.
 constexpr double kOutlier = 4.0;
 
 // Variance of a channel's values about the middle, without outliers: each pass leaves out what is
@@ -92,7 +92,7 @@ Image column_means(const Image& map, const SensorLayout& layout, double middle,
 // Whether columns differ by more than their independent pixels would have it.
 bool differ(const Image& columns, const SensorLayout& layout,
             const std::vector<double>& chance_variance) {
-  constexpr double kChance = 5;  // in standard errors of so many squares of normal draws
+  constexpr double kChance = 5;  // in standard errors of a sum of as many squares of normal draws
   double squares = 0;
   for (int phase = 0; phase < columns.rows(); ++phase)
     for (int col = 0; col < columns.cols(); ++col) {

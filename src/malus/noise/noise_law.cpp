@@ -18,9 +18,9 @@ namespace {
 constexpr int kPoissonMean = 60;
 constexpr double kLeastWeight = 1e-10;  // of a node
 constexpr double kNodesApart = 0.05;    // deviations: costs less than 2e-4 of the variance
-// Above so many deviations of the read noise nothing of it meets the bend of a stabilisation at the
-// signal 0, and three nodes with its moments up to the fifth err by less than 1e-5 deviations, if
-// its tails are not heavier than this (logistic: 4.2; normal: 3).
+// Above this many deviations of the read noise nothing of it meets the bend of a stabilisation at
+// the signal 0, and three nodes with its moments up to the fifth err by less than 1e-5 deviations,
+// if its tails are not heavier than this (logistic: 4.2; normal: 3).
 constexpr double kFarDeviations = 8.0, kMostKurtosis = 5.0;
 
 }  // namespace

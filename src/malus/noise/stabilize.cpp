@@ -13,7 +13,7 @@ constexpr double kMarginDeviations = 9.0;  // of the tables beyond the signals t
 // Least deviation, of the highest signal: stabilised values stay below 2^18, which float32 holds to
 // a 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
 constexpr double kNoiseFloor = 4e-6;
-// Of the forward table: so many at least, and more where steps would be wider than half a dark
+// Of the forward table: kLeastKnots at least, and more where steps would be wider than half a dark
 // deviation (a white level nobody knows makes signals of 16 bits of them).
 constexpr double kLeastKnots = 8192, kMostKnots = 65536, kKnotsPerDeviation = 2;
 // Of the variances; the transformation holds them at 1 well below that many deviations.

@@ -25,7 +25,8 @@ bool integers_only(const Image& image) {
   });
 }
 
-// Every so many rows of each plane: enough to tell the size of the whole within a few per cent.
+// A band of every few rows of each plane: enough to tell the size of the whole within a few per
+// cent.
 Planes sample_rows(const Planes& planes) {
   constexpr int kBand = 16, kEvery = 8;
   if (planes.rows() < 2 * kBand * kEvery) return planes;

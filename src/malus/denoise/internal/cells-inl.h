@@ -40,8 +40,8 @@ HWY_INLINE Floats row_of(const CellMatrix& matrix, std::size_t i) {
   return row;
 }
 
-/// cells[i] -> sum over k of cells[i][k] * matrix[k], for so many cells that sums stay in
-/// registers.
+/// cells[i] -> sum over k of cells[i][k] * matrix[k], for kCount cells, few enough that
+/// sums stay in registers.
 template <int kCount>
 HWY_INLINE void rotate_some(Floats* cells, const CellMatrix& matrix) {
   Floats sum[kCount] = {};
@@ -66,8 +66,8 @@ constexpr CellMatrix kIdentity = [] {
   return matrix;
 }();
 
-/// Rows of diagonal * I + sum over n of a[n] b[n]^T, vectors `stride` apart; the last so many of
-/// their values as Vector has.
+/// Rows of diagonal * I + sum over n of a[n] b[n]^T, vectors `stride` apart; only their last
+/// values, as many as Vector holds.
 template <class Vector, std::size_t kRows>
 HWY_INLINE void product_rows(const Floats* a, const Floats* b, int count, int stride,
                              float diagonal, std::size_t row, CellMatrix& matrix) {

@@ -15,9 +15,9 @@ inline constexpr int kDetailBlock = kDetailSide * kCell;
 
 /// Shrinks the detail of a tile's estimate. axes: principal axes of the frame's cells at multiples
 /// of kCell, as columns, the strongest first. passed: of the pass that made the estimate.
-/// threshold: detail of so many times the passed noise keeps half of itself. A pixel depends on no
-/// estimate that is kDetailBlock away. kept, when given: how much of the detail's coefficients is
-/// kept, mean over the blocks around a cell. Contract: a cell holds whole periods of the layout.
+/// threshold: detail of this many times the passed noise keeps half of itself. A pixel depends on
+/// no estimate that is kDetailBlock away. kept, when given: how much of the detail's coefficients
+/// is kept, mean over the blocks around a cell. Contract: a cell holds whole periods of the layout.
 Image shrink_detail(const StackTile& estimate, int frame_rows, int frame_cols,
                     const CellMatrix& axes, const ReferenceMap& passed, float threshold,
                     CellMap* kept = nullptr);

@@ -14,7 +14,7 @@ struct FrameReport {
   Image* unlike = nullptr;      ///< StageReport::unlike of all scales, the most; one value per cell
 };
 
-/// Cells of so many pixels.
+/// Number of cells that cover this many pixels along one axis.
 constexpr int cell_count(int pixels) { return (pixels + kCell - 1) / kCell; }
 
 /// Mean of value(row, col) over the pixels of cell (i, k) in a picture of this size.

@@ -230,10 +230,10 @@ HWY_INLINE int find_nearest(const StackJob& job, int row, int col, Search& searc
   return search.all.count + search.wide.count;
 }
 
-// A stack ends where twice as many blocks would be so many times as far, and that further than what
-// noise in the guide makes of equal blocks [noise variances per pixel]: what repeats has few true
-// copies, and the rest of a full stack is unlike them. On a slope, where blocks of one height lie
-// along a line, twice as many are 4 times as far. Measured (docs/repeating-structure.md).
+// A stack ends where twice as many blocks would be this many times as far, and that further than
+// what noise in the guide makes of equal blocks [noise variances per pixel]: what repeats has few
+// true copies, and the rest of a full stack is unlike them. On a slope, where blocks of one height
+// lie along a line, twice as many are 4 times as far. Measured (docs/repeating-structure.md).
 constexpr float kUnlike = 4.5f, kLeastDistance = 0.3f;
 constexpr int kLeastStack = 8;
 
@@ -248,7 +248,7 @@ HWY_INLINE int alike(const std::int32_t* keys, int count) {
 }
 
 /// The blocks most similar to one reference, the nearest first, in search.matches; returns how many
-/// (a power of two). As many again follow, the next nearest, where there are so many.
+/// (a power of two). As many again follow, the next nearest, where there are enough.
 template <int kBlock>
 HWY_INLINE int match(const StackJob& job, int row, int col, Search& search) {
   const int there = find_nearest<kBlock>(job, row, col, search);

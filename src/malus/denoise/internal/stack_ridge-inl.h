@@ -21,8 +21,8 @@ constexpr float kDiagonal = kLanes / kPilotShare;  // D of a pilot that is belie
 // pilot over this share of the noise: measured too. Wiener's q / (q + 1) takes more of fine detail.
 constexpr float kNoiseShare = 0.8f;
 constexpr float kLeastNoise = 1e-6f;  // where neither signal nor noise is left
-// Energies are squares: floats round their sums at a millionth. From so many times the diagonal on
-// that is felt.
+// Energies are squares: floats round their sums at a millionth. From this many times the diagonal
+// on that is felt.
 constexpr float kMostOfFloats = 5e4f;
 
 /// Four components of a block's four cells as one vector.

@@ -13,7 +13,7 @@ namespace malus::internal {
 inline constexpr std::ptrdiff_t kLane = 16;
 constexpr std::ptrdiff_t whole_lanes(std::ptrdiff_t n) { return (n + kLane - 1) / kLane * kLane; }
 
-/// Packed weights lie in panels of so many columns, each panel whole: 3 or 4 vectors, whichever
+/// Packed weights lie in panels of this many columns, each panel whole: 3 or 4 vectors, whichever
 /// leaves no narrow panel for multiples of 48 and of 64. Float32 with shorter vectors has panels of
 /// a tile's width (product-inl.h).
 constexpr std::ptrdiff_t panel_of(std::ptrdiff_t cols) {
@@ -119,7 +119,7 @@ struct RowNorm {
   const float *weight = nullptr, *bias = nullptr;
   float epsilon = 1e-5F;
   bool bias_free = false;
-  /// So many of the last channels (fewer than kLane) only fill up a vector: zeros that do not
+  /// This many of the last channels (fewer than kLane) only fill up a vector: zeros that do not
   /// count.
   std::ptrdiff_t filling = 0;
 };

@@ -74,7 +74,7 @@ class NormedLinear {
   NormedLinear(const RowNorm& norm, const torch::Tensor& weight, const torch::Tensor& bias,
                bool gated = false);
   std::ptrdiff_t cols() const { return linear_.cols(); }
-  /// Values of memory that run takes for so many rows in so many groups.
+  /// Values of memory that run takes for these numbers of rows and groups.
   std::ptrdiff_t memory(std::ptrdiff_t rows, std::ptrdiff_t groups) const;
   /// p says where the rows are and where they go: rows, a, a_row, c, c_row and groups.
   void run(const MatrixProduct& p, float* memory) const;

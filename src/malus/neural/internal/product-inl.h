@@ -4,8 +4,8 @@
 // (kWidth float32 sums) and Factor (what multiplies), and the operations used below; this file has
 // no include guard because it is included once per instruction set.
 //
-// Inner values are taken Arithmetic::kDepth at a time: weights of so many rows lie interleaved, and
-// each tap's last ones are filled up with zeros, which meet whatever follows the values of a.
+// Inner values are taken Arithmetic::kDepth at a time: weights of that many rows lie interleaved,
+// and each tap's last ones are filled up with zeros, which meet whatever follows the values of a.
 
 using Value = Arithmetic::Value;
 using Vec = Arithmetic::Vec;
