@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -75,6 +76,12 @@ constexpr bool holds_numbers() {
     return std::is_arithmetic_v<Value>;
 }
 
+/// A limit of a whole number; an open one is that of int.
+inline int whole_limit(double limit) {
+  return static_cast<int>(std::clamp(limit, double{std::numeric_limits<int>::lowest()},
+                                     double{std::numeric_limits<int>::max()}));
+}
+
 /// One flag per described field, of a bool two (--x and --no-x); ranges and choices are checked by
 /// the parser.
 template <class Settings>
@@ -90,7 +97,9 @@ void add_flags(CLI::App& command, Settings& settings) {
     } else {
       CLI::Option* option = command.add_option(flag_name(info.name), value, info.help + unit);
       if (!info.choices.empty()) option->check(one_of(info.choices));
-      if (std::isfinite(info.minimum) || std::isfinite(info.maximum))
+      if constexpr (std::is_same_v<Value, int>)
+        option->check(in_range(whole_limit(info.minimum), whole_limit(info.maximum)));
+      else if (std::isfinite(info.minimum) || std::isfinite(info.maximum))
         option->check(in_range(info.minimum, info.maximum));
       else if constexpr (holds_numbers<Value>())
         option->check(finite_number());

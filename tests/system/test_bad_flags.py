@@ -1,5 +1,7 @@
 """Flags and their values that no file could make right: one line, nothing written; exit code 2, or 1 of an empty value."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -104,6 +106,20 @@ def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
 def test_numbers_of_flags_are_checked(malus, command, flag, words):
     line = malus(*command.split(), *flag.split(), code=2).err.splitlines()[0]
     assert flag.split()[0] in line and words in line and len(line) < 150
+
+
+def test_no_whole_number_is_read_as_octal(malus, tmp_path):
+    """010 was 8 of the flags that settings are made of; 1e1 had a line without a remedy."""
+    seen, built = set(), malus("--help").out
+    for command in re.findall(r"^## malus (\S.*)$", (ROOT / "docs/commands.md").read_text(), re.M):
+        if f"  {command.split()[0]} " not in built:
+            continue  # capture, where its library is missing
+        for flag in re.findall(r"^ +(?:-\w,)?(--[\w-]+) U?INT\b", malus(*command.split(), "--help").out, re.M):
+            for text in ("010", "1e1", "08", "+8"):
+                line = malus(*command.split(), f"{flag}={text}", code=2, cwd=tmp_path).err.splitlines()[0]
+                assert line.startswith(f"malus: {flag}: must be a whole number between ") and line.endswith(f"in plain digits, not {text}"), (command, line)
+            seen.add(flag)
+    assert {"--threads", "--frames", "--bumps", "--bins", "--level-samples", "--dark-frames"} <= seen
 
 
 @pytest.mark.parametrize("command,flag", [
