@@ -150,7 +150,7 @@ struct Factory {
     for (const double ratio : plan.dataset.ratios) {
       SynthesisSettings settings = plan.noise;
       settings.ratio = ratio;
-      synthesizers.emplace(ratio, Synthesizer(model.description(), settings));
+      synthesizers.emplace(ratio, Synthesizer(model.shared_description(), settings));
     }
   }
 

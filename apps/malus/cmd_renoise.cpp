@@ -6,7 +6,6 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/model.h"
-#include "malus/synthesize/model.h"
 #include "malus/synthesize/model_renoiser.h"
 
 #include <filesystem>
@@ -87,8 +86,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   if (!arguments.guides.empty() && arguments.guides.size() != arguments.inputs.size())
     throw CLI::ValidationError("--guide", "one per frame, in the same order");
   const NoiseModel model = load_model(arguments.model);
-  const Model door(model);
-  const GainSetting from = door.gain_setting(arguments.from), to = door.gain_setting(arguments.to);
+  const GainSetting from = model.setting_of(arguments.from), to = model.setting_of(arguments.to);
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   const FrameOptions options = arguments.raw.resolve();
   if (!arguments.as_float)

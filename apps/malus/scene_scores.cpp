@@ -8,7 +8,6 @@
 #include "malus/io/angle_pictures.h"
 #include "malus/noise/raw_variance.h"
 #include "malus/noise/tukey_lambda.h"
-#include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
@@ -121,12 +120,13 @@ std::vector<fs::path> SceneRuns::files_named() const {
 void SceneRuns::for_each(
     const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
     const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const {
+  const auto camera = std::make_shared<const NoiseModel>(drawn_by);
   progress.begin("experiment", std::ssize(scenes) * std::ssize(cases));
   for (const fs::path& path : scenes) {
     const CleanScene scene = load_scene(path, drawn_by, crop);
     for (const std::string& light : cases) {
       check_stop(progress);
-      NoisyScene noisy = make_noisy(scene, light_case_of(light), drawn_by, seed++);
+      NoisyScene noisy = make_noisy(scene, light_case_of(light), camera, seed++);
       run(noisy, light);
       progress.advance(1);
     }
@@ -186,15 +186,16 @@ NoiseModel with_row_noise(const NoiseModel& model, double read_deviations) {
   return changed;
 }
 
-NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const NoiseModel& model,
-                      std::uint64_t seed) {
+NoisyScene make_noisy(const CleanScene& scene, const LightCase& light,
+                      const std::shared_ptr<const NoiseModel>& camera, std::uint64_t seed) {
+  const NoiseModel& model = *camera;
   SynthesisSettings synthesis;
   synthesis.ratio = light.ratio;
-  const Synthesizer camera(model, synthesis);
-  const GainSetting gain = Model(model).gain_setting(light.gain);
+  const Synthesizer synthesizer(camera, synthesis);
+  const GainSetting gain = model.setting_of(light.gain);
   NoiseProfile profile = profile_at(model, gain, light);
-  NoisyScene noisy{camera.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed}, model.black_dn,
-                                   model.white_dn),
+  NoisyScene noisy{synthesizer.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed},
+                                        model.black_dn, model.white_dn),
                    std::move(profile), &scene, light.ratio,
                    white_above_black(model.white_dn, model.black_dn)};
   noisy.frame.source = scene.name;
@@ -252,11 +253,10 @@ std::string score_text(const std::vector<SceneScore>& scores) {
 }
 
 std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model) {
-  const Model door(model);
   std::vector<std::pair<std::string, std::vector<std::string>>> lights_of_gain;
   for (const std::string& text : cases) {
     const LightCase light = light_case_of(text);
-    const std::string gain = door.gain_setting(light.gain).text();
+    const std::string gain = model.setting_of(light.gain).text();
     if (lights_of_gain.empty() || lights_of_gain.back().first != gain)
       lights_of_gain.push_back({gain, {}});
     lights_of_gain.back().second.push_back(light.ratio == 1 ? "all"

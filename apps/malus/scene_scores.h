@@ -8,6 +8,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -48,8 +49,8 @@ struct NoisyScene {
   const CleanScene* clean = nullptr;
   double ratio = 1, range_dn = 0;
 };
-NoisyScene make_noisy(const CleanScene& scene, const LightCase& light, const NoiseModel& model,
-                      std::uint64_t seed);
+NoisyScene make_noisy(const CleanScene& scene, const LightCase& light,
+                      const std::shared_ptr<const NoiseModel>& camera, std::uint64_t seed);
 
 /// What an experiment on clean scenes goes through.
 struct SceneRuns {

@@ -293,8 +293,7 @@ std::vector<std::string> model_complaints(const NoiseModel& model, const GainSet
   std::vector<std::string> lines = cut_off_complaints(model, gain, undone);
   lines.insert(lines.begin(), extrapolation_complaint(model, gain));
   std::erase(lines, "");
-  for (std::string& line : lines)
-    line = fmt::format("{}: {}", model.sensor.empty() ? "noise model" : model.sensor, line);
+  for (std::string& line : lines) line = fmt::format("{}: {}", model.name(), line);
   return lines;
 }
 

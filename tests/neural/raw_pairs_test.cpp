@@ -3,6 +3,7 @@
 
 #include "malus/base/statistics.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "problem_of.h"
@@ -99,6 +100,28 @@ TEST(Sensors, GainsAreThoseOfTheKind) {
   config.noise.gains = {6, 24};
   EXPECT_NE(testing::problem_of([&] { make_pair_source(config); }).find("24 dB"),
             std::string::npos);
+}
+
+// A model's maps are far larger than an example. What is drawn has no defects to fill, either: a
+// profile with the model's list took ordinary pixels of examples as large as the sensor for them.
+TEST(Sensors, AreDrawnWithoutTheirMapsAndDefects) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.data.example = 16;
+  const RawPair plain = make_pair_source(config)->pair(4, 1);
+  NoiseModel model = load_model("imx250myr-simulated");
+  for (PhysicsCalibration& entry : model.physics) {
+    entry.dark_shading_dn = Image(plain.noisy.dn.rows(), plain.noisy.dn.cols(), 3.0f);
+    entry.prnu_map = Image(plain.noisy.dn.rows(), plain.noisy.dn.cols(), 1.0f);
+  }
+  model.defects = {{.row = 3, .col = 5, .kind = "hot", .value = 9}};
+  save_model(model, folder / "maps.h5");
+  config.models = {folder / "maps.h5"};
+  const RawPair mapped = make_pair_source(config)->pair(4, 1);
+  EXPECT_TRUE(std::ranges::equal(mapped.noisy.dn.values(), plain.noisy.dn.values()));
+  EXPECT_TRUE(std::ranges::equal(mapped.clean_dn.values(), plain.clean_dn.values()));
+  EXPECT_TRUE(mapped.profile.defects.places.empty());
 }
 
 }  // namespace

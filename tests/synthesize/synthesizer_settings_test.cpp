@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <memory>
 #include <set>
 
 #include "bayer_model.h"
@@ -252,6 +254,16 @@ TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
   EXPECT_EQ(frame.dn(0, 0), 134.0f);  // row 3, column 4
   EXPECT_EQ(frame.dn(0, 2), 130.0f);  // column 6 comes round to 0
   EXPECT_EQ(frame.dn(1, 1), 105.0f);  // row 4 comes round to 0
+}
+
+// Maps make models large: one is not copied for every ratio that is drawn with.
+TEST(Synthesizer, SharesTheModelThatItIsGiven) {
+  const auto model = std::make_shared<const NoiseModel>(camera_of_all_kinds());
+  EXPECT_EQ(&Synthesizer(model, {}).model(), model.get());
+  EXPECT_EQ(model->setting_of(12), (GainSetting{12.0, {}}));
+  NoiseModel photo;
+  photo.dark_frames = {{.gain = {{}, 400.0}, .frames_dn = {}}};
+  EXPECT_EQ(photo.setting_of(400), (GainSetting{{}, 400.0}));
 }
 
 }  // namespace

@@ -5,12 +5,15 @@
 #include "malus/base/pick.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/recorded_pairs.h"
-#include "malus/synthesize/model.h"
+#include "malus/noise/fixed_pattern.h"
 #include "malus/synthesize/scene.h"
+#include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -42,8 +45,10 @@ class SyntheticPairs final : public PairSource {
         exposure_low_(config.data.exposure_low),
         exposure_high_(config.data.exposure_high) {
     for (const auto& path : config.models) {
-      models_.push_back(load_camera(path, config.package));
-      if (noise_.jitter > 0 && (models_.back().physics.empty() || synthesis_.kind != "physics"))
+      NoiseModel model = load_camera(path, config.package);
+      drop_maps(model);  // large, and drawn noise has none of them
+      models_.push_back(std::make_shared<const NoiseModel>(std::move(model)));
+      if (noise_.jitter > 0 && (models_.back()->physics.empty() || synthesis_.kind != "physics"))
         throw InputError(path.string(), "cannot be varied: jitter is for kind \"physics\"",
                          "use jitter = 0");
       naming_source(config.source.string(), [&] { require_served(models_.back()); });
@@ -52,16 +57,19 @@ class SyntheticPairs final : public PairSource {
 
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
     RandomSequence random(seed, number, Draw::kParameters, kStreamPair);
-    const NoiseModel& base = models_[pick(random, models_.size())];
-    GainSetting gain = random_gain(base, synthesis_, seed, number);
+    const std::shared_ptr<const NoiseModel>& base = models_[pick(random, models_.size())];
+    GainSetting gain = random_gain(*base, synthesis_, seed, number);
     if (!noise_.gains.empty())
-      gain = Model(base).gain_setting(noise_.gains[pick(random, noise_.gains.size())]);
+      gain = base->setting_of(noise_.gains[pick(random, noise_.gains.size())]);
     SynthesisSettings synthesis = synthesis_;
     synthesis.ratio = log_between(random, noise_.ratio_low, noise_.ratio_high);
     const double exposure = log_between(random, exposure_low_, exposure_high_);
     const GainRange gains = gain_range(synthesis.extrapolate_gain);
-    const NoiseModel sensor =
-        noise_.jitter > 0 ? jittered_sensor(base, gain, noise_.jitter, seed, number, gains) : base;
+    const std::shared_ptr<const NoiseModel> varied =
+        noise_.jitter > 0 ? std::make_shared<const NoiseModel>(
+                                jittered_sensor(*base, gain, noise_.jitter, seed, number, gains))
+                          : base;
+    const NoiseModel& sensor = *varied;
     const std::vector<StokesPlanes> light = scenes_.draw(seed, number);
     const double white = white_above_black(sensor.white_dn, sensor.black_dn);
     const auto exposed = [&](Image image) {
@@ -71,7 +79,7 @@ class SyntheticPairs final : public PairSource {
     };
     const Image clean = exposed(mosaic_of(light, sensor.layout));
     RawPair pair;
-    const Synthesizer synthesizer(sensor, synthesis);
+    const Synthesizer synthesizer(varied, synthesis);
     pair.noisy = synthesizer.draw_raw(
         clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number),
         sensor.black_dn, sensor.white_dn);
@@ -93,18 +101,18 @@ class SyntheticPairs final : public PairSource {
 
  private:
   // What no example could be drawn with fails here, where the configuration is known.
-  void require_served(const NoiseModel& model) const {
+  void require_served(const std::shared_ptr<const NoiseModel>& model) const {
     const Synthesizer of_this_kind(model, synthesis_);
     for (const double gain : noise_.gains) {
-      const GainSetting setting = Model(model).gain_setting(gain);
+      const GainSetting setting = model->setting_of(gain);
       of_this_kind.require_gain(setting);
-      model.profile_at(setting, gain_range(synthesis_.extrapolate_gain));
+      model->profile_at(setting, gain_range(synthesis_.extrapolate_gain));
     }
   }
 
   CleanScenes scenes_;
   bool with_picture_;
-  std::vector<NoiseModel> models_;
+  std::vector<std::shared_ptr<const NoiseModel>> models_;
   TrainingNoiseSettings noise_;
   SynthesisSettings synthesis_;
   double exposure_low_, exposure_high_;

@@ -76,7 +76,7 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
         return camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
       });
       if (!synthesis.bias) profile.clear_bias();
-      const Synthesizer synthesizer(camera, synthesis);
+      const Synthesizer synthesizer(model.shared_description(), synthesis);
       RawFrame noisy = synthesizer.draw_raw(
           clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number++),
           camera.black_dn, camera.white_dn);

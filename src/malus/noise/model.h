@@ -49,8 +49,14 @@ struct NoiseModel {
   std::vector<DarkFrameBank> dark_frames;               ///< rising gain
   std::vector<DefectPixel> defects;
 
+  /// The sensor's, for messages; "noise model" where it has none.
+  std::string name() const;
+
   /// Contained kinds, of "physics", "gaussian", "nonparametric", "dark-frames".
   std::vector<std::string> kinds() const;
+
+  /// The number as a setting in the unit that the model was measured in: ISO, or dB.
+  GainSetting setting_of(double gain) const;
 
   /// Parameters at a gain: calibrated values where the gain was measured with K, the joint model
   /// between.

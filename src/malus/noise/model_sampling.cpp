@@ -138,8 +138,7 @@ GainSetting NoiseModel::random_gain(std::uint64_t seed, std::uint32_t frame) con
   if (physics.empty()) {
     if (!gaussian.empty()) return random_gain_of(gaussian, u);
     if (!nonparametric.empty()) return random_gain_of(nonparametric, u);
-    throw InputError(sensor.empty() ? "noise model" : sensor,
-                     "holds no model that reaches between gains", "name the gain");
+    throw InputError(name(), "holds no model that reaches between gains", "name the gain");
   }
   std::vector<Interval> log_K;
   if (joint)

@@ -1,2 +1,2 @@
 set(noise_SOURCES builtin_models.cpp clipped_noise.cpp column_noise.cpp conversion_gain.cpp data_sheet.cpp distribution.cpp fixed_pattern.cpp frame_levels.cpp internal/hdf5_reader.cpp internal/hdf5_writer.cpp internal/published_cameras.cpp interpolate_kinds.cpp joint_gain.cpp level_noise.cpp matrix.cpp
-    model.cpp model_check.cpp model_file.cpp model_sampling.cpp noise_law.cpp physics.cpp raw_variance.cpp row_drift.cpp rounding.cpp same_sensor.cpp sensor_window.cpp stabilize.cpp tukey_lambda.cpp variance_curve.cpp)
+    model.cpp model_check.cpp model_file.cpp model_profile.cpp model_sampling.cpp noise_law.cpp physics.cpp raw_variance.cpp row_drift.cpp rounding.cpp same_sensor.cpp sensor_window.cpp stabilize.cpp tukey_lambda.cpp variance_curve.cpp)

@@ -20,20 +20,6 @@ void require_equal_sizes(View<const float> clean, View<float> noisy) {
                    "give arrays of equal size");
 }
 
-// ISO where the model was measured in ISO, decibels elsewhere.
-GainSetting setting_in_unit_of(const NoiseModel& model, double gain) {
-  const auto in_iso = [](const auto& entries) {
-    return !entries.empty() && entries.front().gain.iso.has_value();
-  };
-  GainSetting setting;
-  if (in_iso(model.physics) || in_iso(model.gaussian) || in_iso(model.nonparametric) ||
-      in_iso(model.dark_frames))
-    setting.iso = gain;
-  else
-    setting.gain_db = gain;
-  return setting;
-}
-
 constexpr int kMosaicRowsPerStrip = 32;
 constexpr std::ptrdiff_t kPieces = 16;  // of a frame: enough for any balance between cores
 
@@ -116,7 +102,7 @@ LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>
 
 NoiseAtGain NoiseAtGain::with_gain(const std::optional<double>& gain) const {
   if (!gain) return {synthesizer_, std::nullopt};
-  const auto setting = setting_in_unit_of(synthesizer_->model(), *gain);
+  const GainSetting setting = synthesizer_->model().setting_of(*gain);
   synthesizer_->require_gain(setting);  // refused here, not at the first draw
   return {synthesizer_, setting};
 }
@@ -130,16 +116,14 @@ Model Model::load(const std::filesystem::path& path) { return Model(load_model(p
 Model::Model(NoiseModel description)
     : description_(std::make_shared<const NoiseModel>(std::move(description))) {}
 
-GainSetting Model::gain_setting(double gain) const {
-  return setting_in_unit_of(*description_, gain);
-}
+GainSetting Model::gain_setting(double gain) const { return description_->setting_of(gain); }
 
 NoiseAtGain Model::at_gain(double gain, const SynthesisSettings& settings) const {
   return at_random_gain(settings).with_gain(gain);
 }
 
 NoiseAtGain Model::at_random_gain(const SynthesisSettings& settings) const {
-  return {std::make_shared<const Synthesizer>(*description_, settings), std::nullopt};
+  return {std::make_shared<const Synthesizer>(description_, settings), std::nullopt};
 }
 
 }  // namespace malus

@@ -29,8 +29,7 @@ class NoiseAtGain {
                                   const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
                                   std::uint32_t frame = 0) const;
 
-  /// The same settings at another gain, as Model::at_gain (empty: random, as at_random_gain),
-  /// without a new copy of the model.
+  /// The same settings at another gain, as Model::at_gain (empty: random, as at_random_gain).
   NoiseAtGain with_gain(const std::optional<double>& gain) const;
   /// "physics at 24 dB", "gaussian at random gains".
   std::string text() const;
@@ -43,6 +42,7 @@ class NoiseAtGain {
   std::optional<GainSetting> gain_;
 };
 
+/// Holds its description once: copies, and all noise drawn of it, share it.
 class Model {
  public:
   /// A model file, or a built-in model by name. Throws InputError.
@@ -55,9 +55,11 @@ class Model {
   /// Every frame draws its own gain (000, 5.1).
   NoiseAtGain at_random_gain(const SynthesisSettings& settings = {}) const;
 
-  /// The same number as a setting: ISO where the model holds ISO, dB elsewhere.
+  /// NoiseModel::setting_of.
   GainSetting gain_setting(double gain) const;
   const NoiseModel& description() const { return *description_; }
+  /// The same, for a Synthesizer that shall share it.
+  const std::shared_ptr<const NoiseModel>& shared_description() const { return description_; }
 
  private:
   std::shared_ptr<const NoiseModel> description_;

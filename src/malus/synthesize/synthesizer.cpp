@@ -125,8 +125,7 @@ void require_kind(const NoiseModel& model, SynthesisKind kind) {
   const std::string needed(kSynthesisKindNames[static_cast<std::size_t>(drawn)]);
   const auto kinds = model.kinds();
   if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
-    throw InputError(model.sensor.empty() ? "noise model" : model.sensor,
-                     fmt::format("holds no {} model", needed),
+    throw InputError(model.name(), fmt::format("holds no {} model", needed),
                      fmt::format("calibrate with {}, or give another {}", setting("kinds", needed),
                                  setting("kind")));
 }
@@ -177,12 +176,15 @@ GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settin
 }
 
 Synthesizer::Synthesizer(NoiseModel model, SynthesisSettings settings)
+    : Synthesizer(std::make_shared<const NoiseModel>(std::move(model)), std::move(settings)) {}
+
+Synthesizer::Synthesizer(std::shared_ptr<const NoiseModel> model, SynthesisSettings settings)
     : model_(std::move(model)),
       settings_(std::move(settings)),
       cache_(std::make_shared<GainTableCache>()) {
   require_settings(settings_);
   kind_ = kind_of(settings_);
-  require_kind(model_, kind_);
+  require_kind(*model_, kind_);
   refuse_settings_without_meaning(kind_, settings_);
 }
 
@@ -195,17 +197,18 @@ DrawAddress Synthesizer::somewhere(int rows, int cols, std::uint64_t seed,
     return step *
            static_cast<int>(pick(random, static_cast<std::size_t>(std::max(room, 0) / step + 1)));
   };
-  const auto [dark_rows, dark_cols] = dark_frame_size(model_);
-  address.row0 = place(dark_rows - rows, std::lcm(model_.layout.rows(), model_.row_group));
-  address.col0 = place(dark_cols - cols, model_.layout.cols());
+  const auto [dark_rows, dark_cols] = dark_frame_size(*model_);
+  address.row0 = place(dark_rows - rows, std::lcm(model_->layout.rows(), model_->row_group));
+  address.col0 = place(dark_cols - cols, model_->layout.cols());
   return address;
 }
 
 std::string Synthesizer::repetition(int rows, int cols) const {
   if (kind_ != SynthesisKind::kDarkFrames) return {};
-  const auto [dark_rows, dark_cols] = dark_frame_size(model_);
+  const auto [dark_rows, dark_cols] = dark_frame_size(*model_);
   // Dark frames lack what is no whole cell at the sensor's lower and right edge.
-  if (rows < dark_rows + model_.layout.rows() && cols < dark_cols + model_.layout.cols()) return {};
+  if (rows < dark_rows + model_->layout.rows() && cols < dark_cols + model_->layout.cols())
+    return {};
   return fmt::format(
       "the model's dark frames of {} x {} pixels are laid side by side to fill {} x {}: their "
       "noise repeats",
@@ -217,35 +220,36 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
   tables.gain = gain;
   if (kind_ == SynthesisKind::kGaussian) {
     const auto channels =
-        gaussian_channels(model_.gaussian_at(gain), model_.quantization_dn, settings_);
+        gaussian_channels(model_->gaussian_at(gain), model_->quantization_dn, settings_);
     tables.compiled =
-        CompiledNoise::gaussian(model_.layout, channels, model_.row_group,
-                                settings_.quantization ? model_.quantization_dn : 0.0);
+        CompiledNoise::gaussian(model_->layout, channels, model_->row_group,
+                                settings_.quantization ? model_->quantization_dn : 0.0);
     for (const GaussianChannel& channel : channels)
       tables.global_bias_dn += channel.mu_dn / static_cast<double>(channels.size());
     return tables;
   }
   if (kind_ == SynthesisKind::kNonparametric) {
-    const NonparametricCalibration calibration = model_.nonparametric_at(gain);
+    const NonparametricCalibration calibration = model_->nonparametric_at(gain);
     const double lowest_black =
-        model_.black_dn.empty() ? 0.0
-                                : *std::min_element(model_.black_dn.begin(), model_.black_dn.end());
+        model_->black_dn.empty()
+            ? 0.0
+            : *std::min_element(model_->black_dn.begin(), model_->black_dn.end());
     const double highest_dn =
-        (model_.white_dn > 0 ? model_.white_dn : kHighestInteger) - lowest_black;
-    const int row_group = settings_.row ? model_.row_group : 0;
+        (model_->white_dn > 0 ? model_->white_dn : kHighestInteger) - lowest_black;
+    const int row_group = settings_.row ? model_->row_group : 0;
     for (const NonparametricChannel& channel : calibration.channels)
       tables.global_bias_dn +=
           level_moments(channel, 0).mean_dn / static_cast<double>(calibration.channels.size());
-    tables.levels.emplace(model_.layout, calibration, row_group, highest_dn);
+    tables.levels.emplace(model_->layout, calibration, row_group, highest_dn);
     tables.level_ranges = level_ranges(calibration);
-    if (model_.quantization_dn > 0)
+    if (model_->quantization_dn > 0)
       tables.rounded_levels.emplace(
-          model_.layout, calibration, row_group, highest_dn,
-          LevelRounding{model_.quantization_dn, is_measured(model_, calibration)});
+          model_->layout, calibration, row_group, highest_dn,
+          LevelRounding{model_->quantization_dn, is_measured(*model_, calibration)});
     return tables;
   }
-  tables.parameters.emplace(model_,
-                            model_.parameters_at(gain, gain_range(settings_.extrapolate_gain)));
+  tables.parameters.emplace(*model_,
+                            model_->parameters_at(gain, gain_range(settings_.extrapolate_gain)));
   PhysicsNoise mean = tables.parameters->mean();
   // The mean frame's bias, not one frame's: what is left varies as it does on real frames.
   if (settings_.bias) tables.global_bias_dn = mean_bias(mean);
@@ -273,8 +277,8 @@ FrameParameters Synthesizer::physical(const GainTables& tables, View<const float
   else
     tables.compiled->with_parameters(frame.physics).apply(signal_dn, noisy_dn, address);
   if (kind_ == SynthesisKind::kDarkFrames)
-    add_dark_frame(model_.dark_frames_at(tables.gain), address,
-                   rounded_later ? model_.quantization_dn : 0.0, noisy_dn);
+    add_dark_frame(model_->dark_frames_at(tables.gain), address,
+                   rounded_later ? model_->quantization_dn : 0.0, noisy_dn);
   return frame;
 }
 
@@ -284,7 +288,7 @@ std::shared_ptr<const GainTables> Synthesizer::tables_at(const GainSetting& gain
 
 void Synthesizer::require_gain(const GainSetting& gain) const {
   tables_at(gain);
-  if (kind_ == SynthesisKind::kDarkFrames) model_.dark_frames_at(gain);
+  if (kind_ == SynthesisKind::kDarkFrames) model_->dark_frames_at(gain);
 }
 
 FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy_dn,
@@ -292,7 +296,7 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
                                    const DrawAddress& address, bool rounded_later) const {
   MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
   const auto tables =
-      tables_at(gain ? *gain : random_gain(model_, settings_, address.seed, address.frame));
+      tables_at(gain ? *gain : random_gain(*model_, settings_, address.seed, address.frame));
   View<const float> signal_dn = clean_dn;
   if (settings_.ratio != 1) {
     const auto factor = static_cast<float>(1.0 / settings_.ratio);
@@ -303,7 +307,7 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
   FrameParameters frame;
   if (tables->levels) {
     frame.coverage =
-        level_coverage(model_.layout, tables->level_ranges, signal_dn, address.row0, address.col0);
+        level_coverage(model_->layout, tables->level_ranges, signal_dn, address.row0, address.col0);
     (rounded_later && tables->rounded_levels ? tables->rounded_levels : tables->levels)
         ->apply(signal_dn, noisy_dn, address);
   } else if (rounded_later) {
@@ -340,15 +344,15 @@ SyntheticFrame Synthesizer::draw(View<const float> clean_dn, const std::optional
 RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<GainSetting>& gain,
                                const DrawAddress& address, const std::vector<double>& black_dn,
                                double white_dn, FrameParameters* drawn) const {
-  MALUS_REQUIRE(static_cast<int>(black_dn.size()) == model_.layout.channels());
+  MALUS_REQUIRE(static_cast<int>(black_dn.size()) == model_->layout.channels());
   SyntheticFrame noise;
   noise.dn = Image(clean_dn.rows(), clean_dn.cols());
   static_cast<FrameParameters&>(noise) = noisy(clean_dn, noise.dn, gain, address, true);
   if (drawn) *drawn = noise;
-  CameraOutput camera{black_dn, white_dn, model_.quantization_dn};
-  round_as_camera(noise.dn, model_.layout, camera, address.row0, address.col0);
+  CameraOutput camera{black_dn, white_dn, model_->quantization_dn};
+  round_as_camera(noise.dn, model_->layout, camera, address.row0, address.col0);
   RawFrame raw;
-  raw.layout = model_.layout;
+  raw.layout = model_->layout;
   raw.black_dn = black_dn;
   raw.white_dn = white_dn;
   raw.gain = noise.gain;
@@ -366,10 +370,10 @@ RawFrame Synthesizer::draw_raw(View<const float> clean_dn, const std::optional<G
     for (int r = 0; r < noise.dn.rows(); ++r)
       for (int c = 0; c < noise.dn.cols(); ++c) {
         const double black = black_dn[static_cast<std::size_t>(
-            model_.layout.channel_at(address.row0 + r, address.col0 + c))];
+            model_->layout.channel_at(address.row0 + r, address.col0 + c))];
         noise.dn(r, c) = static_cast<float>(factor * (static_cast<double>(noise.dn(r, c)) - black));
       }
-    round_as_camera(noise.dn, model_.layout, camera, address.row0, address.col0);
+    round_as_camera(noise.dn, model_->layout, camera, address.row0, address.col0);
     // A bias of a fraction of a step could not be taken from codes, and white would not be where
     // they saturate.
     for (double& black : raw.black_dn) black += bias;

@@ -101,7 +101,9 @@ GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settin
 class Synthesizer {
  public:
   /// Throws InputError on settings out of their range or choices, when the model lacks the kind,
-  /// and where a setting means nothing to it. The model is copied.
+  /// and where a setting means nothing to it. Maps make a model large: one that is drawn from with
+  /// several settings is shared, not copied. Contract: not null.
+  Synthesizer(std::shared_ptr<const NoiseModel> model, SynthesisSettings settings);
   Synthesizer(NoiseModel model, SynthesisSettings settings);
 
   /// clean_dn: mosaic in DN above black at the frame's gain, whose first pixel lies at
@@ -138,7 +140,7 @@ class Synthesizer {
   /// empty elsewhere and of other kinds.
   std::string repetition(int rows, int cols) const;
 
-  const NoiseModel& model() const { return model_; }
+  const NoiseModel& model() const { return *model_; }
   const SynthesisSettings& settings() const { return settings_; }
 
  private:
@@ -151,7 +153,7 @@ class Synthesizer {
   std::shared_ptr<const GainTables> tables_at(const GainSetting& gain) const;
   GainTables make_tables(const GainSetting& gain) const;
 
-  NoiseModel model_;
+  std::shared_ptr<const NoiseModel> model_;
   SynthesisSettings settings_;
   std::shared_ptr<GainTableCache> cache_;
   SynthesisKind kind_ = SynthesisKind::kPhysics;  ///< settings_.kind

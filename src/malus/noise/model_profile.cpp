@@ -1,0 +1,134 @@
+// What a denoiser needs at a gain, of every kind of model.
+#include "malus/base/error.h"
+#include "malus/base/wording.h"
+#include "malus/noise/column_noise.h"
+#include "malus/noise/interpolate_kinds.h"
+#include "malus/noise/level_noise.h"
+#include "malus/noise/model.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus {
+namespace {
+
+NoiseProfile empty_profile(const NoiseModel& model) {
+  NoiseProfile profile;
+  profile.layout = model.layout;
+  profile.row_group = model.row_group;
+  profile.step_dn = model.quantization_dn;
+  profile.channels.resize(static_cast<std::size_t>(model.layout.channels()));
+  return profile;
+}
+
+NoiseProfile gaussian_profile(const NoiseModel& model, const GaussianCalibration& calibration) {
+  NoiseProfile profile = empty_profile(model);
+  for (std::size_t c = 0; c < profile.channels.size(); ++c) {
+    ChannelProfile& channel = profile.channels[c];
+    const double slope = calibration.slope_dn[c], electron = slope * slope;
+    channel.variance = VarianceCurve::fitted_line(slope, calibration.offset_dn2[c], electron);
+    if (!calibration.bias_dn.empty()) channel.bias_dn = calibration.bias_dn[c];
+    channel.gain_dn_per_e = calibration.slope_dn[c];
+  }
+  return profile;
+}
+
+NoiseProfile nonparametric_profile(const NoiseModel& model,
+                                   const NonparametricCalibration& calibration) {
+  NoiseProfile profile = empty_profile(model);
+  if (!calibration.sigma_row_dn.empty()) profile.row_drift = calibration.row_drift.drift;
+  for (std::size_t c = 0; c < profile.channels.size(); ++c) {
+    const NonparametricChannel& measured = calibration.channels[c];
+    std::vector<double> variance;
+    for (std::size_t level = 0; level < measured.pmf.size(); ++level)
+      variance.push_back(level_moments(measured, level).variance_dn2);
+    const double K = gain_of_channel(calibration, c);
+    profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance, K);
+    // The distributions hold the dark bias as their mean.
+    profile.channels[c].bias_dn = level_moments(measured, 0).mean_dn;
+    profile.channels[c].law = NoiseLaw::measured(measured, profile.channels[c].bias_dn, K);
+    if (!calibration.sigma_row_dn.empty())
+      profile.channels[c].sigma_row_dn = calibration.sigma_row_dn[c];
+    if (!calibration.K.empty()) profile.channels[c].gain_dn_per_e = calibration.K[c];
+  }
+  return profile;
+}
+
+}  // namespace
+
+NoiseProfile profile_of(const PhysicsNoise& noise) {
+  NoiseProfile profile;
+  profile.layout = noise.layout;
+  profile.row_group = noise.row_group;
+  if (noise.parts.row) profile.row_drift = noise.row_drift;
+  profile.step_dn = noise.parts.quantization ? noise.quantization_dn : 0.0;
+  for (const PhysicsChannel& channel : noise.channels) {
+    const double quantization = profile.step_dn * profile.step_dn / 12.0;
+    profile.channels.push_back(
+        {.variance = VarianceCurve::affine(
+             noise.parts.shot ? channel.gain_dn_per_e : 0.0,
+             (noise.parts.read ? read_variance_dn2(channel) : 0.0) + quantization),
+         .bias_dn = noise.parts.bias ? channel.mu_dn : 0.0,
+         .sigma_row_dn = noise.parts.row ? channel.sigma_row_dn : 0.0,
+         .gain_dn_per_e = channel.gain_dn_per_e,
+         .law = NoiseLaw::physics(channel, noise.parts, profile.step_dn)});
+  }
+  return profile;
+}
+
+namespace {
+
+// The maps tell the sensor's size; a model without them cannot say which frame its defects lie in.
+DefectList defects_of(const NoiseModel& model) {
+  DefectList list;
+  for (const PhysicsCalibration& p : model.physics)
+    for (const Image* map : {&p.dark_shading_dn, &p.prnu_map})
+      if (!map->empty()) {
+        list.rows = map->rows();
+        list.cols = map->cols();
+      }
+  if (list.rows > 0)
+    for (const DefectPixel& d : model.defects) list.places.push_back({d.row, d.col});
+  return list;
+}
+
+NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& gain,
+                                    GainRange range) {
+  PhysicsNoise noise = model.physics_at(gain, range);
+  const std::vector<double> shares = column_noise_shares_at(model, gain);
+  std::vector<double> sigma_column_dn;
+  for (std::size_t c = 0; c < shares.size(); ++c) {
+    PhysicsChannel& channel = noise.channels[c];
+    sigma_column_dn.push_back(std::sqrt(shares[c] * read_variance_dn2(channel)));
+    channel.sigma_tl_dn *= std::sqrt(1 - shares[c]);
+  }
+  NoiseProfile profile = profile_of(noise);
+  for (std::size_t c = 0; c < shares.size(); ++c)
+    profile.channels[c].sigma_column_dn = sigma_column_dn[c];
+  return profile;
+}
+
+NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, GainRange range) {
+  if (!model.physics.empty()) return profile_of(model.physics_at(gain, range));
+  if (!model.gaussian.empty()) return gaussian_profile(model, model.gaussian_at(gain));
+  if (!model.nonparametric.empty())
+    return nonparametric_profile(model, model.nonparametric_at(gain));
+  throw InputError(model.name(), "holds no model of the pixel noise",
+                   "calibrate with " + setting("kinds", "physics"));
+}
+
+}  // namespace
+
+NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
+                                    ColumnNoise columns) const {
+  NoiseProfile profile = columns == ColumnNoise::kApart && !physics.empty()
+                             ? profile_beside_columns(*this, gain, range)
+                             : pixel_noise_at(*this, gain, range);
+  profile.defects = defects_of(*this);
+  profile.dark_was_cut_off =
+      std::any_of(physics.begin(), physics.end(),
+                  [](const PhysicsCalibration& p) { return p.dark_was_cut_off(); });
+  return profile;
+}
+
+}  // namespace malus
