@@ -318,7 +318,8 @@ TEST(Session, FlatsAsDarkAsTheDarkFramesAreNotBelowThem) {
     flat.name = "flat";
     flat.sources = {"f.tif"};
     flat.signal_dn = {signal_dn};
-    warn_of_flats({flat}, {.bias_frames = 2, .step_dn = 1}, out);
+    const bool any = warn_of_flats({flat}, {.bias_frames = 2, .step_dn = 1}, out);
+    EXPECT_EQ(any, !out.warnings.empty());
     return out.warnings;
   };
   const auto below = Contains(HasSubstr("dark and flat frames exchanged"));
@@ -386,11 +387,12 @@ TEST(LightProfile, StrongRowsAreNoLightThatChanges) {
     flats.push_back(flat);
   }
   PhysicsCalibration p;
-  warn_of_flats(flats,
-                {.row_variance_dn2 = kRow * kRow,
-                 .row_groups = static_cast<double>(kRows) / kGroup,
-                 .white_dn = 4095},
-                p);
+  const bool told = warn_of_flats(flats,
+                                  {.row_variance_dn2 = kRow * kRow,
+                                   .row_groups = static_cast<double>(kRows) / kGroup,
+                                   .white_dn = 4095},
+                                  p);
+  EXPECT_EQ(told, !p.warnings.empty());
   EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("the light changes"))));
 }
 

@@ -166,9 +166,14 @@ TEST(GainMap, OfAFlatFieldCorrectionIsTold) {
         }
     });
   };
+  const auto told = Contains(AllOf(HasSubstr("over the frame, the light by"),
+                                   HasSubstr("flat-field or shading correction")));
   EXPECT_THAT(corrected(0), IsEmpty());
-  EXPECT_THAT(corrected(1), Contains(AllOf(HasSubstr("over the frame, the light by"),
-                                           HasSubstr("flat-field or shading correction"))));
+  EXPECT_THAT(corrected(1), told);
+  // That K rests on the flats alone is said of the dark frames, not of the light.
+  camera.black_dn = 0;
+  EXPECT_THAT(corrected(0), AllOf(Contains(HasSubstr("K rests on the flat frames")), Not(told)));
+  EXPECT_THAT(corrected(1), AllOf(Contains(HasSubstr("K rests on the flat frames")), told));
 }
 
 // A Gaussian or non-parametric model alone had the wrong gain, too, and none of these words.

@@ -307,23 +307,23 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
       series.gains[i] = {};
       series.seen[i].successive = {};
     }
-  const std::size_t said = out.warnings.size();  // other light explains another variance
-  warn_of_flats(series.seen,
-                {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
-                 .frame_sd_dn = mean_of(dark.temporal.frame_deviation_dn()),
-                 .bias_frames = out.bias_frames,
-                 .row_variance_dn2 = mean_square(out.sigma_row.mean),
-                 .column_variance_dn2 = mean_square(out.sigma_column.mean),
-                 .row_groups = static_cast<double>(first.dn.rows()) / row_group,
-                 .step_dn = dark.step_dn,
-                 .dark_code_spacing_dn = dark.code_spacing_dn,
-                 .black_dn = mean_of(first.black_dn),
-                 .white_dn = first.white_dn},
-                out);
+  const bool other_light =
+      warn_of_flats(series.seen,
+                    {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
+                     .frame_sd_dn = mean_of(dark.temporal.frame_deviation_dn()),
+                     .bias_frames = out.bias_frames,
+                     .row_variance_dn2 = mean_square(out.sigma_row.mean),
+                     .column_variance_dn2 = mean_square(out.sigma_column.mean),
+                     .row_groups = static_cast<double>(first.dn.rows()) / row_group,
+                     .step_dn = dark.step_dn,
+                     .dark_code_spacing_dn = dark.code_spacing_dn,
+                     .black_dn = mean_of(first.black_dn),
+                     .white_dn = first.white_dn},
+                    out);
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
-  if (out.warnings.size() == said)
+  if (!other_light)  // which explains another variance
     warn_of_gain_map(
         series.gains,
         {mean_square(out.sigma_row.mean), static_cast<double>(first.dn.rows()) / row_group}, out);

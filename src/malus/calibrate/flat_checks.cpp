@@ -216,8 +216,9 @@ void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatR
       spacing, percent_text(std::min(spacing * spacing / 12.0 / dark, 1.0))));
 }
 
-void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
+bool warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                    PhysicsCalibration& out) {
+  const std::size_t before = out.warnings.size();
   warn_of_flats_below_dark(flats, reference, out);
   warn_of_mixed_light(flats, reference, out);
   warn_of_low_white(flats, reference, out);
@@ -225,6 +226,7 @@ void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReferenc
   warn_of_companding(flats, out);
   warn_of_scaled_codes(flats, reference, out);
   warn_of_changing_light(flats, reference, out);
+  return out.warnings.size() > before;
 }
 
 // y = (1 - ρ) x + ρ y' of the frame before has x's mean, (1 - ρ)/(1 + ρ) of its variance and

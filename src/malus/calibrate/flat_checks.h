@@ -72,9 +72,10 @@ struct FlatReference {
 /// and ten times as many as the next lower code; codes that lie farther apart in bright levels than
 /// in others, where the rounding that this makes is more than 1 % of a level's variance; codes that
 /// lie farther apart than their step everywhere (warn_of_scaled_codes); light that changes inside
-/// the frames of a level by more than 1 % of its variance and six standard errors.
-void warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,
-                   PhysicsCalibration& out);
+/// the frames of a level by more than 1 % of its variance and six standard errors. True where
+/// there was any to append.
+[[nodiscard]] bool warn_of_flats(const std::vector<FlatObservation>& flats,
+                                 const FlatReference& reference, PhysicsCalibration& out);
 
 /// Appends a warning where codes lie farther apart than the step of which all are multiples, by 2 %
 /// in the brighter half of the flats alike, or in the dark frames and in the level where they are
