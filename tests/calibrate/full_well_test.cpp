@@ -1,4 +1,4 @@
-// Flats at a full well below white: no part of what the others show.
+// Flats at a full well below white: no part of what the others show. Refused levels.
 #include "malus/calibrate/calibrate.h"
 #include "malus/noise/data_sheet.h"
 
@@ -56,6 +56,25 @@ TEST(FullWell, IsAboveTheDarkLevelWhateverBlackIsDeclared) {
     for (const PhotonTransferPoint& point : p.transfer)
       EXPECT_EQ(point.at_white, point.mean_dn > 1800) << point.mean_dn << " " << point.why_not;
   }
+}
+
+// Their texts were compared without digits: "5.08 %" and "60 %" had been two reasons.
+TEST(RefusedLevels, OfOneReasonAreCountedTogether) {
+  testing::SimulatedCamera camera = testing::mono_camera(0.4, 0.14, 2.0, 0.5, 0);
+  camera.flat_levels = 4;
+  CalibrationInput input = testing::simulated_session(camera);
+  const double at_white[] = {0.051, 0.6, 0.0, 0.33};
+  for (std::size_t i = 1; i < input.sets.size(); ++i)
+    testing::change_frames(input.sets[i], [&, i](RawFrame& frame, int) {
+      for (float& v : frame.dn.values()) v = std::round(0.1F * v) + (i == 3 ? 3400 : 80);
+      const auto pixels = static_cast<int>(at_white[i - 1] * camera.rows * camera.cols);
+      for (int k = 0; k < pixels; ++k) frame.dn(k / camera.cols, k % camera.cols) = 4095;
+    });
+  const auto told = calibrate_physics(input, {}, silent_progress()).physics.at(0).warnings;
+  using ::testing::HasSubstr;
+  EXPECT_THAT(told, ::testing::Contains(::testing::AllOf(
+                        HasSubstr("the gain K is not known: 0 usable"), HasSubstr("3 of 4: 5.08"),
+                        HasSubstr("of the pixels are saturated"))));
 }
 
 }  // namespace

@@ -281,7 +281,7 @@ TEST(PhotonTransfer, HeavyTailsOfTheDarkNoiseWidenTheError) {
 TEST(PhotonTransfer, RefusedLevelsDoNotCountAndOneOutlierBarely) {
   auto levels = exact_levels(12);
   levels[11].variance_dn2 *= 0.3;
-  levels[11].refused = "saturated";
+  levels[11].refused.reason = Refusal::kWhite;
   EXPECT_NEAR(fit_photon_transfer(levels, dark_point())->slope_dn_per_e, kGain, 1e-9);
   levels[4].variance_dn2 *= 1.6;  // someone walked through the light
   const auto fit = fit_photon_transfer(levels, dark_point());

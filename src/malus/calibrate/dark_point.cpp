@@ -87,9 +87,11 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
   const bool enough = enough_levels_without(is_narrow, levels);
   for (TransferLevel& level : levels)
     if (enough && level.refused.empty() && is_narrow(level))
-      level.refused = fmt::format(
-          "the variance, {:.2g} DN², is below {:.2g} DN²: the converter's step hides its noise",
-          level.variance_dn2, hidden.widest_codes_dn2);
+      level.refused = {
+          Refusal::kHidden,
+          fmt::format(
+              "the variance, {:.2g} DN², is below {:.2g} DN²: the converter's step hides its noise",
+              level.variance_dn2, hidden.widest_codes_dn2)};
   const double gain = rough_gain(dark, levels);
   for (TransferLevel& level : levels) {
     level.rounding_error_dn2 = hidden.variance_doubt_dn2(level.variance_dn2);
@@ -124,8 +126,9 @@ void take_cut_off(const CutOffNoise& cut, double zero_share, DarkPoint& dark,
     level.dark_variance_dn2 += share * taken_dn2;
     level.mean_dn += share * cut.shift_dn;
     if (enough && level.refused.empty() && is_cut_off(level))
-      level.refused = fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
-                                  100 * level.zero_share, 100 * kMostSilentZeros);
+      level.refused = {Refusal::kCutOff,
+                       fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
+                                   100 * level.zero_share, 100 * kMostSilentZeros)};
   }
 }
 

@@ -33,17 +33,19 @@ constexpr std::size_t kFewLevels = 5;
 // Response is measured where shot noise is small against the signal.
 constexpr double kResponseShare = 0.2;
 
-std::string reason_against(const TransferLevel& level, double saturated, double range_dn,
-                           double limit) {
-  if (level.frames < 2) return "one frame has no temporal variance; 2 are needed";
+RefusedLevel reason_against(const TransferLevel& level, double saturated, double range_dn,
+                            double limit) {
+  if (level.frames < 2)
+    return {Refusal::kOneFrame, "one frame has no temporal variance; 2 are needed"};
   const double share = level.mean_dn / range_dn;
   if (share > limit)
-    return fmt::format("mean is {:.1f} % of the range, above the limit of {:.0f} %", 100 * share,
-                       100 * limit);
+    return {Refusal::kAboveLimit,
+            fmt::format("mean is {:.1f} % of the range, above the limit of {:.0f} %", 100 * share,
+                        100 * limit)};
   if (saturated > kMostSaturated)
-    return fmt::format("{:.3g} % of the pixels are saturated, above {:.1f} %", 100 * saturated,
-                       100 * kMostSaturated);
-  if (!(level.mean_dn > 0)) return "the mean is not above the dark level";
+    return {Refusal::kWhite, fmt::format("{:.3g} % of the pixels are saturated, above {:.1f} %",
+                                         100 * saturated, 100 * kMostSaturated)};
+  if (!(level.mean_dn > 0)) return {Refusal::kNotAboveDark, "the mean is not above the dark level"};
   return {};
 }
 
@@ -60,7 +62,7 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
     point.variance_stderr_dn2 =
         fit ? fit->variance_stderr_dn2[i] : std::numeric_limits<double>::quiet_NaN();
     point.used = levels[i].refused.empty();
-    point.why_not = levels[i].refused;
+    point.why_not = levels[i].refused.words;
     point.saturated = levels[i].saturated;
     point.at_white = levels[i].at_white;
     point.dark_variance_dn2 = levels[i].dark_variance_dn2;
@@ -68,30 +70,25 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
   }
 }
 
-// The reason against the most levels, of a channel with too few; levels differ in its numbers
-// alone.
-std::string most_frequent_reason(int channel, const PhysicsCalibration& out) {
-  std::map<std::string, std::vector<const std::string*>> reasons;
-  int levels = 0, used = 0;
-  for (const PhotonTransferPoint& point : out.transfer) {
-    if (point.channel != channel) continue;
-    ++levels;
-    used += point.used;
-    if (point.used) continue;
-    std::string words;
-    for (const char c : point.why_not)
-      if (c < '0' || c > '9') words += c;
-    reasons[words].push_back(&point.why_not);
-  }
+// The reason against the most levels, of a channel with too few.
+std::string most_frequent_reason(const std::vector<TransferLevel>& levels) {
+  std::map<Refusal, std::vector<const std::string*>> reasons;
+  std::size_t used = 0;
+  for (const TransferLevel& level : levels)
+    if (level.refused.empty())
+      ++used;
+    else
+      reasons[level.refused.reason].push_back(&level.refused.words);
   const auto most = std::max_element(
       reasons.begin(), reasons.end(),
       [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
   if (used >= 2 || most == reasons.end()) return {};
-  return fmt::format("; {} of {}: {}", most->second.size(), levels, *most->second.front());
+  return fmt::format("; {} of {}: {}", most->second.size(), levels.size(), *most->second.front());
 }
 
 // Fits of all channels into K; one warning for all channels that have the same trouble.
-void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLayout& layout,
+void append_fits(const std::vector<Estimate<TransferFit>>& fits,
+                 const std::vector<std::vector<TransferLevel>>& levels, const SensorLayout& layout,
                  PhysicsCalibration& out) {
   std::vector<std::string> scattered, bent;
   double most_chi_square = 0.0, most_excess_dn2 = 0.0, most_percent = 0.0;
@@ -101,7 +98,7 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits, const SensorLay
       out.warnings.push_back(
           fmt::format("{}: the gain K is not known{}: {}{}", layout.channel_name(c),
                       layout.channels() > 1 ? ", so K of no channel is kept" : "", fit.reason(),
-                      most_frequent_reason(c, out)));
+                      most_frequent_reason(levels[as_index(c)])));
       out.K = {};
       out.K_intercept_dn2.clear();
       out.K_intercept_stderr_dn2.clear();
@@ -229,8 +226,10 @@ void leave_out_saturated(const DarkPoint& dark, std::vector<TransferLevel>& leve
   for (std::size_t i = 0; i < levels.size(); ++i) {
     levels[i].saturated = saturated[i];
     if (saturated[i] && levels[i].refused.empty())
-      levels[i].refused = fmt::format(
-          "saturated at {:.4g} DN: the variance falls while the mean rises", levels[i].mean_dn);
+      levels[i].refused = {
+          Refusal::kPastMaximum,
+          fmt::format("saturated at {:.4g} DN: the variance falls while the mean rises",
+                      levels[i].mean_dn)};
   }
 }
 
@@ -371,7 +370,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     fits.push_back(fit_photon_transfer(levels, point));
     append_transfer(c, fits.back(), levels, series.exposures_s, out);
   }
-  append_fits(fits, first.layout, out);
+  append_fits(fits, series.levels, first.layout, out);
   take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
   if (!series.patterns.response.empty())
     warn_of_unlit_lines(series.patterns.response.unlit_lines(), out);

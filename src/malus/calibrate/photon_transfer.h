@@ -10,6 +10,25 @@
 
 namespace malus {
 
+/// Why a level must not be used for K.
+enum class Refusal {
+  kNone,
+  kOneFrame,
+  kAboveLimit,  ///< of the range
+  kWhite,       ///< too many pixels at the white level
+  kNotAboveDark,
+  kPastMaximum,  ///< the variance falls while the mean rises
+  kHidden,       ///< the converter's step hides the noise
+  kCutOff        ///< too many pixels at 0
+};
+
+/// The same in words, with the level's numbers.
+struct RefusedLevel {
+  Refusal reason = Refusal::kNone;
+  std::string words = {};
+  bool empty() const { return reason == Refusal::kNone; }
+};
+
 /// One channel at one light level, with the dark frames that belong to it.
 struct TransferLevel {
   double mean_dn = 0;             ///< signal above dark
@@ -27,7 +46,7 @@ struct TransferLevel {
   bool saturated = false;             ///< past the maximum of the variance, below white
   double zero_share = 0;              ///< of the pixels at DN 0
   bool at_white = false;              ///< more pixels than a stray few are at the white level
-  std::string refused;                ///< not empty: why this level must not be used
+  RefusedLevel refused;               ///< empty where the level may be used
 };
 
 /// The channel's dark point, common to all levels.
