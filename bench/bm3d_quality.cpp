@@ -40,7 +40,7 @@ Score score(const std::vector<Image>& pictures, const Bm3dParameters& parameters
   double seconds = 0, pixels = 0, predicted = 0, actual = 0;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     Planes noisy(1, pictures[i].rows(), pictures[i].cols()), variance;
-    RandomSequence random(seed, static_cast<std::uint32_t>(i + 1), Draw::kUser);
+    RandomSequence random(seed, static_cast<std::uint32_t>(i + 1), Draw::kOther);
     for (std::size_t p = 0; p < pictures[i].size(); ++p)
       noisy[0].values()[p] = pictures[i].values()[p] + sigma * static_cast<float>(random.normal());
     const double start = user_time_s();

@@ -21,7 +21,7 @@ constexpr float kSigma = 25;
 Planes noisy_picture(int channels, int rows, int cols) {
   Planes planes(channels, rows, cols);
   for (int ch = 0; ch < channels; ++ch) {
-    RandomSequence random(1, static_cast<std::uint32_t>(ch), Draw::kUser);
+    RandomSequence random(1, static_cast<std::uint32_t>(ch), Draw::kOther);
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < cols; ++c) {
         const double shade = 110 + 60 * std::sin(0.011 * r + 0.1 * ch) * std::cos(0.017 * c);

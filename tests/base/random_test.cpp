@@ -42,7 +42,7 @@ TEST(UniformOpen, NeverReachesZeroOrOne) {
 }
 
 TEST(RandomSequence, SeedZeroDiffersFromOneAndRepeats) {
-  RandomSequence a(0, 0, Draw::kUser), b(0, 0, Draw::kUser), c(1, 0, Draw::kUser);
+  RandomSequence a(0, 0, Draw::kOther), b(0, 0, Draw::kOther), c(1, 0, Draw::kOther);
   const auto first = a();
   EXPECT_EQ(first, b());
   EXPECT_NE(first, c());

@@ -181,7 +181,7 @@ testing::SimulatedCamera pattern_camera(double dsnu_dn, double row_dn, int frame
 PhysicsCalibration with_fixed_columns(testing::SimulatedCamera camera, double column_dn) {
   camera.rounded = false;
   CalibrationInput input = testing::simulated_session(camera);
-  RandomSequence random(camera.seed, 77, Draw::kUser);
+  RandomSequence random(camera.seed, 77, Draw::kOther);
   std::vector<double> offset(static_cast<std::size_t>(camera.cols));
   for (double& o : offset) o = column_dn * random.normal();
   testing::change_frames(input, [offset](RawFrame& frame, int) {

@@ -49,7 +49,7 @@ TEST(WithoutRowNoise, BlurringTheResultGivesTheObservation) {
   for (int k = -20; k <= 20; ++k)
     truth.push_back(std::exp(-0.5 * k * k / 9.0) * (k % 2 == 0 ? 1.1 : 0.9));
   std::vector<double> observed(truth.size(), 0.0);
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   double sum = 0;
   for (double t : truth) sum += t;
   for (std::size_t k = 0; k < truth.size(); ++k)
@@ -96,7 +96,7 @@ TEST(WithoutRowNoise, WhatRowsWidenedFiveTimesIsNarrowAgain) {
 
 LevelHistograms with_noise(int samples, double step_dn) {
   LevelHistograms histograms(noise_bin_edges(1.0, 3.0, 64), step_dn, 100.0);
-  RandomSequence random(1, 0, Draw::kUser);
+  RandomSequence random(1, 0, Draw::kOther);
   for (int level = 0; level < 10; ++level)
     for (int i = 0; i < samples; ++i)
       histograms.add(level * 10.0 + 1.0, std::sqrt(1 + 0.08 * level * 10) * random.normal());
@@ -123,7 +123,7 @@ TEST(LevelHistograms, KeepMomentsAndMeanSignal) {
 TEST(LevelHistograms, KeepTheVarianceOfResidualsOnALattice) {
   for (const double sd_dn : {0.3, 0.4, 0.5, 0.6, 0.8, 1.0}) {
     LevelHistograms histograms(noise_bin_edges(sd_dn, 10.0, 240, 0.1, {1.0, 0.0}), 16.0, 64.0);
-    RandomSequence random(5, 0, Draw::kUser);
+    RandomSequence random(5, 0, Draw::kOther);
     Moments own;
     for (int i = 0; i < 20000; ++i) {
       const double half = 0.5 * (std::round(sd_dn * random.normal() + 0.3) -

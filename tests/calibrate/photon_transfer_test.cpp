@@ -68,7 +68,7 @@ TEST(PhotonTransfer, TheVarianceOfFramesHasTheErrorThatIsStated) {
   dark.variance_dn2 = 4.0 + dark.row_variance_dn2;
   dark.pixels = 200;
   dark.row_groups = 20;
-  RandomSequence random(12, 0, Draw::kUser);
+  RandomSequence random(12, 0, Draw::kOther);
   Moments variance;
   for (int repeat = 0; repeat < 20000; ++repeat) {
     double sum = 0;
@@ -125,7 +125,7 @@ TEST(PhotonTransfer, ANonlinearSensorsErrorHoldsTheGainWithoutLight) {
   for (const bool known : {true, false})
     for (const double droop : {0.01, 0.02, 0.03}) {
       if (!known && droop < 0.02) continue;
-      RandomSequence random(5, 0, Draw::kUser);
+      RandomSequence random(5, 0, Draw::kOther);
       double squares = 0.0, bent = 0.0;
       constexpr int kRepeats = 200;
       for (int i = 0; i < kRepeats; ++i) {
@@ -144,7 +144,7 @@ TEST(PhotonTransfer, ANonlinearSensorsErrorHoldsTheGainWithoutLight) {
 TEST(PhotonTransfer, ALinearSensorIsNotCalledNonlinear) {
   DarkPoint dark = dark_point();
   dark.pixels = 16384;
-  RandomSequence random(6, 0, Draw::kUser);
+  RandomSequence random(6, 0, Draw::kOther);
   int found = 0;
   for (int i = 0; i < 4000; ++i) {
     auto levels = drooping_levels(0.0, true, random);
@@ -166,7 +166,7 @@ TEST(PhotonTransfer, TheChanceOfStudentsTIsThatOfTheTables) {
 
 TEST(PhotonTransfer, ScatterFollowsTheStandardErrorAndTwoSeHoldTheTruth) {
   constexpr int kRepeats = 400;
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   Moments z;
   for (int i = 0; i < kRepeats; ++i) {
     auto levels = exact_levels(12);
@@ -184,7 +184,7 @@ TEST(PhotonTransfer, ScatterFollowsTheStandardErrorAndTwoSeHoldTheTruth) {
 // deviation of 0.07.
 TEST(PhotonTransfer, LevelsWithTheSameDarkFramesShareTheirError) {
   constexpr int kRepeats = 400;
-  RandomSequence random(4, 0, Draw::kUser);
+  RandomSequence random(4, 0, Draw::kOther);
   DarkPoint dark = dark_point();
   dark.row_variance_dn2 = 0;
   Moments slope, intercept;
@@ -219,7 +219,7 @@ TEST(PhotonTransfer, LevelsWithTheSameDarkFramesShareTheirError) {
 // in 10000 calls a line that.
 TEST(PhotonTransfer, DarkCurrentIsInTheErrorOfItsLevels) {
   constexpr int kRepeats = 400;
-  RandomSequence random(5, 0, Draw::kUser);
+  RandomSequence random(5, 0, Draw::kOther);
   DarkPoint dark = dark_point();
   dark.row_variance_dn2 = 0;
   const auto drawn = [&](double variance_dn2) {

@@ -25,7 +25,7 @@ using ::testing::Not;
 CodePairs pairs_of(double mean, double pattern, double noise, int frames, std::uint64_t seed,
                    double base_dn = 100) {
   constexpr int kSize = 64;
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   std::vector<double> offset;
   for (int i = 0; i < kSize * kSize; ++i)
     offset.push_back(base_dn + mean + pattern * random.normal());

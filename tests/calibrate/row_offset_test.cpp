@@ -22,7 +22,7 @@ TEST(RowOffset, SquaresAreUnbiasedAndResidualsKeepTheirVariance) {
   for (const double row : {0.0, 1.5})
     for (const double wrong : {1.0, 2.0})
       for (const bool known : {true, false}) {
-        RandomSequence random(3, 0, Draw::kUser);
+        RandomSequence random(3, 0, Draw::kOther);
         RowOffset offset(known ? row * row : std::numeric_limits<double>::infinity());
         std::vector<double> variance(kValues), expected(kValues), value(kValues);
         for (std::size_t i = 0; i < kValues; ++i) {

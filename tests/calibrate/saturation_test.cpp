@@ -116,7 +116,7 @@ TEST(Saturation, LevelsBeyondAKneeArePastTheMaximum) {
 
 // At five standard errors once in three million levels; 16 channels of 1000 sessions.
 TEST(Saturation, ChanceSaturatesNothing) {
-  RandomSequence random(11, 0, Draw::kUser);
+  RandomSequence random(11, 0, Draw::kOther);
   int found = 0;
   for (int i = 0; i < 16000; ++i) {
     const auto past = saturated_levels(levels_of(kElectrons, 1e6, &random), quiet_dark());

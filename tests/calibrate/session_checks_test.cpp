@@ -366,7 +366,7 @@ TEST(LightProfile, StrongRowsAreNoLightThatChanges) {
   constexpr int kRows = 128, kCols = 32, kGroup = 4, kLevels = 40;
   constexpr double kLight = 40, kPixel = 4.5, kRow = 2;
   const MosaicGeometry geometry(SensorLayout::named("mono"), kRows, kCols, 1);
-  RandomSequence random(7, 0, Draw::kUser);
+  RandomSequence random(7, 0, Draw::kOther);
   std::vector<FlatObservation> flats;
   for (int level = 0; level < kLevels; ++level) {
     FlatObservation flat;

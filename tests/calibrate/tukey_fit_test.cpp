@@ -20,7 +20,7 @@ struct Truth {
 template <class Noise>
 ResidualHistogram rounded_residuals(const Noise& draw, int samples, std::uint64_t seed,
                                     double cell_dn) {
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   std::vector<std::uint32_t> dense(400, 0);
   std::vector<std::int32_t> beyond;
   for (int i = 0; i < samples; ++i) {
@@ -127,7 +127,7 @@ TEST(TukeyFitPpcc, AgreesOnFineStepsAndIsBiasedOnCoarseOnes) {
 
 TEST(TukeyFit, TakesTheOffsetsErrorOut) {
   // Residuals widened by a known normal error: the shape must not move towards the normal one.
-  RandomSequence random(7, 0, Draw::kUser);
+  RandomSequence random(7, 0, Draw::kOther);
   std::vector<std::uint32_t> dense(600, 0);
   std::vector<std::int32_t> beyond;
   const double cell_dn = 0.1, blur_dn2 = 1.0;

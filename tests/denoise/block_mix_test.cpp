@@ -44,7 +44,7 @@ TEST(BlockMix, TakesTheEstimateOfLessErrorAndTheMeanOfEquals) {
 
 TEST(BlockMix, TilesAgreeWithTheFrame) {
   constexpr int kSize = 112, kTop = 6, kLeft = 10, kTile = 90;
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   const auto drawn = [&](float mean, float deviation) {
     Image image(kSize, kSize);
     for (float& v : image.values()) v = mean + deviation * static_cast<float>(random.normal());

@@ -19,7 +19,7 @@ namespace malus {
 namespace {
 
 Image noise_of(int rows, int cols, float deviation, std::uint64_t seed) {
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   Image noise(rows, cols);
   for (float& v : noise.values()) v = deviation * static_cast<float>(random.normal());
   return noise;
@@ -28,7 +28,7 @@ Image noise_of(int rows, int cols, float deviation, std::uint64_t seed) {
 // Stars of `height` on even ground.
 Image stars(int rows, int cols, float ground, float height) {
   Image picture(rows, cols, ground);
-  RandomSequence random(4, 0, Draw::kUser);
+  RandomSequence random(4, 0, Draw::kOther);
   for (int star = 0; star < rows * cols / 400; ++star) {
     const double row = 4 + random.uniform() * (rows - 8), col = 4 + random.uniform() * (cols - 8);
     for (int r = 0; r < rows; ++r)

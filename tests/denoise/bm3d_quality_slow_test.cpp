@@ -24,7 +24,7 @@ Quality set12(const std::string& profile, float sigma) {
     const Image clean =
         load_picture(testing::shared_data() / "set12" / fmt::format("{:02}.png", i)).planes[0];
     Planes noisy(1, clean.rows(), clean.cols()), variance;
-    RandomSequence random(1, i, Draw::kUser);
+    RandomSequence random(1, i, Draw::kOther);
     for (std::size_t p = 0; p < clean.size(); ++p)
       noisy[0].values()[p] = clean.values()[p] + sigma * static_cast<float>(random.normal());
     const Planes result =

@@ -33,7 +33,7 @@ Planes test_picture(int channels, int rows, int cols) {
 
 Planes with_noise(Planes planes, float sigma, std::uint64_t seed) {
   for (int c = 0; c < planes.channels(); ++c) {
-    RandomSequence random(seed, static_cast<std::uint32_t>(c), Draw::kUser);
+    RandomSequence random(seed, static_cast<std::uint32_t>(c), Draw::kOther);
     for (float& value : planes[c].values()) value += sigma * static_cast<float>(random.normal());
   }
   return planes;

@@ -46,7 +46,7 @@ RawFrame cut_off_frame(const Image& clean, const PhysicsNoise& noise) {
 TEST(CensoringBias, IsWhatCuttingOffTakesFromAGaussiansMean) {
   // The mean of 400,000 draws has a standard error of 0.0016 deviations: 4 of them.
   constexpr int kDraws = 400000;
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   std::vector<double> z;
   for (int i = 0; i < kDraws; ++i) z.push_back(random.normal());
   for (const double white : {-2.0, -1.0, 0.0, 0.7, 2.0}) {

@@ -193,7 +193,7 @@ TEST(EstimateProfile, AWeaveAllOverHidesNoNoise) {
 // Four strokes 2 pixels wide, with soft edges, for each letter; letters every 9 columns in lines of
 // 10 rows, 15 rows apart.
 Image page_of_letters(double paper, double ink) {
-  RandomSequence strokes(15, 0, Draw::kUser);
+  RandomSequence strokes(15, 0, Draw::kOther);
   Image page(384, 384, static_cast<float>(paper));
   for (int top = 1; top + 14 < 384; top += 15)
     for (int left = 1; left + 9 < 384; left += 9) {

@@ -26,7 +26,7 @@ constexpr int kPrintRows = 200, kPrintCols = 180;
 constexpr float kPaper = 60, kInk = 45;
 
 Image with_unit_noise(const Image& clean, std::uint64_t seed) {
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   Image noisy = clean;
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   return noisy;
@@ -35,7 +35,7 @@ Image with_unit_noise(const Image& clean, std::uint64_t seed) {
 // Squares of `side` pixels, ink or paper by chance, as in a QR code; every channel has its own
 // levels.
 Image printed(int side) {
-  RandomSequence random(5, 0, Draw::kUser);
+  RandomSequence random(5, 0, Draw::kOther);
   Image squares(kPrintRows, kPrintCols), picture(kPrintRows, kPrintCols);
   for (float& v : squares.values()) v = random.normal() > 0 ? kInk : kPaper;
   for (int r = 0; r < kPrintRows; ++r)
@@ -107,7 +107,7 @@ TEST(JointBilateral, LeavesWhatTheFilterKnowsOfPolarization) {
 
 // Every value once: nothing is alike, so whatever is averaged is lost.
 TEST(JointBilateral, LeavesTextureAsItIs) {
-  RandomSequence random(2, 0, Draw::kUser);
+  RandomSequence random(2, 0, Draw::kOther);
   Image clean(kPrintRows, kPrintCols, 50);
   for (float& v : clean.values()) v += 3 * static_cast<float>(random.normal());
   const Image noisy = with_unit_noise(clean, 3);
@@ -134,7 +134,7 @@ TEST(JointBilateral, LeavesLightNearWhite) {
 
 // Less noise than was told looks like noise that the estimate has kept.
 TEST(JointBilateral, BelievesNoMoreNoiseThanIsSure) {
-  RandomSequence random(10, 0, Draw::kUser);
+  RandomSequence random(10, 0, Draw::kOther);
   Image clean(kPrintRows, kPrintCols), noisy(kPrintRows, kPrintCols);
   for (std::size_t i = 0; i < clean.size(); ++i) {
     clean.values()[i] = 50 + 0.3f * static_cast<float>(random.normal());
@@ -207,7 +207,7 @@ TEST(JointBilateral, StopsWhenAsked) {
 TEST(BilateralKernel, IsTheWeightedMeanAndItsDerivative) {
   constexpr int kReach = 2, kSpacing = 2, kMargin = kReach * kSpacing, kSide = 2 * kMargin + 1;
   constexpr int kWidth = kSide - 1 + internal::kLanes;
-  RandomSequence random(9, 0, Draw::kUser);
+  RandomSequence random(9, 0, Draw::kOther);
   Image samples(kSide, kWidth), guide(kSide, kWidth, internal::kNoGuide);
   for (float& v : samples.values()) v = static_cast<float>(random.normal());
   for (int r = 1; r < kSide; ++r)

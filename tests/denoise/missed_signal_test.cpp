@@ -14,7 +14,7 @@ namespace malus {
 namespace {
 
 Image unit_noise(int rows, int cols, std::uint64_t seed) {
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   Image noise(rows, cols);
   for (float& v : noise.values()) v = static_cast<float>(random.normal());
   return noise;

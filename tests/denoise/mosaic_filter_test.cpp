@@ -43,7 +43,7 @@ double polarization_error(const Image& a, const Image& b) {
 
 TEST(MosaicFilter, AxesPriorHasTheStatedEnergies) {
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
-  RandomSequence random(5, 0, Draw::kUser);
+  RandomSequence random(5, 0, Draw::kOther);
   Image pixels(64, 64);
   for (float& v : pixels.values()) v = static_cast<float>(random.normal());
   const CellStatistics statistics =
@@ -86,7 +86,7 @@ Image filtered(const Image& clean, const MosaicFilterPlan& plan, const SensorLay
                int beyond = 0) {
   const int rows = clean.rows(), cols = clean.cols();
   Image noisy = clean;
-  RandomSequence random(11, 0, Draw::kUser);
+  RandomSequence random(11, 0, Draw::kOther);
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
   const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
@@ -185,7 +185,7 @@ TEST(MosaicFilter, LargeBlocksHelpSmoothLight) {
 // Differences of blocks that are not alike are signal, however bright: no coefficient is lost to
 // them as the pilot's noise.
 TEST_P(MosaicMethods, FineTextureFarAboveTheNoiseIsNoWorseThanItWas) {
-  RandomSequence random(17, 0, Draw::kUser);
+  RandomSequence random(17, 0, Draw::kOther);
   Image clean(128, 128);
   for (float& v : clean.values()) v = 200.0f + 40.0f * static_cast<float>(random.normal());
   for (const char* layout_name : {"polar-bayer-rggb", "polar-mono", "bayer-rggb", "mono"})

@@ -15,7 +15,7 @@ namespace {
 // Gaussian noise of variance 4 + signal/10 over a picture.
 Image noisy(int rows, int cols, const std::function<double(int, int)>& picture) {
   Image dn(rows, cols);
-  RandomSequence random(7, 0, Draw::kUser);
+  RandomSequence random(7, 0, Draw::kOther);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       const double signal = picture(r, c);
@@ -77,7 +77,7 @@ TEST(NoiseFloor, TextureThatNeighboursTellIsNotInIt) {
 // Of one brightness throughout: the smooth half has its own share of the patches, not its own
 // level.
 TEST(NoiseFloor, APartThatIsSmoothIsEnough) {
-  RandomSequence grain(9, 0, Draw::kUser);
+  RandomSequence grain(9, 0, Draw::kOther);
   const Image part = noisy(512, 512, [&](int, int c) {
     return c < 256 ? 300.0 : 300.0 + 12 * grain.normal();  // white: nothing tells it from noise
   });

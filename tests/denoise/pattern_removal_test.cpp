@@ -28,7 +28,7 @@ double smooth_scene(int r, int c) {
 double striped_scene(int, int c) { return 500 + 300 * std::sin(2.4 * c + 0.002 * c * c); }
 
 Image normal_map(double centre, double sd, std::uint32_t stream, bool columns = false) {
-  RandomSequence random(11, stream, Draw::kUser);
+  RandomSequence random(11, stream, Draw::kOther);
   Image map(kRows, kCols);
   for (float& v : map.values()) v = static_cast<float>(centre + sd * random.normal());
   if (columns)
@@ -67,7 +67,7 @@ NoiseProfile profile_with_columns(Image dark_dn, Image dark_columns_dn, Image re
 
 Image drawn(const Scene& scene, const FixedPattern& maps, double dark, double response,
             std::uint32_t stream) {
-  RandomSequence random(5, stream, Draw::kUser);
+  RandomSequence random(5, stream, Draw::kOther);
   Image dn(kRows, kCols);
   for (int r = 0; r < kRows; ++r)
     for (int c = 0; c < kCols; ++c) {
@@ -309,7 +309,7 @@ TEST(PatternRemoval, AllRowsOfACellTellThePattern) {
   profile.layout = SensorLayout::from_sites({{"R"}, {"G1"}, {"B"}});
   profile.channels.assign(3, ChannelProfile{.variance = VarianceCurve::affine(0.0, 4.0)});
   Image dark(kHigh, kWide), dn(kHigh, kWide, 4000);
-  RandomSequence random(17, 0, Draw::kUser);
+  RandomSequence random(17, 0, Draw::kOther);
   for (int r = 0; r < kHigh; ++r)
     for (int c = 0; c < kWide; ++c) {
       dark(r, c) = static_cast<float>(3 * random.normal());

@@ -88,7 +88,7 @@ struct Survey {
   Survey(double signal, double pilot_signal, double pilot_noise) {
     const SensorLayout layout = SensorLayout::named("mono");
     constexpr int kSurveyed = 160;
-    RandomSequence random(23, 0, Draw::kUser);
+    RandomSequence random(23, 0, Draw::kOther);
     Image noisy(kSurveyed, kSurveyed), pilot(kSurveyed, kSurveyed);
     for (std::size_t i = 0; i < noisy.size(); ++i) {
       const double light = random.normal();
@@ -139,7 +139,7 @@ double error_of(const Image& clean, const MosaicFilterPlan& plan, const SensorLa
   constexpr int kEdge = 128;
   const int size = clean.rows();
   Image noisy = clean;
-  RandomSequence random(29, 0, Draw::kUser);
+  RandomSequence random(29, 0, Draw::kOther);
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
   const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
   const CellStatistics statistics = measure_cells(pixel, size, size, layout);

@@ -122,7 +122,7 @@ TEST(RowNoise, APictureIsNotTakenForRows) {
 TEST(RowNoise, LitWindowsLeaveNoStreaksInTheirRows) {
   for (const double sigma_row_dn : {0.5, 2.0}) {
     const NoiseProfile profile = profile_with(sigma_row_dn, 0.5);
-    RandomSequence windows(13, 0, Draw::kUser), noise(14, 0, Draw::kPixel);
+    RandomSequence windows(13, 0, Draw::kOther), noise(14, 0, Draw::kPixel);
     Simulated truth = simulate(profile, 512, 512, false);
     const auto lit = [](int row) { return row % 64 >= 24 && row % 64 < 40; };
     double light = 0;
@@ -286,7 +286,7 @@ TEST(RowNoise, DeviationAndGroupFromThePicture) {
 // A page of marks 3 columns wide in lines of 4 to 14 rows: they cover a third of their rows'
 // pixels, the paper between them lies level.
 Image page_of_marks(const NoiseProfile& profile, double light, std::uint32_t seed) {
-  RandomSequence marks(9, seed, Draw::kUser), noise(10, seed, Draw::kPixel);
+  RandomSequence marks(9, seed, Draw::kOther), noise(10, seed, Draw::kPixel);
   Image dn(512, 384, static_cast<float>(light));
   const auto rows_up_to = [&](int most) {
     return 4 + static_cast<int>((most - 3) * marks.uniform());
@@ -318,7 +318,7 @@ TEST(RowNoise, BarsThatSpanSeveralRowsAreNoRowNoise) {
   int found = 0;
   for (std::uint32_t seed = 0; seed < 20; ++seed) {
     NoiseProfile unknown = profile_with(0.0, 1.5);
-    RandomSequence bars(12, seed, Draw::kUser);
+    RandomSequence bars(12, seed, Draw::kOther);
     Image dn = simulate(unknown, 512, 256, false, seed).dn;
     double lift = 0;
     for (int r = 0, next = 0; r < dn.rows(); ++r) {
@@ -339,7 +339,7 @@ TEST(RowNoise, LinesThatRepeatAreNoRowNoise) {
   NoiseProfile unknown = profile_with(0.0, 1.5);
   unknown.row_group = 1;
   for (const int period : {4, 7, 14, 30}) {
-    RandomSequence lines(3, static_cast<std::uint32_t>(period), Draw::kUser);
+    RandomSequence lines(3, static_cast<std::uint32_t>(period), Draw::kOther);
     std::vector<double> lift;
     for (int r = 0; r < period; ++r) lift.push_back(6 * lines.normal());
     Image dn = simulate(unknown, 400, 400, false).dn;
@@ -357,7 +357,7 @@ TEST(RowNoise, SlowOffsetsAreNotTakenForLinesThatRepeat) {
   for (std::uint32_t seed = 0; seed < 100; ++seed) {
     NoiseProfile unknown = profile_with(0.0, 1.5);
     unknown.row_group = 1;
-    RandomSequence rows(7, seed, Draw::kUser);
+    RandomSequence rows(7, seed, Draw::kOther);
     Image dn = simulate(unknown, 160, 96, false, seed).dn;
     double slow = 0;
     for (int r = 0; r < dn.rows(); ++r) {
@@ -375,7 +375,7 @@ TEST(RowNoise, ABrightBandAcrossHidesNoRowNoise) {
   for (std::uint32_t seed = 0; seed < 10; ++seed) {
     NoiseProfile unknown = profile_with(0.0, 1.5);
     unknown.row_group = 1;
-    RandomSequence rows(8, seed, Draw::kUser);
+    RandomSequence rows(8, seed, Draw::kOther);
     Image dn = simulate(unknown, 400, 400, false, seed).dn;
     for (int r = 0; r < dn.rows(); ++r) {
       const double lift = 1600 * std::exp(-0.5 * std::pow((r - 200) / 20.0, 2)) + 4 * rows.normal();

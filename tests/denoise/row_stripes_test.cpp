@@ -15,7 +15,7 @@ namespace {
 // those of the estimate.
 RowNoise drawn_offsets(std::size_t groups, std::uint32_t seed, double share = 0,
                        double length = 1) {
-  RandomSequence draws(21, seed, Draw::kUser);
+  RandomSequence draws(21, seed, Draw::kOther);
   RowNoise rows{{}, std::vector<double>(groups, 0.1)};
   const double keep = std::exp(-1 / length);
   double slow = draws.normal();

@@ -22,7 +22,7 @@ SixteenSquare doubles_of(const CellMatrix& m) {
 
 // As stacks have them: one strong direction, fainter ones, and noise in all.
 CellMatrix moments_of(double light, std::uint64_t seed) {
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   SixteenSquare directions, energies = SixteenSquare::Zero();
   for (int i = 0; i < kLanes; ++i)
     for (int k = 0; k < kLanes; ++k) directions(i, k) = random.normal();

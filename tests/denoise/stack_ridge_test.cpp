@@ -173,7 +173,7 @@ struct OneStack {
         }) {}
   template <class Scene>
   OneStack(double pilot_noise, const Scene& clean) {
-    RandomSequence random(5, 0, Draw::kUser);
+    RandomSequence random(5, 0, Draw::kOther);
     for (int r = 0; r < kSide; ++r)
       for (int c = 0; c < kSide; ++c) {
         pilot(r, c) = static_cast<float>(clean(r, c) + pilot_noise * random.normal());

@@ -118,7 +118,7 @@ TEST_P(StatedError, FilledPixelsCarryWhatTheirNeighboursLeaveOpen) {
 // Points of a few deviations of the noise in the dark are taken for noise, many of them whole.
 TEST_P(StatedError, FaintPointsInTheDarkAreStated) {
   const PhysicsNoise noise = equal_channels("polar-bayer-rggb", {0.5, 0.1, 0.0, 1.2, 0.0});
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   Image clean(kSize, kSize, 4.0f), light(kSize, kSize);
   for (int i = 0; i < 80; ++i) {
     const auto place = [&] { return 2 + static_cast<int>(random.uniform() * (kSize - 4)); };
@@ -219,7 +219,7 @@ struct StatedMap {
   internal::StackFilter filter = internal::StackFilter::ridge;
 
   StatedMap() {
-    RandomSequence random(3, 0, Draw::kUser);
+    RandomSequence random(3, 0, Draw::kOther);
     for (float& value : noisy.pixels.values()) value = static_cast<float>(5 + random.normal());
     kept.values = Image(16, 16, 1);
     unlike.values = Image(16, 16, 1e6f);

@@ -38,7 +38,7 @@ Image starry_sky(int size, double white, std::uint64_t seed) {
   for (int r = 0; r < size; ++r)
     for (int c = 0; c < size; ++c)
       dn(r, c) = static_cast<float>(white * (0.04 + (0.05 * c + 0.03 * r) / size));
-  RandomSequence random(seed, 0, Draw::kUser);
+  RandomSequence random(seed, 0, Draw::kOther);
   for (int point = 0; point < 120; ++point) {
     const double row = size * random.uniform(), col = size * random.uniform(),
                  height = white * std::pow(10, -1.3 * random.uniform());

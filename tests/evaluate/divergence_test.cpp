@@ -49,7 +49,7 @@ TEST(Divergence, GaussiansShiftedByOneSigma) {
 }
 
 TEST(Divergence, FloorIsTheMeanOverSamplesOfOneDistribution) {
-  RandomSequence random(2, 0, Draw::kUser);
+  RandomSequence random(2, 0, Draw::kOther);
   double sum = 0, floor = 0;
   constexpr int kTrials = 300;
   for (int t = 0; t < kTrials; ++t) {

@@ -11,7 +11,7 @@ namespace malus {
 namespace {
 
 Image random_image(int rows, int cols, std::uint32_t frame, double mean = 0.5, double sd = 0.2) {
-  RandomSequence random(5, frame, Draw::kUser);
+  RandomSequence random(5, frame, Draw::kOther);
   Image image(rows, cols);
   for (float& v : image.values()) v = static_cast<float>(mean + sd * random.normal());
   return image;

@@ -34,7 +34,7 @@ NoiseFrames frames_of(const Image& clean, const Noise& noise, int count, std::ui
             const auto frame_number = static_cast<std::uint32_t>(k);
             RandomSequence pixels(seed, frame_number, Draw::kPixel);
             RandomSequence rows(seed, frame_number, Draw::kRow);
-            RandomSequence columns(seed, frame_number, Draw::kUser);
+            RandomSequence columns(seed, frame_number, Draw::kOther);
             Image frame = clean;
             std::vector<double> column(kCols);
             for (double& v : column) v = noise.sd_column * columns.normal();
@@ -123,13 +123,13 @@ TEST(NoiseStructure, AChannelWithoutPixelsLeavesTheOthersAsTheyAre) {
 // Half of the columns, and a tenth of the others: what is left tells what all would. Every frame
 // has the same pattern besides.
 TEST(CompareNoise, PixelsThatAreNotFiniteAreLeftOut) {
-  RandomSequence random(12, 0, Draw::kUser);
+  RandomSequence random(12, 0, Draw::kOther);
   Image pattern(kRows, kCols);
   for (float& v : pattern.values()) v = static_cast<float>(4 * random.normal());
   const NoiseFrames sound = frames_of(pattern, {.sd = 4, .sd_row = 3}, 40, 3);
   const NoiseFrames holed{40, [&](int k) {
                             Image frame = sound.load(k);
-                            RandomSequence holes(13, static_cast<std::uint32_t>(k), Draw::kUser);
+                            RandomSequence holes(13, static_cast<std::uint32_t>(k), Draw::kOther);
                             for (int r = 0; r < kRows; ++r)
                               for (int c = 0; c < kCols; ++c)
                                 if (holes.uniform() < 0.1 || c < kCols / 2)
@@ -250,7 +250,7 @@ TEST(CompareNoise, ColumnNoiseIsNotMistakenForRowNoise) {
 
 TEST(CompareNoise, FixedPatternIsRemovedWithTheVarianceKept) {
   Image pattern = ramp(true);
-  RandomSequence random(9, 0, Draw::kUser);
+  RandomSequence random(9, 0, Draw::kOther);
   for (float& v : pattern.values()) v = static_cast<float>(10 * random.normal());
   NoiseComparisonSettings settings;
   settings.remove_fixed_pattern = true;

@@ -18,7 +18,7 @@ constexpr double kSd = 2, kBias = 5;
 NoiseFrames flat_frames(const std::vector<double>& light_dn, const SensorLayout& layout,
                         std::uint64_t seed, int count = kFrames) {
   return {count, [=](int k) {
-            RandomSequence random(seed, static_cast<std::uint32_t>(k), Draw::kUser);
+            RandomSequence random(seed, static_cast<std::uint32_t>(k), Draw::kOther);
             Image frame(kSide, kSide);
             for (int r = 0; r < kSide; ++r)
               for (int c = 0; c < kSide; ++c)

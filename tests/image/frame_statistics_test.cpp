@@ -18,7 +18,7 @@ RawFrame noisy_frame(const std::string& layout, int rows, int cols, double sigma
   frame.white_dn = 4095;
   frame.bits = 12;
   frame.dn = Image(rows, cols);
-  RandomSequence random(7, 0, Draw::kUser);
+  RandomSequence random(7, 0, Draw::kOther);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       const int channel = frame.layout.channel_at(r, c);

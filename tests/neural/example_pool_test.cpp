@@ -24,7 +24,7 @@ using testing::TemporaryFolder;
 using testing::weights_in;
 
 TrainingExample example_of(std::uint32_t number) {
-  RandomSequence random(1, number, Draw::kUser);
+  RandomSequence random(1, number, Draw::kOther);
   const auto value = static_cast<float>(random.uniform());
   const auto planes = torch::arange(2 * 6 * 6, torch::kFloat32).reshape({2, 6, 6}) + 1000 * value;
   return {planes, planes.slice(0, 0, 1)};

@@ -23,7 +23,7 @@ TEST(FixedPatternAt, SamplingErrorIsTakenOutOfAMapAndOutliersStay) {
   p.prnu.assign(4, kPatternSd);
   p.prnu_map = Image(kRows, kCols);
   Image truth(kRows, kCols);
-  RandomSequence random(21, 0, Draw::kUser);
+  RandomSequence random(21, 0, Draw::kOther);
   for (int r = 0; r < kRows; ++r)
     for (int c = 0; c < kCols; ++c) {
       truth(r, c) = static_cast<float>(c == kWeakColumn ? 0.8 : 1 + kPatternSd * random.normal());
@@ -69,7 +69,7 @@ TEST(FixedPatternAt, ColumnsAreDrawnByTheErrorOfTheirMeans) {
       p.dsnu_dn.assign(4, std::hypot(kPixels, columns_sd));
       p.sigma_column.mean.assign(4, 5 * noise_sd);
       p.dark_shading_dn = Image(kRows, kCols);
-      RandomSequence random(22, 0, Draw::kUser);
+      RandomSequence random(22, 0, Draw::kOther);
       std::vector<double> truth(kCols), noise(kCols);
       for (int c = 0; c < kCols; ++c) {
         truth[static_cast<std::size_t>(c)] = columns_sd * random.normal();

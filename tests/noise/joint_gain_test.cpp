@@ -39,7 +39,7 @@ double noisy(double truth, double error, RandomSequence& random) {
 }
 
 PhysicsCalibration measured(const JointLaw& law, double db, std::uint64_t seed = 0) {
-  RandomSequence random(seed, static_cast<std::uint32_t>(db * 16), Draw::kUser);
+  RandomSequence random(seed, static_cast<std::uint32_t>(db * 16), Draw::kOther);
   PhysicsCalibration p;
   p.gain.gain_db = db;
   p.bias_frames = 100;

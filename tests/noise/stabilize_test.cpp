@@ -45,7 +45,7 @@ TEST(Stabilizer, DeviationIsOneAndTheInverseIsUnbiased) {
     const Stabilizer stabilizer(
         VarianceCurve::affine(law.slope, law.read_deviation * law.read_deviation), 4013);
     for (const double s : {0.0, 2.0, 10.0, 60.0, 250.0}) {
-      RandomSequence random(7, static_cast<std::uint32_t>(s), Draw::kUser);
+      RandomSequence random(7, static_cast<std::uint32_t>(s), Draw::kOther);
       Moments moments;
       for (int i = 0; i < kSamples; ++i) moments.add(stabilizer.forward(sample(law, s, random)));
       const double deviation = std::sqrt(moments.variance());
@@ -69,7 +69,7 @@ TEST(StabilizedVariance, IsThatOfSamples) {
       const Stabilizer stabilizer(curve.scaled(factor), 4013, NoiseLaw::gaussian(curve));
       const StabilizedVariance variance(stabilizer, 4013, NoiseLaw::gaussian(curve));
       for (const double s : {0.0, 0.4, 2.0, 10.0, 250.0, 600.0}) {
-        RandomSequence random(8, static_cast<std::uint32_t>(10 * s), Draw::kUser);
+        RandomSequence random(8, static_cast<std::uint32_t>(10 * s), Draw::kOther);
         Moments moments;
         for (int i = 0; i < kSamples; ++i) moments.add(stabilizer.forward(sample(law, s, random)));
         // Five standard errors.
@@ -205,7 +205,7 @@ TEST(Stabilizer, MeanOfIsTheInversesInverse) {
 }
 
 double stabilized_deviation(const Stabilizer& stabilizer, double signal_dn, double deviation_dn) {
-  RandomSequence random(9, 0, Draw::kUser);
+  RandomSequence random(9, 0, Draw::kOther);
   Moments moments;
   for (int i = 0; i < 20000; ++i)
     moments.add(stabilizer.forward(signal_dn + deviation_dn * random.normal()));

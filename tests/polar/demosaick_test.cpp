@@ -163,7 +163,7 @@ TEST(Demosaick, EdgesOfPositiveLightStayPositiveAndKeepTheirDolp) {
 // Small letters.
 Plane<int> letters() {
   Plane<int> inside(160, 160);
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   const auto below = [&](int count) { return static_cast<int>(random.uniform() * count); };
   for (int i = 0; i < 500; ++i) {
     const int top = below(150), left = below(150), tall = 2 + below(6), wide = 2 + below(4);
@@ -218,7 +218,7 @@ TEST(Demosaick, BlackBesideLightIsNotNegative) {
 TEST(Demosaick, LimitsAtEdgesLeaveTheMeanOfNoisyLight) {
   for (const char* name : {"polar-mono", "polar-bayer-rggb"}) {
     const auto layout = SensorLayout::named(name);
-    RandomSequence random(11, 0, Draw::kUser);
+    RandomSequence random(11, 0, Draw::kOther);
     Image mosaic = mosaic_of(layout, 200, 200, [](Color, int, int) {
       return Stokes{1000, 300, 0};
     });
@@ -262,7 +262,7 @@ TEST(Demosaick, BrokenPixelsAreUnknownAndSpareTheirNeighbours) {
 TEST(Demosaick, ScaleDoesNotMatter) {
   const auto layout = SensorLayout::named("polar-mono");
   Image mosaic(40, 40);
-  RandomSequence random(4, 0, Draw::kUser);
+  RandomSequence random(4, 0, Draw::kOther);
   for (float& v : mosaic.values()) v = static_cast<float>(100 * random.uniform());
   Image large = mosaic;
   for (float& v : large.values()) v *= 64;
@@ -287,7 +287,7 @@ TEST(Demosaick, DarkFramesAndBadInput) {
 TEST(Demosaick, TheSameForAnyNumberOfThreads) {
   const auto layout = SensorLayout::named("polar-bayer-rggb");
   Image mosaic(100, 84);
-  RandomSequence random(4, 0, Draw::kUser);
+  RandomSequence random(4, 0, Draw::kOther);
   for (float& v : mosaic.values()) v = static_cast<float>(100 * random.uniform());
   set_thread_count(1);
   const auto one = demosaick(mosaic, layout);
@@ -299,7 +299,7 @@ TEST(Demosaick, TheSameForAnyNumberOfThreads) {
 }
 
 TEST(BoxMean, EqualsItsDefinitionAtEveryBorder) {
-  RandomSequence random(8, 0, Draw::kUser);
+  RandomSequence random(8, 0, Draw::kOther);
   for (const auto& [rows, cols, radius] :
        {std::tuple{1, 1, 2}, {3, 70, 5}, {70, 3, 1}, {70, 40, 3}}) {
     Image image(rows, cols);

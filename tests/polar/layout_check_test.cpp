@@ -12,7 +12,7 @@ namespace {
 Image polarized_mosaic(const SensorLayout& layout, int rows, int cols, double dolp,
                        double noise_sd) {
   Image mosaic(rows, cols);
-  RandomSequence random(7, 0, Draw::kUser);
+  RandomSequence random(7, 0, Draw::kOther);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       const double twice = 0.02 * r + 0.013 * c, s0 = 400 + 2.0 * c;

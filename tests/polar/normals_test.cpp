@@ -140,7 +140,7 @@ TEST(Normals, LessNoiseGivesBetterNormals) {
   const Sphere truth = sphere(121, settings);
   const auto error_at = [&](double sd) {
     StokesPlanes noisy = truth.stokes;
-    RandomSequence random(6, 0, Draw::kUser);
+    RandomSequence random(6, 0, Draw::kOther);
     for (Image* image : {&noisy.s0, &noisy.s1, &noisy.s2})
       for (float& v : image->values()) v += static_cast<float>(sd * random.normal());
     return *mean_angular_error_deg(normals_of(noisy, truth.mask, settings), truth.normals);

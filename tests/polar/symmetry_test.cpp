@@ -9,7 +9,7 @@ namespace malus {
 namespace {
 
 Image random_image(int rows, int cols, std::uint32_t frame) {
-  RandomSequence random(3, frame, Draw::kUser);
+  RandomSequence random(3, frame, Draw::kOther);
   Image image(rows, cols);
   for (float& v : image.values()) v = static_cast<float>(random.uniform());
   return image;

@@ -19,7 +19,7 @@ struct Sample {
 // judges every estimate against the truth.
 Sample simulate(const Stokes& truth, const std::array<double, 4>& sd) {
   Sample sample;
-  RandomSequence random(11, 0, Draw::kUser);
+  RandomSequence random(11, 0, Draw::kOther);
   const double dolp = dolp_of(truth), aolp = aolp_deg_of(truth);
   const StokesCovariance v =
       stokes_covariance(sd[0] * sd[0], sd[1] * sd[1], sd[2] * sd[2], sd[3] * sd[3]);
@@ -147,7 +147,7 @@ TEST(Uncertainty, WhatAFilterTookFromDolpIsPutBackOnAverage) {
   constexpr double kS0 = 10, kSignal = 2, kNoise = 3, kShare = 0.15;
   constexpr double kGain = kSignal * kSignal / (kSignal * kSignal + kNoise * kNoise);
   const double variance = kGain * kNoise * kNoise / kShare;
-  RandomSequence random(3, 0, Draw::kUser);
+  RandomSequence random(3, 0, Draw::kOther);
   Moments truth, estimate, expected, corrected;
   for (int i = 0; i < 40000; ++i) {
     const double s1 = kSignal * random.normal(), s2 = kSignal * random.normal();
@@ -212,7 +212,7 @@ TEST(Uncertainty, ErrorsThatAreSharedCancelAsFarAsTheyAreAlike) {
       intensity[k](0, 0) = static_cast<float>(intensity_behind(truth, angle));
       variance[k](0, 0) = static_cast<float>(std::pow(sd[static_cast<std::size_t>(angle / 45)], 2));
     }
-    RandomSequence random(17, 0, Draw::kUser);
+    RandomSequence random(17, 0, Draw::kOther);
     Moments s0, s1, s2, dolp, aolp_deg;
     for (int i = 0; i < kDraws; ++i) {
       const double alike = std::sqrt(kShared) * random.normal();

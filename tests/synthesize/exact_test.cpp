@@ -45,7 +45,7 @@ TEST(ExactNoise, PoissonCumulantsBothAlgorithms) {
     constexpr int kDraws = 300000;
     Moments m, cubes, fourths;
     for (std::uint32_t i = 0; i < kDraws; ++i) {
-      RandomSequence sequence(3, i, Draw::kUser);
+      RandomSequence sequence(3, i, Draw::kOther);
       const auto uniforms = [&] { return sequence.uniform(); };
       const double drawn = poisson_draw(mean, uniforms);
       m.add(drawn);
@@ -65,7 +65,7 @@ TEST(ExactNoise, PoissonProbabilitiesChiSquare) {
     constexpr int kDraws = 200000, kNumbers = 40;
     std::vector<double> counts(kNumbers, 0.0);
     for (std::uint32_t i = 0; i < kDraws; ++i) {
-      RandomSequence sequence(4, i, Draw::kUser);
+      RandomSequence sequence(4, i, Draw::kOther);
       const auto uniforms = [&] { return sequence.uniform(); };
       counts[std::min<std::size_t>(kNumbers - 1,
                                    static_cast<std::size_t>(poisson_draw(mean, uniforms)))] += 1;

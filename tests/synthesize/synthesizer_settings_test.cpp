@@ -41,7 +41,7 @@ NoiseModel camera_of_all_kinds() {
   levels.channels.assign(4, channel);
   levels.sigma_row_dn = {0.5, 0.5, 0.5, 0.5};
   model.nonparametric = {levels};
-  RandomSequence random(1, 0, Draw::kUser);
+  RandomSequence random(1, 0, Draw::kOther);
   model.dark_frames = {{.gain = kGain, .frames_dn = {}}};
   for (int n = 0; n < 2; ++n) {
     Image dark(64, 96);

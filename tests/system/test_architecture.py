@@ -115,6 +115,20 @@ def test_library_code_never_prints_or_exits():
     assert not wrong, wrong
 
 
+def test_random_numbers_have_one_home():
+    """A number typed in place may be taken already: two things would then be drawn of the same words."""
+    for path in own_files(".h", ".cpp", ".cu"):
+        text = path.read_text()
+        if path.is_relative_to(ROOT / "src"):
+            assert not re.search(r"Draw::k(?:Scene|Parameters), *\d|Draw::kScene\)|static_cast<Draw>|Draw::kUser", text), path
+    for name in ("ParameterStream", "SceneStream"):
+        home = (SOURCES / "base/parameter_stream.h").read_text()
+        numbers = re.findall(r"= (\d+),", re.search(rf"enum {name}.*?\}};", home, re.S)[0])
+        assert numbers and len(numbers) == len(set(numbers)), name
+    purposes = re.findall(r"= (\d+),", re.search(r"enum class Draw.*?\};", (SOURCES / "base/random.h").read_text(), re.S)[0])
+    assert len(purposes) == len(set(purposes)) and int(purposes[-1]) == max(map(int, purposes))
+
+
 def test_files_stay_short():
     long = [f"{path.relative_to(ROOT)}: {lines}" for path in own_files(*CODE)
             if (lines := path.read_text().count("\n")) > LONGEST_FILE]

@@ -1,5 +1,6 @@
-// Who draws which words of a frame's parameters. Two things drawn of one index share their words
-// and rise and fall together: whatever is new gets an index of its own here.
+// Who draws which words of a frame's parameters and of clean material. Two things drawn of one
+// index share their words and rise and fall together: whatever is new gets an index of its own
+// here.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +20,17 @@ enum ParameterStream : std::uint64_t {
   kStreamPair = 32,        ///< of a training pair: the model, a gain of a list, ratio, exposure
   kStreamPairSource = 33,  ///< which kind of source a training pair comes from
   kStreamJitter = 34,      ///< factors that make another sensor out of a model
+};
+
+/// Indices of Draw::kScene, as above.
+enum SceneStream : std::uint64_t {
+  kStreamSample = 0,        ///< of a data set: its source, patch, symmetry, ratio, gain
+  kStreamPolarization = 1,  ///< relief and shine that polarize a picture
+  kStreamPiece = 2,         ///< of a training example: zoom and place in its scene
+  kStreamCleanScene = 3,    ///< which scene, turned or mirrored how
+  kStreamFilm = 4,          ///< stress of a film
+  kStreamRecordedPair = 5,  ///< which captured pair
+  kStreamShardSample = 6,   ///< which sample of the shards
 };
 
 }  // namespace malus

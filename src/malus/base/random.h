@@ -70,7 +70,10 @@ enum class Draw : std::uint32_t {
   kParameters = 2,  ///< per frame: gains, biases, sampled model parameters
   kScene = 3,       ///< clean material: crops, textures, polarization
   kDither = 4,      ///< per pixel of a frame: what goes before a rounding
-  kUser = 64,       ///< first of the caller's own
+  kOther = 64,      ///< alone under its seed: the choices of a training, benchmarks, tests
+  kFlowCrop = 65,   ///< per step of a flow's training: its piece of a frame
+  kFlow = 66,       ///< per pixel of a frame, of a noise flow
+  kUser = 128,      ///< first of the caller's own; up to 255
 };
 
 /// Four words for (seed, frame, index, purpose, sub-draw). index is the pixel's (or row group's)

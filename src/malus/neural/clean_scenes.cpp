@@ -1,6 +1,7 @@
 #include "malus/neural/clean_scenes.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/neural/raw_pairs.h"
@@ -175,7 +176,7 @@ std::shared_ptr<const CleanScenes::Light> CleanScenes::source(std::size_t index)
 
 CleanScenes::Light CleanScenes::piece_of(const Light& whole, bool picture, std::uint64_t seed,
                                          std::uint32_t number) const {
-  RandomSequence random(seed, number, Draw::kScene, 2);
+  RandomSequence random(seed, number, Draw::kScene, kStreamPiece);
   const double drawn_zoom = std::pow(data_.zoom, random.uniform());
   const bool as_it_is = data_.zoom == 1 || random.uniform() < kAsItIs;
   const double zoom = as_it_is ? 1 : drawn_zoom;
@@ -199,7 +200,7 @@ CleanScenes::Light CleanScenes::piece_of(const Light& whole, bool picture, std::
 }
 
 std::vector<StokesPlanes> CleanScenes::draw(std::uint64_t seed, std::uint32_t number) const {
-  RandomSequence random(seed, number, Draw::kScene, 3);
+  RandomSequence random(seed, number, Draw::kScene, kStreamCleanScene);
   const std::size_t index = pick(random, size());
   const Symmetry symmetry = kSymmetries[pick(random, kSymmetries.size())].symmetry;
   const auto whole = source(index);

@@ -187,7 +187,7 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
   if (failure_) std::rethrow_exception(failure_);
   std::vector<torch::Tensor> inputs, targets;
   for (int place = 0; place < shape_.places; ++place) {
-    RandomSequence random(seed_, static_cast<std::uint32_t>(step), Draw::kUser,
+    RandomSequence random(seed_, static_cast<std::uint32_t>(step), Draw::kOther,
                           static_cast<std::uint64_t>(shape_.first_place + place));
     const std::int64_t generation = oldest + below(random, newest - oldest + 1);
     const TrainingExample& example =

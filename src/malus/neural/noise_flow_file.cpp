@@ -24,8 +24,6 @@ using Json = nlohmann::json;
 
 constexpr const char* kFlowKey = "malus_noise_flow";
 constexpr const char* kGiveAFlow = "give a weight file that malus train wrote for noise-flow";
-// This part of the random numbers' counter is the flow's own.
-constexpr Draw kFlowDraw = Draw::kUser;
 
 double rounding_dn2(double step_dn) { return step_dn * step_dn / 12; }
 
@@ -81,7 +79,7 @@ Image normals_at(int rows, int cols, const DrawAddress& address) {
       for (int c = 0; c < cols; ++c) {
         const PhiloxBlock block =
             random_block(address.seed, address.frame,
-                         pixel_index(address.row0 + r, address.col0 + c), kFlowDraw);
+                         pixel_index(address.row0 + r, address.col0 + c), Draw::kFlow);
         normals(r, c) =
             static_cast<float>(normal_quantile(uniform_open(block.word[0], block.word[1])));
       }

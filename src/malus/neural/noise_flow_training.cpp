@@ -21,7 +21,6 @@ namespace {
 using OrderedJson = nlohmann::ordered_json;
 
 constexpr double kMostGradient = 10.0;
-constexpr Draw kCropDraw = static_cast<Draw>(65);
 
 struct PlanePair {
   torch::Tensor noise, clean;  ///< [channel, row, col], unit scale
@@ -100,7 +99,7 @@ struct Batch {
 
 Batch draw_batch(const std::vector<PlanePair>& pairs, const NoiseFlowSettings& settings,
                  std::uint64_t seed, int step) {
-  RandomSequence random(seed, static_cast<std::uint32_t>(step), kCropDraw);
+  RandomSequence random(seed, static_cast<std::uint32_t>(step), Draw::kFlowCrop);
   std::vector<torch::Tensor> noise, clean;
   std::vector<float> gain;
   const auto below = [&](std::int64_t count) {

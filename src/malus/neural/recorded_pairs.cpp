@@ -1,6 +1,7 @@
 #include "malus/neural/recorded_pairs.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/base/unreadable_file.h"
 #include "malus/denoise/column_noise.h"
@@ -124,7 +125,7 @@ class ShardPairs final : public PairSource {
   }
 
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
-    RandomSequence random(seed, number, Draw::kScene, 4);
+    RandomSequence random(seed, number, Draw::kScene, kStreamShardSample);
     const Sample& sample = samples_[pick(random, samples_.size())];
     const std::string where = fmt::format("{} ({})", sample.path.string(), sample.facts.name);
     RawPair pair;
@@ -196,7 +197,7 @@ class CapturedPairs final : public PairSource {
   }
 
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
-    RandomSequence random(seed, number, Draw::kScene, 5);
+    RandomSequence random(seed, number, Draw::kScene, kStreamRecordedPair);
     const RecordedPair& recorded = pairs_[pick(random, pairs_.size())];
     RawPair pair;
     pair.noisy = load_of_sensor(recorded.noisy);

@@ -1,6 +1,7 @@
 #include "malus/synthesize/dataset.h"
 
 #include "malus/base/error.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/base/text.h"
 
@@ -63,7 +64,7 @@ SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& 
   require_patch_of_cells(settings, layout, row_group);
   MALUS_REQUIRE(!sizes.empty() && !settings.ratios.empty());
   const int step_rows = std::lcm(layout.rows(), row_group), step_cols = layout.cols();
-  RandomSequence random(seed, number, Draw::kScene);
+  RandomSequence random(seed, number, Draw::kScene, kStreamSample);
   SampleRecipe recipe;
   recipe.number = number;
   recipe.source = pick(random, sizes.size());

@@ -250,8 +250,11 @@ std::vector<double> PixelBins::probabilities(double signal_dn, double width_dn, 
 }
 
 DrawAddress second_noise(const DrawAddress& address) {
+  // Both noises take all purposes of the counter, so the second one needs another key. Any constant
+  // gives one; this one reads "second noise", and no two small seeds differ by it.
+  constexpr std::uint64_t kSecondNoise = 0x5EC0'0D00'0015'E000u;
   DrawAddress second = address;
-  second.seed ^= 0x5EC0'0D00'0015'E000u;
+  second.seed ^= kSecondNoise;
   return second;
 }
 

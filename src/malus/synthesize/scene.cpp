@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/parameter_stream.h"
 #include "malus/base/random.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
@@ -220,7 +221,7 @@ std::vector<StokesPlanes> unpolarized(const Planes& camera_rgb) {
 PolarScene polarized_scene(const Planes& camera_rgb, const SceneSettings& settings,
                            std::uint64_t seed, std::uint32_t number) {
   const int rows = camera_rgb.rows(), cols = camera_rgb.cols();
-  RandomSequence random(seed, number, Draw::kScene, 1);
+  RandomSequence random(seed, number, Draw::kScene, kStreamPolarization);
   const Field relief = random_field(random, rows, cols, settings.bumps, true);
   const Field shine = random_field(random, rows, cols, 8, false);
   const double limit = std::tan(settings.relief_deg * std::numbers::pi / 180.0);
@@ -268,7 +269,7 @@ std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSetting
                                      std::uint64_t seed, std::uint32_t number) {
   constexpr std::array<double, 3> kWavelength_nm{610, 540, 465};
   const int rows = camera_rgb.rows(), cols = camera_rgb.cols();
-  RandomSequence random(seed, number, Draw::kScene, 4);
+  RandomSequence random(seed, number, Draw::kScene, kStreamFilm);
   const Field stress = random_field(random, rows, cols, settings.bumps, false);
   const Field axis = random_field(random, rows, cols, settings.bumps, false);
   const FieldRows stresses(stress, cols), axes(axis, cols);
