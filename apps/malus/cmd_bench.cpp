@@ -167,7 +167,7 @@ void add_bench(CLI::App& app, Common& common) {
   std::vector<std::string> names;
   for (const Benchmark& benchmark : *all) names.push_back(benchmark.name);
   CLI::App* command =
-      add_command(app, common, "bench", "The speed table of this machine",
+      add_command(app, common, "bench", "The speed table of this machine", {},
                   [arguments, &common, all] { run_bench(*arguments, common, *all); });
   command->add_option("--only", arguments->only, "these benchmarks")->check(one_of(names));
   command->add_flag("--quick", arguments->quick, "a dry run: small data, once");

@@ -60,7 +60,7 @@ void add_calibrate(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<CalibrateArguments>();
   CLI::App* command =
       add_command(app, common, "calibrate", "Measure a camera's noise from bias and flat frames",
-                  [&common, arguments] { calibrate_session(common, *arguments); });
+                  {.force = true}, [&common, arguments] { calibrate_session(common, *arguments); });
   command
       ->add_option("SESSION", arguments->session,
                    "session file that names the frames (docs/session.md)")

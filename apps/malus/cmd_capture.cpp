@@ -123,13 +123,14 @@ void add_capture(CLI::App& app, Common& common) {
     std::string plan, folder;
   };
   auto options = std::make_shared<Options>();
-  CLI::App* command = add_command(
-      app, common, "capture", "Take calibration frames with a GenICam camera", [options, &common] {
-        if (options->list) return print_cameras(common);
-        if (options->plan.empty() || options->folder.empty())
-          throw CLI::ValidationError("capture", "needs a PLAN and -o DIR, or --list");
-        take(common, options->plan, options->folder);
-      });
+  CLI::App* command =
+      add_command(app, common, "capture", "Take calibration frames with a GenICam camera", {},
+                  [options, &common] {
+                    if (options->list) return print_cameras(common);
+                    if (options->plan.empty() || options->folder.empty())
+                      throw CLI::ValidationError("capture", "needs a PLAN and -o DIR, or --list");
+                    take(common, options->plan, options->folder);
+                  });
   command->add_flag("--list", options->list, "show cameras and their pixel formats");
   command->add_option("PLAN", options->plan,
                       "what to take: gains, exposures, numbers of frames (TOML)");

@@ -320,6 +320,7 @@ void run_dataset(const DatasetArguments& arguments, const Common& common) {
 void add_dataset(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<DatasetArguments>();
   CLI::App* command = add_command(app, common, "dataset", "Synthetic training pairs as tar shards",
+                                  {.seed = true, .force = true},
                                   [arguments, &common] { run_dataset(*arguments, common); });
   command->add_option("CONFIG", arguments->config, "data-set configuration (TOML)")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the shards; finished ones stay")

@@ -257,8 +257,9 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
 
 void add_denoise(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<DenoiseArguments>();
-  CLI::App* command = add_command(app, common, "denoise", "Take the noise out of raw frames",
-                                  [arguments, &common] { run_denoise(*arguments, common); });
+  CLI::App* command =
+      add_command(app, common, "denoise", "Take the noise out of raw frames", {.force = true},
+                  [arguments, &common] { run_denoise(*arguments, common); });
   arguments->command = command;
   command->add_option("RAW", arguments->inputs, "mosaics")->required();
   auto* model = command->add_option(

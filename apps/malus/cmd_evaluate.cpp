@@ -289,9 +289,9 @@ void add_picture_flags(CLI::App& command, EvaluateArguments& arguments, CLI::Opt
 
 void add_evaluate(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<EvaluateArguments>();
-  CLI::App* command = add_command(app, common, "evaluate",
-                                  "PSNR, SSIM, DoLP and AoLP errors; with --noise, KLD and JSD",
-                                  [arguments, &common] { run_evaluate(*arguments, common); });
+  CLI::App* command = add_command(
+      app, common, "evaluate", "PSNR, SSIM, DoLP and AoLP errors; with --noise, KLD and JSD",
+      {.seed = true, .force = true}, [arguments, &common] { run_evaluate(*arguments, common); });
   NoiseArguments& noise = arguments->noise;
   command->add_option("--reference", noise.reference, "the truth; with --noise a set of frames")
       ->required();
@@ -313,6 +313,7 @@ void add_evaluate(CLI::App& app, Common& common) {
   command->add_option("--frames", noise.frames, "frames drawn from the model; 0 = as the reference")
       ->check(in_range(0, 1000000))
       ->needs(model);
+  command->get_option("--seed")->needs(model);
   add_flags(*command, noise.settings);
   for (CLI::Option* option : command->get_options())
     if (std::find(before.begin(), before.end(), option) == before.end())

@@ -86,7 +86,7 @@ void add_info(CLI::App& app, Common& common) {
   };
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* command = add_command(
-      app, common, "info", "Describe raw frames: size, levels, noise, layout check",
+      app, common, "info", "Describe raw frames: size, levels, noise, layout check", {},
       [arguments, &common] {
         const FrameOptions options = arguments->raw.resolve();
         Json frames = Json::array();

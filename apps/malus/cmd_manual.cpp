@@ -44,7 +44,7 @@ void add_manual(CLI::App& app, Common& common) {
   const auto folder = std::make_shared<std::filesystem::path>();
   CLI::App* command =
       add_command(app, common, "manual", "Man pages and completion for bash, zsh and fish",
-                  [&app, &common, folder] { write_manual(common, app, *folder); });
+                  {.force = true}, [&app, &common, folder] { write_manual(common, app, *folder); });
   command->add_option("-o,--output", *folder, "folder to write them to, laid out as /usr/share is")
       ->required();
 }

@@ -120,7 +120,7 @@ void add_model(CLI::App& app, Common& common) {
   model->require_subcommand(1);
   auto arguments = std::make_shared<ShowArguments>();
   CLI::App* show_command =
-      add_command(*model, common, "show", "Parameters of a noise model with units and errors",
+      add_command(*model, common, "show", "Parameters of a noise model with units and errors", {},
                   [&common, arguments] { show_model(common, *arguments); });
   show_command->add_option("MODEL", arguments->model, "model file or name of a built-in model")
       ->required();
@@ -133,13 +133,13 @@ void add_model(CLI::App& app, Common& common) {
                          "allow a gain outside the calibrated range");
   auto checked = std::make_shared<std::filesystem::path>();
   CLI::App* check_command = add_command(
-      *model, common, "check", "Leave every gain out once: how well do the others predict it?",
+      *model, common, "check", "Leave every gain out once: how well do the others predict it?", {},
       [&common, checked] { check_model(common, *checked); });
   check_command->add_option("MODEL", *checked, "model file or name of a built-in model")
       ->required();
   add_import_weights(*model, common);
   add_model_from_dng(*model, common);
-  add_command(*model, common, "list", "The built-in noise models",
+  add_command(*model, common, "list", "The built-in noise models", {},
               [&common] { list_models(common); });
 }
 

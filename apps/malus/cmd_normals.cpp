@@ -192,7 +192,7 @@ void add_normals(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<NormalsArguments>();
   CLI::App* command =
       add_command(app, common, "normals", "Surface normals from raw polarization frames",
-                  [arguments, &common] { run_normals(*arguments, common); });
+                  {.force = true}, [arguments, &common] { run_normals(*arguments, common); });
   command->add_option("RAW", arguments->inputs, "polarization mosaics")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option(

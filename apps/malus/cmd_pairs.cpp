@@ -295,8 +295,9 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
 
 void add_pairs(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<PairsArguments>();
-  CLI::App* command = add_command(app, common, "pairs", "Training pairs from a captured session",
-                                  [arguments, &common] { run_pairs(*arguments, common); });
+  CLI::App* command =
+      add_command(app, common, "pairs", "Training pairs from a captured session", {.force = true},
+                  [arguments, &common] { run_pairs(*arguments, common); });
   command->add_option("SESSION", arguments->session, "session file with reference and short frames")
       ->required();
   command->add_option("-o,--output", arguments->folder, "folder of the pairs")->required();

@@ -137,9 +137,9 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
 
 void add_renoise(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<RenoiseArguments>();
-  CLI::App* command =
-      add_command(app, common, "renoise", "Noisy frames of one gain as if taken at a noisier one",
-                  [arguments, &common] { run_renoise(*arguments, common); });
+  CLI::App* command = add_command(
+      app, common, "renoise", "Noisy frames of one gain as if taken at a noisier one",
+      {.seed = true, .force = true}, [arguments, &common] { run_renoise(*arguments, common); });
   command->add_option("NOISY", arguments->inputs, "raw mosaics")->required();
   command->add_option("-m,--model", arguments->model, "noise model: a file or a built-in name")
       ->required();

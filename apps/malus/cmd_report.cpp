@@ -235,7 +235,7 @@ void add_report(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<ReportArguments>();
   CLI::App* command = add_command(
       app, common, "report", "Models, evaluations and denoise runs as one self-contained HTML file",
-      [arguments, &common] { run_report(*arguments, common); });
+      {.force = true}, [arguments, &common] { run_report(*arguments, common); });
   command
       ->add_option("INPUT", arguments->inputs,
                    "models (.h5 or a built-in name), evaluate's JSON, <stem>_denoised.json, or "

@@ -27,7 +27,7 @@ void add_session_from_emva(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App* command =
       add_command(app, common, "session-from-emva", "Convert EMVA1288_Data.txt to a session file",
-                  [arguments, &common] {
+                  {.force = true}, [arguments, &common] {
                     if (const auto fault = fault_of({{arguments->gain_db, {}}, {}}, true))
                       throw InputError("--gain", fault->problem, fault->remedy);
                     EmvaSession converted = load_emva_description(arguments->description);

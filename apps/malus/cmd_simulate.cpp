@@ -132,9 +132,9 @@ void run_simulate(const SimulateArguments& arguments, const Common& common) {
 
 void add_simulate(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<SimulateArguments>();
-  CLI::App* command =
-      add_command(app, common, "simulate", "Clean raw mosaics from pictures, polarized if wanted",
-                  [arguments, &common] { run_simulate(*arguments, common); });
+  CLI::App* command = add_command(
+      app, common, "simulate", "Clean raw mosaics from pictures, polarized if wanted",
+      {.seed = true, .force = true}, [arguments, &common] { run_simulate(*arguments, common); });
   command->add_option("PICTURE", arguments->inputs, "EXR (linear) or PNG, TIFF, JPEG (sRGB)")
       ->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();

@@ -246,7 +246,7 @@ void add_stokes(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<StokesArguments>();
   CLI::App* command =
       add_command(app, common, "stokes", "S0, S1, S2, DoLP and AoLP of raw polarization frames",
-                  [arguments, &common] { run_stokes(*arguments, common); });
+                  {.force = true}, [arguments, &common] { run_stokes(*arguments, common); });
   command->add_option("RAW", arguments->inputs, "polarization mosaics")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--format", arguments->format, "ending of the data files")

@@ -254,9 +254,9 @@ void run_synthesize(const SynthesizeArguments& arguments, const Common& common) 
 
 void add_synthesize(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<SynthesizeArguments>();
-  CLI::App* command = add_command(app, common, "synthesize",
-                                  "Noisy frames from clean ones, as a calibrated camera takes them",
-                                  [arguments, &common] { run_synthesize(*arguments, common); });
+  CLI::App* command = add_command(
+      app, common, "synthesize", "Noisy frames from clean ones, as a calibrated camera takes them",
+      {.seed = true, .force = true}, [arguments, &common] { run_synthesize(*arguments, common); });
   command
       ->add_option("CLEAN", arguments->inputs,
                    "clean mosaics: float in DN above black, or integers with --black")

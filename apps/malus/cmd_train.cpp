@@ -177,9 +177,9 @@ void run_train(const TrainArguments& arguments, const Common& common) {
 
 void add_train(CLI::App& app, Common& common) {
   const auto arguments = std::make_shared<TrainArguments>();
-  CLI::App* command =
-      add_command(app, common, "train", "Train a network on synthetic or captured noise",
-                  [arguments, &common] { run_train(*arguments, common); });
+  CLI::App* command = add_command(
+      app, common, "train", "Train a network on synthetic or captured noise",
+      {.seed = true, .force = true}, [arguments, &common] { run_train(*arguments, common); });
   command->add_option("CONFIG", arguments->config, "configuration (TOML)")->required();
   command->add_option("-o,--output", arguments->folder,
                       "folder of checkpoint, log and weights; the configuration's name without its "

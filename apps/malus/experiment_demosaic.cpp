@@ -199,6 +199,7 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
   CLI::App* command =
       add_command(experiment, common, "denoise-demosaic",
                   "Joint denoising and demosaicking, trained on every kind of noise model",
+                  {.seed = true, .force = true},
                   [arguments, &common] { run_demosaic_experiment(*arguments, common); });
   command
       ->add_option("ROWS", arguments->rows,

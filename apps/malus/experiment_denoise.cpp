@@ -96,6 +96,7 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<DenoiseExperimentArguments>();
   CLI::App* command = add_command(
       experiment, common, "denoise", "Denoising methods on clean scenes with a camera's noise",
+      {.seed = true, .force = true},
       [arguments, &common] { run_denoise_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
   command

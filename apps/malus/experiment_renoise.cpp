@@ -226,7 +226,7 @@ void add_renoise_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<RenoiseExperimentArguments>();
   CLI::App* command =
       add_command(experiment, common, "renoise",
-                  "Ways to make frames of a noisier gain, where the truth is known",
+                  "Ways to make frames of a noisier gain, where the truth is known", {.seed = true},
                   [arguments, &common] { run_renoise_experiment(*arguments, common); });
   command
       ->add_option("CLEAN", arguments->clean,

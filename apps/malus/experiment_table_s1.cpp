@@ -280,7 +280,7 @@ void add_table_s1_experiment(CLI::App& experiment, Common& common) {
       experiment, common, "table-s1",
       "Table S1 of \"Non-parametric Sensor Noise Modeling and Synthesis\": ways to make "
       "frames of a noisier gain, by what they teach a neural ISP",
-      [arguments, &common] { run_table_s1(*arguments, common); });
+      {.seed = true, .force = true}, [arguments, &common] { run_table_s1(*arguments, common); });
   command->add_option("ROWS", arguments->rows, "the table, e.g. experiments/table-s1.toml")
       ->required();
   command->add_option("--pictures", arguments->pictures,

@@ -73,9 +73,9 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
 void add_table(CLI::App& experiment, Common& common, const std::string& name,
                const std::string& title) {
   const auto arguments = std::make_shared<TableArguments>();
-  CLI::App* command = add_command(experiment, common, name, title, [arguments, &common, title] {
-    run_table(*arguments, common, title);
-  });
+  CLI::App* command =
+      add_command(experiment, common, name, title, {.seed = true, .force = true},
+                  [arguments, &common, title] { run_table(*arguments, common, title); });
   command
       ->add_option("ROWS", arguments->rows, "the table's rows, e.g. experiments/" + name + ".toml")
       ->required();

@@ -133,11 +133,11 @@ void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
 
 void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<UncertaintyExperimentArguments>();
-  CLI::App* command =
-      add_command(experiment, common, "uncertainty",
-                  "Stated errors of denoised pixels against the true ones: squared error over the "
-                  "stated, and how often two deviations hold the truth",
-                  [arguments, &common] { run_uncertainty_experiment(*arguments, common); });
+  CLI::App* command = add_command(
+      experiment, common, "uncertainty",
+      "Stated errors of denoised pixels against the true ones: squared error over the "
+      "stated, and how often two deviations hold the truth",
+      {.seed = true}, [arguments, &common] { run_uncertainty_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
   command->add_option("--methods", arguments->methods, "methods that state their errors")
       ->check(accepted_by(require_method))

@@ -69,7 +69,7 @@ void add_model_from_dng(CLI::App& model, Common& common) {
   const auto arguments = std::make_shared<FromDngArguments>();
   CLI::App* command =
       add_command(model, common, "from-dng", "Gaussian model from the NoiseProfile of a DNG frame",
-                  [arguments, &common] { run_from_dng(*arguments, common); });
+                  {.force = true}, [arguments, &common] { run_from_dng(*arguments, common); });
   command->add_option("FRAME", arguments->frame, "DNG frame; its gain is the model's")->required();
   command->add_option("-o,--output", arguments->model, "model file to write")->required();
   arguments->raw.add_to(*command);

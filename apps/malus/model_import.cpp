@@ -40,10 +40,10 @@ void run_import_weights(const ImportArguments& arguments, const Common& common) 
 
 void add_import_weights(CLI::App& model, Common& common) {
   const auto arguments = std::make_shared<ImportArguments>();
-  CLI::App* command =
-      add_command(model, common, "import-weights",
-                  "A network's weights from a PyTorch checkpoint (.pth, .pt, .safetensors)",
-                  [arguments, &common] { run_import_weights(*arguments, common); });
+  CLI::App* command = add_command(
+      model, common, "import-weights",
+      "A network's weights from a PyTorch checkpoint (.pth, .pt, .safetensors)", {.force = true},
+      [arguments, &common] { run_import_weights(*arguments, common); });
   command
       ->add_option("CHECKPOINT", arguments->request.checkpoint,
                    "a state dict written by torch.save, or safetensors; nothing in it is run")

@@ -223,15 +223,18 @@ std::unique_ptr<CLI::App> make_program() {
 }
 
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
-                      const std::string& description, std::function<void()> run) {
+                      const std::string& description, const Takes& takes,
+                      std::function<void()> run) {
   CLI::App* command = app.add_subcommand(name, description);
   command->add_flag("--json", common.json, "print one JSON object on stdout");
   command->add_flag("-q,--quiet", common.quiet, "no progress and no notes");
-  command->add_flag("--force", common.force, "replace existing outputs");
+  if (takes.force) command->add_flag("--force", common.force, "replace existing outputs");
   command->add_option("--threads", common.threads, "number of threads; 0 = all cores")
       ->check(in_range(0, 1024));
-  command->add_option("--seed", common.seed, "seed of all random numbers")
-      ->check(counting_number(std::numeric_limits<std::uint64_t>::max()));
+  if (takes.seed)
+    command->add_option("--seed", common.seed, "seed of all random numbers")
+        ->check(counting_number(std::numeric_limits<std::uint64_t>::max()))
+        ->capture_default_str();
   command->callback([&common, command, run = std::move(run)] {
     refuse_empty_values(*command);
     set_thread_count(common.threads);

@@ -27,9 +27,17 @@ struct Common {
 /// The program without its commands: name, --version, the layout of --help.
 std::unique_ptr<CLI::App> make_program();
 
+/// Which of the common flags mean something to a command; of the others it says that they are none
+/// of its own.
+struct Takes {
+  bool seed = false;   ///< it draws random numbers
+  bool force = false;  ///< it writes files
+};
+
 /// Adds a command with the common flags; run is called after parsing, with threads set.
 CLI::App* add_command(CLI::App& app, Common& common, const std::string& name,
-                      const std::string& description, std::function<void()> run);
+                      const std::string& description, const Takes& takes,
+                      std::function<void()> run);
 
 /// --set, for a command that trains networks.
 void add_training_settings(CLI::App& command, Common& common);

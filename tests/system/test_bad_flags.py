@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-
+from conftest import ROOT
 
 
 @pytest.mark.parametrize("command,flag,words", [
@@ -33,13 +33,26 @@ def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, c
     (["info", "f.npy", "--layuot=mono"], "--layuot: is no flag of info; did you mean --layout? "),
     (["model", "list", "--verbose"], "--verbose: is no flag of model list; `malus model list --help`"),
     (["info", "f.npy", "--gain"], "--gain: has no value; give one after it"),
-    (["info", "f.npy", "--seed", "1", "--seed", "2"], "--seed: is given 2 times; give it once"),
+    (["train", "c.toml", "--seed", "1", "--seed", "2"], "--seed: is given 2 times; give it once"),
     (["info", "f.npy", "--verbose"], "--verbose: is no flag of info; `malus info --help`"),
     (["model", "show", "imx250myr"], "did you mean imx250myr-simulated? "), (["model", "show", "none.h5"], "does not exist; check"),
     (["model", "sho"], "did you mean show? "), (["help"], "help: is no command; there are info, ")])
 def test_a_word_that_is_not_known_brings_up_the_one_meant_or_none(malus, tmp_path, arguments, words):
     told = malus(*arguments, code=1 if "show" in arguments else 2, cwd=tmp_path).err
     assert words in told and told.count("did you mean") == words.count("did you mean")
+
+
+@pytest.mark.parametrize("command", ["info f.npy", "bench", "model list", "model show m", "model check m", "calibrate s.toml -o m.h5",
+                                     "denoise f.npy -o out", "stokes f.npy -o out", "normals f.npy -o out", "pairs s.toml -o out",
+                                     "report m -o r.html", "manual -o out"])
+def test_a_seed_is_refused_where_nothing_is_drawn(malus, tmp_path, command):
+    """And --force where nothing is written: whoever sets it expects something of it."""
+    flags = ["--seed=3"] + ["--force"] * (" -o " not in command)
+    for flag in flags:
+        line = malus(*command.split(), flag, code=2, cwd=tmp_path).err.splitlines()[0]
+        name, words = flag.split("=")[0], " ".join(command.split()[:2 if command.startswith("model") else 1])
+        assert line == f"malus: {name}: is no flag of {words}; `malus {words} --help` shows all"
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_training_s_folder_for_a_method_points_at_its_weights(malus, tmp_path):
@@ -69,7 +82,7 @@ def test_wrong_usage_exits_2(malus, arguments):
       for flags in (["--ratio", "2"], ["--peak", "9"], ["--report", "r.html"], ["--kind", "gaussian"], ["--frames", "3"])),
     *(["evaluate", "--reference", "f.npy", "--test", "f.npy", *flags]
       for flags in (["--clean", "c.npy"], ["--frames", "3"], ["--kind", "gaussian"], ["--bins", "64"], ["--levels", "8"],
-                    ["--no-remove-fixed-pattern"], ["--model", "m"])),
+                    ["--no-remove-fixed-pattern"], ["--model", "m"], ["--seed", "3"])),
     ["renoise", "f.npy", "-m", "m", "--from", "1", "--to", "2", "-o", "out", "--guide", "a.npy", "b.npy"],
     ["synthesize", "f.npy", "-m", "m", "-o", "out", "--gain", "loud"]])
 def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
@@ -91,12 +104,12 @@ def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
     ("denoise f.npy -o out", "--black 1,nan", "finite number"),
     ("denoise f.npy -o out", "--strength nan", "between 0.1 and 4"),
     ("info f.npy", "--threads -1", "whole number between 0 and 1024 in plain digits, not -1"),
-    ("info f.npy", "--seed -1", "whole number"),
-    ("info f.npy", "--seed 18446744073709551616", "between 0 and 18446744073709551615"),
-    ("info f.npy", "--seed 0x10", "whole number"),
-    ("info f.npy", "--seed 010", "in plain digits, not 010"),
+    ("train c.toml", "--seed -1", "whole number"),
+    ("train c.toml", "--seed 18446744073709551616", "between 0 and 18446744073709551615"),
+    ("train c.toml", "--seed 0x10", "whole number"),
+    ("train c.toml", "--seed 010", "in plain digits, not 010"),
     ("synthesize f.npy -m m -o out", "--frames 010", "in plain digits, not 010"),
-    ("info f.npy", "--seed 1e3", "whole number"),
+    ("train c.toml", "--seed 1e3", "whole number"),
     ("synthesize f.npy -m m -o out", "--gain 0x10", "give a number in dB"),
     ("info f.npy", "--gain 0x10", "finite number"),
     ("denoise f.npy -o out", "--black 1,0x10", "finite number"),

@@ -287,7 +287,7 @@ def test_pictures_of_several_channels_have_no_black_level(malus, tmp_path):
 
 
 def test_seeds_are_decimal_digits(malus, frame, tmp_path):
-    assert "--seed" in malus("info", frame, "--seed", "", code=2).err
+    assert "--seed" in malus("train", frame, "--seed", "", code=2).err
     np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))
     drawn = {}
     for seed in ("8", "10", "18446744073709551615"):
