@@ -9,6 +9,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/noise/sensor_window.h"
+#include "malus/synthesize/exact.h"
 
 #include <filesystem>
 #include <memory>
@@ -298,7 +299,7 @@ void add_denoise(CLI::App& app, Common& common) {
       ->delimiter(',')
       ->expected(2)
       ->needs(model)
-      ->check(in_range(0, 1 << 24));
+      ->check(in_range(0, kLastPosition));
   command
       ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                  "allow a gain outside the calibrated range")

@@ -288,7 +288,7 @@ void add_synthesize(CLI::App& app, Common& common) {
                    "row,column on the sensor of the first pixel, where CLEAN is a crop")
       ->delimiter(',')
       ->expected(2)
-      ->check(in_range(0, 1 << 24));
+      ->check(in_range(0, kLastPosition));
   command->add_flag("--float", arguments->as_float,
                     "write DN above black, unrounded, instead of the camera's integers");
   command->add_option("--format", arguments->format, "ending of the results")

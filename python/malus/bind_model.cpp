@@ -4,6 +4,7 @@
 #include "malus/base/settings_check.h"
 #include "malus/denoise/frame_complaints.h"
 #include "malus/noise/builtin_models.h"
+#include "malus/synthesize/exact.h"
 #include "malus/synthesize/model.h"
 
 #include <algorithm>
@@ -36,18 +37,6 @@ struct Place {
   std::int64_t row0, col0;
 };
 
-// The mosaic's last row and column: far beyond any sensor, and the library counts on from there in
-// int, by whole groups of columns.
-constexpr std::int64_t kLastPosition = (std::int64_t{1} << 30) - 1;
-
-int checked_start(const char* name, std::int64_t start, int size) {
-  const std::int64_t last = std::max<std::int64_t>(kLastPosition - size + 1, 0);
-  if (start < 0 || start > last)
-    throw InputError(name, fmt::format("{} is no place on a sensor", start),
-                     fmt::format("give 0 to {}", last));
-  return static_cast<int>(start);
-}
-
 struct Planes3D {
   std::vector<py::array> keep_alive;
   std::vector<View<const float>> clean;
@@ -79,8 +68,8 @@ LevelCoverage draw_mosaic(const NoiseAtGain& noise, const Array& clean, py::arra
                           const Place& place) {
   const auto from = view_of(clean, "clean");
   const auto to = writable_view_of(noisy);
-  const int row0 = checked_start("row0", place.row0, from.rows());
-  const int col0 = checked_start("col0", place.col0, from.cols());
+  const int row0 = require_place("row0", place.row0, from.rows());
+  const int col0 = require_place("col0", place.col0, from.cols());
   const py::gil_scoped_release release;
   return noise.synthesize(from, to, place.seed, place.frame, row0, col0);
 }

@@ -239,6 +239,24 @@ TEST(Synthesizer, PixelsOfRoundedDarkFramesHaveNothingInCommon) {
   EXPECT_LT(std::abs(covariance) / std::sqrt(variance_a * variance_b), 5 / std::sqrt(pairs));
 }
 
+// The last rows of an int overflowed it, and a negative row was a bug of malus by its message.
+TEST(Synthesizer, PlacesOffAnySensorAreRefused) {
+  const NoiseModel model = camera_of_all_kinds();
+  const Image clean(4, 8, 100.0f);
+  for (const char* kind : {"physics", "gaussian", "nonparametric"}) {
+    SynthesisSettings settings;
+    settings.kind = kind;
+    const auto draw = [&, synthesizer = Synthesizer(model, settings)](int row0, int col0) {
+      synthesizer.draw(clean, kGain, {.row0 = row0, .col0 = col0});
+    };
+    EXPECT_NO_THROW(draw(kLastPosition - 3, kLastPosition - 7)) << kind;
+    EXPECT_THROW(draw(kLastPosition - 2, 0), InputError) << kind;
+    EXPECT_THROW(draw(0, kLastPosition - 6), InputError) << kind;
+    EXPECT_THROW(draw(-4, 0), InputError) << kind;
+    EXPECT_THROW(draw(std::numeric_limits<int>::max(), 0), InputError) << kind;
+  }
+}
+
 TEST(Synthesizer, DarkFramesKeepTheirPlaceOnTheSensor) {
   NoiseModel model = bayer_model();
   Image dark(4, 6);

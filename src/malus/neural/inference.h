@@ -4,6 +4,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/synthesize/light_case.h"
 
 #include <filesystem>
 #include <memory>
@@ -33,8 +34,9 @@ struct InferenceSettings {
                         .choices = {"float32", "bfloat16"}});
     field(self.tile_batch,
           ParameterInfo{"tile_batch", "1", "tiles that a network filters at once", 1, 64});
-    field(self.ratio, ParameterInfo{"ratio", "1",
-                                    "low-light ratio, for networks that amplify by it", 1e-3, 1e4});
+    field(self.ratio,
+          ParameterInfo{"ratio", "1", "low-light ratio, for networks that amplify by it",
+                        kLeastRatio, kMostRatio});
   }
 };
 

@@ -64,8 +64,9 @@ struct TrainingNoiseSettings {
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     field(self.ratio_low,
           ParameterInfo{"ratio_low", "1", "least low-light ratio; drawn evenly in the logarithm",
-                        1e-3, 1e6});
-    field(self.ratio_high, ParameterInfo{"ratio_high", "1", "largest low-light ratio", 1e-3, 1e6});
+                        kLeastRatio, kMostRatio});
+    field(self.ratio_high,
+          ParameterInfo{"ratio_high", "1", "largest low-light ratio", kLeastRatio, kMostRatio});
     field(self.gains, ParameterInfo{"gains", "",
                                     "gains in the model's unit, one drawn per example; empty: "
                                     "random in log K over the calibrated range",

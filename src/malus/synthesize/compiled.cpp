@@ -149,7 +149,7 @@ struct CompiledNoise::PixelRows {
 void CompiledNoise::run(const PixelRows<const char>& in, const PixelRows<char>& out,
                         const DrawAddress& address, const CameraOutput& camera) const {
   MALUS_REQUIRE(in.rows == out.rows && in.cols == out.cols);
-  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  require_place(address, in.rows, in.cols);
   MALUS_REQUIRE(!(in.u16 || out.u16) || camera.black_dn.size() == parts_.channels.size());
   const int period = std::lcm(parts_.layout.cols(), kGroupColumns);
   std::vector<LaneArrays> phases;

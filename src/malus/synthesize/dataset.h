@@ -27,8 +27,8 @@ struct DatasetSettings {
     field(self.shard_size, ParameterInfo{"shard_size", "1", "pairs in one file", 1, 1e6});
     field(self.patch,
           ParameterInfo{"patch", "px", "side of a square patch of the mosaic", 8, 16384});
-    field(self.ratios,
-          ParameterInfo{"ratios", "1", "low-light ratios, one drawn for every pair", 1e-3, 1e6});
+    field(self.ratios, ParameterInfo{"ratios", "1", "low-light ratios, one drawn for every pair",
+                                     kLeastRatio, kMostRatio});
     field(self.gains, ParameterInfo{"gains", "",
                                     "gains in the model's unit, one drawn for every "
                                     "pair; empty: random in log K over the "

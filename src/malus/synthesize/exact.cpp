@@ -82,6 +82,19 @@ void check_physics(const PhysicsNoise& noise) {
     check_channel(noise.channels[static_cast<std::size_t>(c)], noise.layout.channel_name(c));
 }
 
+int require_place(const char* name, std::int64_t start, int size) {
+  const std::int64_t last = std::max<std::int64_t>(std::int64_t{kLastPosition} - size + 1, 0);
+  if (start < 0 || start > last)
+    throw InputError(name, fmt::format("{} is no place on a sensor", start),
+                     fmt::format("give 0 to {}", last));
+  return static_cast<int>(start);
+}
+
+void require_place(const DrawAddress& address, int rows, int cols) {
+  require_place("row0", address.row0, rows);
+  require_place("col0", address.col0, cols);
+}
+
 double row_group_draw(const DrawAddress& address, std::int64_t group) {
   const auto block =
       random_block(address.seed, address.frame, static_cast<std::uint64_t>(group), Draw::kRow);
@@ -139,7 +152,7 @@ void add_noise_exact(const PhysicsNoise& noise, View<const float> clean_dn, View
                      const DrawAddress& address) {
   check_physics(noise);
   MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
-  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  require_place(address, noisy_dn.rows(), noisy_dn.cols());
   std::vector<double> deviates(static_cast<std::size_t>(clean_dn.rows()), 0.0);
   if (noise.parts.row)
     deviates = row_deviates(address, clean_dn.rows(), noise.row_group, noise.row_drift);

@@ -24,8 +24,18 @@ namespace malus {
 struct DrawAddress {
   std::uint64_t seed = 0;
   std::uint32_t frame = 0;
-  int row0 = 0, col0 = 0;  ///< mosaic position of the view's first pixel; >= 0
+  int row0 = 0, col0 = 0;  ///< mosaic position of the view's first pixel; require_place
 };
+
+/// Last row and column of a mosaic, far beyond any sensor's: places count on from the view's first
+/// pixel in int, by whole groups of columns.
+inline constexpr int kLastPosition = (1 << 30) - 1;
+
+/// The start of `size` rows or columns that lie from 0 to kLastPosition. Throws InputError, naming
+/// `name`, of another one.
+int require_place(const char* name, std::int64_t start, int size);
+/// Of a view's rows and columns.
+void require_place(const DrawAddress& address, int rows, int cols);
 
 /// Throws InputError where parameters cannot be drawn with: a channel too many or too few, K not
 /// positive, lambda outside (-0.5, 8], a negative sigma, anything not finite, row_group < 1.
@@ -48,7 +58,7 @@ double draw_pixel_exact(const PhysicsNoise& noise, int channel, double signal_dn
 
 /// A whole view, mosaic order by noise.layout, channel of pixel (r, c) that of
 /// (row0 + r, col0 + c). Contract: equal sizes; noisy_dn may be clean_dn. Throws InputError as
-/// check_physics does. Runs on all threads, same bytes for any number of them.
+/// check_physics and require_place do. Runs on all threads, same bytes for any number of them.
 void add_noise_exact(const PhysicsNoise& noise, View<const float> clean_dn, View<float> noisy_dn,
                      const DrawAddress& address);
 

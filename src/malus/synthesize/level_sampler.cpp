@@ -225,7 +225,7 @@ void LevelSampler::apply(View<const float> signal_dn, View<const float> base_dn,
                          const DrawAddress& address) const {
   MALUS_REQUIRE(signal_dn.rows() == out_dn.rows() && signal_dn.cols() == out_dn.cols());
   MALUS_REQUIRE(base_dn.rows() == out_dn.rows() && base_dn.cols() == out_dn.cols());
-  MALUS_REQUIRE(address.row0 >= 0 && address.col0 >= 0);
+  require_place(address, out_dn.rows(), out_dn.cols());
   const auto phases = row_lanes();
   internal::LevelRowJob job;
   job.tables = {guess_.data(), spans_.data(), cells_.data(), places_.data()};

@@ -6,6 +6,10 @@
 
 namespace malus {
 
+/// Low-light ratios that are taken, wherever one is told. A network must be asked for any that it
+/// can be trained with.
+inline constexpr double kLeastRatio = 1e-6, kMostRatio = 1e9;
+
 struct LightCase {
   double gain = 0, ratio = 1;  ///< gain in the model's unit: dB or ISO; ratio: low-light ratio
 };

@@ -295,6 +295,7 @@ FrameParameters Synthesizer::noisy(View<const float> clean_dn, View<float> noisy
                                    const std::optional<GainSetting>& gain,
                                    const DrawAddress& address, bool rounded_later) const {
   MALUS_REQUIRE(clean_dn.rows() == noisy_dn.rows() && clean_dn.cols() == noisy_dn.cols());
+  require_place(address, noisy_dn.rows(), noisy_dn.cols());
   const auto tables =
       tables_at(gain ? *gain : random_gain(*model_, settings_, address.seed, address.frame));
   View<const float> signal_dn = clean_dn;

@@ -11,6 +11,7 @@
 #include "malus/synthesize/compiled.h"
 #include "malus/synthesize/gain_tables.h"
 #include "malus/synthesize/level_coverage.h"
+#include "malus/synthesize/light_case.h"
 
 #include <array>
 #include <cstdint>
@@ -55,8 +56,8 @@ struct SynthesisSettings {
                       infinity,
                       {"sampled", "mean"}});
     field(self.ratio,
-          ParameterInfo{"ratio", "1", "low-light ratio: the clean signal is divided by it", 1e-6,
-                        1e9});
+          ParameterInfo{"ratio", "1", "low-light ratio: the clean signal is divided by it",
+                        kLeastRatio, kMostRatio});
     field(self.amplify, ParameterInfo{"amplify", "",
                                       "multiply the result by the ratio again; the black level of "
                                       "integers with it, so that noise is not cut off at 0"});
