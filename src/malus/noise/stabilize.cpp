@@ -8,7 +8,13 @@
 namespace malus {
 namespace {
 
-constexpr double kInverseStep = 0.05;      // in deviations; quadratic error 1.6e-4 K
+constexpr double kAnscombe = 3.0 / 8;  // of the squared slope in the root (Starck et al., 1998)
+// Below zero read noise alone is left. Of a channel with next to none the line would be so steep
+// that rounding makes many deviations of it: its deviation is no less than this many slopes.
+constexpr double kLeastNegativeSlopes = 1.0 / 4;
+// In deviations. The curve's slope being K, a line between two knots of the inverse is K/16 times
+// this squared too high: 1.6e-4 K.
+constexpr double kInverseStep = 0.05;
 constexpr double kMarginDeviations = 9.0;  // of the tables beyond the signals that occur
 // Least deviation, of the highest signal: stabilised values stay below 2^18, which float32 holds to
 // a 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
@@ -30,8 +36,8 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const N
   if (variance_.is_affine()) {
     const double slope = variance_.slope_dn();
     const double offset = std::max(variance_.offset_dn2(), floor_dn2_);
-    dark_deviation_dn_ = std::sqrt(offset + 0.375 * slope * slope);
-    negative_deviation_dn_ = std::sqrt(std::max(offset, 0.0625 * slope * slope));
+    dark_deviation_dn_ = std::sqrt(offset + kAnscombe * slope * slope);
+    negative_deviation_dn_ = std::sqrt(std::max(offset, std::pow(kLeastNegativeSlopes * slope, 2)));
   } else {
     dark_deviation_dn_ = std::sqrt(std::max(variance_(0.0), floor_dn2_));
     build_forward_table(highest_dn);
@@ -47,7 +53,7 @@ void Stabilizer::build_forward_table(double highest_dn) {
   signal_step_dn_ = top / knots;
   const auto rate = [&](double s) {
     const double slope = (variance_(s + signal_step_dn_) - variance_(s)) / signal_step_dn_;
-    return 1.0 / std::sqrt(std::max(variance_(s), floor_dn2_) + 0.375 * slope * slope);
+    return 1.0 / std::sqrt(std::max(variance_(s), floor_dn2_) + kAnscombe * slope * slope);
   };
   dark_deviation_dn_ = 1.0 / rate(0.0);
   negative_deviation_dn_ = dark_dn;

@@ -2,7 +2,8 @@
 // Forward: f(s) = integral of ds / sqrt(var(s) + 3/8 var'(s)^2): for an affine curve this is the
 // generalised Anscombe transformation up to a constant (Starck, Murtagh, Bijaoui, "Image Processing
 // and Data Analysis", 1998), for a measured curve the same thing built numerically. Below zero,
-// where the variance is flat, f goes on as a straight line, so negative samples keep their value.
+// where the variance is flat, f goes on as a straight line, so negative samples keep their value:
+// of an affine curve by max(σ_read, K/4) DN per deviation, σ_read without light and K the slope.
 // Inverse: s such that E[f(noisy) | s] equals the given value (Mäkitalo, Foi, "Optimal inversion of
 // the generalized Anscombe transformation for Poisson-Gaussian noise", IEEE TIP 22(1), 2013), so a
 // filter that averages stabilised samples comes back without bias. The expectation is that of the
