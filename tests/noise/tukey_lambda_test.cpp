@@ -11,9 +11,9 @@
 namespace malus {
 namespace {
 
-constexpr std::array kShapes = {-0.45, -0.3,  -0.1,  -0.0501, -0.0499, -1e-3, -1e-5, -1e-7,
-                                -1e-9, 0.0,   1e-13, 1e-11,   1e-8,    1e-6,  1e-4,  1e-2,
-                                0.049, 0.051, 0.14,  0.3,     0.7,     1.0,   1.5,   2.0};
+constexpr std::array kShapes = {-0.45, -0.3,  -0.1,  -0.0501, -0.0499, -1e-3, -1e-5, -1e-7, -1e-9,
+                                0.0,   1e-13, 1e-11, 1e-8,    1e-6,    1e-4,  1e-2,  0.049, 0.051,
+                                0.14,  0.3,   0.7,   1.0,     1.5,     2.0,   3.0,   5.0,   8.0};
 
 // ∫ Q(u)² du by the substitution u = 1/(1+e^-t), in which the integrand decays exponentially at
 // both ends for λ > -1/2, so that the trapezoidal rule converges exponentially. Powers are taken in
@@ -105,6 +105,12 @@ TEST(TukeyLambda, DensityIsTheSlopeOfTheCdf) {
       const double slope =
           (tukey_lambda_cdf(x + kStep, lambda) - tukey_lambda_cdf(x - kStep, lambda)) / (2 * kStep);
       EXPECT_NEAR(tukey_lambda_pdf(x, lambda), slope, 1e-8) << lambda << " " << x;
+    }
+  for (double lambda : {3.0, 5.0, 8.0})  // too steep for steps
+    for (double u : {0.02, 0.3, 0.5, 0.8}) {
+      const double slope = std::pow(u, lambda - 1) + std::pow(1 - u, lambda - 1);  // dQ/du
+      EXPECT_NEAR(tukey_lambda_pdf(tukey_lambda_quantile(u, lambda), lambda) * slope, 1.0, 1e-9)
+          << lambda << " " << u;
     }
 }
 

@@ -18,7 +18,8 @@ struct PhysicsChannel {
   double sigma_row_dn = 0.0;      ///< σ_b, sd of the row groups' offsets
 };
 
-/// λ that a sampler draws with: below, read noise has no variance; above, none of a sensor's.
+/// λ that a sampler draws with: below, read noise has no variance; above, tukey_lambda.h states no
+/// error (calibration finds none beyond 1.25, tukey_fit.h).
 inline constexpr double kNoVarianceLambda = -0.5, kHighestLambda = 8.0;
 
 /// Components that can be switched off: the rows of 000 Table 2.

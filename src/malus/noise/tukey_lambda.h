@@ -20,7 +20,8 @@ inline constexpr double kNormalLambda = 0.14;
 inline constexpr double kTukeyLambdaSeries = 1e-12;
 
 /// Q(u) = (u^λ - (1-u)^λ)/λ, the logistic log(u/(1-u)) at λ = 0. u in (0,1). expm1 keeps what the
-/// powers would cancel for small λ: relative error < 1e-14 away from the median, for λ in [-1, 2].
+/// powers would cancel for small λ: relative error < 1e-14 away from the median, for λ in [-1/2,
+/// 8], of which a sampler takes all but -1/2 (physics.h).
 MALUS_HOST_DEVICE inline double tukey_lambda_quantile(double u, double lambda) {
   const double a = log(u), b = log1p(-u);
   if (fabs(lambda) < kTukeyLambdaSeries) return (a - b) * (1.0 + 0.5 * lambda * (a + b));
