@@ -110,6 +110,13 @@ TEST(CutOffComplaints, AreOfTheGainAlone) {
   EXPECT_THAT(cut_off_complaints(model, first, false),
               ElementsAre(HasSubstr("light comes out about as much too dark")));
   EXPECT_THAT(cut_off_complaints(model, model.physics[1].gain, true), IsEmpty());
+  // A profile is undone where that is said, and nowhere else.
+  const double first_db = *first.gain_db, second_db = *model.physics[1].gain.gain_db;
+  for (const double db : {first_db, (first_db + second_db) / 2, second_db, second_db + 1}) {
+    const GainSetting gain{db, {}};
+    EXPECT_EQ(model.profile_at(gain).dark_was_cut_off, db < second_db) << db;
+    EXPECT_EQ(cut_off_complaints(model, gain, true).empty(), db >= second_db) << db;
+  }
 }
 
 }  // namespace

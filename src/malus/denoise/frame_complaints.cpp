@@ -117,11 +117,10 @@ std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& 
 std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainSetting& gain,
                                             bool undone) {
   std::vector<std::string> lines;
-  for (const PhysicsCalibration& p : model.physics) {
-    if (model.physics.size() > 1 && p.gain != gain) continue;
-    if (!p.dark_was_cut_off()) continue;
-    const auto most = std::max_element(p.dark_zero_share.begin(), p.dark_zero_share.end());
-    const double bias_dn = p.mu.mean[static_cast<std::size_t>(most - p.dark_zero_share.begin())];
+  for (const PhysicsCalibration* p : model.physics_around(gain)) {
+    if (!p->dark_was_cut_off()) continue;
+    const auto most = std::max_element(p->dark_zero_share.begin(), p->dark_zero_share.end());
+    const double bias_dn = p->mu.mean[static_cast<std::size_t>(most - p->dark_zero_share.begin())];
     lines.push_back(fmt::format(
         "{} % of the dark pixels it was calibrated from were 0: its bias, {:.3g} DN, is that of "
         "noise cut off at 0, and {}; raise the camera's black level and calibrate again",

@@ -30,8 +30,9 @@ std::vector<std::string> result_complaints(const RawFrame& before, const Denoise
 /// model's name.
 std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& gain);
 
-/// That the model's bias at this gain is that of dark frames that the camera cut off at 0, each
-/// channel's worst; undone: whether the caller works with what it was before.
+/// That the model's bias at this gain, or at one that it is interpolated from, is that of dark
+/// frames that the camera cut off at 0, the worst channel's; undone: whether the caller works with
+/// what it was before.
 std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainSetting& gain,
                                             bool undone);
 

@@ -256,6 +256,23 @@ PhysicsNoise physics_of(const NoiseModel& model, const GainParameters& p) {
   return noise;
 }
 
+std::vector<const PhysicsCalibration*> NoiseModel::physics_around(const GainSetting& gain) const {
+  if (physics.size() == 1) return {physics.data()};
+  if (!gain.decibel()) return {};
+  const PhysicsCalibration *below = nullptr, *above = nullptr;
+  for (const PhysicsCalibration& p : physics) {
+    if (p.K.mean.empty()) continue;
+    const double step_db = p.gain.decibel().value_or(0.0) - *gain.decibel();
+    if (std::abs(step_db) < kSameGainDb) return {&p};
+    if (step_db < 0) below = &p;
+    if (step_db > 0 && !above) above = &p;
+  }
+  std::vector<const PhysicsCalibration*> around;
+  for (const PhysicsCalibration* p : {below, above})
+    if (p) around.push_back(p);
+  return around;
+}
+
 PhysicsNoise NoiseModel::physics_at(const GainSetting& gain, GainRange range) const {
   return physics_of(*this, parameters_at(gain, range));
 }

@@ -66,6 +66,11 @@ struct NoiseModel {
   GainParameters parameters_at(const GainSetting& gain,
                                GainRange range = GainRange::kCalibratedOnly) const;
 
+  /// The calibrations nearest to a gain that parameters there come from: the one of this gain, or
+  /// of those with K the next lower and the next higher, of which there may be one alone; none of
+  /// an unknown gain where several were measured.
+  std::vector<const PhysicsCalibration*> physics_around(const GainSetting& gain) const;
+
   /// Mean physics parameters at a gain; errors as parameters_at.
   PhysicsNoise physics_at(const GainSetting& gain,
                           GainRange range = GainRange::kCalibratedOnly) const;

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 namespace malus {
 namespace {
@@ -125,9 +126,9 @@ NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
                              ? profile_beside_columns(*this, gain, range)
                              : pixel_noise_at(*this, gain, range);
   profile.defects = defects_of(*this);
+  const auto around = physics_around(gain);
   profile.dark_was_cut_off =
-      std::any_of(physics.begin(), physics.end(),
-                  [](const PhysicsCalibration& p) { return p.dark_was_cut_off(); });
+      std::any_of(around.begin(), around.end(), std::mem_fn(&PhysicsCalibration::dark_was_cut_off));
   return profile;
 }
 

@@ -42,7 +42,8 @@ struct NoiseProfile {
   /// The converter's step, whose rounding the channels' variances hold; 0: none, or not known.
   double step_dn = 0;
   bool estimated_from_picture = false;  ///< no model was given
-  /// Bias and dark variance are those of dark frames that the camera cut off at 0.
+  /// Bias and dark variance are those of dark frames that the camera cut off at 0; between two
+  /// gains, of either.
   bool dark_was_cut_off = false;
   DefectList defects;
   /// Taken out of frames of its size as far as they show it; null: none is known. Models give it
