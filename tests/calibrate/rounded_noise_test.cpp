@@ -37,7 +37,7 @@ CodePairs pairs_of(double mean, double pattern, double noise, int frames, std::u
           std::max(std::round(offset[static_cast<std::size_t>(i)] + noise * random.normal()), 0.0));
     counter.add(dn);
   }
-  if (base_dn == 0) counter.end_at_zero(0);
+  if (base_dn == 0) counter.end_at(0, 0);
   return counter.pairs()[0];
 }
 

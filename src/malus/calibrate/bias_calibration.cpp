@@ -187,7 +187,7 @@ void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const R
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
   warn_of_outlying_noise(frames.residuals, dark.hidden, out);
   warn_of_high_level(first, out);
-  warn_of_clipping(dark.zero_share, first.layout, out);
+  warn_of_clipping(dark.zero_share, dark.floor_dn, first.layout, out);
   if (dark.hidden.empty() ||
       !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
     warn_of_coarse_steps(dark.step_dn, out);
@@ -212,13 +212,14 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
                 RowLagAccumulator(geometry),
                 {},
                 {},
+                {},
                 NeighbourCorrelation(geometry),
                 {},
                 SuccessiveFrames(geometry)};
   pass.step_dn = step_dn;
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
-  ZeroShare zeros(geometry);
+  ZeroShare zeros(geometry, step_dn);
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) pass.code_spacing_dn = occupied_spacing(first_channel(frame.dn, geometry));
     pass.temporal.add(frame.dn);
@@ -229,6 +230,7 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
     zeros.add(frame.dn);
   });
   pass.constancy = equal.chance_of_constancy();
+  pass.floor_dn = zeros.floors_dn();
   pass.zero_share = zeros.shares();
   return pass;
 }

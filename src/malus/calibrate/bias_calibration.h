@@ -19,7 +19,8 @@ namespace malus {
 struct DarkPass {
   TemporalAccumulator temporal;
   RowLagAccumulator rows;
-  std::vector<double> zero_share;  ///< per channel: share of pixels at DN 0, where the camera clips
+  std::vector<double> floor_dn;    ///< per channel: where noise is cut off, 0 or the lowest code
+  std::vector<double> zero_share;  ///< per channel: share of pixels there
   std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
   NeighbourCorrelation neighbours;
   std::vector<HiddenNoise> hidden;  ///< per channel, by measure_bias; empty of a single frame

@@ -200,21 +200,23 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                   high - low, of_noise));
 }
 
-void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
-                      PhysicsCalibration& out) {
+void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& floor_dn,
+                      const SensorLayout& layout, PhysicsCalibration& out) {
   std::vector<std::string> cut;
-  double most = 0.0;
+  double most = 0.0, floor = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const double share = zero_share[static_cast<std::size_t>(c)];
     if (share > kMostSilentZeros) cut.push_back(layout.channel_name(c));
+    if (share > most) floor = floor_dn[static_cast<std::size_t>(c)];
     most = std::max(most, share);
   }
   if (cut.empty()) return;
   out.dark_zero_share = zero_share;
   out.warnings.push_back(fmt::format(
-      "{}: up to {:.3g} % of the dark pixels are 0, above {:g} %: the camera's black "
+      "{}: up to {:.3g} % of the dark pixels are {}, above {:g} %: the camera's black "
       "level cuts the noise off; raise it{}",
-      channels_text(cut, layout), 100 * most, 100 * kMostSilentZeros,
+      channels_text(cut, layout), 100 * most,
+      floor == 0 ? "0" : fmt::format("at {:g} DN, the lowest code", floor), 100 * kMostSilentZeros,
       out.cut_off_undone ? " (what the noise was before is worked out, as symmetric)" : ""));
 }
 

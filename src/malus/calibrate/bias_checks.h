@@ -45,10 +45,10 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
 /// temporal_sd_dark_dn.
 void warn_of_lit_darkness(const RawFrame& first, PhysicsCalibration& out);
 
-/// Channels with more than a thousandth of the dark pixels at zero: the camera cuts the noise off.
-/// Fills dark_zero_share then.
-void warn_of_clipping(const std::vector<double>& zero_share, const SensorLayout& layout,
-                      PhysicsCalibration& out);
+/// Channels with more than a thousandth of the dark pixels at the floor, where the camera
+/// cuts the noise off. Fills dark_zero_share then.
+void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& floor_dn,
+                      const SensorLayout& layout, PhysicsCalibration& out);
 
 /// Noise too narrow for the converter's step, so that rounding hides it: of the noise's
 /// characteristic function at one cycle per step more is left than of normal noise of half a step

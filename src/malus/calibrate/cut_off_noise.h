@@ -1,17 +1,17 @@
-// Dark noise whose lower end the camera cuts off at DN 0, by what lies as far above the level: read
-// noise is symmetric (000 Eq. 3).
+// Dark noise whose lower end the camera cuts off at a floor (DN 0, or its lowest code), by what
+// lies as far above the level: read noise is symmetric (000 Eq. 3).
 #pragma once
 
 #include "malus/calibrate/residual_histogram.h"
 
 namespace malus {
 
-/// Where a channel's dark pixels lie above DN 0.
+/// Where a channel's dark pixels lie above the floor.
 struct CutOffPlace {
   double level_dn = 0;    ///< their mean as it shows
   double spread_dn = 0;   ///< deviation of their offsets, from pixel to pixel and row to row
   double step_dn = 0;     ///< of the codes; 0: none
-  double zero_share = 0;  ///< of them at DN 0
+  double zero_share = 0;  ///< of them at the floor
   double blur_dn2 = 0;    ///< variance of what residuals hold of the error of a pixel's offset
 };
 

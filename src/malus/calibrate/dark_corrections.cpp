@@ -96,7 +96,7 @@ void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
   if (!(pattern > kMostPattern || step > kMostStep)) return;
   out.warnings.push_back(fmt::format(
       "the fixed pattern is {:.2g} and the converter's step {:.2g} of the dark noise: what it was "
-      "before it was cut off at 0 is known only roughly, and its standard errors are too small; "
+      "before it was cut off is known only roughly, and its standard errors are too small; "
       "raise the black level",
       pattern, step));
 }
@@ -108,7 +108,7 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
                        DarkPass& dark, PhysicsCalibration& out) {
   for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
     const double zeros = dark.zero_share[c];
-    if (zeros > 0) pairs.end_at_zero(static_cast<int>(c));
+    if (zeros > 0) pairs.end_at(dark.floor_dn[c], static_cast<int>(c));
     dark.hidden.push_back(
         hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
     if (!dark.hidden[c].hidden) continue;
@@ -136,7 +136,8 @@ void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analy
     double &mu = out.mu.mean[c], &row = out.sigma_row.mean[c], &sd = out.temporal_sd_dark_dn[c];
     if (dark.hidden[c].hidden) continue;
     const CutOffPlace place{
-        mu + first.black_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn, dark.zero_share[c],
+        mu + first.black_dn[c] - dark.floor_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn,
+        dark.zero_share[c],
         analyzer.offset_variance_dn2(static_cast<int>(c), std::max(pixel[c], 0.0))};
     const CutOffNoise cut = find_cut_off_noise(pooled_over_frames(frames.residuals, c),
                                                pooled_over_frames(frames.above, c), place);

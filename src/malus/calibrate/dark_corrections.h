@@ -29,7 +29,7 @@ void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analy
                   const RawFrame& first, DarkPass& dark, BiasFrames& frames,
                   PhysicsCalibration& out);
 
-/// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off at 0: as
+/// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off: as
 /// `dark` knows it, or with the error that rounding may make where it does not. A warning where
 /// noise before the cut is known only roughly.
 void restore_dsnu(const DarkPass& dark, PhysicsCalibration& out);

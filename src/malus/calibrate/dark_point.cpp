@@ -110,7 +110,7 @@ void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& o
                                              : 2.0 * sd * out.temporal_sd_dark_stderr_dn[c]);
 }
 
-void take_cut_off(const CutOffNoise& cut, double zero_share, DarkPoint& dark,
+void take_cut_off(const CutOffNoise& cut, double zero_share, double floor_dn, DarkPoint& dark,
                   std::vector<TransferLevel>& levels) {
   if (!cut.known) return;
   dark.cut_off = false;
@@ -127,8 +127,8 @@ void take_cut_off(const CutOffNoise& cut, double zero_share, DarkPoint& dark,
     level.mean_dn += share * cut.shift_dn;
     if (enough && level.refused.empty() && is_cut_off(level))
       level.refused = {Refusal::kCutOff,
-                       fmt::format("{:.2g} % of the pixels are cut off at 0, above {:g} %",
-                                   100 * level.zero_share, 100 * kMostSilentZeros)};
+                       fmt::format("{:.2g} % of the pixels are cut off at {:g} DN, above {:g} %",
+                                   100 * level.zero_share, floor_dn, 100 * kMostSilentZeros)};
   }
 }
 

@@ -24,10 +24,11 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
 void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
                        std::vector<TransferLevel>& levels);
 
-/// The same of noise that the camera cuts off at 0: as it was before. zero_share: of the bias
+/// The same of noise that the camera cuts off: as it was before. zero_share: of the bias
 /// frames; dark frames of a level's own lost as much less as they have fewer zeros (dark current
-/// lifts them off 0). Levels that are cut off themselves are refused where enough others are not.
-void take_cut_off(const CutOffNoise& cut, double zero_share, DarkPoint& dark,
+/// lifts them off the floor). Levels that are cut off themselves are refused where enough others
+/// are not.
+void take_cut_off(const CutOffNoise& cut, double zero_share, double floor_dn, DarkPoint& dark,
                   std::vector<TransferLevel>& levels);
 
 /// Into dark_point of `out`: this where the step hides the noise, else temporal_sd_dark squared.

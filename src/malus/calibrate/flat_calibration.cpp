@@ -321,7 +321,7 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
                     out);
   if (cut_off && !out.K.mean.empty())
     out.warnings.push_back(
-        "K rests on the flat frames alone: dark noise that is cut off at 0 makes no dark point");
+        "K rests on the flat frames alone: dark noise that is cut off makes no dark point");
   if (!other_light)  // which explains another variance
     warn_of_gain_map(
         series.gains,
@@ -363,7 +363,8 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     point.cut_off = dark.zero_share[as_index(c)] > kMostDarkZeros;
     if (!dark.hidden.empty()) take_hidden_noise(dark.hidden[as_index(c)], point, levels);
     if (!dark.cut_off.empty())
-      take_cut_off(dark.cut_off[as_index(c)], dark.zero_share[as_index(c)], point, levels);
+      take_cut_off(dark.cut_off[as_index(c)], dark.zero_share[as_index(c)],
+                   dark.floor_dn[as_index(c)], point, levels);
     if (any_hidden) append_dark_point(dark.hidden[as_index(c)].hidden, point, out);
     cut_off |= point.cut_off;
     leave_out_saturated(point, levels);

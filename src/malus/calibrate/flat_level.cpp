@@ -28,7 +28,8 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
   for (int r = 0; r < geometry.rows(); ++r)
     for (int c = 0; c < geometry.cols(); ++c) {
       const float dn = frame.dn(r, c);
-      if (!(dn > 0)) level.at_zero[as_index(geometry.channel(r, c))] += 1.0;
+      if (!(dn > dark.floor_dn[as_index(geometry.channel(r, c))]))
+        level.at_zero[as_index(geometry.channel(r, c))] += 1.0;
       if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
       const auto channel = as_index(geometry.channel(r, c));
       if (shading_dn(r, c) > dark.defect_above_dn[channel]) {

@@ -15,7 +15,7 @@ struct FlatLevel {
   TemporalAccumulator temporal;
   NeighbourCorrelation neighbours;
   std::vector<double> saturated,
-      at_zero;  ///< shares of the pixels at white and at DN 0, per channel
+      at_zero;  ///< shares of the pixels at white and at the floor, per channel
   /// At white in any frame by their own dark current, or stuck: defects without light. They tell
   /// nothing of the light.
   PixelPlaces filled;

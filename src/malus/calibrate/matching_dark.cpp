@@ -64,7 +64,7 @@ void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeome
                    const DarkPass& common, const PhysicsCalibration& bias, Progress& progress,
                    MatchingDark& out) {
   TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
-  ZeroShare zeros(geometry);
+  ZeroShare zeros(geometry, common.floor_dn);
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
     own.add(frame.dn);
     zeros.add(frame.dn);
@@ -104,6 +104,7 @@ MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSe
                            const PhysicsCalibration& bias, Progress& progress) {
   const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
   MatchingDark out;
+  out.floor_dn = common.floor_dn;
   if (const std::optional<int> own = own_dark(flat, darks)) {
     out.set = *own;
     take_own_dark(*darks[as_index(*own)], first, geometry, common, bias, progress, out);

@@ -14,6 +14,7 @@ struct MatchingDark {
   std::vector<double> level_dn, variance_dn2;  ///< black included; temporal; per channel
   std::vector<double> current_dn;              ///< level above the bias frames', per channel
   std::vector<double> zero_share;              ///< ZeroShare, per channel
+  std::vector<double> floor_dn;                ///< of the bias frames, where noise is cut off
   int frames = 0;                              ///< 0: the bias frames' is meant
   int set = 0;                                 ///< which of the dark sets
   Image own_shading_dn;                        ///< empty: the bias frames' is meant

@@ -40,11 +40,11 @@ struct TransferLevel {
   double dark_variance_dn2 = 0;       ///< temporal variance of the matching dark frames
   int dark_frames = 0;                ///< their number; 0: the common dark point was used
   int dark_set = 0;                   ///< which: levels of one set share the error of its frames
-  double dark_zero_share = 0;         ///< of the matching dark frames' pixels at DN 0
+  double dark_zero_share = 0;         ///< of the matching dark frames' pixels at the floor
   double dark_current_dn = 0;         ///< level of the matching dark frames above the bias frames
   double dark_mean_variance_dn2 = 0;  ///< error of the dark frames' share in mean_dn, squared
   bool saturated = false;             ///< past the maximum of the variance, below white
-  double zero_share = 0;              ///< of the pixels at DN 0
+  double zero_share = 0;              ///< of the pixels at the floor
   bool at_white = false;              ///< more pixels than a stray few are at the white level
   RefusedLevel refused;               ///< empty where the level may be used
 };

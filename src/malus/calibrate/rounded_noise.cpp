@@ -276,8 +276,9 @@ double CodePairCounter::usual_code_dn(int channel) const {
   return origin_dn_ + step_dn_ * middle_[as_index(channel)];
 }
 
-void CodePairCounter::end_at_zero(int channel) {
-  pairs_[as_index(channel)].lowest = std::clamp(code(0.0F, channel), -CodePairs::kReach, 0);
+void CodePairCounter::end_at(double floor_dn, int channel) {
+  pairs_[as_index(channel)].lowest =
+      std::clamp(code(static_cast<float>(floor_dn), channel), -CodePairs::kReach, 0);
 }
 
 void CodePairCounter::find_middle(View<const float> dn) {

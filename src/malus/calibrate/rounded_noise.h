@@ -16,7 +16,7 @@ struct CodePairs {
   static constexpr int kReach = 8, kCodes = 2 * kReach + 1;
   std::array<double, kCodes * kCodes> count{};
   double per_pixel = 0;  ///< pairs that one pixel has
-  /// Code that stands for all below it, where the camera cuts off at DN 0; none within reach.
+  /// Code that stands for all below it, where the camera cuts off; none within reach.
   int lowest = -kReach;
   double& at(int first, int second) {
     return count[static_cast<std::size_t>((first + kReach) * kCodes + second + kReach)];
@@ -32,8 +32,8 @@ class CodePairCounter {
   const std::vector<CodePairs>& pairs() const { return pairs_; }
   /// DN of the code that a channel's pairs are counted from. Contract: frames were added.
   double usual_code_dn(int channel) const;
-  /// From now on DN 0 stands for all below it, in this channel. Contract: frames were added.
-  void end_at_zero(int channel);
+  /// From now on this floor stands for all below it, in this channel. Contract: frames were added.
+  void end_at(double floor_dn, int channel);
 
  private:
   void find_middle(View<const float> dn);

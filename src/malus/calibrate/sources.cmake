@@ -25,6 +25,7 @@ set(calibrate_SOURCES
   level_histograms.cpp
   level_pass.cpp
   light_profile.cpp
+  lowest_codes.cpp
   matching_dark.cpp
   neighbour_correlation.cpp
   nonparametric_calibration.cpp
