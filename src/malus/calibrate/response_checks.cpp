@@ -58,6 +58,13 @@ struct Classes {
       }
     return sum / (period * period);
   }
+  // Variance of that where nothing repeats: means of white noise.
+  double error2_between(int period) const {
+    double all = 0;
+    for (const double count : pixels) all += count;
+    const double classes = period * period, of_mean = all > 0 ? variance * classes / all : 0.0;
+    return of_mean * of_mean * 2.0 / classes;
+  }
 };
 
 Classes classes_of(const Image& map, const MosaicGeometry& geometry, int channel) {
@@ -171,17 +178,21 @@ void warn_of_angles(const SensorLayout& layout, const std::vector<std::vector<do
 ResponsePattern response_pattern(const Response& response, const MosaicGeometry& geometry) {
   constexpr double kSame = 0.9;
   ResponsePattern out;
-  double two = 0, four = 0;
+  double two = 0, four = 0, error2_of_two = 0, error2_of_four = 0;
+  const double channels = geometry.channels();
   Moments products;
   for (int c = 0; c < geometry.channels(); ++c) {
     const Classes classes = classes_of(response.map, geometry, c);
-    two += classes.between(2) / geometry.channels();
-    four += classes.between(kPeriod) / geometry.channels();
-    out.variance += response.prnu[as_index(c)] * response.prnu[as_index(c)] / geometry.channels();
+    two += classes.between(2) / channels;
+    four += classes.between(kPeriod) / channels;
+    error2_of_two += classes.error2_between(2) / (channels * channels);
+    error2_of_four += classes.error2_between(kPeriod) / (channels * channels);
+    out.variance += response.prnu[as_index(c)] * response.prnu[as_index(c)] / channels;
     add_products(response.map, geometry, c, classes, products);
   }
   out.period = two > kSame * four ? 2 : kPeriod;
   out.periodic = std::max(two, four);
+  out.periodic_stderr = std::sqrt(two > four ? error2_of_two : error2_of_four);
   out.neighbours = products.mean();
   out.neighbours_stderr = std::sqrt(products.variance() / static_cast<double>(products.count()));
   return out;
@@ -191,7 +202,8 @@ void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout
                       PhysicsCalibration& out) {
   constexpr double kPeriodic = 0.25, kLeast = 0.003, kAlike = 0.1, kErrors = 8.0;
   const double rest = pattern.variance - pattern.periodic;
-  if (pattern.periodic > std::max(kPeriodic * pattern.variance, kLeast * kLeast))
+  if (pattern.periodic >
+      std::max({kPeriodic * pattern.variance, kLeast * kLeast, kErrors * pattern.periodic_stderr}))
     out.warnings.push_back(fmt::format(
         "of a PRNU of {:.3g} %, {:.3g} % repeat every {} rows or columns of a channel: is the "
         "layout {} right? Pixels of one channel have one colour and one polarizer (columns with "

@@ -25,18 +25,20 @@ void warn_of_angles(const SensorLayout& layout, const std::vector<std::vector<do
 
 /// How much of a channel's response is no white noise: means over the channels.
 struct ResponsePattern {
-  double variance = 0;    ///< square of the PRNU
-  double periodic = 0;    ///< of it, what repeats every `period` rows and columns of the channel
-  int period = 0;         ///< 2 or 4
-  double neighbours = 0;  ///< of the rest, covariance of next pixels, and its standard error
+  double variance = 0;  ///< square of the PRNU
+  double periodic = 0;  ///< of it, what repeats every `period` rows and columns of the channel
+  int period = 0;       ///< 2 or 4
+  double periodic_stderr = 0;  ///< what chance makes of it where nothing repeats
+  double neighbours = 0;       ///< of the rest, covariance of next pixels, and its standard error
   double neighbours_stderr = 0;
 };
 ResponsePattern response_pattern(const Response& response, const MosaicGeometry& geometry);
 
 /// Appends a warning where a quarter or more of the PRNU's square repeats every few pixels (0.3 %
-/// or more of the light): pixels of several colours in one channel, or columns with gains of their
-/// own. Else where next pixels share more than a tenth of the rest, but for what whole rows and
-/// columns share, by eight standard errors: a picture of the lit surface, or dust.
+/// or more of the light, and eight standard errors): pixels of several colours in one channel, or
+/// columns with gains of their own. Else where next pixels share more than a tenth of the rest, but
+/// for what whole rows and columns share, by eight standard errors: a picture of the lit surface,
+/// or dust.
 void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout,
                       PhysicsCalibration& out);
 
