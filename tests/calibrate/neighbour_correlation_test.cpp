@@ -95,5 +95,41 @@ TEST(NeighbourCorrelation, OfSmoothedNoiseIsThatOfTheKernel) {
   EXPECT_NE(out.warnings[0].find("flat frames"), std::string::npos) << out.warnings[0];
 }
 
+// One per cent of a pixel in each of its four neighbours takes 7.7 % off K; not a word was said.
+TEST(NeighbourCorrelation, OfCoupledPixelsIsToldWithWhatItTakesOffK) {
+  const MosaicGeometry geometry(SensorLayout::named("mono"), 130, 130, 1);
+  const auto flats = [&](float share) {
+    NeighbourCorrelation sums(geometry);
+    FramePairs pairs(sums, {}, 4);
+    for (std::uint64_t i = 0; i < 8; ++i) {
+      Image frame = noisy_frame(130, i, 0, 0);
+      const Image sharp = frame;
+      for (int r = 1; r < 129; ++r)
+        for (int c = 1; c < 129; ++c)
+          frame(r, c) = (1 - 4 * share) * sharp(r, c) + share * (sharp(r - 1, c) + sharp(r + 1, c) +
+                                                                 sharp(r, c - 1) + sharp(r, c + 1));
+      pairs.add(frame);
+    }
+    return sums;
+  };
+  const auto told = [&](const NeighbourCorrelation& dark, const NeighbourCorrelation& flat) {
+    PhysicsCalibration out;
+    out.K.mean = {0.4};
+    warn_of_alike_neighbours(dark, flat, out);
+    return out.warnings.empty() ? std::string() : out.warnings.front();
+  };
+  const NeighbourCorrelation none(geometry), coupled = flats(0.01F);
+  EXPECT_EQ(told(none, flats(0)), "");
+  const std::string said = told(none, coupled);
+  EXPECT_NE(said.find("pixels share signal"), std::string::npos) << said;
+  const std::size_t at = said.find("some ");
+  ASSERT_NE(at, std::string::npos) << said;
+  EXPECT_NEAR(std::stod(said.substr(at + 5)), 7.7, 2.5) << said;
+  // The noise of a read-out amplifier in dim flats is none of it.
+  NeighbourCorrelation dim = coupled;
+  dim.hold_dark_share(0.9);
+  EXPECT_EQ(told(coupled, dim), "");
+}
+
 }  // namespace
 }  // namespace malus

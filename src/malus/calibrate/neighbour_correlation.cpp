@@ -103,6 +103,7 @@ void NeighbourCorrelation::add(View<const float> first, View<const float> second
 }
 
 void NeighbourCorrelation::merge(const NeighbourCorrelation& other) {
+  dark_ += other.dark_;
   for (std::size_t i = 0; i < lags_.size(); ++i) {
     lags_[i].products += other.lags_[i].products;
     lags_[i].squares += other.lags_[i].squares;
@@ -131,6 +132,46 @@ void FramePairs::add(View<const float> dn) {
   --left_;
 }
 
+namespace {
+
+// What light makes of them, without the share of the dark noise.
+std::vector<NeighbourLikeness> likeness_of_light(const NeighbourCorrelation& dark,
+                                                 const NeighbourCorrelation& flat) {
+  const double share = std::min(flat.dark_share(), 0.99);
+  std::vector<NeighbourLikeness> out = flat.likeness();
+  const std::vector<NeighbourLikeness> of_dark = dark.likeness();
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    NeighbourLikeness& one = out[i];
+    one.correlation = (one.correlation - share * of_dark[i].correlation) / (1 - share);
+    one.standard_error =
+        std::hypot(one.standard_error, share * of_dark[i].standard_error) / (1 - share);
+  }
+  return out;
+}
+
+// Few per cent of a pixel's signal in its neighbours. A filter whose weights have the sum 1 leaves
+// of white noise 1 / (1 + 2 Σ ρ), over one of each two opposite neighbours.
+void warn_of_shared_light(const NeighbourCorrelation& dark, const NeighbourCorrelation& flat,
+                          PhysicsCalibration& out) {
+  constexpr double kLeast = 0.008, kErrors = 5.0;
+  double sum = 0;
+  NeighbourLikeness most;
+  for (const NeighbourLikeness& one : likeness_of_light(dark, flat)) {
+    sum += one.correlation;
+    if (one.correlation > std::max({kLeast, kErrors * one.standard_error, most.correlation}))
+      most = one;
+  }
+  if (!(most.correlation > 0 && sum > 0) || out.K.mean.empty()) return;
+  out.warnings.push_back(fmt::format(
+      "the noise of pixels next to each other {} correlates by {:.3f} ± {:.1g} in the flat frames: "
+      "pixels share signal (inter-pixel capacitance, cross-talk of charge), or the camera smooths "
+      "its pictures a little. K is some {:.2g} % too small, and what is told in electrons too "
+      "large; turn off what filters in the camera, or correct K by that",
+      most.where, most.correlation, most.standard_error, 100 * (1 - 1 / (1 + 2 * sum))));
+}
+
+}  // namespace
+
 void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourCorrelation& flat,
                               PhysicsCalibration& out) {
   constexpr double kLeastDark = 0.1, kLeastFlat = 0.03, kErrors = 5.0;
@@ -148,7 +189,9 @@ void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourC
   };
   judge("dark", dark, kLeastDark);
   judge("flat", flat, kLeastFlat);
-  if (frames)
+  if (!frames)
+    warn_of_shared_light(dark, flat, out);
+  else
     out.warnings.push_back(fmt::format(
         "the noise of pixels next to each other {} correlates by {:.2f} ± {:.2g} in the {} frames: "
         "the camera smooths, sharpens or compresses its pictures, and K and the noise are not the "

@@ -6,6 +6,7 @@
 #include "malus/image/view.h"
 #include "malus/noise/calibration.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,6 +28,9 @@ class NeighbourCorrelation {
   /// Takes the pair's frames. dark_dn: per channel, above which the second frame is scaled to the
   /// first's light, by a tenth at most; empty: the frames are dark.
   void add(View<const float> first, View<const float> second, const std::vector<double>& dark_dn);
+  /// Of the variance of the frames taken so far, the share that there is without light.
+  void hold_dark_share(double share) { dark_ = share * lags_.front().count; }
+  double dark_share() const { return dark_ / std::max(lags_.front().count, 1.0); }
   /// Adds the sums of other frames of the same geometry.
   void merge(const NeighbourCorrelation& other);
   /// Next pixels and next ones of the same channel, in rows and columns; without pairs all 0.
@@ -42,6 +46,7 @@ class NeighbourCorrelation {
                    const std::vector<double>& dark_dn) const;
   MosaicGeometry geometry_;
   std::vector<Lag> lags_;
+  double dark_ = 0;  ///< dark share times pairs of pixels
 };
 
 /// Pairs the frames of one set as they come, no more than `most` pairs; memory holds one frame.
@@ -60,9 +65,12 @@ class FramePairs {
 };
 
 /// Appends a warning where neighbours correlate by more than 0.03 in flat frames or 0.1 in dark
-/// ones, and by five standard errors; the frames that show it most are named. Shot noise is white
-/// on every sensor, but a read-out amplifier's own noise need not be: -0.04 along the rows of the
-/// EMVA 1288 sample camera in the dark, -0.01 in its light.
+/// ones, and by five standard errors; the frames that show it most are named. Else where light
+/// makes next pixels of flat frames alike by more than 0.008 and five standard errors, with what
+/// that takes off K: the sum of a filter's correlations is what the variance lacks (Moore, Ninkov,
+/// Forrest, Opt. Eng. 45, 2006). Shot noise is white on every sensor, but a read-out amplifier's
+/// own noise need not be: -0.04 along the rows of the EMVA 1288 sample camera in the dark, -0.01 in
+/// its light. Reads K.
 void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourCorrelation& flat,
                               PhysicsCalibration& out);
 
