@@ -105,6 +105,20 @@ TEST(ScaledCodes, AreTold) {
   EXPECT_THAT(said_of(dark), Contains(told));
 }
 
+// Greens that white balance leaves as they are hid red's steps where the first channel is a green:
+// its sigma_TL was 23 % too large, and not a word.
+TEST(ScaledCodes, OfAnyChannelAreTold) {
+  SimulatedCamera camera = faultless_camera("bayer-grbg");
+  camera.gains = {testing::polar_gain(6, "bayer-grbg", 1)};
+  const auto balanced = [](RawFrame& frame, int) {
+    for (int r = 0; r < 128; ++r)
+      for (int c = 0; c < 128; ++c)
+        if (frame.layout.channel_at(r, c) == 1) multiply_light(frame, r, c, 1.8);
+  };
+  EXPECT_THAT(said_of(camera, balanced), Contains(HasSubstr("R: its codes lie 1.8")));
+  EXPECT_THAT(said_of(camera, [](RawFrame&, int) {}), Not(Contains(HasSubstr("codes lie"))));
+}
+
 // Masked rows had made a PRNU of 800 % and the warning that the light changes.
 TEST(UnlitLines, AreTold) {
   const auto masked = [](RawFrame& frame, int) {

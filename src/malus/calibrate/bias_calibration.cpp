@@ -221,7 +221,12 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
   ZeroShare zeros(geometry, step_dn);
   for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
-    if (i == 0) pass.code_spacing_dn = occupied_spacing(first_channel(frame.dn, geometry));
+    for (int c = 0; i == 0 && c < geometry.channels(); ++c) {
+      std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
+      const double step = quantization_step(pixels);
+      pass.codes.push_back(
+          {first.layout.channel_name(c), step, occupied_spacing(std::move(pixels))});
+    }
     pass.temporal.add(frame.dn);
     pass.successive.add(frame.dn);
     equal.add(frame.dn);

@@ -4,6 +4,7 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/cut_off_noise.h"
 #include "malus/calibrate/defects.h"
+#include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/frame_components.h"
 #include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/neighbour_correlation.h"
@@ -25,8 +26,8 @@ struct DarkPass {
   NeighbourCorrelation neighbours;
   std::vector<HiddenNoise> hidden;  ///< per channel, by measure_bias; empty of a single frame
   SuccessiveFrames successive;
-  double step_dn = 0;          ///< of the codes as the files hold them; 0: not whole numbers
-  double code_spacing_dn = 0;  ///< occupied_spacing of its first channel
+  double step_dn = 0;  ///< of the codes as the files hold them; 0: not whole numbers
+  std::vector<ChannelCodes> codes = {};
   /// Per channel, by measure_bias; empty of a single frame and where single_frame is set.
   std::vector<CutOffNoise> cut_off = {};
   std::vector<FarthestValue> farthest = {};  ///< by measure_bias

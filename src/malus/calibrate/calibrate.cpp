@@ -186,11 +186,7 @@ PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
   if (plan.flats.empty()) {
     out.warnings.emplace_back(kWithoutFlats);
     warn_of_alike_neighbours(dark.neighbours, NeighbourCorrelation(geometry), out);
-    warn_of_scaled_codes({},
-                         {.dark_sd_dn = mean_of(out.temporal_sd_dark_dn),
-                          .step_dn = dark.step_dn,
-                          .dark_code_spacing_dn = dark.code_spacing_dn},
-                         out);
+    warn_of_scaled_codes({}, {.codes = dark.codes}, out);
   } else {
     measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
   }

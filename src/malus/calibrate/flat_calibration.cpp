@@ -315,7 +315,7 @@ void judge_flats(FlatSeries& series, const RawFrame& first, const DarkPass& dark
                      .column_variance_dn2 = mean_square(out.sigma_column.mean),
                      .row_groups = static_cast<double>(first.dn.rows()) / row_group,
                      .step_dn = dark.step_dn,
-                     .dark_code_spacing_dn = dark.code_spacing_dn,
+                     .codes = dark.codes,
                      .black_dn = mean_of(first.black_dn),
                      .white_dn = first.white_dn},
                     out);

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -117,15 +119,17 @@ void warn_of_high_white(const std::vector<FlatObservation>& flats, const FlatRef
 void warn_of_companding(const std::vector<FlatObservation>& flats, PhysicsCalibration& out) {
   constexpr double kWider = 1.5, kOfVariance = 0.01;
   const FlatObservation *finest = nullptr, *worst = nullptr;
-  for (const FlatObservation& flat : flats)
-    if (flat.code_spacing_dn > 0 && (!finest || flat.code_spacing_dn < finest->code_spacing_dn))
-      finest = &flat;
-  if (!finest) return;
-  const auto share = [](const FlatObservation& flat) {
-    return flat.code_spacing_dn * flat.code_spacing_dn / 12.0 / flat.variance_dn2;
+  const auto spacing_dn = [](const FlatObservation& flat) {
+    return flat.code_spacing_dn.empty() ? 0.0 : flat.code_spacing_dn.front();
   };
   for (const FlatObservation& flat : flats)
-    if (flat.variance_dn2 > 0 && flat.code_spacing_dn > kWider * finest->code_spacing_dn &&
+    if (spacing_dn(flat) > 0 && (!finest || spacing_dn(flat) < spacing_dn(*finest))) finest = &flat;
+  if (!finest) return;
+  const auto share = [&](const FlatObservation& flat) {
+    return spacing_dn(flat) * spacing_dn(flat) / 12.0 / flat.variance_dn2;
+  };
+  for (const FlatObservation& flat : flats)
+    if (flat.variance_dn2 > 0 && spacing_dn(flat) > kWider * spacing_dn(*finest) &&
         share(flat) > kOfVariance && (!worst || share(flat) > share(*worst)))
       worst = &flat;
   if (!worst) return;
@@ -133,7 +137,7 @@ void warn_of_companding(const std::vector<FlatObservation>& flats, PhysicsCalibr
       "codes lie {:.3g} DN apart at {:.4g} DN of light and {:.3g} DN at {:.4g} DN: the files are "
       "companded or compressed with loss, and their rounding, {:.2g} % of the variance there, "
       "counts in K; record linear frames without loss",
-      worst->code_spacing_dn, mean_of(worst->signal_dn), finest->code_spacing_dn,
+      spacing_dn(*worst), mean_of(worst->signal_dn), spacing_dn(*finest),
       mean_of(finest->signal_dn), 100 * share(*worst)));
 }
 
@@ -176,13 +180,13 @@ void warn_of_changing_light(const std::vector<FlatObservation>& flats,
 // That of codes which the brighter half of the flats has alike, though the few of dim ones and of
 // the dark may lie between two gaps; else the finest of all, or companded ones were taken for
 // scaled.
-double scaled_spacing(const std::vector<FlatObservation>& flats, const FlatReference& reference) {
+double scaled_spacing(const std::vector<FlatObservation>& flats, std::size_t channel, double dark) {
   constexpr double kAlike = 1.05;
   constexpr std::ptrdiff_t kFewest = 3;
   std::vector<std::pair<double, double>> of_light;  // rising, with the spacing
   for (const FlatObservation& flat : flats)
-    if (flat.code_spacing_dn > 0)
-      of_light.emplace_back(mean_of(flat.signal_dn), flat.code_spacing_dn);
+    if (channel < flat.code_spacing_dn.size() && flat.code_spacing_dn[channel] > 0)
+      of_light.emplace_back(mean_of(flat.signal_dn), flat.code_spacing_dn[channel]);
   std::sort(of_light.begin(), of_light.end());
   const auto finer = [](const auto& a, const auto& b) { return a.second < b.second; };
   const auto half = of_light.begin() + static_cast<std::ptrdiff_t>(of_light.size() / 2);
@@ -190,30 +194,55 @@ double scaled_spacing(const std::vector<FlatObservation>& flats, const FlatRefer
     const auto [least, most] = std::minmax_element(half, of_light.end(), finer);
     if (most->second < kAlike * least->second) return least->second;
   }
-  const double dark = reference.dark_code_spacing_dn;
   if (of_light.empty()) return dark;
   const double least = std::min_element(of_light.begin(), of_light.end(), finer)->second;
   return dark > 0 ? std::min(least, dark) : least;
+}
+
+// Of which all values of a channel are multiples, dark and lit; 0: not whole numbers.
+double common_step(const std::vector<FlatObservation>& flats, std::size_t channel, double dark) {
+  auto step = static_cast<std::int64_t>(dark);
+  for (const FlatObservation& flat : flats)
+    if (channel < flat.code_step_dn.size())
+      step = std::gcd(step, static_cast<std::int64_t>(flat.code_step_dn[channel]));
+  return static_cast<double>(step);
+}
+
+struct ScaledCodes {
+  double spacing_dn = 0, of_dark = 0;  ///< its rounding's share of the dark variance
+  const ChannelCodes* channel = nullptr;
+};
+
+ScaledCodes scaled_codes(const std::vector<FlatObservation>& flats, std::size_t channel,
+                         const ChannelCodes& codes, double dark_sd_dn) {
+  constexpr double kWider = 1.02, kOfVariance = 0.001, kOfPeriod = 0.5;
+  const double spacing = scaled_spacing(flats, channel, codes.spacing_dn);
+  const double step = common_step(flats, channel, codes.step_dn), dark = dark_sd_dn * dark_sd_dn;
+  if (!(step > 0) || !(spacing > kWider * step)) return {};
+  const double hidden = (spacing * spacing - step * step) / 12.0;
+  // As far apart lie the codes that do not occur: where narrower noise lies decides what it shows.
+  const double period = step * spacing / (spacing - step);
+  if (!(hidden > kOfVariance * dark) && !(dark_sd_dn < kOfPeriod * period)) return {};
+  return {spacing, spacing * spacing / 12.0 / dark, &codes};
 }
 
 }  // namespace
 
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                           PhysicsCalibration& out) {
-  constexpr double kWider = 1.02, kOfVariance = 0.001, kOfPeriod = 0.5;
-  const double spacing = scaled_spacing(flats, reference);
-  const double step = reference.step_dn, dark = reference.dark_sd_dn * reference.dark_sd_dn;
-  if (!(step > 0) || !(spacing > kWider * step)) return;
-  const double hidden = (spacing * spacing - step * step) / 12.0;
-  // As far apart lie the codes that do not occur: where narrower noise lies decides what it shows.
-  const double period = step * spacing / (spacing - step);
-  if (!(hidden > kOfVariance * dark) && !(reference.dark_sd_dn < kOfPeriod * period)) return;
+  ScaledCodes worst;
+  for (std::size_t c = 0; c < reference.codes.size(); ++c) {
+    const ScaledCodes own = scaled_codes(flats, c, reference.codes[c], out.temporal_sd_dark_dn[c]);
+    if (own.channel && (!worst.channel || own.of_dark > worst.of_dark)) worst = own;
+  }
+  if (!worst.channel) return;
   out.warnings.push_back(fmt::format(
-      "its codes lie {:.4g} DN apart, but are no multiples of it: values were multiplied after the "
-      "conversion (few bits stretched to 16, a digital gain), or the converter leaves codes out. "
-      "Such steps are {} % of the dark variance, and σ_TL and λ may be off by several times that; "
-      "record values that are not scaled, or undo it",
-      spacing, percent_text(std::min(spacing * spacing / 12.0 / dark, 1.0))));
+      "{} codes lie {:.4g} DN apart, but are no multiples of it: values were multiplied after the "
+      "conversion (few bits stretched to 16, a digital gain, white balance), or the converter "
+      "leaves codes out. Such steps are {} % of the dark variance, and σ_TL and λ may be off by "
+      "several times that; record values that are not scaled, or undo it",
+      reference.codes.size() > 1 ? worst.channel->name + ": its" : "its", worst.spacing_dn,
+      percent_text(std::min(worst.of_dark, 1.0))));
 }
 
 bool warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReference& reference,

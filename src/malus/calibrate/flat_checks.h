@@ -40,17 +40,25 @@ class TopCodes {
 
 /// What one set of flats showed.
 struct FlatObservation {
-  std::string name;                  ///< of the set
-  std::vector<std::string> sources;  ///< file of each frame
-  std::vector<double> signal_dn;     ///< above dark, mean over the channels: one per frame
-  TopCodes codes;                    ///< of the pixels that are no defects
-  std::int64_t pixels = 0;           ///< of all frames
-  std::int64_t above_white = 0;      ///< of these, beyond the white level
-  double code_spacing_dn = 0;        ///< code_spacing of the first channel; 0: not known
-  double variance_dn2 = 0;           ///< temporal, of the first channel; 0: not known
-  double mean_variance_dn2 = 0;      ///< of all channels
-  LightChange light;                 ///< inside the frame
-  SuccessiveProducts successive;     ///< empty: not to be judged
+  std::string name;                     ///< of the set
+  std::vector<std::string> sources;     ///< file of each frame
+  std::vector<double> signal_dn;        ///< above dark, mean over the channels: one per frame
+  TopCodes codes;                       ///< of the pixels that are no defects
+  std::int64_t pixels = 0;              ///< of all frames
+  std::int64_t above_white = 0;         ///< of these, beyond the white level
+  std::vector<double> code_spacing_dn;  ///< code_spacing per channel; 0: not known
+  std::vector<double> code_step_dn;     ///< quantization_step per channel
+  double variance_dn2 = 0;              ///< temporal, of the first channel; 0: not known
+  double mean_variance_dn2 = 0;         ///< of all channels
+  LightChange light;                    ///< inside the frame
+  SuccessiveProducts successive;        ///< empty: not to be judged
+};
+
+/// Of one channel's dark frames.
+struct ChannelCodes {
+  std::string name;
+  double step_dn = 0;     ///< of which all values are multiples; 0: not whole numbers
+  double spacing_dn = 0;  ///< occupied_spacing; 0: not known
 };
 
 /// What they are judged by.
@@ -61,7 +69,7 @@ struct FlatReference {
   double row_variance_dn2 = 0, column_variance_dn2 = 0;  ///< of rows and columns, without light
   double row_groups = 0;                                 ///< in the frame
   double step_dn = 0;                                    ///< of the codes; 0: not whole numbers
-  double dark_code_spacing_dn = 0;                       ///< occupied_spacing; 0: not known
+  std::vector<ChannelCodes> codes = {};                  ///< per channel
   double black_dn = 0, white_dn = 0;
 };
 
@@ -77,11 +85,12 @@ struct FlatReference {
 [[nodiscard]] bool warn_of_flats(const std::vector<FlatObservation>& flats,
                                  const FlatReference& reference, PhysicsCalibration& out);
 
-/// Appends a warning where codes lie farther apart than the step of which all are multiples, by 2 %
-/// in the brighter half of the flats alike, or in the dark frames and in the level where they are
-/// finest: values were multiplied after the conversion, or the converter leaves codes out. Not
-/// where the rounding that this hides is below 0.1 % of the dark variance and the codes that do not
-/// occur lie closer than two deviations of the dark noise.
+/// Appends a warning where a channel's codes lie farther apart than the step of which all are
+/// multiples, by 2 % in the brighter half of the flats alike, or in the dark frames and in the
+/// level where they are finest: values were multiplied after the conversion (white balance scales
+/// some channels alone; the worst is told), or the converter leaves codes out. Not where the
+/// rounding that this hides is below 0.1 % of the dark variance and the codes that do not occur lie
+/// closer than two deviations of the dark noise. Reads temporal_sd_dark_dn.
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                           PhysicsCalibration& out);
 

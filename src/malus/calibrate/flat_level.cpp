@@ -63,7 +63,11 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
       step_dn = quantization_step(frame.dn);
-      level.seen.code_spacing_dn = code_spacing(first_channel(frame.dn, geometry));
+      for (int c = 0; c < geometry.channels(); ++c) {
+        std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
+        level.seen.code_step_dn.push_back(quantization_step(pixels));
+        level.seen.code_spacing_dn.push_back(code_spacing(std::move(pixels)));
+      }
       double signal = 0.0;
       const std::vector<double> mean = channel_means(frame.dn, geometry);
       for (std::size_t c = 0; c < mean.size(); ++c)

@@ -86,7 +86,7 @@ void for_channel(const MosaicGeometry& geometry, int channel, const Use& use) {
 /// Mean of every channel of a mosaic, summed in double.
 std::vector<double> channel_means(View<const float> mosaic, const MosaicGeometry& geometry);
 
-/// Some of the first channel's pixels, 131072 at most: enough to use every code about the median.
-std::vector<float> first_channel(View<const float> dn, const MosaicGeometry& geometry);
+/// Some of a channel's pixels, 131072 at most: enough to use every code about the median.
+std::vector<float> some_pixels(View<const float> dn, const MosaicGeometry& geometry, int channel);
 
 }  // namespace malus

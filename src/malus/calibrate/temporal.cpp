@@ -48,12 +48,12 @@ std::vector<double> channel_means(View<const float> mosaic, const MosaicGeometry
   return total;
 }
 
-std::vector<float> first_channel(View<const float> dn, const MosaicGeometry& geometry) {
+std::vector<float> some_pixels(View<const float> dn, const MosaicGeometry& geometry, int channel) {
   constexpr std::int64_t kMost = 1 << 17;
-  const std::int64_t step = 1 + geometry.channel_pixels(0) / kMost;
+  const std::int64_t step = 1 + geometry.channel_pixels(channel) / kMost;
   std::vector<float> pixels;
   std::int64_t index = 0;
-  for_channel(geometry, 0, [&](int, int, int row, int col) {
+  for_channel(geometry, channel, [&](int, int, int row, int col) {
     if (index++ % step == 0) pixels.push_back(dn(row, col));
   });
   return pixels;

@@ -24,6 +24,11 @@ double quantization_step(View<const float> dn) {
   return static_cast<double>(step);
 }
 
+double quantization_step(std::span<const float> pixels_dn) {
+  const auto count = static_cast<int>(pixels_dn.size());
+  return quantization_step(View<const float>(pixels_dn, 1, count, count));
+}
+
 double code_spacing(std::vector<float> pixels_dn) {
   constexpr double kPixelsPerCode = 20.0;
   std::sort(pixels_dn.begin(), pixels_dn.end());

@@ -3,6 +3,7 @@
 
 #include "malus/image/view.h"
 
+#include <span>
 #include <vector>
 
 namespace malus {
@@ -11,6 +12,9 @@ namespace malus {
 /// for 12 bits stored in the upper part of 16); 0 for fractional values, where all are equal and
 /// where there are none.
 double quantization_step(View<const float> dn);
+
+/// The same of some pixels.
+double quantization_step(std::span<const float> pixels_dn);
 
 /// Mean distance of the codes in use among the middle half of these pixels of one channel: above
 /// the step where a camera compands (square-root coding, lossy raw). 0 where the half holds one
