@@ -304,6 +304,28 @@ TEST(RoundedNoise, TheLevelOfDimFlatsIsNotCountedFromARoundedOne) {
   }
 }
 
+// Of half a step, which is not hidden: what its place in a code makes of the dark variance was in
+// no error. The dark deviation was 16 errors off, and straight sensors were told to be bent.
+TEST(RoundedNoise, OfHalfAStepHasTheErrorOfItsPlaceInACode) {
+  for (std::uint64_t seed = 90; seed < 93; ++seed) {
+    testing::SimulatedCamera camera = testing::mono_camera(0.03, 0.14, 0.5, 0.05, seed);
+    camera.rows = camera.cols = 320;
+    camera.black_dn = 10;
+    camera.white_dn = 255;
+    camera.dsnu_dn = 0.1;
+    camera.flat_levels = 8;
+    camera.flat_frames = 4;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    EXPECT_NEAR(p.temporal_sd_dark_dn[0], std::sqrt(0.25 + 0.0025 + 1.0 / 12),
+                4 * p.temporal_sd_dark_stderr_dn[0])
+        << seed;
+    EXPECT_LT(p.temporal_sd_dark_stderr_dn[0], 0.03 * p.temporal_sd_dark_dn[0]) << seed;
+    EXPECT_NEAR(p.K.mean[0], 0.03, 4 * p.K.standard_error[0]) << seed;
+    EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("linear")))) << seed;
+    EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("straight")))) << seed;
+  }
+}
+
 // Where dark frames of the levels' own hide their noise, all levels have the one dark point: its
 // error is in the intercept however many sets there are.
 TEST(RoundedNoise, LevelsWithHiddenDarkFramesShareTheErrorOfTheDarkPoint) {

@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/cut_off_noise.h"
+#include "malus/calibrate/fixed_pattern.h"
 
 #include <algorithm>
 #include <cmath>
@@ -106,12 +107,19 @@ void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
 void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
                        const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry,
                        DarkPass& dark, PhysicsCalibration& out) {
+  const std::vector<double> dsnu =
+      dsnu_dn(mean_frame.variance_dn2, temporal_of(mean_frame, out.bias_frames), out.bias_frames);
   for (std::size_t c = 0; c < pairs.pairs().size(); ++c) {
     const double zeros = dark.zero_share[c];
     if (zeros > 0) pairs.end_at(dark.floor_dn[c], static_cast<int>(c));
     dark.hidden.push_back(
         hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
-    if (!dark.hidden[c].hidden) continue;
+    if (!dark.hidden[c].hidden) {
+      double &sd = out.temporal_sd_dark_dn[c], &error = out.temporal_sd_dark_stderr_dn[c];
+      dark.hidden[c].dsnu_dn = dsnu[c];
+      if (sd > 0) error = std::hypot(error, 0.5 * dark.hidden[c].variance_doubt_dn2(sd * sd) / sd);
+      continue;
+    }
     if (dark.hidden[c].known()) {
       take_level_changes_out(out.mu.per_frame, c, dark.hidden[c]);
       widen_by_lines(mean_frame.row_variance_dn2[c], mean_frame.column_variance_dn2[c], geometry,

@@ -60,6 +60,18 @@ void take_hidden_level(const HiddenNoise& hidden, TransferLevel& level) {
       hidden.known() ? hidden.mean_stderr_dn * hidden.mean_stderr_dn : hidden.mean_doubt_dn2;
 }
 
+// Noise that the step does not hide, but of little more than half a step: rounding makes of it what
+// its place in a code does.
+void take_place_in_code(const HiddenNoise& hidden, DarkPoint& dark,
+                        std::vector<TransferLevel>& levels) {
+  dark.variance_stderr_dn2 =
+      std::hypot(dark.variance_stderr_dn2, hidden.variance_doubt_dn2(dark.variance_dn2));
+  for (TransferLevel& level : levels)
+    level.rounding_error_dn2 = std::hypot(
+        hidden.variance_doubt_dn2(level.variance_dn2),
+        level.dark_frames >= 2 ? hidden.variance_doubt_dn2(level.dark_variance_dn2) : 0.0);
+}
+
 }  // namespace
 
 DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double variance_dn2,
@@ -77,7 +89,10 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
 
 void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
                        std::vector<TransferLevel>& levels) {
-  if (!hidden.hidden) return;
+  if (!hidden.hidden) {
+    take_place_in_code(hidden, dark, levels);
+    return;
+  }
   dark.variance_dn2 = hidden.variance_dn2 + hidden.rounding_dn2;
   dark.variance_stderr_dn2 = hidden.variance_stderr_dn2;
   if (hidden.known()) dark.cut_off = false;

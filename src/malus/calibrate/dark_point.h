@@ -20,7 +20,8 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
 /// than its own: what the flats hold is not what was measured in the dark. Into the dark point, and
 /// what is subtracted from the levels: where the step hides the noise of a level's own dark frames,
 /// too, this and the shot noise of their dark current, by their level. Levels whose own noise is as
-/// narrow are refused where enough others are not.
+/// narrow are refused where enough others are not. Of noise that is little wider: the error of not
+/// knowing its place in a code.
 void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
                        std::vector<TransferLevel>& levels);
 

@@ -322,9 +322,12 @@ bool HiddenNoise::rounds_alike(double apart_dn) const {
 // exp(-2π² s²) cos(2π m), to first order; the offsets spread m.
 double HiddenNoise::variance_doubt_dn2(double shown_dn2) const {
   constexpr double kPi2 = std::numbers::pi * std::numbers::pi;
+  constexpr double kWidest = 0.75 * 0.75;  // of 1e-5 and less
   const double step2 = 12.0 * rounding_dn2;
+  if (!(step2 > 0)) return 0.0;
   const double noise = std::max(shown_dn2 - rounding_dn2, 0.0) / step2,
                offsets = dsnu_dn * dsnu_dn / step2;
+  if (noise + offsets > kWidest) return 0.0;
   return step2 * (4 * noise + 1 / kPi2) * std::exp(-2 * kPi2 * (noise + offsets)) / std::sqrt(2.0);
 }
 

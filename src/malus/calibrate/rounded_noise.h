@@ -65,7 +65,7 @@ struct HiddenNoise {
   /// What rounding makes of the pixels' offsets is as wrong as of their noise. Where it is known:
   double mean_dn = 0, mean_stderr_dn = 0;  ///< of the offsets, from the usual code
   double shift_dn = 0;  ///< mean as the rounded frames show it, minus the true one
-  double dsnu_dn = 0, dsnu_stderr_dn = 0;
+  double dsnu_dn = 0, dsnu_stderr_dn = 0;  ///< the former also of noise that is not hidden
   /// Change of the pixels' mean code per change of all offsets: that of row offsets, to first
   /// order. 1 for wide noise.
   double slope = 1, slope_stderr = 0;
@@ -79,7 +79,7 @@ struct HiddenNoise {
   /// Whether offsets that lie this far from those of these frames are rounded as they are.
   bool rounds_alike(double apart_dn) const;
   /// Standard deviation, over its place in a code, of what rounding adds beside q²/12 to a temporal
-  /// variance that shows as this one, of pixels with these offsets.
+  /// variance that shows as this one, of pixels with these offsets. 0 from 0.75 steps on.
   double variance_doubt_dn2(double shown_dn2) const;
 };
 
