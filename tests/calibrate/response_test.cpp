@@ -131,6 +131,36 @@ TEST(Response, DarkFramesThatDarkCurrentLiftsOffZeroLostNothing) {
   EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("straight"))));
 }
 
+// Lamps that are poor in blue: where it is bright, the others are at white. PRNU was not known.
+TEST(Response, OfAChannelIsThatOfItsOwnBrightLevels) {
+  testing::SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.bias_frames = 20;
+  camera.flat_frames = 4;
+  camera.gains.push_back(testing::polar_gain(0, "bayer-rggb", 1));
+  const auto lit = [&](double blue) {
+    CalibrationInput input = testing::simulated_session(camera);
+    testing::change_frames(input, [blue](RawFrame& frame, int) {
+      for (int r = 0; r < 128; ++r)
+        for (int c = 0; c < 128; ++c) {
+          const double factor = frame.layout.channel_at(r, c) == 3 ? blue : 2.0;
+          frame.dn(r, c) = static_cast<float>(
+              std::clamp(80 + std::round((frame.dn(r, c) - 80) * factor), 0.0, 4095.0));
+        }
+    });
+    return measured(input);
+  };
+  const PhysicsCalibration p = lit(0.54);
+  ASSERT_EQ(p.prnu.size(), 4u);
+  for (std::size_t c = 0; c < 4; ++c) EXPECT_NEAR(p.prnu[c], 0.01, 0.0012) << c;
+  EXPECT_FALSE(p.prnu_map.empty());
+  const PhysicsCalibration dim = lit(0.2);
+  EXPECT_TRUE(dim.prnu.empty());
+  EXPECT_THAT(dim.warnings,
+              Contains(HasSubstr("above 20 % of the range in B; take brighter ones, or light that "
+                                 "all channels see alike")));
+}
+
 // Eight bits, for noise that the step hides.
 testing::SimulatedCamera eight_bit_camera(double prnu, double dsnu_dn) {
   testing::SimulatedCamera camera = dark_current_camera(prnu);

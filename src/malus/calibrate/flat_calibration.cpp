@@ -8,6 +8,7 @@
 #include "malus/calibrate/dark_point.h"
 #include "malus/calibrate/flat_checks.h"
 #include "malus/calibrate/flat_level.h"
+#include "malus/calibrate/flat_patterns.h"
 #include "malus/calibrate/gain_map.h"
 #include "malus/calibrate/matching_dark.h"
 #include "malus/calibrate/neighbour_correlation.h"
@@ -30,8 +31,6 @@ namespace {
 
 constexpr double kMostSaturated = 1e-3;
 constexpr std::size_t kFewLevels = 5;
-// Response is measured where shot noise is small against the signal.
-constexpr double kResponseShare = 0.2;
 
 RefusedLevel reason_against(const TransferLevel& level, double saturated, double range_dn,
                             double limit) {
@@ -145,41 +144,16 @@ double mean_square(const std::vector<double>& values) {
          static_cast<double>(values.size());
 }
 
-// What the pixels of the good levels show.
-struct FlatPatterns {
-  explicit FlatPatterns(const MosaicGeometry& geometry)
-      : response(geometry), neighbours(geometry) {}
-  ResponseAccumulator response;
-  NeighbourCorrelation neighbours;
-  std::vector<DarklessLevel> darkless;
-};
-
 // The flat levels of one gain as they are measured one after the other.
 struct FlatSeries {
   std::vector<std::vector<TransferLevel>> levels;  ///< [channel][level]
   FlatPatterns patterns;
   std::vector<double> exposures_s = {};
-  std::vector<bool> in_patterns = {};  ///< per level
+  std::vector<std::vector<bool>> good = {};  ///< [level][channel]: not refused
   std::vector<FlatObservation> seen = {};
   std::vector<GainBlocks> gains = {};              ///< per level
   std::vector<std::vector<double>> light_dn = {};  ///< of the levels that count, per channel
 };
-
-// A level that no channel refuses.
-void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& dark,
-                  const RawFrame& first, FlatPatterns& patterns) {
-  patterns.neighbours.merge(level.neighbours);
-  const std::vector<double> mean = level.temporal.mean_dn(level.filled, dark.shading_dn());
-  for (std::size_t c = 0; c < mean.size(); ++c)
-    if (!(mean[c] > kResponseShare * (first.white_dn - first.black_dn[c]))) return;
-  const LevelResponse response = patterns.response.add(
-      level.temporal,
-      {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2, dark.shading_set()},
-      level.filled);
-  if (dark.frames == 0)
-    patterns.darkless.push_back(
-        {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
-}
 
 void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                const RawFrame& first, const std::vector<double>& frame_deviation_dn,
@@ -188,7 +162,7 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
                             dark_variance = dark.variance_without_dn2(level.filled);
   const std::vector<double> variance = flat.count >= 2 ? level.temporal.variance_dn2(level.filled)
                                                        : std::vector<double>(mean.size(), 0.0);
-  bool good = true;
+  std::vector<bool> good;
   for (std::size_t c = 0; c < mean.size(); ++c) {
     const double range = first.white_dn - first.black_dn[c];
     TransferLevel point;
@@ -208,17 +182,17 @@ void add_level(const FrameSet& flat, FlatLevel level, const MatchingDark& dark,
     point.zero_share = level.at_zero[c];
     point.at_white = level.saturated[c] > kMostSaturated;
     point.refused = reason_against(point, level.saturated[c], range, saturation_limit);
-    good &= point.refused.empty();
+    good.push_back(point.refused.empty());
     series.levels[c].push_back(std::move(point));
   }
   series.exposures_s.push_back(flat.exposure_s.value_or(0.0));
-  if (!good) level.seen.successive = {};
+  const bool all_good = std::find(good.begin(), good.end(), false) == good.end();
+  if (!all_good) level.seen.successive = {};
   series.seen.push_back(std::move(level.seen));
-  series.in_patterns.push_back(good);
-  series.gains.push_back(good ? std::move(level.gains) : GainBlocks());
-  if (!good) return;
-  series.light_dn.push_back(mean);
-  add_patterns(flat, level, dark, first, series.patterns);
+  series.gains.push_back(all_good ? std::move(level.gains) : GainBlocks());
+  if (all_good) series.light_dn.push_back(mean);
+  add_patterns(flat, level, dark, first, good, series.patterns);
+  series.good.push_back(std::move(good));
 }
 
 void leave_out_saturated(const DarkPoint& dark, std::vector<TransferLevel>& levels) {
@@ -249,20 +223,24 @@ void take_saturated_out_of_patterns(const std::vector<const FrameSet*>& flats,
                                     const PhysicsCalibration& bias, FlatSeries& series) {
   std::vector<std::size_t> kept;
   std::int64_t frames = 0;
-  for (std::size_t i = 0; i < flats.size(); ++i)
-    if (series.in_patterns[i] && !saturated_in_any(series, i)) {
-      kept.push_back(i);
-      frames += flats[i]->count;
+  bool changed = false;
+  for (std::size_t i = 0; i < flats.size(); ++i) {
+    std::vector<bool>& good = series.good[i];
+    for (std::size_t c = 0; c < good.size(); ++c) {
+      changed |= good[c] && series.levels[c][i].saturated;
+      good[c] = good[c] && !series.levels[c][i].saturated;
     }
-  if (as_index(std::count(series.in_patterns.begin(), series.in_patterns.end(), true)) ==
-      kept.size())
-    return;
+    if (std::find(good.begin(), good.end(), true) == good.end()) continue;
+    kept.push_back(i);
+    frames += flats[i]->count;
+  }
+  if (!changed) return;
   series.patterns = FlatPatterns(geometry);
   progress.begin("calibrating, saturated flats left out", frames);
   for (const std::size_t i : kept) {
     const MatchingDark own = matching_dark(*flats[i], darks, first, dark, bias, progress);
     FlatLevel level = measure_level(*flats[i], first, own, progress);
-    add_patterns(*flats[i], level, own, first, series.patterns);
+    add_patterns(*flats[i], level, own, first, series.good[i], series.patterns);
   }
 }
 
@@ -373,10 +351,10 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
   }
   append_fits(fits, series.levels, first.layout, out);
   take_saturated_out_of_patterns(flats, darks, first, dark, geometry, progress, out, series);
-  if (!series.patterns.response.empty())
-    warn_of_unlit_lines(series.patterns.response.unlit_lines(), out);
+  const bool all_bright = series.patterns.response.channels_without().empty();
+  if (all_bright) warn_of_unlit_lines(series.patterns.response.unlit_lines(), out);
   judge_flats(series, first, dark, row_group, settings.saturation_limit, cut_off, out);
-  if (!series.patterns.response.empty()) {
+  if (all_bright) {
     Response relative = series.patterns.response.response();
     widen_by_bend(fits, relative);
     warn_of_response(response_pattern(relative, geometry), first.layout, out);
@@ -385,10 +363,7 @@ void measure_flats(const std::vector<const FrameSet*>& flats,
     out.prnu_stderr = std::move(relative.prnu_stderr);
     warn_of_dark_current(series.patterns.darkless, bias.exposure_s.value_or(0.0), out);
   } else if (!out.K.mean.empty()) {
-    out.warnings.push_back(fmt::format(
-        "PRNU is not known: no flats that count for K lie above {:.0f} % of the range in every "
-        "channel; take brighter ones, or correct white = {:g}",
-        100 * kResponseShare, first.white_dn));
+    out.warnings.push_back(response_missing(series.patterns, first));
   }
 }
 

@@ -300,11 +300,14 @@ void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_
                     longest_s, kRemedy));
     return;
   }
-  if (levels.empty()) return;
+  std::vector<DarklessLevel> known;
+  for (const DarklessLevel& level : levels)
+    if (std::isfinite(level.prnu2)) known.push_back(level);
+  if (known.empty()) return;
   const auto lower = [](const DarklessLevel& a, const DarklessLevel& b) {
     return a.prnu2 < b.prnu2;
   };
-  const auto [low, high] = std::minmax_element(levels.begin(), levels.end(), lower);
+  const auto [low, high] = std::minmax_element(known.begin(), known.end(), lower);
   if (!(high->exposure_s * low->signal_dn > kOfExposure * low->exposure_s * high->signal_dn) ||
       !(high->prnu2 > kOfSquare * low->prnu2) ||
       !(high->prnu2 - low->prnu2 > kErrors * std::hypot(high->prnu2_stderr, low->prnu2_stderr)))

@@ -103,7 +103,8 @@ void warn_of_image_lag(const std::vector<FlatObservation>& flats, const Successi
 /// A level of the response that has no dark frames of its own exposure.
 struct DarklessLevel {
   double exposure_s = 0, signal_dn = 0;
-  double prnu2 = 0, prnu2_stderr = 0;  ///< square of the PRNU of this level alone
+  /// Square of the PRNU of this level alone, of all channels; NaN where it shows that of some.
+  double prnu2 = 0, prnu2_stderr = 0;
 };
 
 /// Appends a warning where dark current that differs from pixel to pixel may count as PRNU. Where

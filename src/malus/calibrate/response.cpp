@@ -203,13 +203,15 @@ void relate(const Image& sum, const MosaicGeometry& geometry, int channel,
 // error_per_square: per channel, sampling variance of a mean over its sum of squares.
 LevelResponse neighbour_response(const Image& frame, const TemporalAccumulator& flat,
                                  const DarkReference& dark, const MosaicGeometry& geometry,
-                                 const std::vector<double>& error_per_square) {
+                                 const std::vector<double>& error_per_square,
+                                 const std::vector<bool>& used) {
   const std::vector<double> mean = flat.mean_dn();
   const View<const float> squares = flat.sum_of_squares();
   const int step = geometry.cell_cols();
   Moments variance;
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const auto i = as_index(channel);
+    if (!used.empty() && !used[i]) continue;
     const auto difference = [&](int row, int col) {
       if (col + step >= frame.cols()) return 0.0;
       return (double{frame(row, col)} - dark.shading_dn(row, col) - frame(row, col + step) +
@@ -267,10 +269,18 @@ class LineResponse {
 
 }  // namespace
 
-ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry) : geometry_(geometry) {}
+ResponseAccumulator::ResponseAccumulator(const MosaicGeometry& geometry)
+    : geometry_(geometry), seen_(as_index(geometry.channels()), false) {}
+
+std::vector<int> ResponseAccumulator::channels_without() const {
+  std::vector<int> out;
+  for (int c = 0; c < geometry_.channels(); ++c)
+    if (!seen_[as_index(c)]) out.push_back(c);
+  return out;
+}
 
 LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkReference& dark,
-                                       const PixelPlaces& left_out) {
+                                       const PixelPlaces& left_out, const std::vector<bool>& used) {
   MALUS_REQUIRE(flat.frames() >= 2);
   if (sum_.empty()) {
     sum_ = Image(geometry_.rows(), geometry_.cols());
@@ -289,6 +299,8 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
   shared.scale.resize(mean.size(), 0.0);
   std::vector<double> scale(mean.size()), of_squares(mean.size()), per_square(mean.size());
   for (std::size_t c = 0; c < mean.size(); ++c) {
+    if (!used.empty() && !used[c]) continue;
+    seen_[c] = true;
     const double error_dn2 = variance[c] / flat.frames();
     const double weight = mean[c] > 0 && error_dn2 > 0 ? mean[c] * mean[c] / error_dn2 : 0.0;
     scale[c] = weight > 0 ? weight / mean[c] : 0.0;
@@ -305,14 +317,14 @@ LevelResponse ResponseAccumulator::add(TemporalAccumulator& flat, const DarkRefe
       sum_(r, col) += static_cast<float>((frame(r, col) - dark.shading_dn(r, col)) * scale[c]);
       error_(r, col) += static_cast<float>(flat.sum_of_squares()(r, col) * of_squares[c]);
     }
-  return neighbour_response(frame, flat, dark, geometry_, per_square);
+  return neighbour_response(frame, flat, dark, geometry_, per_square, used);
 }
 
 // Sampling variance is taken off pixel by pixel: it is larger relative to dim light than to that of
 // the channel's mean, and a noisy pixel that is left out takes its own along. Two rounds find the
 // defects: neighbours of one stand out of the first map themselves.
 Response ResponseAccumulator::response() const {
-  MALUS_REQUIRE(!empty());
+  MALUS_REQUIRE(channels_without().empty());
   constexpr int kRounds = 2;
   Response out{Image(geometry_.rows(), geometry_.cols(), 1.0F), {}, {}, {}};
   Image light(geometry_.rows(), geometry_.cols());
@@ -361,7 +373,7 @@ Response ResponseAccumulator::response() const {
 }
 
 UnlitLines ResponseAccumulator::unlit_lines() const {
-  MALUS_REQUIRE(!empty());
+  MALUS_REQUIRE(channels_without().empty());
   constexpr double kOfLight = 0.05;
   const std::vector<double> mean = channel_means(sum_, geometry_);
   std::vector<double> of_row(as_index(sum_.rows()), 0.0), of_col(as_index(sum_.cols()), 0.0);

@@ -45,12 +45,13 @@ struct UnlitLines {
 class ResponseAccumulator {
  public:
   explicit ResponseAccumulator(const MosaicGeometry& geometry);
-  /// Takes the flat's mean frame. left_out: pixels that are part of the map alone. Contract: two
-  /// frames or more.
+  /// Takes the flat's mean frame. left_out: pixels that are part of the map alone. used: per
+  /// channel; empty: all. Contract: two frames or more.
   LevelResponse add(TemporalAccumulator& flat, const DarkReference& dark,
-                    const PixelPlaces& left_out = {});
-  bool empty() const { return sum_.empty(); }
-  /// Contract, of both: not empty.
+                    const PixelPlaces& left_out = {}, const std::vector<bool>& used = {});
+  /// Channels of which no level was added.
+  std::vector<int> channels_without() const;
+  /// Contract, of both: channels_without() is empty.
   Response response() const;
   UnlitLines unlit_lines() const;
 
@@ -64,6 +65,7 @@ class ResponseAccumulator {
   Image error_;                      ///< sampling variance of sum_ that the flats make
   std::map<int, SharedDark> darks_;  ///< by set
   std::vector<double> weight_, weighted_mean_dn_;  ///< per channel, sums over the levels
+  std::vector<bool> seen_;                         ///< per channel
 };
 
 }  // namespace malus

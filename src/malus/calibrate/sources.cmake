@@ -17,6 +17,7 @@ set(calibrate_SOURCES
   flat_calibration.cpp
   flat_checks.cpp
   flat_level.cpp
+  flat_patterns.cpp
   frame_components.cpp
   frame_set.cpp
   gain_map.cpp
