@@ -223,35 +223,6 @@ TEST(GainMap, OfABentResponseIsNone) {
               Not(Contains(HasSubstr("over the frame"))));
 }
 
-// Levels close to each other hardly tell a bend, whose error is one of all blocks. Of healthy
-// cameras with five such levels seven gains in a thousand were said to differ; 20000 have none now.
-TEST(GainMap, OfFewBrightLevelsIsNone) {
-  constexpr int kSessions = 4000;
-  constexpr double kError = 0.0255;  // of 1024 pixels, four frames
-  RandomSequence random(5, 0, Draw::kScene);
-  int told = 0;
-  for (int session = 0; session < kSessions; ++session) {
-    std::vector<GainBlocks> levels;
-    for (const double share : {0.45, 0.5, 0.55, 0.6, 0.65}) {
-      GainBlocks level;
-      level.frames = 4;
-      level.mean_dn = share * 4031;
-      level.light_variance_dn2 = 0.4 * level.mean_dn;
-      for (int b = 0; b < 16; ++b) {
-        const double x = (b % 4 - 1.5) / 2, y = (b / 4 - 1.5) / 2;
-        level.light.push_back((1 - 0.15 * (x * x + y * y)) / (1 - 0.15 * 0.625));
-        level.gain.push_back(1 + kError * random.normal());
-        level.gain_stderr.push_back(kError);
-      }
-      levels.push_back(std::move(level));
-    }
-    PhysicsCalibration out;
-    warn_of_gain_map(levels, {}, out);
-    told += out.warnings.empty() ? 0 : 1;
-  }
-  EXPECT_EQ(told, 0);
-}
-
 // Four blocks beside each other hold the same 16 draws of rows.
 TEST(GainMap, OfStrongRowNoiseIsNone) {
   for (std::uint64_t seed = 0; seed < 8; ++seed) {
@@ -402,37 +373,6 @@ TEST(Layout, OfOneChannelOnAMosaicIsTold) {
       Contains(HasSubstr("repeat every 2 rows or columns of a channel: is the layout mono")));
   EXPECT_THAT(said_of(faultless_camera("polar-bayer-rggb"), declared_mono),
               Contains(HasSubstr("repeat every 4 rows or columns")));
-}
-
-TEST(ResponsePattern, IsWhatItIsMadeOf) {
-  constexpr int kSize = 128;
-  constexpr double kWhite = 0.01, kPeriodic = 0.008;
-  const MosaicGeometry geometry(SensorLayout(), kSize, kSize, 1);
-  Response response{white_noise(kSize, kSize, 2, 0, kWhite), {0}, {0}};
-  response.prnu[0] = std::hypot(kWhite, kPeriodic);
-  for (int r = 0; r < kSize; ++r)
-    for (int c = 0; c < kSize; ++c)
-      response.map(r, c) += static_cast<float>(1 + (c % 2 ? kPeriodic : -kPeriodic));
-  const ResponsePattern found = response_pattern(response, geometry);
-  EXPECT_EQ(found.period, 2);
-  EXPECT_NEAR(found.periodic, kPeriodic * kPeriodic, 0.05 * kPeriodic * kPeriodic);
-  EXPECT_LT(std::abs(found.neighbours), 4 * found.neighbours_stderr);
-}
-
-// Maps that are all noise, of which the PRNU that is left is little: what chance makes repeat was
-// told of one in a hundred.
-TEST(ResponsePattern, OfNoiseAloneIsNotTold) {
-  constexpr int kSize = 64, kMaps = 400;
-  const MosaicGeometry geometry(SensorLayout(), kSize, kSize, 1);
-  int told = 0;
-  for (std::uint32_t seed = 0; seed < kMaps; ++seed) {
-    Response response{white_noise(kSize, kSize, seed, 3, 0.06), {0.003}, {0.002}};
-    for (float& v : response.map.values()) v += 1;
-    PhysicsCalibration out;
-    warn_of_response(response_pattern(response, geometry), SensorLayout(), out);
-    for (const std::string& line : out.warnings) told += line.find("repeat") != std::string::npos;
-  }
-  EXPECT_EQ(told, 0);
 }
 
 TEST(ResponsePattern, APictureOfTheSurfaceIsTold) {

@@ -42,6 +42,14 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
     }
 }
 
+void note_codes(const RawFrame& frame, const MosaicGeometry& geometry, FlatObservation& seen) {
+  for (int c = 0; c < geometry.channels(); ++c) {
+    std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
+    seen.code_step_dn.push_back(quantization_step(pixels));
+    seen.code_spacing_dn.push_back(code_spacing(std::move(pixels)));
+  }
+}
+
 }  // namespace
 
 FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
@@ -63,11 +71,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
     if (i == 0) {
       step_dn = quantization_step(frame.dn);
-      for (int c = 0; c < geometry.channels(); ++c) {
-        std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
-        level.seen.code_step_dn.push_back(quantization_step(pixels));
-        level.seen.code_spacing_dn.push_back(code_spacing(std::move(pixels)));
-      }
+      note_codes(frame, geometry, level.seen);
       double signal = 0.0;
       const std::vector<double> mean = channel_means(frame.dn, geometry);
       for (std::size_t c = 0; c < mean.size(); ++c)
