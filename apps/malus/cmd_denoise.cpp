@@ -289,8 +289,9 @@ void add_denoise(CLI::App& app, Common& common) {
       ->capture_default_str()
       ->needs(references);
   command
-      ->add_option("--reference-black", arguments->reference_black_dn,
-                   "their black level [DN] where their files tell none (else the frames')")
+      ->add_option(
+          "--reference-black", arguments->reference_black_dn,
+          "their black level [DN] where their files tell none (else the frames', of floats 0)")
       ->needs(references);
   command
       ->add_option("--origin", arguments->origin,

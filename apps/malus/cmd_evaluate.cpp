@@ -1,6 +1,7 @@
 // malus evaluate: how near pictures, polarization and noise are to a reference.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/pack.h"
@@ -73,6 +74,15 @@ Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOpt
   Subject subject{load_above_black(path, options), std::nullopt};
   warn_of_unknown_black(subject.frame);
   return subject;
+}
+
+// One flag serves raw frames and results, so floats that tell no black level are above it. Where
+// that is not true of one of a pair, it shows.
+void check_black_of_floats(const fs::path& path, const Subject& subject, const Subject& other,
+                           double black_dn) {
+  if (subject.picture || other.picture || subject.frame.bits > 0 || other.frame.bits == 0) return;
+  warn_of_held_black(path, finite_mean(subject.frame.dn), finite_mean(other.frame.dn), black_dn,
+                     "subtract it first");
 }
 
 // The grey of a picture without alpha is loaded as a mosaic.
@@ -241,6 +251,11 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     if (arguments.ratio != 1) multiply(test, arguments.ratio);
     check_comparable(reference_path, reference, path, test);
     require_one_scale(arguments, reference_path, reference, path, test);
+    if (!options.black_dn.empty()) {
+      const double black_dn = mean_of(options.black_dn);
+      check_black_of_floats(reference_path, reference, test, black_dn);
+      check_black_of_floats(path, test, reference, arguments.ratio * black_dn);
+    }
     const double peak_dn = peak_of(arguments, path, reference, test, common);
     const Evaluation e = evaluate(reference_path, reference, test, peak_dn);
     if (e.pixels_left_out > 0)

@@ -135,8 +135,10 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
         fmt::format("has the layout {}, the frame {}", known.layout.name(), before.layout.name()),
         "give the same scene's clean mosaic");
   options.layout = before.layout;
+  FloatBlack float_black = FloatBlack::kAboveAlready;
   if (!known.black_known && reference.black_dn) {
     options.black_dn = {*reference.black_dn};
+    float_black = FloatBlack::kHolds;
   } else if (!known.black_known) {
     options.black_dn = before.black_dn;
     const double black = mean_of(before.black_dn);
@@ -146,13 +148,17 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
                       "--reference-black (0 where black is subtracted already)",
                       path.string(), black));
   }
-  RawFrame clean = load_above_black(path, options);
+  RawFrame clean = load_above_black(path, options, float_black);
   if (clean.dn.rows() != before.dn.rows() || clean.dn.cols() != before.dn.cols())
     throw InputError(path.string(),
                      fmt::format("has {} x {} pixels, the frame {} x {}", clean.dn.cols(),
                                  clean.dn.rows(), before.dn.cols(), before.dn.rows()),
                      "give the same scene's clean mosaic");
   require_whole_cell(clean.dn, clean.layout, path.string());
+  if (clean.bits == 0 && !known.black_known && !reference.black_dn)
+    warn_of_held_black(path, finite_mean(clean.dn),
+                       reference.ratio * (finite_mean(before.dn) - mean_of(before.black_dn)),
+                       mean_of(before.black_dn), "give --reference-black");
   for (float& value : clean.dn.values()) value = static_cast<float>(value / reference.ratio);
   frame.reference_dn = std::move(clean.dn);
   frame.reference_peak_dn = white_above_black(before.white_dn, before.black_dn) / reference.ratio;

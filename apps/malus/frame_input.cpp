@@ -8,6 +8,7 @@
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
+#include <cmath>
 #include <utility>
 
 #include "program.h"
@@ -101,6 +102,29 @@ NoiseProfile denoising_profile_for(const RawFrame& frame, const NoiseModel& mode
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes) {
   if (const std::string complaint = nonfinite_complaint(dn, source, what_comes); !complaint.empty())
     warn(complaint);
+}
+
+double finite_mean(const Image& dn) {
+  double sum = 0, count = 0;
+  for (float value : dn.values())
+    if (std::isfinite(value)) {
+      sum += double{value};
+      ++count;
+    }
+  return count > 0 ? sum / count : 0.0;
+}
+
+void warn_of_held_black(const std::filesystem::path& path, double mean_dn, double other_mean_dn,
+                        double black_dn, std::string_view remedy) {
+  // Noise averages out; another exposure rarely makes just this difference.
+  constexpr double kAlike = 0.25;
+  const double higher_dn = mean_dn - other_mean_dn;
+  if (!(std::abs(higher_dn - black_dn) < kAlike * black_dn)) return;
+  warn_of(path.string(),
+          fmt::format("float pixels are taken as DN above black, but they lie {:.3g} DN higher on "
+                      "average than the frame beside them; if they hold the camera's black level, "
+                      "{:.4g} DN, {}",
+                      higher_dn, black_dn, remedy));
 }
 
 Image above_black(const RawFrame& frame) {

@@ -171,6 +171,21 @@ def test_evaluate_says_where_the_black_of_integers_is_not_known(malus, tmp_path)
     assert "black" not in malus(*arguments, "--black", 80).err
 
 
+def test_evaluate_says_where_floats_seem_to_hold_the_black_level(malus, tmp_path):
+    """They are taken as above black, beside integers that are not."""
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    np.save(tmp_path / "mean.npy", (mosaic() + 80).astype(np.float32))
+    np.save(tmp_path / "dim.npy", (0.5 * mosaic() + 80).astype(np.float32))
+    said = "{}.npy: float pixels are taken as DN above black, but they lie 80 DN higher"
+    for reference, test in (("raw", "mean"), ("mean", "raw")):
+        found = malus("evaluate", "--reference", tmp_path / f"{reference}.npy", "--test", tmp_path / f"{test}.npy",
+                      *LAYOUT, "--black", 80, "--white", 4095)
+        assert said.format("mean") in found.err, reference
+    dim = malus("evaluate", "--reference", tmp_path / "raw.npy", "--test", tmp_path / "dim.npy", *LAYOUT, "--ratio", 2,
+                "--black", 80, "--white", 4095)
+    assert "dim.npy: float pixels are taken as DN above black" in dim.err
+
+
 def test_variances_are_told_from_planes(malus, refused, tmp_path):
     np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
     malus("denoise", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--black", 80, "--planes",
@@ -223,6 +238,23 @@ def test_a_reference_has_its_own_black_level(malus, tmp_path):
                      tmp_path / f"{name}.tif", "-o", tmp_path / name, "--json")
         assert done.json["against_reference"]["before"]["image_psnr"] is None, name  # equal
         assert ("taken as the frame's" in done.err) == (name == "silent")
+
+
+def test_a_float_reference_holds_the_black_level_that_is_stated(malus, tmp_path):
+    """Where nothing is, it is taken as above black, which is said where it cannot be so."""
+    np.save(tmp_path / "raw.npy", np.round(mosaic() + 80).astype(np.uint16))
+    np.save(tmp_path / "mean.npy", np.round(mosaic() + 80).astype(np.float32))
+    np.save(tmp_path / "above.npy", np.round(mosaic()).astype(np.float32))
+
+    def done(reference, *flags):
+        return malus("denoise", tmp_path / "raw.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--black", 80,
+                     "--reference", tmp_path / f"{reference}.npy", *flags, "-o", tmp_path / "out", "--json", "--force")
+
+    for flags, reference in ((("--reference-black", 80), "mean"), ((), "above"), (("--reference-black", 0), "above")):
+        found = done(reference, *flags)
+        assert found.json["against_reference"]["before"]["image_psnr"] is None, flags  # equal
+        assert "float pixels" not in found.err, flags
+    assert "mean.npy: float pixels are taken as DN above black, but they lie 80 DN higher" in done("mean").err
 
 
 @pytest.mark.parametrize("black, dtype", [(0, np.float32), (256, np.uint16)])
