@@ -1,6 +1,7 @@
 #include "malus/denoise/column_noise.h"
 
 #include "malus/base/parallel.h"
+#include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/channel_levels.h"
 #include "malus/denoise/internal/line_offsets.h"
 #include "malus/image/black_levels.h"
@@ -115,11 +116,12 @@ void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowN
 NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
                                const GainSetting& gain, GainRange range) {
   require_levels(frame);
-  NoiseProfile apart = model.profile_at(gain, range, ColumnNoise::kApart);
+  NoiseProfile apart =
+      with_shown_dark(model.profile_at(gain, range, ColumnNoise::kApart), model, gain);
   if (!apart.has_column_noise() || !(frame.layout == apart.layout) ||
       !shows_less_than_half(frame, apart))
     return apart;
-  return model.profile_at(gain, range);
+  return with_shown_dark(model.profile_at(gain, range), model, gain);
 }
 
 }  // namespace malus

@@ -76,6 +76,26 @@ CutOff measure_cut_off(const RawFrame& frame) {
   return cut_off;
 }
 
+NoiseProfile with_shown_dark(NoiseProfile profile, const NoiseModel& model,
+                             const GainSetting& gain) {
+  for (const PhysicsCalibration& p : model.physics) {
+    if (!p.dark_was_cut_off() || !(p.gain == gain || model.physics.size() == 1)) continue;
+    if (p.temporal_sd_dark_dn.size() != profile.channels.size()) continue;
+    for (std::size_t k = 0; k < profile.channels.size(); ++k) {
+      ChannelProfile& channel = profile.channels[k];
+      const double shown_dn2 = std::pow(p.temporal_sd_dark_dn[k], 2) -
+                               std::pow(channel.sigma_row_dn, 2) -
+                               std::pow(channel.sigma_column_dn, 2);
+      if (!(p.dark_zero_share[k] > kMostUndoneDarkZeros) ||
+          !(shown_dn2 > profile.step_dn * profile.step_dn / 12))
+        continue;
+      channel.variance = VarianceCurve::affine(channel.variance.slope_dn(), shown_dn2);
+      channel.law.reset();
+    }
+  }
+  return profile;
+}
+
 NoiseProfile before_cut_off(NoiseProfile profile, const RawFrame& frame) {
   if (!profile.dark_was_cut_off) return profile;
   for (std::size_t k = 0; k < profile.channels.size(); ++k)

@@ -4,7 +4,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
-#include "malus/noise/profile.h"
+#include "malus/noise/model.h"
 
 #include <vector>
 
@@ -22,6 +22,12 @@ struct CutOff {
 
 /// Of a frame as the camera wrote it. None in floats and signed codes.
 CutOff measure_cut_off(const RawFrame& frame);
+
+/// A profile of dark frames that were cut off themselves, of which `model` measured what they
+/// showed at this gain: with that variance of the dark, without rows and columns, in place of the
+/// fitted law's, whose tails are those of no noise. Any other comes back as it is.
+NoiseProfile with_shown_dark(NoiseProfile profile, const NoiseModel& model,
+                             const GainSetting& gain);
 
 /// A profile of dark frames that were cut off themselves (dark_was_cut_off): bias and variance as
 /// they were before. Any other comes back as it is. frame: for its black levels.
