@@ -155,7 +155,8 @@ TEST(EstimateProfile, TextureThatChannelsShareIsNoNoise) {
 
 // Levels of one brightness: a line through them may be anything elsewhere.
 TEST(EstimateProfile, WhiteNoiseOfAnEvenSmallFrameIsNotCalledTexture) {
-  for (const std::uint64_t seed : {12u, 15u, 26u}) {  // of 60 those of the largest shares
+  // Of 60 those of the largest shares, above 0.25, where patches count that are hardly smoother.
+  for (const std::uint64_t seed : {12u, 15u, 26u}) {
     RawFrame frame;
     frame.layout = SensorLayout::named("polar-mono");
     frame.black_dn.assign(4, 0.0);
@@ -167,7 +168,7 @@ TEST(EstimateProfile, WhiteNoiseOfAnEvenSmallFrameIsNotCalledTexture) {
       v = static_cast<float>(std::round(500 + 20 * random.normal()));
     const Estimate<PictureNoise> noise = estimate_profile(frame);
     ASSERT_TRUE(noise);
-    EXPECT_GT(noise->texture_share, 0.25) << seed;
+    EXPECT_LT(noise->texture_share, 0.1) << seed;
     EXPECT_EQ(noise->trust.find("it is texture"), std::string::npos) << seed;
   }
 }

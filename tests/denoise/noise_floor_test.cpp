@@ -2,6 +2,7 @@
 
 #include "malus/base/random.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -62,6 +63,24 @@ TEST(NoiseFloor, OfStripesIsTheirOwnNoise) {
     ASSERT_FALSE(floors.empty());
     for (const NoiseFloor& floor : floors)
       EXPECT_NEAR(floor.ratio, 1.0, 0.15) << layout << " at " << floor.signal_dn;
+  }
+}
+
+// Where in the patch they lie goes with the brightness and the roughness around it, by a hundredth:
+// patches that were chosen by these would have the same dark pixels.
+TEST(NoiseFloor, OfNarrowStripesIsThatOfTheirMean) {
+  for (const double period : {5.3, 12.0}) {
+    const double slant = period < 10 ? 0.576 : 0.349;
+    const Image stripes = noisy(320, 320, [&](int r, int c) {
+      const double turns = (c * std::cos(slant) + r * std::sin(slant)) / period,
+                   phase = turns - std::floor(turns);
+      return 100 + 700 * std::clamp((std::abs(phase - 0.5) - 0.25) * period + 0.5, 0.0, 1.0);
+    });
+    for (const std::string layout : {"mono", "polar-mono", "bayer-rggb"}) {
+      const double ratio = mean_ratio(stripes, layout, 1.0);
+      EXPECT_GT(ratio, 0.75) << layout << ' ' << period;
+      EXPECT_LT(ratio, 1.4) << layout << ' ' << period;
+    }
   }
 }
 

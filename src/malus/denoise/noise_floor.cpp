@@ -25,6 +25,11 @@ constexpr int kMostTiles = 9;       // of a large frame, spread evenly
 constexpr int kLeastPatches = 300;  // a half has four times its directions
 constexpr std::size_t kPatchesPerLevel = 3000, kMostFloors = 8;
 constexpr double kShares[] = {1.0, 0.4, 0.2}, kClearly = 2.0;  // standard errors
+// Slanted stripes are as rough and as bright around all patches, but for a hundredth that goes by
+// where in the patch they lie. Told apart by it, patches would have the same dark pixels, and the
+// least noise of these for that of all.
+constexpr double kSmoother = 0.9;   // of the usual roughness
+constexpr double kBrighter = 0.05;  // of the brightness, from level to level
 
 using internal::PatchMatrix;
 
@@ -292,11 +297,26 @@ NoiseFloor floor_of(std::span<const Patch* const> level) {
   for (const double share : kShares) {
     const auto count = static_cast<std::size_t>(share * static_cast<double>(patches.size()));
     if (count < kLeastPatches) break;
+    if (count < patches.size() &&
+        patches[count]->roughness > kSmoother * patches[patches.size() / 2]->roughness)
+      continue;
     const double variance = variance_of({patches.data(), count}),
                  error = internal::quietest_error(static_cast<double>(count));
     if (variance * (1 + kClearly * error) < floor.ratio) floor = {floor.signal_dn, variance, error};
   }
   return floor;
+}
+
+// As many as patches fill, and no more than differ in brightness, but for a twentieth at each end.
+std::size_t level_count(const std::vector<Patch>& patches) {
+  std::vector<float> signals;
+  for (const Patch& patch : patches) signals.push_back(patch.signal);
+  std::sort(signals.begin(), signals.end());
+  const double low = signals[signals.size() / 20], high = signals[signals.size() * 19 / 20],
+               middle = std::abs(signals[signals.size() / 2]);
+  const auto most = std::clamp<std::size_t>(patches.size() / kPatchesPerLevel, 1, kMostFloors);
+  if (high - low >= static_cast<double>(most) * kBrighter * middle) return most;
+  return std::max<std::size_t>(static_cast<std::size_t>((high - low) / (kBrighter * middle)), 1);
 }
 
 std::vector<NoiseFloor> floors_of_phase(const std::vector<Patch>& patches, std::size_t levels) {
@@ -325,7 +345,8 @@ std::vector<NoiseFloor> noise_floor(View<const float> dn, const SensorLayout& la
   std::size_t least = phases.empty() ? 0 : phases.front().size();
   for (const std::vector<Patch>& patches : phases) least = std::min(least, patches.size());
   if (least < kLeastPatches) return {};
-  const std::size_t levels = std::clamp<std::size_t>(least / kPatchesPerLevel, 1, kMostFloors);
+  std::size_t levels = kMostFloors;
+  for (const std::vector<Patch>& patches : phases) levels = std::min(levels, level_count(patches));
   const double share = 1.0 / static_cast<double>(phases.size());
   std::vector<NoiseFloor> floors(levels);
   for (const std::vector<Patch>& patches : phases) {

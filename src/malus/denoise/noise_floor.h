@@ -28,14 +28,14 @@ struct NoiseFloor {
 /// The directions in which one half of the patches varies least (the four smallest
 /// principal components) are measured on the other half, by a median: no direction is chosen by the
 /// noise that it is measured with. Of all patches, of the two fifths and of the fifth in the
-/// smoothest surroundings (of the surroundings alone, or noise would choose) the least counts.
-/// Principal components: Pyatykh, Hesser, Zheng, IEEE TIP 22(2), 2013; Chen, Zhu, Heng, ICCV 2015;
-/// halves, surroundings and mosaics are this project's.
+/// smoothest surroundings (of the surroundings alone, or noise would choose) the least counts,
+/// where these are clearly smoother. Principal components: Pyatykh, Hesser, Zheng, IEEE TIP 22(2),
+/// 2013; Chen, Zhu, Heng, ICCV 2015; halves, surroundings and mosaics are this project's.
 ///
-/// One per level of brightness, ascending, at most eight, fewer for small pictures; empty where
-/// fewer than 300 patches are left. Texture as fine as the pixels is not told from noise, and noise
-/// that neighbouring pixels share (smoothed or enlarged pictures) comes out too low. Memory: some
-/// 30 MiB, whatever the frame.
+/// One per level of brightness, ascending, at most eight, fewer for small pictures and those of
+/// nearly one brightness; empty where fewer than 300 patches are left. Texture as fine as the
+/// pixels is not told from noise, and noise that neighbouring pixels share (smoothed or enlarged
+/// pictures) comes out too low. Memory: some 30 MiB, whatever the frame.
 std::vector<NoiseFloor> noise_floor(View<const float> dn, const SensorLayout& layout,
                                     const std::vector<VarianceCurve>& variance,
                                     const std::vector<float>& saturated_dn,
