@@ -40,6 +40,7 @@ nlohmann::ordered_json left_out_json(const std::vector<LeftOutGain>& gains, bool
       if (physics) {
         json["K_error"] = g.K_error;
         json["read_noise_error"] = g.read_error;
+        json["mu_error_dn"] = g.mu_error_dn;
       }
       json["sigma_row_error"] = g.row_error;
       json["sqrt_jsd"] = g.sqrt_jsd;
@@ -56,17 +57,18 @@ std::string percent_cell(double share) {
 }
 
 std::string left_out_text(const std::vector<LeftOutGain>& gains, const char* kind) {
-  std::string text = fmt::format("\n{}\n{:>10}{:>9}{:>12}{:>11}{:>10}{:>14}\n", kind, "gain left",
-                                 "K", "read noise", "row noise", "sqrt JSD", "sqrt JSD of");
-  text += fmt::format("{:>10}{:>9}{:>12}{:>11}{:>10}{:>14}\n", "out", "%", "%", "%", "",
+  std::string text =
+      fmt::format("\n{}\n{:>10}{:>9}{:>12}{:>11}{:>10}{:>10}{:>14}\n", kind, "gain left", "K",
+                  "read noise", "row noise", "mu", "sqrt JSD", "sqrt JSD of");
+  text += fmt::format("{:>10}{:>9}{:>12}{:>11}{:>10}{:>10}{:>14}\n", "out", "%", "%", "%", "DN", "",
                       "nearest gain");
   for (const LeftOutGain& g : gains)
-    text += g.why_not.empty()
-                ? fmt::format("{:>10}{:>9}{:>12}{:>11}{:>10.4f}{:>14.4f}\n", g.gain.text(),
-                              percent_cell(g.K_error), percent_cell(g.read_error),
-                              percent_cell(g.row_error), g.sqrt_jsd, g.sqrt_jsd_nearest)
-                : fmt::format("{:>10}  not predicted: {}\n", g.gain.text(),
-                              g.why_not.substr(0, g.why_not.find(": ")));
+    text += g.why_not.empty() ? fmt::format("{:>10}{:>9}{:>12}{:>11}{:>+10.3f}{:>10.4f}{:>14.4f}\n",
+                                            g.gain.text(), percent_cell(g.K_error),
+                                            percent_cell(g.read_error), percent_cell(g.row_error),
+                                            g.mu_error_dn, g.sqrt_jsd, g.sqrt_jsd_nearest)
+                              : fmt::format("{:>10}  not predicted: {}\n", g.gain.text(),
+                                            g.why_not.substr(0, g.why_not.find(": ")));
   return text;
 }
 

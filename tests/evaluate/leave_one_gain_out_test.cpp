@@ -47,7 +47,9 @@ TEST(LeaveOneGainOut, AnErrorIsReportedWithItsSign) {
   NoiseModel model = model_of({0, 6, 12, 18, 24});
   model.physics[2].K.mean[0] *= 1.1;
   model.physics[2].sigma_row.mean[0] /= 1.2;
+  model.physics[2].mu.mean[0] = 0.25;
   const auto gains = leave_one_gain_out_physics(model);
+  EXPECT_NEAR(gains[2].mu_error_dn, -0.25, 1e-9);
   EXPECT_NEAR(gains[2].K_error, 1 / 1.1 - 1, 1e-9);
   EXPECT_NEAR(gains[2].row_error, 0.2, 1e-9);
 }

@@ -220,5 +220,23 @@ TEST(InterpolateGaussian, GoesGeometricallyAndThroughZeroLinearly) {
   EXPECT_TRUE(middle.bias_dn.empty());
 }
 
+// -1 e- before the amplifier, and an offset of the converter behind it. Linear in dB it was -1.42
+// DN at 6 dB in place of -0.60.
+TEST(InterpolateGaussian, BiasGoesLinearlyInK) {
+  for (const double offset_dn : {0.0, 0.5}) {
+    const auto at = [&](double iso_value) {
+      GaussianCalibration g;
+      g.gain = iso(iso_value);
+      g.slope_dn = {iso_value / 400};
+      g.offset_dn2 = {1};
+      g.bias_dn = {offset_dn - iso_value / 400};
+      return g;
+    };
+    for (const double between : {150.0, 400.0, 1200.0})
+      EXPECT_NEAR(interpolated(at(100), at(1600), iso(between)).bias_dn[0], at(between).bias_dn[0],
+                  1e-12);
+  }
+}
+
 }  // namespace
 }  // namespace malus

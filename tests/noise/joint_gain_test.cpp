@@ -161,8 +161,7 @@ TEST(JointGain, SignedBiasIsFittedWithoutLogarithmAndSaidSo) {
   for (std::size_t g = 0; g < 3; ++g) gains[g].mu.mean[1] = static_cast<double>(g) - 1.0;
   const JointGainModel joint = fit_joint_model(gains).value();
   const JointSegment& s = joint.segments[0];
-  EXPECT_TRUE(s.minus_mu[1].signed_linear);
-  EXPECT_FALSE(s.minus_mu[0].signed_linear);
+  for (const LogLinear& law : s.minus_mu) EXPECT_TRUE(law.signed_linear);  // one kind for all
   EXPECT_NEAR(joint_parameters(s, 6.0).mu_dn[1], 0.0, 1e-12);
   ASSERT_EQ(joint.notes.size(), 1U);
   EXPECT_NE(joint.notes[0].find("1 of 3 channels"), std::string::npos);
@@ -172,8 +171,9 @@ TEST(JointGain, SignedBiasIsFittedWithoutLogarithmAndSaidSo) {
 // line in log K through three gains 12 and 24 dB apart was 0.65 DN off 0.4 at 18 dB.
 TEST(JointGain, ABiasThatIsNotNegativeFollowsKBetweenTheGains) {
   const JointLaw law;
-  for (const double offset : {0.0, 0.2, -0.3}) {
-    const auto mu = [&](double db) { return offset + 0.125 * law.mean_K(db); };
+  for (const double offset : {0.0, 0.2, -0.3, 0.05}) {
+    const double per_K = offset == 0.05 ? -0.125 : 0.125;  // -mu just above 0 at 0 dB
+    const auto mu = [&](double db) { return offset + per_K * law.mean_K(db); };
     std::vector<PhysicsCalibration> gains = session(law, {0, 12, 36});
     for (auto& gain : gains) {
       gain.mu.mean.assign(3, mu(*gain.gain.gain_db));
@@ -183,6 +183,26 @@ TEST(JointGain, ABiasThatIsNotNegativeFollowsKBetweenTheGains) {
     for (const double db : {-3.0, 3.0, 6.0, 18.0, 24.0, 30.0, 38.0})
       EXPECT_NEAR(joint_parameters(segment, db).mu_dn[0], mu(db), 1e-4 + 1e-3 * std::abs(mu(db)))
           << offset << ' ' << db;
+  }
+}
+
+// A black level that is right at the lowest gain: -mu = 1 e- K - 0.3 DN, there 0.0004 DN by chance,
+// with an error of 0.004. Its logarithm made it -0.009, -0.34 and -13 DN between the gains.
+TEST(JointGain, ABiasThatIsZeroWithinItsErrorDoesNotTurnTheLaw) {
+  const JointLaw law{.K0 = 0.3, .channels = 1};
+  const auto mu = [&](double db) { return 0.3 - law.mean_K(db); };
+  std::vector<PhysicsCalibration> gains = session(law, {0, 12, 24, 36});
+  for (auto& gain : gains) {
+    gain.mu.mean = {mu(*gain.gain.gain_db)};
+    gain.mu.standard_error = {0.004 * std::exp(kLogPerDb * *gain.gain.gain_db)};
+    gain.mu.covariance = {};
+  }
+  for (const double by_chance : {0.0004, 0.0, -0.0004}) {
+    gains[0].mu.mean = {-by_chance};
+    const JointGainModel joint = fit_joint_model(gains).value();
+    ASSERT_EQ(joint.segments.size(), 1U);
+    for (const double db : {6.0, 18.0, 30.0})
+      EXPECT_NEAR(joint_parameters(joint.segments[0], db).mu_dn[0] / mu(db), 1, 0.005) << db;
   }
 }
 

@@ -14,6 +14,7 @@ struct LeftOutGain {
   GainSetting gain;
   std::string why_not;  ///< why it cannot be predicted (an end of a range); empty when it can
   double K_error = 0, read_error = 0, row_error = 0;  ///< physics: K, read noise sd, sigma_row
+  double mu_error_dn = 0;  ///< physics: predicted - measured, for a bias may be 0
   /// Base 2, worst channel. Physics: the read noise of the two Tukey-lambda laws in steps of the
   /// converter. Non-parametric: all levels of the left-out gain together, each with equal weight,
   /// in its own bins.

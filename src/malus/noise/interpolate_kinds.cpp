@@ -32,6 +32,19 @@ Values mixed(const Values& low, const Values& high, double t) {
   return out;
 }
 
+// A bias is the converter's offset plus what the amplifier makes of the pixel's: linear in K
+// (joint_gain.h does the same where its law is no power of K).
+Values mixed_bias(const GaussianCalibration& low, const GaussianCalibration& high,
+                  const Values& slope_dn) {
+  Values out;
+  for (std::size_t c = 0; c < std::min(low.bias_dn.size(), high.bias_dn.size()); ++c) {
+    const double range_dn = high.slope_dn[c] - low.slope_dn[c];
+    const double t = range_dn != 0 ? (slope_dn[c] - low.slope_dn[c]) / range_dn : 0.5;
+    out.push_back((1 - t) * low.bias_dn[c] + t * high.bias_dn[c]);
+  }
+  return out;
+}
+
 // (1-t) Q_low + t Q_high on the probabilities where either bends.
 Cumulative quantile_mean(const Cumulative& low, const Cumulative& high, double t) {
   Cumulative out;
@@ -125,7 +138,7 @@ GaussianCalibration interpolated(const GaussianCalibration& low, const GaussianC
   out.gain = gain;
   out.slope_dn = mixed(low.slope_dn, high.slope_dn, t);
   out.offset_dn2 = mixed(low.offset_dn2, high.offset_dn2, t);
-  out.bias_dn = mixed(low.bias_dn, high.bias_dn, t);
+  out.bias_dn = mixed_bias(low, high, out.slope_dn);
   out.warnings = {"not measured at this gain: interpolated between " + low.gain.text() + " and " +
                   high.gain.text()};
   return out;

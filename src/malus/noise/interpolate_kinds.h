@@ -10,7 +10,7 @@
 namespace malus {
 
 /// Slope, offset and K go geometrically with the gain in dB where both ends are positive, else
-/// linearly. Contract: low, gain and high rise.
+/// linearly; bias_dn goes linearly in the slope. Contract: low, gain and high rise.
 GaussianCalibration interpolated(const GaussianCalibration& low, const GaussianCalibration& high,
                                  const GainSetting& gain);
 

@@ -1,6 +1,7 @@
 #include "malus/noise/joint_gain.h"
 
 #include "malus/base/statistics.h"
+#include "malus/noise/internal/gain_law.h"
 #include "malus/noise/internal/table_at.h"
 #include "malus/noise/tukey_lambda.h"
 
@@ -15,83 +16,11 @@ namespace {
 
 using Values = std::vector<double>;
 
-// One parameter over the knots: values, and standard errors (0 where unknown).
-struct Series {
-  Values value, error;
-};
-
-// 1 - error² / residual², not below zero: what of the residuals is the sensor's own. With unknown
-// errors all of it.
-double real_share(const Values& residual, const Values& error, double degrees) {
-  double residual2 = 0, error2 = 0;
-  for (double r : residual) residual2 += r * r;
-  for (double e : error) error2 += e * e;
-  if (residual2 <= 0 || degrees <= 0) return 0;
-  return std::max(0.0, 1.0 - error2 / static_cast<double>(error.size()) / (residual2 / degrees));
-}
-
-LogLinear constant_law(double value, std::size_t knots) {
-  LogLinear law;
-  law.signed_linear = value <= 0;
-  law.intercept = law.signed_linear ? value : std::log(value);
-  law.residual.assign(knots, 0.0);
-  return law;
-}
-
-// Fits y against x where the mask is set; the other knots take no part and have no residual.
-LogLinear fit_line_law(const Values& x, const Values& y, const Values& error,
-                       const std::vector<bool>& usable) {
-  Values xs, ys, errors;
-  for (std::size_t i = 0; i < x.size(); ++i)
-    if (usable[i]) {
-      xs.push_back(x[i]);
-      ys.push_back(y[i]);
-      errors.push_back(error[i]);
-    }
-  const LineFit fit = fit_line(xs, ys);
-  LogLinear law;
-  law.slope = fit.slope;
-  law.intercept = fit.intercept;
-  law.residual.assign(x.size(), 0.0);
-  Values kept;
-  for (std::size_t i = 0; i < x.size(); ++i)
-    if (usable[i]) {
-      law.residual[i] = y[i] - fit.intercept - fit.slope * x[i];
-      kept.push_back(law.residual[i]);
-    }
-  if (xs.size() > 2) {
-    law.slope_stderr = fit.slope_standard_error;
-    law.intercept_stderr = fit.intercept_standard_error;
-    law.residual_sd = fit.residual_deviation;
-    law.residual_weight = real_share(kept, errors, static_cast<double>(xs.size()) - 2.0);
-  }
-  return law;
-}
-
-// Eq. 7 for one parameter. Zero or negative values have no logarithm: with must_be_positive they
-// are left out (variances, where they are sampling error), else the parameter itself is fitted.
-LogLinear fit_law(const Values& log_K, const Series& series, bool must_be_positive) {
-  const std::size_t n = log_K.size();
-  const auto [lowest, highest] = std::minmax_element(series.value.begin(), series.value.end());
-  if (*lowest == *highest) return constant_law(*lowest, n);  // one gain, or published as constant
-  std::vector<bool> positive(n);
-  for (std::size_t i = 0; i < n; ++i) positive[i] = series.value[i] > 0;
-  const auto count = static_cast<std::size_t>(std::count(positive.begin(), positive.end(), true));
-  if (count == n || (must_be_positive && count >= 2)) {
-    Values y(n, 0.0), error(n, 0.0);
-    for (std::size_t i = 0; i < n; ++i)
-      if (positive[i]) {
-        y[i] = std::log(series.value[i]);
-        error[i] = series.error[i] / series.value[i];
-      }
-    return fit_line_law(log_K, y, error, positive);
-  }
-  if (must_be_positive)  // at most one positive: no law; its mean over all gains
-    return constant_law(std::max(mean_of(series.value), 0.0), n);
-  LogLinear law = fit_line_law(log_K, series.value, series.error, std::vector<bool>(n, true));
-  law.signed_linear = true;
-  return law;
-}
+using internal::fit_law;
+using internal::fit_line_law;
+using internal::is_power_of_K;
+using internal::Logarithm;
+using internal::Series;
 
 double entry(const Values& values, std::size_t c) {
   return c < values.size() && std::isfinite(values[c]) ? values[c] : 0.0;
@@ -176,6 +105,26 @@ SquareMatrix joint_correlation(const Gains& gains, ChannelStatistics PhysicsCali
   return nearest;
 }
 
+// One kind of law for all channels: two kinds would differ between the gains, as a colour.
+void fit_bias(const Gains& gains, JointSegment& segment, std::vector<std::string>& notes) {
+  std::vector<Series> minus_mu;
+  std::size_t others = 0;
+  for (std::size_t c = 0; c < segment.K_ratio.size(); ++c) {
+    minus_mu.push_back(mean_series(gains, &PhysicsCalibration::mu, c, -1.0));
+    const Values& value = minus_mu.back().value;
+    const auto [lowest, highest] = std::minmax_element(value.begin(), value.end());
+    others += *lowest != *highest && !is_power_of_K(segment.knots_log_K, minus_mu.back());
+  }
+  for (const Series& series : minus_mu)
+    segment.minus_mu.push_back(
+        fit_law(segment.knots_log_K, series, others > 0 ? Logarithm::kNone : Logarithm::kOfAll));
+  if (others > 0)
+    notes.push_back(
+        fmt::format("-mu is no power of K in {} of {} channels (it is near 0 or changes its sign "
+                    "at a gain, or is a line in K): linear in K between the gains",
+                    others, minus_mu.size()));
+}
+
 JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
   const auto channels = gains[0]->K.mean.size();
   JointSegment segment;
@@ -194,34 +143,24 @@ JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
                                      std::vector<bool>(gains.size(), true));
   else
     segment.K_of_gain = {.intercept = log_K.value[0], .residual = {0.0}};
-  int signed_channels = 0;
   for (std::size_t c = 0; c < channels; ++c) {
     double ratio = 0;
     for (const PhysicsCalibration* gain : gains) ratio += gain->K.mean[c] / mean_K(*gain);
     segment.K_ratio.push_back(ratio / static_cast<double>(gains.size()));
-    const auto fit = [&](const Series& series, bool positive) {
-      return fit_law(segment.knots_log_K, series, positive);
+    const auto fit = [&](const Series& series) {
+      return fit_law(segment.knots_log_K, series, Logarithm::kOfPositive);
     };
     using P = PhysicsCalibration;
-    segment.minus_mu.push_back(fit(mean_series(gains, &P::mu, c, -1.0), false));
-    segment.mu_variance.push_back(fit(variance_series(gains, &P::mu, c), true));
-    segment.sigma_row.push_back(fit(mean_series(gains, &P::sigma_row, c), true));
-    segment.sigma_row_variance.push_back(fit(variance_series(gains, &P::sigma_row, c), true));
-    segment.sigma_tl.push_back(fit(mean_series(gains, &P::sigma_tl, c), true));
-    segment.sigma_tl_spread.push_back(
-        fit(series_of(gains,
-                      [&](const P& gain) {
-                        const double spread = entry(gain.sigma_tl.spread, c);
-                        return std::pair(spread, deviation_error(spread, gain.bias_frames));
-                      }),
-            true));
-    signed_channels += segment.minus_mu.back().signed_linear && segment.minus_mu.back().slope != 0;
+    segment.mu_variance.push_back(fit(variance_series(gains, &P::mu, c)));
+    segment.sigma_row.push_back(fit(mean_series(gains, &P::sigma_row, c)));
+    segment.sigma_row_variance.push_back(fit(variance_series(gains, &P::sigma_row, c)));
+    segment.sigma_tl.push_back(fit(mean_series(gains, &P::sigma_tl, c)));
+    segment.sigma_tl_spread.push_back(fit(series_of(gains, [&](const P& gain) {
+      const double spread = entry(gain.sigma_tl.spread, c);
+      return std::pair(spread, deviation_error(spread, gain.bias_frames));
+    })));
   }
-  if (signed_channels > 0)
-    notes.push_back(
-        fmt::format("-mu is not positive at every gain in {} of {} channels: fitted there as it "
-                    "is, without the logarithm",
-                    signed_channels, channels));
+  fit_bias(gains, segment, notes);
   std::vector<std::string> names;
   for (const PhysicsCalibration* gain : gains) names.push_back(gain->gain.text());
   for (std::string& note : wide_gap_notes(segment, names)) notes.push_back(std::move(note));
@@ -241,8 +180,8 @@ double log_read_noise(const PhysicsCalibration& gain) {
   return sum / static_cast<double>(gain.sigma_tl.mean.size());
 }
 
-// A bias is the converter's offset plus what the amplifier makes of the pixel's: linear in K. So
-// where no logarithm was fitted, that is how it goes between the gains (and beyond the outer two).
+// Where no logarithm was fitted (is_power_of_K), a bias goes linearly in K between the gains, and
+// beyond the outer two.
 double signed_value(const LogLinear& law, const JointSegment& segment, double log_K,
                     double gain_db) {
   const auto& knots = segment.knots_log_K;

@@ -1,0 +1,114 @@
+#include "malus/noise/internal/gain_law.h"
+
+#include "malus/base/error.h"
+#include "malus/base/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace malus::internal {
+namespace {
+
+using Values = std::vector<double>;
+
+// 1 - error² / residual², not below zero: what of the residuals is the sensor's own. With unknown
+// errors all of it.
+double real_share(const Values& residual, const Values& error, double degrees) {
+  double residual2 = 0, error2 = 0;
+  for (double r : residual) residual2 += r * r;
+  for (double e : error) error2 += e * e;
+  if (residual2 <= 0 || degrees <= 0) return 0;
+  return std::max(0.0, 1.0 - error2 / static_cast<double>(error.size()) / (residual2 / degrees));
+}
+
+LogLinear constant_law(double value, std::size_t knots) {
+  LogLinear law;
+  law.signed_linear = value <= 0;
+  law.intercept = law.signed_linear ? value : std::log(value);
+  law.residual.assign(knots, 0.0);
+  return law;
+}
+
+// Sum of the squared relative residuals of a line of y against x.
+double relative_misfit(const Values& x, const Values& y) {
+  Values weight;
+  for (double value : y) weight.push_back(1 / (value * value));
+  const LineFit line = fit_line(x, y, weight);
+  double sum = 0;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    sum += std::pow((line.intercept + line.slope * x[i]) / y[i] - 1, 2);
+  return sum;
+}
+
+}  // namespace
+
+LogLinear fit_line_law(const Values& x, const Values& y, const Values& error,
+                       const std::vector<bool>& usable) {
+  Values xs, ys, errors;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (usable[i]) {
+      xs.push_back(x[i]);
+      ys.push_back(y[i]);
+      errors.push_back(error[i]);
+    }
+  const LineFit fit = fit_line(xs, ys);
+  LogLinear law;
+  law.slope = fit.slope;
+  law.intercept = fit.intercept;
+  law.residual.assign(x.size(), 0.0);
+  Values kept;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (usable[i]) {
+      law.residual[i] = y[i] - fit.intercept - fit.slope * x[i];
+      kept.push_back(law.residual[i]);
+    }
+  if (xs.size() > 2) {
+    law.slope_stderr = fit.slope_standard_error;
+    law.intercept_stderr = fit.intercept_standard_error;
+    law.residual_sd = fit.residual_deviation;
+    law.residual_weight = real_share(kept, errors, static_cast<double>(xs.size()) - 2.0);
+  }
+  return law;
+}
+
+LogLinear fit_law(const Values& log_K, const Series& series, Logarithm logarithm) {
+  const std::size_t n = log_K.size();
+  const auto [lowest, highest] = std::minmax_element(series.value.begin(), series.value.end());
+  if (*lowest == *highest) return constant_law(*lowest, n);  // one gain, or published as constant
+  if (logarithm == Logarithm::kNone) {
+    LogLinear law = fit_line_law(log_K, series.value, series.error, std::vector<bool>(n, true));
+    law.signed_linear = true;
+    return law;
+  }
+  std::vector<bool> positive(n);
+  for (std::size_t i = 0; i < n; ++i) positive[i] = series.value[i] > 0;
+  const auto count = static_cast<std::size_t>(std::count(positive.begin(), positive.end(), true));
+  MALUS_REQUIRE(count == n || logarithm == Logarithm::kOfPositive);
+  if (count < 2)  // no law; its mean over all gains
+    return constant_law(std::max(mean_of(series.value), 0.0), n);
+  Values y(n, 0.0), error(n, 0.0);
+  for (std::size_t i = 0; i < n; ++i)
+    if (positive[i]) {
+      y[i] = std::log(series.value[i]);
+      error[i] = series.error[i] / series.value[i];
+    }
+  return fit_line_law(log_K, y, error, positive);
+}
+
+bool is_power_of_K(const Values& log_K, const Series& minus_mu) {
+  constexpr double kClearlyPositive = 5;  // standard errors
+  Values K, log_value;
+  for (std::size_t i = 0; i < log_K.size(); ++i) {
+    if (!(minus_mu.value[i] > kClearlyPositive * minus_mu.error[i])) return false;
+    K.push_back(std::exp(log_K[i]));
+    log_value.push_back(std::log(minus_mu.value[i]));
+  }
+  if (K.size() < 3) return true;  // both pass through two
+  const LineFit power = fit_line(log_K, log_value);
+  double misfit = 0;
+  for (std::size_t i = 0; i < log_K.size(); ++i)
+    misfit += std::pow(std::exp(power.intercept + power.slope * log_K[i] - log_value[i]) - 1, 2);
+  return misfit <= relative_misfit(K, minus_mu.value);
+}
+
+}  // namespace malus::internal
