@@ -49,6 +49,13 @@ NoticesBlock calibration_warnings(const NoiseModel& model) {
   return notices;
 }
 
+bool knows_light_of_exposures(const NoiseModel& model, const PhysicsCalibration& p) {
+  for (int channel = 0; channel < model.layout.channels(); ++channel)
+    if (!exposure_tells_light(p.transfer, channel, saturation_level_dn(model, p, channel)))
+      return false;
+  return true;
+}
+
 NoticesBlock findings(const NoiseModel& model) {
   NoticesBlock notices = calibration_warnings(model);
   const auto add = [&](NoticeLevel level, const std::string& text) {
@@ -65,6 +72,12 @@ NoticesBlock findings(const NoiseModel& model) {
     if (!p.row_drift.drift.white())
       add(NoticeLevel::kNote,
           fmt::format("{}rows drift slowly, {}.", gain_prefix(p.gain), text_of(p.row_drift)));
+  for (const PhysicsCalibration& p : model.physics)
+    if (!knows_light_of_exposures(model, p))
+      add(NoticeLevel::kNote,
+          gain_prefix(p.gain) +
+              "Levels of one exposure differ in their light, so the exposure does not tell it: "
+              "linearity is not judged.");
   if (!model.defects.empty())
     add(NoticeLevel::kNote,
         counted_are(std::ssize(model.defects), "defect pixel") + " listed in the model.");
@@ -150,7 +163,20 @@ std::vector<Quantity> parameters(const PhysicsCalibration& p) {
   add("λ", "1", p.lambda);
   add("σ_TL", "DN", p.sigma_tl);
   add("σ_column", "DN", p.sigma_column);
-  list.push_back({"sd", "σ_dark", "DN", "", p.temporal_sd_dark_dn, p.temporal_sd_dark_stderr_dn});
+  const auto add_values = [&](const char* symbol, const char* unit, std::vector<double> value,
+                              std::vector<double> error) {
+    if (!value.empty())
+      list.push_back({symbol, symbol, unit, "", std::move(value), std::move(error)});
+  };
+  const auto percent = [](std::vector<double> share) {
+    for (double& value : share) value *= 100;
+    return share;
+  };
+  add_values("σ_dark", "DN", p.temporal_sd_dark_dn, p.temporal_sd_dark_stderr_dn);
+  add_values("DSNU", "DN", p.dsnu_dn, p.dsnu_stderr_dn);
+  add_values("PRNU", "%", percent(p.prnu), percent(p.prnu_stderr));
+  add_values("σ_read", "e-", read_noise_e(p), read_noise_stderr_e(p));
+  add_values("intercept of K's line", "DN²", p.K_intercept_dn2, p.K_intercept_stderr_dn2);
   return list;
 }
 

@@ -146,6 +146,22 @@ TEST(LinearityError, IsNotOfLevelsAtWhite) {
   EXPECT_NEAR(linearity_error_percent(points, 0, 4000), 0, 1e-9);
 }
 
+// Two settings of a lamp at every exposure: 27 % was said of a straight camera.
+TEST(LinearityError, IsNotKnownWhereLevelsOfOneExposureDiffer) {
+  for (const double second_lamp : {1.7, 1.25, 1.03}) {
+    auto points = ladder([](double t) { return 5 + 20000 * t; });
+    for (auto point : ladder([&](double t) { return 5 + second_lamp * 20000 * t; }))
+      points.push_back(point);
+    EXPECT_FALSE(exposure_tells_light(points, 0, 4000)) << second_lamp;
+    EXPECT_TRUE(std::isnan(linearity_error_percent(points, 0, 4000))) << second_lamp;
+  }
+  auto steady = ladder([](double t) { return 5 + 20000 * t; });
+  for (auto point : ladder([](double t) { return 1.01 * (5 + 20000 * t); }))
+    steady.push_back(point);
+  EXPECT_TRUE(exposure_tells_light(steady, 0, 4000));
+  EXPECT_NEAR(linearity_error_percent(steady, 0, 4000), 0.5, 0.05);
+}
+
 TEST(LinearityLine, IsTheOneThatTheErrorIsMeasuredFrom) {
   const auto line = linearity_line(ladder([](double t) { return 5 + 3000 * t; }), 0, 4000);
   ASSERT_TRUE(line);

@@ -105,6 +105,24 @@ bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn
          point.mean_dn <= 0.95 * saturation_dn;
 }
 
+bool exposure_tells_light(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                          double saturation_dn) {
+  constexpr double kSameExposure = 1e-3, kSameLight = 0.02;  // relative
+  std::vector<const PhotonTransferPoint*> points;
+  for (const PhotonTransferPoint& point : transfer)
+    if (point.channel == channel && counts_for_linearity(point, saturation_dn))
+      points.push_back(&point);
+  const auto differ = [](double a, double b, double share) {
+    return std::abs(a - b) > share * std::max(a, b);
+  };
+  for (std::size_t i = 0; i < points.size(); ++i)
+    for (std::size_t k = 0; k < i; ++k)
+      if (!differ(points[i]->exposure_s, points[k]->exposure_s, kSameExposure) &&
+          differ(points[i]->mean_dn, points[k]->mean_dn, kSameLight))
+        return false;
+  return true;
+}
+
 std::optional<LineFit> linearity_line(const std::vector<PhotonTransferPoint>& transfer, int channel,
                                       double saturation_dn) {
   std::vector<double> exposure, signal, weight;
@@ -117,7 +135,8 @@ std::optional<LineFit> linearity_line(const std::vector<PhotonTransferPoint>& tr
   std::vector<double> distinct = exposure;
   std::sort(distinct.begin(), distinct.end());
   distinct.erase(std::unique(distinct.begin(), distinct.end()), distinct.end());
-  if (distinct.size() < 3) return std::nullopt;
+  if (distinct.size() < 3 || !exposure_tells_light(transfer, channel, saturation_dn))
+    return std::nullopt;
   return fit_line(exposure, signal, weight);
 }
 

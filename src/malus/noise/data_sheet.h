@@ -34,9 +34,14 @@ double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& at
 /// cut off.
 bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn);
 
+/// Whether two levels of one exposure hold the same light, to 2 %: two settings of a lamp do not,
+/// and then the exposure does not tell the light. Of the points that count for linearity.
+bool exposure_tells_light(const std::vector<PhotonTransferPoint>& transfer, int channel,
+                          double saturation_dn);
+
 /// EMVA 1288, section "linearity": the line through signal above dark [DN] against exposure [s]
 /// that weighs relative deviations equally, over the levels that count. None with fewer than three
-/// exposures there.
+/// exposures there, nor where the exposure does not tell the light.
 std::optional<LineFit> linearity_line(const std::vector<PhotonTransferPoint>& transfer, int channel,
                                       double saturation_dn);
 
