@@ -24,6 +24,9 @@ constexpr float kPriorEnergy = 300.0f;
 // pilot.
 constexpr float kOwnFlattery = 0.2f;
 
+// Combinations of stacks with this share of bright coefficients do not doubt them.
+constexpr float kManyBright = 0.05f;
+
 float doubt_by(float ratio) {
   return std::clamp(std::exp(kSlope * (kUsualExcess - ratio)), kLeastDoubt, kMostDoubt);
 }
@@ -49,6 +52,10 @@ float settled_doubt(float doubt, const Evidence& own) {
   const float before = kUsualExcess - std::log(doubt) / kSlope;
   const float apart = own.excess - (before + kOwnFlattery) * own.energy;
   return doubt_by(before + apart / (kPriorEnergy + own.energy));
+}
+
+float doubt_of_combinations(float doubt, float bright) {
+  return std::pow(doubt, std::max(1 - bright / kManyBright, 0.0f));
 }
 
 ReferenceMap halved(ReferenceMap doubt) {

@@ -226,6 +226,7 @@ HWY_INLINE Shrinkage shrink_stack(const StackJob& job, const Batch::Stack& stack
   } else {
     transform_stack<kSide>(pilot, count, job, false);
     Doubts doubts{doubt, doubt};
+    float bright = 0;
     if (job.excess || job.doubt) {
       const StackEvidence evidence = weigh_pilot(cells, pilot, count * kCells);
       if (job.excess) {
@@ -235,8 +236,9 @@ HWY_INLINE Shrinkage shrink_stack(const StackJob& job, const Batch::Stack& stack
       }
       if (job.doubt)
         doubts = {settled_doubt(doubt, evidence.strong), settled_doubt(doubt, evidence.others)};
+      bright = evidence.bright;
     }
-    if (job.settled) job.settled.at(row, col) = doubts.strong;
+    if (job.settled) job.settled.at(row, col) = doubt_of_combinations(doubts.strong, bright);
     result = shrink_wiener<kCells>(cells, pilot, count, doubts, passed);
     if (passed) spread_variances(passed, count);
   }

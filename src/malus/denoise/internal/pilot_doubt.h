@@ -32,6 +32,11 @@ struct Evidence {
 /// neighbourhood tells nothing of it. doubt: above 0.
 float settled_doubt(float doubt, const Evidence& own);
 
+/// Of a later pass that combines the stack's blocks. There the doubt is of all that the pilot
+/// holds: where many coefficients are bright, as in lamps on dark ground, it would shrink these.
+/// bright: their share in the stack.
+float doubt_of_combinations(float doubt, float bright);
+
 /// Half as much, as ratios count: for a plan's last pass, whose pilot has been over another pass or
 /// whose result no other one mends.
 ReferenceMap halved(ReferenceMap doubt);

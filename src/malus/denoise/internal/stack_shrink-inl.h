@@ -35,6 +35,10 @@ constexpr float kMostFloor = 1.0f;
 constexpr int kStrongComponents = 4;
 constexpr float kStrongEnergy = 1.8f;
 
+// The evidence on a pilot (pilot_doubt.h) is of coefficients below this energy in it: the noise of
+// bright ones would outweigh all others. So doubt fades out above it.
+constexpr float kWeakEnergy = 3.0f;
+
 /// How far the pilot's strongest components are doubted, and its others (settled_doubt).
 struct Doubts {
   float strong = 1, weak = 1;
@@ -49,15 +53,15 @@ HWY_INLINE Floats by_strength(float strong, float weak) {
 }
 
 /// Empirical Wiener filter; `cells` per block, in `count` blocks after the Haar transform. doubts:
-/// so much noise do the gains expect. passed, when given: per place along the stack the noise let
-/// through.
+/// the noise that the gains of weak coefficients expect. passed, when given: per place along the
+/// stack the noise let through.
 template <int kCells>
 HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count,
                                    const Doubts& doubts, Floats* passed) {
   const Floats zero{};
   const Floats most = zero + kMostFloor;
   const Floats scale = by_strength(kStrongEnergy, 1.0f);
-  const Floats doubt = by_strength(doubts.strong, doubts.weak);
+  const Floats beyond = by_strength(doubts.strong, doubts.weak) - 1.0f;
   Floats floor[kCells] = {};
   const int finest = count > 1 ? count / 2 : count;
   for (int n = finest; n < count; ++n)
@@ -74,7 +78,8 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
       const Floats foreign = pilot[n * kCells + i] - kOwnShare * cell;
       Floats energy = scale * foreign * foreign - floor[i];
       energy = choose(energy > zero, energy, zero);
-      const Floats gain = energy / (energy + doubt);
+      const Floats bright = foreign * foreign * (1 / kWeakEnergy);
+      const Floats gain = energy / (energy + 1.0f + beyond / (1.0f + bright * bright));
       // Noise let through, and signal taken away as the sample itself tells it (Stein, Ann.
       // Statist. 9, 1981): the pilot has lost signal that it does not know of.
       const Floats lost = 1.0f - gain;
@@ -88,9 +93,6 @@ HWY_INLINE Shrinkage shrink_wiener(Floats* cells, const Floats* pilot, int count
   return {stack_weight(lane_sum(squares)), error / static_cast<float>(count * kCells)};
 }
 
-// The evidence on a pilot (pilot_doubt.h) is of coefficients below this energy in it: the noise of
-// bright ones would outweigh all others.
-constexpr float kWeakEnergy = 3.0f;
 // In stacks of their like, along axes of their own, samples have a little less noise than one.
 constexpr float kMatchedNoise = 0.98f;
 // So much more of both per coefficient: where a pilot holds nearly nothing, chance does not decide.
@@ -100,26 +102,33 @@ constexpr float kSteadyEnergy = 0.03f, kSteadyExcess = kUsualExcess * kSteadyEne
 constexpr float kEvenEnergy = 0.05f, kLeastEnergy = 1e-3f;
 
 /// What samples and pilot hold in the weak coefficients of a stack: of its strongest components,
-/// and of the others.
+/// and of the others. bright: of the strongest components' coefficients, the share that is not
+/// weak.
 struct StackEvidence {
   Evidence strong, others;
+  float bright = 0;
 };
 
 /// `total` cells of a transformed stack.
 HWY_INLINE StackEvidence weigh_pilot(const Floats* cells, const Floats* pilot, int total) {
   const Floats zero{}, weak = zero + kWeakEnergy;
-  Floats samples{}, held{};
+  const Floats one = zero + 1.0f;
+  Floats samples{}, held{}, weak_ones{};
   for (int i = 0; i < total; ++i) {
     const Floats square = pilot[i] * pilot[i];
     const auto is_weak = square < weak;
     samples += choose(is_weak, cells[i] * cells[i] - (kMatchedNoise - kSteadyExcess), zero);
     held += choose(is_weak, square + kSteadyEnergy, zero);
+    weak_ones += choose(is_weak, one, zero);
   }
   StackEvidence result;
   for (int k = 0; k < kLanes; ++k) {
     Evidence& to = k < kStrongComponents ? result.strong : result.others;
     to.excess += lane(samples, k);
     to.energy += lane(held, k);
+    if (k < kStrongComponents)
+      result.bright += 1.0f / kStrongComponents -
+                       lane(weak_ones, k) / static_cast<float>(total * kStrongComponents);
   }
   return result;
 }
