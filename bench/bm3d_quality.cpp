@@ -71,7 +71,7 @@ void print_profiles(const std::vector<Image>& pictures, std::uint64_t seed) {
     fmt::print("| {} |", sigma);
     double ratio = 0;
     for (const char* name : {"fast", "normal", "high"}) {
-      const Score s = score(pictures, internal::bm3d_profile(name), sigma, seed);
+      const Score s = score(pictures, internal::bm3d_profile(denoise_profile(name)), sigma, seed);
       if (std::string(name) == "normal") ratio = s.predicted_over_actual;
       fmt::print(" {:.2f} dB, {:.0f} ms |", s.psnr_db, s.milliseconds);
     }
@@ -109,7 +109,7 @@ const std::vector<Variation>& variations() {
 void print_variations(const std::vector<Image>& pictures, std::uint64_t seed) {
   fmt::print("\n| normal, but | sigma 25 | sigma 50 | ms |\n|---|---|---|---|\n");
   for (const auto& variation : variations()) {
-    Bm3dParameters parameters = internal::bm3d_profile("normal");
+    Bm3dParameters parameters = internal::bm3d_profile(DenoiseProfile::kNormal);
     variation.apply(parameters);
     const Score low = score(pictures, parameters, 25, seed);
     const Score high = score(pictures, parameters, 50, seed);
