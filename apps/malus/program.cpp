@@ -57,7 +57,7 @@ void say_how_often() {
   for (const SaidOfFiles& said : g_said)
     if (const std::size_t more = said.files.size() - 1; more > 0)
       print_warning(
-          fmt::format("of {} too: {}", counted(std::int64_t(more), "more file"), said.text));
+          fmt::format("also of {}: {}", counted(std::int64_t(more), "more file"), said.text));
 }
 
 // The second Ctrl-C ends the program at once.

@@ -250,7 +250,7 @@ TEST(Response, HoldsColumnsWithGainsOfTheirOwn) {
       const double truth = std::sqrt(square - mean * mean + camera.prnu * camera.prnu);
       ratio += mean_of(p.prnu) / truth / kCameras;
       error += mean_of(p.prnu_stderr) / truth / kCameras;
-      EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("next pixels is alike"))));
+      EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("neighbouring pixels is alike"))));
     }
     EXPECT_NEAR(ratio, 1.0, 0.015) << layout;
     EXPECT_GT(error, 0.03) << layout;

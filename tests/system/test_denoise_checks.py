@@ -185,8 +185,8 @@ def test_what_many_frames_share_is_told_once(malus, frames, tmp_path):
         name.write_bytes(frame(frames, 12).read_bytes())
     lines = malus("stokes", *names, "--layout", "polar-bayer-bggr", "-o", tmp_path / "out").err.splitlines()
     told = [line for line in lines if "its layout is" in line]
-    assert len(told) == 2 and told[0].startswith(f"warning: {names[0]}: ") and told[1].startswith("warning: of 3 more files too: ")
-    assert told[0].removeprefix(f"warning: {names[0]}: ") == told[1].removeprefix("warning: of 3 more files too: ")
+    assert len(told) == 2 and told[0].startswith(f"warning: {names[0]}: ") and told[1].startswith("warning: also of 3 more files: ")
+    assert told[0].removeprefix(f"warning: {names[0]}: ") == told[1].removeprefix("warning: also of 3 more files: ")
 
 
 def test_a_gain_that_is_not_calibrated_names_the_model(refused, frames, tmp_path):

@@ -67,7 +67,7 @@ class RowGroupDecision {
  public:
   explicit RowGroupDecision(std::optional<int> declared) : declared_(declared) {}
 
-  /// matters: else it is no loss that none was found.
+  /// matters: whether results depend on the row group; if not, failing to find one is not told.
   int update(const Estimate<int>& found, bool matters, std::vector<std::string>& warnings) {
     if (declared_) {
       if (found && *found != *declared_)
@@ -157,9 +157,10 @@ void warn_of_unused_darks(const GainPlan& plan, PhysicsCalibration& out) {
         }))
       unused += (unused.empty() ? "" : "; ") + frame_set_name(*plan.darks[i]);
   if (!unused.empty())
-    out.warnings.push_back(unused +
-                           ": not used; of the bias frames at a gain the largest set is, and sets "
-                           "of two frames or more with the exposure of a flat (to 1 %) are");
+    out.warnings.push_back(
+        unused +
+        ": not used; per gain the largest set of bias frames is, and dark sets of two "
+        "frames or more whose exposure is a flat's, to 1 %");
 }
 
 PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,

@@ -126,7 +126,8 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
                     used, kFewLevels));
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
-        "{}: the sensor is not linear (or its light or dark frames are not as told): K "
+        "{}: the sensor is not linear (or its light or dark frames do not match the session file): "
+        "K "
         "of all levels differs by up to {:+.1f} % from "
         "that without light, which its standard error now holds; K is nearer to it with a lower "
         "saturation limit",

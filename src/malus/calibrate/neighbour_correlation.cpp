@@ -165,7 +165,7 @@ void warn_of_shared_light(const NeighbourCorrelation& dark, const NeighbourCorre
   out.warnings.push_back(fmt::format(
       "the noise of pixels next to each other {} correlates by {:.3f} ± {:.1g} in the flat frames: "
       "pixels share signal (inter-pixel capacitance, cross-talk of charge), or the camera smooths "
-      "its pictures a little. K is some {:.2g} % too small, and what is told in electrons too "
+      "its pictures a little. K is about {:.2g} % too small, and values in electrons are too "
       "large; turn off what filters in the camera, or correct K by that",
       most.where, most.correlation, most.standard_error, 100 * (1 - 1 / (1 + 2 * sum))));
 }

@@ -211,10 +211,11 @@ void warn_of_response(const ResponsePattern& pattern, const SensorLayout& layout
         100 * std::sqrt(pattern.variance), 100 * std::sqrt(pattern.periodic), pattern.period,
         layout.name()));
   else if (pattern.neighbours > std::max(kAlike * rest, kErrors * pattern.neighbours_stderr))
-    out.warnings.push_back(fmt::format(
-        "the response of next pixels is alike, {:.2g} of its square of {:.3g} %: PRNU holds a "
-        "picture of the lit surface, or dust; defocus, or use a diffuser",
-        pattern.neighbours / rest, 100 * std::sqrt(pattern.variance)));
+    out.warnings.push_back(
+        fmt::format("the response of neighbouring pixels is alike, {:.2g} of its square of {:.3g} "
+                    "%: PRNU holds a "
+                    "picture of the lit surface, or dust; defocus, or use a diffuser",
+                    pattern.neighbours / rest, 100 * std::sqrt(pattern.variance)));
 }
 
 void warn_of_unlit_lines(const UnlitLines& unlit, PhysicsCalibration& out) {

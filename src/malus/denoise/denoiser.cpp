@@ -43,8 +43,8 @@ std::vector<float> uncut_samples(const std::vector<Stabilizer>& stabilizers,
   return uncut;
 }
 
-// What is sure of the noise of stabilised samples: no more than the filter is told. In the dark an
-// estimate's law itself has less than what is sure of it, and texture is lost in noise.
+// A lower bound of the noise variance of stabilised samples, never above what the filter was told.
+// In the dark the law itself has less than this bound, and texture is lost in noise.
 internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
                                  const std::vector<float>& uncut, const PreparedFrame& frame,
                                  const NoiseProfile& profile, const Denoised& result) {
@@ -79,8 +79,8 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
   });
 }
 
-// What the filter does not see as an error. Of the noise that it is told is not there it lets
-// nearly all through, as it does with detail (docs/uncertainty.md has the measurement). Row and
+// What the filter does not see as an error. Noise that a strength below 1 declares absent passes
+// almost unfiltered, as detail does (docs/uncertainty.md has the measurement). Row and
 // column offsets are the same in everything that it averages, and so is what rounding does to noise
 // below a step.
 void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, double strength,

@@ -35,7 +35,7 @@ struct LogLinear {
   bool operator==(const LogLinear&) const = default;
 };
 
-/// One range of conversion gain. Vectors without other word have one entry per channel; knots are
+/// One range of conversion gain. Vectors have one entry per channel unless stated otherwise; knots are
 /// the gains that were fitted.
 struct JointSegment {
   std::vector<double> knots_db;     ///< gain of each knot (ISO as 20 log10(iso/100)), rising

@@ -54,8 +54,8 @@ std::vector<double> temporal_sd_dark_dn(const PhysicsNoise& noise);
 std::vector<double> read_noise_dn(const PhysicsCalibration& calibration);
 std::vector<double> read_noise_e(const PhysicsCalibration& calibration);
 
-/// Standard errors of read_noise_e: the scatter of the bias frames' own σ_TL and λ, which hang
-/// together, and that of K. NaN below 20 frames, whose scatter is uncertain itself, and where the
+/// Standard errors of read_noise_e: the scatter of the bias frames' own σ_TL and λ, which are
+/// correlated, and that of K. NaN below 20 frames, whose scatter is uncertain itself, and where the
 /// frames' own values are not kept.
 std::vector<double> read_noise_stderr_e(const PhysicsCalibration& calibration);
 
