@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/finite_pixels.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/synthesize/synthesizer.h"
@@ -81,8 +82,8 @@ Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOpt
 void check_black_of_floats(const fs::path& path, const Subject& subject, const Subject& other,
                            double black_dn) {
   if (subject.picture || other.picture || subject.frame.bits > 0 || other.frame.bits == 0) return;
-  warn_of_held_black(path, finite_mean(subject.frame.dn), finite_mean(other.frame.dn), black_dn,
-                     "subtract it first");
+  warn_of_held_black(path, finite_mean(subject.frame.dn.view()), finite_mean(other.frame.dn.view()),
+                     black_dn, "subtract it first");
 }
 
 // The grey of a picture without alpha is loaded as a mosaic.
@@ -102,19 +103,13 @@ void multiply(Subject& subject, double ratio) {
     for (Image& plane : subject.picture->planes) scale(plane);
 }
 
-double largest_of(const Image& image) {
-  float largest = 0;
-  for (float v : image.values())
-    if (std::isfinite(v)) largest = std::max(largest, v);
-  return static_cast<double>(largest);
-}
-
 // Floats of a picture that is displayed are of 0 to 1 and hardly overshoot; light in DN may be
 // stored as floats as well, and nothing in the file tells them apart.
 double peak_of_picture(const fs::path& path, const Picture& picture) {
   constexpr double kMostDisplayed = 2;
   double largest = 0;
-  for (const Image& plane : picture.planes) largest = std::max(largest, largest_of(plane));
+  for (const Image& plane : picture.planes)
+    largest = std::max(largest, finite_largest(plane.view()));
   if (picture.bits > 0 || largest <= kMostDisplayed) return picture.white;
   warn(
       fmt::format("{}: reaches far beyond 1 and its white is not known; its largest value, {:g}, "
@@ -142,7 +137,8 @@ double peak_of(const EvaluateArguments& arguments, const fs::path& test_path,
     return test.frame.white_dn;
   }
   const bool integer = reference.frame.bits > 0;
-  const double assumed = integer ? reference.frame.white_dn : largest_of(reference.frame.dn);
+  const double assumed =
+      integer ? reference.frame.white_dn : finite_largest(reference.frame.dn.view());
   if (!(assumed > 0))
     throw InputError(path.string(), "its peak is not known and it has no pixel above black",
                      "give --peak or --white");

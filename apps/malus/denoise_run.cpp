@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/image/finite_pixels.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
@@ -156,8 +157,8 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
                      "give the same scene's clean mosaic");
   require_whole_cell(clean.dn, clean.layout, path.string());
   if (clean.bits == 0 && !known.black_known && !reference.black_dn)
-    warn_of_held_black(path, finite_mean(clean.dn),
-                       reference.ratio * (finite_mean(before.dn) - mean_of(before.black_dn)),
+    warn_of_held_black(path, finite_mean(clean.dn.view()),
+                       reference.ratio * (finite_mean(before.dn.view()) - mean_of(before.black_dn)),
                        mean_of(before.black_dn), "give --reference-black");
   for (float& value : clean.dn.values()) value = static_cast<float>(value / reference.ratio);
   frame.reference_dn = std::move(clean.dn);

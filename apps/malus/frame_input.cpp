@@ -104,16 +104,6 @@ void check_finite(const Image& dn, const std::string& source, std::string_view w
     warn(complaint);
 }
 
-double finite_mean(const Image& dn) {
-  double sum = 0, count = 0;
-  for (float value : dn.values())
-    if (std::isfinite(value)) {
-      sum += double{value};
-      ++count;
-    }
-  return count > 0 ? sum / count : 0.0;
-}
-
 void warn_of_held_black(const std::filesystem::path& path, double mean_dn, double other_mean_dn,
                         double black_dn, std::string_view remedy) {
   // Noise averages out; another exposure rarely makes just this difference.

@@ -63,8 +63,6 @@ auto naming_model(const std::filesystem::path& model, const Work& work) {
 /// Says nonfinite_complaint (frame_contents.h) on stderr.
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes);
 
-/// Of the pixels that are numbers; 0 where none is.
-double finite_mean(const Image& dn);
 /// Says on stderr that a float file, which is taken as above black, lies above another frame of its
 /// scene by about the black level, as if it held it. Means and black level in DN of one scale.
 void warn_of_held_black(const std::filesystem::path& path, double mean_dn, double other_mean_dn,

@@ -1,6 +1,7 @@
 #include "malus/image/raw_frame.h"
 
 #include "malus/base/text.h"
+#include "malus/image/finite_pixels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -50,12 +51,8 @@ std::optional<double> white_of_bits(int bits) {
 }
 
 double assumed_white_dn(int bits, View<const float> dn) {
-  if (const auto white_dn = white_of_bits(bits)) return *white_dn;
-  float largest = 0;
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c)
-      if (std::isfinite(dn(r, c))) largest = std::max(largest, dn(r, c));
-  return static_cast<double>(largest);
+  const auto white_dn = white_of_bits(bits);
+  return white_dn ? *white_dn : finite_largest(dn);
 }
 
 bool white_is_guessed(const RawFrame& frame) {

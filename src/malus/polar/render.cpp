@@ -1,6 +1,7 @@
 #include "malus/polar/render.h"
 
 #include "malus/base/parallel.h"
+#include "malus/image/finite_pixels.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/legend.h"
 
@@ -42,21 +43,13 @@ double percentile(std::vector<float> values, double percent) {
 // Of the values that share a scale, how many lie on it.
 constexpr double kScalePercentile = 99.5;
 
-double finite_mean(const Image& image) {
-  double sum = 0;
-  std::size_t count = 0;
-  for (float v : image.values())
-    if (std::isfinite(v)) sum += v, ++count;
-  return count > 0 ? sum / static_cast<double>(count) : 0;
-}
-
 // Grey-world gains for R, G, B: the mean of G for all, within reason for nearly black channels.
 std::array<double, 3> balance(const StokesPicture& picture) {
   constexpr double kLargest = 8;
   std::array<double, 3> gains = {1, 1, 1};
-  const double green = finite_mean(picture.planes[1].s0);
+  const double green = finite_mean(picture.planes[1].s0.view());
   for (std::size_t i : {std::size_t{0}, std::size_t{2}}) {
-    const double mean = finite_mean(picture.planes[i].s0);
+    const double mean = finite_mean(picture.planes[i].s0.view());
     if (green > 0 && mean > 0) gains[i] = std::clamp(green / mean, 1 / kLargest, kLargest);
   }
   return gains;
