@@ -35,8 +35,8 @@ struct LogLinear {
   bool operator==(const LogLinear&) const = default;
 };
 
-/// One range of conversion gain. Vectors have one entry per channel unless stated otherwise; knots are
-/// the gains that were fitted.
+/// One range of conversion gain. Vectors have one entry per channel unless stated otherwise; knots
+/// are the gains that were fitted.
 struct JointSegment {
   std::vector<double> knots_db;     ///< gain of each knot (ISO as 20 log10(iso/100)), rising
   std::vector<double> knots_log_K;  ///< log K̂ of each knot

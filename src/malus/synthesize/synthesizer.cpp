@@ -102,14 +102,12 @@ bool is_measured(const NoiseModel& model, const NonparametricCalibration& calibr
 
 // Dark frames bring all but the shot noise with them.
 PhysicsParts parts_of(SynthesisKind kind, const SynthesisSettings& settings) {
-  if (kind == SynthesisKind::kDarkFrames)
-    return {
-        .shot = settings.shot, .read = false, .row = false, .quantization = false, .bias = false};
+  const bool all = kind != SynthesisKind::kDarkFrames;
   return {.shot = settings.shot,
-          .read = settings.read,
-          .row = settings.row,
-          .quantization = settings.quantization,
-          .bias = settings.bias};
+          .read = all && settings.read,
+          .row = all && settings.row,
+          .quantization = all && settings.quantization,
+          .bias = all && settings.bias};
 }
 
 // Throws InputError on a name of none.
