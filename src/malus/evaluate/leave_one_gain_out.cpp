@@ -7,28 +7,26 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 namespace malus {
 namespace {
 
 using Values = std::vector<double>;
 
-double worst_error(const Values& predicted, const Values& measured) {
+// Of the channels, the largest finite error(predicted, measured), whatever its sign.
+template <class Error>
+double worst_of(const Values& predicted, const Values& measured, const Error& error_of) {
   double worst = 0;
   for (std::size_t c = 0; c < std::min(predicted.size(), measured.size()); ++c)
-    if (const double error = predicted[c] / measured[c] - 1;
+    if (const double error = error_of(predicted[c], measured[c]);
         std::isfinite(error) && std::abs(error) > std::abs(worst))
       worst = error;
   return worst;
 }
 
-double worst_difference(const Values& predicted, const Values& measured) {
-  double worst = 0;
-  for (std::size_t c = 0; c < std::min(predicted.size(), measured.size()); ++c)
-    if (const double difference = predicted[c] - measured[c];
-        std::isfinite(difference) && std::abs(difference) > std::abs(worst))
-      worst = difference;
-  return worst;
+double worst_error(const Values& predicted, const Values& measured) {
+  return worst_of(predicted, measured, [](double p, double m) { return p / m - 1; });
 }
 
 // sqrt(JSD) of two Tukey-lambda laws of mean 0 as a converter with this step writes them.
@@ -144,7 +142,7 @@ std::vector<LeftOutGain> leave_one_gain_out_physics(const NoiseModel& model) {
       out.K_error = worst_error(p.K, truth.K.mean);
       out.read_error = worst_error(read_noise_dn(predicted), read_noise_dn(truth));
       out.row_error = worst_error(p.sigma_row_dn, truth.sigma_row.mean);
-      out.mu_error_dn = worst_difference(p.mu_dn, truth.mu.mean);
+      out.mu_error_dn = worst_of(p.mu_dn, truth.mu.mean, std::minus<>());
       out.sqrt_jsd = worst_read_distance(p.lambda, p.sigma_tl_dn, truth, usable.quantization_dn);
       out.sqrt_jsd_nearest = worst_read_distance(neighbour.lambda.mean, neighbour.sigma_tl.mean,
                                                  truth, usable.quantization_dn);

@@ -29,14 +29,11 @@ LogLinear constant_law(double value, std::size_t knots) {
   return law;
 }
 
-// Sum of the squared relative residuals of a line of y against x.
-double relative_misfit(const Values& x, const Values& y) {
-  Values weight;
-  for (double value : y) weight.push_back(1 / (value * value));
-  const LineFit line = fit_line(x, y, weight);
+// Sum of the squared relative residuals of y about fitted(x).
+template <class Fitted>
+double relative_misfit(const Values& x, const Values& y, const Fitted& fitted) {
   double sum = 0;
-  for (std::size_t i = 0; i < x.size(); ++i)
-    sum += std::pow((line.intercept + line.slope * x[i]) / y[i] - 1, 2);
+  for (std::size_t i = 0; i < x.size(); ++i) sum += std::pow(fitted(x[i]) / y[i] - 1, 2);
   return sum;
 }
 
@@ -97,18 +94,19 @@ LogLinear fit_law(const Values& log_K, const Series& series, Logarithm logarithm
 
 bool is_power_of_K(const Values& log_K, const Series& minus_mu) {
   constexpr double kClearlyPositive = 5;  // standard errors
-  Values K, log_value;
+  Values K, log_value, weight;
   for (std::size_t i = 0; i < log_K.size(); ++i) {
     if (!(minus_mu.value[i] > kClearlyPositive * minus_mu.error[i])) return false;
     K.push_back(std::exp(log_K[i]));
     log_value.push_back(std::log(minus_mu.value[i]));
+    weight.push_back(1 / (minus_mu.value[i] * minus_mu.value[i]));
   }
   if (K.size() < 3) return true;  // both pass through two
-  const LineFit power = fit_line(log_K, log_value);
-  double misfit = 0;
-  for (std::size_t i = 0; i < log_K.size(); ++i)
-    misfit += std::pow(std::exp(power.intercept + power.slope * log_K[i] - log_value[i]) - 1, 2);
-  return misfit <= relative_misfit(K, minus_mu.value);
+  const LineFit power = fit_line(log_K, log_value), line = fit_line(K, minus_mu.value, weight);
+  const auto by_power = [&](double x) { return std::exp(power.intercept + power.slope * x); };
+  const auto by_line = [&](double x) { return line.intercept + line.slope * x; };
+  return relative_misfit(log_K, minus_mu.value, by_power) <=
+         relative_misfit(K, minus_mu.value, by_line);
 }
 
 }  // namespace malus::internal
