@@ -6,17 +6,11 @@
 #include <cmath>
 #include <utility>
 
+#include "simulated_session.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
-
-Image noise_map(int rows, int cols, std::uint64_t seed, std::uint32_t frame, double sd) {
-  Image out(rows, cols);
-  RandomSequence random(seed, frame, Draw::kScene);
-  for (float& v : out.values()) v = static_cast<float>(sd * random.normal());
-  return out;
-}
 
 // Levels close to each other hardly tell a bend, whose error is one of all blocks. Of healthy
 // cameras with five such levels seven gains in a thousand were said to differ; 20000 have none now.
@@ -51,7 +45,7 @@ TEST(ResponsePattern, IsWhatItIsMadeOf) {
   constexpr int kSize = 128;
   constexpr double kWhite = 0.01, kPeriodic = 0.008;
   const MosaicGeometry geometry(SensorLayout(), kSize, kSize, 1);
-  Response response{noise_map(kSize, kSize, 2, 0, kWhite), {0}, {0}};
+  Response response{testing::white_noise(kSize, kSize, 2, 0, kWhite), {0}, {0}};
   response.prnu[0] = std::hypot(kWhite, kPeriodic);
   for (int r = 0; r < kSize; ++r)
     for (int c = 0; c < kSize; ++c)
@@ -69,7 +63,7 @@ TEST(ResponsePattern, OfNoiseAloneIsNotTold) {
   const MosaicGeometry geometry(SensorLayout(), kSize, kSize, 1);
   int told = 0;
   for (std::uint32_t seed = 0; seed < kMaps; ++seed) {
-    Response response{noise_map(kSize, kSize, seed, 3, 0.06), {0.003}, {0.002}};
+    Response response{testing::white_noise(kSize, kSize, seed, 3, 0.06), {0.003}, {0.002}};
     for (float& v : response.map.values()) v += 1;
     PhysicsCalibration out;
     warn_of_response(response_pattern(response, geometry), SensorLayout(), out);

@@ -38,6 +38,24 @@ NeighbourCorrelation of_frames(const MosaicGeometry& geometry, std::uint64_t fir
   return sums;
 }
 
+// Eight frames whose pixels, but for the outer rows and `outer_cols` outer columns, are
+// filtered(frame, row, column) of a frame of white noise.
+template <class Filtered>
+NeighbourCorrelation of_filtered(const MosaicGeometry& geometry, int outer_cols,
+                                 const Filtered& filtered) {
+  NeighbourCorrelation sums(geometry);
+  FramePairs pairs(sums, {}, 4);
+  for (std::uint64_t i = 0; i < 8; ++i) {
+    const Image sharp = noisy_frame(geometry.rows(), i, 0, 0);
+    Image frame = sharp;
+    for (int r = 1; r + 1 < geometry.rows(); ++r)
+      for (int c = outer_cols; c < geometry.cols() - outer_cols; ++c)
+        frame(r, c) = filtered(sharp, r, c);
+    pairs.add(frame);
+  }
+  return sums;
+}
+
 // 300 sets of four frames, of channels of 8 x 8 and of 32 x 32 pixels: their correlations are 0
 // within their standard errors, whatever rows and columns share and the lamp does. Four standard
 // errors of the mean and of the mean square (level 1e-4 each).
@@ -75,16 +93,9 @@ TEST(NeighbourCorrelation, WhiteNoiseOfFourFramesIsNotWarnedOf) {
 // Columns smoothed by (1 2 1) / 4 correlate by 4 / 6 with the next pixel.
 TEST(NeighbourCorrelation, OfSmoothedNoiseIsThatOfTheKernel) {
   const MosaicGeometry geometry(SensorLayout::named("mono"), 128, 128, 1);
-  NeighbourCorrelation sums(geometry);
-  FramePairs pairs(sums, {}, 4);
-  for (std::uint64_t i = 0; i < 8; ++i) {
-    Image frame = noisy_frame(128, i, 0, 0);
-    const Image sharp = frame;
-    for (int r = 1; r < 127; ++r)
-      for (int c = 0; c < 128; ++c)
-        frame(r, c) = 0.5F * sharp(r, c) + 0.25F * (sharp(r - 1, c) + sharp(r + 1, c));
-    pairs.add(frame);
-  }
+  const NeighbourCorrelation sums = of_filtered(geometry, 0, [](const Image& sharp, int r, int c) {
+    return 0.5F * sharp(r, c) + 0.25F * (sharp(r - 1, c) + sharp(r + 1, c));
+  });
   const auto likeness = sums.likeness();
   EXPECT_NEAR(likeness.at(0).correlation, 0, 5 * likeness[0].standard_error);
   EXPECT_NEAR(likeness.at(1).correlation, 4.0 / 6.0, 0.02);
@@ -99,18 +110,10 @@ TEST(NeighbourCorrelation, OfSmoothedNoiseIsThatOfTheKernel) {
 TEST(NeighbourCorrelation, OfCoupledPixelsIsToldWithWhatItTakesOffK) {
   const MosaicGeometry geometry(SensorLayout::named("mono"), 130, 130, 1);
   const auto flats = [&](float share) {
-    NeighbourCorrelation sums(geometry);
-    FramePairs pairs(sums, {}, 4);
-    for (std::uint64_t i = 0; i < 8; ++i) {
-      Image frame = noisy_frame(130, i, 0, 0);
-      const Image sharp = frame;
-      for (int r = 1; r < 129; ++r)
-        for (int c = 1; c < 129; ++c)
-          frame(r, c) = (1 - 4 * share) * sharp(r, c) + share * (sharp(r - 1, c) + sharp(r + 1, c) +
-                                                                 sharp(r, c - 1) + sharp(r, c + 1));
-      pairs.add(frame);
-    }
-    return sums;
+    return of_filtered(geometry, 1, [share](const Image& sharp, int r, int c) {
+      return (1 - 4 * share) * sharp(r, c) +
+             share * (sharp(r - 1, c) + sharp(r + 1, c) + sharp(r, c - 1) + sharp(r, c + 1));
+    });
   };
   const auto told = [&](const NeighbourCorrelation& dark, const NeighbourCorrelation& flat) {
     PhysicsCalibration out;

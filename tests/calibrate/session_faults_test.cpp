@@ -65,13 +65,6 @@ void multiply_light(RawFrame& frame, int row, int col, double factor) {
   v = static_cast<float>(std::round(black + (v - black) * factor));
 }
 
-Image white_noise(int rows, int cols, std::uint64_t seed, std::uint32_t frame, double sd) {
-  Image out(rows, cols);
-  RandomSequence random(seed, frame, Draw::kScene);
-  for (float& v : out.values()) v = static_cast<float>(sd * random.normal());
-  return out;
-}
-
 TEST(SessionFaults, OrdinaryCamerasAreLeftAlone) {
   for (const char* layout : {"mono", "bayer-rggb", "polar-mono"})
     for (std::uint64_t seed = 0; seed < 4; ++seed)
@@ -243,7 +236,7 @@ TEST(LightProfile, FindsWhatBandsOfLightAdd) {
       even(geometry, std::vector<double>(4, 80));
   RandomSequence phase(3, 0, Draw::kParameters);
   for (std::uint32_t f = 0; f < kFrames; ++f) {
-    Image frame = white_noise(kSize, kSize, 5, f, kNoise);
+    Image frame = testing::white_noise(kSize, kSize, 5, f, kNoise);
     for (float& v : frame.values()) v += static_cast<float>(kLight + 80);
     even.add(frame);
     const double at = 2 * std::numbers::pi * phase.uniform();
@@ -281,9 +274,10 @@ TEST(SuccessiveFrames, CorrelateAsTheFilterMakesThem) {
   for (const double weight : {1.0, 0.5})
     for (std::uint64_t seed = 0; seed < 20; ++seed) {
       SuccessiveFrames frames(geometry);
-      Image state = white_noise(kSize, kSize, seed, 1000, 3 * std::sqrt(weight / (2 - weight)));
+      Image state =
+          testing::white_noise(kSize, kSize, seed, 1000, 3 * std::sqrt(weight / (2 - weight)));
       for (std::uint32_t f = 0; f < kFrames; ++f) {
-        const Image next = white_noise(kSize, kSize, seed, f, 3);
+        const Image next = testing::white_noise(kSize, kSize, seed, f, 3);
         Image read(kSize, kSize);
         for (int r = 0; r < kSize; ++r)
           for (int c = 0; c < kSize; ++c) {
@@ -376,7 +370,7 @@ TEST(Layout, OfOneChannelOnAMosaicIsTold) {
 }
 
 TEST(ResponsePattern, APictureOfTheSurfaceIsTold) {
-  const Image fine = white_noise(130, 130, 9, 0, 1);
+  const Image fine = testing::white_noise(130, 130, 9, 0, 1);
   EXPECT_THAT(said_of(faultless_camera(),
                       [&](RawFrame& frame, int) {
                         for (int r = 0; r < 128; ++r)

@@ -198,6 +198,14 @@ inline SimulatedCamera mono_camera(double gain_dn_per_e, double lambda, double r
   return camera;
 }
 
+/// Normal values of mean 0.
+inline Image white_noise(int rows, int cols, std::uint64_t seed, std::uint32_t frame, double sd) {
+  Image out(rows, cols);
+  RandomSequence random(seed, frame, Draw::kScene);
+  for (float& v : out.values()) v = static_cast<float>(sd * random.normal());
+  return out;
+}
+
 inline NoiseModel calibrated(const SimulatedCamera& camera,
                              const CalibrationSettings& settings = {}) {
   return calibrate_physics(simulated_session(camera), settings, silent_progress());
