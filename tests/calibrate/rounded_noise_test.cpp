@@ -1,6 +1,8 @@
 #include "malus/calibrate/rounded_noise.h"
 
+#include "malus/base/normal_distribution.h"
 #include "malus/base/random.h"
+#include "malus/base/statistics.h"
 #include "malus/calibrate/dark_point.h"
 #include "malus/calibrate/gaussian_calibration.h"
 #include "malus/noise/physics.h"
@@ -324,6 +326,38 @@ TEST(RoundedNoise, OfHalfAStepHasTheErrorOfItsPlaceInACode) {
     EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("linear")))) << seed;
     EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("straight")))) << seed;
   }
+}
+
+// Variance of normal noise about `place` [steps] after rounding.
+double rounded_variance(double deviation, double place) {
+  const auto below = [&](double edge) { return normal_cdf((edge - place) / deviation); };
+  double mean = 0, square = 0;
+  for (int code = -8; code <= 9; ++code) {
+    const double chance = below(code + 0.5) - below(code - 0.5);
+    mean += chance * code;
+    square += chance * code * code;
+  }
+  return square - mean * mean;
+}
+
+TEST(RoundedNoise, OfHalfAStepDoubtsTheDarkPointAndDimLevels) {
+  Moments over_places;
+  constexpr int kPlaces = 64;
+  for (int i = 0; i < kPlaces; ++i) over_places.add(rounded_variance(0.5, (i + 0.5) / kPlaces));
+  const double truth = std::sqrt(over_places.variance());
+  HiddenNoise wide;
+  wide.rounding_dn2 = 1.0 / 12;
+  DarkPoint dark;
+  dark.variance_dn2 = 0.25 + 1.0 / 12;
+  std::vector<TransferLevel> levels(2);
+  levels[0].variance_dn2 = dark.variance_dn2;
+  levels[0].dark_variance_dn2 = dark.variance_dn2;
+  levels[0].dark_frames = 2;
+  levels[1].variance_dn2 = 1;  // the noise of light hides the codes
+  take_hidden_noise(wide, dark, levels);
+  EXPECT_NEAR(dark.variance_stderr_dn2, truth, 0.05 * truth);
+  EXPECT_NEAR(levels[0].rounding_error_dn2, std::sqrt(2.0) * truth, 0.05 * truth);
+  EXPECT_EQ(levels[1].rounding_error_dn2, 0);
 }
 
 // Where dark frames of the levels' own hide their noise, all levels have the one dark point: its
