@@ -64,7 +64,7 @@ Averaged averaged(const Image& samples, const Image& estimate, float error,
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   Averaged result{estimate, Image(estimate.rows(), estimate.cols(), error)};
   internal::average_alike_pixels([&](int r, int c) { return samples(r, c); },
-                                 sample_noise(uncut, sure_noise), layout, memory_mib, 0,
+                                 sample_noise(uncut, sure_noise), layout, {memory_mib, 0},
                                  result.estimate, &result.error, silent_progress());
   return result;
 }
@@ -199,7 +199,7 @@ TEST(JointBilateral, StopsWhenAsked) {
   Image estimate = printed(3);
   EXPECT_THROW(internal::average_alike_pixels(
                    [&](int r, int c) { return estimate(r, c); }, sample_noise(1e5f, 1.0f),
-                   SensorLayout::named("polar-bayer-rggb"), 1024, 0, estimate, nullptr, stopped),
+                   SensorLayout::named("polar-bayer-rggb"), {1024, 0}, estimate, nullptr, stopped),
                Cancelled);
 }
 

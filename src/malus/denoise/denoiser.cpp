@@ -146,9 +146,10 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tiles = filter_stabilised(pixel, frame.layout, settings, resident, result.dn_above_black,
                                    error, progress);
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
+  const bool is_mix = internal::mixes_bm3d(settings.method, settings.profile, frame.layout);
   if (settings.like_pixels)
     internal::average_alike_pixels(pixel, sure_noise(stabilizers, uncut, frame, profile, result),
-                                   frame.layout, settings.memory_mib, resident,
+                                   frame.layout, {settings.memory_mib, resident, is_mix},
                                    result.dn_above_black, error, progress);
   if (error) internal::add_missed_signal(pixel, uncut, frame.layout, result.dn_above_black, *error);
   invert(stabilizers, frame, result);

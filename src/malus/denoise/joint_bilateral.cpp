@@ -32,6 +32,9 @@ constexpr float kLeastKept = 0.08f, kEnoughKept = 0.16f;
 constexpr float kGainDeviation = 2.5f;
 constexpr int kGainRadius = 6;
 constexpr float kGainErrors = 2.0f;
+// An estimate that an orthogonal projection makes keeps of the noise what its residual lacks. The
+// mean of two errs less than either and keeps as much as they do on average: less than is lacking.
+constexpr float kKeptByMix = 0.85f;
 // The second round works where the first has gained this share of the noise, and fully where it
 // has gained twice as much.
 constexpr float kWorthwhile = 0.1f;
@@ -62,11 +65,12 @@ struct ErrorRows {
 
 class Averaging {
  public:
-  Averaging(PixelStrip& strip, const ErrorRows& stated, Progress& progress)
+  Averaging(PixelStrip& strip, bool is_mix, const ErrorRows& stated, Progress& progress)
       : layout_(strip.layout),
         strip_(strip),
         samples_(strip.samples),
         estimate_(strip.estimate),
+        kept_of_lack_(is_mix ? kKeptByMix : 1),
         stated_(stated),
         progress_(progress),
         rows_(strip.rows()),
@@ -180,10 +184,10 @@ class Averaging {
       });
       cells_.energy_common(i, k) += share * change * change;
     });
-    const float common = 0.25f * (cells_.blind(i, k) * kept_.of_common(i, k) - cells_.own(i, k));
+    const float blind = kept_of_lack_ * cells_.blind(i, k);
+    const float common = 0.25f * (blind * kept_.of_common(i, k) - cells_.own(i, k));
     cells_.gain_common(i, k) += common;
-    cells_.gain(i, k) +=
-        common + 0.75f * (cells_.blind(i, k) * kept_.of_unlike(i, k) - cells_.own(i, k));
+    cells_.gain(i, k) += common + 0.75f * (blind * kept_.of_unlike(i, k) - cells_.own(i, k));
   }
 
   // The shares of a change that leave least error, as far as they are certain.
@@ -248,6 +252,7 @@ class Averaging {
   PixelStrip& strip_;
   const Image& samples_;
   Image& estimate_;
+  float kept_of_lack_;
   ErrorRows stated_;
   Progress& progress_;
   int rows_, cols_;
@@ -266,9 +271,9 @@ int averaging_reach(const SensorLayout& layout) {
 }
 
 // What the tiles of the filter had before is free; the least that they need is more than this.
-int strip_rows(const Image& estimate, int reach, double memory_mib, double resident_values) {
+int strip_rows(const Image& estimate, int reach, const LikePixelSettings& settings) {
   constexpr double kBytesPerPixel = 15;  // samples, estimate, difference, maps of cells and bands
-  const double bytes = pixel_budget_bytes(memory_mib) - 4 * resident_values;
+  const double bytes = pixel_budget_bytes(settings.memory_mib) - 4 * settings.resident_values;
   const double rows = bytes / (kBytesPerPixel * std::max(estimate.cols(), 1)) - 2 * reach;
   if (rows >= estimate.rows()) return std::max(estimate.rows(), 1);
   return std::max(static_cast<int>(rows) / kCell, kBandCells) * kCell;
@@ -277,10 +282,10 @@ int strip_rows(const Image& estimate, int reach, double memory_mib, double resid
 }  // namespace
 
 void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
-                          const SensorLayout& layout, double memory_mib, double resident_values,
+                          const SensorLayout& layout, const LikePixelSettings& settings,
                           Image& estimate, Image* error, Progress& progress) {
   const int rows = estimate.rows(), cols = estimate.cols(), reach = averaging_reach(layout);
-  const int core_rows = strip_rows(estimate, reach, memory_mib, resident_values);
+  const int core_rows = strip_rows(estimate, reach, settings);
   Image above;  // the estimate before the change, up to the strip
   for (int core = 0; core < rows; core += core_rows) {
     const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
@@ -296,7 +301,7 @@ void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
     above = Image(std::min(reach, core_end), cols);
     for (int i = 0; i < above.rows(); ++i)
       std::copy_n(strip.estimate.row(core_end - above.rows() + i - first), cols, above.row(i));
-    Averaging(strip, {error, core - first, core_end - first}, progress).run();
+    Averaging(strip, settings.is_mix, {error, core - first, core_end - first}, progress).run();
     for (int r = core; r < core_end; ++r)
       std::copy_n(strip.estimate.row(r - first), cols, estimate.row(r));
   }

@@ -11,12 +11,16 @@
 
 namespace malus::internal {
 
+struct LikePixelSettings {
+  double memory_mib, resident_values;  ///< strips take the first less four bytes of each value
+  bool is_mix = false;                 ///< the estimate is a mean of two filters' (bm3d_mix.h)
+};
+
 /// Stabilised samples from `pixel` change `estimate`, which was made of them, and its expected
-/// squared error, where there is one. Strips of the frame take what memory_mib leaves after four
-/// bytes per `resident_values`; they and the threads do not change a byte of the result. Throws
+/// squared error, where there is one. Strips and threads do not change a byte of the result. Throws
 /// Cancelled.
 void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
-                          const SensorLayout& layout, double memory_mib, double resident_values,
+                          const SensorLayout& layout, const LikePixelSettings& settings,
                           Image& estimate, Image* error, Progress& progress);
 
 }  // namespace malus::internal
