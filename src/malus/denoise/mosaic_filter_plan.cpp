@@ -49,7 +49,11 @@ class PlanMaker {
   }
 
   // A pilot of the hard threshold alone is none to combine by.
-  MosaicFilterPlan fast() const { return surveyed(quick(StackFilter::wiener)); }
+  MosaicFilterPlan fast() const {
+    MosaicFilterPlan plan = surveyed(quick(StackFilter::wiener));
+    plan.coarse = {coarse(quick(StackFilter::wiener))};
+    return plan;
+  }
   MosaicFilterPlan normal() const { return with_large(small_blocks(), 15, 32); }
   MosaicFilterPlan high() const {
     return with_large(
@@ -89,9 +93,8 @@ class PlanMaker {
             .detail_threshold = detail(filter),
             .coarse = {}};
   }
-  MosaicFilterPlan coarse() const {
-    MosaicFilterPlan plan = quick(last_);
-    if (ridge_) plan.guided.push_back(guided(last_, 7, 8, 64));
+  // The frame of half the size, by `plan`.
+  MosaicFilterPlan coarse(MosaicFilterPlan plan) const {
     // Eight periods are twice as far there, and beyond is nothing to gain.
     if (period_ == kCell) {
       for (StackStage& stage : plan.hard) stage.far_step = 1;
@@ -106,12 +109,17 @@ class PlanMaker {
     plan.coarse = {quarter};
     return plan;
   }
+  MosaicFilterPlan coarse_of_normal() const {
+    MosaicFilterPlan plan = quick(last_);
+    if (ridge_) plan.guided.push_back(guided(last_, 7, 8, 64));
+    return coarse(plan);
+  }
   MosaicFilterPlan small_blocks() const {
     return {
         .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
         .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last_, ridge_ ? 7 : 5, 10, 64)},
         .detail_threshold = detail(last_),
-        .coarse = {coarse()}};
+        .coarse = {coarse_of_normal()}};
   }
   // How far the first pilot may be believed (pilot_doubt.h), asked of stacks like the first guided
   // pass's.
