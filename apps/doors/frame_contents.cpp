@@ -36,6 +36,14 @@ StatedLevels with_true_black(const RawFrame& told, const FrameOptions& options,
   return levels;
 }
 
+std::string complaint_of(std::int64_t odd, std::size_t pixels, const std::string& source,
+                         std::string_view what_comes) {
+  if (odd == 0) return {};
+  if (static_cast<std::size_t>(odd) == pixels)
+    throw InputError(source, "all pixels are NaN or infinite", "check how it was made");
+  return fmt::format("{}: {} NaN or infinite; {}", source, counted_are(odd, "pixel"), what_comes);
+}
+
 }  // namespace
 
 StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
@@ -75,10 +83,12 @@ std::string nonfinite_complaint(const Image& dn, const std::string& source,
                                 std::string_view what_comes) {
   const auto odd = std::count_if(dn.values().begin(), dn.values().end(),
                                  [](float value) { return !std::isfinite(value); });
-  if (odd == 0) return {};
-  if (static_cast<std::size_t>(odd) == dn.size())
-    throw InputError(source, "all pixels are NaN or infinite", "check how it was made");
-  return fmt::format("{}: {} NaN or infinite; {}", source, counted_are(odd, "pixel"), what_comes);
+  return complaint_of(odd, dn.size(), source, what_comes);
+}
+
+std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
+                                      const std::string& source) {
+  return complaint_of(count, pixels, source, "taken as dark");
 }
 
 std::string_view fate_of_nonfinite(bool as_float) {

@@ -3,6 +3,8 @@
 
 #include "malus/io/frame_file.h"
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -41,6 +43,10 @@ void require_raw(const std::string& source, const std::string& holds, const std:
 /// numbers. Throws InputError where none is.
 std::string nonfinite_complaint(const Image& dn, const std::string& source,
                                 std::string_view what_comes);
+/// The same of the light of a picture (linear_light, malus/synthesize/scene.h), of which `count`
+/// of `pixels` are no numbers.
+std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
+                                      const std::string& source);
 /// What comes of such pixels, in results that are kept as they are or rounded to integers.
 std::string_view fate_of_nonfinite(bool as_float);
 /// The same of those in the guide of renoise, by its method.

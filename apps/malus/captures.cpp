@@ -37,7 +37,7 @@ void save_floats(const fs::path& path, const Planes& planes,
 // Middle of a picture as R, G, B light in DN above black.
 Planes clean_light(const fs::path& path, const NoiseModel& camera, const CameraShot& shot) {
   const Picture picture = load_clean_picture(path);
-  const Planes light = linear_light(picture.planes, picture.names, picture.white, picture.bits > 0);
+  const Planes light = checked_light(picture, path.string(), picture.bits > 0);
   const double white = white_above_black(camera.white_dn, camera.black_dn);
   Planes middle(3, 0, 0);
   for (int k = 0; k < 3; ++k) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -33,9 +34,8 @@ struct SimulateArguments {
 // Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
 Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
   const Picture picture = load_clean_picture(path);
-  return whole_cells(
-      linear_light(picture.planes, picture.names, picture.white, is_srgb(tone, picture.bits)),
-      layout, path.string());
+  return whole_cells(checked_light(picture, path.string(), is_srgb(tone, picture.bits)), layout,
+                     path.string());
 }
 
 constexpr const char *kS0 = "_s0.exr", *kS1 = "_s1.exr", *kS2 = "_s2.exr", *kDolp = "_dolp.exr",

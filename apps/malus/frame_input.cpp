@@ -7,6 +7,7 @@
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
+#include "malus/synthesize/scene.h"
 
 #include <cmath>
 #include <utility>
@@ -102,6 +103,13 @@ NoiseProfile denoising_profile_for(const RawFrame& frame, const NoiseModel& mode
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes) {
   if (const std::string complaint = nonfinite_complaint(dn, source, what_comes); !complaint.empty())
     warn(complaint);
+}
+
+Planes checked_light(const Picture& picture, const std::string& source, bool srgb) {
+  const std::string complaint = nonfinite_light_complaint(
+      nonfinite_light(picture.planes, picture.names), picture.planes[0].size(), source);
+  if (!complaint.empty()) warn(complaint);
+  return linear_light(picture.planes, picture.names, picture.white, srgb);
 }
 
 void warn_of_held_black(const std::filesystem::path& path, double mean_dn, double other_mean_dn,

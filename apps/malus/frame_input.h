@@ -3,6 +3,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/noise/raw_variance.h"
 
@@ -62,6 +63,10 @@ auto naming_model(const std::filesystem::path& model, const Work& work) {
 
 /// Says nonfinite_complaint (frame_contents.h) on stderr.
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes);
+
+/// linear_light (malus/synthesize/scene.h) of a picture; says on stderr how many of its pixels hold
+/// none. Throws InputError, which names `source`, where none holds any.
+Planes checked_light(const Picture& picture, const std::string& source, bool srgb);
 
 /// Says on stderr that a float file, which is taken as above black, lies above another frame of its
 /// scene by about the black level, as if it held it. Means and black level in DN of one scale.

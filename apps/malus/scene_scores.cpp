@@ -28,16 +28,14 @@ namespace fs = std::filesystem;
 
 // Light behind four polarizer angles, or of one picture without polarization; fractions of white.
 std::vector<Planes> scene_light(const fs::path& path) {
-  const auto light = [](const Picture& picture, bool srgb) {
-    return linear_light(picture.planes, picture.names, picture.white, srgb);
-  };
   std::vector<Planes> angles;
   if (fs::is_directory(path)) {
     for (const Picture& picture : load_angle_pictures(path))
-      angles.push_back(light(picture, false));
+      angles.push_back(
+          checked_light(picture, (path / fmt::format("I{}", 45 * angles.size())).string(), false));
   } else {
     const Picture picture = load_clean_picture(path);
-    angles.push_back(light(picture, picture.bits > 0));
+    angles.push_back(checked_light(picture, path.string(), picture.bits > 0));
   }
   return angles;
 }

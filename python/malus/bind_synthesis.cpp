@@ -107,6 +107,12 @@ py::dict simulate(const py::object& given, const std::string& layout_name, bool 
   const auto layout = SensorLayout::named(layout_name);
   const Picture picture = picture_from(given);
   require_tone(tone);
+  const std::string source =
+      is_path(given) ? given.cast<std::filesystem::path>().string() : "picture";
+  if (const auto complaint = app::nonfinite_light_complaint(
+          nonfinite_light(picture.planes, picture.names), picture.planes[0].size(), source);
+      !complaint.empty())
+    give_warning(complaint);
   PolarScene scene;
   Image mosaic;
   {

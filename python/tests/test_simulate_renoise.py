@@ -46,6 +46,18 @@ def test_simulated_scene_is_the_programs(picture, tmp_path):
         assert np.array_equal(malus.simulate(given, **settings)["dn"], made["dn"])
 
 
+def test_pixels_of_a_picture_that_are_no_numbers_are_dark(tmp_path):
+    picture = np.full((8, 8), 0.5, np.float32)
+    picture[2, 3], picture[4, 5] = np.nan, np.inf
+    np.save(tmp_path / "odd.npy", picture)
+    for given, name in ((picture, "picture"), (tmp_path / "odd.npy", ".*odd.npy")):
+        with pytest.warns(UserWarning, match=f"^{name}: 2 pixels are NaN or infinite; taken as dark$"):
+            made = malus.simulate(given, "mono")["dn"]
+        assert made[2, 3] == made[4, 5] == 0 and made.max() == 2000
+    with pytest.raises(malus.InputError, match="^picture: all pixels are NaN or infinite; check how it was made$"):
+        malus.simulate(np.full((8, 8), np.nan, np.float32))
+
+
 def test_simulate_takes_light_as_it_is_told():
     grey = np.full((8, 8), 0.5, np.float32)
     assert set(malus.simulate(grey)) == {"dn"}

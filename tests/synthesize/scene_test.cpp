@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include <gtest/gtest.h>
@@ -21,6 +22,25 @@ Planes picture() {
       for (int c = 0; c < 128; ++c)
         rgb[k](r, c) = 0.2f + 0.002f * static_cast<float>(c) + 0.1f * static_cast<float>(k);
   return rgb;
+}
+
+// Of R, G and B alone: what lies at infinity has a depth of it.
+TEST(LinearLight, WhatIsNoNumberIsDarkAndCounted) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  Planes layers(4, 2, 2);
+  for (Image& plane : layers)
+    for (float& v : plane.values()) v = 0.5f;
+  const std::vector<std::string> names{"B", "G", "R", "Z"};
+  layers[0](0, 0) = layers[1](0, 0) = kInfinity;
+  layers[2](0, 1) = std::numeric_limits<float>::quiet_NaN();
+  layers[1](1, 0) = -kInfinity;
+  layers[3](1, 1) = kInfinity;
+  EXPECT_EQ(nonfinite_light(layers, names), 3);
+  const Planes light = linear_light(layers, names, 1, false);
+  ASSERT_EQ(light.channels(), 3);
+  EXPECT_EQ(light[2].values(), (std::vector<float>{0, 0.5f, 0.5f, 0.5f}));
+  EXPECT_EQ(light[1].values(), (std::vector<float>{0, 0.5f, 0, 0.5f}));
+  EXPECT_EQ(light[0].values(), (std::vector<float>{0.5f, 0, 0.5f, 0.5f}));
 }
 
 TEST(CameraRgb, DevelopingItAgainGivesThePicture) {

@@ -175,6 +175,18 @@ def test_pixels_that_are_no_numbers_are_said_where_they_become_integers(malus, r
     assert not list(tmp_path.glob("out/*"))
 
 
+def test_a_picture_that_holds_no_light_somewhere(malus, refused, tmp_path):
+    """simulate's mosaic is truth: a pixel that is infinite must not be light of 65504 times white there."""
+    picture = np.full((3, 64, 64), 0.5, np.float32)
+    picture[0, 10, 11], picture[1, 20, 21], picture[2, 30, 31] = np.nan, np.inf, -np.inf
+    np.save(tmp_path / "odd.npy", picture)
+    np.save(tmp_path / "none.npy", np.full((3, 64, 64), np.nan, np.float32))
+    simulate = ["simulate", "--layout", "polar-mono", "--format", "npy", "-o", tmp_path / "out"]
+    assert malus(*simulate, tmp_path / "odd.npy").err == f"warning: {tmp_path}/odd.npy: 3 pixels are NaN or infinite; taken as dark\n"
+    assert np.load(tmp_path / "out/odd_clean.npy").max() == 1000
+    assert refused(*simulate, "--force", tmp_path / "none.npy") == f"malus: {tmp_path}/none.npy: all pixels are NaN or infinite; check how it was made"
+
+
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
     for command in ("denoise", "stokes"):
         arguments = [command, frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]

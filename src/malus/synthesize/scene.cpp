@@ -132,6 +132,17 @@ Surface surface_of(double right, double down, double scale, double steepest_slop
   return {std::atan(slope) * 180.0 / std::numbers::pi, -right * unit, down * unit};
 }
 
+// Red, green and blue among a picture's channels, or its one of light.
+std::vector<int> light_channels(const Planes& picture, const std::vector<std::string>& names) {
+  if (picture.channels() < 3) return {0};
+  std::vector<int> wanted{0, 1, 2};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto found = std::find(names.begin(), names.end(), std::string(1, "RGB"[k]));
+    if (found != names.end()) wanted[k] = static_cast<int>(found - names.begin());
+  }
+  return wanted;
+}
+
 }  // namespace
 
 const std::vector<std::string>& picture_tones() {
@@ -146,14 +157,7 @@ bool is_srgb(const std::string& tone, int bits) {
 Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
                     bool srgb) {
   constexpr float kBrightest = 65504.0f;
-  std::vector<int> wanted{0};
-  if (picture.channels() >= 3) {
-    wanted = {0, 1, 2};
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto found = std::find(names.begin(), names.end(), std::string(1, "RGB"[k]));
-      if (found != names.end()) wanted[k] = static_cast<int>(found - names.begin());
-    }
-  }
+  const std::vector<int> wanted = light_channels(picture, names);
   Planes linear(static_cast<int>(wanted.size()), picture.rows(), picture.cols());
   const float scale = static_cast<float>(1.0 / white);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
@@ -161,7 +165,7 @@ Planes linear_light(const Planes& picture, const std::vector<std::string>& names
     auto& to = linear[static_cast<int>(k)].values();
     for (std::size_t i = 0; i < to.size(); ++i) {
       const float v = from[i] * scale;
-      to[i] = v >= 0 ? std::min(v, kBrightest) : 0.0f;
+      to[i] = v >= 0 && std::isfinite(from[i]) ? std::min(v, kBrightest) : 0.0f;
     }
   }
   if (srgb)
@@ -169,6 +173,15 @@ Planes linear_light(const Planes& picture, const std::vector<std::string>& names
       for (float& v : plane.values())
         v = static_cast<float>(srgb_to_linear(static_cast<double>(v)));
   return linear;
+}
+
+std::int64_t nonfinite_light(const Planes& picture, const std::vector<std::string>& names) {
+  const std::vector<int> channels = light_channels(picture, names);
+  std::int64_t count = 0;
+  for (std::size_t i = 0; i < picture[0].size(); ++i)
+    count += std::any_of(channels.begin(), channels.end(),
+                         [&](int k) { return !std::isfinite(picture[k].values()[i]); });
+  return count;
 }
 
 Planes whole_cells(const Planes& planes, const SensorLayout& layout, const std::string& source) {

@@ -68,10 +68,13 @@ const std::vector<std::string>& picture_tones();
 bool is_srgb(const std::string& tone, int bits);
 
 /// The light of a picture: its channels named R, G, B (else the first three; the first alone of
-/// fewer than three), divided by white, the sRGB curve undone where srgb says so. NaN and negative
-/// light are dark, and nothing is brighter than a half float.
+/// fewer than three), divided by white, the sRGB curve undone where srgb says so. What is NaN,
+/// infinite or negative is dark, and nothing is brighter than a half float.
 Planes linear_light(const Planes& picture, const std::vector<std::string>& names, double white,
                     bool srgb);
+
+/// How many pixels are NaN or infinite in one of these channels.
+std::int64_t nonfinite_light(const Planes& picture, const std::vector<std::string>& names);
 
 /// The planes without rows and columns that do not fill a cell of the layout. Throws InputError,
 /// which names `source`, where they do not fill one.
