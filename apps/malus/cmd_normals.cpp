@@ -114,6 +114,7 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
   const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
+  check_finite_light(frame);
   warn_of_guesses(frame);
   const SaturatedCells saturated = saturated_cells(frame.dn, frame.layout, light.saturated_dn);
   warn_of_saturation(frame, saturated);
@@ -123,6 +124,7 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
                      : merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout),
                                     frame.layout);
   const StokesPlanes stokes = mean_stokes(colors.planes);
+  warn_of_no_light(frame, {&stokes, 1}, arguments.full);
   const Image mask = arguments.mask.empty()
                          ? foreground_mask(stokes.s0, arguments.settings.foreground)
                          : load_mask(arguments.mask, stokes.s0);

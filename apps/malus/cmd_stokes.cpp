@@ -163,6 +163,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
+  check_finite_light(frame);
   warn_of_guesses(frame);
   Planes variance;
   if (arguments.confidence()) variance = variance_of(arguments, model, index, light);
@@ -171,6 +172,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
                              : saturated_cells(frame.dn, frame.layout, light.saturated_dn);
   warn_of_saturation(frame, saturated);
   const StokesPicture picture = stokes_picture(arguments, frame);
+  warn_of_no_light(frame, picture.planes, arguments.full);
   const auto intensities = model ? Intensities::kMeasured : Intensities::kDenoised;
   Confidence confidence;
   if (arguments.confidence())

@@ -1,6 +1,8 @@
 #include "frame_input.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
+#include "malus/base/wording.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
@@ -9,6 +11,7 @@
 #include "malus/polar/layout_check.h"
 #include "malus/synthesize/scene.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -134,6 +137,25 @@ Image above_black(const RawFrame& frame) {
 void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells) {
   if (const std::string complaint = cells.complaint(); !complaint.empty())
     warn(fmt::format("{}: {}", frame.source, complaint));
+}
+
+void check_finite_light(const RawFrame& frame) {
+  check_finite(frame.dn, frame.source, "S0, DoLP and AoLP are wrong or undefined there");
+}
+
+void warn_of_no_light(const RawFrame& frame, std::span<const StokesPlanes> planes, bool whole) {
+  std::size_t dark = 0, all = 0;
+  for (const StokesPlanes& color : planes) {
+    dark += static_cast<std::size_t>(
+        std::ranges::count_if(color.s0.values(), [](float s0) { return s0 <= 0; }));
+    all += color.s0.size();
+  }
+  if (2 * dark <= all) return;
+  warn_of(frame.source,
+          fmt::format("no light above black in {} % of the {}: DoLP and AoLP are undefined there; "
+                      "check {}",
+                      percent_text(static_cast<double>(dark) / static_cast<double>(all)),
+                      whole ? "pixels" : "cells", setting_name("black")));
 }
 
 void warn_of_guesses(const RawFrame& frame) {

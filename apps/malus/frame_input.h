@@ -6,8 +6,10 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/noise/raw_variance.h"
+#include "malus/polar/stokes.h"
 
 #include <filesystem>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -78,6 +80,13 @@ Image above_black(const RawFrame& frame);
 
 /// Says on stderr how many cells of a frame hold saturated pixels, if any.
 void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells);
+
+/// Says on stderr how many pixels are no numbers. Throws InputError where none is one.
+void check_finite_light(const RawFrame& frame);
+
+/// Says on stderr that most cells of a frame, or most pixels (whole), have no light: its black
+/// level is often the reason. planes: of every colour.
+void warn_of_no_light(const RawFrame& frame, std::span<const StokesPlanes> planes, bool whole);
 
 /// Says on stderr what a frame was taken for without anybody having stated it, layout, black and
 /// white level, and where its pixels or its file contradict the layout.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -112,6 +113,17 @@ TEST(Saturation, IsWhiteLessTheChannelsOwnBlack) {
       const bool at_white = (r == 0 && c == 2) || (r == 1 && c == 3);
       EXPECT_EQ(std::isnan(taken(r, c)), at_white) << r << c;
     }
+}
+
+TEST(Saturation, PixelsThatAreNoNumbersAreNotSaturated) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  Image dn(2, 4, 500.0f);
+  dn(0, 0) = std::numeric_limits<float>::infinity();
+  dn(0, 2) = 1000;
+  EXPECT_EQ(saturated_cells(dn, layout, std::vector<float>(4, 900.0f)).count, 1);
+  Planes variance(4, 1, 2);
+  variance[0](0, 0) = variance[0](0, 1) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(saturated_cells(dn, layout, variance).count, 1);
 }
 
 }  // namespace

@@ -187,6 +187,25 @@ def test_a_picture_that_holds_no_light_somewhere(malus, refused, tmp_path):
     assert refused(*simulate, "--force", tmp_path / "none.npy") == f"malus: {tmp_path}/none.npy: all pixels are NaN or infinite; check how it was made"
 
 
+def test_stokes_and_normals_of_pixels_without_light(malus, refused, tmp_path):
+    frame = np.full((64, 64), 300, np.float32)
+    np.save(tmp_path / "dark.npy", frame - 400)
+    frame[10, 11], frame[20, 21] = np.nan, np.inf
+    np.save(tmp_path / "odd.npy", frame)
+    np.save(tmp_path / "none.npy", np.full((64, 64), np.nan, np.float32))
+    camera = ["--layout", "polar-mono", "--black", "0", "--white", "4095"]
+    for command in ("stokes", "normals"):
+        for full in ([], ["--full"]):
+            run = [command, *full, *camera, "--force", "-q", "-o", tmp_path / "out"]
+            odd = malus(*run, tmp_path / "odd.npy").err
+            assert "odd.npy: 2 pixels are NaN or infinite; S0, DoLP and AoLP are wrong or undefined there" in odd
+            assert "saturated" not in odd and "no light" not in odd
+            where = "pixels" if full else "cells"
+            assert f"dark.npy: no light above black in 100 % of the {where}: DoLP and AoLP are undefined there; check --black" in \
+                malus(*run, tmp_path / "dark.npy").err
+            assert "none.npy: all pixels are NaN or infinite" in refused(*run, tmp_path / "none.npy")
+
+
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
     for command in ("denoise", "stokes"):
         arguments = [command, frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]

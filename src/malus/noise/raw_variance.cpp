@@ -49,7 +49,7 @@ SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLay
                                const std::vector<float>& saturated_dn) {
   MALUS_REQUIRE(std::ssize(saturated_dn) == layout.channels());
   return cells_with(pack(dn_above_black, layout), [&](int k, std::size_t, float dn) {
-    return dn >= saturated_dn[static_cast<std::size_t>(k)];
+    return dn >= saturated_dn[static_cast<std::size_t>(k)] && std::isfinite(dn);
   });
 }
 
@@ -59,7 +59,7 @@ SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLay
   MALUS_REQUIRE(packed_variance.channels() == packed.channels() &&
                 packed_variance.rows() == packed.rows() && packed_variance.cols() == packed.cols());
   return cells_with(packed, [&](int k, std::size_t i, float dn) {
-    return std::isnan(packed_variance[k].values()[i]) && !std::isnan(dn);
+    return std::isnan(packed_variance[k].values()[i]) && std::isfinite(dn);
   });
 }
 

@@ -23,8 +23,8 @@ struct SaturatedCells {
   std::string complaint() const;
 };
 
-/// By the values of the pixels. saturated_dn (here and below): saturation_dn of the frame before
-/// its black was subtracted.
+/// By the values of the pixels, of those that are numbers. saturated_dn (here and below):
+/// saturation_dn of the frame before its black was subtracted.
 SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLayout& layout,
                                const std::vector<float>& saturated_dn);
 
