@@ -160,6 +160,15 @@ std::string normals_text(const Json& json) {
   return text + '\n';
 }
 
+std::string conventions_text(const NormalSettings& settings) {
+  return fmt::format(
+      "{} reflection, refractive index {:g}; of the two opposite azimuths {} is taken (--model, "
+      "--index, --azimuth)",
+      settings.reflection, settings.index,
+      settings.azimuth == "convex" ? "the one away from the object's centre"
+                                   : "the one pointing " + settings.azimuth);
+}
+
 void run_normals(const NormalsArguments& arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   const OutputFolder output(arguments.folder);
@@ -168,12 +177,6 @@ void run_normals(const NormalsArguments& arguments, const Common& common) {
   const auto pictures = output_names(arguments.inputs, arguments.folder, "_normals.png", besides);
   for (const auto& list : {data, pictures})
     for (const auto& path : list) check_output(path, common.force);
-  note(common, fmt::format("{} reflection, refractive index {:g}; of the two opposite azimuths "
-                           "{} is taken (--model, --index, --azimuth)",
-                           arguments.settings.reflection, arguments.settings.index,
-                           arguments.settings.azimuth == "convex"
-                               ? "the one away from the object's centre"
-                               : "the one pointing " + arguments.settings.azimuth));
   const auto progress = make_progress(common);
   progress->begin("normals", static_cast<std::int64_t>(arguments.inputs.size()));
   Json results = Json::array();
@@ -182,6 +185,7 @@ void run_normals(const NormalsArguments& arguments, const Common& common) {
     check_stop(*progress);
     results.push_back(normals_of_file(arguments, arguments.inputs[i], options, data[i], pictures[i],
                                       common.force));
+    if (i == 0) progress->note(conventions_text(arguments.settings));  // an error stands alone
     text += normals_text(results.back());
     progress->advance(1);
   }

@@ -65,13 +65,13 @@ Image load_clean(const fs::path& path, const SynthesizeArguments& arguments,
   if (frame.bits > 0 && !frame.black_known)
     throw InputError(path.string(), "holds integers, but its black level is not known",
                      "give --black (0 where black is subtracted already)");
+  check_finite(frame.dn, path.string(), fate_of_nonfinite(arguments.as_float));
   // Float files hold DN above black already: --black is that of integers.
   if (frame.bits > 0)
     subtract_black(frame);
   else if (arguments.raw.float_black() == FloatBlack::kHolds && mean_of(frame.black_dn) != 0)
     warn(fmt::format("{}: clean float pixels are DN above black; --black is not subtracted",
                      path.string()));
-  check_finite(frame.dn, path.string(), fate_of_nonfinite(arguments.as_float));
   return std::move(frame.dn);
 }
 

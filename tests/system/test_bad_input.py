@@ -206,6 +206,17 @@ def test_stokes_and_normals_of_pixels_without_light(malus, refused, tmp_path):
             assert "none.npy: all pixels are NaN or infinite" in refused(*run, tmp_path / "none.npy")
 
 
+def test_a_refusal_stands_alone(malus, tmp_path):
+    """Without the note on the conventions of normals, or a warning of --black, before it."""
+    np.save(tmp_path / "none.npy", np.full((64, 64), np.nan, np.float32))
+    camera = ["--layout", "polar-mono", "--white", "4095", "--black", "82", "-o", tmp_path / "out"]
+    for command in (["normals"], ["synthesize", "--model", "imx250mzr-simulated", "--gain", "12"]):
+        command += [option for option in camera if command == ["normals"] or option not in ("--white", "4095")]
+        assert malus(*command, tmp_path / "none.npy", code=1).err.count("\n") == 1
+    np.save(tmp_path / "good.npy", np.full((64, 64), 300, np.float32))
+    assert "diffuse reflection, refractive index 1.5" in malus("normals", *camera, tmp_path / "good.npy").err
+
+
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
     for command in ("denoise", "stokes"):
         arguments = [command, frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
@@ -224,7 +235,7 @@ def test_existing_outputs_need_force(malus, refused, frame, tmp_path):
 
 
 @pytest.mark.parametrize("command", [
-    ["stokes"], ["denoise", "--model", "imx250mzr-simulated", "--gain", "90"], ["normals", "-q"],
+    ["stokes"], ["denoise", "--model", "imx250mzr-simulated", "--gain", "90"], ["normals"],
     ["synthesize", "-m", "imx250mzr-simulated", "--gain", "12"],
     ["renoise", "-m", "imx250mzr-simulated", "--from", "6", "--to", "90"]])
 def test_refused_runs_leave_no_folder(refused, tmp_path, command):
