@@ -101,11 +101,15 @@ std::vector<Product> product_data(const StokesPicture& picture) {
           every([](const StokesPlanes& s) { return aolp_deg_of(s); })};
 }
 
-// mean: of the picture's colours.
-std::vector<Product> product_pictures(const StokesPicture& picture, const StokesPlanes& mean,
+// picture is gone after its S0; mean, of its colours, is made then.
+std::vector<Product> product_pictures(StokesPicture& picture, StokesPlanes& mean,
                                       const RenderSettings& settings) {
   return {[&] { return render_s0(picture, settings); },
-          [&] { return std::move(render_s1_s2(mean, settings).s1); },
+          [&] {
+            mean = mean_stokes(picture.planes);
+            picture = {};
+            return std::move(render_s1_s2(mean, settings).s1);
+          },
           [&] { return std::move(render_s1_s2(mean, settings).s2); },
           [&] { return render_dolp(dolp_of(mean), settings); },
           [&] { return render_aolp(aolp_deg_of(mean), dolp_of(mean), settings); }};
@@ -171,7 +175,8 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
       arguments.confidence() ? saturated_cells(frame.dn, frame.layout, variance)
                              : saturated_cells(frame.dn, frame.layout, light.saturated_dn);
   warn_of_saturation(frame, saturated);
-  const StokesPicture picture = stokes_picture(arguments, frame);
+  StokesPicture picture = stokes_picture(arguments, frame);
+  light.frame.dn = Image();
   warn_of_no_light(frame, picture.planes, arguments.full);
   const auto intensities = model ? Intensities::kMeasured : Intensities::kDenoised;
   Confidence confidence;
@@ -193,14 +198,14 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   save.force = force;
   save_all(names.data, data, channels, save, json["files"]);
   if (!arguments.pictures) return json;
-  const StokesPlanes mean = mean_stokes(picture.planes);
-  std::vector<Product> pictures = product_pictures(picture, mean, arguments.render);
   Confidence shown;
-  if (arguments.confidence()) {
+  if (arguments.confidence())
     shown = confidence_pictures(uncertainty_of_mean(picture, variance, frame.layout, intensities),
                                 arguments.render);
+  StokesPlanes mean;
+  std::vector<Product> pictures = product_pictures(picture, mean, arguments.render);
+  if (arguments.confidence())
     for (const Planes& planes : shown) pictures.push_back([&planes] { return planes; });
-  }
   save.type = SampleType::kUint8;
   save_all(names.picture, pictures, {}, save, json["files"]);
   return json;

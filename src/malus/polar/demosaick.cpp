@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -80,9 +81,12 @@ void demosaick_colors(const Image& mosaic, const SensorLayout& layout, int row, 
   const auto color_at = [&](int r, int c) {
     return display_color(layout.site(layout.channel_at(row + 2 * r, col + 2 * c)).color);
   };
-  for (const auto& [color, image] : internal::bayer_colors(bayer, color_at, epsilon))
-    for (int r = 0; r < image.rows(); ++r)
-      for (int c = 0; c < image.cols(); ++c) planes[color](row + 2 * r, col + 2 * c) = image(r, c);
+  for (const auto& [color, image] : internal::bayer_colors(bayer, color_at, epsilon)) {
+    Image& plane = planes[color];
+    for_rows(image.rows(), [&, &image = image](int r) {
+      for (int c = 0; c < image.cols(); ++c) plane(row + 2 * r, col + 2 * c) = image(r, c);
+    });
+  }
 }
 
 // S1 and S2 smoothed by [1 2 1]. On the dark side of an edge that would add the bright side's S1
@@ -113,21 +117,56 @@ void smooth_s0(Image& s0, const Image& takes_part) {
   });
 }
 
-StokesPicture residual(const Image& mosaic, const SensorLayout& layout) {
+// Of a picture with one colour everywhere, or of a band of it.
+StokesPlanes residual_stokes(const Image& plane, const SensorLayout& layout, double epsilon,
+                             double square) {
+  auto [stokes, s0_takes_part] = internal::residual_angles(plane, layout, epsilon, square);
+  if (layout.colored()) {
+    smooth_polarization(stokes);
+    smooth_s0(stokes.s0, s0_takes_part);
+  }
+  return std::move(stokes);
+}
+
+Image rows_of(const Image& whole, int first, int last) {
+  Image band(last - first, whole.cols());
+  std::copy(whole.row(first), whole.row(first) + band.size(), band.values().begin());
+  return band;
+}
+
+// Band by band: what is made on the way to the Stokes parameters is several times their size.
+StokesPlanes residual_in_bands(const Image& plane, const SensorLayout& layout, double epsilon) {
+  constexpr int kBandRows = 256;  // of whole cells; threads share a band
+  constexpr int kSmoothing = 2;   // rows that residual_stokes adds
+  constexpr int kReach = (internal::kAnglesReach + kSmoothing + 3) / 4 * 4;
+  const int rows = plane.rows(), cols = plane.cols();
+  const double square = mean_square(plane);
+  StokesPlanes stokes{Image(rows, cols), Image(rows, cols), Image(rows, cols)};
+  for (int first = 0; first < rows; first += kBandRows) {
+    const int last = std::min(first + kBandRows, rows);
+    const int top = std::max(first - kReach, 0), bottom = std::min(last + kReach, rows);
+    const StokesPlanes band = residual_stokes(rows_of(plane, top, bottom), layout, epsilon, square);
+    for (const auto part : {&StokesPlanes::s0, &StokesPlanes::s1, &StokesPlanes::s2}) {
+      const float* from = (band.*part).row(first - top);
+      std::copy(from, from + std::ptrdiff_t{last - first} * cols, (stokes.*part).row(first));
+    }
+  }
+  return stokes;
+}
+
+StokesPicture residual(Image mosaic, const SensorLayout& layout) {
   const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
-  if (!layout.colored()) return {{""}, {internal::residual_angles(mosaic, layout, epsilon).stokes}};
+  if (!layout.colored()) return {{""}, {residual_in_bands(mosaic, layout, epsilon)}};
   std::map<Color, Image> planes;
   for (Color color : display_colors(layout)) planes[color] = Image(mosaic.rows(), mosaic.cols());
   for (int r = 0; r < 2; ++r)
     for (int c = 0; c < 2; ++c) demosaick_colors(mosaic, layout, r, c, epsilon, planes);
+  mosaic = Image();
   StokesPicture picture;
   for (Color color : display_colors(layout)) {
-    auto [stokes, s0_takes_part] = internal::residual_angles(planes[color], layout, epsilon);
-    planes[color] = Image();
-    smooth_polarization(stokes);
-    smooth_s0(stokes.s0, s0_takes_part);
     picture.names.push_back(display_name(color));
-    picture.planes.push_back(std::move(stokes));
+    picture.planes.push_back(residual_in_bands(planes[color], layout, epsilon));
+    planes[color] = Image();
   }
   return picture;
 }
@@ -165,10 +204,14 @@ void check_size(View<const float> mosaic, const SensorLayout& layout, const std:
 // What was filled to spare its neighbours is not known itself; of a whole channel, nothing is.
 void forget_filled(View<const float> mosaic, const SensorLayout& layout, StokesPicture& picture) {
   std::vector<bool> seen(static_cast<std::size_t>(layout.channels()));
+  bool all_usable = true;
   for (int r = 0; r < mosaic.rows(); ++r)
     for (int c = 0; c < mosaic.cols(); ++c)
       if (internal::is_usable(mosaic(r, c)))
         seen[static_cast<std::size_t>(layout.channel_at(r, c))] = true;
+      else
+        all_usable = false;
+  if (all_usable) return;
   const bool all_seen = std::find(seen.begin(), seen.end(), false) == seen.end();
   for (StokesPlanes& stokes : picture.planes)
     for (Image* plane : {&stokes.s0, &stokes.s1, &stokes.s2})
@@ -211,9 +254,9 @@ StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, De
                     "the layout {} does not have",
                     layout.name()),
         "use bilinear interpolation where there is a choice, or one value per cell");
-  const Image usable = internal::filled(mosaic, layout);
-  StokesPicture picture =
-      method == Demosaicking::kBilinear ? bilinear(usable, layout) : residual(usable, layout);
+  Image usable = internal::filled(mosaic, layout);
+  StokesPicture picture = method == Demosaicking::kBilinear ? bilinear(usable, layout)
+                                                            : residual(std::move(usable), layout);
   forget_filled(mosaic, layout, picture);
   return picture;
 }

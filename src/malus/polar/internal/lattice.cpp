@@ -104,32 +104,38 @@ Image upsampled(const Image& coarse, const Lattice& lattice, int rows, int cols)
   return out;
 }
 
+// Every window is summed for itself, not slid on from the one before: so a pixel depends on its
+// window alone, and a band of a picture gives the bits of the whole.
 Image box_mean(const Image& image, int radius) {
   const int rows = image.rows(), cols = image.cols();
   Image out(rows, cols);
-  // Each task keeps column sums of its window and slides them down; the sums of a row are redone
-  // from these. Tasks are cut by kRowsPerTask alone, so any thread count gives the same bits.
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
-    std::vector<double> column(static_cast<std::size_t>(cols), 0.0);
-    const auto add = [&](int r, double sign) {
-      if (r < 0 || r >= rows) return;
-      const float* row = image.row(r);
-      for (int c = 0; c < cols; ++c) column[static_cast<std::size_t>(c)] += sign * double{row[c]};
-    };
-    const auto begin = static_cast<int>(first);
-    for (int r = begin - radius; r < begin + radius; ++r) add(r, 1);
-    for (int r = begin; r < static_cast<int>(last); ++r) {
-      add(r + radius, 1);
-      const int height = std::min(r + radius, rows - 1) - std::max(r - radius, 0) + 1;
-      double sum = 0;
-      for (int c = 0; c < std::min(radius, cols); ++c) sum += column[static_cast<std::size_t>(c)];
-      for (int c = 0; c < cols; ++c) {
-        if (c + radius < cols) sum += column[static_cast<std::size_t>(c + radius)];
-        if (c - radius - 1 >= 0) sum -= column[static_cast<std::size_t>(c - radius - 1)];
-        const int width = std::min(c + radius, cols - 1) - std::max(c - radius, 0) + 1;
-        out(r, c) = static_cast<float>(sum / (static_cast<double>(height) * width));
+    // With zeros beyond both ends, so that no window is cut.
+    std::vector<double> column(static_cast<std::size_t>(cols + 2 * radius), 0.0);
+    std::vector<double> sum(static_cast<std::size_t>(cols));
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
+      const int top = std::max(r - radius, 0), bottom = std::min(r + radius, rows - 1);
+      double* const middle = column.data() + radius;
+      std::copy_n(image.row(top), cols, middle);
+      for (int i = top + 1; i <= bottom; ++i) {
+        const float* row = image.row(i);
+        for (int c = 0; c < cols; ++c) middle[c] += double{row[c]};
       }
-      add(r - radius, -1);
+      std::copy_n(column.data(), cols, sum.data());
+      for (int d = 1; d <= 2 * radius; ++d)
+        for (int c = 0; c < cols; ++c)
+          sum[static_cast<std::size_t>(c)] += column[static_cast<std::size_t>(c + d)];
+      const double height = bottom - top + 1;
+      const auto mean = [&](int c) {
+        const int width = std::min(c + radius, cols - 1) - std::max(c - radius, 0) + 1;
+        out(r, c) = static_cast<float>(sum[static_cast<std::size_t>(c)] / (height * width));
+      };
+      float* to = out.row(r);
+      const int left = std::min(radius, cols), right = std::max(left, cols - radius);
+      for (int c = 0; c < left; ++c) mean(c);
+      for (int c = left; c < right; ++c)
+        to[c] = static_cast<float>(sum[static_cast<std::size_t>(c)] / (height * (2 * radius + 1)));
+      for (int c = right; c < cols; ++c) mean(c);
     }
   });
   return out;

@@ -34,10 +34,10 @@ Gradients gradients_of(const Image& mosaic) {
 
 // Half of S0 at every pixel: the mean of the 2x2 blocks around it, those across an edge weighted
 // down. A block of any phase holds the four angles once.
-Image intensity_guide(const Image& mosaic) {
+Image intensity_guide(const Image& mosaic, double mean_square) {
   const int rows = mosaic.rows(), cols = mosaic.cols();
   const Gradients gradients = gradients_of(mosaic);
-  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square(mosaic)) + kTinyDn);
+  const auto floor = static_cast<float>(kGradientFloor * std::sqrt(mean_square) + kTinyDn);
   const auto weight = [&](float gradient) { return 1 / ((gradient + floor) * (gradient + floor)); };
   Image guide(rows, cols);
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
@@ -134,11 +134,12 @@ Image s0_takes_part(const Image& mosaic) {
 
 }  // namespace
 
-ResidualAngles residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon) {
+ResidualAngles residual_angles(const Image& mosaic, const SensorLayout& layout, double epsilon,
+                               double mean_square) {
   const auto interpolate = [&](const Image& samples, const Lattice& lattice) {
     return upsampled(samples, lattice, mosaic.rows(), mosaic.cols());
   };
-  const Image guide = intensity_guide(mosaic);
+  const Image guide = intensity_guide(mosaic, mean_square);
   AngleImages planes =
       for_angles(mosaic, layout, [&](const Image& samples, const Lattice& lattice) {
         return guided_upsampled(samples, lattice, guide, epsilon);
@@ -155,7 +156,9 @@ ResidualAngles residual_angles(const Image& mosaic, const SensorLayout& layout, 
         planes[a](r, c) = interpolated[a](r, c) + trust * (planes[a](r, c) - interpolated[a](r, c));
     }
   });
-  return {stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]}), std::move(share)};
+  const AnglePlanes angles{std::move(planes[0]), std::move(planes[1]), std::move(planes[2]),
+                           std::move(planes[3])};
+  return {stokes_of(angles), std::move(share)};
 }
 
 }  // namespace malus::internal
