@@ -10,6 +10,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
 #include "denoise_files.h"
@@ -31,6 +32,7 @@ struct RenoiseArguments {
   fs::path model, folder;
   double from = 0, to = 0;
   RenoiseSettings settings;
+  DenoiseSettings guide;  ///< where none is given
   std::string format = "tif";
   std::uint32_t first_frame = 0;
   bool as_float = false;
@@ -39,8 +41,12 @@ struct RenoiseArguments {
 // The clean signal as a denoiser sees it: only the noise level is taken from it.
 Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFrame& frame,
                const NoiseModel& model, const GainSetting& gain, Progress& progress) {
-  if (arguments.guides.empty())
-    return denoise_frame(frame, denoising_profile(frame, model, gain), {}, progress).dn_above_black;
+  if (arguments.guides.empty()) {
+    DenoiseSettings settings = arguments.guide;
+    settings.held_values = static_cast<double>(frame.dn.size());
+    return denoise_frame(frame, denoising_profile(frame, model, gain), settings, progress)
+        .dn_above_black;
+  }
   FrameOptions options = options_in_layout({}, model.layout, arguments.guides[index]);
   options.rows = frame.dn.rows();
   options.cols = frame.dn.cols();
@@ -161,6 +167,14 @@ void add_renoise(CLI::App& app, Common& common) {
   command->add_option("--format", arguments->format, "ending of the results")
       ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
       ->capture_default_str();
+  DenoiseSettings::describe(arguments->guide, [&](auto& value, const ParameterInfo& info) {
+    if constexpr (std::is_same_v<decltype(value), double&>)
+      if (info.name == "memory")
+        command
+            ->add_option(flag_name(info.name), value, "as denoise's, while the guide is made [MiB]")
+            ->check(in_range(info.minimum, info.maximum))
+            ->capture_default_str();
+  });
   arguments->raw.add_to(*command, false);
 }
 

@@ -217,6 +217,17 @@ def test_a_refusal_stands_alone(malus, tmp_path):
     assert "diffuse reflection, refractive index 1.5" in malus("normals", *camera, tmp_path / "good.npy").err
 
 
+def test_renoise_keeps_to_its_memory(malus, tmp_path):
+    """As denoise does, by tiles, which do not change a byte."""
+    np.save(tmp_path / "frame.npy", np.random.default_rng(1).integers(200, 900, (1024, 1024)).astype(np.uint16))
+    for name, memory in (("whole", []), ("tiles", ["--memory", 128])):
+        malus("renoise", tmp_path / "frame.npy", "-m", "imx250mzr-simulated", "--from", 12, "--to", 24, *memory, "--format", "npy",
+              "-o", tmp_path / name)
+    assert (tmp_path / "whole/frame_renoised.npy").read_bytes() == (tmp_path / "tiles/frame_renoised.npy").read_bytes()
+    assert "--memory" in malus("renoise", tmp_path / "frame.npy", "-m", "imx250mzr-simulated", "--from", 12, "--to", 24, "--memory", 1,
+                               "-o", tmp_path / "out", code=2).err
+
+
 def test_gain_outside_the_calibrated_range_needs_a_flag(malus, refused, frame, tmp_path):
     for command in ("denoise", "stokes"):
         arguments = [command, frame, *LAYOUT, "--model", "imx250mzr-simulated", "-o", tmp_path / "out", "--gain", "36"]
