@@ -127,7 +127,7 @@ def test_renoised_frame_has_the_noise_of_its_gain(quiet):
     ({}, "kept as read", [np.nan, np.inf]), (dict(rounded=True), "as integers 0 or white", [0, 4095]),
     (dict(rounded=True, method="naive"), "as integers 0 or white", [0, 4095])])
 def test_pixels_that_are_no_numbers_are_said(quiet, given, fate, pixels):
-    """In the frame and in a guide, as the program says them (tests/system/test_bad_input.py)."""
+    """In the frame and in a guide, as the program says them (tests/system/test_pixels_without_light.py)."""
     holes = quiet.astype(np.float32)
     holes[10, 11], holes[20, 21] = np.nan, np.inf
     call = lambda raw, **more: malus.renoise(malus.Frame(raw, LAYOUT, 82, 4095, gain_db=0), MODEL, 18, seed=5, **given, **more)
