@@ -1,13 +1,23 @@
+# malus::malus, all modules but the optional ones, for who includes malus' source tree too; and, with MALUS_INSTALL,
 # `cmake --install`: program, man pages, shell completion, libraries, headers, Python module and a CMake package:
 # find_package(malus) gives malus::malus; the optional modules are components: find_package(malus COMPONENTS neural) gives
 # malus::neural. Components for CPack: program, networks, development, python.
-include(CMakePackageConfigHelpers)
-set(malus_package ${CMAKE_INSTALL_LIBDIR}/cmake/malus)
 set(malus_optional_modules capture neural cuda)
-set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME development)
 get_property(modules GLOBAL PROPERTY MALUS_MODULES)
 add_library(malus INTERFACE)
 add_library(malus::malus ALIAS malus)
+foreach(module IN LISTS modules)
+  if(NOT module IN_LIST malus_optional_modules)
+    target_link_libraries(malus INTERFACE malus_${module})
+  endif()
+endforeach()
+if(NOT MALUS_INSTALL)
+  return()
+endif()
+
+include(CMakePackageConfigHelpers)
+set(malus_package ${CMAKE_INSTALL_LIBDIR}/cmake/malus)
+set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME development)
 foreach(module IN LISTS modules)
   install(DIRECTORY src/malus/${module} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/malus
           FILES_MATCHING PATTERN "*.h" PATTERN "internal" EXCLUDE)
@@ -16,7 +26,6 @@ foreach(module IN LISTS modules)
     install(EXPORT ${export} NAMESPACE malus:: FILE malus-${module}.cmake DESTINATION ${malus_package})
   else()
     set(export malus_targets)
-    target_link_libraries(malus INTERFACE malus_${module})
   endif()
   install(TARGETS malus_${module} EXPORT ${export} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 endforeach()
@@ -24,17 +33,17 @@ install(TARGETS malus_codecs EXPORT malus_targets ARCHIVE DESTINATION ${CMAKE_IN
 install(FILES src/malus/malus.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/malus)
 install(TARGETS malus EXPORT malus_targets)
 install(EXPORT malus_targets NAMESPACE malus:: FILE malusTargets.cmake DESTINATION ${malus_package})
-configure_package_config_file(cmake/malusConfig.cmake.in ${CMAKE_BINARY_DIR}/malusConfig.cmake
+configure_package_config_file(cmake/malusConfig.cmake.in ${PROJECT_BINARY_DIR}/malusConfig.cmake
   INSTALL_DESTINATION ${malus_package})
-write_basic_package_version_file(${CMAKE_BINARY_DIR}/malusConfigVersion.cmake COMPATIBILITY SameMinorVersion)
-install(FILES ${CMAKE_BINARY_DIR}/malusConfig.cmake ${CMAKE_BINARY_DIR}/malusConfigVersion.cmake cmake/MalusOpenImageIO.cmake
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/malusConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/malusConfig.cmake ${PROJECT_BINARY_DIR}/malusConfigVersion.cmake cmake/MalusOpenImageIO.cmake
         DESTINATION ${malus_package})
 
 # Man pages and completion are written by the program itself, from the declarations of its commands.
-set(malus_manual ${CMAKE_BINARY_DIR}/manual)
+set(malus_manual ${PROJECT_BINARY_DIR}/manual)
 add_custom_command(OUTPUT ${malus_manual}/written
   COMMAND ${CMAKE_COMMAND} -E rm -rf ${malus_manual}
-  COMMAND malus_program manual --quiet -o ${malus_manual} > ${CMAKE_BINARY_DIR}/manual.txt
+  COMMAND malus_program manual --quiet -o ${malus_manual} > ${PROJECT_BINARY_DIR}/manual.txt
   COMMAND ${CMAKE_COMMAND} -E touch ${malus_manual}/written
   DEPENDS malus_program COMMENT "Writing man pages and shell completion" VERBATIM)
 add_custom_target(malus_manual ALL DEPENDS ${malus_manual}/written)
@@ -44,7 +53,7 @@ install(DIRECTORY ${malus_manual}/ DESTINATION ${CMAKE_INSTALL_DATADIR} COMPONEN
 set(CPACK_PACKAGE_CONTACT "malus developers <malus@users.noreply.github.com>")
 set(CPACK_PACKAGE_VENDOR "malus")
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
-set(CPACK_RESOURCE_FILE_LICENSE ${CMAKE_SOURCE_DIR}/LICENSE)
+set(CPACK_RESOURCE_FILE_LICENSE ${PROJECT_SOURCE_DIR}/LICENSE)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_GENERATOR DEB)
 set(CPACK_DEB_COMPONENT_INSTALL ON)

@@ -16,9 +16,9 @@ if(CMAKE_SCRIPT_MODE_FILE)
   return()
 endif()
 
-set(folder ${CMAKE_BINARY_DIR}/generated)
-file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/src/malus/*.h)
-list(APPEND headers ${CMAKE_SOURCE_DIR}/apps/networks/networks.h ${CMAKE_SOURCE_DIR}/apps/pictures/pictures.h)
+set(folder ${PROJECT_BINARY_DIR}/generated)
+file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/malus/*.h)
+list(APPEND headers ${PROJECT_SOURCE_DIR}/apps/networks/networks.h ${PROJECT_SOURCE_DIR}/apps/pictures/pictures.h)
 add_custom_command(OUTPUT ${folder}/malus_modules_interface.h
   COMMAND ${CMAKE_COMMAND} "-DHEADERS=${headers}" -DOUTPUT=${folder}/malus_modules_interface.h -P ${CMAKE_CURRENT_LIST_FILE}
   DEPENDS ${headers} ${CMAKE_CURRENT_LIST_FILE} COMMENT "Digest of the headers" VERBATIM)
@@ -26,5 +26,5 @@ add_custom_target(malus_modules_interface DEPENDS ${folder}/malus_modules_interf
 # Both sides of the door.
 function(malus_stamp_interface target)
   add_dependencies(${target} malus_modules_interface)
-  target_include_directories(${target} PRIVATE ${CMAKE_BINARY_DIR}/generated)
+  target_include_directories(${target} PRIVATE ${PROJECT_BINARY_DIR}/generated)
 endfunction()

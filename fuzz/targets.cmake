@@ -1,7 +1,7 @@
 # malus_fuzz_targets(out): names of all fuzz/<name>_fuzz.cpp; sets <name>_LIBRARIES from the file's first line
 # "// links: malus_io malus_noise".
 macro(malus_fuzz_targets out)
-  file(GLOB fuzz_sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/fuzz/*_fuzz.cpp)
+  file(GLOB fuzz_sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/fuzz/*_fuzz.cpp)
   set(${out})
   foreach(source IN LISTS fuzz_sources)
     get_filename_component(name ${source} NAME_WE)

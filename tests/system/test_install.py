@@ -86,6 +86,34 @@ target_link_libraries(headers PRIVATE malus::malus)
     assert built.returncode == 0, built.stdout
 
 
+def test_another_project_may_include_the_source_tree(tmp_path):
+    """And is left as it was: its build type, its install rules, its build folder."""
+    (tmp_path / "user.cpp").write_text("#include <malus/image/raw_frame.h>\n"
+                                       "int main() { return malus::Image(2, 2, 1.0f)(1, 1) == 1.0f ? 0 : 1; }\n")
+    (tmp_path / "CMakeLists.txt").write_text(f"""cmake_minimum_required(VERSION 3.25)
+project(user LANGUAGES CXX)
+set(MALUS_NEURAL OFF CACHE BOOL "")
+set(MALUS_CAPTURE OFF CACHE BOOL "")
+set(MALUS_CUDA OFF CACHE BOOL "")
+add_subdirectory({ROOT} malus)
+add_executable(user user.cpp)
+target_link_libraries(user PRIVATE malus::image)
+add_executable(user_of_all EXCLUDE_FROM_ALL user.cpp)
+target_link_libraries(user_of_all PRIVATE malus::malus)
+""")
+    build = tmp_path / "build"
+    configured = subprocess.run(["cmake", "-S", tmp_path, "-B", build, "-G", "Ninja", "-DCMAKE_UNITY_BUILD=ON"], capture_output=True, text=True)
+    assert configured.returncode == 0, configured.stderr
+    assert "CMAKE_BUILD_TYPE:STRING=\n" in (build / "CMakeCache.txt").read_text()
+    ours = {"CMakeCache.txt", "CMakeFiles", "build.ninja", "cmake_install.cmake", "malus"}
+    assert {path.name for path in build.iterdir()} - {".cmake"} == ours
+    built = subprocess.run(["cmake", "--build", build, "--target", "user"], capture_output=True, text=True)
+    assert built.returncode == 0, built.stdout
+    subprocess.run([build / "user"], check=True)
+    subprocess.run(["cmake", "--install", build, "--prefix", tmp_path / "prefix"], check=True, capture_output=True)
+    assert not (tmp_path / "prefix").exists()
+
+
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     if not shutil.which("dpkg-shlibdeps"):
