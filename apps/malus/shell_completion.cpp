@@ -84,48 +84,58 @@ complete -o bashdefault -o default -F _malus malus
                      paths, offers, values);
 }
 
+namespace {
+
+// Brackets and colons part a specification of _arguments.
+std::string zsh_escaped(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '[' || c == ']' || c == ':' || c == '\\') out += '\\';
+    out += c;
+  }
+  return in_single_quotes(out);
+}
+
+std::string zsh_function(const CliCommand& command) {
+  return "_" + replaced(replaced(command.name, " ", "_"), "-", "_");
+}
+
+std::string zsh_option(const CliOption& option) {
+  std::string value, text;
+  if (!option.value.empty())
+    value = option.choices.empty() ? ":" + zsh_escaped(option.value) + ":_files"
+                                   : ":value:(" + in_single_quotes(words(option.choices)) + ")";
+  for (const auto& name : option.names)
+    text += fmt::format("    '{}{}[{}]{}' \\\n", option.repeats ? "*" : "", name,
+                        zsh_escaped(option.help), value);
+  return text;
+}
+
+// What follows a command's flags: files, fixed words or its commands.
+std::string zsh_arguments(const CliCommand& command) {
+  if (offers_fixed_words(command))
+    return fmt::format("    ':value:({})'\n",
+                       in_single_quotes(words(command.positionals[0].choices)));
+  if (command.commands.empty()) return "    '*:file:_files'\n";
+  std::string text =
+      "    '1: :->command' '*:: :->rest'\n  case $state in\n    command)\n      commands=(\n";
+  for (const auto& sub : command.commands)
+    text += fmt::format("        '{}:{}'\n", last_word(sub), zsh_escaped(sub.help));
+  text += "      )\n      _describe command commands ;;\n    rest)\n      case $words[1] in\n";
+  for (const auto& sub : command.commands)
+    text += fmt::format("        {}) {} ;;\n", last_word(sub), zsh_function(sub));
+  return text + "      esac ;;\n  esac\n";
+}
+
+}  // namespace
+
 std::string zsh_completion(const CliCommand& program) {
-  // Brackets and colons part a specification of _arguments.
-  const auto escaped = [](const std::string& text) {
-    std::string out;
-    for (const char c : text) {
-      if (c == '[' || c == ']' || c == ':' || c == '\\') out += '\\';
-      out += c;
-    }
-    return in_single_quotes(out);
-  };
-  const auto function_of = [](const CliCommand& command) {
-    return "_" + replaced(replaced(command.name, " ", "_"), "-", "_");
-  };
   std::string text = "#compdef malus\n# zsh completion for malus, made by malus manual\n";
   for_each_command(program, [&](const CliCommand& command) {
-    text += fmt::format("\n{}() {{\n  local state line\n", function_of(command));
+    text += fmt::format("\n{}() {{\n  local state line\n", zsh_function(command));
     text += "  local -a commands\n  _arguments -C \\\n";
-    for (const auto& option : command.options) {
-      std::string value;
-      if (!option.value.empty())
-        value = option.choices.empty() ? ":" + escaped(option.value) + ":_files"
-                                       : ":value:(" + in_single_quotes(words(option.choices)) + ")";
-      for (const auto& name : option.names)
-        text += fmt::format("    '{}{}[{}]{}' \\\n", option.repeats ? "*" : "", name,
-                            escaped(option.help), value);
-    }
-    if (command.commands.empty()) {
-      text += offers_fixed_words(command)
-                  ? fmt::format("    ':value:({})'\n",
-                                in_single_quotes(words(command.positionals[0].choices)))
-                  : "    '*:file:_files'\n";
-    } else {
-      text +=
-          "    '1: :->command' '*:: :->rest'\n  case $state in\n    command)\n      commands=(\n";
-      for (const auto& sub : command.commands)
-        text += fmt::format("        '{}:{}'\n", last_word(sub), escaped(sub.help));
-      text += "      )\n      _describe command commands ;;\n    rest)\n      case $words[1] in\n";
-      for (const auto& sub : command.commands)
-        text += fmt::format("        {}) {} ;;\n", last_word(sub), function_of(sub));
-      text += "      esac ;;\n  esac\n";
-    }
-    text += "}\n";
+    for (const auto& option : command.options) text += zsh_option(option);
+    text += zsh_arguments(command) + "}\n";
   });
   // Autoloaded, or sourced after compinit.
   return text +
