@@ -1,6 +1,7 @@
 #include "program.h"
 
 #include "malus/base/error.h"
+#include "malus/base/one_line.h"
 #include "malus/base/parallel.h"
 #include "malus/base/text.h"
 #include "malus/io/config_section.h"
@@ -45,13 +46,14 @@ std::vector<SaidOfFiles> g_said;
 std::mutex g_warnings_mutex;
 std::vector<std::string> g_warnings;
 
-void keep_warning(std::string line) {
+void keep_warning(std::string_view text) {
+  std::string line = one_line(text);
   const std::lock_guard lock(g_warnings_mutex);
   if (std::ranges::find(g_warnings, line) == g_warnings.end())
     g_warnings.push_back(std::move(line));
 }
 
-void print_warning(std::string_view line) { tell(fmt::format("warning: {}\n", line)); }
+void print_warning(std::string_view line) { tell(fmt::format("warning: {}\n", one_line(line))); }
 
 void say_how_often() {
   for (const SaidOfFiles& said : g_said)
@@ -272,7 +274,7 @@ void note(const Common& common, std::string_view line) {
 }
 
 void warn(std::string_view line) {
-  keep_warning(std::string(line));
+  keep_warning(line);
   print_warning(line);
 }
 

@@ -3,10 +3,14 @@
 #include "malus/base/error.h"
 #include "malus/io/picture_file.h"
 
+#include <algorithm>
+#include <array>
 #include <string>
+#include <utility>
 
 #include "support.h"
 #include <gmock/gmock.h>
+#include <zlib.h>
 
 namespace malus::internal {
 namespace {
@@ -28,6 +32,24 @@ TEST(PngCheck, AnyFlippedBitIsFound) {
     }
   for (std::size_t length = 0; length < good.size(); ++length)
     EXPECT_THROW(check_png(Bytes(good).first(length), "a.png"), InputError) << length;
+}
+
+// libpng tells them on stderr by itself.
+TEST(PngCheck, SizesOutOfRangeAreRefused) {
+  const malus::testing::TemporaryFolder folder;
+  save_picture(folder / "a.png", Image(5, 7, 3.0f));
+  for (const auto& [bytes_of_cols, what] :
+       {std::pair{std::array<std::uint8_t, 4>{0, 0, 0, 0}, "declares 0x5 pixels"},
+        {{0x80, 0, 0, 0}, "declares 2147483648x5 pixels"},
+        {{0x7f, 0xff, 0xff, 0xff}, "it declares 2147483647x5 pixels"}}) {
+    auto bytes = read_bytes(folder / "a.png");
+    constexpr std::size_t kChunk = 12, kBody = 17;  // its type and 13 bytes
+    std::copy(bytes_of_cols.begin(), bytes_of_cols.end(), bytes.begin() + kChunk + 4);
+    const auto sum = static_cast<std::uint32_t>(crc32_z(0, bytes.data() + kChunk, kBody));
+    for (std::size_t i = 0; i < 4; ++i)
+      bytes[kChunk + kBody + i] = static_cast<std::uint8_t>(sum >> (24 - 8 * i));
+    EXPECT_THAT([&] { check_png(bytes, "a.png"); }, ThrowsMessage<InputError>(HasSubstr(what)));
+  }
 }
 
 TEST(PngCheck, DamagedPixelsAreNamed) {

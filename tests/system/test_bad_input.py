@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import zlib
 
 import numpy as np
 import pytest
@@ -52,6 +53,21 @@ def test_truncated_npy_and_headerless(refused, tmp_path):
     assert "cut.npy" in refused("info", cut)
     raw = write(tmp_path / "frame.raw", b"\0" * 1000)
     assert "frame.raw" in refused("info", raw, "--raw-format", "mono12p", "--size", "64x64")
+
+
+def test_a_png_of_no_size_gives_one_line(malus, frame):
+    """The decoder's library has a line of its own for it."""
+    content = bytearray(frame.read_bytes())
+    content[16:20] = bytes(4)
+    content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
+    done = malus("info", write(frame.with_name("zero.png"), bytes(content)), code=1)
+    assert done.err.count("\n") == 1 and "zero.png: the PNG file declares 0x64 pixels; " in done.err
+
+
+def test_a_name_of_two_lines_does_not_break_a_warning(malus, tmp_path):
+    np.save(tmp_path / "two\nlines.npy", np.full((64, 64), 230, np.uint16))
+    done = malus("info", tmp_path / "two\nlines.npy")
+    assert done.err.startswith("warning: ") and "two lines.npy: " in done.err and done.err.count("\n") == 1
 
 
 def test_a_folder_is_no_frame(refused, tmp_path):

@@ -1,18 +1,16 @@
 #include "malus/base/error.h"
 
+#include "malus/base/one_line.h"
+
 #include <fmt/format.h>
 
 namespace malus {
-namespace {
 
-// Messages are promised to be one line; names from files may hold anything.
 std::string one_line(std::string_view text) {
   std::string out;
   for (char c : text) out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? ' ' : c;
   return out;
 }
-
-}  // namespace
 
 InputError::InputError(std::string_view subject, std::string_view problem, std::string_view remedy)
     : std::runtime_error(one_line(fmt::format("{}: {}; {}", subject, problem, remedy))),

@@ -18,6 +18,19 @@ namespace {
                    "the file is damaged or cut off: copy or record it again");
 }
 
+// The first chunk's. libpng would write a line of its own about a size out of range.
+void check_header(Bytes bytes, std::size_t at, std::size_t length,
+                  const std::filesystem::path& path) {
+  constexpr std::size_t kHeader = 13;
+  constexpr std::uint32_t kMaxSide = 0x7fffffff;
+  if (length != kHeader) damaged_png(path, "has an IHDR chunk of another length than 13");
+  const auto cols = load_number<std::uint32_t>(bytes, at, true);
+  const auto rows = load_number<std::uint32_t>(bytes, at + 4, true);
+  if (cols < 1 || rows < 1 || cols > kMaxSide || rows > kMaxSide)
+    damaged_png(path, fmt::format("declares {}x{} pixels", cols, rows));
+  check_picture_size(path, rows, cols, 1);
+}
+
 }  // namespace
 
 void check_png(Bytes bytes, const std::filesystem::path& path) {
@@ -41,6 +54,7 @@ void check_png(Bytes bytes, const std::filesystem::path& path) {
     if (crc32_z(0, bytes.data() + at + 4, 4 + length) != stored)
       damaged_png(path, fmt::format("has a wrong checksum in its {} chunk", type));
     if (first != (type == "IHDR")) damaged_png(path, "does not begin with one IHDR chunk");
+    if (first) check_header(bytes, at + 8, length, path);
     first = false;
     has_pixels = has_pixels || type == "IDAT";
     if (type == "IEND") break;
