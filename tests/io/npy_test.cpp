@@ -103,8 +103,8 @@ TEST(Npy, DamagedFilesAreRefused) {
   refused(npy("{'descr': '|u1', 'fortran_order': False, 'shape': (6,), }", data), "1 axes");
   refused(npy("{'descr': '|u1', 'fortran_order': False, 'shape': (0, 6), }", data), "0");
   refused(
-      npy("{'descr': '|u1', 'fortran_order': False, 'shape': (4294967296, 4294967296), }", data),
-      "more than");
+      npy("{'descr': '|u1', 'fortran_order': False, 'shape': (4294967296, 4294967297), }", data),
+      "its shape (4294967296, 4294967297) has an axis of more than 2147483647 values");
   // One more than rows and columns, which are ints, can count.
   refused(npy("{'descr': '|u1', 'fortran_order': False, 'shape': (2147483648, 1), }", data),
           "more than 2147483647 values");

@@ -186,7 +186,11 @@ Axes picture_axes(const NpyHeader& header, const fs::path& path, NpyAxes order) 
     damaged_npy(path, fmt::format("its shape ({}) has {} axes; a picture has 2 or 3",
                                   fmt::join(shape, ", "), shape.size()));
   for (const std::int64_t extent : shape)
-    if (extent > kMaxPixels) check_picture_size(path, extent, 1, 1);
+    if (extent > kMaxPixels)
+      throw InputError(path.string(),
+                       fmt::format("its shape ({}) has an axis of more than {} values",
+                                   fmt::join(shape, ", "), kMaxPixels),
+                       "crop it, or check that the file is whole");
   std::vector<std::int64_t> step(shape.size(), 1);
   if (header.fortran_order)
     for (std::size_t a = 1; a < shape.size(); ++a) step[a] = step[a - 1] * shape[a - 1];
