@@ -68,6 +68,13 @@ TEST(Fits, ScaleBlankAndFacts) {
   EXPECT_EQ(decoded.camera, "Camera 7");
 }
 
+TEST(Fits, AScaleThatIsNoNumberIsRefused) {
+  for (const std::string card : {"BSCALE  = nan", "BZERO   = 'none'"})
+    EXPECT_THAT([&] { parse_fits(fits(with(header(8, 1, 1), card), "a"), "x"); },
+                ThrowsMessage<InputError>(HasSubstr("is no finite number")))
+        << card;
+}
+
 TEST(Fits, ExposuresBelowZeroTellNothing) {
   auto cards = with(header(8, 1, 1), "EXPTIME = -1.0");
   EXPECT_FALSE(parse_fits(fits(cards, "a"), "x").exposure_s);

@@ -82,6 +82,14 @@ std::optional<double> number(const Header& header, std::string_view key) {
   return value;
 }
 
+// Pixels would come out wrong without a word if a value that cannot be read counted as none.
+double number_or(const Header& header, std::string_view key, double value, const fs::path& path) {
+  if (!header.values.contains(std::string(key))) return value;
+  const auto stored = number(header, key);
+  if (!stored) damaged_fits(path, fmt::format("{} is no finite number", key));
+  return *stored;
+}
+
 std::int64_t required_integer(const Header& header, std::string_view key, const fs::path& path) {
   const auto value = number(header, key);
   if (!value || *value != std::floor(*value) || std::abs(*value) > 1e15)
@@ -113,8 +121,8 @@ Layout picture_layout(const Header& header, const fs::path& path) {
   layout.rows = required_integer(header, "NAXIS2", path);
   if (axes == 3) layout.channels = required_integer(header, "NAXIS3", path);
   check_picture_size(path, layout.rows, layout.cols, layout.channels);
-  layout.zero = number(header, "BZERO").value_or(0.0);
-  layout.scale = number(header, "BSCALE").value_or(1.0);
+  layout.zero = number_or(header, "BZERO", 0.0, path);
+  layout.scale = number_or(header, "BSCALE", 1.0, path);
   if (layout.bitpix > 0) layout.blank = number(header, "BLANK");
   const auto order = header.values.find("ROWORDER");
   layout.bottom_up = order != header.values.end() && order->second == "BOTTOM-UP";
