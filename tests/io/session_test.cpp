@@ -126,7 +126,10 @@ TEST(Session, WrongValuesAreRefusedWithTheirPlace) {
   expect_refused("frames = 3", "frames", "is not a list");
   expect_refused("frames = [3]", "is not a list of tables");
   expect_refused("sensor = 3\n[[frames]]\n", "sensor", "is not a table");
-  expect_refused("[sensor.cell]\nrows = [[\"R99\"]]\n[[frames]]\n", "unknown site \"R99\"");
+  expect_refused("[sensor.cell]\nrows = [[\"R99\"]]\n[[frames]]\n",
+                 "rows in [sensor.cell] has an unknown site \"R99\"");
+  expect_refused("[sensor.cell]\nrows = [[\"R90\", \"R45\"], [\"R135\"]]\n[[frames]]\n",
+                 "rows in [sensor.cell] has rows of 2 and 1 sites");
   expect_refused("[sensor]\nname = \"x\n", "s.toml:2");
   expect_refused("\xff\xfe", "s.toml");
 }

@@ -121,10 +121,10 @@ SensorLayout SensorLayout::from_sites(const SiteNames& rows) {
       "give 1 to 8 rows of equal length with sites such as R90, G1_45, B, 135 or mono";
   if (rows.empty() || rows[0].empty() || rows.size() > kLargestCell ||
       rows[0].size() > kLargestCell)
-    throw InputError("sensor cell",
-                     fmt::format("it has {} rows and {} columns", rows.size(),
-                                 rows.empty() ? 0 : rows[0].size()),
-                     remedy);
+    throw InputError(
+        "sensor cell",
+        fmt::format("has {} rows and {} columns", rows.size(), rows.empty() ? 0 : rows[0].size()),
+        remedy);
   SensorLayout layout;
   layout.rows_ = static_cast<int>(rows.size());
   layout.cols_ = static_cast<int>(rows[0].size());
@@ -132,10 +132,12 @@ SensorLayout SensorLayout::from_sites(const SiteNames& rows) {
   for (const auto& row : rows) {
     if (row.size() != rows[0].size())
       throw InputError("sensor cell",
-                       fmt::format("rows of {} and {} sites", rows[0].size(), row.size()), remedy);
+                       fmt::format("has rows of {} and {} sites", rows[0].size(), row.size()),
+                       remedy);
     for (const auto& text : row) {
       const auto site = parse_site(text);
-      if (!site) throw InputError("sensor cell", fmt::format("unknown site \"{}\"", text), remedy);
+      if (!site)
+        throw InputError("sensor cell", fmt::format("has an unknown site \"{}\"", text), remedy);
       layout.sites_.push_back(*site);
     }
   }

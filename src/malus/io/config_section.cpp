@@ -229,7 +229,11 @@ std::optional<ConfigSection> ConfigSection::section(std::string_view key) const 
   if (!node->is_table()) fail(key, "is not a table", fmt::format("write [{}]", key));
   auto table = std::make_shared<Table>(*table_);
   table->at = node->as_table();
-  table->title = fmt::format("[{}]", key);
+  // Of a table in a table: [sensor.cell].
+  const std::string& outer = table_->title;
+  table->title = outer.starts_with("[") && !outer.starts_with("[[")
+                     ? fmt::format("{}.{}]", outer.substr(0, outer.size() - 1), key)
+                     : fmt::format("[{}]", key);
   return ConfigSection(std::move(table));
 }
 
