@@ -8,35 +8,14 @@
 #include <cmath>
 #include <limits>
 
-#include "denoise/drawn_frame.h"
+#include "denoise/tiled_scene.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
-PhysicsNoise camera_noise(const SensorLayout& layout) {
-  PhysicsNoise noise;
-  noise.layout = layout;
-  noise.row_group = 2;
-  noise.quantization_dn = 0;
-  noise.channels.assign(static_cast<std::size_t>(layout.channels()),
-                        PhysicsChannel{1.5, 0.1, -0.4, 1.8, 0.6});
-  return noise;
-}
-
-// Polarized blobs and an edge, 20 to 300 DN.
-Image scene(int rows, int cols) {
-  Image dn(rows, cols);
-  for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < cols; ++c) {
-      const double smooth = 120 + 80 * std::sin(r * 0.03) * std::cos(c * 0.04);
-      const double edge = r + 2 * c > rows + cols ? 60 : 0;
-      const double polarization = 1 + 0.2 * ((r + c) % 2 ? 1 : -1) * std::cos(0.02 * c);
-      dn(r, c) = static_cast<float>((smooth + edge) * polarization);
-    }
-  return dn;
-}
+Image scene(int rows, int cols) { return polarized_blobs(rows, cols); }
 
 RawFrame noisy_frame(const Image& clean, const PhysicsNoise& noise, std::uint64_t seed) {
   return drawn_frame(clean, noise, {.black_dn = 82}, seed);
@@ -55,12 +34,6 @@ DenoiseSettings quick(const std::string& method) {
   settings.method = method;
   settings.profile = method == "nl-ridge" ? "normal" : "fast";
   return settings;
-}
-
-// The least memory, which the caller holds all but this much of.
-void leave_memory(double mib, DenoiseSettings& settings) {
-  settings.memory_mib = 128;
-  settings.held_values = 0.92 * (settings.memory_mib - mib) * 0x1p20 / 4;
 }
 
 // One set of weights for all values of a block lets noise through in those that hold no signal.
@@ -158,6 +131,7 @@ TEST_P(MosaicMethod, EveryLayoutAndSizeWorks) {
   }
 }
 
+// Of two scales: denoiser_slow_test.cpp.
 TEST_P(MosaicMethod, TilesEqualTheWhole) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-bayer-rggb"));
   const RawFrame frame = noisy_frame(scene(700, 900), noise, 5);
@@ -172,22 +146,6 @@ TEST_P(MosaicMethod, TilesEqualTheWhole) {
     largest = std::max(largest, std::abs(static_cast<double>(whole.dn_above_black.values()[i]) -
                                          tiled.dn_above_black.values()[i]));
   EXPECT_EQ(largest, 0.0);
-}
-
-TEST_P(MosaicMethod, TilesAndThreadsDoNotChangeTwoScales) {
-  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
-  const RawFrame frame = noisy_frame(scene(1600, 1600), noise, 6);
-  DenoiseSettings settings{.method = GetParam()};
-  const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
-  ASSERT_EQ(whole.tiles, 1);
-  leave_memory(GetParam() == "nl-ridge" ? 127 : 120, settings);  // reaches of their own
-  const int before = thread_count();
-  set_thread_count(before == 1 ? 3 : 1);
-  const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
-  set_thread_count(before);
-  EXPECT_GT(tiled.tiles, 1);
-  EXPECT_EQ(whole.dn_above_black.values(), tiled.dn_above_black.values());
-  EXPECT_EQ(whole.variance_dn2->values(), tiled.variance_dn2->values());
 }
 
 TEST_P(MosaicMethod, SameBytesForAnyThreadCount) {

@@ -1,0 +1,28 @@
+#include "denoise/tiled_scene.h"
+
+namespace malus {
+namespace {
+
+// The surroundings of a tile are as wide as the smallest tiles: a frame of less memory and more
+// than one of them is large.
+class TwoScales : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(All, TwoScales, ::testing::Values("nl-ridge", "bm3d"));
+
+TEST_P(TwoScales, AreNotChangedByTilesAndThreads) {
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
+  const RawFrame frame = drawn_frame(polarized_blobs(1600, 1600), noise, {.black_dn = 82}, 6);
+  DenoiseSettings settings{.method = GetParam()};
+  const Denoised whole = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
+  ASSERT_EQ(whole.tiles, 1);
+  leave_memory(GetParam() == "nl-ridge" ? 127 : 120, settings);  // reaches of their own
+  const int before = thread_count();
+  set_thread_count(before == 1 ? 3 : 1);
+  const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, silent_progress(), true);
+  set_thread_count(before);
+  EXPECT_GT(tiled.tiles, 1);
+  EXPECT_EQ(whole.dn_above_black.values(), tiled.dn_above_black.values());
+  EXPECT_EQ(whole.variance_dn2->values(), tiled.variance_dn2->values());
+}
+
+}  // namespace
+}  // namespace malus
