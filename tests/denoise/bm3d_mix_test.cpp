@@ -85,7 +85,7 @@ TEST(Bm3dMix, TakesWhatTheEstimateLostAndLeavesWhatItKnowsBetter) {
   Case mono = case_of(clean, estimate, 0.001f);
   for (int i = 0; i < mono.cell_error.rows(); ++i)
     for (int k = 0; k < kMiddle / 4; ++k) mono.cell_error(i, k) = 0.15f;
-  const Image mixed = mono.mixed(internal::plan_bm3d_mix("normal", kRows, kCols, 256, 0));
+  const Image mixed = mono.mixed(internal::plan_bm3d_mix("normal", kRows, kCols, {256}));
   EXPECT_LT(mean_square(mixed, clean, 0, kMiddle - kEdge),
             0.5 * mean_square(estimate, clean, 0, kMiddle - kEdge));
   EXPECT_LT(mean_square(mixed, clean, kMiddle + kEdge, kCols),
@@ -131,7 +131,7 @@ TEST(Bm3dMix, PartsDoNotChangeAByte) {
 
 TEST(Bm3dMix, PartsAreAsLargeAsTheMemoryAllows) {
   const auto side = [](double memory_mib) {
-    return internal::plan_bm3d_mix("normal", 8000, 9000, memory_mib, 0).part_cols;
+    return internal::plan_bm3d_mix("normal", 8000, 9000, {memory_mib}).part_cols;
   };
   EXPECT_EQ(side(4096), 9000);
   const int grid = bm3d_reach({}).grid;
@@ -150,9 +150,8 @@ TEST(Bm3dMix, ErrorsOfCellsAreTheSameInTiles) {
   const auto errors = [&](double memory_mib) {
     Image estimate(noisy.rows(), noisy.cols());
     Image cells(internal::cell_count(noisy.rows()), internal::cell_count(noisy.cols()));
-    tiles =
-        internal::filter_frame([&](int r, int c) { return noisy(r, c); }, layout, plan, memory_mib,
-                               0, estimate, {.cell_error = &cells}, silent_progress());
+    tiles = internal::filter_frame(source_of(noisy, layout), plan, {memory_mib}, estimate,
+                                   {.cell_error = &cells}, silent_progress());
     return cells;
   };
   const Image whole = errors(1024);

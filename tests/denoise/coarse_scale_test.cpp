@@ -29,8 +29,7 @@ TEST(CoarseScale, IsTwiceTheMeanOfFourPeriods) {
   Image fine(8, 12);
   for (int r = 0; r < 8; ++r)
     for (int c = 0; c < 12; ++c) fine(r, c) = static_cast<float>(100 * r + c);
-  const auto pixel = [&](int r, int c) { return fine(r, c); };
-  const Image coarse = internal::coarse_frame(pixel, 8, 12, layout);
+  const Image coarse = internal::coarse_frame(source_of(fine, layout));
   ASSERT_EQ(coarse.rows(), 4);
   ASSERT_EQ(coarse.cols(), 6);
   // Rows 1 and 3, columns 4 and 6; then rows 4 and 6, columns 9 and 11.
@@ -43,8 +42,7 @@ TEST(CoarseScale, OddSizesKeepEveryChannel) {
   Image fine(70, 73);
   for (int r = 0; r < 70; ++r)
     for (int c = 0; c < 73; ++c) fine(r, c) = static_cast<float>(layout.channel_at(r, c));
-  const auto pixel = [&](int r, int c) { return fine(r, c); };
-  const Image coarse = internal::coarse_frame(pixel, 70, 73, layout);
+  const Image coarse = internal::coarse_frame(source_of(fine, layout));
   // A last single period would have the noise of one sample, not of four.
   ASSERT_EQ(coarse.rows(), 32);
   ASSERT_EQ(coarse.cols(), 36);
@@ -58,8 +56,7 @@ TEST(CoarseScale, CorrectionReplacesStraightLines) {
     const SensorLayout layout = SensorLayout::named(name);
     const int rows = 24 * layout.rows(), cols = 32 * layout.cols();
     const Image truth = ramp(layout, rows, cols, 0.3);
-    const auto pixel = [&](int r, int c) { return truth(r, c); };
-    const Image coarse = internal::coarse_frame(pixel, rows, cols, layout);
+    const Image coarse = internal::coarse_frame(source_of(truth, layout));
     Image estimate = ramp(layout, rows, cols, 0.25);
     internal::correct_low_frequencies(estimate, coarse, layout);
     // Straight lines pass the smoothing and the interpolation unchanged, but for the border.

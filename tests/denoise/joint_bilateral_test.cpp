@@ -63,9 +63,8 @@ Averaged averaged(const Image& samples, const Image& estimate, float error,
                   double memory_mib = 1024, float uncut = 1e5f, float sure_noise = 1.0f) {
   const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
   Averaged result{estimate, Image(estimate.rows(), estimate.cols(), error)};
-  internal::average_alike_pixels([&](int r, int c) { return samples(r, c); },
-                                 sample_noise(uncut, sure_noise), layout, {memory_mib, 0},
-                                 result.estimate, &result.error, silent_progress());
+  internal::average_alike_pixels(source_of(samples, layout), sample_noise(uncut, sure_noise),
+                                 {memory_mib}, {result.estimate, &result.error}, silent_progress());
   return result;
 }
 
@@ -197,9 +196,9 @@ TEST(JointBilateral, StopsWhenAsked) {
     bool stop_requested() const override { return true; }
   } stopped;
   Image estimate = printed(3);
-  EXPECT_THROW(internal::average_alike_pixels(
-                   [&](int r, int c) { return estimate(r, c); }, sample_noise(1e5f, 1.0f),
-                   SensorLayout::named("polar-bayer-rggb"), {1024, 0}, estimate, nullptr, stopped),
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  EXPECT_THROW(internal::average_alike_pixels(source_of(estimate, layout), sample_noise(1e5f, 1.0f),
+                                              {1024}, {estimate}, stopped),
                Cancelled);
 }
 

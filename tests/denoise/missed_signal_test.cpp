@@ -22,9 +22,9 @@ Image unit_noise(int rows, int cols, std::uint64_t seed) {
 
 Image stated_after(const Image& samples, const Image& estimate, float uncut = 1e5f) {
   Image error(estimate.rows(), estimate.cols(), 0.25f);
-  internal::add_missed_signal([&](int r, int c) { return samples(r, c); },
-                              std::vector<float>(4, uncut), SensorLayout::named("polar-mono"),
-                              estimate, error);
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  internal::add_missed_signal(source_of(samples, layout), std::vector<float>(4, uncut), estimate,
+                              error);
   return error;
 }
 

@@ -46,8 +46,7 @@ TEST(MosaicFilter, AxesPriorHasTheStatedEnergies) {
   RandomSequence random(5, 0, Draw::kOther);
   Image pixels(64, 64);
   for (float& v : pixels.values()) v = static_cast<float>(random.normal());
-  const CellStatistics statistics =
-      measure_cells([&](int r, int c) { return pixels(r, c); }, 64, 64, layout);
+  const CellStatistics statistics = measure_cells(source_of(pixels, layout));
   ASSERT_EQ(statistics.axes_prior.size(), 16u);
   for (std::size_t a = 0; a < 16; ++a)
     for (std::size_t q = 0; q < 16; ++q) {
@@ -88,11 +87,10 @@ Image filtered(const Image& clean, const MosaicFilterPlan& plan, const SensorLay
   Image noisy = clean;
   RandomSequence random(11, 0, Draw::kOther);
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
-  const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
-  const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
+  const FrameSource source = source_of(noisy, layout);
+  const CellStatistics statistics = measure_cells(source);
   const int edge = mosaic_filter_border(plan, layout) + beyond;
-  const internal::StackTile tile =
-      cut_tile(pixel, rows, cols, -edge, -edge, rows + 2 * edge, cols + 2 * edge, layout);
+  const internal::StackTile tile = cut_tile(source, -edge, -edge, rows + 2 * edge, cols + 2 * edge);
   const Image whole = filter_mosaic(tile, rows, cols, statistics, plan, silent_progress());
   Image result(rows, cols);
   for (int r = 0; r < rows; ++r)

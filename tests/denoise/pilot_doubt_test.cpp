@@ -102,8 +102,7 @@ struct Survey {
       noisy.values()[i] = static_cast<float>(signal * light + random.normal());
       pilot.values()[i] = static_cast<float>(pilot_signal * light + pilot_noise * random.normal());
     }
-    const CellStatistics statistics =
-        measure_cells([&](int r, int c) { return noisy(r, c); }, kSurveyed, kSurveyed, layout);
+    const CellStatistics statistics = measure_cells(source_of(noisy, layout));
     const internal::StackTile tile{noisy, 0, 0};
     const internal::StageInput input{.noisy = &tile,
                                      .guide = &pilot,
@@ -148,10 +147,10 @@ double error_of(const Image& clean, const MosaicFilterPlan& plan, const SensorLa
   Image noisy = clean;
   RandomSequence random(29, 0, Draw::kOther);
   for (float& v : noisy.values()) v += static_cast<float>(random.normal());
-  const PixelSource pixel = [&](int r, int c) { return noisy(r, c); };
-  const CellStatistics statistics = measure_cells(pixel, size, size, layout);
+  const FrameSource source = source_of(noisy, layout);
+  const CellStatistics statistics = measure_cells(source);
   const internal::StackTile tile =
-      cut_tile(pixel, size, size, -kEdge, -kEdge, size + 2 * kEdge, size + 2 * kEdge, layout);
+      cut_tile(source, -kEdge, -kEdge, size + 2 * kEdge, size + 2 * kEdge);
   const Image result = filter_mosaic(tile, size, size, statistics, plan, silent_progress());
   double sum = 0;
   for (int r = 0; r < size; ++r)

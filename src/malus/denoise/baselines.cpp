@@ -148,9 +148,9 @@ double bytes_needed(const std::string& name, const PreparedFrame& frame) {
 
 Image run_baseline(const std::string& name, const PreparedFrame& frame, const NoiseProfile& profile,
                    const DenoiseSettings& settings, Progress& progress) {
-  const double needed = bytes_needed(name, frame) + 4 * settings.held_values;
-  if (needed > pixel_budget_bytes(settings.memory_mib))
-    refuse_memory(settings.memory_mib, needed, frame.dn.rows(), frame.dn.cols());
+  const MemoryBudget memory{settings.memory_mib, settings.held_values};
+  const double needed = bytes_needed(name, frame);
+  if (needed > memory.bytes()) memory.refuse(needed, frame.dn.rows(), frame.dn.cols());
   Bm3dSettings bm3d_settings;
   bm3d_settings.profile = settings.profile;
   Planes planes = pack(frame.dn, frame.layout);

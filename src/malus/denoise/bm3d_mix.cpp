@@ -4,7 +4,6 @@
 #include "malus/denoise/bm3d.h"
 #include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/internal/gaussian_means.h"
-#include "malus/denoise/internal/memory_budget.h"
 
 #include <algorithm>
 #include <cmath>
@@ -168,10 +167,9 @@ bool mixes_bm3d(const std::string& method, const std::string& profile, const Sen
          layout.rows() == 1 && layout.cols() == 1;
 }
 
-Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, double memory_mib,
-                      double resident_values) {
+Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, const MemoryBudget& memory) {
   const Bm3dReach reach = malus::bm3d_reach({.profile = profile});
-  const double bytes = pixel_budget_bytes(memory_mib) - 4 * resident_values;
+  const double bytes = memory.bytes();
   const auto needed = [&](int part_rows, int part_cols) {
     const double around = MixSpan::on_lattice(reach) + kMixContext + reach.pixels;
     return kBytesPerPixel * std::min<double>(part_rows + around, rows) *
@@ -180,8 +178,7 @@ Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, double mem
   };
   if (needed(rows, cols) <= bytes) return {profile, rows, cols};
   int side = reach.grid;
-  if (needed(side, side) > bytes)
-    refuse_memory(memory_mib, needed(side, side) + 4 * resident_values, rows, cols);
+  if (needed(side, side) > bytes) memory.refuse(needed(side, side), rows, cols);
   while (needed(side + reach.grid, side + reach.grid) <= bytes) side += reach.grid;
   return {profile, side, side};
 }

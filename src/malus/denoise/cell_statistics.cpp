@@ -124,16 +124,16 @@ class CellRow {
 };
 
 /// Of the cells of one row phase, by column phase.
-std::vector<CellSums> sum_cells(const PixelSource& pixel, int rows, int cols,
-                                const SensorLayout& layout, int row_phase) {
-  const int apart = cells_apart(rows, cols, layout);
+std::vector<CellSums> sum_cells(const FrameSource& frame, int row_phase) {
+  const SensorLayout& layout = frame.layout;
+  const int apart = cells_apart(frame.rows, frame.cols, layout);
   std::vector<std::vector<int>> starts;
   for (int phase = 0; phase < layout.cols(); ++phase)
-    starts.push_back(cell_starts(phase, cols, layout.cols(), apart));
-  CellRow cells(starts, cols, layout.cols());
+    starts.push_back(cell_starts(phase, frame.cols, layout.cols(), apart));
+  CellRow cells(starts, frame.cols, layout.cols());
   std::vector<CellSums> sums(starts.size());
-  for (const int row : cell_starts(row_phase, rows, layout.rows(), apart)) {
-    cells.load(pixel, row, rows, layout.rows());
+  for (const int row : cell_starts(row_phase, frame.rows, layout.rows(), apart)) {
+    cells.load(frame.pixel, row, frame.rows, layout.rows());
     for (std::size_t phase = 0; phase < starts.size(); ++phase)
       for (const int start : starts[phase]) sums[phase].add(cells.cell(start));
   }
@@ -142,8 +142,8 @@ std::vector<CellSums> sum_cells(const PixelSource& pixel, int rows, int cols,
 
 }  // namespace
 
-CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
-                             const SensorLayout& layout) {
+CellStatistics measure_cells(const FrameSource& frame) {
+  const SensorLayout& layout = frame.layout;
   CellStatistics statistics;
   statistics.period_rows = layout.rows();
   statistics.period_cols = layout.cols();
@@ -154,7 +154,7 @@ CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
   statistics.smoothing.resize(alignments);
   parallel_for(0, layout.rows(), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (std::ptrdiff_t row_phase = begin; row_phase < end; ++row_phase) {
-      const auto sums = sum_cells(pixel, rows, cols, layout, static_cast<int>(row_phase));
+      const auto sums = sum_cells(frame, static_cast<int>(row_phase));
       for (std::size_t phase = 0; phase < sums.size(); ++phase) {
         const auto i = static_cast<std::size_t>(row_phase) * sums.size() + phase;
         CellVector eigenvalues;

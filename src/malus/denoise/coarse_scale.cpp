@@ -46,13 +46,15 @@ std::vector<Between> positions(int size, int coarse, int period) {
 
 }  // namespace
 
-bool has_coarse_scale(int rows, int cols, const SensorLayout& layout) {
-  return rows >= kLeastCoarsePeriods * layout.rows() && cols >= kLeastCoarsePeriods * layout.cols();
+bool has_coarse_scale(const FrameSource& frame) {
+  return frame.rows >= kLeastCoarsePeriods * frame.layout.rows() &&
+         frame.cols >= kLeastCoarsePeriods * frame.layout.cols();
 }
 
-Image coarse_frame(const PixelSource& pixel, int rows, int cols, const SensorLayout& layout) {
-  const int down = layout.rows(), across = layout.cols();
-  Image coarse(coarse_size(rows, down), coarse_size(cols, across));
+Image coarse_frame(const FrameSource& frame) {
+  const PixelSource& pixel = frame.pixel;
+  const int down = frame.layout.rows(), across = frame.layout.cols();
+  Image coarse(coarse_size(frame.rows, down), coarse_size(frame.cols, across));
   parallel_for(0, coarse.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < coarse.cols(); ++c) {
@@ -67,7 +69,7 @@ Image coarse_frame(const PixelSource& pixel, int rows, int cols, const SensorLay
 void correct_low_frequencies(Image& estimate, const Image& coarse_estimate,
                              const SensorLayout& layout) {
   const int rows = estimate.rows(), cols = estimate.cols();
-  Image difference = coarse_frame([&](int r, int c) { return estimate(r, c); }, rows, cols, layout);
+  Image difference = coarse_frame(source_of(estimate, layout));
   MALUS_REQUIRE(difference.rows() == coarse_estimate.rows() &&
                 difference.cols() == coarse_estimate.cols());
   for (std::size_t i = 0; i < difference.size(); ++i)

@@ -111,22 +111,20 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
 }
 
 // Returns the number of tiles.
-int filter_stabilised(const PixelSource& pixel, const SensorLayout& layout,
-                      const DenoiseSettings& settings, double resident_values, Image& estimate,
-                      Image* error, Progress& progress) {
+int filter_stabilised(const FrameSource& frame, const DenoiseSettings& settings,
+                      const internal::MemoryBudget& memory, const internal::FrameEstimate& estimate,
+                      Progress& progress) {
   std::optional<internal::Bm3dMix> mix;
   Image cell_error;
-  if (internal::mixes_bm3d(settings.method, settings.profile, layout)) {
-    mix = internal::plan_bm3d_mix(settings.profile, estimate.rows(), estimate.cols(),
-                                  settings.memory_mib, resident_values);
-    cell_error =
-        Image(internal::cell_count(estimate.rows()), internal::cell_count(estimate.cols()));
+  if (estimate.is_mix) {
+    mix = internal::plan_bm3d_mix(settings.profile, frame.rows, frame.cols, memory);
+    cell_error = Image(internal::cell_count(frame.rows), internal::cell_count(frame.cols));
   }
   const int tiles = internal::filter_frame(
-      pixel, layout, mosaic_filter_plan(settings.method, settings.profile, layout),
-      settings.memory_mib, resident_values, estimate,
-      {.error = error, .cell_error = mix ? &cell_error : nullptr}, progress);
-  if (mix) internal::mix_bm3d(*mix, pixel, cell_error, estimate, progress);
+      frame, mosaic_filter_plan(settings.method, settings.profile, frame.layout), memory,
+      estimate.pixels, {.error = estimate.error, .cell_error = mix ? &cell_error : nullptr},
+      progress);
+  if (mix) internal::mix_bm3d(*mix, frame.pixel, cell_error, estimate.pixels, progress);
   return tiles;
 }
 
@@ -136,22 +134,26 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
                      const DenoiseSettings& settings, Progress& progress, Denoised& result) {
   result.dn_above_black = Image(frame.dn.rows(), frame.dn.cols());
   const auto stabilizers = make_stabilizers(profile, frame.highest_dn, settings.strength);
-  const PixelSource pixel = [&](int r, int c) {
-    const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
-    return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));
-  };
+  const FrameSource stabilised{
+      [&](int r, int c) {
+        const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
+        return static_cast<float>(stabilizers[channel].forward(frame.dn(r, c)));
+      },
+      frame.layout, frame.dn.rows(), frame.dn.cols()};
   Image* const error = result.variance_dn2 ? &*result.variance_dn2 : nullptr;
   const int frames = (error ? 3 : 2) + (profile.pattern ? 2 : 0);
-  const double resident = frames * static_cast<double>(frame.dn.size()) + settings.held_values;
-  result.tiles = filter_stabilised(pixel, frame.layout, settings, resident, result.dn_above_black,
-                                   error, progress);
+  const internal::MemoryBudget memory{
+      settings.memory_mib, frames * static_cast<double>(frame.dn.size()) + settings.held_values};
+  const internal::FrameEstimate estimate{
+      result.dn_above_black, error,
+      internal::mixes_bm3d(settings.method, settings.profile, frame.layout)};
+  result.tiles = filter_stabilised(stabilised, settings, memory, estimate, progress);
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
-  const bool is_mix = internal::mixes_bm3d(settings.method, settings.profile, frame.layout);
   if (settings.like_pixels)
-    internal::average_alike_pixels(pixel, sure_noise(stabilizers, uncut, frame, profile, result),
-                                   frame.layout, {settings.memory_mib, resident, is_mix},
-                                   result.dn_above_black, error, progress);
-  if (error) internal::add_missed_signal(pixel, uncut, frame.layout, result.dn_above_black, *error);
+    internal::average_alike_pixels(stabilised,
+                                   sure_noise(stabilizers, uncut, frame, profile, result), memory,
+                                   estimate, progress);
+  if (error) internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);

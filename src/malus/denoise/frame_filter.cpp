@@ -1,7 +1,6 @@
 #include "malus/denoise/internal/frame_filter.h"
 
 #include "malus/denoise/internal/coarse_scale.h"
-#include "malus/denoise/internal/memory_budget.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,15 +17,13 @@ struct TileSize {
   int rows, cols;
 };
 
-TileSize plan_tiles(int rows, int cols, int reach, int border, double memory_mib,
-                    double resident_values) {
-  const double pixels = (pixel_budget_bytes(memory_mib) - 4 * resident_values) / kBytesPerTilePixel;
+TileSize plan_tiles(int rows, int cols, int reach, int border, const MemoryBudget& memory) {
+  const double pixels = memory.bytes() / kBytesPerTilePixel;
   if ((rows + 2.0 * border) * (cols + 2.0 * border) <= pixels) return {rows, cols};
   const double side = std::sqrt(std::max(pixels, 0.0)) - 2.0 * reach;
   const double least = std::min((kLeastCore + 2.0 * reach) * (kLeastCore + 2.0 * reach),
                                 (rows + 2.0 * border) * (cols + 2.0 * border));
-  if (side < kLeastCore)
-    refuse_memory(memory_mib, least * kBytesPerTilePixel + 4 * resident_values, rows, cols);
+  if (side < kLeastCore) memory.refuse(least * kBytesPerTilePixel, rows, cols);
   const int core = static_cast<int>(side) / 2 * 2;  // tiles begin at even pixels
   return {core, core};
 }
@@ -79,45 +76,43 @@ struct CoarseScale {
   Image unlike;  ///< of its cells; empty where it is not asked for
 };
 
-std::optional<CoarseScale> filter_coarse(const PixelSource& pixel, const SensorLayout& layout,
-                                         const MosaicFilterPlan& plan, double memory_mib,
-                                         double resident_values, int rows, int cols,
-                                         bool want_unlike, Progress& progress) {
-  if (plan.coarse.empty() || !has_coarse_scale(rows, cols, layout)) return std::nullopt;
-  const Image frame = coarse_frame(pixel, rows, cols, layout);
-  CoarseScale coarse{Image(frame.rows(), frame.cols()), Image()};
-  if (want_unlike) coarse.unlike = Image(cell_count(frame.rows()), cell_count(frame.cols()));
-  filter_frame([&](int r, int c) { return frame(r, c); }, layout, plan.coarse.front(), memory_mib,
-               resident_values + 2.0 * static_cast<double>(frame.size()), coarse.estimate,
+std::optional<CoarseScale> filter_coarse(const FrameSource& frame, const MosaicFilterPlan& plan,
+                                         const MemoryBudget& memory, bool want_unlike,
+                                         Progress& progress) {
+  if (plan.coarse.empty() || !has_coarse_scale(frame)) return std::nullopt;
+  const Image halved = coarse_frame(frame);
+  CoarseScale coarse{Image(halved.rows(), halved.cols()), Image()};
+  if (want_unlike) coarse.unlike = Image(cell_count(halved.rows()), cell_count(halved.cols()));
+  filter_frame(source_of(halved, frame.layout), plan.coarse.front(),
+               memory.holding(2.0 * static_cast<double>(halved.size())), coarse.estimate,
                {.unlike = want_unlike ? &coarse.unlike : nullptr}, progress);
   return coarse;
 }
 
 }  // namespace
 
-int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const MosaicFilterPlan& plan,
-                 double memory_mib, double resident_values, Image& estimate,
-                 const FrameReport& report, Progress& progress) {
-  const int rows = estimate.rows(), cols = estimate.cols();
+int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
+                 Image& estimate, const FrameReport& report, Progress& progress) {
+  const SensorLayout& layout = frame.layout;
+  const int rows = frame.rows, cols = frame.cols;
   const bool with_error = report.error || report.cell_error;
   // One coarse scale, as Wiener filters have, tells no even light: slow light is alike there too.
   const bool many_scales = plan.guided.back().filter == StackFilter::ridge;
   std::optional<CoarseScale> coarse =
-      filter_coarse(pixel, layout, plan, memory_mib, resident_values, rows, cols,
-                    report.unlike || (with_error && many_scales), progress);
-  if (coarse) resident_values += static_cast<double>(coarse->estimate.size());
+      filter_coarse(frame, plan, memory, report.unlike || (with_error && many_scales), progress);
+  if (coarse) memory = memory.holding(static_cast<double>(coarse->estimate.size()));
   const int reach = mosaic_filter_reach(plan, layout, with_error) + (report.cell_error ? kCell : 0);
   const int border = std::min(mosaic_filter_border(plan, layout), reach);
-  const TileSize size = plan_tiles(rows, cols, reach, border, memory_mib, resident_values);
-  const CellStatistics statistics = measure_cells(pixel, rows, cols, layout);
+  const TileSize size = plan_tiles(rows, cols, reach, border, memory);
+  const CellStatistics statistics = measure_cells(frame);
   const int down = (rows + size.rows - 1) / size.rows;
   const int across = (cols + size.cols - 1) / size.cols;
   progress.begin("denoising", down * across);
   for (int t = 0; t < down * across; ++t) {
     const Span v(t / across, size.rows, rows, reach, border);
     const Span h(t % across, size.cols, cols, reach, border);
-    const StackTile tile = cut_tile(pixel, rows, cols, v.tile_begin, h.tile_begin, v.tile_size(),
-                                    h.tile_size(), layout);
+    const StackTile tile =
+        cut_tile(frame, v.tile_begin, h.tile_begin, v.tile_size(), h.tile_size());
     Image tile_error;
     std::optional<CellMap> unlike;
     if (report.unlike) unlike.emplace(tile);

@@ -4,7 +4,6 @@
 #include "malus/denoise/internal/bilateral_kernel.h"
 #include "malus/denoise/internal/gaussian_means.h"
 #include "malus/denoise/internal/kept_noise.h"
-#include "malus/denoise/internal/memory_budget.h"
 
 #include <algorithm>
 #include <cmath>
@@ -271,39 +270,41 @@ int averaging_reach(const SensorLayout& layout) {
 }
 
 // What the tiles of the filter had before is free; the least that they need is more than this.
-int strip_rows(const Image& estimate, int reach, const LikePixelSettings& settings) {
+int strip_rows(const Image& estimate, int reach, const MemoryBudget& memory) {
   constexpr double kBytesPerPixel = 15;  // samples, estimate, difference, maps of cells and bands
-  const double bytes = pixel_budget_bytes(settings.memory_mib) - 4 * settings.resident_values;
-  const double rows = bytes / (kBytesPerPixel * std::max(estimate.cols(), 1)) - 2 * reach;
+  const double rows = memory.bytes() / (kBytesPerPixel * std::max(estimate.cols(), 1)) - 2 * reach;
   if (rows >= estimate.rows()) return std::max(estimate.rows(), 1);
   return std::max(static_cast<int>(rows) / kCell, kBandCells) * kCell;
 }
 
 }  // namespace
 
-void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
-                          const SensorLayout& layout, const LikePixelSettings& settings,
-                          Image& estimate, Image* error, Progress& progress) {
-  const int rows = estimate.rows(), cols = estimate.cols(), reach = averaging_reach(layout);
-  const int core_rows = strip_rows(estimate, reach, settings);
+void average_alike_pixels(const FrameSource& frame, const SampleNoise& noise,
+                          const MemoryBudget& memory, const FrameEstimate& estimate,
+                          Progress& progress) {
+  Image& pixels = estimate.pixels;
+  const int rows = frame.rows, cols = frame.cols, reach = averaging_reach(frame.layout);
+  const int core_rows = strip_rows(pixels, reach, memory);
   Image above;  // the estimate before the change, up to the strip
   for (int core = 0; core < rows; core += core_rows) {
     const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
               end = std::min(core_end + reach, rows);
-    PixelStrip strip{layout, Image(end - first, cols), Image(end - first, cols), noise, first};
+    PixelStrip strip{frame.layout, Image(end - first, cols), Image(end - first, cols), noise,
+                     first};
     parallel_for(first, end, kRowsPerTask, [&](std::ptrdiff_t task, std::ptrdiff_t task_end) {
       for (int r = static_cast<int>(task); r < static_cast<int>(task_end); ++r) {
-        const float* from = r < core ? above.row(r - core + above.rows()) : estimate.row(r);
+        const float* from = r < core ? above.row(r - core + above.rows()) : pixels.row(r);
         std::copy_n(from, cols, strip.estimate.row(r - first));
-        for (int c = 0; c < cols; ++c) strip.samples(r - first, c) = pixel(r, c);
+        for (int c = 0; c < cols; ++c) strip.samples(r - first, c) = frame.pixel(r, c);
       }
     });
     above = Image(std::min(reach, core_end), cols);
     for (int i = 0; i < above.rows(); ++i)
       std::copy_n(strip.estimate.row(core_end - above.rows() + i - first), cols, above.row(i));
-    Averaging(strip, settings.is_mix, {error, core - first, core_end - first}, progress).run();
+    Averaging(strip, estimate.is_mix, {estimate.error, core - first, core_end - first}, progress)
+        .run();
     for (int r = core; r < core_end; ++r)
-      std::copy_n(strip.estimate.row(r - first), cols, estimate.row(r));
+      std::copy_n(strip.estimate.row(r - first), cols, pixels.row(r));
   }
 }
 

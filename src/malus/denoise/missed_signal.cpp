@@ -23,9 +23,9 @@ float shown(float mean) { return std::max(mean * mean - kLeastShown, 0.0f); }
 
 }  // namespace
 
-void add_missed_signal(const PixelSource& pixel, const std::vector<float>& uncut,
-                       const SensorLayout& layout, const Image& estimate, Image& error) {
-  const int rows = estimate.rows(), cols = estimate.cols();
+void add_missed_signal(const FrameSource& frame, const std::vector<float>& uncut,
+                       const Image& estimate, Image& error) {
+  const int rows = frame.rows, cols = frame.cols;
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     const int first = static_cast<int>(begin) - kRadius,
               last = static_cast<int>(end) + kRadius;  // rows; those beyond the frame stay 0
@@ -33,10 +33,10 @@ void add_missed_signal(const PixelSource& pixel, const std::vector<float>& uncut
     std::vector<float> residual(static_cast<std::size_t>(cols + 2 * kRadius));
     for (int r = std::max(first, 0); r < std::min(last, rows); ++r) {
       for (int c = 0; c < cols; ++c) {
-        const auto channel = static_cast<std::size_t>(layout.channel_at(r, c));
+        const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
         const float value = estimate(r, c);
         residual[static_cast<std::size_t>(c + kRadius)] =
-            value > uncut[channel] ? 0.0f : pixel(r, c) - value;
+            value > uncut[channel] ? 0.0f : frame.pixel(r, c) - value;
       }
       for (int c = 0; c < cols; ++c)
         for (std::size_t t = 0; t < kTaps.size(); ++t)

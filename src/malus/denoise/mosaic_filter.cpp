@@ -133,16 +133,17 @@ int folded(int position, int size, int period) {
   return mirrored * period + phase;
 }
 
-internal::StackTile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
-                             int col0, int rows, int cols, const SensorLayout& layout) {
+internal::StackTile cut_tile(const FrameSource& frame, int row0, int col0, int rows, int cols) {
   internal::StackTile tile{Image(rows, cols), row0, col0};
   std::vector<int> source_col;
-  for (int c = 0; c < cols; ++c) source_col.push_back(folded(col0 + c, frame_cols, layout.cols()));
+  for (int c = 0; c < cols; ++c)
+    source_col.push_back(folded(col0 + c, frame.cols, frame.layout.cols()));
   parallel_for(0, rows, 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
-      const int row = folded(row0 + r, frame_rows, layout.rows());
+      const int row = folded(row0 + r, frame.rows, frame.layout.rows());
       float* to = tile.pixels.row(r);
-      for (int c = 0; c < cols; ++c) to[c] = pixel(row, source_col[static_cast<std::size_t>(c)]);
+      for (int c = 0; c < cols; ++c)
+        to[c] = frame.pixel(row, source_col[static_cast<std::size_t>(c)]);
     }
   });
   return tile;

@@ -8,6 +8,7 @@
 #pragma once
 
 #include "malus/denoise/internal/frame_filter.h"
+#include "malus/denoise/internal/memory_budget.h"
 #include "malus/image/layout.h"
 
 #include <string>
@@ -23,10 +24,9 @@ struct Bm3dMix {
 /// Whether the result is mixed: not in profile `fast`, whose own last pass is a Wiener filter too.
 bool mixes_bm3d(const std::string& method, const std::string& profile, const SensorLayout& layout);
 
-/// profile: of the method. A part with its surroundings and four bytes per `resident_values` take
-/// no more than memory_mib. Throws InputError when it is too little.
-Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, double memory_mib,
-                      double resident_values);
+/// profile: of the method. A part with its surroundings takes no more than the memory. Throws
+/// InputError when that is too little.
+Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, const MemoryBudget& memory);
 
 /// Stabilised samples from `pixel` change `estimate`, which was made of them. cell_error: its
 /// expected squared error (FrameReport::cell_error), which mixes do not exceed and which is stated

@@ -11,12 +11,12 @@ namespace malus::internal {
 
 /// Smallest frame with a coarse scale, in periods of the layout.
 inline constexpr int kLeastCoarsePeriods = 16;
-bool has_coarse_scale(int rows, int cols, const SensorLayout& layout);
+bool has_coarse_scale(const FrameSource& frame);
 
 /// Twice the mean of the pixels of one channel in 2x2 neighbouring periods, so that unit noise
 /// stays unit noise; a mosaic of the same layout, half as many periods per side, rounded down: one
 /// that stood for a single period would have more noise than the others.
-Image coarse_frame(const PixelSource& pixel, int rows, int cols, const SensorLayout& layout);
+Image coarse_frame(const FrameSource& frame);
 
 /// Replaces the low frequencies of `estimate` by those of its coarse frame's own estimate.
 void correct_low_frequencies(Image& estimate, const Image& coarse_estimate,

@@ -1,6 +1,7 @@
 // The default method's filter on a whole frame, tile by tile and scale by scale.
 #pragma once
 
+#include "malus/denoise/internal/memory_budget.h"
 #include "malus/denoise/internal/mosaic_filter.h"
 
 #include <algorithm>
@@ -28,11 +29,10 @@ float cell_mean(int i, int k, int rows, int cols, const Value& value) {
 }
 
 /// Filters a frame whose noise has deviation 1 into `estimate`. All pictures have their size when
-/// it is called. Tiles are cut so that they and four bytes per `resident_values` take no more than
-/// memory_mib; they do not change a byte of the result. Returns the number of tiles at full size.
-/// Throws InputError when the memory is too little, Cancelled.
-int filter_frame(const PixelSource& pixel, const SensorLayout& layout, const MosaicFilterPlan& plan,
-                 double memory_mib, double resident_values, Image& estimate,
-                 const FrameReport& report, Progress& progress);
+/// it is called. Tiles are cut so that they take no more than the memory; they do not change a byte
+/// of the result. Returns the number of tiles at full size. Throws InputError when the memory is
+/// too little, Cancelled.
+int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
+                 Image& estimate, const FrameReport& report, Progress& progress);
 
 }  // namespace malus::internal

@@ -7,20 +7,23 @@
 // Statist. 9, 1981): where light has many levels, as in photographs, it is next to nothing.
 #pragma once
 
+#include "malus/denoise/internal/memory_budget.h"
 #include "malus/denoise/internal/pixel_strip.h"
 
 namespace malus::internal {
 
-struct LikePixelSettings {
-  double memory_mib, resident_values;  ///< strips take the first less four bytes of each value
-  bool is_mix = false;                 ///< the estimate is a mean of two filters' (bm3d_mix.h)
+/// What filters made of a frame.
+struct FrameEstimate {
+  Image& pixels;
+  Image* error = nullptr;  ///< expected squared error, where there is one
+  bool is_mix = false;     ///< a mean of two filters' (bm3d_mix.h)
 };
 
-/// Stabilised samples from `pixel` change `estimate`, which was made of them, and its expected
-/// squared error, where there is one. Strips and threads do not change a byte of the result. Throws
+/// The frame's stabilised samples change the estimate that was made of them, and its error. Strips
+/// take no more than the memory; they and threads do not change a byte of the result. Throws
 /// Cancelled.
-void average_alike_pixels(const PixelSource& pixel, const SampleNoise& noise,
-                          const SensorLayout& layout, const LikePixelSettings& settings,
-                          Image& estimate, Image* error, Progress& progress);
+void average_alike_pixels(const FrameSource& frame, const SampleNoise& noise,
+                          const MemoryBudget& memory, const FrameEstimate& estimate,
+                          Progress& progress);
 
 }  // namespace malus::internal

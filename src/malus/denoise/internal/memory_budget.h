@@ -3,10 +3,16 @@
 
 namespace malus::internal {
 
-/// Bytes for frames, tiles and planes; the program itself takes the rest.
-double pixel_budget_bytes(double memory_mib);
+struct MemoryBudget {
+  double memory_mib;
+  double held_values = 0;  ///< float32 values that are held while it is spent: they count in it
 
-/// Throws InputError that says how much memory the frame would need.
-[[noreturn]] void refuse_memory(double memory_mib, double needed_bytes, int rows, int cols);
+  /// What is left for frames, tiles and planes; the program itself takes its part. May be negative.
+  double bytes() const;
+  /// While these values are held, too.
+  MemoryBudget holding(double values) const { return {memory_mib, held_values + values}; }
+  /// Throws InputError that says how much memory a frame of this size would need.
+  [[noreturn]] void refuse(double needed_bytes, int rows, int cols) const;
+};
 
 }  // namespace malus::internal

@@ -9,10 +9,10 @@
 namespace malus::internal {
 
 /// Adds to the expected squared error of `estimate` [noise variances] what neighbouring samples
-/// from `pixel` (unit noise, whole up to `uncut`, one value per channel; nearer to white it is cut
+/// of the frame (unit noise, whole up to `uncut`, one value per channel; nearer to white it is cut
 /// off, and nothing is concluded) show that it lacks. A pixel depends on none further than two rows
 /// or columns away.
-void add_missed_signal(const PixelSource& pixel, const std::vector<float>& uncut,
-                       const SensorLayout& layout, const Image& estimate, Image& error);
+void add_missed_signal(const FrameSource& frame, const std::vector<float>& uncut,
+                       const Image& estimate, Image& error);
 
 }  // namespace malus::internal

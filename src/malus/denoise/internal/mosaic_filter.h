@@ -60,9 +60,20 @@ struct CellStatistics {
 /// Stabilised pixel of the frame, row and col inside it.
 using PixelSource = std::function<float(int row, int col)>;
 
+/// A frame that is asked for pixel by pixel, so that no part holds a stabilised copy of all of it.
+struct FrameSource {
+  PixelSource pixel;
+  const SensorLayout& layout;
+  int rows, cols;
+};
+/// Of an image that outlives it.
+inline FrameSource source_of(const Image& frame, const SensorLayout& layout) {
+  return {[&frame](int row, int col) { return frame(row, col); }, layout, frame.rows(),
+          frame.cols()};
+}
+
 /// From at most about 65,000 cells per alignment, spread over the frame.
-CellStatistics measure_cells(const PixelSource& pixel, int rows, int cols,
-                             const SensorLayout& layout);
+CellStatistics measure_cells(const FrameSource& frame);
 
 /// Position inside [0, size) that stands for `position` beyond the border: mirrored by whole
 /// periods, so that the channel stays the same.
@@ -70,8 +81,7 @@ int folded(int position, int size, int period);
 
 /// The frame's rectangle extended by the filter's reach on every side, beyond the border by
 /// folding.
-internal::StackTile cut_tile(const PixelSource& pixel, int frame_rows, int frame_cols, int row0,
-                             int col0, int rows, int cols, const SensorLayout& layout);
+internal::StackTile cut_tile(const FrameSource& frame, int row0, int col0, int rows, int cols);
 
 /// What the filter tells of a tile's error; of what is null nothing.
 struct TileReport {
