@@ -66,25 +66,6 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   return {std::move(noise.profile), std::move(noise.trust)};
 }
 
-Json run_json(const RawFrame& frame, const Denoised& result, const ProfileChoice& choice,
-              const DenoiseArguments& arguments, double seconds) {
-  Json json{{"input", frame.source},
-            {"rows", result.dn_above_black.rows()},
-            {"cols", result.dn_above_black.cols()},
-            {"layout", frame.layout.name()},
-            {"channels", frame.layout.channel_names()},
-            {"gain", frame.gain.text()},
-            {"settings", settings_json(arguments.settings)},
-            {"noise", choice.origin},
-            {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
-            {"frame_noise", noise_json(result)}};
-  json.update(settings_json(result));
-  json["seconds"] = seconds;
-  if (!arguments.origin.empty()) json["origin_row_col"] = arguments.origin;
-  for (const StageTime& time : result.times) json["stage_seconds"][time.stage] = time.seconds;
-  return json;
-}
-
 // One frame's part of the job.
 struct FrameJob {
   fs::path input;
@@ -100,99 +81,158 @@ struct OpenedFrame {
   ProfileChoice choice;
 };
 
-OpenedFrame open_frame(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
-                       std::optional<NoiseModel>& model, const FrameJob& job,
-                       const FrameOptions& options) {
-  OpenedFrame opened;
-  opened.frame = load_frame(
-      job.input,
-      options_for_file(job.input, model ? options_for_model(options, *model, job.input) : options,
-                       arguments.raw.float_black()));
-  opened.choice = choose_profile(opened.frame, model, arguments, denoiser);
-  if (model && job.last) drop_maps(*model);
-  warn_of_guesses(opened.frame);
-  // The result does not: beside what is clipped estimates may lie above it.
-  const bool white_shows = opened.frame.white_known || clips_at_white(opened.frame);
-  Image pixels = std::move(opened.frame.dn);
-  opened.described = opened.frame;
-  opened.described.white_known = white_shows;
-  opened.frame.dn = std::move(pixels);
-  return opened;
-}
+// What is printed of a frame, as JSON or for people.
+struct FrameRecord {
+  Json json;
+  std::string text;
+};
 
-Json process_picture(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
-                     std::optional<NoiseModel>& model, const FrameJob& job,
-                     const FrameOptions& options, Progress& progress, bool force) {
-  OpenedFrame opened = open_frame(arguments, denoiser, model, job, options);
-  const Stopwatch stopwatch;
-  NetworkInference::Rendered result =
-      denoiser.render(std::move(opened.frame), opened.choice.profile, progress);
-  Json run =
-      run_json(opened.described, result.report, opened.choice, arguments, stopwatch.seconds());
-  warn_of_picture(opened.described.source, result);
-  run["rows"] = result.picture.rows();
-  run["cols"] = result.picture.cols();
-  run["network"] = denoiser.description();
-  run["target"] = denoiser.target();
-  run["scale_dn"] = result.scale_dn;
-  save_result_picture(job.names.picture, std::move(result.picture), denoiser.target(), force);
-  run["files"] = {job.names.picture.string()};
-  run["warnings"] = take_warnings();
-  return run;
-}
+// Frame by frame through one denoiser.
+class DenoiseRun {
+ public:
+  // report: takes the frames where a page is made of them, else null.
+  DenoiseRun(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
+             const FrameOptions& options, std::optional<NoiseModel> model,
+             std::vector<DenoisedFrame>* report, Progress& progress, bool force)
+      : arguments_(arguments),
+        denoiser_(denoiser),
+        options_(options),
+        model_(std::move(model)),
+        report_(report),
+        progress_(progress),
+        force_(force) {}
 
-Json process_mosaic(const DenoiseArguments& arguments, const FrameDenoiser& denoiser,
-                    std::optional<NoiseModel>& model, const FrameJob& job,
-                    const FrameOptions& options, Progress& progress, bool force,
-                    std::vector<DenoisedFrame>* report) {
-  OpenedFrame opened = open_frame(arguments, denoiser, model, job, options);
-  ProfileChoice& choice = opened.choice;
-  if (arguments.u16)
-    check_integers(opened.described, choice.profile,
-                   "leave --u16 out, or bring the frame to a camera's DN (--black, --white)");
-  const bool compared = !job.reference.path.empty();
-  DenoisedFrame kept;
-  kept.profile = choice.profile;
-  kept.profile.pattern = nullptr;  // as large as a frame, and no part of what is reported
-  kept.before = std::move(opened.described);
-  kept.before.dn = std::move(opened.frame.dn);
-  if (compared) {
-    add_reference(kept, job.reference, arguments.raw.float_black() == FloatBlack::kHolds);
-    measure_before(kept);
+  FrameRecord process(const FrameJob& job) {
+    check_stop(progress_);
+    OpenedFrame opened = open(job);
+    if (model_ && job.last) drop_maps(*model_);
+    return denoiser_.target() == "mosaic" ? process_mosaic(job, opened)
+                                          : process_picture(job, opened);
   }
-  // A copy of the pixels is kept only where somebody looks at it.
-  opened.frame.dn = report ? kept.before.dn : std::exchange(kept.before.dn, {});
-  const Stopwatch stopwatch;
-  const auto held = static_cast<double>(kept.before.dn.size() + kept.reference_dn.size()) +
-                    (model ? map_values(*model) : 0.0);
-  Denoised result = denoiser(std::move(opened.frame), choice.profile, progress, held);
-  choice.profile.pattern = nullptr;
-  const Json network = denoiser.description();
-  warn_of_result(kept.before, result, choice.profile,
-                 network.is_null() ? "" : arguments.settings.method);
-  kept.run = run_json(kept.before, result, choice, arguments, stopwatch.seconds());
-  if (arguments.u16 && result.nonfinite_pixels > 0)
-    warn_of(kept.before.source, fmt::format("--u16 writes pixels that hold no light {}",
-                                            fate_of_nonfinite(/*as_float=*/false)));
-  if (!network.is_null()) kept.run["network"] = network;
-  for (const fs::path& path : job.stale) fs::remove(path);
-  kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force);
-  kept.after_dn = std::move(result.dn_above_black);
-  if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
-  if (compared) {
-    measure_after(kept);
-    kept.run["against_reference"] = metrics_json(kept);
+
+ private:
+  OpenedFrame open(const FrameJob& job) const {
+    OpenedFrame opened;
+    opened.frame = load_frame(
+        job.input,
+        options_for_file(job.input,
+                         model_ ? options_for_model(options_, *model_, job.input) : options_,
+                         arguments_.raw.float_black()));
+    opened.choice = choose_profile(opened.frame, model_, arguments_, denoiser_);
+    warn_of_guesses(opened.frame);
+    // The result does not: beside what is clipped estimates may lie above it.
+    const bool white_shows = opened.frame.white_known || clips_at_white(opened.frame);
+    Image pixels = std::move(opened.frame.dn);
+    opened.described = opened.frame;
+    opened.described.white_known = white_shows;
+    opened.frame.dn = std::move(pixels);
+    return opened;
   }
-  kept.run["warnings"] = take_warnings();
-  Json record = run_record(kept.before, choice.profile, job.input, options.raw_format,
-                           job.names.mosaic, kept.run);
-  if (compared) name_reference(record, job.reference, job.names.mosaic);
-  // Beside its result, so that a report can be made of it later.
-  write_file(job.names.record, json_utf8(record, 2) + "\n", force);
-  const Json run = kept.run;
-  if (report) report->push_back(std::move(kept));
-  return run;
-}
+
+  FrameRecord process_picture(const FrameJob& job, OpenedFrame& opened) const {
+    const Stopwatch stopwatch;
+    NetworkInference::Rendered result =
+        denoiser_.render(std::move(opened.frame), opened.choice.profile, progress_);
+    const RunSummary summary{opened.described, result.report, result.picture.rows(),
+                             result.picture.cols(), stopwatch.seconds()};
+    Json run = run_json(summary, opened.choice);
+    warn_of_picture(opened.described.source, result);
+    run["network"] = denoiser_.description();
+    run["target"] = denoiser_.target();
+    run["scale_dn"] = result.scale_dn;
+    save_result_picture(job.names.picture, std::move(result.picture), denoiser_.target(), force_);
+    run["files"] = {job.names.picture.string()};
+    run["warnings"] = take_warnings();
+    return {std::move(run), run_text(summary, arguments_.settings.method, job.names.picture)};
+  }
+
+  FrameRecord process_mosaic(const FrameJob& job, OpenedFrame& opened) {
+    ProfileChoice& choice = opened.choice;
+    if (arguments_.u16)
+      check_integers(opened.described, choice.profile,
+                     "leave --u16 out, or bring the frame to a camera's DN (--black, --white)");
+    DenoisedFrame kept = take_before(job, opened);
+    const Stopwatch stopwatch;
+    const auto held = static_cast<double>(kept.before.dn.size() + kept.reference_dn.size()) +
+                      (model_ ? map_values(*model_) : 0.0);
+    Denoised result = denoiser_(std::move(opened.frame), choice.profile, progress_, held);
+    choice.profile.pattern = nullptr;
+    const RunSummary summary{kept.before, result, result.dn_above_black.rows(),
+                             result.dn_above_black.cols(), stopwatch.seconds()};
+    const Json network = denoiser_.description();
+    warn_of_result(kept.before, result, choice.profile,
+                   network.is_null() ? "" : arguments_.settings.method);
+    if (arguments_.u16 && result.nonfinite_pixels > 0)
+      warn_of(kept.before.source, fmt::format("--u16 writes pixels that hold no light {}",
+                                              fate_of_nonfinite(/*as_float=*/false)));
+    kept.run = run_json(summary, choice);
+    if (!network.is_null()) kept.run["network"] = network;
+    for (const fs::path& path : job.stale) fs::remove(path);
+    kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force_);
+    kept.after_dn = std::move(result.dn_above_black);
+    if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
+    if (kept.reference_dn.size() > 0) {
+      measure_after(kept);
+      kept.run["against_reference"] = metrics_json(kept);
+    }
+    kept.run["warnings"] = take_warnings();
+    write_record(job, kept);
+    FrameRecord record{kept.run, run_text(summary, arguments_.settings.method, job.names.mosaic) +
+                                     metrics_text(kept)};
+    if (report_) report_->push_back(std::move(kept));
+    return record;
+  }
+
+  // What is known before the frame is denoised, with a copy of the pixels only where somebody looks
+  // at it.
+  DenoisedFrame take_before(const FrameJob& job, OpenedFrame& opened) const {
+    DenoisedFrame kept;
+    kept.profile = opened.choice.profile;
+    kept.profile.pattern = nullptr;  // as large as a frame, and no part of what is reported
+    kept.before = std::move(opened.described);
+    kept.before.dn = std::move(opened.frame.dn);
+    if (!job.reference.path.empty()) {
+      add_reference(kept, job.reference, arguments_.raw.float_black() == FloatBlack::kHolds);
+      measure_before(kept);
+    }
+    opened.frame.dn = report_ ? kept.before.dn : std::exchange(kept.before.dn, {});
+    return kept;
+  }
+
+  Json run_json(const RunSummary& run, const ProfileChoice& choice) const {
+    Json json{{"input", run.frame.source},
+              {"rows", run.rows},
+              {"cols", run.cols},
+              {"layout", run.frame.layout.name()},
+              {"channels", run.frame.layout.channel_names()},
+              {"gain", run.frame.gain.text()},
+              {"settings", settings_json(arguments_.settings)},
+              {"noise", choice.origin},
+              {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
+              {"frame_noise", noise_json(run.result)}};
+    json.update(settings_json(run.result));
+    json["seconds"] = run.seconds;
+    if (!arguments_.origin.empty()) json["origin_row_col"] = arguments_.origin;
+    for (const StageTime& time : run.result.times) json["stage_seconds"][time.stage] = time.seconds;
+    return json;
+  }
+
+  // Beside the result, so that a report can be made of it later.
+  void write_record(const FrameJob& job, const DenoisedFrame& kept) const {
+    Json record = run_record(kept.before, kept.profile, job.input, options_.raw_format,
+                             job.names.mosaic, kept.run);
+    if (!job.reference.path.empty()) name_reference(record, job.reference, job.names.mosaic);
+    write_file(job.names.record, json_utf8(record, 2) + "\n", force_);
+  }
+
+  const DenoiseArguments& arguments_;
+  const FrameDenoiser& denoiser_;
+  const FrameOptions& options_;
+  std::optional<NoiseModel> model_;
+  std::vector<DenoisedFrame>* report_;
+  Progress& progress_;
+  bool force_;
+};
 
 // What no file could make go together.
 void check_usage(const DenoiseArguments& arguments) {
@@ -202,10 +242,15 @@ void check_usage(const DenoiseArguments& arguments) {
 }
 
 // One frame's record where one was asked for, else those of the frames that were finished.
-void print_runs(const DenoiseArguments& arguments, const Json& runs, const Common& common) {
+void print_records(const DenoiseArguments& arguments, const std::vector<FrameRecord>& records,
+                   const Common& common) {
   std::string text;
-  for (const Json& run : runs) text += run_text(run, arguments.settings.method);
-  print_result(common, arguments.inputs.size() == 1 ? runs.front() : Json{{"frames", runs}}, text);
+  Json all = Json::array();
+  for (const FrameRecord& record : records) {
+    text += record.text;
+    all.push_back(record.json);
+  }
+  print_result(common, arguments.inputs.size() == 1 ? all.front() : Json{{"frames", all}}, text);
 }
 
 void run_denoise(const DenoiseArguments& arguments, const Common& common) {
@@ -228,30 +273,24 @@ void run_denoise(const DenoiseArguments& arguments, const Common& common) {
                              untold.string(), model->layout.name()));
   std::vector<DenoisedFrame> report;
   const auto progress = make_progress(common);
-  Json results = Json::array();
-  const auto process = [&](std::size_t i) {
-    check_stop(*progress);
-    const FrameJob job{
-        arguments.inputs[i],
-        {arguments.references.empty() ? fs::path() : arguments.references[i],
-         arguments.reference_ratio, arguments.reference_black_dn},
-        names[i],
-        common.force ? stale_files(arguments, arguments.inputs[i]) : std::vector<fs::path>(),
-        i + 1 == arguments.inputs.size()};
-    results.push_back(
-        denoiser.target() == "mosaic"
-            ? process_mosaic(arguments, denoiser, model, job, options, *progress, common.force,
-                             arguments.report.empty() ? nullptr : &report)
-            : process_picture(arguments, denoiser, model, job, options, *progress, common.force));
-  };
+  DenoiseRun run(arguments, denoiser, options, std::move(model),
+                 arguments.report.empty() ? nullptr : &report, *progress, common.force);
+  std::vector<FrameRecord> records;
   try {
-    for (std::size_t i = 0; i < arguments.inputs.size(); ++i) process(i);
+    for (std::size_t i = 0; i < arguments.inputs.size(); ++i)
+      records.push_back(run.process(
+          {arguments.inputs[i],
+           {arguments.references.empty() ? fs::path() : arguments.references[i],
+            arguments.reference_ratio, arguments.reference_black_dn},
+           names[i],
+           common.force ? stale_files(arguments, arguments.inputs[i]) : std::vector<fs::path>(),
+           i + 1 == arguments.inputs.size()}));
     if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
   } catch (...) {  // the results of the frames before are there, and this says which
-    if (!results.empty()) print_runs(arguments, results, common);
+    if (!records.empty()) print_records(arguments, records, common);
     throw;
   }
-  print_runs(arguments, results, common);
+  print_records(arguments, records, common);
 }
 
 }  // namespace

@@ -4,7 +4,6 @@
 #include "malus/denoise/frame_complaints.h"
 
 #include <algorithm>
-#include <cmath>
 #include <string>
 #include <system_error>
 
@@ -19,37 +18,23 @@ namespace {
 namespace fs = std::filesystem;
 
 // The offsets that were taken out.
-std::string lines_text(const nlohmann::ordered_json& run) {
-  const auto rows = run["row_noise_removed_dn"].get<double>(),
-             columns = run["column_noise_removed_dn"].get<double>();
+std::string lines_text(const Denoised& result) {
+  const double rows = result.row_noise_removed_dn, columns = result.column_noise_removed_dn;
   return columns > 0
              ? fmt::format("row noise {:.2f} DN and column noise {:.2f} DN removed", rows, columns)
              : fmt::format("row noise {:.2f} DN removed", rows);
 }
 
 // What else was taken out of the frame; empty where nothing was.
-std::string corrections_text(const nlohmann::ordered_json& run) {
+std::string corrections_text(const Denoised& result) {
   std::string text;
-  for (const auto& [pixels, name] : {std::pair{"defect_pixels", "defect pixels filled"},
-                                     {"impulse_pixels", "impulses filled"},
-                                     {"kept_pixels", "pixels kept that no noise explains"}})
-    if (const auto count = run[pixels].get<std::int64_t>(); count > 0)
-      text += fmt::format(", {} {}", count, name);
-  for (const auto& [share, name] :
-       {std::pair{"dark_pattern_share", "dark shading"}, {"response_pattern_share", "PRNU"}})
-    if (const auto value = run[share].get<double>(); value > 0)
-      text += fmt::format(", {:.2f} of the model's {} taken out", value, name);
-  return text;
-}
-
-// A row per metric that was measured against a reference.
-std::string metrics_text(const nlohmann::ordered_json& run) {
-  if (!run.contains("against_reference")) return {};
-  const auto& metrics = run["against_reference"];
-  std::string text;
-  for (const auto& [name, after] : metrics["after"].items())
-    text += fmt::format("  {:<14} {:8.3f} -> {:8.3f}\n", name,
-                        metrics["before"].value(name, std::nan("")), after.get<double>());
+  for (const auto& [count, name] : {std::pair{result.defect_pixels, "defect pixels filled"},
+                                    {result.impulse_pixels, "impulses filled"},
+                                    {result.kept_pixels, "pixels kept that no noise explains"}})
+    if (count > 0) text += fmt::format(", {} {}", count, name);
+  for (const auto& [share, name] : {std::pair{result.dark_pattern_share, "dark shading"},
+                                    {result.response_pattern_share, "PRNU"}})
+    if (share > 0) text += fmt::format(", {:.2f} of the model's {} taken out", share, name);
   return text;
 }
 
@@ -88,13 +73,10 @@ nlohmann::ordered_json noise_json(const Denoised& result) {
           {"complaint", noise_complaint(*result.noise)}};
 }
 
-std::string run_text(const nlohmann::ordered_json& run, const std::string& method) {
-  return fmt::format("{}: {} x {} {}, {}, {}{}, {:.1f} s -> {}\n", run["input"].get<std::string>(),
-                     run["cols"].get<int>(), run["rows"].get<int>(),
-                     run["layout"].get<std::string>(), method, lines_text(run),
-                     corrections_text(run), run["seconds"].get<double>(),
-                     run["files"][0].get<std::string>()) +
-         metrics_text(run);
+std::string run_text(const RunSummary& run, const std::string& method, const fs::path& file) {
+  return fmt::format("{}: {} x {} {}, {}, {}{}, {:.1f} s -> {}\n", run.frame.source, run.cols,
+                     run.rows, run.frame.layout.name(), method, lines_text(run.result),
+                     corrections_text(run.result), run.seconds, file.string());
 }
 
 std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,

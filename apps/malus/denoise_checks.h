@@ -33,9 +33,17 @@ void warn_of_picture(const std::string& source, const NetworkInference::Rendered
 /// The comparison of the frame's noise with the profile's, for the record; null where none is.
 nlohmann::ordered_json noise_json(const Denoised& result);
 
-/// What a run's record says for people: one line, and a row per metric that was measured against a
-/// reference.
-std::string run_text(const nlohmann::ordered_json& run, const std::string& method);
+/// What is told of a frame's run.
+struct RunSummary {
+  const RawFrame& frame;   ///< its pixels are not asked for
+  const Denoised& result;  ///< nor are these
+  int rows, cols;          ///< of what was made
+  double seconds;
+};
+
+/// One line for people. file: what was made.
+std::string run_text(const RunSummary& run, const std::string& method,
+                     const std::filesystem::path& file);
 
 /// Those of the files that exist and are none of the others.
 std::vector<std::filesystem::path> existing_apart(const std::vector<std::filesystem::path>& files,

@@ -198,6 +198,17 @@ Json metrics_json(const DenoisedFrame& frame) {
   return {{"before", values(frame.metrics_before)}, {"after", values(frame.metrics_after)}};
 }
 
+std::string metrics_text(const DenoisedFrame& frame) {
+  std::string text;
+  for (const Quantity& after : frame.metrics_after) {
+    const auto before = std::ranges::find(frame.metrics_before, after.name, &Quantity::name);
+    text += fmt::format("  {:<14} {:8.3f} -> {:8.3f}\n", after.name,
+                        before == frame.metrics_before.end() ? std::nan("") : before->value.front(),
+                        after.value.front());
+  }
+  return text;
+}
+
 void name_reference(Json& record, const Reference& reference, const fs::path& result) {
   record["reference_file"] = relative_to(reference.path, result.parent_path());
   record["reference_ratio"] = reference.ratio;

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "report_pages.h"
 #include <nlohmann/json.hpp>
@@ -44,6 +45,8 @@ void measure_before(DenoisedFrame& frame);
 void measure_after(DenoisedFrame& frame);
 /// Both, for the record.
 nlohmann::ordered_json metrics_json(const DenoisedFrame& frame);
+/// The same for people, a row per metric; empty where the frame has no reference.
+std::string metrics_text(const DenoisedFrame& frame);
 
 /// Notes in a record what add_reference was given.
 void name_reference(nlohmann::ordered_json& record, const Reference& reference,
