@@ -4,12 +4,9 @@
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
 #include "malus/evaluate/evaluation.h"
-#include "malus/image/middle.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/noise/raw_variance.h"
-#include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/scene.h"
-#include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -40,19 +37,6 @@ std::vector<Planes> scene_light(const fs::path& path) {
   return angles;
 }
 
-// What a pixel behind the site's colour filter and polarizer sees.
-double light_at(const std::vector<Planes>& angles, const Site& site, int row, int col) {
-  const int channels = angles.front().channels();
-  const int color = channels < 3                 ? 0
-                    : site.color == Color::kRed  ? 0
-                    : site.color == Color::kBlue ? 2
-                                                 : 1;
-  const auto value = [&](std::size_t angle) { return double{angles[angle][color](row, col)}; };
-  if (angles.size() == 1) return value(0);
-  if (site.angle_deg) return value(static_cast<std::size_t>(*site.angle_deg / 45));
-  return (value(0) + value(1) + value(2) + value(3)) / 4;
-}
-
 // Of "scenes/holiday/", too.
 std::string name_of_scene(const fs::path& path) {
   return (path.has_filename() ? path : path.parent_path()).filename().string();
@@ -71,23 +55,8 @@ NoiseProfile profile_at(const NoiseModel& model, const GainSetting& gain, const 
 }  // namespace
 
 CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
-  const std::vector<Planes> angles = scene_light(path);
-  if (angles.size() == 1 && model.layout.polarized())
-    throw InputError(path.string(), "is one picture, the model of a polarization camera",
-                     "give folders with I0, I45, I90 and I135, or the model of another camera");
-  Image whole(angles[0].rows(), angles[0].cols());
-  for (int r = 0; r < whole.rows(); ++r)
-    for (int c = 0; c < whole.cols(); ++c) {
-      const int channel = model.layout.channel_at(r, c);
-      const double white = model.white_dn - model.black_dn[static_cast<std::size_t>(channel)];
-      // No sensor tells how much brighter than white light is: there the truth ends, too.
-      const double light = std::min(light_at(angles, model.layout.site(channel), r, c), 1.0);
-      whole(r, c) = static_cast<float>(white * light);
-    }
-  CleanScene scene{name_of_scene(path), middle_of(whole, model.layout, crop)};
-  if (scene.clean_dn.values().empty())
-    throw InputError(path.string(), "is smaller than one cell of the sensor's mosaic",
-                     "give a larger picture");
+  CleanScene scene = clean_scene(path.string(), scene_light(path), model, crop);
+  scene.name = name_of_scene(path);
   return scene;
 }
 
@@ -166,38 +135,12 @@ LightCase light_case_of(const std::string& text) {
       "e.g. 12:60: gain 12 (dB; ISO where the model holds ISO) and a sixtieth of the light");
 }
 
-NoiseModel with_row_noise(const NoiseModel& model, double read_deviations) {
-  if (model.physics.empty())
-    throw InputError(model.sensor, "has no physics part whose row noise could be set",
-                     "leave --row-noise out");
-  NoiseModel changed = model;
-  changed.joint.reset();
-  for (PhysicsCalibration& entry : changed.physics) {
-    for (std::size_t k = 0; k < entry.sigma_row.mean.size(); ++k)
-      entry.sigma_row.mean[k] =
-          read_deviations * tukey_lambda_deviation(entry.sigma_tl.mean[k], entry.lambda.mean[k]);
-    entry.sigma_row.spread.assign(entry.sigma_row.mean.size(), 0.0);
-    entry.sigma_row.covariance = {};
-    entry.sigma_row.per_frame.clear();
-    entry.row_drift = {};
-  }
-  return changed;
-}
-
 NoisyScene make_noisy(const CleanScene& scene, const LightCase& light,
                       const std::shared_ptr<const NoiseModel>& camera, std::uint64_t seed) {
   const NoiseModel& model = *camera;
-  SynthesisSettings synthesis;
-  synthesis.ratio = light.ratio;
-  const Synthesizer synthesizer(camera, synthesis);
-  const GainSetting gain = model.setting_of(light.gain);
-  NoiseProfile profile = profile_at(model, gain, light);
-  NoisyScene noisy{synthesizer.draw_raw(scene.clean_dn, gain, DrawAddress{.seed = seed},
-                                        model.black_dn, model.white_dn),
-                   std::move(profile), &scene, light.ratio,
-                   white_above_black(model.white_dn, model.black_dn)};
-  noisy.frame.source = scene.name;
-  return noisy;
+  NoiseProfile profile = profile_at(model, model.setting_of(light.gain), light);
+  return {noisy_frame(scene, light, camera, seed), std::move(profile), &scene, light.ratio,
+          white_above_black(model.white_dn, model.black_dn)};
 }
 
 void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* denoiser) {

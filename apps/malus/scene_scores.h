@@ -4,7 +4,7 @@
 
 #include "malus/evaluate/evaluation.h"
 #include "malus/noise/model.h"
-#include "malus/synthesize/light_case.h"
+#include "malus/synthesize/scene_frames.h"
 
 #include <filesystem>
 #include <functional>
@@ -21,18 +21,9 @@ namespace malus::app {
 /// As parsed_light_case; throws InputError.
 LightCase light_case_of(const std::string& text);
 
-struct CleanScene {
-  std::string name;
-  Image clean_dn;  ///< mosaic, white is the camera's
-};
-/// The middle crop x crop pixels of a scene through the sensor's mosaic. The scene is a folder with
-/// I0, I45, I90, I135, whose mean a sensor without polarizers sees, or, for such a sensor, one
-/// picture (of integers: sRGB; of floats: linear). Throws InputError.
+/// clean_scene of a folder with I0, I45, I90, I135, or of one picture (of integers: sRGB; of
+/// floats: linear). Throws InputError.
 CleanScene load_scene(const std::filesystem::path& path, const NoiseModel& model, int crop);
-
-/// The model with Gaussian row noise of this many deviations of the read noise in place of its own,
-/// at its measured gains. Throws InputError where it has no physics part.
-NoiseModel with_row_noise(const NoiseModel& model, double read_deviations);
 
 /// Sums over scenes and cases.
 struct SceneScore {

@@ -5,6 +5,7 @@
 #include "malus/base/wording.h"
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/parameter_sampler.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
@@ -239,6 +240,23 @@ NoiseModel sensor_alone(const NoiseModel& model) {
   sensor.row_group_origin = model.row_group_origin;
   sensor.origin = model.origin;
   return sensor;
+}
+
+NoiseModel with_row_noise(NoiseModel model, double read_deviations) {
+  if (model.physics.empty())
+    throw InputError(model.sensor, "has no physics part whose row noise could be set",
+                     "leave " + setting_name("row_noise") + " out");
+  model.joint.reset();
+  for (PhysicsCalibration& entry : model.physics) {
+    ChannelStatistics rows;
+    for (std::size_t k = 0; k < entry.sigma_tl.mean.size(); ++k)
+      rows.mean.push_back(read_deviations *
+                          tukey_lambda_deviation(entry.sigma_tl.mean[k], entry.lambda.mean[k]));
+    rows.spread.assign(rows.mean.size(), 0.0);
+    entry.sigma_row = std::move(rows);
+    entry.row_drift = {};
+  }
+  return model;
 }
 
 PhysicsNoise physics_of(const NoiseModel& model, const GainParameters& p) {

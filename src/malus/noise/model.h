@@ -108,6 +108,11 @@ struct NoiseModel {
 /// The sensor without any of its calibrations: names, layout, levels, converter and row group.
 NoiseModel sensor_alone(const NoiseModel& model);
 
+/// The model at its measured gains, with Gaussian row noise of this many deviations of the read
+/// noise in place of its own: without drift, and the same in every frame. Throws InputError where
+/// it has no physics part.
+NoiseModel with_row_noise(NoiseModel model, double read_deviations);
+
 /// The profile of given physics parameters, parts switched off left out.
 NoiseProfile profile_of(const PhysicsNoise& noise);
 

@@ -1,1 +1,1 @@
-set(synthesize_SOURCES compiled.cpp compiled_kernel.cpp dataset.cpp equivalent_models.cpp exact.cpp gain_tables.cpp level_coverage.cpp level_kernel.cpp level_sampler.cpp light_case.cpp model.cpp model_renoiser.cpp pairs.cpp quantile_table.cpp renoise.cpp scene.cpp synthesizer.cpp)
+set(synthesize_SOURCES compiled.cpp compiled_kernel.cpp dataset.cpp equivalent_models.cpp exact.cpp gain_tables.cpp level_coverage.cpp level_kernel.cpp level_sampler.cpp light_case.cpp model.cpp model_renoiser.cpp pairs.cpp quantile_table.cpp renoise.cpp scene.cpp scene_frames.cpp synthesizer.cpp)
