@@ -41,7 +41,7 @@ std::string corrections_text(const Denoised& result) {
 }  // namespace
 
 void check_states_error(const std::string& asked, const std::string& method) {
-  if (is_weight_file(method) || denoise_method(method).on_mosaic) return;
+  if (is_weight_file(method) || denoise_method(method).on_mosaic()) return;
   throw CLI::ValidationError(
       asked, fmt::format("{} gives none: leave it out, or use nl-ridge or bm3d", method));
 }

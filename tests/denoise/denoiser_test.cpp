@@ -94,7 +94,7 @@ TEST(DenoiseFrame, EveryMethodRemovesMostOfTheNoise) {
     const double error = rms(result.dn_above_black, clean);
     EXPECT_LT(error, 0.6 * rms(noisy, clean)) << method.name;
     if (of_default == 0) of_default = error;
-    if (method.on_mosaic)
+    if (method.on_mosaic())
       largest_on_mosaic = std::max(largest_on_mosaic, error);
     else  // vst-pfcd filters all alignments in full, which profile fast of bm3d does not
       EXPECT_LT(method.name == "vst-pfcd" ? of_default : largest_on_mosaic, error) << method.name;
@@ -106,7 +106,7 @@ class MosaicMethod : public testing::TestWithParam<std::string> {};
 std::vector<std::string> mosaic_methods() {
   std::vector<std::string> names;
   for (const DenoiseMethod& method : denoise_methods())
-    if (method.on_mosaic) names.push_back(method.name);
+    if (method.on_mosaic()) names.push_back(method.name);
   return names;
 }
 INSTANTIATE_TEST_SUITE_P(All, MosaicMethod, testing::ValuesIn(mosaic_methods()));
@@ -299,7 +299,7 @@ TEST(DenoiseFrame, OnlyMosaicMethodsStateTheirErrors) {
     const auto run = [&] {
       return denoise_frame(frame, profile_of(noise), quick(method.name), silent_progress(), true);
     };
-    if (method.on_mosaic)
+    if (method.on_mosaic())
       EXPECT_TRUE(run().variance_dn2.has_value()) << method.name;
     else
       EXPECT_THROW((void)run(), InputError) << method.name;

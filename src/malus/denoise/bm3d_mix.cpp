@@ -2,7 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/bm3d.h"
-#include "malus/denoise/denoise_profile.h"
+#include "malus/denoise/denoiser.h"
 #include "malus/denoise/internal/gaussian_means.h"
 
 #include <algorithm>
@@ -163,8 +163,9 @@ class Mixing {
 }  // namespace
 
 bool mixes_bm3d(const std::string& method, const std::string& profile, const SensorLayout& layout) {
-  return method == "nl-ridge" && denoise_profile(profile) != DenoiseProfile::kFast &&
-         layout.rows() == 1 && layout.cols() == 1;
+  return denoise_method(method).filter == MosaicFilter::kRidge &&
+         denoise_profile(profile) != DenoiseProfile::kFast && layout.rows() == 1 &&
+         layout.cols() == 1;
 }
 
 Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, const MemoryBudget& memory) {

@@ -162,15 +162,20 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
 const std::vector<DenoiseMethod>& denoise_methods() {
   static const std::vector<DenoiseMethod> methods = {
       {"nl-ridge", "calibrated, joint over all channels, adaptive to local colour and polarization",
-       true},
-      {"bm3d", "the same with a Wiener filter in the last pass and one coarse scale", true},
+       MosaicFilter::kRidge},
+      {"bm3d", "the same with a Wiener filter in the last pass and one coarse scale",
+       MosaicFilter::kWiener},
       {"vst-pfcd", "baseline: vst-pca-bm3d on every alignment of cell and mosaic, averaged (PFCD)",
+       MosaicFilter::kNone},
+      {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone",
+       MosaicFilter::kNone},
+      {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)",
+       MosaicFilter::kNone},
+      {"vst-bm3d", "baseline: stabilised, each plane filtered alone", MosaicFilter::kNone},
+      {"paper-mbm3d", "baseline: all planes jointly with one estimated deviation",
+       MosaicFilter::kNone, false},
+      {"paper-bm3d", "baseline: each plane alone with its estimated deviation", MosaicFilter::kNone,
        false},
-      {"vst-pca-bm3d", "baseline: stabilised, principal components, each filtered alone", false},
-      {"vst-stokes-bm3d", "baseline: stabilised, Stokes components matched on S0 (PBM3D)", false},
-      {"vst-bm3d", "baseline: stabilised, each plane filtered alone", false},
-      {"paper-mbm3d", "baseline: all planes jointly with one estimated deviation", false, false},
-      {"paper-bm3d", "baseline: each plane alone with its estimated deviation", false, false},
   };
   return methods;
 }
@@ -193,7 +198,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   const DenoiseMethod& method = denoise_method(settings.method);
   require_settings(settings);
   check_frame(frame, given);
-  if (want_variance && !method.on_mosaic)
+  if (want_variance && !method.on_mosaic())
     throw InputError(setting("method", method.name), "gives no uncertainty",
                      "use nl-ridge or bm3d");
   Denoised result;
@@ -204,16 +209,16 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   result.cut_off_undone = method.stabilizes && has_cut_off_law(profile);
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile,
-                    {.remove_rows = settings.row_noise && method.on_mosaic,
-                     .remove_columns = settings.column_noise && method.on_mosaic,
+                    {.remove_rows = settings.row_noise && method.on_mosaic(),
+                     .remove_columns = settings.column_noise && method.on_mosaic(),
                      .fill_defects = settings.defects,
-                     .fill_impulses = settings.defects && method.on_mosaic,
+                     .fill_impulses = settings.defects && method.on_mosaic(),
                      .remove_pattern = settings.fixed_pattern},
                     result);
   const double preparation_s = preparation.seconds();
   const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
-  if (method.on_mosaic)
+  if (method.on_mosaic())
     filter_prepared(prepared, profile, settings, progress, result);
   else
     result.dn_above_black =

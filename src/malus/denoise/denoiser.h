@@ -132,12 +132,19 @@ struct Denoised {
   }
 };
 
+/// What a method's last pass over the mosaic does with similar blocks; kNone: a baseline, which
+/// filters planes.
+enum class MosaicFilter { kNone, kWiener, kRidge };
+
 struct DenoiseMethod {
   std::string name;
   std::string description;  ///< one line
-  bool on_mosaic;           ///< takes out row and column noise, gives variances; baselines do not
+  MosaicFilter filter;
   /// By the noise's law, which takes back what was cut off at 0. Others filter the pixels as given.
   bool stabilizes = true;
+
+  /// Takes out row and column noise, gives variances; baselines do not.
+  bool on_mosaic() const { return filter != MosaicFilter::kNone; }
 };
 /// The built-in methods, the default first.
 const std::vector<DenoiseMethod>& denoise_methods();

@@ -1,7 +1,7 @@
 // The numbers of the plans, which were measured (docs/denoising-experiments.md), and how far a plan
 // reaches.
 #include "malus/base/error.h"
-#include "malus/denoise/denoise_profile.h"
+#include "malus/denoise/denoiser.h"
 #include "malus/denoise/internal/block_mix.h"
 #include "malus/denoise/internal/detail_shrinkage.h"
 #include "malus/denoise/internal/mosaic_filter.h"
@@ -36,10 +36,10 @@ int reach_of(const StackStage& stage, int period) {
 // Plans of one method for one layout.
 class PlanMaker {
  public:
-  PlanMaker(const std::string& method, const SensorLayout& layout)
+  PlanMaker(MosaicFilter filter, const SensorLayout& layout)
       : period_(std::max(layout.rows(), layout.cols())) {
     const bool periods = kCell % layout.rows() == 0 && kCell % layout.cols() == 0;
-    ridge_ = method == "nl-ridge" && periods;  // cells of one layout are alike
+    ridge_ = filter == MosaicFilter::kRidge && periods;  // cells of one layout are alike
     // Ten periods hold too little of what repeats, short ones reach no further than a block is
     // wide.
     far_step_ = !periods ? 1 : std::max(kCell / period_, 2);
@@ -148,8 +148,9 @@ class PlanMaker {
 
 MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
                                     const SensorLayout& layout) {
-  MALUS_REQUIRE(method == "nl-ridge" || method == "bm3d");
-  const PlanMaker plan(method, layout);
+  const DenoiseMethod& named = denoise_method(method);
+  MALUS_REQUIRE(named.on_mosaic());
+  const PlanMaker plan(named.filter, layout);
   switch (denoise_profile(profile)) {
     case DenoiseProfile::kFast:
       return plan.fast();

@@ -69,7 +69,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
 std::vector<Stabilizer> make_stabilizers(const NoiseProfile& profile, double highest_dn,
                                          double strength);
 
-/// The mosaic filter of settings.method, a DenoiseMethod::on_mosaic: fills dn_above_black and tiles
+/// The mosaic filter of settings.method, which is on_mosaic: fills dn_above_black and tiles
 /// of the result, and variance_dn2 where the result holds one of the frame's size. InputError and
 /// Cancelled as denoise_frame.
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,

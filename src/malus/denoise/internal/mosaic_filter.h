@@ -32,8 +32,8 @@ struct MosaicFilterPlan {
   /// (coarse_scale.h): one plan, or none for no such correction.
   std::vector<MosaicFilterPlan> coarse;
 };
-/// method: "bm3d" or "nl-ridge", which are one for layouts whose period divides no cell; profile:
-/// one of denoise_profile_names. Throws InputError on another.
+/// method: one whose filter is not kNone; all are one for layouts whose period divides no cell.
+/// profile: one of denoise_profile_names. Throws InputError on others.
 MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string& profile,
                                     const SensorLayout& layout);
 
