@@ -239,7 +239,7 @@ std::vector<GainSetting> gains_to_try(const Factory& factory) {
   std::vector<GainSetting> gains;
   for (const double gain : factory.plan.dataset.gains)
     gains.push_back(factory.model.gain_setting(gain));
-  if (gains.empty() && factory.plan.noise.kind == "dark-frames")
+  if (gains.empty() && synthesis_kind(factory.plan.noise.kind) == SynthesisKind::kDarkFrames)
     for (const DarkFrameBank& bank : factory.model.description().dark_frames)
       gains.push_back(bank.gain);
   return gains;

@@ -39,11 +39,12 @@ FrameMaker noise_on_noise(const NoiseModel& model, const GainSetting& from, cons
 // The calibrated noise of the noisier gain on the denoised frame.
 FrameMaker calibrated(const NoiseModel& model, const GainSetting& to, const std::string& noise) {
   SynthesisSettings settings;
-  settings.kind = noise == "HG"                  ? "gaussian"
-                  : !model.nonparametric.empty() ? "nonparametric"
-                                                 : "physics";
-  if (settings.kind == "physics") settings.parameters = "mean";
-  settings.quantization = settings.kind == "nonparametric";  // rounding is a part of those
+  const SynthesisKind kind = noise == "HG"                  ? SynthesisKind::kGaussian
+                             : !model.nonparametric.empty() ? SynthesisKind::kNonparametric
+                                                            : SynthesisKind::kPhysics;
+  settings.kind = synthesis_kind_name(kind);
+  if (kind == SynthesisKind::kPhysics) settings.parameters = "mean";
+  settings.quantization = kind == SynthesisKind::kNonparametric;  // rounding is a part of those
   const auto synthesizer = std::make_shared<Synthesizer>(
       noise == "HG" ? with_equivalents(model, {to}) : model, settings);
   return [synthesizer, to](const Image&, const Image& guide_dn, const DrawAddress& address) {

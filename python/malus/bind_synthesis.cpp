@@ -156,10 +156,11 @@ Image guide_from(const py::object& guide, const RawFrame& frame, const NoiseMode
 }
 
 GainSetting source_gain(const Model& model, const RawFrame& frame, const Gain& told,
-                        const std::string& kind) {
+                        SynthesisKind kind) {
   if (!told) {
     const NoiseModel& held = model.description();
-    const auto gains = kind == "nonparametric" ? held.nonparametric.size() : held.physics.size();
+    const auto gains =
+        kind == SynthesisKind::kNonparametric ? held.nonparametric.size() : held.physics.size();
     if (!frame.gain.decibel() && gains > 1)
       throw InputError(frame.source, "does not tell its gain, and the model holds several",
                        "give from_gain=");
@@ -182,7 +183,7 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
   PythonProgress progress;
   if (const auto warning = take_levels_of_model(description, frame); !warning.empty())
     progress.warn(frame.source + ": " + warning);
-  const GainSetting from = source_gain(*model, frame, from_gain, settings.kind);
+  const GainSetting from = source_gain(*model, frame, from_gain, synthesis_kind(settings.kind));
   const GainSetting to = model->gain_setting(to_gain);
   if (app::shows_noisy_frame(settings.method, !guide.is_none()))
     warn_of_nonfinite(frame.dn, frame.source, app::fate_of_nonfinite(!rounded), progress);

@@ -48,7 +48,8 @@ class SyntheticPairs final : public PairSource {
       NoiseModel model = load_camera(path, config.package);
       drop_maps(model);  // large, and drawn noise has none of them
       models_.push_back(std::make_shared<const NoiseModel>(std::move(model)));
-      if (noise_.jitter > 0 && (models_.back()->physics.empty() || synthesis_.kind != "physics"))
+      if (noise_.jitter > 0 && (models_.back()->physics.empty() ||
+                                synthesis_kind(synthesis_.kind) != SynthesisKind::kPhysics))
         throw InputError(path.string(), "cannot be varied: jitter is for kind \"physics\"",
                          "use jitter = 0");
       naming_source(config.source.string(), [&] { require_served(models_.back()); });

@@ -16,9 +16,9 @@ PhysicsNoise target_physics(const NoiseModel& model, const GainSetting& gain, bo
 }
 
 Renoiser make_renoiser(const NoiseModel& model, const GainSetting& from, const GainSetting& to,
-                       const std::string& kind, bool rounded) {
+                       SynthesisKind kind, bool rounded) {
   const double white_dn = white_above_black(model.white_dn, model.black_dn);
-  if (kind == "nonparametric")
+  if (kind == SynthesisKind::kNonparametric)
     return Renoiser(model.layout, model.nonparametric_at(from), model.nonparametric_at(to),
                     model.row_group, white_dn, rounded ? model.quantization_dn : 0.0);
   return Renoiser(model.physics_at(from), target_physics(model, to, rounded), white_dn);
@@ -47,10 +47,11 @@ ModelRenoiser::ModelRenoiser(const NoiseModel& model, const GainSetting& from,
     naive_.emplace(target_physics(model, to, rounded));
     return;
   }
-  if (settings.kind == "nonparametric")
+  const SynthesisKind kind = synthesis_kind(settings.kind);
+  if (kind == SynthesisKind::kNonparametric)
     ranges_ = common_ranges(level_ranges(model.nonparametric_at(from)),
                             level_ranges(model.nonparametric_at(to)));
-  renoiser_.emplace(make_renoiser(model, from, to, settings.kind, rounded));
+  renoiser_.emplace(make_renoiser(model, from, to, kind, rounded));
 }
 
 LevelCoverage ModelRenoiser::apply(View<const float> noisy_dn, View<float> guide_dn,

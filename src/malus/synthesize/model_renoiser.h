@@ -6,6 +6,7 @@
 #include "malus/synthesize/compiled.h"
 #include "malus/synthesize/level_coverage.h"
 #include "malus/synthesize/renoise.h"
+#include "malus/synthesize/synthesis_kind.h"
 
 #include <optional>
 #include <string>
@@ -14,14 +15,16 @@
 namespace malus {
 
 struct RenoiseSettings {
-  std::string kind = "physics", method = "noise-on-noise";
+  std::string kind = synthesis_kind_name(SynthesisKind::kPhysics), method = "noise-on-noise";
 
   template <class Self, class Visitor>
   static void describe(Self& self, Visitor&& field) {
-    field(self.kind, ParameterInfo{.name = "kind",
-                                   .unit = "",
-                                   .help = "noise model",
-                                   .choices = {"physics", "nonparametric"}});
+    field(self.kind,
+          ParameterInfo{.name = "kind",
+                        .unit = "",
+                        .help = "noise model",
+                        .choices = {synthesis_kind_name(SynthesisKind::kPhysics),
+                                    synthesis_kind_name(SynthesisKind::kNonparametric)}});
     field(self.method, ParameterInfo{.name = "method",
                                      .unit = "",
                                      .help = "noise-on-noise adds to the noisy frame; naive puts "

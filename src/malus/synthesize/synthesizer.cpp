@@ -110,17 +110,9 @@ PhysicsParts parts_of(SynthesisKind kind, const SynthesisSettings& settings) {
           .bias = all && settings.bias};
 }
 
-// Throws InputError on a name of none.
-SynthesisKind kind_of(const SynthesisSettings& settings) {
-  const auto name =
-      std::find(kSynthesisKindNames.begin(), kSynthesisKindNames.end(), settings.kind);
-  if (name == kSynthesisKindNames.end()) require_settings(settings);
-  return static_cast<SynthesisKind>(name - kSynthesisKindNames.begin());
-}
-
 void require_kind(const NoiseModel& model, SynthesisKind kind) {
   const auto drawn = kind == SynthesisKind::kPoissonGaussian ? SynthesisKind::kPhysics : kind;
-  const std::string needed(kSynthesisKindNames[static_cast<std::size_t>(drawn)]);
+  const std::string needed = synthesis_kind_name(drawn);
   const auto kinds = model.kinds();
   if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
     throw InputError(model.name(), fmt::format("holds no {} model", needed),
@@ -153,9 +145,15 @@ void refuse_settings_without_meaning(SynthesisKind kind, const SynthesisSettings
 
 }  // namespace
 
+SynthesisKind synthesis_kind(const std::string& name) {
+  const auto found = std::ranges::find(kSynthesisKindNames, name);
+  if (found == kSynthesisKindNames.end()) require_settings(SynthesisSettings{.kind = name});
+  return static_cast<SynthesisKind>(found - kSynthesisKindNames.begin());
+}
+
 GainSetting random_gain(const NoiseModel& model, const SynthesisSettings& settings,
                         std::uint64_t seed, std::uint32_t frame) {
-  const SynthesisKind kind = kind_of(settings);
+  const SynthesisKind kind = synthesis_kind(settings.kind);
   require_kind(model, kind);
   switch (kind) {
     case SynthesisKind::kGaussian:
@@ -181,7 +179,7 @@ Synthesizer::Synthesizer(std::shared_ptr<const NoiseModel> model, SynthesisSetti
       settings_(std::move(settings)),
       cache_(std::make_shared<GainTableCache>()) {
   require_settings(settings_);
-  kind_ = kind_of(settings_);
+  kind_ = synthesis_kind(settings_.kind);
   require_kind(*model_, kind_);
   refuse_settings_without_meaning(kind_, settings_);
 }

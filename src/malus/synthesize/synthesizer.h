@@ -12,6 +12,7 @@
 #include "malus/synthesize/gain_tables.h"
 #include "malus/synthesize/level_coverage.h"
 #include "malus/synthesize/light_case.h"
+#include "malus/synthesize/synthesis_kind.h"
 
 #include <array>
 #include <cstdint>
@@ -22,12 +23,6 @@
 #include <vector>
 
 namespace malus {
-
-/// What noise is drawn from.
-enum class SynthesisKind { kPhysics, kPoissonGaussian, kGaussian, kNonparametric, kDarkFrames };
-/// Their names, in that order.
-inline constexpr std::array<std::string_view, 5> kSynthesisKindNames = {
-    "physics", "poisson-gaussian", "gaussian", "nonparametric", "dark-frames"};
 
 struct SynthesisSettings {
   std::string kind = "physics";
