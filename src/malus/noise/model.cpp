@@ -244,7 +244,7 @@ NoiseModel sensor_alone(const NoiseModel& model) {
 
 NoiseModel with_row_noise(NoiseModel model, double read_deviations) {
   if (model.physics.empty())
-    throw InputError(model.sensor, "has no physics part whose row noise could be set",
+    throw InputError(model.name(), "has no physics part whose row noise could be set",
                      "leave " + setting_name("row_noise") + " out");
   model.joint.reset();
   for (PhysicsCalibration& entry : model.physics) {
