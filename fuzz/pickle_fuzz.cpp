@@ -1,5 +1,5 @@
 // links: malus_weights
-#include "malus/weights/pickle.h"
+#include "malus/weights/internal/pickle.h"
 
 #include "target.h"
 

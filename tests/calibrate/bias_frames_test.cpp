@@ -1,8 +1,8 @@
 // Bias frames of sensors with defects, few of them, and with heavy tails.
 #include "malus/base/statistics.h"
-#include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/channel_words.h"
+#include "malus/calibrate/internal/bias_checks.h"
+#include "malus/calibrate/internal/channel_words.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // Closure: what the compiled sampler draws from a model, calibration finds again: covariances
 // between channels, which vary a frame's parameters together, and the laws over gain.
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/row_drift_fit.h"
+#include "malus/calibrate/internal/row_drift_fit.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <cmath>

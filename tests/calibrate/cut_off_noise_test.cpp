@@ -1,7 +1,7 @@
-#include "malus/calibrate/cut_off_noise.h"
+#include "malus/calibrate/internal/cut_off_noise.h"
 
 #include "malus/base/normal_distribution.h"
-#include "malus/calibrate/lowest_codes.h"
+#include "malus/calibrate/internal/lowest_codes.h"
 
 #include <cmath>
 #include <filesystem>

@@ -1,5 +1,5 @@
 // The dark level code by code, and how much room levels and codes take.
-#include "malus/calibrate/dark_codes.h"
+#include "malus/calibrate/internal/dark_codes.h"
 
 #include "malus/calibrate/calibrate.h"
 

@@ -1,8 +1,8 @@
 // Which pixels are listed as defects, and which are not.
-#include "malus/calibrate/defects.h"
+#include "malus/calibrate/internal/defects.h"
 
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/equal_values.h"
+#include "malus/calibrate/internal/equal_values.h"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 // Maps of the flats that are all noise, or made of known parts.
 #include "malus/base/random.h"
-#include "malus/calibrate/gain_map.h"
-#include "malus/calibrate/response_checks.h"
+#include "malus/calibrate/internal/gain_map.h"
+#include "malus/calibrate/internal/response_checks.h"
 
 #include <cmath>
 #include <utility>

@@ -1,6 +1,6 @@
 // Frames that hold a share of the one before: image lag, and what is none.
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/temporal_filter.h"
+#include "malus/calibrate/internal/temporal_filter.h"
 
 #include <array>
 #include <cmath>

@@ -1,5 +1,5 @@
 // Likeness of neighbouring pixels' temporal noise.
-#include "malus/calibrate/neighbour_correlation.h"
+#include "malus/calibrate/internal/neighbour_correlation.h"
 
 #include "malus/base/statistics.h"
 

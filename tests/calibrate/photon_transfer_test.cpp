@@ -1,8 +1,8 @@
-#include "malus/calibrate/photon_transfer.h"
+#include "malus/calibrate/internal/photon_transfer.h"
 
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/response_bend.h"
+#include "malus/calibrate/internal/response_bend.h"
 
 #include <cmath>
 

@@ -1,10 +1,10 @@
-#include "malus/calibrate/rounded_noise.h"
+#include "malus/calibrate/internal/rounded_noise.h"
 
 #include "malus/base/normal_distribution.h"
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/dark_point.h"
 #include "malus/calibrate/gaussian_calibration.h"
+#include "malus/calibrate/internal/dark_point.h"
 #include "malus/noise/physics.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "malus/calibrate/row_drift_fit.h"
+#include "malus/calibrate/internal/row_drift_fit.h"
 
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"

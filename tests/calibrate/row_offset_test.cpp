@@ -1,5 +1,5 @@
 // Offsets of rows whose pixels have noise of unlike width, and the levels measured in such rows.
-#include "malus/calibrate/row_offset.h"
+#include "malus/calibrate/internal/row_offset.h"
 
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"

@@ -1,4 +1,4 @@
-#include "malus/calibrate/saturation.h"
+#include "malus/calibrate/internal/saturation.h"
 
 #include "malus/base/random.h"
 

@@ -1,9 +1,9 @@
 // What calibration says of sessions whose frames are not what the session says.
-#include "malus/calibrate/across_frames.h"
-#include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/flat_checks.h"
-#include "malus/calibrate/light_profile.h"
+#include "malus/calibrate/internal/across_frames.h"
+#include "malus/calibrate/internal/bias_checks.h"
+#include "malus/calibrate/internal/flat_checks.h"
+#include "malus/calibrate/internal/light_profile.h"
 
 #include <cmath>
 

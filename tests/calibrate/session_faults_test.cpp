@@ -1,12 +1,12 @@
 // What calibration says of cameras that change their frames after the conversion, of light that is
 // not as told, and of layouts that the flats contradict. bench/session_faults.py has the same and
 // more with a camera of its own.
-#include "malus/calibrate/bias_checks.h"
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/gain_map.h"
-#include "malus/calibrate/light_profile.h"
-#include "malus/calibrate/response_checks.h"
-#include "malus/calibrate/temporal_filter.h"
+#include "malus/calibrate/internal/bias_checks.h"
+#include "malus/calibrate/internal/gain_map.h"
+#include "malus/calibrate/internal/light_profile.h"
+#include "malus/calibrate/internal/response_checks.h"
+#include "malus/calibrate/internal/temporal_filter.h"
 
 #include <cmath>
 #include <numbers>

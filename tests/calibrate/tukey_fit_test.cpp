@@ -1,4 +1,4 @@
-#include "malus/calibrate/tukey_fit.h"
+#include "malus/calibrate/internal/tukey_fit.h"
 
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"

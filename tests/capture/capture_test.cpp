@@ -2,8 +2,8 @@
 
 #include "malus/base/error.h"
 #include "malus/capture/camera.h"
-#include "malus/capture/frame_writer.h"
-#include "malus/capture/loss_count.h"
+#include "malus/capture/internal/frame_writer.h"
+#include "malus/capture/internal/loss_count.h"
 
 #include <cstdlib>
 #include <fstream>

@@ -1,6 +1,6 @@
 // The device code that nvcc writes, run instruction by instruction on the CPU (ptx_to_cpp.py): its
 // random words and its noise are the CPU sampler's, bit for bit. Needs no device.
-#include "malus/cuda/draw_plan.h"
+#include "malus/cuda/internal/draw_plan.h"
 
 #include <cmath>
 #include <limits>

@@ -3,7 +3,7 @@
 
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
-#include "malus/cuda/rounding.h"
+#include "malus/cuda/internal/rounding.h"
 
 #include <cstdio>
 

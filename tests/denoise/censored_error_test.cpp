@@ -1,6 +1,6 @@
 // Truth: light known without noise; noise from the generative law (synthesize/exact.h), cut off at
 // white as a converter does; fixed seeds.
-#include "malus/denoise/censored_error.h"
+#include "malus/denoise/internal/censored_error.h"
 
 #include "malus/base/random.h"
 #include "malus/noise/model.h"

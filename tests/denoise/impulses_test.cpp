@@ -1,6 +1,6 @@
 // Truth: smooth pictures known without noise, noise from the generative law (synthesize/exact.h),
 // fixed seeds.
-#include "malus/denoise/impulses.h"
+#include "malus/denoise/internal/impulses.h"
 
 #include "malus/base/parallel.h"
 #include "malus/noise/model.h"

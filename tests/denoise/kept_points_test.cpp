@@ -1,6 +1,6 @@
 // Truth: light known without noise, noise from the generative law (synthesize/exact.h), fixed
 // seeds.
-#include "malus/denoise/kept_points.h"
+#include "malus/denoise/internal/kept_points.h"
 
 #include "malus/base/parallel.h"
 #include "malus/denoise/denoiser.h"

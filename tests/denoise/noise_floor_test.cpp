@@ -1,4 +1,4 @@
-#include "malus/denoise/noise_floor.h"
+#include "malus/denoise/internal/noise_floor.h"
 
 #include "malus/base/random.h"
 

@@ -1,6 +1,6 @@
 // Frames with areas that show no noise: masked, crushed, filled or covered. Truth: pictures known
 // without noise, noise from the generative law (synthesize/exact.h), fixed seeds.
-#include "malus/denoise/noiseless_areas.h"
+#include "malus/denoise/internal/noiseless_areas.h"
 
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"

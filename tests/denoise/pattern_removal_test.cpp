@@ -1,5 +1,5 @@
 // Truth: frames drawn from known scenes, maps and shares.
-#include "malus/denoise/pattern_removal.h"
+#include "malus/denoise/internal/pattern_removal.h"
 
 #include "malus/base/random.h"
 #include "malus/denoise/denoiser.h"

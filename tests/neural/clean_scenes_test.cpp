@@ -1,5 +1,5 @@
 // Truth: the pixels of the scene that the pieces are cut from.
-#include "malus/neural/clean_scenes.h"
+#include "malus/neural/internal/clean_scenes.h"
 
 #include <future>
 #include <set>

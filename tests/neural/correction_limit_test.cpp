@@ -1,5 +1,5 @@
 // Truth: corrections and variances of known size.
-#include "malus/neural/correction_limit.h"
+#include "malus/neural/internal/correction_limit.h"
 
 #include "malus/image/view.h"
 

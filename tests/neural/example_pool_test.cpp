@@ -1,6 +1,6 @@
 // Truth: what a step sees is the same however the pool came to it, and the pace of makers that
 // sleep.
-#include "malus/neural/example_pool.h"
+#include "malus/neural/internal/example_pool.h"
 
 #include "malus/base/error.h"
 #include "malus/base/random.h"

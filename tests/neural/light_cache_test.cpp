@@ -1,5 +1,5 @@
 // What is read, how often, and who waits; no pictures.
-#include "malus/neural/light_cache.h"
+#include "malus/neural/internal/light_cache.h"
 
 #include "malus/base/error.h"
 

@@ -1,8 +1,8 @@
 #include "malus/neural/network.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/internal/network_size.h"
 #include "malus/neural/loss.h"
-#include "malus/neural/network_size.h"
 
 #include "small_networks.h"
 #include "support.h"

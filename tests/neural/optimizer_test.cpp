@@ -1,5 +1,5 @@
 // Truth: closed forms of the schedules, torch's own Adam.
-#include "malus/neural/optimizer.h"
+#include "malus/neural/internal/optimizer.h"
 
 #include <cmath>
 #include <numbers>

@@ -1,5 +1,5 @@
 // Which sensors and which light examples are drawn with.
-#include "malus/neural/raw_pairs.h"
+#include "malus/neural/internal/raw_pairs.h"
 
 #include "malus/base/statistics.h"
 

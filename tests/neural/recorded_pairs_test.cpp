@@ -4,7 +4,7 @@
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard.h"
-#include "malus/neural/raw_pairs.h"
+#include "malus/neural/internal/raw_pairs.h"
 #include "malus/neural/trainer.h"
 
 #include <fstream>

@@ -1,4 +1,4 @@
-#include "malus/neural/tiles.h"
+#include "malus/neural/internal/tiles.h"
 
 #include <algorithm>
 

@@ -1,11 +1,11 @@
 // Truth: light of a known signal-to-noise ratio; the closed form of the shares.
-#include "malus/neural/trained_light.h"
+#include "malus/neural/internal/trained_light.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/neural/example_pool.h"
 #include "malus/neural/inference.h"
-#include "malus/neural/raw_pairs.h"
+#include "malus/neural/internal/example_pool.h"
+#include "malus/neural/internal/raw_pairs.h"
 
 #include <atomic>
 #include <cmath>

@@ -4,11 +4,11 @@
 #include "malus/base/random.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
-#include "malus/neural/checkpoint.h"
-#include "malus/neural/clean_scenes.h"
-#include "malus/neural/raw_pairs.h"
+#include "malus/neural/internal/checkpoint.h"
+#include "malus/neural/internal/clean_scenes.h"
+#include "malus/neural/internal/raw_pairs.h"
+#include "malus/neural/internal/training_log.h"
 #include "malus/neural/trainer.h"
-#include "malus/neural/training_log.h"
 #include "malus/synthesize/scene.h"
 
 #include <cmath>

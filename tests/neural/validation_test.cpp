@@ -1,9 +1,9 @@
 // Truth: NetworkInference, on the frame that the validation draws.
-#include "malus/neural/validation.h"
+#include "malus/neural/internal/validation.h"
 
 #include "malus/image/middle.h"
-#include "malus/neural/clean_scenes.h"
 #include "malus/neural/inference.h"
+#include "malus/neural/internal/clean_scenes.h"
 #include "malus/synthesize/scene.h"
 
 #include <algorithm>

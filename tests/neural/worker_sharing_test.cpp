@@ -1,5 +1,5 @@
 // Two workers, of whom the second is played: what it would send is known.
-#include "malus/neural/worker_sharing.h"
+#include "malus/neural/internal/worker_sharing.h"
 
 #include "small_networks.h"
 #include <gtest/gtest.h>

@@ -3,7 +3,7 @@
 #include "malus/neural/workers.h"
 
 #include "malus/base/error.h"
-#include "malus/neural/short_waits.h"
+#include "malus/neural/internal/short_waits.h"
 #include "malus/neural/trainer.h"
 
 #include <chrono>

@@ -61,7 +61,7 @@ TEST(ModelFile, KeepsAModelWithNothingOptional) {
   EXPECT_EQ(load_model(folder / "m.h5"), model);
 }
 
-// As many as calibration lists at most (kMostDefects in calibrate/defects.h).
+// As many as calibration lists at most (kMostDefects in calibrate/internal/defects.h).
 TEST(ModelFile, KeepsALongListOfDefects) {
   const TemporaryFolder folder;
   NoiseModel model = load_model("imx250myr-simulated");

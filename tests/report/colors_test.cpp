@@ -1,4 +1,4 @@
-#include "malus/report/colors.h"
+#include "malus/report/internal/colors.h"
 
 #include <cmath>
 #include <set>

@@ -1,8 +1,8 @@
-// What a reader gets of a report's picture, by the format's description (malus/report/raster.h):
-// the page has its own (web/src).
+// What a reader gets of a report's picture, by the format's description
+// (malus/report/internal/raster.h): the page has its own (web/src).
 #pragma once
 
-#include "malus/report/raster.h"
+#include "malus/report/internal/raster.h"
 
 #include <cmath>
 #include <cstdint>

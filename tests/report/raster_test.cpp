@@ -1,4 +1,4 @@
-#include "malus/report/raster.h"
+#include "malus/report/internal/raster.h"
 
 #include <cmath>
 #include <random>

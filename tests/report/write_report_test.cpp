@@ -1,7 +1,7 @@
 #include "malus/report/write_report.h"
 
 #include "malus/base/error.h"
-#include "malus/report/svg.h"
+#include "malus/report/internal/svg.h"
 
 #include <cmath>
 #include <fstream>

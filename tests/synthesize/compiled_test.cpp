@@ -9,7 +9,7 @@
 #include "malus/noise/tukey_lambda.h"
 #include "malus/synthesize/compiled_kernel.h"
 #include "malus/synthesize/formation.h"
-#include "malus/synthesize/scalar_formation.h"
+#include "malus/synthesize/internal/scalar_formation.h"
 
 #include <algorithm>
 #include <cmath>

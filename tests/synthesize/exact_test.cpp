@@ -7,7 +7,7 @@
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/tukey_lambda.h"
-#include "malus/synthesize/poisson.h"
+#include "malus/synthesize/internal/poisson.h"
 
 #include <cmath>
 #include <limits>

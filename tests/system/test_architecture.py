@@ -91,6 +91,28 @@ def test_installed_headers_include_none_that_is_not():
     assert not wrong, "\n".join(wrong)
 
 
+# What a program of one's own may want although none here includes it: metrics, networks by name, their losses, pictures' legends.
+OF_USE_ALONE = {"evaluate/noise_structure.h", "evaluate/polarization_metrics.h", "neural/loss.h", "neural/networks.h", "neural/noise_flow.h",
+                "noise/column_noise.h", "polar/legend.h"}
+
+
+def test_headers_that_only_their_module_reaches_are_internal():
+    headers = {path.relative_to(SOURCES).as_posix(): path for path in SOURCES.glob("*/*.h")}
+    includers = {name: set() for name in headers}
+    for path in own_files(".h", ".cpp", ".cu", ".cuh"):
+        outside = SOURCES not in path.parents
+        if outside and path.relative_to(ROOT).parts[0] in ("tests", "bench", "fuzz"):
+            continue
+        for name in re.findall(r'#include "malus/([^"]+)"', path.read_text()):
+            if name in headers:
+                includers[name].add("" if outside else path.relative_to(SOURCES).as_posix())
+    reached = {name for name, users in includers.items()
+               if name in OF_USE_ALONE or any(user.split("/")[0] != name.split("/")[0] for user in users)}
+    while more := {name for name, users in includers.items() if name not in reached and users & reached}:
+        reached |= more
+    assert set(headers) - reached == set()
+
+
 def test_modules_of_the_documentation_are_those_of_the_build():
     rows = re.findall(r"^\| `(\w+)` \| ([\w, ]*?) *\|", (ROOT / "ARCHITECTURE.md").read_text(), re.MULTILINE)
     told = {name: set(depends.replace(",", " ").split()) for name, depends in rows}

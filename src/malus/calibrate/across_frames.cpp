@@ -1,4 +1,4 @@
-#include "malus/calibrate/across_frames.h"
+#include "malus/calibrate/internal/across_frames.h"
 
 #include "malus/base/statistics.h"
 

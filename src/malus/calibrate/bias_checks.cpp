@@ -1,8 +1,8 @@
-#include "malus/calibrate/bias_checks.h"
+#include "malus/calibrate/internal/bias_checks.h"
 
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
-#include "malus/calibrate/channel_words.h"
+#include "malus/calibrate/internal/channel_words.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>

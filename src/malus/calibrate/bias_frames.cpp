@@ -1,4 +1,4 @@
-#include "malus/calibrate/bias_frames.h"
+#include "malus/calibrate/internal/bias_frames.h"
 
 namespace malus {
 

@@ -1,4 +1,4 @@
-#include "malus/calibrate/cell_density.h"
+#include "malus/calibrate/internal/cell_density.h"
 
 #include "malus/base/index.h"
 #include "malus/base/normal_distribution.h"

@@ -1,4 +1,4 @@
-#include "malus/calibrate/channel_words.h"
+#include "malus/calibrate/internal/channel_words.h"
 
 #include "malus/base/text.h"
 

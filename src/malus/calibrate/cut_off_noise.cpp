@@ -1,4 +1,4 @@
-#include "malus/calibrate/cut_off_noise.h"
+#include "malus/calibrate/internal/cut_off_noise.h"
 
 #include "malus/base/error.h"
 #include "malus/base/normal_nodes.h"

@@ -1,4 +1,4 @@
-#include "malus/calibrate/dark_codes.h"
+#include "malus/calibrate/internal/dark_codes.h"
 
 #include "malus/base/index.h"
 

@@ -1,9 +1,9 @@
-#include "malus/calibrate/dark_corrections.h"
+#include "malus/calibrate/internal/dark_corrections.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/cut_off_noise.h"
-#include "malus/calibrate/fixed_pattern.h"
+#include "malus/calibrate/internal/cut_off_noise.h"
+#include "malus/calibrate/internal/fixed_pattern.h"
 
 #include <algorithm>
 #include <cmath>

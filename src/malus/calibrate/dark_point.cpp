@@ -1,4 +1,4 @@
-#include "malus/calibrate/dark_point.h"
+#include "malus/calibrate/internal/dark_point.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"

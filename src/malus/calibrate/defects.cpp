@@ -1,8 +1,8 @@
-#include "malus/calibrate/defects.h"
+#include "malus/calibrate/internal/defects.h"
 
 #include "malus/base/chi_square.h"
 #include "malus/base/index.h"
-#include "malus/calibrate/pixel_location.h"
+#include "malus/calibrate/internal/pixel_location.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>

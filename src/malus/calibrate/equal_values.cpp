@@ -1,4 +1,4 @@
-#include "malus/calibrate/equal_values.h"
+#include "malus/calibrate/internal/equal_values.h"
 
 #include "malus/base/index.h"
 

@@ -1,10 +1,10 @@
-#include "malus/calibrate/fixed_pattern.h"
+#include "malus/calibrate/internal/fixed_pattern.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/line_means.h"
-#include "malus/calibrate/pixel_location.h"
-#include "malus/calibrate/row_drift_fit.h"
+#include "malus/calibrate/internal/line_means.h"
+#include "malus/calibrate/internal/pixel_location.h"
+#include "malus/calibrate/internal/row_drift_fit.h"
 #include "malus/noise/row_drift.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "malus/calibrate/flat_checks.h"
+#include "malus/calibrate/internal/flat_checks.h"
 
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"

@@ -1,8 +1,8 @@
-#include "malus/calibrate/flat_level.h"
+#include "malus/calibrate/internal/flat_level.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/light_profile.h"
+#include "malus/calibrate/internal/light_profile.h"
 #include "malus/image/quantization.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
-#include "malus/calibrate/flat_patterns.h"
+#include "malus/calibrate/internal/flat_patterns.h"
 
 #include "malus/base/statistics.h"
-#include "malus/calibrate/channel_words.h"
+#include "malus/calibrate/internal/channel_words.h"
 
 #include <algorithm>
 #include <cstddef>

@@ -1,4 +1,4 @@
-#include "malus/calibrate/frame_components.h"
+#include "malus/calibrate/internal/frame_components.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"

@@ -1,8 +1,8 @@
-#include "malus/calibrate/gain_map.h"
+#include "malus/calibrate/internal/gain_map.h"
 
 #include "malus/base/chi_square.h"
 #include "malus/base/index.h"
-#include "malus/calibrate/pixel_location.h"
+#include "malus/calibrate/internal/pixel_location.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
-#include "malus/calibrate/level_pass.h"
+#include "malus/calibrate/internal/level_pass.h"
 
 #include "malus/base/index.h"
-#include "malus/calibrate/row_offset.h"
+#include "malus/calibrate/internal/row_offset.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "malus/calibrate/light_profile.h"
+#include "malus/calibrate/internal/light_profile.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"

@@ -1,4 +1,4 @@
-#include "malus/calibrate/lowest_codes.h"
+#include "malus/calibrate/internal/lowest_codes.h"
 
 #include "malus/noise/calibration.h"
 

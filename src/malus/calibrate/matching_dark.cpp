@@ -1,9 +1,9 @@
-#include "malus/calibrate/matching_dark.h"
+#include "malus/calibrate/internal/matching_dark.h"
 
 #include "malus/base/index.h"
-#include "malus/calibrate/fixed_pattern.h"
-#include "malus/calibrate/pixel_location.h"
-#include "malus/calibrate/zero_share.h"
+#include "malus/calibrate/internal/fixed_pattern.h"
+#include "malus/calibrate/internal/pixel_location.h"
+#include "malus/calibrate/internal/zero_share.h"
 
 #include <algorithm>
 #include <cmath>

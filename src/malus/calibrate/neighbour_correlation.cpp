@@ -1,4 +1,4 @@
-#include "malus/calibrate/neighbour_correlation.h"
+#include "malus/calibrate/internal/neighbour_correlation.h"
 
 #include "malus/base/index.h"
 

@@ -4,9 +4,9 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
-#include "malus/calibrate/dark_codes.h"
 #include "malus/calibrate/geometry.h"
-#include "malus/calibrate/level_pass.h"
+#include "malus/calibrate/internal/dark_codes.h"
+#include "malus/calibrate/internal/level_pass.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,9 +1,9 @@
-#include "malus/calibrate/photon_transfer.h"
+#include "malus/calibrate/internal/photon_transfer.h"
 
 #include "malus/base/chi_square.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
-#include "malus/calibrate/response_bend.h"
+#include "malus/calibrate/internal/response_bend.h"
 
 #include <algorithm>
 #include <cmath>

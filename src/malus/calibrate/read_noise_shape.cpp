@@ -1,10 +1,10 @@
-#include "malus/calibrate/read_noise_shape.h"
+#include "malus/calibrate/internal/read_noise_shape.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/across_frames.h"
-#include "malus/calibrate/channel_words.h"
-#include "malus/calibrate/tukey_fit.h"
+#include "malus/calibrate/internal/across_frames.h"
+#include "malus/calibrate/internal/channel_words.h"
+#include "malus/calibrate/internal/tukey_fit.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>

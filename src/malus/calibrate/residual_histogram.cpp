@@ -1,4 +1,4 @@
-#include "malus/calibrate/residual_histogram.h"
+#include "malus/calibrate/internal/residual_histogram.h"
 
 #include "malus/base/error.h"
 

@@ -1,10 +1,10 @@
-#include "malus/calibrate/response.h"
+#include "malus/calibrate/internal/response.h"
 
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
-#include "malus/calibrate/line_means.h"
-#include "malus/calibrate/pixel_location.h"
+#include "malus/calibrate/internal/line_means.h"
+#include "malus/calibrate/internal/pixel_location.h"
 
 #include <algorithm>
 #include <cmath>

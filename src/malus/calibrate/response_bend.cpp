@@ -1,4 +1,4 @@
-#include "malus/calibrate/response_bend.h"
+#include "malus/calibrate/internal/response_bend.h"
 
 #include "malus/base/statistics.h"
 

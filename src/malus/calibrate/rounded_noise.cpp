@@ -1,4 +1,4 @@
-#include "malus/calibrate/rounded_noise.h"
+#include "malus/calibrate/internal/rounded_noise.h"
 
 #include "malus/base/index.h"
 #include "malus/base/normal_distribution.h"

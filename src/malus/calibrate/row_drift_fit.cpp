@@ -1,4 +1,4 @@
-#include "malus/calibrate/row_drift_fit.h"
+#include "malus/calibrate/internal/row_drift_fit.h"
 
 #include "malus/base/golden_section.h"
 

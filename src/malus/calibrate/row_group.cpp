@@ -1,4 +1,4 @@
-#include "malus/calibrate/row_group.h"
+#include "malus/calibrate/internal/row_group.h"
 
 #include "malus/base/statistics.h"
 

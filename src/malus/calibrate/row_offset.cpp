@@ -1,4 +1,4 @@
-#include "malus/calibrate/row_offset.h"
+#include "malus/calibrate/internal/row_offset.h"
 
 #include "malus/base/error.h"
 

@@ -1,4 +1,4 @@
-#include "malus/calibrate/temporal_filter.h"
+#include "malus/calibrate/internal/temporal_filter.h"
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"

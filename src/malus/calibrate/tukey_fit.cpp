@@ -1,4 +1,4 @@
-#include "malus/calibrate/tukey_fit.h"
+#include "malus/calibrate/internal/tukey_fit.h"
 
 #include "malus/base/golden_section.h"
 #include "malus/noise/tukey_lambda.h"

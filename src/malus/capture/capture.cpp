@@ -7,8 +7,8 @@
 #include "malus/base/text.h"
 #include "malus/base/unfinished_files.h"
 #include "malus/capture/camera.h"
-#include "malus/capture/frame_writer.h"
-#include "malus/capture/loss_count.h"
+#include "malus/capture/internal/frame_writer.h"
+#include "malus/capture/internal/loss_count.h"
 
 #include <algorithm>
 #include <chrono>

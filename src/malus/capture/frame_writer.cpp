@@ -1,4 +1,4 @@
-#include "malus/capture/frame_writer.h"
+#include "malus/capture/internal/frame_writer.h"
 
 #include "malus/io/picture_file.h"
 

@@ -1,4 +1,4 @@
-#include "malus/cuda/draw_plan.h"
+#include "malus/cuda/internal/draw_plan.h"
 
 #include "malus/base/error.h"
 

@@ -1,7 +1,7 @@
 #include "malus/cuda/device.h"
 #include "malus/cuda/internal/device_memory.h"
-#include "malus/cuda/lane_arithmetic.h"
-#include "malus/cuda/rounding.h"
+#include "malus/cuda/internal/lane_arithmetic.h"
+#include "malus/cuda/internal/rounding.h"
 
 #include <cuda_runtime.h>
 

@@ -1,8 +1,8 @@
 #include "malus/base/error.h"
 #include "malus/cuda/device.h"
-#include "malus/cuda/draw_plan.h"
 #include "malus/cuda/internal/device_memory.h"
-#include "malus/cuda/lane_arithmetic.h"
+#include "malus/cuda/internal/draw_plan.h"
+#include "malus/cuda/internal/lane_arithmetic.h"
 #include "malus/cuda/synthesize.h"
 
 #include <array>

@@ -1,4 +1,4 @@
-#include "malus/denoise/censored_error.h"
+#include "malus/denoise/internal/censored_error.h"
 
 #include "malus/base/normal_distribution.h"
 #include "malus/base/parallel.h"

@@ -1,4 +1,4 @@
-#include "malus/denoise/impulses.h"
+#include "malus/denoise/internal/impulses.h"
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"

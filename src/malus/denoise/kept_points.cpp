@@ -1,4 +1,4 @@
-#include "malus/denoise/kept_points.h"
+#include "malus/denoise/internal/kept_points.h"
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"

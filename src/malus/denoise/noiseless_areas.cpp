@@ -1,4 +1,4 @@
-#include "malus/denoise/noiseless_areas.h"
+#include "malus/denoise/internal/noiseless_areas.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"

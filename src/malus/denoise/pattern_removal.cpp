@@ -1,4 +1,4 @@
-#include "malus/denoise/pattern_removal.h"
+#include "malus/denoise/internal/pattern_removal.h"
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"

@@ -1,4 +1,4 @@
-#include "malus/denoise/quiet_patches.h"
+#include "malus/denoise/internal/quiet_patches.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"

@@ -1,7 +1,7 @@
 // What a frame itself tells of its row noise: its deviation and row group.
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
-#include "malus/denoise/row_evidence.h"
+#include "malus/denoise/internal/row_evidence.h"
 #include "malus/denoise/row_noise.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "malus/denoise/row_evidence.h"
+#include "malus/denoise/internal/row_evidence.h"
 
 #include "malus/base/statistics.h"
 

@@ -4,8 +4,8 @@
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/denoise/internal/line_offsets.h"
-#include "malus/denoise/row_evidence.h"
-#include "malus/denoise/row_stripes.h"
+#include "malus/denoise/internal/row_evidence.h"
+#include "malus/denoise/internal/row_stripes.h"
 
 #include <algorithm>
 #include <cmath>

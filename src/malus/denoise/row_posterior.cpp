@@ -1,4 +1,4 @@
-#include "malus/denoise/row_posterior.h"
+#include "malus/denoise/internal/row_posterior.h"
 
 #include "malus/base/error.h"
 

@@ -1,4 +1,4 @@
-#include "malus/denoise/row_stripes.h"
+#include "malus/denoise/internal/row_stripes.h"
 
 #include "malus/base/chi_square.h"
 #include "malus/base/statistics.h"

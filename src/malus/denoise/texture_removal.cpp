@@ -1,8 +1,8 @@
 #include "malus/denoise/internal/texture_removal.h"
 
 #include "malus/base/statistics.h"
-#include "malus/denoise/noise_floor.h"
-#include "malus/denoise/quiet_patches.h"
+#include "malus/denoise/internal/noise_floor.h"
+#include "malus/denoise/internal/quiet_patches.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,8 +1,8 @@
-#include "malus/neural/checkpoint.h"
+#include "malus/neural/internal/checkpoint.h"
 
 #include "malus/base/error.h"
 #include "malus/base/wording.h"
-#include "malus/neural/same_run.h"
+#include "malus/neural/internal/same_run.h"
 
 #include <cmath>
 

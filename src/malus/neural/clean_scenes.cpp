@@ -1,10 +1,10 @@
-#include "malus/neural/clean_scenes.h"
+#include "malus/neural/internal/clean_scenes.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/io/angle_pictures.h"
-#include "malus/neural/raw_pairs.h"
+#include "malus/neural/internal/raw_pairs.h"
 #include "malus/polar/symmetry.h"
 #include "malus/synthesize/dataset.h"
 #include "malus/synthesize/scene.h"

@@ -1,4 +1,4 @@
-#include "malus/neural/contents.h"
+#include "malus/neural/internal/contents.h"
 
 #include "malus/base/error.h"
 #include "malus/base/unreadable_file.h"

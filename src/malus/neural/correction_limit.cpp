@@ -1,4 +1,4 @@
-#include "malus/neural/correction_limit.h"
+#include "malus/neural/internal/correction_limit.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"

@@ -3,11 +3,11 @@
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/wording.h"
-#include "malus/neural/autocast.h"
 #include "malus/neural/gpu.h"
+#include "malus/neural/internal/autocast.h"
+#include "malus/neural/internal/optimizer.h"
+#include "malus/neural/internal/recorded_pass.h"
 #include "malus/neural/loss.h"
-#include "malus/neural/optimizer.h"
-#include "malus/neural/recorded_pass.h"
 
 #include <algorithm>
 #include <cmath>

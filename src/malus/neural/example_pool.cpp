@@ -1,4 +1,4 @@
-#include "malus/neural/example_pool.h"
+#include "malus/neural/internal/example_pool.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"

@@ -2,9 +2,9 @@
 #include "malus/base/parallel.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/image/pack.h"
-#include "malus/neural/correction_limit.h"
+#include "malus/neural/internal/correction_limit.h"
+#include "malus/neural/internal/plane_tensors.h"
 #include "malus/neural/package.h"
-#include "malus/neural/plane_tensors.h"
 #include "malus/polar/color_map.h"
 
 #include <algorithm>

@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/worker_place.h"
-#include "malus/neural/autocast.h"
+#include "malus/neural/internal/autocast.h"
 
 #include <ATen/Context.h>
 

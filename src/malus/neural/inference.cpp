@@ -4,12 +4,12 @@
 #include "malus/base/stopwatch.h"
 #include "malus/base/wording.h"
 #include "malus/image/pack.h"
-#include "malus/neural/autocast.h"
 #include "malus/neural/gpu.h"
+#include "malus/neural/internal/autocast.h"
 #include "malus/neural/internal/packed.h"
+#include "malus/neural/internal/tiles.h"
+#include "malus/neural/internal/trained_light.h"
 #include "malus/neural/package.h"
-#include "malus/neural/tiles.h"
-#include "malus/neural/trained_light.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
-#include "malus/neural/initial_network.h"
+#include "malus/neural/internal/initial_network.h"
 
 #include "malus/base/error.h"
-#include "malus/neural/same_run.h"
+#include "malus/neural/internal/same_run.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "malus/neural/layers.h"
+#include "malus/neural/internal/layers.h"
 
 #include "malus/neural/internal/strips.h"
 #include "malus/neural/internal/windows.h"

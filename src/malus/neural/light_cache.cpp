@@ -1,4 +1,4 @@
-#include "malus/neural/light_cache.h"
+#include "malus/neural/internal/light_cache.h"
 
 #include "malus/base/parallel.h"
 

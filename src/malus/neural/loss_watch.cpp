@@ -1,4 +1,4 @@
-#include "malus/neural/loss_watch.h"
+#include "malus/neural/internal/loss_watch.h"
 
 #include "malus/base/error.h"
 #include "malus/base/wording.h"

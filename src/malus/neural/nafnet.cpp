@@ -1,6 +1,6 @@
 #include "malus/neural/internal/convolution.h"
 #include "malus/neural/internal/gated_block.h"
-#include "malus/neural/layers.h"
+#include "malus/neural/internal/layers.h"
 #include "malus/neural/networks.h"
 
 namespace malus {

@@ -2,8 +2,8 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/neural/internal/network_size.h"
 #include "malus/neural/named_source.h"
-#include "malus/neural/network_size.h"
 #include "malus/neural/networks.h"
 
 #include <cstring>

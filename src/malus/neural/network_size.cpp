@@ -1,4 +1,4 @@
-#include "malus/neural/network_size.h"
+#include "malus/neural/internal/network_size.h"
 
 #include "malus/base/error.h"
 

@@ -5,9 +5,9 @@
 #include "malus/base/random.h"
 #include "malus/base/wording.h"
 #include "malus/image/pack.h"
+#include "malus/neural/internal/plane_tensors.h"
 #include "malus/neural/network.h"
 #include "malus/neural/noise_flow.h"
-#include "malus/neural/plane_tensors.h"
 #include "malus/neural/threads.h"
 #include "malus/synthesize/synthesizer.h"
 

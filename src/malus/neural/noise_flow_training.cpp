@@ -4,8 +4,8 @@
 #include "malus/base/random.h"
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
+#include "malus/neural/internal/plane_tensors.h"
 #include "malus/neural/noise_flow.h"
-#include "malus/neural/plane_tensors.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "malus/neural/optimizer.h"
+#include "malus/neural/internal/optimizer.h"
 
 #include "malus/base/error.h"
 

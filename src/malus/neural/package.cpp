@@ -2,10 +2,10 @@
 
 #include "malus/base/error.h"
 #include "malus/base/settings_check.h"
-#include "malus/neural/checkpoint.h"
+#include "malus/neural/internal/checkpoint.h"
+#include "malus/neural/internal/trained_light.h"
 #include "malus/neural/named_source.h"
 #include "malus/neural/noise_flow_file.h"
-#include "malus/neural/trained_light.h"
 #include "malus/polar/demosaick.h"
 
 #include <cmath>

@@ -1,7 +1,7 @@
 #include "malus/neural/internal/packed.h"
 
 #include "malus/base/error.h"
-#include "malus/neural/autocast.h"
+#include "malus/neural/internal/autocast.h"
 
 namespace malus::internal {
 namespace {

@@ -1,4 +1,4 @@
-#include "malus/neural/plane_tensors.h"
+#include "malus/neural/internal/plane_tensors.h"
 
 #include "malus/base/error.h"
 

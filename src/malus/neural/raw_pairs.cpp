@@ -1,10 +1,10 @@
-#include "malus/neural/raw_pairs.h"
+#include "malus/neural/internal/raw_pairs.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
+#include "malus/neural/internal/recorded_pairs.h"
 #include "malus/neural/named_source.h"
-#include "malus/neural/recorded_pairs.h"
 #include "malus/noise/fixed_pattern.h"
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"

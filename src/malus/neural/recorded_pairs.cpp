@@ -1,4 +1,4 @@
-#include "malus/neural/recorded_pairs.h"
+#include "malus/neural/internal/recorded_pairs.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parameter_stream.h"

@@ -1,4 +1,4 @@
-#include "malus/neural/recorded_pass.h"
+#include "malus/neural/internal/recorded_pass.h"
 
 #include "malus/base/error.h"
 

@@ -1,8 +1,8 @@
-#include "malus/neural/run_folder.h"
+#include "malus/neural/internal/run_folder.h"
 
 #include "malus/base/unfinished_files.h"
 #include "malus/base/wording.h"
-#include "malus/neural/validation.h"
+#include "malus/neural/internal/validation.h"
 
 #include <algorithm>
 #include <array>

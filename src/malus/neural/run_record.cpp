@@ -1,7 +1,7 @@
-#include "malus/neural/run_record.h"
+#include "malus/neural/internal/run_record.h"
 
 #include "malus/base/error.h"
-#include "malus/neural/validation.h"
+#include "malus/neural/internal/validation.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "malus/neural/same_run.h"
+#include "malus/neural/internal/same_run.h"
 
 #include "malus/base/error.h"
 #include "malus/base/wording.h"

@@ -1,4 +1,4 @@
-#include "malus/neural/tiles.h"
+#include "malus/neural/internal/tiles.h"
 
 #include "malus/base/error.h"
 #include "malus/neural/internal/kernels.h"

@@ -5,7 +5,7 @@
 #include "malus/base/settings_check.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
-#include "malus/neural/json_text.h"
+#include "malus/neural/internal/json_text.h"
 #include "malus/neural/named_networks.h"
 #include "malus/neural/package.h"
 #include "malus/weights/torch_archive.h"

@@ -1,8 +1,8 @@
-#include "malus/neural/trained_light.h"
+#include "malus/neural/internal/trained_light.h"
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/neural/example_pool.h"
+#include "malus/neural/internal/example_pool.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "malus/neural/training_log.h"
+#include "malus/neural/internal/training_log.h"
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"

@@ -1,6 +1,6 @@
+#include "malus/neural/internal/layers.h"
 #include "malus/neural/internal/strips.h"
 #include "malus/neural/internal/windows.h"
-#include "malus/neural/layers.h"
 #include "malus/neural/networks.h"
 
 #include <algorithm>

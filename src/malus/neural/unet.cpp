@@ -1,5 +1,5 @@
 #include "malus/neural/internal/convolution.h"
-#include "malus/neural/layers.h"
+#include "malus/neural/internal/layers.h"
 #include "malus/neural/networks.h"
 
 namespace malus {

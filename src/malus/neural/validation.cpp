@@ -1,10 +1,10 @@
-#include "malus/neural/validation.h"
+#include "malus/neural/internal/validation.h"
 
 #include "malus/base/error.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/picture_file.h"
-#include "malus/neural/clean_scenes.h"
+#include "malus/neural/internal/clean_scenes.h"
 #include "malus/neural/named_source.h"
 #include "malus/polar/demosaick.h"
 #include "malus/synthesize/model.h"

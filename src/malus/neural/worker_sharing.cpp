@@ -1,4 +1,4 @@
-#include "malus/neural/worker_sharing.h"
+#include "malus/neural/internal/worker_sharing.h"
 
 namespace malus {
 

@@ -5,7 +5,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/base/worker_place.h"
-#include "malus/neural/short_waits.h"
+#include "malus/neural/internal/short_waits.h"
 
 #include <chrono>
 #include <cstdlib>

@@ -1,7 +1,7 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/report/internal/json.h"
-#include "malus/report/raster.h"
+#include "malus/report/internal/raster.h"
 
 #include <algorithm>
 #include <array>

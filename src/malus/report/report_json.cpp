@@ -1,5 +1,5 @@
 #include "malus/base/error.h"
-#include "malus/report/colors.h"
+#include "malus/report/internal/colors.h"
 #include "malus/report/internal/json.h"
 
 #include <algorithm>

@@ -1,6 +1,6 @@
-#include "malus/report/svg.h"
+#include "malus/report/internal/svg.h"
 
-#include "malus/report/colors.h"
+#include "malus/report/internal/colors.h"
 #include "malus/report/internal/plot_area.h"
 
 #include <algorithm>

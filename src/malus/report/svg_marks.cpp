@@ -1,4 +1,4 @@
-#include "malus/report/colors.h"
+#include "malus/report/internal/colors.h"
 #include "malus/report/internal/json.h"
 #include "malus/report/internal/plot_area.h"
 

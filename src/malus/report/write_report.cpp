@@ -4,7 +4,7 @@
 #include "malus/base/error.h"
 #include "malus/report/internal/embedded_page.h"
 #include "malus/report/internal/json.h"
-#include "malus/report/svg.h"
+#include "malus/report/internal/svg.h"
 
 #include <cctype>
 #include <set>

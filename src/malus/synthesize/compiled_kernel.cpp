@@ -1,7 +1,7 @@
 #include "malus/synthesize/compiled_kernel.h"
 
-#include "malus/synthesize/scalar_formation.h"
-#include "malus/synthesize/vector_targets.h"
+#include "malus/synthesize/internal/scalar_formation.h"
+#include "malus/synthesize/internal/vector_targets.h"
 
 #include <cmath>
 #include <cstring>
@@ -11,7 +11,7 @@
 #include <hwy/foreach_target.h>  // keep first
 #include <hwy/highway.h>
 // once per target
-#include "malus/synthesize/vector_words-inl.h"
+#include "malus/synthesize/internal/vector_words-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace malus::internal::HWY_NAMESPACE {

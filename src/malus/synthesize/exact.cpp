@@ -6,7 +6,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/noise/tukey_lambda.h"
-#include "malus/synthesize/poisson.h"
+#include "malus/synthesize/internal/poisson.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
-#include "malus/synthesize/level_kernel.h"
+#include "malus/synthesize/internal/level_kernel.h"
 
-#include "malus/synthesize/scalar_formation.h"
-#include "malus/synthesize/vector_targets.h"
+#include "malus/synthesize/internal/scalar_formation.h"
+#include "malus/synthesize/internal/vector_targets.h"
 
 #include <algorithm>
 
@@ -10,7 +10,7 @@
 #include <hwy/foreach_target.h>  // keep first
 #include <hwy/highway.h>
 // once per target
-#include "malus/synthesize/vector_words-inl.h"
+#include "malus/synthesize/internal/vector_words-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace malus::internal::HWY_NAMESPACE {
@@ -18,7 +18,7 @@ namespace malus::internal::HWY_NAMESPACE {
 #if HWY_TARGET != HWY_SCALAR
 
 #define MALUS_FORMATION HWY_INLINE
-#include "malus/synthesize/level_formation-inl.h"
+#include "malus/synthesize/internal/level_formation-inl.h"
 #undef MALUS_FORMATION
 
 // The pixels of a whole group.

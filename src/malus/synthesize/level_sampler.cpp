@@ -4,7 +4,7 @@
 #include "malus/base/parallel.h"
 #include "malus/noise/level_noise.h"
 #include "malus/synthesize/formation.h"
-#include "malus/synthesize/level_kernel.h"
+#include "malus/synthesize/internal/level_kernel.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/text.h"
-#include "malus/synthesize/packed_rows.h"
+#include "malus/synthesize/internal/packed_rows.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "malus/weights/pickle.h"
+#include "malus/weights/internal/pickle.h"
 
 #include "malus/base/error.h"
 #include "malus/weights/safetensors.h"

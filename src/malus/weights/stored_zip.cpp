@@ -1,4 +1,4 @@
-#include "malus/weights/stored_zip.h"
+#include "malus/weights/internal/stored_zip.h"
 
 #include "malus/base/error.h"
 

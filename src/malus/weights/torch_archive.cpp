@@ -1,8 +1,8 @@
 #include "malus/weights/torch_archive.h"
 
 #include "malus/base/error.h"
-#include "malus/weights/pickle.h"
-#include "malus/weights/stored_zip.h"
+#include "malus/weights/internal/pickle.h"
+#include "malus/weights/internal/stored_zip.h"
 
 #include <algorithm>
 #include <set>

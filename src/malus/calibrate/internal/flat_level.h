@@ -1,0 +1,37 @@
+// What the frames of one light level show, in one pass over them.
+#pragma once
+
+#include "malus/calibrate/internal/flat_checks.h"
+#include "malus/calibrate/internal/gain_map.h"
+#include "malus/calibrate/internal/matching_dark.h"
+#include "malus/calibrate/internal/neighbour_correlation.h"
+#include "malus/calibrate/temporal.h"
+
+#include <vector>
+
+namespace malus {
+
+struct FlatLevel {
+  TemporalAccumulator temporal;
+  NeighbourCorrelation neighbours;
+  std::vector<double> saturated,
+      at_zero;  ///< shares of the pixels at white and at the floor, per channel
+  /// At white in any frame by their own dark current, or stuck: defects without light. They tell
+  /// nothing of the light.
+  PixelPlaces filled;
+  FlatObservation seen;
+  GainBlocks gains;
+};
+
+/// first: tells layout, size, black and white; dark: what belongs to these flats without light.
+/// Errors as for_each_frame.
+FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
+                        Progress& progress);
+
+/// Variance of frames that had all been of their mean light, DN². Scaling a frame by a, to that
+/// mean, makes a times of its shot noise what such a frame has, and a² times of the noise without
+/// light.
+double steady_variance_dn2(const TemporalAccumulator& temporal, std::size_t channel, double mean_dn,
+                           double variance_dn2, double dark_variance_dn2);
+
+}  // namespace malus

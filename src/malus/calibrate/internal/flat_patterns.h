@@ -1,0 +1,37 @@
+// What the pixels of a gain's flat levels show: their response, and whether neighbours are alike.
+#pragma once
+
+#include "malus/calibrate/frame_set.h"
+#include "malus/calibrate/internal/flat_checks.h"
+#include "malus/calibrate/internal/flat_level.h"
+#include "malus/calibrate/internal/matching_dark.h"
+#include "malus/calibrate/internal/neighbour_correlation.h"
+#include "malus/calibrate/internal/response.h"
+
+#include <string>
+#include <vector>
+
+namespace malus {
+
+/// Response is measured above this share of the range, where shot noise is small against the
+/// signal.
+inline constexpr double kResponseShare = 0.2;
+
+struct FlatPatterns {
+  explicit FlatPatterns(const MosaicGeometry& geometry)
+      : response(geometry), neighbours(geometry) {}
+  ResponseAccumulator response;
+  NeighbourCorrelation neighbours;
+  std::vector<DarklessLevel> darkless;
+};
+
+/// Adds a level. good: which channels count for K in it; each one's response is that of its own
+/// bright levels, for in coloured or polarized light another may be at white before this one is.
+/// Neighbours are of several channels: they are taken of levels that are good in all.
+void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& dark,
+                  const RawFrame& first, const std::vector<bool>& good, FlatPatterns& patterns);
+
+/// Why PRNU is not known: which channels have no bright level.
+std::string response_missing(const FlatPatterns& patterns, const RawFrame& first);
+
+}  // namespace malus

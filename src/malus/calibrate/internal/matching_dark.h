@@ -1,0 +1,52 @@
+// What belongs to flats of one exposure without their light.
+#pragma once
+
+#include "malus/calibrate/frame_set.h"
+#include "malus/calibrate/internal/bias_calibration.h"
+
+#include <optional>
+#include <vector>
+
+namespace malus {
+
+/// Of dark frames of the flats' own exposure, or of the bias frames.
+struct MatchingDark {
+  std::vector<double> level_dn, variance_dn2;  ///< black included; temporal; per channel
+  std::vector<double> current_dn;              ///< level above the bias frames', per channel
+  std::vector<double> zero_share;              ///< ZeroShare, per channel
+  std::vector<double> floor_dn;                ///< of the bias frames, where noise is cut off
+  int frames = 0;                              ///< 0: the bias frames' is meant
+  int set = 0;                                 ///< which of the dark sets
+  Image own_shading_dn;                        ///< empty: the bias frames' is meant
+  View<const float> bias_shading_dn;
+  std::optional<TemporalAccumulator> own;       ///< without its mean frame
+  const TemporalAccumulator* common = nullptr;  ///< the bias frames'
+  /// Per channel, variance of a pixel's error in the shading, and the standard error of that.
+  std::vector<double> shading_error_dn2, shading_doubt_dn2;
+  /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
+  /// without light, or lies beyond half of the range.
+  std::vector<double> defect_above_dn;
+
+  /// Mean dark frame minus its channels' level.
+  View<const float> shading_dn() const {
+    return own_shading_dn.empty() ? bias_shading_dn : View<const float>(own_shading_dn);
+  }
+  /// variance_dn2 without these pixels.
+  std::vector<double> variance_without_dn2(const PixelPlaces& left_out) const {
+    return left_out.empty() ? variance_dn2 : (own ? *own : *common).variance_dn2(left_out);
+  }
+  /// Levels with one of these share the shading's error: that of the set, or -1 of the bias frames.
+  int shading_set() const { return own_shading_dn.empty() ? -1 : set; }
+};
+
+/// Which of the dark sets is the flat's own, if any: the first of two frames or more and an
+/// exposure within a hundredth of the flat's.
+std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks);
+
+/// darks: the dark sets besides the bias frames. common: of the bias frames, whose shading `bias`
+/// holds and must keep.
+MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
+                           const RawFrame& first, const DarkPass& common,
+                           const PhysicsCalibration& bias, Progress& progress);
+
+}  // namespace malus

@@ -1,0 +1,49 @@
+// Noisy raw frames with their clean signal, as a camera would have written them: drawn from clean
+// scenes with a random sensor's noise, or read from what `malus dataset` and `malus pairs` wrote.
+#pragma once
+
+#include "malus/image/raw_frame.h"
+#include "malus/neural/internal/clean_scenes.h"
+#include "malus/neural/training_config.h"
+#include "malus/noise/model.h"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace malus {
+
+struct RawPair {
+  RawFrame noisy;
+  Image clean_dn;  ///< DN above black and bias, at the noisy frame's light
+  /// The same light as R, G, B of the mosaic's size, where a network's target asks for it and the
+  /// source knows more than the mosaic; else empty.
+  Planes clean_rgb_dn;
+  NoiseProfile profile;
+  double ratio = 1;  ///< low-light ratio: clean_dn * ratio is the reference
+};
+
+/// Pair `number` is a function of the source's settings, the seed and number. Any thread.
+class PairSource {
+ public:
+  virtual ~PairSource() = default;
+  virtual RawPair pair(std::uint64_t seed, std::uint32_t number) const = 0;
+};
+
+/// Of all that the configuration names; where it names several kinds, each pair is drawn from one
+/// of them, by their numbers of files. Throws InputError.
+std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config);
+
+/// A noise model for a package's training. Throws InputError as load_model, and where it is of
+/// another layout.
+NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& package);
+
+/// A sensor like `model` at a gain: K, Tukey-lambda scale, bias and row noise multiplied by factors
+/// exp(jitter * normal), drawn from (seed, number). Of the physics part alone. Throws InputError as
+/// NoiseModel::parameters_at.
+NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
+                           std::uint64_t seed, std::uint32_t number,
+                           GainRange range = GainRange::kCalibratedOnly);
+
+}  // namespace malus
