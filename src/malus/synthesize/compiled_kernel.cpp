@@ -3,8 +3,8 @@
 #include "malus/synthesize/internal/scalar_formation.h"
 #include "malus/synthesize/internal/vector_targets.h"
 
+#include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "malus/synthesize/compiled_kernel.cpp"
@@ -99,26 +99,19 @@ void run_columns(const RowJob& job) {
   const auto* in = static_cast<const In*>(job.in);
   auto* out = static_cast<Out*>(job.out);
   RowWords row_words(job.seed, job.frame, job.row);
-  const int end = job.col0 + job.cols;
-  int group = job.col0 / kGroupColumns;
-  int phase = group * kGroupColumns % job.lanes.period;
-  for (; group * kGroupColumns < end; ++group) {
-    const int start = group * kGroupColumns;
-    const GroupWords& words = row_words.of(group);
-    if (start >= job.col0 && start + kGroupColumns <= end) {
-      run_group(job, words, phase, in + (start - job.col0), out + (start - job.col0));
-    } else {  // the view ends inside this group
+  for (ColumnGroup group(job); group.is_in_row(); group.advance()) {
+    const GroupWords& words = row_words.of(group.number());
+    const std::ptrdiff_t at = group.at();
+    if (group.is_whole()) {
+      run_group(job, words, group.phase(), in + at, out + at);
+    } else {
       In in_group[kGroupColumns] = {};
       Out out_group[kGroupColumns];
-      const int from = start > job.col0 ? start : job.col0;
-      const int to = start + kGroupColumns < end ? start + kGroupColumns : end;
-      const auto count = static_cast<std::size_t>(to - from);
-      std::memcpy(in_group + (from - start), in + (from - job.col0), count * sizeof(In));
-      run_group(job, words, phase, in_group, out_group);
-      std::memcpy(out + (from - job.col0), out_group + (from - start), count * sizeof(Out));
+      const int from = group.from(), to = group.to();
+      std::copy(in + (at + from), in + (at + to), in_group + from);
+      run_group(job, words, group.phase(), in_group, out_group);
+      std::copy(out_group + from, out_group + to, out + (at + from));
     }
-    phase += kGroupColumns;
-    if (phase == job.lanes.period) phase = 0;
   }
 }
 

@@ -72,25 +72,19 @@ void run_group(const LevelRowJob& job, const GroupWords& words, int phase, const
 
 void run_level_row(const LevelRowJob& job) {
   RowWords row_words(job.seed, job.frame, job.row);
-  const int end = job.col0 + job.cols;
-  int group = job.col0 / kGroupColumns;
-  int phase = group * kGroupColumns % job.lanes.period;
-  for (; group * kGroupColumns < end; ++group) {
-    const int start = group * kGroupColumns;
-    const GroupWords& words = row_words.of(group);
-    const std::ptrdiff_t at = start - job.col0;
-    if (start >= job.col0 && start + kGroupColumns <= end) {
-      run_group(job, words, phase, job.signal_dn + at, job.base_dn + at, job.out_dn + at);
-    } else {  // the view ends inside this group
+  for (ColumnGroup group(job); group.is_in_row(); group.advance()) {
+    const GroupWords& words = row_words.of(group.number());
+    const std::ptrdiff_t at = group.at();
+    if (group.is_whole()) {
+      run_group(job, words, group.phase(), job.signal_dn + at, job.base_dn + at, job.out_dn + at);
+    } else {
       float signal[kGroupColumns] = {}, base[kGroupColumns] = {}, out[kGroupColumns];
-      const int from = std::max(job.col0 - start, 0), to = std::min(end - start, kGroupColumns);
-      std::copy(job.signal_dn + at + from, job.signal_dn + at + to, signal + from);
-      std::copy(job.base_dn + at + from, job.base_dn + at + to, base + from);
-      run_group(job, words, phase, signal, base, out);
-      std::copy(out + from, out + to, job.out_dn + at + from);
+      const int from = group.from(), to = group.to();
+      std::copy(job.signal_dn + (at + from), job.signal_dn + (at + to), signal + from);
+      std::copy(job.base_dn + (at + from), job.base_dn + (at + to), base + from);
+      run_group(job, words, group.phase(), signal, base, out);
+      std::copy(out + from, out + to, job.out_dn + (at + from));
     }
-    phase += kGroupColumns;
-    if (phase == job.lanes.period) phase = 0;
   }
 }
 

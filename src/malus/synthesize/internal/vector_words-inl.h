@@ -9,6 +9,9 @@
 
 #include "malus/synthesize/internal/vector_arithmetic-inl.h"
 
+#include <algorithm>
+#include <cstddef>
+
 HWY_BEFORE_NAMESPACE();
 namespace malus::internal::HWY_NAMESPACE {
 
@@ -118,6 +121,37 @@ class RowWords {
 };
 
 #endif
+
+// One after the other, the groups of columns that a kernel's row lies in.
+class ColumnGroup {
+ public:
+  template <class Job>
+  HWY_INLINE explicit ColumnGroup(const Job& job)
+      : col0_(job.col0),
+        end_(job.col0 + job.cols),
+        period_(job.lanes.period),
+        number_(job.col0 / kGroupColumns),
+        phase_(number_ * kGroupColumns % job.lanes.period) {}
+
+  HWY_INLINE bool is_in_row() const { return start() < end_; }
+  HWY_INLINE void advance() {
+    ++number_;
+    phase_ += kGroupColumns;
+    if (phase_ == period_) phase_ = 0;
+  }
+  HWY_INLINE int number() const { return number_; }
+  HWY_INLINE int phase() const { return phase_; }  ///< of its first column in the lanes' period
+  /// Of its columns the row has [from, to): at the ends not all.
+  HWY_INLINE bool is_whole() const { return start() >= col0_ && start() + kGroupColumns <= end_; }
+  HWY_INLINE int from() const { return std::max(col0_ - start(), 0); }
+  HWY_INLINE int to() const { return std::min(end_ - start(), kGroupColumns); }
+  /// Where the job's arrays hold its first column, or would: they begin with the row.
+  HWY_INLINE std::ptrdiff_t at() const { return start() - col0_; }
+
+ private:
+  HWY_INLINE int start() const { return number_ * kGroupColumns; }
+  int col0_, end_, period_, number_, phase_;
+};
 
 }  // namespace malus::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
