@@ -61,7 +61,9 @@ Denoised FrameDenoiser::operator()(RawFrame frame, const NoiseProfile& profile, 
   return denoise_frame(std::move(frame), profile, settings, progress, uncertainty_);
 }
 
-std::string FrameDenoiser::target() const { return network_ ? network_->target() : "mosaic"; }
+NetworkTarget FrameDenoiser::target() const {
+  return network_ ? network_->target() : NetworkTarget::kMosaic;
+}
 
 bool FrameDenoiser::takes_ratio() const {
   if (!network_) return false;

@@ -34,8 +34,8 @@ class FrameDenoiser {
   /// held_values: see DenoiseSettings.
   Denoised operator()(RawFrame frame, const NoiseProfile& profile, Progress& progress,
                       double held_values = 0) const;
-  /// "mosaic", or the pictures that a network gives in its place, "rgb" or "srgb".
-  std::string target() const;
+  /// Classical methods give mosaics.
+  NetworkTarget target() const;
   /// Whether light that the camera cut off at 0 is worked out: not by linear networks, nor by
   /// baselines that do not stabilise.
   bool undoes_cut_off() const;

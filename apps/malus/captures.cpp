@@ -178,14 +178,14 @@ void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseM
   const Stopwatch stopwatch;
   if (!denoiser) {
     test = demosaick_bayer(above_black(loaded.noisy), model.layout);
-  } else if (denoiser->target() == "mosaic") {
+  } else if (denoiser->target() == NetworkTarget::kMosaic) {
     test = demosaick_bayer(
         (*denoiser)(std::move(loaded.noisy), profile, silent_progress()).dn_above_black,
         model.layout);
   } else {
     auto rendered = denoiser->render(std::move(loaded.noisy), profile, silent_progress());
     test = std::move(rendered.picture);
-    if (denoiser->target() == "srgb") {
+    if (denoiser->target() == NetworkTarget::kSrgb) {
       for (Image& plane : reference)
         for (float& v : plane.values())
           v = srgb_of_linear(static_cast<double>(v) / rendered.scale_dn) / 255.0f;

@@ -58,7 +58,7 @@ struct PictureScore {
   int count = 0;
 };
 /// Adds how near the picture comes that the denoiser makes of the capture: a network's own (as
-/// displayed for "srgb", at its own exposure), else the denoised mosaic demosaicked, else, without
+/// displayed of kSrgb, at its own exposure), else the denoised mosaic demosaicked, else, without
 /// a denoiser, the noisy one. Peak is white of the reference's exposure, or of the display.
 void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,
                   const FrameDenoiser* denoiser);

@@ -106,8 +106,8 @@ class DenoiseRun {
     check_stop(progress_);
     OpenedFrame opened = open(job);
     if (model_ && job.last) drop_maps(*model_);
-    return denoiser_.target() == "mosaic" ? process_mosaic(job, opened)
-                                          : process_picture(job, opened);
+    return denoiser_.target() == NetworkTarget::kMosaic ? process_mosaic(job, opened)
+                                                        : process_picture(job, opened);
   }
 
  private:
@@ -138,7 +138,7 @@ class DenoiseRun {
     Json run = run_json(summary, opened.choice);
     warn_of_picture(opened.described.source, result);
     run["network"] = denoiser_.description();
-    run["target"] = denoiser_.target();
+    run["target"] = network_target_name(denoiser_.target());
     run["scale_dn"] = result.scale_dn;
     save_result_picture(job.names.picture, std::move(result.picture), denoiser_.target(), force_);
     run["files"] = {job.names.picture.string()};

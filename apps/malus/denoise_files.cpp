@@ -123,12 +123,11 @@ std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfil
   return files;
 }
 
-void save_result_picture(const fs::path& path, Planes picture, const std::string& target,
-                         bool force) {
+void save_result_picture(const fs::path& path, Planes picture, NetworkTarget target, bool force) {
   SaveOptions save;
   save.force = force;
   const std::string ending = path.extension();
-  if (target == "srgb" && (ending == ".tif" || ending == ".png")) {
+  if (target == NetworkTarget::kSrgb && (ending == ".tif" || ending == ".png")) {
     save.type = SampleType::kUint16;
     for (Image& plane : picture)
       for (float& v : plane.values()) v *= 65535.0f;

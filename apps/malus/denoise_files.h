@@ -3,6 +3,7 @@
 
 #include "malus/denoise/denoiser.h"
 #include "malus/image/raw_frame.h"
+#include "malus/neural/network_target.h"
 
 #include <filesystem>
 #include <string>
@@ -32,9 +33,9 @@ void check_integers_of_camera(const NoiseModel& model, const std::filesystem::pa
 std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,
                                        Denoised& result, const OutputNames& names, bool force);
 
-/// A network's picture (target "rgb" or "srgb"): displayed values as 16 bit where the file holds
+/// A network's picture (kRgb or kSrgb): displayed values as 16 bit where the file holds
 /// integers, else float. Throws InputError.
-void save_result_picture(const std::filesystem::path& path, Planes picture,
-                         const std::string& target, bool force);
+void save_result_picture(const std::filesystem::path& path, Planes picture, NetworkTarget target,
+                         bool force);
 
 }  // namespace malus::app

@@ -31,8 +31,8 @@ std::vector<fs::path> files_read(const DenoiseArguments& arguments) {
 
 }  // namespace
 
-void check_result_flags(const DenoiseArguments& arguments, const std::string& target) {
-  if (target != "mosaic")
+void check_result_flags(const DenoiseArguments& arguments, NetworkTarget target) {
+  if (target != NetworkTarget::kMosaic)
     for (const auto& [given, flag] : {std::pair{arguments.planes, "--planes"},
                                       {arguments.u16, "--u16"},
                                       {arguments.uncertainty, "--uncertainty"},
@@ -40,12 +40,12 @@ void check_result_flags(const DenoiseArguments& arguments, const std::string& ta
                                       {!arguments.report.empty(), "--report"}})
       if (given)
         throw InputError(flag, "the network gives pictures, not denoised mosaics", "leave it out");
-  if (arguments.format == "png" && target != "srgb")
+  if (arguments.format == "png" && target != NetworkTarget::kSrgb)
     throw InputError("--format png", "holds no float values", "use tif or exr");
 }
 
 std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
-                                             const std::string& target, bool force) {
+                                             NetworkTarget target, bool force) {
   std::vector<OutputNames> names(arguments.inputs.size());
   const auto plan = [&](bool wanted, const std::string& suffix, fs::path OutputNames::*name) {
     if (!wanted) return;
@@ -56,8 +56,8 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
       check_output(paths[i], force);
     }
   };
-  if (target != "mosaic") {
-    plan(true, "_" + target + "." + arguments.format, &OutputNames::picture);
+  if (target != NetworkTarget::kMosaic) {
+    plan(true, "_" + network_target_name(target) + "." + arguments.format, &OutputNames::picture);
     return names;
   }
   plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);

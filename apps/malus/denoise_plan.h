@@ -31,11 +31,11 @@ struct DenoiseArguments {
 
 /// Refuses what there is none of where the result is a picture (target: the denoiser's), and what
 /// no picture file can hold. Throws InputError.
-void check_result_flags(const DenoiseArguments& arguments, const std::string& target);
+void check_result_flags(const DenoiseArguments& arguments, NetworkTarget target);
 
 /// The files of every input. Throws InputError where one exists already, unless forced.
 std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
-                                             const std::string& target, bool force);
+                                             NetworkTarget target, bool force);
 
 /// A report that replaced a frame or a result would lose it: throws InputError.
 void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,

@@ -179,7 +179,7 @@ Json train_and_score(const TestBench& bench, const TableS1Setup& setup, const Ta
   for (const RecordedPair& test : bench.tests) {
     check_stop(progress);
     const FrameDenoiser& isp = isps.at(test.ratio);
-    if (isp.target() == "mosaic")
+    if (isp.target() == NetworkTarget::kMosaic)
       throw InputError(setup.isp.string(), "trains a network that gives mosaics",
                        "set target = \"srgb\" or \"rgb\" in [package]");
     add_to_score(score, test, bench.model, &isp);

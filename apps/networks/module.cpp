@@ -42,7 +42,7 @@ class PackageDenoiser final : public NetworkDenoiser {
       return inference_.denoise(std::move(frame), profile, settings, progress, want_variance);
     });
   }
-  const std::string& target() const override { return inference_.target(); }
+  NetworkTarget target() const override { return inference_.target(); }
   NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                     const DenoiseSettings& settings, Progress& progress) override {
     return guarded_with_threads(

@@ -32,8 +32,7 @@ class NetworkDenoiser {
   virtual Denoised denoise(RawFrame frame, const NoiseProfile& profile,
                            const DenoiseSettings& settings, Progress& progress,
                            bool want_variance) = 0;
-  /// "mosaic", or what pictures it gives: "rgb", "srgb" (malus/neural/inference.h).
-  virtual const std::string& target() const = 0;
+  virtual NetworkTarget target() const = 0;
   /// In place of denoise, of networks that give pictures.
   virtual NetworkInference::Rendered render(RawFrame frame, const NoiseProfile& profile,
                                             const DenoiseSettings& settings,

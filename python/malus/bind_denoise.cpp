@@ -80,10 +80,10 @@ struct Result {
   std::optional<NetworkInference::Rendered> rendered;
 };
 
-py::dict dict_of(Result& result, const std::string& target, bool noise_estimated) {
+py::dict dict_of(Result& result, NetworkTarget target, bool noise_estimated) {
   const bool picture = result.rendered.has_value();
   py::dict out = facts_of(picture ? result.rendered->report : result.mosaic, noise_estimated);
-  out["target"] = target;
+  out["target"] = network_target_name(target);
   out["dn"] = picture ? py::object(py::none()) : array_of(std::move(result.mosaic.dn_above_black));
   out["variance"] = result.mosaic.variance_dn2
                         ? py::object(array_of(std::move(*result.mosaic.variance_dn2)))
@@ -106,7 +106,7 @@ Result run(const app::FrameDenoiser& denoiser, RawFrame frame, const NoiseProfil
   before.layout = frame.layout;
   Result result;
   std::vector<std::string> lines;
-  if (denoiser.target() == "mosaic") {
+  if (denoiser.target() == NetworkTarget::kMosaic) {
     result.mosaic = denoiser(std::move(frame), profile, progress);
     lines = result_complaints(before, result.mosaic, profile,
                               app::is_weight_file(method) ? method : "");
@@ -142,7 +142,7 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   const std::shared_ptr<SharedDenoiser> shared = denoiser_for(settings, variance);
   const app::FrameDenoiser& denoiser = shared->denoiser;
   denoiser.require_used(given_settings<InferenceSettings>(kwargs));
-  if (variance && denoiser.target() != "mosaic")
+  if (variance && denoiser.target() != NetworkTarget::kMosaic)
     throw InputError("variance", "the network gives pictures, not denoised mosaics",
                      "leave it out");
   std::vector<std::string> complaints{take_networks_complaint(), denoiser.precision_complaint()};

@@ -305,7 +305,7 @@ TEST(PictureTraining, LearnsAndGivesPicturesOfTheFramesSize) {
     const PictureShot shot(61, 75);
     const auto picture_in = [&](double memory_mib, int* tiles) {
       NetworkInference inference(folder / target / "weights.safetensors", {});
-      EXPECT_EQ(inference.target(), target);
+      EXPECT_EQ(network_target_name(inference.target()), target);
       DenoiseSettings settings;
       settings.memory_mib = memory_mib;
       auto rendered = inference.render(shot.noisy, shot.profile, settings, silent_progress());

@@ -253,7 +253,7 @@ torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& windo
 torch::Tensor picture_target(const PackageSettings& settings, const FrameDomain& domain,
                              const Planes& rgb_dn) {
   MALUS_REQUIRE(rgb_dn.channels() == 3);
-  const bool displayed = settings.target == "srgb";
+  const bool displayed = settings.gives() == NetworkTarget::kSrgb;
   Planes target = rgb_dn;
   for (Image& plane : target)
     for (float& value : plane.values()) {
@@ -271,7 +271,7 @@ Planes picture_of(const PackageSettings& settings, const FrameDomain& domain,
                              .slice(3, first.col, first.col + cols);
   MALUS_REQUIRE(values.dim() == 4 && values.size(1) == 3 && values.size(2) == rows &&
                 values.size(3) == cols);
-  if (settings.target == "rgb") values = values * domain.scale();
+  if (settings.gives() == NetworkTarget::kRgb) values = values * domain.scale();
   return planes_of_tensor(values);
 }
 

@@ -199,7 +199,7 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
 Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
                                    const DenoiseSettings& settings, Progress& progress,
                                    bool want_variance) {
-  if (target() != "mosaic")
+  if (target() != NetworkTarget::kMosaic)
     throw InputError(setting_name("method"), "this network gives pictures, not denoised mosaics",
                      "give a network trained with target = \"mosaic\"");
   if (want_variance && !state_->loaded.package.corrects_guide())
@@ -234,14 +234,15 @@ Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,
 NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseProfile& profile,
                                                     const DenoiseSettings& settings,
                                                     Progress& progress) {
-  MALUS_REQUIRE(target() != "mosaic");
+  MALUS_REQUIRE(target() != NetworkTarget::kMosaic);
   const torch::InferenceMode no_gradients;
   Filtered filtered = filter(std::move(frame), profile, settings, progress);
   Planes picture = picture_of(state_->loaded.package.settings, filtered.prepared.domain,
                               filtered.planes, filtered.rows, filtered.cols);
   for (const Image& plane : picture) {
     const auto [least, largest] = std::minmax_element(plane.values().begin(), plane.values().end());
-    require_plausible(*least, *largest, target() == "srgb" ? 1.0 : filtered.prepared.frame.range_dn,
+    require_plausible(*least, *largest,
+                      target() == NetworkTarget::kSrgb ? 1.0 : filtered.prepared.frame.range_dn,
                       state_->weights);
   }
   Denoised report = std::move(filtered.prepared.report);
@@ -249,9 +250,7 @@ NetworkInference::Rendered NetworkInference::render(RawFrame frame, const NoiseP
   return {std::move(picture), filtered.prepared.domain.scale(), std::move(report)};
 }
 
-const std::string& NetworkInference::target() const {
-  return state_->loaded.package.settings.target;
-}
+NetworkTarget NetworkInference::target() const { return state_->loaded.package.settings.gives(); }
 
 OrderedJson NetworkInference::description() const {
   const NetworkPackage& package = state_->loaded.package;

@@ -4,6 +4,7 @@
 
 #include "malus/base/parameter.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/neural/network_target.h"
 #include "malus/synthesize/light_case.h"
 
 #include <filesystem>
@@ -59,15 +60,14 @@ class NetworkInference {
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress, bool want_variance = false);
 
-  /// What the network gives (package.h): "mosaic", or a picture, "rgb" or "srgb".
-  const std::string& target() const;
+  NetworkTarget target() const;
 
-  /// A picture in place of a mosaic: R, G, B of the frame's size, DN above black for "rgb",
-  /// displayed values of about 0..1 for "srgb". Errors as denoise.
+  /// A picture in place of a mosaic: R, G, B of the frame's size, DN above black of kRgb,
+  /// displayed values of about 0..1 of kSrgb. Errors as denoise.
   struct Rendered {
     Planes picture;
     double scale_dn =
-        1;            ///< light above black and bias that the network saw (and "srgb" shows) as 1
+        1;            ///< light above black and bias that the network saw (and kSrgb shows) as 1
     Denoised report;  ///< facts about the input, tiles and times; no mosaic
   };
   Rendered render(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,

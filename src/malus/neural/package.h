@@ -8,6 +8,7 @@
 #include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/neural/network.h"
+#include "malus/neural/network_target.h"
 
 #include <filesystem>
 #include <memory>
@@ -55,7 +56,7 @@ struct PackageSettings {
         "mosaic: the denoised planes; of a Bayer sensor also a picture of the mosaic's size, rgb: "
         "linear light (joint denoising and demosaicking: 001, S4), srgb: as displayed, exposed "
         "as the network's input is (neural ISP: 001, S6.1)",
-        {"mosaic", "rgb", "srgb"});
+        {kNetworkTargetNames.begin(), kNetworkTargetNames.end()});
     field(self.residual, ParameterInfo{"residual", "",
                                        "the network's output is added to the guide, or to the "
                                        "noisy planes where there is none; not for pictures"});
@@ -65,6 +66,8 @@ struct PackageSettings {
                                           "the model's mean bias of every channel is subtracted "
                                           "before the network (000, 5.1)"});
   }
+
+  NetworkTarget gives() const { return network_target(target); }
 };
 
 struct NetworkPackage {
@@ -77,7 +80,7 @@ struct NetworkPackage {
 
   SensorLayout layout() const { return SensorLayout::named(settings.layout); }
   int planes() const { return layout().channels(); }  ///< P: of the noisy mosaic
-  bool gives_picture() const { return settings.target != "mosaic"; }
+  bool gives_picture() const { return settings.gives() != NetworkTarget::kMosaic; }
   /// What the network gives: P, or red, green and blue of a picture.
   int output_planes() const { return gives_picture() ? 3 : planes(); }
   /// Rows (and columns) of what the network gives per row of its input planes.

@@ -155,7 +155,8 @@ ValidationScore Validation::picture_score(const std::vector<torch::Tensor>& pict
       for (float& v : plane.values()) v /= static_cast<float>(frame.ratio);
     const int rows = reference_dn.rows(), cols = reference_dn.cols();
     const FrameDomain& domain = frame.noisy.domain;
-    const double peak = settings_.target == "srgb" ? 1.0 : frame.peak_dn / frame.ratio;
+    const double peak =
+        settings_.gives() == NetworkTarget::kSrgb ? 1.0 : frame.peak_dn / frame.ratio;
     const Evaluation e = evaluate_planes(
         picture_of(settings_, domain, picture_target(settings_, domain, reference_dn), rows, cols),
         picture_of(settings_, domain, pictures[i], rows, cols), peak);
@@ -165,7 +166,7 @@ ValidationScore Validation::picture_score(const std::vector<torch::Tensor>& pict
 }
 
 ValidationScore Validation::mean_score(const std::vector<Image>& mosaics) const {
-  if (settings_.target != "mosaic") {
+  if (settings_.gives() != NetworkTarget::kMosaic) {
     std::vector<torch::Tensor> pictures;
     for (std::size_t i = 0; i < mosaics.size(); ++i) {
       const NetworkFrame& frame = frames_[i].noisy;
