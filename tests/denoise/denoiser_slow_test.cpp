@@ -3,8 +3,7 @@
 namespace malus {
 namespace {
 
-// The surroundings of a tile are as wide as the smallest tiles: a frame of less memory and more
-// than one of them is large.
+// The surroundings of a tile are hundreds of pixels wide: only a large frame has more than one.
 class TwoScales : public ::testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(All, TwoScales, ::testing::Values("nl-ridge", "bm3d"));
 
