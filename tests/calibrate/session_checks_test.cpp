@@ -1,9 +1,6 @@
 // What calibration says of sessions whose frames are not what the session says.
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/internal/across_frames.h"
-#include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/flat_checks.h"
-#include "malus/calibrate/internal/light_profile.h"
 
 #include <cmath>
 
@@ -358,42 +355,6 @@ TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
   SimulatedCamera camera = mono_camera();
   camera.gains = {polar_gain(12, "mono", 16)};
   EXPECT_THAT(warnings_of(simulated_session(camera)), Contains(HasSubstr("row_group = N")));
-}
-
-// Strong rows in groups that fill a band: of the so few draws what they add scatters, too. In a
-// third of such levels light that changes had been told.
-TEST(LightProfile, StrongRowsAreNoLightThatChanges) {
-  constexpr int kRows = 128, kCols = 32, kGroup = 4, kLevels = 40;
-  constexpr double kLight = 40, kPixel = 4.5, kRow = 2;
-  const MosaicGeometry geometry(SensorLayout::named("mono"), kRows, kCols, 1);
-  RandomSequence random(7, 0, Draw::kOther);
-  std::vector<FlatObservation> flats;
-  for (int level = 0; level < kLevels; ++level) {
-    FlatObservation flat;
-    flat.mean_variance_dn2 = kPixel * kPixel + kRow * kRow;
-    LightProfile profile(geometry, {0.0});
-    for (int frame = 0; frame < 4; ++frame) {
-      Image dn(kRows, kCols);
-      double row = 0;
-      for (int r = 0; r < kRows; ++r) {
-        if (r % kGroup == 0) row = kRow * random.normal();
-        for (int c = 0; c < kCols; ++c)
-          dn(r, c) = static_cast<float>(kLight + row + kPixel * random.normal());
-      }
-      profile.add(dn);
-      flat.signal_dn.push_back(kLight);
-    }
-    flat.light = profile.change(flat.mean_variance_dn2);
-    flats.push_back(flat);
-  }
-  PhysicsCalibration p;
-  const bool told = warn_of_flats(flats,
-                                  {.row_variance_dn2 = kRow * kRow,
-                                   .row_groups = static_cast<double>(kRows) / kGroup,
-                                   .white_dn = 4095},
-                                  p);
-  EXPECT_EQ(told, !p.warnings.empty());
-  EXPECT_THAT(p.warnings, Not(Contains(HasSubstr("the light changes"))));
 }
 
 }  // namespace

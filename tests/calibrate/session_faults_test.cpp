@@ -2,9 +2,7 @@
 // not as told, and of layouts that the flats contradict. bench/session_faults.py has the same and
 // more with a camera of its own.
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/gain_map.h"
-#include "malus/calibrate/internal/light_profile.h"
 #include "malus/calibrate/internal/response_checks.h"
 #include "malus/calibrate/internal/temporal_filter.h"
 
@@ -226,32 +224,6 @@ TEST(GainMap, OfStrongRowNoiseIsNone) {
     EXPECT_THAT(said_of(camera, [](RawFrame&, int) {}), Not(Contains(HasSubstr("over the frame"))))
         << seed;
   }
-}
-
-TEST(LightProfile, FindsWhatBandsOfLightAdd) {
-  constexpr int kSize = 128, kFrames = 60;
-  constexpr double kLight = 1000, kNoise = 20, kBands = 0.02;
-  const MosaicGeometry geometry(SensorLayout::named("bayer-rggb"), kSize, kSize, 1);
-  LightProfile bands(geometry, std::vector<double>(4, 80)),
-      even(geometry, std::vector<double>(4, 80));
-  RandomSequence phase(3, 0, Draw::kParameters);
-  for (std::uint32_t f = 0; f < kFrames; ++f) {
-    Image frame = testing::white_noise(kSize, kSize, 5, f, kNoise);
-    for (float& v : frame.values()) v += static_cast<float>(kLight + 80);
-    even.add(frame);
-    const double at = 2 * std::numbers::pi * phase.uniform();
-    for (int r = 0; r < kSize; ++r)
-      for (int c = 0; c < kSize; ++c)
-        frame(r, c) += static_cast<float>(kLight * kBands * std::sin(0.1 * r + at));
-    bands.add(frame);
-  }
-  const LightChange none = even.change(kNoise * kNoise), some = bands.change(kNoise * kNoise);
-  EXPECT_LT(std::abs(none.rows_dn2), 4 * none.rows_stderr_dn2);
-  EXPECT_LT(std::abs(none.columns_dn2), 4 * none.columns_stderr_dn2);
-  EXPECT_LT(std::abs(some.columns_dn2), 4 * some.columns_stderr_dn2);
-  // A sine's variance, less the part that the frame's mean takes: 2 waves a frame, a few per cent.
-  const double truth = kLight * kLight * kBands * kBands / 2;
-  EXPECT_NEAR(some.rows_dn2, truth, 0.1 * truth);
 }
 
 TEST(LightProfile, MainsFlickerUnderARollingShutterIsTold) {

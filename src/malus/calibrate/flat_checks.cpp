@@ -169,12 +169,15 @@ void warn_of_changing_light(const std::vector<FlatObservation>& flats,
   }
   if (!worst) return;
   const double light = mean_of(worst->signal_dn);
-  const double relative = std::sqrt(most * worst->mean_variance_dn2) / light;
+  const double change_dn = std::sqrt(most * worst->mean_variance_dn2);
+  // Of next to no light a share says nothing.
+  const std::string much = change_dn < light ? percent_text(change_dn / light) + " %"
+                                             : fmt::format("{:.3g} DN", change_dn);
   out.warnings.push_back(fmt::format(
-      "{}: the light changes by {} % {} the frame, from frame to frame, which is {} % of the "
+      "{}: the light changes by {} {} the frame, from frame to frame, which is {} % of the "
       "temporal variance and counts in K: mains flicker under a rolling shutter, a lamp that "
       "moves, or frames with lost parts",
-      worst->name, percent_text(relative), direction, percent_text(std::min(most, 1.0))));
+      worst->name, much, direction, percent_text(std::min(most, 1.0))));
 }
 
 // That of codes which the brighter half of the flats has alike, though the few of dim ones and of

@@ -97,7 +97,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     level.seen.mean_variance_dn2 = mean_of(variance);
     level.neighbours.hold_dark_share(
         std::clamp(mean_of(dark.variance_dn2) / level.seen.mean_variance_dn2, 0.0, 1.0));
-    level.seen.light = profile.change(level.seen.mean_variance_dn2);
+    level.seen.light = profile.change(level.seen.mean_variance_dn2, level.temporal.alignment());
     level.seen.successive = successive.products(
         std::clamp(1.0 - mean_of(dark.variance_dn2) / level.seen.mean_variance_dn2, 0.0, 1.0));
     level.gains = gain_blocks(level.temporal, geometry, dark.variance_dn2, step_dn);

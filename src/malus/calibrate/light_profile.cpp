@@ -48,26 +48,35 @@ void LightProfile::add(View<const float> dn) {
     columns[as_index(band_of(c, geometry_.cols(), geometry_.cell_cols()))] +=
         of_column[as_index(c)];
   light_ += all;
-  for (double& band : rows) band /= all;
-  for (double& band : columns) band /= all;
-  rows_.shares.push_back(std::move(rows));
-  columns_.shares.push_back(std::move(columns));
+  frame_sums_dn_.push_back(all);
+  rows_.sums_dn.push_back(std::move(rows));
+  columns_.sums_dn.push_back(std::move(columns));
 }
 
-// A band's share scatters by its n pixels' noise, which the frame's N pixels' takes a part of:
-// σ² (1/n - 1/N) of the square of the mean light.
-double LightProfile::excess_dn2(const Bands& bands, double variance_dn2,
+double LightProfile::band_variance_dn2(const Bands& bands, std::size_t band,
+                                       FrameAlignment alignment) const {
+  const bool scaled = alignment == FrameAlignment::kMultiplicative;
+  const double all = all_pixels();
+  Moments of_band;
+  for (std::size_t f = 0; f < bands.sums_dn.size(); ++f) {
+    const double sum = bands.sums_dn[f][band], of_frame = frame_sums_dn_[f];
+    of_band.add(scaled ? sum / of_frame : sum / bands.pixels[band] - of_frame / all);
+  }
+  if (!scaled) return of_band.variance();
+  const double relative = of_band.variance() / (of_band.mean() * of_band.mean());
+  const double mean_dn = light_ / (static_cast<double>(bands.sums_dn.size()) * all);
+  return relative * mean_dn * mean_dn;
+}
+
+// A band's mean scatters by its n pixels' noise, which the frame's N pixels' takes a part of:
+// σ² (1/n - 1/N).
+double LightProfile::excess_dn2(const Bands& bands, double variance_dn2, FrameAlignment alignment,
                                 double& standard_error_dn2) const {
-  const auto frames = static_cast<double>(bands.shares.size());
-  const double all = static_cast<double>(geometry_.rows()) * geometry_.cols();
-  const double mean_dn = light_ / (frames * all);
+  const auto frames = static_cast<double>(bands.sums_dn.size());
   double excess = 0, squares = 0;
   for (std::size_t b = 0; b < bands.pixels.size(); ++b) {
-    Moments share;
-    for (const std::vector<double>& frame : bands.shares) share.add(frame[b]);
-    const double relative = share.variance() / (share.mean() * share.mean());
-    const double noise = variance_dn2 * (1.0 / bands.pixels[b] - 1.0 / all);
-    excess += relative * mean_dn * mean_dn - noise;
+    const double noise = variance_dn2 * (1.0 / bands.pixels[b] - 1.0 / all_pixels());
+    excess += band_variance_dn2(bands, b, alignment) - noise;
     squares += noise * noise;
   }
   const auto count = static_cast<double>(bands.pixels.size());
@@ -75,11 +84,12 @@ double LightProfile::excess_dn2(const Bands& bands, double variance_dn2,
   return excess / count;
 }
 
-LightChange LightProfile::change(double variance_dn2) const {
+LightChange LightProfile::change(double variance_dn2, FrameAlignment alignment) const {
   LightChange out;
-  if (rows_.shares.size() < 2 || !(light_ > 0)) return out;
-  out.rows_dn2 = excess_dn2(rows_, variance_dn2, out.rows_stderr_dn2);
-  out.columns_dn2 = excess_dn2(columns_, variance_dn2, out.columns_stderr_dn2);
+  if (frame_sums_dn_.size() < 2) return out;
+  if (alignment == FrameAlignment::kMultiplicative && !(light_ > 0)) return out;
+  out.rows_dn2 = excess_dn2(rows_, variance_dn2, alignment, out.rows_stderr_dn2);
+  out.columns_dn2 = excess_dn2(columns_, variance_dn2, alignment, out.columns_stderr_dn2);
   out.row_bands = static_cast<int>(rows_.pixels.size());
   out.column_bands = static_cast<int>(columns_.pixels.size());
   return out;
