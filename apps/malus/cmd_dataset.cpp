@@ -268,6 +268,7 @@ std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
                                       const Common& common) {
   auto factory = std::make_unique<Factory>(plan, common.seed);
   try_settings(*factory);
+  warn_of_untold_gain(factory->model.description(), plan.model_path, gains_to_try(*factory));
   if (const std::string repeated =
           factory->synthesizers.begin()->second.repetition(plan.dataset.patch, plan.dataset.patch);
       !repeated.empty())

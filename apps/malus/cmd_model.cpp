@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "flags.h"
+#include "frame_input.h"
 #include "model_from_dng.h"
 #include "model_import.h"
 #include "model_json.h"
@@ -26,6 +27,7 @@ struct ShowArguments {
 void show_model(const Common& common, const ShowArguments& arguments) {
   NoiseModel model = load_model(arguments.model);
   const GainSetting gain{arguments.gain_db, arguments.iso};
+  warn_of_untold_gain(model, arguments.model, {gain});
   if (gain.decibel()) model = model_at_gain(model, gain, gain_range(arguments.extrapolate));
   print_result(common, model_json(model), model_text(model));
 }

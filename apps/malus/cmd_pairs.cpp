@@ -110,6 +110,14 @@ void check_pair_files(const PairsArguments& arguments, const Session& session,
     }
 }
 
+std::vector<GainSetting> gains_of(const Session& session) {
+  std::vector<GainSetting> gains;
+  for (const FrameGroup& group : session.groups)
+    if (group.kind == FrameKind::kReference || group.kind == FrameKind::kShort)
+      gains.push_back(group.gain);
+  return gains;
+}
+
 NoiseProfile profile_at(const PairJob& job, const GainSetting& gain) {
   return naming_model(job.arguments.model, [&] { return job.model->profile_at(gain); });
 }
@@ -260,6 +268,7 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
   const auto scenes = scenes_of(session);
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
+  if (model) warn_of_untold_gain(*model, arguments.model, gains_of(session));
   const OutputFolder output(arguments.folder);
   check_pair_files(arguments, session, scenes, common.force);
   std::int64_t steps = 0;

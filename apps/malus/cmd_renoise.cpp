@@ -94,6 +94,7 @@ void run_renoise(const RenoiseArguments& arguments, const Common& common) {
   const NoiseModel model = load_model(arguments.model);
   const GainSetting from = model.setting_of(arguments.from), to = model.setting_of(arguments.to);
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
+  warn_of_untold_gain(model, arguments.model, {from, to});
   const FrameOptions options = arguments.raw.resolve();
   if (!arguments.as_float)
     check_integers_of_camera(model, arguments.model, to, GainRange::kCalibratedOnly);

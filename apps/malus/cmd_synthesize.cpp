@@ -117,6 +117,7 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
       std::make_shared<const Synthesizer>(load_model(arguments.model), arguments.settings);
   const auto coverage = std::make_shared<LevelCoverage>();
   const NoiseModel& model = synthesizer->model();
+  if (gain) warn_of_untold_gain(model, arguments.model, {*gain});
   // The scale is the same at every gain, so that of the first frame will do.
   if (!arguments.as_float)
     check_integers_of_camera(

@@ -83,6 +83,8 @@ struct StandIn {
   std::function<Image(const Image& clean, const GainSetting& gain, const DrawAddress& address,
                       bool rounded)>
       draw;
+  /// Says what speaks against frames of this gain.
+  std::function<void(const GainSetting& gain)> warn_of_gain = [](const GainSetting&) {};
 };
 
 NoiseModel levels_of(SensorLayout layout, std::vector<double> black_dn, double white_dn) {
@@ -108,6 +110,9 @@ StandIn calibrated_stand_in(const NoiseArguments& arguments) {
                                                    model.white_dn > 0 ? model.white_dn : 65535.0);
             subtract_black(frame);
             return std::move(frame.dn);
+          },
+          [synthesizer, path = arguments.model](const GainSetting& gain) {
+            warn_of_untold_gain(synthesizer->model(), path, {gain});
           }};
 }
 
@@ -265,6 +270,7 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
   for (const auto* paths : {&arguments.reference, &arguments.test})
     check_one_gain(*paths, options, stand_in.has_value());
   const RawFrame first = load_above_black(arguments.reference.front(), options);
+  if (stand_in) stand_in->warn_of_gain(first.gain);
   std::optional<Image> clean;
   if (!arguments.clean.empty()) clean = load_above_black(arguments.clean, options).dn;
   const NoiseFrames reference = frames_of(arguments.reference, options),

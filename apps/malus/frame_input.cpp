@@ -64,6 +64,12 @@ RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions&
   return load_as_light(path, options, float_black).frame;
 }
 
+void warn_of_untold_gain(const NoiseModel& model, const std::filesystem::path& file,
+                         const std::vector<GainSetting>& asked) {
+  if (const std::string line = untold_gain_complaint(model, asked); !line.empty())
+    warn_of(file.string(), line);
+}
+
 FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& model_layout,
                                const std::filesystem::path& input) {
   return in_layout(options, model_layout, told_of(input, options));

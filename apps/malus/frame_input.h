@@ -36,6 +36,10 @@ FrameAsLight load_as_light(const std::filesystem::path& path, const FrameOptions
 RawFrame load_above_black(const std::filesystem::path& path, const FrameOptions& options,
                           FloatBlack float_black = FloatBlack::kAboveAlready);
 
+/// Says untold_gain_complaint (malus/noise/frame_levels.h) of the model in this file.
+void warn_of_untold_gain(const NoiseModel& model, const std::filesystem::path& file,
+                         const std::vector<GainSetting>& asked);
+
 /// The options with the layout of a sensor where neither they nor the file tell one. Throws
 /// InputError where they do and it is another.
 FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& model_layout,

@@ -362,6 +362,7 @@ TEST(CalibrateKinds, WarningsOfACameraThatTellsNoGainBeginWithWhatIsWrong) {
   HeardWarnings heard;
   calibrate(simulated_session(camera), {}, {"dark-frames"}, heard);
   EXPECT_THAT(heard.lines, ::testing::Contains(::testing::StartsWith("only one bias frame")));
+  EXPECT_THAT(heard.lines, ::testing::Contains(::testing::HasSubstr("gain_db or iso")).Times(1));
   EXPECT_THAT(heard.lines, ::testing::Each(::testing::Not(::testing::HasSubstr("unknown gain"))));
 }
 

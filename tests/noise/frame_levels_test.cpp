@@ -58,6 +58,19 @@ TEST(LevelsOfModel, FloatPixelsAreAboveBlackAndThatIsSaid) {
   EXPECT_EQ(frame.white_dn, 4095);
 }
 
+TEST(UntoldGain, IsSaidOfWhatIsAskedFor) {
+  NoiseModel model = sensor();
+  EXPECT_EQ(untold_gain_complaint(model, {{12.0, std::nullopt}}), "");
+  model.gaussian.resize(1);
+  const GainSetting low{0.0, std::nullopt}, high{12.0, std::nullopt};
+  EXPECT_EQ(untold_gain_complaint(model, {{}}), "");
+  EXPECT_EQ(untold_gain_complaint(model, {high}), "does not say its gain; it is taken for 12 dB");
+  EXPECT_EQ(untold_gain_complaint(model, {low, high, low, {}}),
+            "does not say its gain; it is taken for 0 dB and 12 dB");
+  model.gaussian[0].gain = low;
+  EXPECT_EQ(untold_gain_complaint(model, {high}), "");
+}
+
 TEST(LevelsOfModel, LayoutsAreTakenButNeverChanged) {
   RawFrame frame = frame_of(16);
   frame.layout = SensorLayout();

@@ -177,6 +177,18 @@ void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
   }
 }
 
+// Frames of several gains that nobody tells are one gain's, whose K is between theirs; and a model
+// of it is taken for any gain that is asked for. A camera that has one gain loses nothing.
+void warn_of_untold_gain(const CalibrationInput& input, NoiseModel& model, Progress& progress) {
+  if (std::ranges::any_of(input.sets,
+                          [](const FrameSet& set) { return set.gain.decibel().has_value(); }))
+    return;
+  model.warnings.push_back(
+      "the gain is not told: frames of all sets count as of one gain, and the model will be taken "
+      "for any gain that is asked for; give gain_db or iso with the frames");
+  progress.warn(model.warnings.back());
+}
+
 }  // namespace
 
 std::vector<std::string> calibrated_kinds() {
@@ -203,6 +215,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
     model.row_group = input.row_group.value_or(1);
     model.row_group_origin = input.row_group ? "declared" : "assumed";
   }
+  warn_of_untold_gain(input, model, progress);
   if (contains(kinds, "gaussian")) add_gaussian(input, settings, progress, model);
   if (contains(kinds, "nonparametric"))
     for (MeasuredLevels& levels : measure_gains(input, required_lit_gains(input, "non-parametric"),

@@ -2,6 +2,7 @@
 
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
+#include "malus/noise/frame_levels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -98,11 +99,8 @@ std::vector<std::string> result_complaints(const RawFrame& before, const Denoise
 }
 
 std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& gain) {
-  if (model.physics.empty()) return {};
-  if (!gain.decibel()) return {};
-  if (!model.physics.front().gain.decibel())  // the only gain there is, whatever it is called
-    return fmt::format("does not say its gain; it is taken for {}", gain.text());
-  if (!model.joint) return {};
+  if (std::string untold = untold_gain_complaint(model, {gain}); !untold.empty()) return untold;
+  if (!gain.decibel() || !model.joint) return {};
   // Of the gains with K, which are not all that are held.
   const double lowest_db = model.joint->segments.front().knots_db.front(),
                highest_db = model.joint->segments.back().knots_db.back();

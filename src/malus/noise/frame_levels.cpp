@@ -1,13 +1,28 @@
 #include "malus/noise/frame_levels.h"
 
 #include "malus/base/statistics.h"
+#include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/image/black_levels.h"
 #include "malus/noise/same_sensor.h"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 namespace malus {
+namespace {
+
+// Such a model holds one gain: several without a name could not be told apart.
+bool tells_no_gain(const NoiseModel& model) {
+  const auto untold = [](const auto& calibrations) {
+    return !calibrations.empty() && !calibrations.front().gain.decibel();
+  };
+  return untold(model.physics) || untold(model.gaussian) || untold(model.nonparametric) ||
+         untold(model.dark_frames);
+}
+
+}  // namespace
 
 std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
   take_layout_of_model(frame, model.layout);
@@ -42,6 +57,16 @@ void require_gain(const RawFrame& frame, const GainSetting& told, const std::str
       frame.source,
       fmt::format("was taken at {}, {} says {}", frame.gain.text(), asked, told.text()),
       "give the frame's own gain");
+}
+
+std::string untold_gain_complaint(const NoiseModel& model, const std::vector<GainSetting>& asked) {
+  if (!tells_no_gain(model)) return {};
+  std::vector<std::string> names;
+  for (const GainSetting& gain : asked)
+    if (gain.decibel() && std::ranges::find(names, gain.text()) == names.end())
+      names.push_back(gain.text());
+  if (names.empty()) return {};
+  return "does not say its gain; it is taken for " + joined(names, " and ");
 }
 
 }  // namespace malus

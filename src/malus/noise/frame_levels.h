@@ -5,6 +5,7 @@
 #include "malus/noise/model.h"
 
 #include <string>
+#include <vector>
 
 namespace malus {
 
@@ -18,5 +19,10 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame);
 /// Throws InputError where the frame knows that it was taken at another gain than it is said to be.
 /// asked: the name of what says so.
 void require_gain(const RawFrame& frame, const GainSetting& told, const std::string& asked);
+
+/// That the model does not tell the gain it was calibrated at, and stands for these, whatever they
+/// are: its one gain's noise is drawn and taken off as theirs. Unknown ones are left out. Empty
+/// where the model tells its gains or none is asked for. Without the model's name.
+std::string untold_gain_complaint(const NoiseModel& model, const std::vector<GainSetting>& asked);
 
 }  // namespace malus
