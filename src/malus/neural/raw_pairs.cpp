@@ -6,6 +6,7 @@
 #include "malus/neural/internal/recorded_pairs.h"
 #include "malus/neural/named_source.h"
 #include "malus/noise/fixed_pattern.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
@@ -40,6 +41,7 @@ class SyntheticPairs final : public PairSource {
   explicit SyntheticPairs(const TrainingConfig& config)
       : scenes_(config),
         with_picture_(config.package.gives_picture()),
+        paths_(config.models),
         noise_(config.noise),
         synthesis_(config.synthesis),
         exposure_low_(config.data.exposure_low),
@@ -100,6 +102,17 @@ class SyntheticPairs final : public PairSource {
     return pair;
   }
 
+  std::vector<std::string> complaints() const override {
+    std::vector<std::string> lines;
+    for (std::size_t i = 0; i < models_.size(); ++i) {
+      std::vector<GainSetting> gains;
+      for (const double gain : noise_.gains) gains.push_back(models_[i]->setting_of(gain));
+      if (const std::string line = untold_gain_complaint(*models_[i], gains); !line.empty())
+        lines.push_back(paths_[i].string() + ": " + line);
+    }
+    return lines;
+  }
+
  private:
   // What no example could be drawn with fails here, where the configuration is known.
   void require_served(const std::shared_ptr<const NoiseModel>& model) const {
@@ -114,6 +127,7 @@ class SyntheticPairs final : public PairSource {
   CleanScenes scenes_;
   bool with_picture_;
   std::vector<std::shared_ptr<const NoiseModel>> models_;
+  std::vector<std::filesystem::path> paths_;  ///< of the models
   TrainingNoiseSettings noise_;
   SynthesisSettings synthesis_;
   double exposure_low_, exposure_high_;
@@ -133,6 +147,13 @@ class MixedPairs final : public PairSource {
     std::size_t i = 0;
     while (at >= weights_[i]) at -= weights_[i++];
     return sources_[i]->pair(seed, number);
+  }
+  std::vector<std::string> complaints() const override {
+    std::vector<std::string> lines;
+    for (const auto& source : sources_)
+      for (std::string& line : source->complaints())
+        if (std::ranges::find(lines, line) == lines.end()) lines.push_back(std::move(line));
+    return lines;
   }
 
  private:

@@ -187,6 +187,7 @@ class CapturedPairs final : public PairSource {
  public:
   explicit CapturedPairs(const TrainingConfig& config)
       : model_(only_model(config)),
+        path_(config.models.front()),
         gains_(gain_range(config.synthesis.extrapolate_gain)),
         windows_(model_, config.data.example),
         with_picture_(config.package.gives_picture()) {
@@ -228,6 +229,14 @@ class CapturedPairs final : public PairSource {
     return pair;
   }
 
+  std::vector<std::string> complaints() const override {
+    std::vector<GainSetting> gains;
+    for (const RecordedPair& pair : pairs_) gains.push_back(pair.gain);
+    const std::string line = untold_gain_complaint(model_, gains);
+    if (line.empty()) return {};
+    return {path_.string() + ": " + line};
+  }
+
  private:
   RawFrame load_of_sensor(const fs::path& path) const {
     RawFrame frame = load_frame(path);
@@ -236,6 +245,7 @@ class CapturedPairs final : public PairSource {
   }
 
   NoiseModel model_;
+  fs::path path_;  ///< of the model
   GainRange gains_;
   ExampleWindows windows_;
   bool with_picture_;

@@ -68,6 +68,8 @@ class Trainer {
     require_same_run(workers_, description_, device_);
     if (open_folder()) return finished();
     const auto source = make_pair_source(config_);
+    if (leader())
+      for (const std::string& line : source->complaints()) progress_.warn(line);
     const Validation validation(config_, options_.seed + 1, progress_);
     if (leader() && !(state_.brightest > 0))
       state_.brightest = brightest_light(config_.package, *source, options_.seed, progress_);

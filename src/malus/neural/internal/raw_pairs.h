@@ -29,6 +29,8 @@ class PairSource {
  public:
   virtual ~PairSource() = default;
   virtual RawPair pair(std::uint64_t seed, std::uint32_t number) const = 0;
+  /// What speaks against the noise of the pairs: models that do not say their gain.
+  virtual std::vector<std::string> complaints() const { return {}; }
 };
 
 /// Of all that the configuration names; where it names several kinds, each pair is drawn from one
