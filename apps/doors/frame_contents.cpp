@@ -79,11 +79,18 @@ void require_raw(const std::string& source, const std::string& holds, const std:
         remedy);
 }
 
-std::string nonfinite_complaint(const Image& dn, const std::string& source,
+std::string nonfinite_complaint(View<const float> dn, const std::string& source,
                                 std::string_view what_comes) {
-  const auto odd = std::count_if(dn.values().begin(), dn.values().end(),
-                                 [](float value) { return !std::isfinite(value); });
-  return complaint_of(odd, dn.size(), source, what_comes);
+  std::int64_t odd = 0;
+  for (int r = 0; r < dn.rows(); ++r)
+    odd += std::count_if(dn.row(r), dn.row(r) + dn.cols(),
+                         [](float value) { return !std::isfinite(value); });
+  const auto pixels = static_cast<std::size_t>(dn.rows()) * static_cast<std::size_t>(dn.cols());
+  return complaint_of(odd, pixels, source, what_comes);
+}
+
+std::string nonfinite_polarization_complaint(View<const float> dn, const std::string& source) {
+  return nonfinite_complaint(dn, source, "S0, DoLP and AoLP are wrong or undefined there");
 }
 
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,

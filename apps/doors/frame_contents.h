@@ -41,8 +41,10 @@ void require_raw(const std::string& source, const std::string& holds, const std:
 
 /// How many pixels are no numbers, and what comes of them, as a warning; empty where all are
 /// numbers. Throws InputError where none is.
-std::string nonfinite_complaint(const Image& dn, const std::string& source,
+std::string nonfinite_complaint(View<const float> dn, const std::string& source,
                                 std::string_view what_comes);
+/// The same of a frame whose polarization is worked out.
+std::string nonfinite_polarization_complaint(View<const float> dn, const std::string& source);
 /// The same of the light of a picture (linear_light, malus/synthesize/scene.h), of which `count`
 /// of `pixels` are no numbers.
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,

@@ -146,7 +146,9 @@ void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells) {
 }
 
 void check_finite_light(const RawFrame& frame) {
-  check_finite(frame.dn, frame.source, "S0, DoLP and AoLP are wrong or undefined there");
+  if (const std::string complaint = nonfinite_polarization_complaint(frame.dn, frame.source);
+      !complaint.empty())
+    warn(complaint);
 }
 
 void warn_of_no_light(const RawFrame& frame, std::span<const StokesPlanes> planes, bool whole) {

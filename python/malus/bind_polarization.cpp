@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "array_frame.h"
+#include "frame_contents.h"
 #include "model_with_sampler.h"
 #include "settings.h"
 #include <fmt/format.h>
@@ -44,6 +45,11 @@ struct Light {
 void warn_of_saturation(const std::string& source, const SaturatedCells& cells) {
   if (const auto complaint = cells.complaint(); !complaint.empty())
     give_warning(source + ": " + complaint);
+}
+
+void warn_of_lost_light(View<const float> dn, const std::string& source) {
+  if (const auto complaint = app::nonfinite_polarization_complaint(dn, source); !complaint.empty())
+    give_warning(complaint);
 }
 
 // An array in DN above black, or a Frame, which knows its black level and its layout.
@@ -179,6 +185,7 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   require_raw(given, "give variance= with what denoise(variance=True) returned, or the raw frame");
   RawLight light = raw_light_of(given, layout_name, model.description());
   RawFrame& frame = light.frame;
+  warn_of_lost_light(frame.dn, frame.source);
   const SensorLayout& layout = frame.layout;
   const GainSetting gain = gain_given ? model.gain_setting(*gain_given) : frame.gain;
   std::optional<StokesPicture> picture;
@@ -215,6 +222,7 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
   if (model) return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain);
   Light light = light_of(dn_above_black, layout_name);
   const auto view = light.view();
+  warn_of_lost_light(view, light.source);
   std::optional<StokesPicture> picture;
   {
     const py::gil_scoped_release release;
@@ -245,6 +253,7 @@ py::object normals(const py::object& dn_above_black, const std::optional<std::st
   warn_of_saturation(light.source, light.saturated);
   const SensorLayout& layout = light.layout;
   const auto view = light.view();
+  warn_of_lost_light(view, light.source);
   const Method method = method_named(demosaick_name);
   StokesPlanes mean;
   {

@@ -183,6 +183,17 @@ def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
     assert f"warning: {mosaic[0].message}" in done.stderr.splitlines()
 
 
+def test_pixels_without_a_number_are_said_of_polarization():
+    dn = np.full((64, 64), 500, np.float32)
+    dn[4, 4], dn[20, 31] = np.nan, np.inf
+    for work in malus.stokes, malus.normals:
+        with pytest.warns(UserWarning) as said:
+            work(dn, "polar-mono")
+        assert [str(w.message) for w in said] == ["array: 2 pixels are NaN or infinite; S0, DoLP and AoLP are wrong or undefined there"]
+        with pytest.raises(malus.InputError, match="all pixels are NaN or infinite"):
+            work(np.full_like(dn, np.nan), "polar-mono")
+
+
 def test_saturated_cells_are_said_in_the_programs_words(model, black, tmp_path):
     program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
     if not program.exists():
