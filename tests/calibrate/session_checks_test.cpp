@@ -1,5 +1,7 @@
 // What calibration says of sessions whose frames are not what the session says.
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/internal/across_frames.h"
+#include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/flat_checks.h"
 
 #include <cmath>

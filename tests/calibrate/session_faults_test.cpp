@@ -2,6 +2,7 @@
 // not as told, and of layouts that the flats contradict. bench/session_faults.py has the same and
 // more with a camera of its own.
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/gain_map.h"
 #include "malus/calibrate/internal/response_checks.h"
 #include "malus/calibrate/internal/temporal_filter.h"

@@ -1,346 +1,236 @@
+// All kinds of model: which are made of what. The physics one has a file of its own.
 #include "malus/calibrate/calibrate.h"
 
 #include "malus/base/error.h"
-#include "malus/base/statistics.h"
 #include "malus/base/text.h"
-#include "malus/calibrate/internal/bias_calibration.h"
-#include "malus/calibrate/internal/dark_corrections.h"
-#include "malus/calibrate/internal/defects.h"
-#include "malus/calibrate/internal/fixed_pattern.h"
-#include "malus/calibrate/internal/flat_calibration.h"
-#include "malus/calibrate/internal/flat_checks.h"
-#include "malus/calibrate/internal/matching_dark.h"
-#include "malus/calibrate/internal/row_group.h"
+#include "malus/base/wording.h"
+#include "malus/calibrate/gaussian_calibration.h"
+#include "malus/calibrate/nonparametric_calibration.h"
 #include "malus/image/quantization.h"
-#include "malus/noise/same_sensor.h"
 
 #include <algorithm>
-#include <cmath>
-#include <numeric>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
 
-// The sets of one gain. The bias set is the largest dark one; the others are dark partners of flats
-// with their exposure. Flats of the bias frames' own exposure have them as their dark point anyway.
-struct GainPlan {
-  GainSetting gain;
-  const FrameSet* bias = nullptr;
-  std::vector<const FrameSet*> darks, flats;
+bool contains(const std::vector<std::string>& kinds, const char* kind) {
+  return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
+}
 
-  std::int64_t frames() const {
-    std::int64_t total = bias ? 2 * std::int64_t{bias->count} : 0;
-    for (const FrameSet* set : darks) total += set->count;
-    for (const FrameSet* set : flats) total += set->count;
-    return total;
-  }
-};
+bool has_frames(const CalibrationInput& input, FrameKind kind) {
+  return std::any_of(input.sets.begin(), input.sets.end(),
+                     [kind](const FrameSet& set) { return set.kind == kind; });
+}
 
-// Highest gain first: there row noise is largest against rounding, and the row group is decided.
-std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
-  require_one_gain_unit(input);
-  std::vector<GainPlan> plans;
+// The reference of a burst: the one with its level label, else the only one.
+const FrameSet* reference_for(const FrameSet& burst, const CalibrationInput& input) {
+  const FrameSet* found = nullptr;
+  int references = 0;
   for (const FrameSet& set : input.sets) {
-    if (set.kind != FrameKind::kBias && set.kind != FrameKind::kFlat) continue;
-    auto plan = std::find_if(plans.begin(), plans.end(),
-                             [&](const GainPlan& p) { return p.gain == set.gain; });
-    if (plan == plans.end())
-      plan = plans.insert(plans.end(), GainPlan{set.gain, bias_set_at(set.gain, input), {}, {}});
-    if (set.kind == FrameKind::kFlat)
-      plan->flats.push_back(&set);
-    else if (&set != plan->bias)
-      plan->darks.push_back(&set);
+    if (set.kind != FrameKind::kReference || set.count < 1) continue;
+    ++references;
+    if (!found || set.level == burst.level) found = &set;
   }
-  std::stable_sort(plans.begin(), plans.end(), [](const GainPlan& a, const GainPlan& b) {
-    return a.gain.decibel().value_or(0.0) > b.gain.decibel().value_or(0.0);
+  return references == 1 || (found && found->level == burst.level) ? found : nullptr;
+}
+
+// Sources of noise at one gain, dark ones first.
+std::vector<NoiseSource> sources_at(const GainSetting& gain, const CalibrationInput& input) {
+  std::vector<NoiseSource> sources;
+  if (const FrameSet* bias = bias_set_at(gain, input)) sources.push_back({bias, nullptr});
+  for (const FrameKind kind : {FrameKind::kFlat, FrameKind::kBurst})
+    for (const FrameSet& set : input.sets)
+      if (set.kind == kind && set.gain == gain)
+        sources.push_back({&set, kind == FrameKind::kBurst ? reference_for(set, input) : nullptr});
+  return sources;
+}
+
+std::vector<GainSetting> lit_gains(const CalibrationInput& input) {
+  std::vector<GainSetting> gains;
+  for (const FrameSet& set : input.sets)
+    if ((set.kind == FrameKind::kFlat || set.kind == FrameKind::kBurst) && set.count >= 2 &&
+        std::find(gains.begin(), gains.end(), set.gain) == gains.end())
+      gains.push_back(set.gain);
+  std::sort(gains.begin(), gains.end(), [](const GainSetting& a, const GainSetting& b) {
+    return a.decibel().value_or(0.0) < b.decibel().value_or(0.0);
   });
-  if (std::none_of(plans.begin(), plans.end(), [](const GainPlan& p) { return p.bias; }))
-    throw InputError(input.origin.empty() ? "session" : input.origin, "has no bias frames",
-                     "add [[frames]] with kind = \"bias\": frames taken with the lens cap on");
-  return plans;
+  return gains;
 }
 
-// The row group in force: declared, or what the frames showed, or one row until they do.
-class RowGroupDecision {
- public:
-  explicit RowGroupDecision(std::optional<int> declared) : declared_(declared) {}
+// Gains with frames of a lit scene; InputError where there are none.
+std::vector<GainSetting> required_lit_gains(const CalibrationInput& input, const char* kind) {
+  std::vector<GainSetting> gains = lit_gains(input);
+  if (gains.empty())
+    throw InputError(input.origin, "has no bursts or flats of two frames or more",
+                     fmt::format("a {} model needs noise at many signal levels", kind));
+  return gains;
+}
 
-  /// matters: whether results depend on the row group; if not, failing to find one is not told.
-  int update(const Estimate<int>& found, bool matters, std::vector<std::string>& warnings) {
-    if (declared_) {
-      if (found && *found != *declared_)
-        warnings.push_back(
-            fmt::format("the session declares a row group of {}, the frames look "
-                        "like one of {}: check the declaration",
-                        *declared_, *found));
-      return *declared_;
+// The distributions at these gains; what the model does not know of the sensor yet is taken from
+// the first frame.
+std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
+                                          const std::vector<GainSetting>& gains,
+                                          const CalibrationSettings& settings, Progress& progress,
+                                          NoiseModel& model) {
+  std::int64_t steps = 0;
+  for (const GainSetting& gain : gains)
+    for (const NoiseSource& source : sources_at(gain, input))
+      steps += 2 * source.frames->count + (source.reference ? source.reference->count : 0);
+  progress.begin("distributions", steps);
+  std::vector<MeasuredLevels> measured;
+  for (const GainSetting& gain : gains) {
+    const std::vector<NoiseSource> sources = sources_at(gain, input);
+    RawFrame first = load_first(*sources.front().frames);
+    const double step_dn = quantization_step(first.dn);
+    if (model.white_dn > 0) first.white_dn = model.white_dn;
+    if (model.black_dn.empty()) {
+      model.layout = first.layout;
+      model.black_dn = first.black_dn;
+      model.white_dn = first.white_dn;
+      model.quantization_dn = step_dn;
     }
-    if (!found) {
-      if (!detected_ && matters)
-        warnings.push_back(fmt::format("row group not decided, taken as 1: {}", found.reason()));
-    } else if (!detected_) {
-      detected_ = *found;
-    } else if (*detected_ != *found) {
-      warnings.push_back(fmt::format("this gain looks like a row group of {}, others like {}",
-                                     *found, *detected_));
-    }
-    return detected_.value_or(1);
+    const auto physics = std::find_if(model.physics.begin(), model.physics.end(),
+                                      [&](const PhysicsCalibration& p) { return p.gain == gain; });
+    measured.push_back(measure_levels(sources, first, step_dn,
+                                      physics == model.physics.end() ? nullptr : &*physics,
+                                      model.row_group, settings, progress));
   }
-  int value() const { return declared_ ? *declared_ : detected_.value_or(1); }
-  std::string origin() const { return declared_ ? "declared" : detected_ ? "detected" : "assumed"; }
-
- private:
-  std::optional<int> declared_, detected_;
-};
-
-double mean_temporal_variance(const DarkPass& dark) {
-  const std::vector<double> variance = dark.temporal.variance_dn2();
-  return std::accumulate(variance.begin(), variance.end(), 0.0) /
-         static_cast<double>(variance.size());
+  return measured;
 }
 
-int update_row_group(const DarkPass& dark, RowGroupDecision& decision,
-                     std::vector<std::string>& warnings) {
-  if (dark.rows.frames() < 2)
-    return decision.update(Undecided{"one bias frame cannot tell row noise from fixed rows"}, true,
-                           warnings);
-  const double temporal_dn2 = mean_temporal_variance(dark);
-  const RowVariance row = row_variance_of(dark.rows, temporal_dn2, dark.rows.cols());
-  return decision.update(detect_row_group(dark.rows, row), row_noise_matters(row, temporal_dn2),
-                         warnings);
-}
-
-// Row noise is the spread of a channel's row groups.
-void require_row_groups(const RawFrame& first, int row_group) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
-  for (int c = 0; c < geometry.channels(); ++c)
-    if (geometry.channel_groups(c) < 2)
-      throw InputError(first.source,
-                       fmt::format("its {} rows are one row group of {}: nothing to compare",
-                                   first.dn.rows(), row_group),
-                       "correct row_group, or leave it out");
-}
-
-void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCalibration& out) {
-  const double share = static_cast<double>(defects) / static_cast<double>(first.dn.size());
-  if (share > kManyDefects)
-    out.warnings.push_back(fmt::format(
-        "{} pixels, {} % of the sensor, are listed as defects, and denoise fills them all: are "
-        "the frames all of this camera and of one setting?",
-        defects, percent_text(share)));
-}
-
-// A few pixels with a hundred times the noise would be most of a variance that the list of defects
-// tells already. Their means scatter as much: what is left out of the temporal variance is left out
-// of the spatial one, or DSNU keeps a tenth of it from ten frames.
-void leave_defects_out(const DarkPixels& dark, const std::vector<DefectPixel>& defects,
-                       const MosaicGeometry& geometry, PhysicsCalibration& out) {
-  if (defects.empty()) return;
-  const std::vector<double> excess = temporal_excess_dn2(dark, defects, geometry);
-  for (std::size_t c = 0; c < excess.size(); ++c) {
-    double& sd = out.temporal_sd_dark_dn[c];
-    sd = std::sqrt(std::max(sd * sd - excess[c], 0.0));
+// From the photon-transfer line where flats gave one, else from the levels of bursts.
+void add_gaussian(const CalibrationInput& input, const CalibrationSettings& settings,
+                  Progress& progress, NoiseModel& model) {
+  for (const PhysicsCalibration& physics : model.physics)
+    if (!physics.K.mean.empty()) model.gaussian.push_back(gaussian_of(physics));
+  std::vector<GainSetting> missing;
+  for (const GainSetting& gain : required_lit_gains(input, "Gaussian"))
+    if (std::none_of(model.gaussian.begin(), model.gaussian.end(),
+                     [&](const GaussianCalibration& g) { return g.gain == gain; }))
+      missing.push_back(gain);
+  // Variances need fewer samples than distributions, and the line weighs levels by theirs.
+  constexpr int kSamples = 2000;
+  CalibrationSettings of_variances = settings;
+  of_variances.level_samples = std::min(settings.level_samples, kSamples);
+  const auto measured = measure_gains(input, missing, of_variances, progress, model);
+  for (const MeasuredLevels& levels : measured) {
+    const double range = white_above_black(model.white_dn, model.black_dn);
+    const auto line = gaussian_of(levels, settings.saturation_limit * range);
+    if (!line)
+      throw InputError(input.origin,
+                       fmt::format("{}no line of variance against signal: {}",
+                                   gain_prefix(levels.distributions.gain), line.reason()),
+                       "give a burst of a scene with many signal levels, or flats, or lower " +
+                           setting("level_samples"));
+    model.gaussian.push_back(*line);
   }
-  const OrdinaryPixels ordinary =
-      ordinary_pixels(out.dark_shading_dn, 0.0, geometry, defects, dark.sum_of_squares);
-  measure_dsnu(ordinary, temporal_of(ordinary, dark.frames), geometry, out);
+  std::sort(model.gaussian.begin(), model.gaussian.end(),
+            [](const GaussianCalibration& a, const GaussianCalibration& b) {
+              return a.gain.decibel().value_or(0.0) < b.gain.decibel().value_or(0.0);
+            });
 }
 
-// Dark frames besides the bias frames serve flats of their exposure alone.
-void warn_of_unused_darks(const GainPlan& plan, PhysicsCalibration& out) {
-  std::string unused;
-  for (std::size_t i = 0; i < plan.darks.size(); ++i)
-    if (std::none_of(plan.flats.begin(), plan.flats.end(), [&](const FrameSet* flat) {
-          return own_dark(*flat, plan.darks) == static_cast<int>(i);
-        }))
-      unused += (unused.empty() ? "" : "; ") + frame_set_name(*plan.darks[i]);
-  if (!unused.empty())
-    out.warnings.push_back(
-        unused +
-        ": not used; per gain the largest set of bias frames is, and dark sets of two "
-        "frames or more whose exposure is a flat's, to 1 %");
-}
-
-PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
-                                  RowGroupDecision& row_group, double quantization_dn,
-                                  const CalibrationSettings& settings, Progress& progress,
-                                  std::vector<DefectPixel>& defects) {
-  PhysicsCalibration out;
-  out.gain = plan.gain;
-  DarkPass dark = measure_dark(*plan.bias, first, quantization_dn, progress);
-  const bool temporal = plan.bias->count >= 2;
-  warn_of_unused_darks(plan, out);
-  const int group = update_row_group(dark, row_group, out.warnings);
-  require_row_groups(first, group);
-  measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, settings,
-               progress, out);
-  if (!temporal) {
-    out.warnings.push_back(
-        "only one bias frame: its fixed pattern is part of the read noise, and the gain K cannot "
-        "be measured; take 20 or more");
-    return out;
+// Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black.
+void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& settings,
+                     Progress& progress, NoiseModel& model) {
+  std::vector<const FrameSet*> sets;
+  for (const FrameSet& set : input.sets)
+    if (&set == bias_set_at(set.gain, input)) sets.push_back(&set);
+  std::sort(sets.begin(), sets.end(), [](const FrameSet* a, const FrameSet* b) {
+    return a->gain.decibel().value_or(0.0) < b->gain.decibel().value_or(0.0);
+  });
+  progress.begin("dark frames", static_cast<std::int64_t>(sets.size()) * settings.dark_frames);
+  for (const FrameSet* set : sets) {
+    DarkFrameBank bank;
+    bank.gain = set->gain;
+    FrameSet kept = *set;
+    kept.count = std::min(set->count, settings.dark_frames);
+    for_each_frame(kept, nullptr, progress, [&](const RawFrame& frame, int) {
+      Image dark(frame.dn.rows() / frame.layout.rows() * frame.layout.rows(),
+                 frame.dn.cols() / frame.layout.cols() * frame.layout.cols());
+      for (int r = 0; r < dark.rows(); ++r)
+        for (int c = 0; c < dark.cols(); ++c)
+          dark(r, c) = frame.dn(r, c) - static_cast<float>(frame.black_at(r, c));
+      bank.frames_dn.push_back(std::move(dark));
+    });
+    model.dark_frames.push_back(std::move(bank));
   }
-  warn_of_temporal_filter(dark.successive, out);
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
-  if (plan.flats.empty()) {
-    out.warnings.emplace_back(kWithoutFlats);
-    warn_of_alike_neighbours(dark.neighbours, NeighbourCorrelation(geometry), out);
-    warn_of_scaled_codes({}, {.codes = dark.codes}, out);
-  } else {
-    measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
+}
+
+// What the physics results said of the frames is true of every kind that is made of the same
+// frames, but for what they lack themselves. To the first kind that has the gain: once is enough.
+void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
+  const auto given = [](auto& kinds, const PhysicsCalibration& from) {
+    const auto kind = std::find_if(kinds.begin(), kinds.end(),
+                                   [&](const auto& one) { return one.gain == from.gain; });
+    if (kind == kinds.end()) return false;
+    kind->warnings.insert(kind->warnings.begin(), from.warnings.begin(), from.warnings.end());
+    return true;
+  };
+  for (PhysicsCalibration& physics : model.physics) {
+    std::vector<std::string>& said = physics.warnings;
+    said.erase(std::remove(said.begin(), said.end(), kWithoutFlats), said.end());
+    if (!given(model.gaussian, physics) && !given(model.nonparametric, physics))
+      for (const std::string& warning : physics.warnings)
+        progress.warn(gain_prefix(physics.gain) + warning);
   }
-  DarkPixels pixels = dark_pixels(dark, out.dark_shading_dn);
-  for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
-    pixels.tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
-  defects = find_defects(pixels, out.prnu_map, geometry);
-  warn_of_many_defects(defects.size(), first, out);
-  leave_defects_out(pixels, defects, geometry, out);
-  restore_dsnu(dark, out);
-  if (!settings.maps) {
-    out.dark_shading_dn = Image();
-    out.prnu_map = Image();
-  }
-  return out;
 }
 
-// What concerns the whole calibration is said at once, and kept for who reads the model later.
-void warn_of_calibration(const std::string& text, NoiseModel& model, Progress& progress) {
-  progress.warn(text);
-  model.warnings.push_back(text);
-}
-
-// Black and white when neither the session nor the files tell them: said, because μ then holds the
-// whole dark level, and saturated flats are known by the largest values alone.
-void settle_levels(const std::vector<GainPlan>& plans, RawFrame& first, NoiseModel& model,
-                   Progress& progress) {
-  const auto say = [&](const std::string& text) { warn_of_calibration(text, model, progress); };
-  if (const std::string note = declaration_note(first); !note.empty())
-    say(fmt::format("{}: {}", first.source, note));
-  if (!first.black_known)
-    say(
-        fmt::format("the black level is not given, taken as {:g}: mu holds the rest of "
-                    "the dark level; give black in [sensor]",
-                    first.black_dn.front()));
-  if (first.white_known) return;
-  for (const GainPlan& plan : plans)
-    for (const FrameSet* flat : plan.flats)
-      first.white_dn = std::max(first.white_dn, flat->load(0).white_dn);
-  say(
-      fmt::format("the white level is not given, taken as {:g}: saturated flats may be "
-                  "missed; give white in [sensor]",
-                  first.white_dn));
-}
-
-// Files that state another black level than those of the highest gain: said, because frames that
-// state none get the model's.
-void warn_of_own_black(const RawFrame& own, const RawFrame& first, PhysicsCalibration& out) {
-  if (!own.black_known || !first.black_known || own.black_dn == first.black_dn) return;
-  const double black = mean_of(own.black_dn);
-  out.warnings.push_back(fmt::format(
-      "its files tell a black level of {0:.6g} DN, those of the highest gain {1:.6g} DN: "
-      "mu is above each file's own; frames at this gain that tell none need "
-      "the black level {0:.6g}",
-      black, mean_of(first.black_dn)));
-}
-
-// The sensor's step is the smallest of its gains'. steps_dn: one per gain of the model, 0 where
-// frames are not made of whole numbers or all alike.
-void settle_step(const std::vector<double>& steps_dn, NoiseModel& model) {
-  model.quantization_dn = 0;
-  for (const double step : steps_dn)
-    if (step > 0 && (model.quantization_dn == 0 || step < model.quantization_dn))
-      model.quantization_dn = step;
-  for (std::size_t i = 0; i < steps_dn.size(); ++i)
-    if (steps_dn[i] > model.quantization_dn && model.quantization_dn > 0)
-      model.physics[i].warnings.push_back(
-          fmt::format("its codes are multiples of {:g} DN, those of other gains of {:g}: frames "
-                      "drawn at it are rounded to the smaller step",
-                      steps_dn[i], model.quantization_dn));
-}
-
-// More gain makes more DN of an electron. A change of conversion gain adds to what is told; nothing
-// takes from it but gains that are exchanged or written in another unit.
-void warn_of_gains(std::vector<PhysicsCalibration>& rising) {
-  constexpr double kErrors = 4.0, kLeastOfTold = 0.5, kLeastStepDb = 2.0;
-  const PhysicsCalibration* before = nullptr;
-  for (PhysicsCalibration& p : rising) {
-    if (p.K.mean.empty() || !p.gain.decibel()) continue;
-    if (before) {
-      const double low = mean_of(before->K.mean), high = mean_of(p.K.mean);
-      const double error =
-          std::hypot(mean_of(before->K.standard_error), mean_of(p.K.standard_error));
-      const double told_db = *p.gain.decibel() - *before->gain.decibel();
-      const double found_db = 20.0 * std::log10(high / low);
-      if (high < low - kErrors * error)
-        p.warnings.push_back(
-            fmt::format("K falls to {:.4g} DN/e- from {:.4g} at {}: are the gains of their frames "
-                        "exchanged?",
-                        high, low, before->gain.text()));
-      else if (p.gain.gain_db && told_db > kLeastStepDb && found_db < kLeastOfTold * told_db)
-        p.warnings.push_back(
-            fmt::format("K rises by {:.3g} dB from that at {}: is gain_db in decibels, a factor of "
-                        "10 per 20 dB?",
-                        found_db, before->gain.text()));
-    }
-    before = &p;
-  }
+// Frames of several gains that nobody tells are one gain's, whose K is between theirs; and a model
+// of it is taken for any gain that is asked for. A camera that has one gain loses nothing.
+void warn_of_untold_gain(const CalibrationInput& input, NoiseModel& model, Progress& progress) {
+  if (std::ranges::any_of(input.sets,
+                          [](const FrameSet& set) { return set.gain.decibel().has_value(); }))
+    return;
+  model.warnings.push_back(
+      "the gain is not told: frames of all sets count as of one gain, and the model will be taken "
+      "for any gain that is asked for; give gain_db or iso with the frames");
+  progress.warn(model.warnings.back());
 }
 
 }  // namespace
 
-NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
-                             Progress& progress) {
-  const std::vector<GainPlan> plans = plan_gains(input);
-  std::int64_t steps = 0;
-  for (const GainPlan& plan : plans) steps += plan.frames();
-  progress.begin("calibrating", steps);
+std::vector<std::string> calibrated_kinds() {
+  return {"physics", "gaussian", "nonparametric", "dark-frames"};
+}
+
+NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
+                     const std::vector<std::string>& kinds, Progress& progress) {
+  if (kinds.empty())
+    throw InputError(setting_name("kinds"), "names no kind of model",
+                     "choose of " + joined(calibrated_kinds()));
+  for (const std::string& kind : kinds)
+    if (!contains(calibrated_kinds(), kind.c_str()))
+      throw InputError(setting_name("kinds"), fmt::format("{} is not a kind of model", kind),
+                       "choose of " + joined(calibrated_kinds()));
   NoiseModel model;
-  model.sensor = input.sensor;
-  model.origin = input.origin;
-  if (std::any_of(plans.begin(), plans.end(), [](const GainPlan& p) { return !p.flats.empty(); }))
-    model.saturation_limit = settings.saturation_limit;
-  RowGroupDecision row_group(input.row_group);
-  RawFrame first;
-  std::vector<double> steps_dn;
-  for (const GainPlan& plan : plans) {
-    if (!plan.bias) {
-      warn_of_calibration(gain_prefix(plan.gain) + "flat frames without bias frames are left out",
-                          model, progress);
-      continue;
-    }
-    const RawFrame own_first = load_first(*plan.bias);
-    // Gain that a camera makes by multiplying has wider steps.
-    steps_dn.push_back(quantization_step(own_first.dn));
-    if (model.physics.empty()) {
-      first = own_first;
-      settle_levels(plans, first, model, progress);
-      model.layout = first.layout;
-      model.black_dn = first.black_dn;
-      model.white_dn = first.white_dn;
-    }
-    std::vector<DefectPixel> defects;
-    model.physics.push_back(
-        calibrate_gain(plan, first, row_group, steps_dn.back(), settings, progress, defects));
-    warn_of_own_black(own_first, first, model.physics.back());
-    // The response belongs to the sensor, not to a gain: the map of the lowest gain is kept.
-    if (!model.physics.back().prnu_map.empty())
-      for (std::size_t i = 0; i + 1 < model.physics.size(); ++i)
-        model.physics[i].prnu_map = Image();
-    if (defects.size() > model.defects.size()) model.defects = std::move(defects);
+  if (contains(kinds, "physics") || contains(kinds, "dark-frames") ||
+      has_frames(input, FrameKind::kBias)) {
+    model = calibrate_physics(input, settings, progress);
+  } else {
+    require_one_gain_unit(input);
+    model.sensor = input.sensor;
+    model.origin = input.origin;
+    model.row_group = input.row_group.value_or(1);
+    model.row_group_origin = input.row_group ? "declared" : "assumed";
   }
-  settle_step(steps_dn, model);
-  model.row_group = row_group.value();
-  model.row_group_origin = row_group.origin();
-  std::reverse(model.physics.begin(), model.physics.end());
-  if (model.physics.size() >= 2) {
-    warn_of_gains(model.physics);
-    if (const auto joint = fit_joint_model(model.physics))
-      model.joint = *joint;
-    else
-      warn_of_calibration("no joint model over gain: " + joint.reason(), model, progress);
+  warn_of_untold_gain(input, model, progress);
+  if (contains(kinds, "gaussian")) add_gaussian(input, settings, progress, model);
+  if (contains(kinds, "nonparametric"))
+    for (MeasuredLevels& levels : measure_gains(input, required_lit_gains(input, "non-parametric"),
+                                                settings, progress, model))
+      model.nonparametric.push_back(std::move(levels.distributions));
+  if (contains(kinds, "dark-frames")) add_dark_frames(input, settings, progress, model);
+  if (!contains(kinds, "physics")) {
+    keep_warnings_of_physics(model, progress);
+    model.physics.clear();
+    model.joint.reset();
   }
+  if (const std::string contradiction = contradiction_in(model); !contradiction.empty())
+    throw InputError(input.origin, "gives a model that contradicts itself: " + contradiction,
+                     "check that the frames are what the session says");
   return model;
 }
 

@@ -22,7 +22,6 @@ set(calibrate_SOURCES
   frame_set.cpp
   gain_map.cpp
   gaussian_calibration.cpp
-  kinds.cpp
   level_histograms.cpp
   level_pass.cpp
   light_profile.cpp
@@ -31,6 +30,7 @@ set(calibrate_SOURCES
   neighbour_correlation.cpp
   nonparametric_calibration.cpp
   photon_transfer.cpp
+  physics_calibration.cpp
   read_noise_shape.cpp
   residual_histogram.cpp
   response.cpp
