@@ -4,6 +4,7 @@
 #include "malus/base/settings_check.h"
 #include "malus/denoise/frame_complaints.h"
 #include "malus/noise/builtin_models.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/synthesize/exact.h"
 #include "malus/synthesize/model.h"
 
@@ -144,12 +145,21 @@ void bind_noise(py::module_& m) {
 
 using ModelClass = py::class_<ModelWithSampler>;
 
+NoiseAtGain noise_of(ModelWithSampler& model, const Gain& gain, const py::kwargs& kwargs) {
+  NoiseAtGain noise = model.noise(gain, kwargs);
+  if (!gain) return noise;
+  const NoiseModel& held = model.description();
+  if (const std::string line = untold_gain_line(held, {held.setting_of(*gain)}); !line.empty())
+    give_warning(line);
+  return noise;
+}
+
 void add_drawing(ModelClass& model_class) {
   model_class
       .def(
           "at_gain",
           [](ModelWithSampler& model, const Gain& gain, const py::kwargs& kwargs) {
-            return model.noise(gain, kwargs);
+            return noise_of(model, gain, kwargs);
           },
           py::arg("gain"),
           ("The noise at one gain [dB or ISO]; None: every frame draws its own." +
@@ -160,7 +170,7 @@ void add_drawing(ModelClass& model_class) {
           [](ModelWithSampler& model, const py::object& clean, const Gain& gain, std::uint64_t seed,
              std::uint32_t frame, const py::object& out, std::int64_t row0, std::int64_t col0,
              const py::kwargs& kwargs) {
-            return synthesize(model.noise(gain, kwargs), clean, {seed, frame, row0, col0}, out);
+            return synthesize(noise_of(model, gain, kwargs), clean, {seed, frame, row0, col0}, out);
           },
           py::arg("clean"), py::arg("gain") = py::none(), py::arg("seed") = 0, py::arg("frame") = 0,
           py::arg("out") = py::none(), py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0,
@@ -284,6 +294,11 @@ std::vector<std::string> model_complaints(const NoiseModel& model, const GainSet
   std::erase(lines, "");
   for (std::string& line : lines) line = fmt::format("{}: {}", model.name(), line);
   return lines;
+}
+
+std::string untold_gain_line(const NoiseModel& model, const std::vector<GainSetting>& asked) {
+  const std::string line = untold_gain_complaint(model, asked);
+  return line.empty() ? line : fmt::format("{}: {}", model.name(), line);
 }
 
 void bind_model(py::module_& m) {

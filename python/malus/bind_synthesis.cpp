@@ -185,6 +185,8 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
     progress.warn(frame.source + ": " + warning);
   const GainSetting from = source_gain(*model, frame, from_gain, synthesis_kind(settings.kind));
   const GainSetting to = model->gain_setting(to_gain);
+  if (const auto line = untold_gain_line(description, {from, to}); !line.empty())
+    progress.warn(line);
   if (app::shows_noisy_frame(settings.method, !guide.is_none()))
     warn_of_nonfinite(frame.dn, frame.source, app::fate_of_nonfinite(!rounded), progress);
   Image result = guide_from(guide, frame, description, from, progress);

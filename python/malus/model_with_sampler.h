@@ -59,4 +59,7 @@ void require_model_for(const char* name, bool given, const std::optional<Model>&
 std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
                                           bool undone);
 
+/// untold_gain_complaint (malus/noise/frame_levels.h), by the sensor's name.
+std::string untold_gain_line(const NoiseModel& model, const std::vector<GainSetting>& asked);
+
 }  // namespace malus::python

@@ -77,6 +77,20 @@ def test_what_a_calibration_warns_about_is_warned_of():
     assert gain["warnings"] and {f"12 dB: {text}" for text in gain["warnings"]} <= {str(w.message) for w in said}
 
 
+def test_a_gain_that_nobody_told_is_warned_of(recwarn):
+    found = malus.calibrate(session(), layout="mono", black=BLACK, white=WHITE)
+    said = [str(w.message) for w in recwarn]
+    assert sum("the gain is not told" in line for line in said) == 1, said
+    recwarn.clear()
+    clean = np.full((16, 16), 300, np.float32)
+    found.synthesize(clean)
+    assert not recwarn.list
+    for use in (lambda: found.at_gain(12), lambda: found.synthesize(clean, 12),
+                lambda: malus.renoise(malus.Frame(camera(500, 1, 1)[0], "mono", BLACK, WHITE), found, 12)):
+        with pytest.warns(UserWarning, match="does not say its gain; it is taken for 12 dB"):
+            use()
+
+
 def test_a_list_of_sets_is_checked():
     good = session()
     for sets, words in (([], "session: holds no sets"), (good + good[:1], "there are two such sets; give their frames as one"),
