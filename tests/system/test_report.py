@@ -109,7 +109,7 @@ def test_a_folder_of_figures_that_is_refused_leaves_no_page(malus, refused, tmp_
 @pytest.mark.parametrize("changes, words", [
     ({"run": 5}, "run is no object"),
     ({"run": {"warnings": [{}]}}, "type must be string"),
-    ({"sites": []}, "sites: it has 0 rows"),
+    ({"sites": []}, "sites: has 0 rows"),
     ({"noise_line": []}, "noise_line does not fit the layout"),
     ({"reference_file": "frame.npy", "reference_ratio": 0}, "reference_ratio is not above 0"),
     # Turned into int or float before, which is not defined beyond their range.

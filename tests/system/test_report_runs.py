@@ -84,7 +84,7 @@ def test_warnings_of_a_calibration_stand_in_its_page_and_in_its_model(malus, ses
         assert not any(level == "good" for level, _ in notices_of(shown))
     shown = malus("model", "show", session / "u.h5", "--json").json
     assert set(said(run)) == set(shown["warnings"] + shown["gains"][0]["warnings"])
-    assert len(shown["warnings"]) == 2  # of black and white, which no gain has to itself
+    assert len(shown["warnings"]) == 3  # of black, white and the gain, which no gain has to itself
     assert "black level is not given" in malus("model", "show", session / "u.h5").out
 
 

@@ -1,4 +1,4 @@
-"""A session that tells no gain: calibrate says so, and who uses its model at a gain says what that gain is taken for."""
+"""A session that tells no gain: calibrate says so where its frames look odd, and who uses its model at a gain says what that gain is taken for."""
 
 import numpy as np
 import pytest
@@ -41,10 +41,19 @@ def models(malus, camera):
     for name in ("told", "untold"):
         if not (camera / f"{name}.h5").exists():
             result = malus("calibrate", camera / f"{name}.toml", "-o", camera / f"{name}.h5", "--kind", "physics", "gaussian")
-            lines = warnings_of(result)
-            assert len(lines) == (name == "untold"), lines
-            assert all("the gain is not told" in line and "give gain_db or iso" in line for line in lines)
+            assert not warnings_of(result)
     return {name: camera / f"{name}.h5" for name in ("told", "untold")}
+
+
+def test_frames_of_two_gains_that_nobody_told_are_said_to_count_as_of_one(malus, camera):
+    rng = np.random.default_rng(4)
+    for n in range(4):
+        twice = BLACK + 2 * (taken(rng, 1200).astype(int) - BLACK)  # as of 6 dB more
+        np.save(camera / f"other_{n}.npy", np.clip(twice, 0, WHITE).astype(np.uint16))
+    text = (camera / "untold.toml").read_text() + '[[frames]]\nkind = "flat"\nexposure_s = 0.004\nlevel = 9\npaths = ["other_*.npy"]\n'
+    (camera / "two.toml").write_text(text)
+    lines = warnings_of(malus("calibrate", camera / "two.toml", "-o", camera / "two.h5"))
+    assert len(lines) > 1 and sum("the gain is not told" in line and "give gain_db or iso" in line for line in lines) == 1
 
 
 def commands(camera, model, out):

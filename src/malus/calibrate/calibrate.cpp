@@ -178,15 +178,17 @@ void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
   }
 }
 
-// Frames of several gains that nobody tells are one gain's, whose K is between theirs; and a model
-// of it is taken for any gain that is asked for. A camera that has one gain loses nothing.
+// Frames of several gains that nobody tells count as of one, whose K is between theirs; what is
+// wrong with them then has this cause too. A camera of one gain has nothing to tell.
 void warn_of_untold_gain(const CalibrationInput& input, NoiseModel& model, Progress& progress) {
-  if (std::ranges::any_of(input.sets,
-                          [](const FrameSet& set) { return set.gain.decibel().has_value(); }))
-    return;
+  const bool is_told = std::ranges::any_of(
+      input.sets, [](const FrameSet& set) { return set.gain.decibel().has_value(); });
+  const bool is_odd = std::ranges::any_of(
+      model.physics, [](const PhysicsCalibration& gain) { return !gain.warnings.empty(); });
+  if (is_told || !is_odd) return;
   model.warnings.push_back(
-      "the gain is not told: frames of all sets count as of one gain, and the model will be taken "
-      "for any gain that is asked for; give gain_db or iso with the frames");
+      "the gain is not told: frames of several gains would count as of one; give gain_db or iso "
+      "with the frames if they are");
   progress.warn(model.warnings.back());
 }
 
