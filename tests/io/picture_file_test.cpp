@@ -158,6 +158,15 @@ TEST(PictureFile, TheSamePictureGivesTheSameBytes) {
   }
 }
 
+// Of light without noise too: whatever else reads them need not undo anything.
+TEST(PictureFile, FloatsOfTiffAndExrLieInTheFileAsTheyAre) {
+  const testing::TemporaryFolder folder;
+  for (const char* name : {"even.tif", "even.exr"}) {
+    save_picture(folder / name, Image(64, 64, 1.0f), {});
+    EXPECT_GE(std::filesystem::file_size(folder / name), 64 * 64 * sizeof(float)) << name;
+  }
+}
+
 // /dev/full takes every open and fails every write.
 TEST(PictureFile, AFullDiskIsSaidAndLeavesNothing) {
   if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "needs /dev/full";
