@@ -89,10 +89,6 @@ std::string nonfinite_complaint(View<const float> dn, const std::string& source,
   return complaint_of(odd, pixels, source, what_comes);
 }
 
-std::string nonfinite_polarization_complaint(View<const float> dn, const std::string& source) {
-  return nonfinite_complaint(dn, source, "S0, DoLP and AoLP are wrong or undefined there");
-}
-
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
                                       const std::string& source) {
   return complaint_of(count, pixels, source, "taken as dark");
@@ -101,6 +97,8 @@ std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
 std::string_view fate_of_nonfinite(bool as_float) {
   return as_float ? "kept as read" : "as integers 0 or white";
 }
+
+std::string_view fate_in_polarization() { return "S0, DoLP and AoLP are wrong or undefined there"; }
 
 std::string_view fate_in_guide(const std::string& method, bool as_float) {
   return method == "naive" ? fate_of_nonfinite(as_float) : "no noise is added there";

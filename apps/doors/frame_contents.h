@@ -43,14 +43,14 @@ void require_raw(const std::string& source, const std::string& holds, const std:
 /// numbers. Throws InputError where none is.
 std::string nonfinite_complaint(View<const float> dn, const std::string& source,
                                 std::string_view what_comes);
-/// The same of a frame whose polarization is worked out.
-std::string nonfinite_polarization_complaint(View<const float> dn, const std::string& source);
 /// The same of the light of a picture (linear_light, malus/synthesize/scene.h), of which `count`
 /// of `pixels` are no numbers.
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
                                       const std::string& source);
 /// What comes of such pixels, in results that are kept as they are or rounded to integers.
 std::string_view fate_of_nonfinite(bool as_float);
+/// The same where polarization is worked out.
+std::string_view fate_in_polarization();
 /// The same of those in the guide of renoise, by its method.
 std::string_view fate_in_guide(const std::string& method, bool as_float);
 /// Whether renoise's result holds the noisy frame: new noise on a given guide does not.

@@ -114,7 +114,7 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
   const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
-  check_finite_light(frame);
+  check_finite(frame.dn, frame.source, fate_in_polarization());
   warn_of_guesses(frame);
   const SaturatedCells saturated = saturated_cells(frame.dn, frame.layout, light.saturated_dn);
   warn_of_saturation(frame, saturated);

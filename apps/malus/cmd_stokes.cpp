@@ -16,6 +16,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "denoise_checks.h"
@@ -101,15 +102,9 @@ std::vector<Product> product_data(const StokesPicture& picture) {
           every([](const StokesPlanes& s) { return aolp_deg_of(s); })};
 }
 
-// picture is gone after its S0; mean, of its colours, is made then.
-std::vector<Product> product_pictures(StokesPicture& picture, StokesPlanes& mean,
-                                      const RenderSettings& settings) {
-  return {[&] { return render_s0(picture, settings); },
-          [&] {
-            mean = mean_stokes(picture.planes);
-            picture = {};
-            return std::move(render_s1_s2(mean, settings).s1);
-          },
+// S1 to AoLP as pictures, of the mean of the colours.
+std::vector<Product> mean_pictures(const StokesPlanes& mean, const RenderSettings& settings) {
+  return {[&] { return std::move(render_s1_s2(mean, settings).s1); },
           [&] { return std::move(render_s1_s2(mean, settings).s2); },
           [&] { return render_dolp(dolp_of(mean), settings); },
           [&] { return render_aolp(aolp_deg_of(mean), dolp_of(mean), settings); }};
@@ -148,12 +143,25 @@ Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseMo
   return variance;
 }
 
-void save_all(const std::vector<fs::path>& paths, const std::vector<Product>& products,
+void save_all(std::span<const fs::path> paths, const std::vector<Product>& products,
               const std::vector<std::string>& channels, const SaveOptions& options, Json& files) {
   for (std::size_t k = 0; k < products.size(); ++k) {
     save_picture(paths[k], products[k](), channels, options);
     files.push_back(paths[k].string());
   }
+}
+
+// shown: pictures of confidence, or none.
+void save_pictures(StokesPicture picture, std::span<const Planes> shown,
+                   const RenderSettings& settings, std::span<const fs::path> paths,
+                   SaveOptions options, Json& files) {
+  options.type = SampleType::kUint8;
+  save_all(paths.first(1), {[&] { return render_s0(picture, settings); }}, {}, options, files);
+  const StokesPlanes mean = mean_stokes(picture.planes);
+  picture = {};  // several times the frame's size with --full
+  std::vector<Product> pictures = mean_pictures(mean, settings);
+  for (const Planes& planes : shown) pictures.push_back([&planes] { return planes; });
+  save_all(paths.subspan(1), pictures, {}, options, files);
 }
 
 Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
@@ -167,7 +175,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
   require_whole_cell(frame.dn, frame.layout, input.string());
-  check_finite_light(frame);
+  check_finite(frame.dn, frame.source, fate_in_polarization());
   warn_of_guesses(frame);
   Planes variance;
   if (arguments.confidence()) variance = variance_of(arguments, model, index, light);
@@ -202,12 +210,9 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   if (arguments.confidence())
     shown = confidence_pictures(uncertainty_of_mean(picture, variance, frame.layout, intensities),
                                 arguments.render);
-  StokesPlanes mean;
-  std::vector<Product> pictures = product_pictures(picture, mean, arguments.render);
-  if (arguments.confidence())
-    for (const Planes& planes : shown) pictures.push_back([&planes] { return planes; });
-  save.type = SampleType::kUint8;
-  save_all(names.picture, pictures, {}, save, json["files"]);
+  save_pictures(std::move(picture),
+                arguments.confidence() ? std::span<const Planes>(shown) : std::span<const Planes>(),
+                arguments.render, names.picture, save, json["files"]);
   return json;
 }
 

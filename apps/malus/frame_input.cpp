@@ -145,12 +145,6 @@ void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells) {
     warn(fmt::format("{}: {}", frame.source, complaint));
 }
 
-void check_finite_light(const RawFrame& frame) {
-  if (const std::string complaint = nonfinite_polarization_complaint(frame.dn, frame.source);
-      !complaint.empty())
-    warn(complaint);
-}
-
 void warn_of_no_light(const RawFrame& frame, std::span<const StokesPlanes> planes, bool whole) {
   std::size_t dark = 0, all = 0;
   for (const StokesPlanes& color : planes) {

@@ -85,9 +85,6 @@ Image above_black(const RawFrame& frame);
 /// Says on stderr how many cells of a frame hold saturated pixels, if any.
 void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells);
 
-/// Says on stderr how many pixels are no numbers. Throws InputError where none is one.
-void check_finite_light(const RawFrame& frame);
-
 /// Says on stderr that most cells of a frame, or most pixels (whole), have no light: its black
 /// level is often the reason. planes: of every colour.
 void warn_of_no_light(const RawFrame& frame, std::span<const StokesPlanes> planes, bool whole);

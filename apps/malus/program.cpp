@@ -46,14 +46,12 @@ std::vector<SaidOfFiles> g_said;
 std::mutex g_warnings_mutex;
 std::vector<std::string> g_warnings;
 
-void keep_warning(std::string_view text) {
-  std::string line = one_line(text);
+void keep_warning(const std::string& line) {
   const std::lock_guard lock(g_warnings_mutex);
-  if (std::ranges::find(g_warnings, line) == g_warnings.end())
-    g_warnings.push_back(std::move(line));
+  if (std::ranges::find(g_warnings, line) == g_warnings.end()) g_warnings.push_back(line);
 }
 
-void print_warning(std::string_view line) { tell(fmt::format("warning: {}\n", one_line(line))); }
+void print_warning(const std::string& line) { tell(fmt::format("warning: {}\n", line)); }
 
 void say_how_often() {
   for (const SaidOfFiles& said : g_said)
@@ -273,20 +271,22 @@ void note(const Common& common, std::string_view line) {
   if (!common.quiet) tell(fmt::format("{}\n", line));
 }
 
-void warn(std::string_view line) {
+void warn(std::string_view text) {
+  const std::string line = one_line(text);
   keep_warning(line);
   print_warning(line);
 }
 
 void warn_of(const std::string& file, const std::string& text) {
-  keep_warning(fmt::format("{}: {}", file, text));
-  const auto said = std::ranges::find(g_said, text, &SaidOfFiles::text);
+  const std::string words = one_line(text), line = fmt::format("{}: {}", one_line(file), words);
+  keep_warning(line);
+  const auto said = std::ranges::find(g_said, words, &SaidOfFiles::text);
   if (said != g_said.end()) {
     said->files.insert(file);
     return;
   }
-  g_said.push_back({text, {file}});
-  print_warning(fmt::format("{}: {}", file, text));
+  g_said.push_back({words, {file}});
+  print_warning(line);
 }
 
 std::vector<std::string> take_warnings() {

@@ -51,7 +51,7 @@ void print_result(const Common& common, const nlohmann::ordered_json& json, std:
 /// A line for people on stderr; silent under -q.
 void note(const Common& common, std::string_view line);
 /// A warning on stderr, always.
-void warn(std::string_view line);
+void warn(std::string_view text);
 /// A warning about a file. The same of further files is counted, and said once more when the
 /// command ends; of the same file it is said once.
 void warn_of(const std::string& file, const std::string& text);

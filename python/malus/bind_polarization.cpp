@@ -48,7 +48,8 @@ void warn_of_saturation(const std::string& source, const SaturatedCells& cells) 
 }
 
 void warn_of_lost_light(View<const float> dn, const std::string& source) {
-  if (const auto complaint = app::nonfinite_polarization_complaint(dn, source); !complaint.empty())
+  if (const auto complaint = app::nonfinite_complaint(dn, source, app::fate_in_polarization());
+      !complaint.empty())
     give_warning(complaint);
 }
 
