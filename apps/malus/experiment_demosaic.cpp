@@ -16,6 +16,7 @@
 #include "denoiser_by_ratio.h"
 #include "experiments.h"
 #include "flags.h"
+#include "frame_input.h"
 #include "networks_door.h"
 #include "output_check.h"
 #include "report_pages.h"
@@ -60,6 +61,7 @@ DemosaicSetup read_demosaic_setup(const fs::path& path) {
 fs::path complete_model(const Model& door, const DemosaicSetup& setup, const fs::path& folder) {
   std::vector<GainSetting> gains;
   for (const double gain : setup.gains) gains.push_back(door.gain_setting(gain));
+  warn_of_untold_gain(door.description(), setup.model, gains);
   const fs::path path = folder / "model.h5";
   save_model(with_equivalents(door.description(), gains), path, true);
   return path;

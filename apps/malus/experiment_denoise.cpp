@@ -67,7 +67,7 @@ void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const C
     scores.push_back({.name = name});
     denoisers.push_back(denoiser_of(name));
   }
-  NoiseModel model = load_model(arguments.runs.model);
+  NoiseModel model = arguments.runs.load_camera();
   if (arguments.row_noise) model = with_row_noise(model, *arguments.row_noise);
   const auto progress = make_progress(common);
   arguments.runs.for_each(

@@ -50,8 +50,10 @@ struct Gains {
 Gains gains_of(const RenoiseExperimentArguments& arguments) {
   const Model door = Model::load(arguments.model);
   Gains gains{door.description(), door.gain_setting(arguments.from), {}, {}};
+  const GainSetting to_gain = door.gain_setting(arguments.to);
+  warn_of_untold_gain(gains.model, arguments.model, {gains.from_gain, to_gain});
   gains.from = gains.model.physics_at(gains.from_gain);
-  gains.to = gains.model.physics_at(door.gain_setting(arguments.to));
+  gains.to = gains.model.physics_at(to_gain);
   gains.to.parts.quantization = false;
   return gains;
 }

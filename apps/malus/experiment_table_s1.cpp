@@ -99,6 +99,7 @@ TestBench open_test_bench(const TableS1Arguments& arguments, const TableS1Setup&
   TestBench bench{
       door.description(), door.gain_setting(setup.from), door.gain_setting(setup.to), {}, {}, {},
       arguments.folder};
+  warn_of_untold_gain(bench.model, setup.model, {bench.from, bench.to});
   if (!arguments.pairs.empty()) {
     const auto captures = load_pair_list(arguments.pairs);
     bench.sources = captures_at(captures, bench.from, arguments.pairs);

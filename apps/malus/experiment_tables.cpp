@@ -39,7 +39,7 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   const std::vector<TableRow> rows = read_table(arguments.rows);
   for (const TableRow& row : rows)
     if (row.method.empty()) check_training({.config = row.config}, common);
-  const NoiseModel model = load_model(arguments.runs.model);
+  const NoiseModel model = arguments.runs.load_camera();
   const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   std::vector<SceneScore> scores;

@@ -103,7 +103,7 @@ std::string rows_text(const std::vector<CheckedScene>& rows) {
 
 void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
                                 const Common& common) {
-  const NoiseModel model = load_model(arguments.runs.model);
+  const NoiseModel model = arguments.runs.load_camera();
   std::vector<std::unique_ptr<DenoiserByRatio>> denoisers;
   for (const std::string& method : arguments.methods) {
     check_states_error("stated errors", method);

@@ -84,6 +84,15 @@ std::vector<fs::path> SceneRuns::files_named() const {
   return files;
 }
 
+NoiseModel SceneRuns::load_camera() const {
+  NoiseModel camera = load_model(model);
+  std::vector<GainSetting> gains;
+  for (const std::string& light : cases)
+    gains.push_back(camera.setting_of(light_case_of(light).gain));
+  warn_of_untold_gain(camera, model, gains);
+  return camera;
+}
+
 void SceneRuns::for_each(
     const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
     const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const {

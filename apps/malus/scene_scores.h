@@ -55,6 +55,9 @@ struct SceneRuns {
   /// The scenes under the name that is given, --model, --cases, --crop.
   void add_options(CLI::App& command, const std::string& scenes_name = "SCENE",
                    const std::string& scenes_note = "");
+  /// The model; says on stderr what gains it is taken for if it does not tell its own. Throws
+  /// InputError.
+  NoiseModel load_camera() const;
   /// Every case of every scene in turn, as the model draws it; seeds count up from the first.
   /// Throws InputError, Cancelled.
   void for_each(const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from conftest import needs_networks
+
 BLACK, WHITE, K = 100, 4095, 0.5
 
 
@@ -15,6 +17,7 @@ def camera(tmp_path_factory):
     folder = tmp_path_factory.mktemp("camera")
     rng = np.random.default_rng(3)
     np.save(folder / "clean.npy", np.full((64, 64), 500, np.float32))
+    np.save(folder / "grey.npy", np.full((64, 64), 0.3, np.float32))
     text = f'[sensor]\nlayout = "mono"\nblack = {BLACK}\nwhite = {WHITE}\nrow_group = 1\n'
     for n in range(20):
         np.save(folder / f"bias_{n}.npy", taken(rng, 0))
@@ -67,6 +70,7 @@ def commands(camera, model, out):
             (["renoise", frame, "--model", model, "--from", 12, "--to", 12, "-o", out / "r", *levels], "12 dB"),
             (["dataset", out / "plan.toml", "-o", out / "d"], "12 dB"),
             (["evaluate", "--noise", "--reference", frame, camera / "flat_3_1.npy", "--model", model, "--gain", 12, *levels], "12 dB"),
+            (["experiment", "denoise", camera / "grey.npy", "--model", model, "--cases", "12:2", "--crop", 64, "--methods", "bm3d/fast"], "12 dB"),
             (["model", "show", model, "--gain", 12], "12 dB")]
 
 
@@ -87,3 +91,37 @@ def test_a_camera_of_one_gain_is_used_without_a_word(malus, camera, models, tmp_
 def test_pairs_say_what_gain_a_model_is_taken_for(malus, camera, models, tmp_path):
     lines = warnings_of(malus("pairs", camera / "pairs.toml", "--model", models["untold"], "-o", tmp_path / "p"))
     assert [line for line in lines if line.endswith("does not say its gain; it is taken for 6 dB")], lines
+
+
+TRAINING = """
+[network]
+architecture = "unet"
+width = 4
+levels = 2
+[package]
+layout = "mono"
+[data]
+pictures = ["{clean}"]
+example = 32
+patch = 32
+pool = 2
+[noise]
+models = ["{model}"]
+gains = [12]
+[validation]
+scenes = ["{clean}"]
+cases = ["{case}"]
+crop = 32
+[train]
+steps = 1
+batch = 2
+"""
+
+
+@needs_networks
+@pytest.mark.slow
+@pytest.mark.parametrize("case,gains", [("12:2", ["12 dB"]), ("6:2", ["12 dB", "6 dB"])])
+def test_training_says_what_gains_of_examples_and_of_validation_are_taken_for(malus, camera, models, tmp_path, case, gains):
+    (tmp_path / "net.toml").write_text(TRAINING.format(clean=camera / "grey.npy", model=models["untold"], case=case))
+    lines = [line for line in warnings_of(malus("train", tmp_path / "net.toml", "-o", tmp_path / "run")) if "does not say its gain" in line]
+    assert [line.rsplit("taken for ", 1)[1] for line in lines] == gains, lines

@@ -68,9 +68,8 @@ class Trainer {
     require_same_run(workers_, description_, device_);
     if (open_folder()) return finished();
     const auto source = make_pair_source(config_);
-    if (leader())
-      for (const std::string& line : source->complaints()) progress_.warn(line);
     const Validation validation(config_, options_.seed + 1, progress_);
+    if (leader()) warn_of_models(source->complaints(), validation.complaints());
     if (leader() && !(state_.brightest > 0))
       state_.brightest = brightest_light(config_.package, *source, options_.seed, progress_);
     begin_log(validation);
@@ -121,6 +120,14 @@ class Trainer {
       place_network(*network, device_, prefers_channels_last(config_.package.network.architecture));
     }
     return network;
+  }
+
+  // Examples and validation may be taken for the same gains: that is said once.
+  void warn_of_models(const std::vector<std::string>& of_examples,
+                      const std::vector<std::string>& of_validation) {
+    for (const std::string& line : of_examples) progress_.warn(line);
+    for (const std::string& line : of_validation)
+      if (std::ranges::find(of_examples, line) == of_examples.end()) progress_.warn(line);
   }
 
   // Worker 0 alone has the folder; the others begin with what it holds. Result: whether the run it

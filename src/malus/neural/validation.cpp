@@ -6,6 +6,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/neural/internal/clean_scenes.h"
 #include "malus/neural/named_source.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/polar/demosaick.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
@@ -88,6 +89,10 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
       progress.advance(1);
     }
   }
+  std::vector<GainSetting> gains;
+  for (const LightCase& shot : config.cases) gains.push_back(model.gain_setting(shot.gain));
+  if (const std::string line = untold_gain_complaint(camera, gains); !line.empty())
+    complaints_.push_back(config.models.front().string() + ": " + line);
   std::vector<Image> noisy, guides;
   for (const Frame& frame : frames_) {
     noisy.push_back(frame.noisy.frame.dn);

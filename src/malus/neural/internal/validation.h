@@ -39,6 +39,8 @@ class Validation {
   /// with the first noise model, and their guides: once. Throws InputError.
   Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress);
   bool empty() const { return frames_.empty(); }
+  /// What to warn of, whole lines.
+  const std::vector<std::string>& complaints() const { return complaints_; }
 
   /// package: with the brightest light of training, beyond which a guide stands.
   /// Throws Cancelled between two frames where a stop is requested.
@@ -69,6 +71,7 @@ class Validation {
   PackageSettings settings_;
   std::vector<Frame> frames_;
   ValidationScore noisy_, guide_;
+  std::vector<std::string> complaints_;
 };
 
 }  // namespace malus
