@@ -17,7 +17,7 @@ TEST(DarkCodes, HoldTheCodesThatOccurWhateverWhiteIs) {
   first.dn = Image(2, 3, 130.0F);
   first.white_dn = 4294967295.0;
   const MosaicGeometry geometry(first.layout, 2, 3, 1);
-  DarkCodes codes(geometry, first, 2.0);
+  DarkCodes codes(geometry, first.dn, 2.0);
   codes.add(first.dn);
   first.dn(0, 1) = 118;
   first.dn(1, 2) = 700;

@@ -140,15 +140,15 @@ TEST(DarkLevel, FarAboveTheDeclaredBlackIsTold) {
 
 // Read noise of 2.5 e- came out as 5.6 e- with 25 e- of light, and not a word.
 TEST(DarkLevel, WhoseShotNoiseIsTheDarkNoiseIsTold) {
-  RawFrame first;
-  first.black_dn = {64};
-  first.black_known = true;
+  FrameFormat format;
+  format.black_dn = {64};
+  format.black_known = true;
   const auto told = [&](double mu_dn, double sd_dn) {
     PhysicsCalibration out;
     out.K.mean = {0.4};
     out.mu.mean = {mu_dn};
     out.temporal_sd_dark_dn = {sd_dn};
-    warn_of_lit_darkness(first, out);
+    warn_of_lit_darkness(format, out);
     return out.warnings;
   };
   const double read2 = 1.1, light_dn = 0.4 * 25;
@@ -156,7 +156,7 @@ TEST(DarkLevel, WhoseShotNoiseIsTheDarkNoiseIsTold) {
               Contains(HasSubstr("were the dark frames dark?")));
   EXPECT_THAT(told(light_dn, std::sqrt(read2)), IsEmpty());  // more than light could make
   EXPECT_THAT(told(2.0, std::sqrt(read2)), IsEmpty());
-  first.black_known = false;
+  format.black_known = false;
   EXPECT_THAT(told(light_dn, std::sqrt(read2 + 0.4 * light_dn)), IsEmpty());
 }
 

@@ -17,7 +17,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <span>
 
 #include <fmt/format.h>
 
@@ -167,27 +166,27 @@ void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int fr
 }
 
 // A frame of one code shows no step; of whole numbers it is one.
-double step_of(const RawFrame& first, double quantization_dn) {
+double step_of(View<const float> dn, double quantization_dn) {
   if (quantization_dn > 0) return quantization_dn;
-  const std::span<const float> values = first.dn.values();
-  return std::all_of(values.begin(), values.end(), [](float v) { return v == std::floor(v); })
-             ? 1.0
-             : 0.0;
-}
-
-void add_black(const RawFrame& first, Image& dn) {
   for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(first.black_at(r, c));
+    for (const float v : dn.row_span(r))
+      if (v != std::floor(v)) return 0.0;
+  return 1.0;
 }
 
-void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const RawFrame& first,
+void add_black(const FrameFormat& format, Image& dn) {
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(format.black_at(r, c));
+}
+
+void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const FrameFormat& format,
                          PhysicsCalibration& out) {
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
   warn_of_outlying_noise(frames.residuals, dark.hidden, out);
-  warn_of_high_level(first, out);
-  warn_of_clipping(dark.zero_share, dark.floor_dn, first.layout, out);
+  warn_of_high_level(format, out);
+  warn_of_clipping(dark.zero_share, dark.floor_dn, format.layout, out);
   if (dark.hidden.empty() ||
       !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
     warn_of_coarse_steps(dark.step_dn, out);
@@ -205,10 +204,9 @@ DarkPixels dark_pixels(const DarkPass& dark, View<const float> shading_dn) {
           .farthest = dark.farthest};
 }
 
-DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn,
-                      Progress& progress) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
-  DarkPass pass{TemporalAccumulator(geometry, first.black_dn, FrameAlignment::kAdditive),
+DarkPass measure_dark(const GainRun& run, double step_dn) {
+  const MosaicGeometry geometry = run.format().geometry(1);  // rows singly: they tell the row group
+  DarkPass pass{TemporalAccumulator(geometry, run.format().black_dn, FrameAlignment::kAdditive),
                 RowLagAccumulator(geometry),
                 {},
                 {},
@@ -220,12 +218,12 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
   ZeroShare zeros(geometry, step_dn);
-  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
+  run.each_frame(run.bias(), [&](const RawFrame& frame, int i) {
     for (int c = 0; i == 0 && c < geometry.channels(); ++c) {
       std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
       const double step = quantization_step(pixels);
       pass.codes.push_back(
-          {first.layout.channel_name(c), step, occupied_spacing(std::move(pixels))});
+          {run.format().layout.channel_name(c), step, occupied_spacing(std::move(pixels))});
     }
     pass.temporal.add(frame.dn);
     pass.successive.add(frame.dn);
@@ -240,53 +238,54 @@ DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn
   return pass;
 }
 
-void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
-                  const CalibrationSettings& settings, Progress& progress,
-                  PhysicsCalibration& out) {
+void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out) {
   const double quantization_dn = dark.step_dn;
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group.rows);
-  out.bias_frames = set.count;
-  const bool several = set.count >= 2, remove_pattern = !settings.single_frame && several;
+  const FrameFormat& format = run.format();
+  const MosaicGeometry& geometry = run.geometry();
+  const int count = run.bias().count;
+  out.bias_frames = count;
+  const bool several = count >= 2, remove_pattern = !run.settings().single_frame && several;
   Image pattern = dark.temporal.release_mean_frame_dn();
-  add_black(first, pattern);
+  add_black(format, pattern);
   std::vector<double> cell =
-      remove_pattern ? dark.temporal.variance_dn2() : channel_variances(first.dn, geometry);
+      remove_pattern ? dark.temporal.variance_dn2() : channel_variances(run.first_dn(), geometry);
   for (double& width : cell)
     width = residual_cell_dn(std::sqrt(std::max(width, 0.0)), quantization_dn);
-  FrameAnalyzer analyzer(geometry, first.black_dn, remove_pattern ? &pattern : nullptr, set.count,
+  FrameAnalyzer analyzer(geometry, format.black_dn, remove_pattern ? &pattern : nullptr, count,
                          cell);
   const OrdinaryPixels ordinary =
       several ? ordinary_pixels(pattern, 0.0, geometry, {}, dark.temporal.sum_of_squares())
               : ordinary_pixels(pattern, quantization_dn, geometry);
-  if (remove_pattern) expect_offsets(dark, ordinary, set.count, analyzer);
+  if (remove_pattern) expect_offsets(dark, ordinary, count, analyzer);
   BiasFrames frames;
-  const double step = several ? step_of(first, quantization_dn) : 0.0;
+  const double step = several ? step_of(run.first_dn(), quantization_dn) : 0.0;
   CodePairCounter pairs(geometry, step);
   FarthestValues farthest(dark_pixels(dark, pattern), geometry);
   const auto drifts_dn = dark.temporal.frame_drifts_dn();
-  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int i) {
+  run.each_frame(run.bias(), [&](const RawFrame& frame, int i) {
     frames.add(analyzer.analyze(frame.dn));
     pairs.add(frame.dn);
     farthest.add(frame.dn, drifts_dn[as_index(i)]);
   });
   dark.farthest = farthest.release();
-  const double kept = remove_pattern ? 1.0 - 1.0 / set.count : 1.0;
-  std::vector<double> of_drift(first.black_dn.size(), 0.0);
-  if (row_group.known && remove_pattern) of_drift = measure_drift(geometry, kept, frames, out);
+  const double kept = remove_pattern ? 1.0 - 1.0 / count : 1.0;
+  std::vector<double> of_drift(format.black_dn.size(), 0.0);
+  if (run.row_group().known && remove_pattern)
+    of_drift = measure_drift(geometry, kept, frames, out);
   level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   widen_by_drift(of_drift, out);
-  if (several) take_hidden_noise(pairs, step, first, ordinary, geometry, dark, out);
+  if (several) take_hidden_noise(run, pairs, ordinary, dark, out);
   if (remove_pattern)
-    undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, set.count), set.count),
-                 analyzer, first, dark, frames, out);
+    undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, count), count), analyzer,
+                 format.black_dn, dark, frames, out);
   measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
-                  quantization_dn, kept, settings.shape == "ppcc"},
-                 first.layout, out);
+                  quantization_dn, kept, run.settings().shape == "ppcc"},
+                 format.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
-  warn_of_dark_frames(frames, dark, first, out);
+  warn_of_dark_frames(frames, dark, format, out);
   if (!several) return;
-  measure_dsnu(ordinary, temporal_of(ordinary, set.count), geometry, out);
+  measure_dsnu(ordinary, temporal_of(ordinary, count), geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);
   out.dark_shading_dn = std::move(pattern);
   const std::vector<double> of_pattern_dn2 = pattern_error_of_mean(ordinary, geometry, out);

@@ -136,9 +136,9 @@ void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& r
         joined(outlying), noise.size(), farthest));
 }
 
-void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
+void warn_of_high_level(const FrameFormat& format, PhysicsCalibration& out) {
   constexpr double kOfRange = 0.1, kOfBlack = 0.1, kLeastBelow = 1, kOfNoise = 20, kLeast = 2;
-  const double black = mean_of(first.black_dn), range = first.white_dn - black;
+  const double black = mean_of(format.black_dn), range = format.mean_range_dn();
   const double level = mean_of(out.mu.mean);
   const double noise = mean_of(out.temporal_sd_dark_dn);
   if (level > kOfRange * range)
@@ -146,7 +146,7 @@ void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
         fmt::format("the dark level lies {:.4g} DN above black, {:.0f} % of the range: are these "
                     "dark frames, and is the black level right?",
                     level, 100 * level / range));
-  else if (first.black_known && noise > 0 && level > kOfNoise * noise && level > kLeast)
+  else if (format.black_known && noise > 0 && level > kOfNoise * noise && level > kLeast)
     out.warnings.push_back(fmt::format(
         "the dark level lies {:.4g} DN above the black level of {:.4g} DN, {:.3g} times the dark "
         "noise: is black that of another bit depth? Give black = {:.4g} in [sensor] if not",
@@ -157,9 +157,9 @@ void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out) {
         black));
 }
 
-void warn_of_lit_darkness(const RawFrame& first, PhysicsCalibration& out) {
+void warn_of_lit_darkness(const FrameFormat& format, PhysicsCalibration& out) {
   constexpr double kOfNoise = 4, kFewest = 0.6, kMost = 1.15;
-  if (!first.black_known || out.K.mean.empty()) return;
+  if (!format.black_known || out.K.mean.empty()) return;
   const double level = mean_of(out.mu.mean), noise = mean_of(out.temporal_sd_dark_dn);
   const double share = mean_of(out.K.mean) * level / (noise * noise);
   if (!(level > kOfNoise * noise) || share < kFewest || share > kMost) return;

@@ -81,19 +81,18 @@ std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
   progress.begin("distributions", steps);
   std::vector<MeasuredLevels> measured;
   for (const GainSetting& gain : gains) {
-    const std::vector<NoiseSource> sources = sources_at(gain, input);
+    std::vector<NoiseSource> sources = sources_at(gain, input);
     RawFrame first = load_first(*sources.front().frames);
-    const double step_dn = quantization_step(first.dn);
     if (model.white_dn > 0) first.white_dn = model.white_dn;
     if (model.black_dn.empty()) {
       model.layout = first.layout;
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;
-      model.quantization_dn = step_dn;
+      model.quantization_dn = quantization_step(first.dn);
     }
     const auto physics = std::find_if(model.physics.begin(), model.physics.end(),
                                       [&](const PhysicsCalibration& p) { return p.gain == gain; });
-    measured.push_back(measure_levels(sources, first, step_dn,
+    measured.push_back(measure_levels({std::move(sources), std::move(first)},
                                       physics == model.physics.end() ? nullptr : &*physics,
                                       model.row_group, settings, progress));
   }

@@ -231,7 +231,7 @@ void measure_range(const TemporalAccumulator& temporal, const MosaicGeometry& ge
 
 }  // namespace
 
-CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
+CleanFrame measure_clean(const NoiseSource& source, const FrameFormat& format,
                          const MosaicGeometry& geometry, const DarkLevel& dark,
                          Progress& progress) {
   const FrameAlignment alignment = source.frames->kind == FrameKind::kBias
@@ -239,7 +239,7 @@ CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
                                        : FrameAlignment::kMultiplicative;
   TemporalAccumulator temporal(geometry, dark.dn, alignment);
   GroupMeans rows(geometry, dark.dn);
-  for_each_frame(*source.frames, &first, progress, [&](const RawFrame& frame, int) {
+  for_each_frame(*source.frames, &format, progress, [&](const RawFrame& frame, int) {
     temporal.add(frame.dn);
     if (source.reference) rows.add(frame.dn);
   });
@@ -249,8 +249,8 @@ CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
   clean.light_dn = temporal.release_mean_frame_dn();
   measure_range(temporal, geometry, clean);
   if (source.reference) {
-    TemporalAccumulator reference(geometry, first.black_dn, FrameAlignment::kMultiplicative);
-    for_each_frame(*source.reference, &first, progress,
+    TemporalAccumulator reference(geometry, format.black_dn, FrameAlignment::kMultiplicative);
+    for_each_frame(*source.reference, &format, progress,
                    [&](const RawFrame& frame, int) { reference.add(frame.dn); });
     add_reference(reference.release_mean_frame_dn(), temporal, rows, dark.measured, geometry,
                   clean);

@@ -51,7 +51,7 @@ inline double own_square(double residual, double group_variance, int n) {
 /// of that difference the weighted part is added to the residuals and known, so that what remains
 /// is the frames' temporal noise however bad the reference is. One pass over the source's frames
 /// and one over its reference's.
-CleanFrame measure_clean(const NoiseSource& source, const RawFrame& first,
+CleanFrame measure_clean(const NoiseSource& source, const FrameFormat& format,
                          const MosaicGeometry& geometry, const DarkLevel& dark, Progress& progress);
 
 }  // namespace malus

@@ -7,10 +7,10 @@
 
 namespace malus {
 
-DarkCodes::DarkCodes(const MosaicGeometry& geometry, const RawFrame& first, double step_dn)
+DarkCodes::DarkCodes(const MosaicGeometry& geometry, View<const float> frame_dn, double step_dn)
     : geometry_(geometry),
       step_dn_(step_dn),
-      origin_dn_(std::fmod(first.dn(0, 0), step_dn)),
+      origin_dn_(std::fmod(frame_dn(0, 0), step_dn)),
       codes_(as_index(geometry.channels())) {}
 
 void DarkCodes::add(View<const float> dn) {

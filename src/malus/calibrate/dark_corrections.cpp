@@ -50,14 +50,16 @@ void take_hidden_offsets(HiddenNoise& hidden, double usual_code_dn, std::size_t 
 
 // The pairs of codes take pixels for independent, but whole rows and columns of the fixed pattern
 // are fewer. They show of it what the offsets do, and are no more than it.
-void widen_by_lines(double row_dn2, double column_dn2, const MosaicGeometry& geometry, int channel,
-                    const PhysicsCalibration& out, HiddenNoise& hidden) {
+void widen_by_lines(const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry, int channel,
+                    const RowDrift& drift, HiddenNoise& hidden) {
   if (!(hidden.dsnu_dn > 0)) return;
+  const double row_dn2 = mean_frame.row_variance_dn2[as_index(channel)],
+               column_dn2 = mean_frame.column_variance_dn2[as_index(channel)];
   const double all_dn2 = hidden.dsnu_dn * hidden.dsnu_dn,
                shown = std::pow(std::max(hidden.slope, kLeastSlope), 2);
   const double error_dn4 =
       line_error_dn4(std::min(row_dn2 / shown, all_dn2), std::min(column_dn2 / shown, all_dn2),
-                     geometry, channel, out);
+                     geometry, channel, drift);
   hidden.dsnu_stderr_dn =
       std::hypot(hidden.dsnu_stderr_dn, root_standard_error(all_dn2, std::sqrt(error_dn4)));
 }
@@ -104,8 +106,7 @@ void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
 
 }  // namespace
 
-void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
-                       const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry,
+void take_hidden_noise(const GainRun& run, CodePairCounter& pairs, const OrdinaryPixels& mean_frame,
                        DarkPass& dark, PhysicsCalibration& out) {
   const std::vector<double> dsnu =
       dsnu_dn(mean_frame.variance_dn2, temporal_of(mean_frame, out.bias_frames), out.bias_frames);
@@ -113,7 +114,7 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
     const double zeros = dark.zero_share[c];
     if (zeros > 0) pairs.end_at(dark.floor_dn[c], static_cast<int>(c));
     dark.hidden.push_back(
-        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), step_dn));
+        hidden_noise(pairs.pairs()[c], std::pow(out.temporal_sd_dark_dn[c], 2), pairs.step_dn()));
     if (!dark.hidden[c].hidden) {
       double &sd = out.temporal_sd_dark_dn[c], &error = out.temporal_sd_dark_stderr_dn[c];
       dark.hidden[c].dsnu_dn = dsnu[c];
@@ -122,10 +123,10 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
     }
     if (dark.hidden[c].known()) {
       take_level_changes_out(out.mu.per_frame, c, dark.hidden[c]);
-      widen_by_lines(mean_frame.row_variance_dn2[c], mean_frame.column_variance_dn2[c], geometry,
-                     static_cast<int>(c), out, dark.hidden[c]);
+      widen_by_lines(mean_frame, run.geometry(), static_cast<int>(c), out.row_drift.drift,
+                     dark.hidden[c]);
     }
-    const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - first.black_dn[c];
+    const double usual_dn = pairs.usual_code_dn(static_cast<int>(c)) - run.format().black_dn[c];
     take_hidden_offsets(dark.hidden[c], usual_dn, c, out);
     if (!dark.hidden[c].known() || !(zeros > kMostDarkZeros)) continue;
     const double shown_dn = out.temporal_sd_dark_dn[c],
@@ -136,7 +137,7 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
 }
 
 void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analyzer,
-                  const RawFrame& first, DarkPass& dark, BiasFrames& frames,
+                  const std::vector<double>& black_dn, DarkPass& dark, BiasFrames& frames,
                   PhysicsCalibration& out) {
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
   for (std::size_t c = 0; c < dark.zero_share.size(); ++c) {
@@ -144,7 +145,7 @@ void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analy
     double &mu = out.mu.mean[c], &row = out.sigma_row.mean[c], &sd = out.temporal_sd_dark_dn[c];
     if (dark.hidden[c].hidden) continue;
     const CutOffPlace place{
-        mu + first.black_dn[c] - dark.floor_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn,
+        mu + black_dn[c] - dark.floor_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn,
         dark.zero_share[c],
         analyzer.offset_variance_dn2(static_cast<int>(c), std::max(pixel[c], 0.0))};
     const CutOffNoise cut = find_cut_off_noise(pooled_over_frames(frames.residuals, c),

@@ -91,21 +91,20 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
 namespace {
 
 // What row and column noise leave in a mean frame.
-double rows_left_dn2(const PhysicsCalibration& out, std::size_t c) {
-  return std::pow(out.sigma_row.mean[c], 2) / out.bias_frames;
+double rows_left_dn2(const PhysicsCalibration& bias, std::size_t c) {
+  return std::pow(bias.sigma_row.mean[c], 2) / bias.bias_frames;
 }
-double columns_left_dn2(const PhysicsCalibration& out, std::size_t c) {
-  return std::pow(out.sigma_column.mean[c], 2) / out.bias_frames;
+double columns_left_dn2(const PhysicsCalibration& bias, std::size_t c) {
+  return std::pow(bias.sigma_column.mean[c], 2) / bias.bias_frames;
 }
 
 }  // namespace
 
 double line_error_dn4(double row_dn2, double column_dn2, const MosaicGeometry& geometry,
-                      int channel, const PhysicsCalibration& out) {
+                      int channel, const RowDrift& drift) {
   const int groups = geometry.channel_groups(channel);
-  const double drift =
-      drift_of_variances(out.row_drift.drift, groups, geometry.group_stride(channel), 0);
-  return 2.0 * row_dn2 * row_dn2 * (1.0 + drift) / (groups - 1.0) +
+  const double of_drift = drift_of_variances(drift, groups, geometry.group_stride(channel), 0);
+  return 2.0 * row_dn2 * row_dn2 * (1.0 + of_drift) / (groups - 1.0) +
          2.0 * column_dn2 * column_dn2 / (geometry.channel_cols(channel) - 1.0);
 }
 
@@ -123,7 +122,7 @@ void measure_dsnu(const OrdinaryPixels& mean_frame,
         std::pow(mean_frame.variance_stderr_dn2[c], 2) +
         line_error_dn4(std::max(rows_left_dn2(out, c), mean_frame.row_variance_dn2[c]),
                        std::max(columns_left_dn2(out, c), mean_frame.column_variance_dn2[c]),
-                       geometry, channel, out) +
+                       geometry, channel, out.row_drift.drift) +
         temporal_error_dn2 * temporal_error_dn2;
     out.dsnu_stderr_dn.push_back(root_standard_error(
         mean_frame.variance_dn2[c] - temporal_variance_dn2[c] / frames, std::sqrt(error_dn4)));
@@ -132,14 +131,14 @@ void measure_dsnu(const OrdinaryPixels& mean_frame,
 
 std::vector<double> pattern_error_of_mean(const OrdinaryPixels& mean_frame,
                                           const MosaicGeometry& geometry,
-                                          const PhysicsCalibration& out) {
+                                          const PhysicsCalibration& bias) {
   std::vector<double> error_dn2;
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const auto c = as_index(channel);
-    const double all = std::pow(out.dsnu_dn[c], 2),
+    const double all = std::pow(bias.dsnu_dn[c], 2),
                  rows =
-                     std::clamp(mean_frame.row_variance_dn2[c] - rows_left_dn2(out, c), 0.0, all),
-                 columns = std::clamp(mean_frame.column_variance_dn2[c] - columns_left_dn2(out, c),
+                     std::clamp(mean_frame.row_variance_dn2[c] - rows_left_dn2(bias, c), 0.0, all),
+                 columns = std::clamp(mean_frame.column_variance_dn2[c] - columns_left_dn2(bias, c),
                                       0.0, all - rows);
     error_dn2.push_back(
         (all - rows - columns) / static_cast<double>(geometry.channel_pixels(channel)) +

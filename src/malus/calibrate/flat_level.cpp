@@ -20,9 +20,10 @@ constexpr int kPairsPerLevel = 2;  // of frames, to compare neighbours
 
 // Pixels that are defects without light are left out of the count of saturated ones, of which a
 // small frame bears no single one; those that are saturated are kept apart.
-void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDark& dark,
-                  const MosaicGeometry& geometry, std::set<std::pair<int, int>>& filled,
-                  FlatLevel& level) {
+void count_bright(const GainRun& run, const RawFrame& frame, const MatchingDark& dark,
+                  std::set<std::pair<int, int>>& filled, FlatLevel& level) {
+  const MosaicGeometry& geometry = run.geometry();
+  const double white_dn = run.format().white_dn;
   const View<const float> shading_dn = dark.shading_dn();
   level.seen.pixels += static_cast<std::int64_t>(geometry.rows()) * geometry.cols();
   for (int r = 0; r < geometry.rows(); ++r)
@@ -30,15 +31,15 @@ void count_bright(const RawFrame& frame, const RawFrame& first, const MatchingDa
       const float dn = frame.dn(r, c);
       if (!(dn > dark.floor_dn[as_index(geometry.channel(r, c))]))
         level.at_zero[as_index(geometry.channel(r, c))] += 1.0;
-      if (dn < first.white_dn && !level.seen.codes.reaches(dn)) continue;
+      if (dn < white_dn && !level.seen.codes.reaches(dn)) continue;
       const auto channel = as_index(geometry.channel(r, c));
       if (shading_dn(r, c) > dark.defect_above_dn[channel]) {
-        if (dn >= first.white_dn) filled.emplace(r, c);
+        if (dn >= white_dn) filled.emplace(r, c);
         continue;
       }
       level.seen.codes.add(dn);
-      if (dn >= first.white_dn) level.saturated[channel] += 1.0;
-      if (dn > first.white_dn) ++level.seen.above_white;
+      if (dn >= white_dn) level.saturated[channel] += 1.0;
+      if (dn > white_dn) ++level.seen.above_white;
     }
 }
 
@@ -52,9 +53,8 @@ void note_codes(const RawFrame& frame, const MosaicGeometry& geometry, FlatObser
 
 }  // namespace
 
-FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
-                        Progress& progress) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+FlatLevel measure_level(const GainRun& run, const FrameSet& flat, const MatchingDark& dark) {
+  const MosaicGeometry& geometry = run.geometry();
   FlatLevel level{TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kAdditive),
                   NeighbourCorrelation(geometry),
                   std::vector<double>(dark.level_dn.size(), 0.0),
@@ -68,7 +68,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
   SuccessiveFlats successive(geometry, dark.level_dn, dark.shading_dn());
   std::set<std::pair<int, int>> filled;
   double step_dn = 0;
-  for_each_frame(flat, &first, progress, [&](const RawFrame& frame, int i) {
+  run.each_frame(flat, [&](const RawFrame& frame, int i) {
     if (i == 0) {
       step_dn = quantization_step(frame.dn);
       note_codes(frame, geometry, level.seen);
@@ -76,7 +76,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
       const std::vector<double> mean = channel_means(frame.dn, geometry);
       for (std::size_t c = 0; c < mean.size(); ++c)
         signal += (mean[c] - dark.level_dn[c]) / static_cast<double>(mean.size());
-      if (signal > kLampShare * (first.white_dn - mean_of(first.black_dn)))
+      if (signal > kLampShare * run.format().mean_range_dn())
         level.temporal =
             TemporalAccumulator(geometry, dark.level_dn, FrameAlignment::kMultiplicative);
     }
@@ -86,7 +86,7 @@ FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const Match
     pairs.add(frame.dn);
     profile.add(frame.dn);
     level.seen.sources.push_back(frame.source);
-    count_bright(frame, first, dark, geometry, filled, level);
+    count_bright(run, frame, dark, filled, level);
   });
   level.filled.assign(filled.begin(), filled.end());
   for (const std::vector<double>& means : level.temporal.frame_means_dn())

@@ -11,37 +11,37 @@
 
 namespace malus {
 
-void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& dark,
-                  const RawFrame& first, const std::vector<bool>& good, FlatPatterns& patterns) {
-  if (std::find(good.begin(), good.end(), false) == good.end())
-    patterns.neighbours.merge(level.neighbours);
+void FlatPatterns::add(const FrameFormat& format, const FrameSet& flat, FlatLevel& level,
+                       const MatchingDark& dark, const std::vector<bool>& good) {
+  if (std::find(good.begin(), good.end(), false) == good.end()) neighbours.merge(level.neighbours);
   const std::vector<double> mean = level.temporal.mean_dn(level.filled, dark.shading_dn());
   std::vector<bool> bright;
   for (std::size_t c = 0; c < mean.size(); ++c)
-    bright.push_back(good[c] && mean[c] > kResponseShare * (first.white_dn - first.black_dn[c]));
+    bright.push_back(good[c] && mean[c] > kResponseShare * format.range_dn(c));
   if (std::find(bright.begin(), bright.end(), true) == bright.end()) return;
-  LevelResponse response = patterns.response.add(
+  LevelResponse of_level = response.add(
       level.temporal,
       {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2, dark.shading_set()},
       level.filled, bright);
   // Of some channels it is no measure to compare with that of all.
   if (std::find(bright.begin(), bright.end(), false) != bright.end())
-    response.variance = std::numeric_limits<double>::quiet_NaN();
+    of_level.variance = std::numeric_limits<double>::quiet_NaN();
   if (dark.frames == 0)
-    patterns.darkless.push_back(
-        {flat.exposure_s.value_or(0.0), mean_of(mean), response.variance, response.standard_error});
+    darkless.push_back(
+        {flat.exposure_s.value_or(0.0), mean_of(mean), of_level.variance, of_level.standard_error});
 }
 
-std::string response_missing(const FlatPatterns& patterns, const RawFrame& first) {
+std::string FlatPatterns::response_missing(const FrameFormat& format) const {
   std::vector<std::string> without;
-  for (const int channel : patterns.response.channels_without())
-    without.push_back(first.layout.channel_name(channel));
-  const bool some = without.size() < first.black_dn.size();
+  for (const int channel : response.channels_without())
+    without.push_back(format.layout.channel_name(channel));
+  const bool some = without.size() < format.black_dn.size();
   return fmt::format(
       "PRNU is not known: no flats that count for K lie above {:.0f} % of the range in {}; take "
       "brighter ones{}, or correct white = {:g}",
-      100 * kResponseShare, some ? channels_text(without, first.layout) : "every channel",
-      some ? ", or light that all channels see alike (white and unpolarized)" : "", first.white_dn);
+      100 * kResponseShare, some ? channels_text(without, format.layout) : "every channel",
+      some ? ", or light that all channels see alike (white and unpolarized)" : "",
+      format.white_dn);
 }
 
 }  // namespace malus

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/base/statistics.h"
 #include "malus/io/frame_file.h"
 
 #include <algorithm>
@@ -17,11 +18,11 @@
 namespace malus {
 namespace {
 
-void check_frame(const RawFrame& frame, const RawFrame* like) {
-  if (like && (frame.dn.rows() != like->dn.rows() || frame.dn.cols() != like->dn.cols()))
+void check_frame(const RawFrame& frame, const FrameFormat* like) {
+  if (like && (frame.dn.rows() != like->rows || frame.dn.cols() != like->cols))
     throw InputError(frame.source,
                      fmt::format("is {}x{} pixels, but {} is {}x{}", frame.dn.cols(),
-                                 frame.dn.rows(), like->source, like->dn.cols(), like->dn.rows()),
+                                 frame.dn.rows(), like->source, like->cols, like->rows),
                      "all frames of a session must have one size");
   if (like && !(frame.layout == like->layout))
     throw InputError(frame.source,
@@ -42,7 +43,7 @@ void check_frame(const RawFrame& frame, const RawFrame* like) {
 
 // The pixels as a camera with the black level of `like` would have written them: DN above black are
 // the file's own. Codes at either end of the range stay, for they were cut off there.
-void take_black_of(const RawFrame& like, RawFrame& frame) {
+void take_black_of(const FrameFormat& like, RawFrame& frame) {
   if (!frame.black_known || !like.black_known || frame.black_dn == like.black_dn) return;
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {
@@ -99,6 +100,18 @@ struct DecodedFrame {
 };
 
 }  // namespace
+
+double FrameFormat::mean_range_dn() const { return white_dn - mean_of(black_dn); }
+
+FrameFormat format_of(const RawFrame& frame) {
+  return {.layout = frame.layout,
+          .rows = frame.dn.rows(),
+          .cols = frame.dn.cols(),
+          .black_dn = frame.black_dn,
+          .white_dn = frame.white_dn,
+          .black_known = frame.black_known,
+          .source = frame.source};
+}
 
 std::string frame_set_name(const FrameSet& set) {
   std::string name = fmt::format("{}, {}", frame_kind_name(set.kind), set.gain.text());
@@ -181,7 +194,7 @@ RawFrame load_first(const FrameSet& set) {
   return first;
 }
 
-void for_each_frame(const FrameSet& set, const RawFrame* like, Progress& progress,
+void for_each_frame(const FrameSet& set, const FrameFormat* like, Progress& progress,
                     const std::function<void(const RawFrame&, int)>& use) {
   const auto decode = [&set, like](int i) {
     DecodedFrame decoded{set.load(i), 0};

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/base/progress.h"
+#include "malus/calibrate/geometry.h"
 #include "malus/image/raw_frame.h"
 #include "malus/io/session.h"
 
@@ -32,6 +33,25 @@ struct CalibrationInput {
   std::vector<FrameSet> sets;
 };
 
+/// What the frames of a sensor have in common.
+struct FrameFormat {
+  SensorLayout layout;
+  int rows = 0, cols = 0;
+  std::vector<double> black_dn;  ///< one per channel
+  double white_dn = 0;           ///< black included
+  bool black_known = false;      ///< from file or session, not guessed
+  std::string source;            ///< file of the frame that told it, for messages
+
+  double black_at(int row, int col) const {
+    return black_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
+  }
+  /// White above a channel's black, and above the mean of all channels'.
+  double range_dn(std::size_t channel) const { return white_dn - black_dn[channel]; }
+  double mean_range_dn() const;
+  MosaicGeometry geometry(int row_group) const { return {layout, rows, cols, row_group}; }
+};
+FrameFormat format_of(const RawFrame& frame);
+
 /// "flat, 12 dB, 0.01 s, level 3".
 std::string frame_set_name(const FrameSet& set);
 
@@ -59,7 +79,7 @@ RawFrame load_first(const FrameSet& set);
 /// frame and `like` both know their black level, pixels are moved by its difference: DN above the
 /// black of `like` are then those above the file's own. Throws Cancelled when a stop is requested;
 /// advances progress by one per frame.
-void for_each_frame(const FrameSet& set, const RawFrame* like, Progress& progress,
+void for_each_frame(const FrameSet& set, const FrameFormat* like, Progress& progress,
                     const std::function<void(const RawFrame&, int)>& use);
 
 }  // namespace malus

@@ -12,13 +12,13 @@
 namespace malus {
 namespace {
 
-std::vector<double> defect_limits(View<const float> shading_dn, const MosaicGeometry& geometry,
-                                  const RawFrame& first) {
+std::vector<double> defect_limits(const GainRun& run, View<const float> shading_dn) {
+  const MosaicGeometry& geometry = run.geometry();
   std::vector<double> limits;
   for (int c = 0; c < geometry.channels(); ++c) {
     const PixelLocation usual =
         location_of(geometry, c, [&](int row, int col) { return shading_dn(row, col); });
-    const double half = 0.5 * (first.white_dn - first.black_dn[as_index(c)]);
+    const double half = 0.5 * run.format().range_dn(as_index(c));
     limits.push_back(usual.deviation > 0
                          ? std::min(usual.centre + kDefectDeviations * usual.deviation, half)
                          : half);
@@ -26,17 +26,17 @@ std::vector<double> defect_limits(View<const float> shading_dn, const MosaicGeom
   return limits;
 }
 
-void take_common_shading(const DarkPass& common, const PhysicsCalibration& bias,
-                         MatchingDark& out) {
-  out.shading_error_dn2 = common.temporal.variance_dn2();
-  for (double& error : out.shading_error_dn2) error /= bias.bias_frames;
+void take_common_shading(const CommonDark& common, MatchingDark& out) {
+  out.shading_error_dn2 = common.pass.temporal.variance_dn2();
+  for (double& error : out.shading_error_dn2) error /= common.pass.temporal.frames();
   // No number of frames averages out what rounding makes of an offset beside narrow noise.
   out.shading_doubt_dn2.assign(out.shading_error_dn2.size(), 0.0);
-  for (std::size_t c = 0; c < common.hidden.size(); ++c) {
-    out.shading_error_dn2[c] += common.hidden[c].left_dn2;
-    out.shading_doubt_dn2[c] = common.hidden[c].left_stderr_dn2;
+  const std::vector<HiddenNoise>& hidden = common.pass.hidden;
+  for (std::size_t c = 0; c < hidden.size(); ++c) {
+    out.shading_error_dn2[c] += hidden[c].left_dn2;
+    out.shading_doubt_dn2[c] = hidden[c].left_stderr_dn2;
   }
-  out.bias_shading_dn = bias.dark_shading_dn;
+  out.bias_shading_dn = common.shading_dn;
 }
 
 void take_common_dark(const DarkPass& common, MatchingDark& out) {
@@ -60,12 +60,11 @@ bool rounds_as_common(const MatchingDark& own, const DarkPass& common) {
 
 // Dark current differs from pixel to pixel, and a bright flat holds as much of it as a dark frame
 // of the same exposure, which EMVA 1288 takes off for that.
-void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeometry& geometry,
-                   const DarkPass& common, const PhysicsCalibration& bias, Progress& progress,
+void take_own_dark(const GainRun& run, const FrameSet& set, const CommonDark& common,
                    MatchingDark& out) {
-  TemporalAccumulator own(geometry, first.black_dn, FrameAlignment::kAdditive);
-  ZeroShare zeros(geometry, common.floor_dn);
-  for_each_frame(set, &first, progress, [&](const RawFrame& frame, int) {
+  TemporalAccumulator own(run.geometry(), run.format().black_dn, FrameAlignment::kAdditive);
+  ZeroShare zeros(run.geometry(), common.pass.floor_dn);
+  run.each_frame(set, [&](const RawFrame& frame, int) {
     own.add(frame.dn);
     zeros.add(frame.dn);
   });
@@ -75,15 +74,15 @@ void take_own_dark(const FrameSet& set, const RawFrame& first, const MosaicGeome
   out.variance_dn2 = own.variance_dn2();
   out.own_shading_dn = own.release_mean_frame_dn();
   out.own = std::move(own);
-  if (rounds_as_common(out, common)) {
+  if (rounds_as_common(out, common.pass)) {
     out.own_shading_dn = Image();
-    take_common_shading(common, bias, out);
+    take_common_shading(common, out);
     return;
   }
   out.shading_error_dn2 = out.variance_dn2;
   for (double& error : out.shading_error_dn2) error /= set.count;
   out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);
-  subtract_levels(out.own_shading_dn, out.level_dn, geometry);
+  subtract_levels(out.own_shading_dn, out.level_dn, run.geometry());
 }
 
 }  // namespace
@@ -99,25 +98,23 @@ std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameS
   return std::nullopt;
 }
 
-MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
-                           const RawFrame& first, const DarkPass& common,
-                           const PhysicsCalibration& bias, Progress& progress) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), 1);
+MatchingDark matching_dark(const GainRun& run, const FrameSet& flat, const CommonDark& common) {
+  const std::vector<const FrameSet*>& darks = run.plan().darks;
   MatchingDark out;
-  out.floor_dn = common.floor_dn;
+  out.floor_dn = common.pass.floor_dn;
   if (const std::optional<int> own = own_dark(flat, darks)) {
     out.set = *own;
-    take_own_dark(*darks[as_index(*own)], first, geometry, common, bias, progress, out);
+    take_own_dark(run, *darks[as_index(*own)], common, out);
   } else {
-    take_common_dark(common, out);
-    take_common_shading(common, bias, out);
+    take_common_dark(common.pass, out);
+    take_common_shading(common, out);
   }
-  const std::vector<double> bias_level_dn = common.temporal.mean_dn();
+  const std::vector<double> bias_level_dn = common.pass.temporal.mean_dn();
   for (std::size_t c = 0; c < out.level_dn.size(); ++c) {
     out.current_dn.push_back(out.level_dn[c] - bias_level_dn[c]);
-    out.level_dn[c] += first.black_dn[c];
+    out.level_dn[c] += run.format().black_dn[c];
   }
-  out.defect_above_dn = defect_limits(out.shading_dn(), geometry, first);
+  out.defect_above_dn = defect_limits(run, out.shading_dn());
   return out;
 }
 

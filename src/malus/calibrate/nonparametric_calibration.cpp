@@ -7,6 +7,7 @@
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/internal/dark_codes.h"
 #include "malus/calibrate/internal/level_pass.h"
+#include "malus/image/quantization.h"
 
 #include <algorithm>
 #include <cmath>
@@ -75,13 +76,13 @@ std::vector<LevelHistograms> make_histograms(const RawFrame& first,
 }
 
 // The dark level: codes as they are, row noise taken out by deconvolution.
-void add_dark_codes(const DarkCodes& dark, const RawFrame& first,
+void add_dark_codes(const DarkCodes& dark, const std::vector<double>& black_dn,
                     const std::vector<double>& sigma_row_dn, double step_dn,
                     std::vector<LevelHistograms>& histograms) {
   for (std::size_t c = 0; c < histograms.size(); ++c) {
     std::int64_t first_code = 0;
     const std::vector<double> counts = dark.occurred(static_cast<int>(c), first_code);
-    CodeGrid codes = dark.grid(first.black_dn[c]);
+    CodeGrid codes = dark.grid(black_dn[c]);
     codes.offset_dn += static_cast<double>(first_code) * step_dn;
     histograms[c].set_dark(
         without_row_noise(counts, step_dn, sigma_row_dn[c]), codes,
@@ -119,20 +120,19 @@ constexpr const char* kMoreSamples =
     "take more frames, ask for fewer samples per level or set the levels further apart";
 
 // Above the brightest level that every channel has, its noise is drawn, widened where K is known.
-void warn_of_missing_light(const RawFrame& first, const std::vector<RefusedLevels>& refused,
+void warn_of_missing_light(double range_dn, const std::vector<RefusedLevels>& refused,
                            std::int64_t wanted, NonparametricCalibration& out) {
   constexpr double kReach = 0.7;
   std::size_t c = 0;
   for (std::size_t i = 1; i < out.channels.size(); ++i)
     if (out.channels[i].level_dn.back() < out.channels[c].level_dn.back()) c = i;
   const double brightest = out.channels[c].level_dn.back();
-  const double range = first.white_dn - mean_of(first.black_dn);
-  if (!(brightest < kReach * range)) return;
-  const std::string few = too_few_between(refused[c], brightest, kReach * range, wanted);
+  if (!(brightest < kReach * range_dn)) return;
+  const std::string few = too_few_between(refused[c], brightest, kReach * range_dn, wanted);
   out.warnings.push_back(fmt::format(
       "no {} above {:.0f} DN, {:.0f} % of the range{}: brighter signals are drawn with that "
       "level's noise{}; {}",
-      few.empty() ? "frames" : "levels", brightest, 100 * brightest / range,
+      few.empty() ? "frames" : "levels", brightest, 100 * brightest / range_dn,
       few.empty() ? "" : " (" + few + ")",
       out.K.empty() ? ", which is too weak there" : ", widened as shot noise grows",
       few.empty() ? "take brighter frames" : kMoreSamples));
@@ -166,7 +166,7 @@ void warn_of_gaps(const std::vector<RefusedLevels>& refused, std::int64_t wanted
         few.empty() ? "take flats in between, or an unevenly lit scene" : kMoreSamples));
 }
 
-void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFrame& first,
+void finish_channels(const std::vector<LevelHistograms>& histograms, const FrameFormat& format,
                      const CalibrationSettings& settings, NonparametricCalibration& out) {
   std::vector<RefusedLevels> refused;
   std::size_t all_refused = 0;
@@ -175,7 +175,7 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
     if (result.channel.level_dn.size() < 2)
       throw InputError(
           fmt::format("{}, channel {}", out.gain.text(),
-                      first.layout.channel_name(static_cast<int>(c))),
+                      format.layout.channel_name(static_cast<int>(c))),
           fmt::format("signal levels with a tenth of {} samples or more: {}, 2 are needed",
                       settings.level_samples, result.channel.level_dn.size()),
           kMoreSamples);
@@ -189,22 +189,23 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const RawFr
         "their neighbours",
         all_refused, settings.level_samples / 10));
   warn_of_gaps(refused, settings.level_samples, out);
-  warn_of_missing_light(first, refused, settings.level_samples, out);
+  warn_of_missing_light(format.mean_range_dn(), refused, settings.level_samples, out);
 }
 
 // One gain's noise, source by source.
 class GainLevels {
  public:
-  GainLevels(const RawFrame& first, double step_dn, const PhysicsCalibration* physics,
-             int row_group, const CalibrationSettings& settings)
+  GainLevels(const RawFrame& first, const PhysicsCalibration* physics, int row_group,
+             const CalibrationSettings& settings)
       : first_(first),
+        format_(format_of(first)),
         physics_(physics),
         settings_(settings),
-        geometry_(first.layout, first.dn.rows(), first.dn.cols(), row_group),
+        geometry_(format_.geometry(row_group)),
         bias_dn_(physics ? physics->mu.mean : std::vector<double>(first.black_dn.size(), 0.0)),
         dark_{first.black_dn, physics != nullptr},
-        step_dn_(step_dn),
-        codes_(geometry_, first, by_code() ? step_dn_ : 1.0),
+        step_dn_(quantization_step(first.dn)),
+        codes_(geometry_, first.dn, by_code() ? step_dn_ : 1.0),
         row_prior_dn2_(row_prior_dn2(physics, bias_dn_.size())),
         pass_(geometry_, dark_.dn, bias_dn_, row_prior_dn2_, histograms_),
         row_variance_dn2_(bias_dn_.size()),
@@ -218,17 +219,17 @@ class GainLevels {
   void add(const NoiseSource& source, Progress& progress) {
     frames_ += source.frames->count;
     if (by_code() && source.frames->kind == FrameKind::kBias) {
-      for_each_frame(*source.frames, &first_, progress,
+      for_each_frame(*source.frames, &format_, progress,
                      [&](const RawFrame& frame, int) { codes_.add(frame.dn); });
       progress.advance(source.frames->count);  // one pass was enough
       return;
     }
-    const CleanFrame clean = measure_clean(source, first_, geometry_, dark_, progress);
+    const CleanFrame clean = measure_clean(source, format_, geometry_, dark_, progress);
     const std::vector<ExpectedVariance> expected = expected_variance(clean, physics_);
     if (histograms_.empty())
       histograms_ = make_histograms(first_, expected, bias_dn_, step_dn_, settings_);
     pass_.begin(clean, expected);
-    for_each_frame(*source.frames, &first_, progress,
+    for_each_frame(*source.frames, &format_, progress,
                    [&](const RawFrame& frame, int) { pass_.add(frame.dn, clean); });
     keep_rows_of_darkest(clean.frame_mean_dn.empty() ? -1.0 : mean_of(clean.frame_mean_dn));
   }
@@ -244,8 +245,8 @@ class GainLevels {
       throw InputError(out.gain.text(), "has no set of two frames or more of one scene",
                        "noise is told from the scene by repeating the frame");
     if (codes_.frames() > 0)
-      add_dark_codes(codes_, first_, physics_->sigma_row.mean, step_dn_, histograms_);
-    finish_channels(histograms_, first_, settings_, out);
+      add_dark_codes(codes_, format_.black_dn, physics_->sigma_row.mean, step_dn_, histograms_);
+    finish_channels(histograms_, format_, settings_, out);
     for (const LevelHistograms& channel : histograms_) measured.noise.push_back(channel.noise());
     fill_rows(measured);
     measured.bias_dn = bias_dn_;
@@ -288,6 +289,7 @@ class GainLevels {
   }
 
   const RawFrame& first_;
+  FrameFormat format_;
   const PhysicsCalibration* physics_;
   const CalibrationSettings& settings_;
   MosaicGeometry geometry_;
@@ -305,13 +307,13 @@ class GainLevels {
 
 }  // namespace
 
-MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
-                              double step_dn, const PhysicsCalibration* physics, int row_group,
-                              const CalibrationSettings& settings, Progress& progress) {
-  GainLevels levels(first, step_dn, physics, row_group, settings);
-  for (const NoiseSource& source : sources)
+MeasuredLevels measure_levels(const LevelFrames& frames, const PhysicsCalibration* physics,
+                              int row_group, const CalibrationSettings& settings,
+                              Progress& progress) {
+  GainLevels levels(frames.first, physics, row_group, settings);
+  for (const NoiseSource& source : frames.sources)
     if (source.frames->count >= 2) levels.add(source, progress);
-  return levels.result(sources.front().frames->gain);
+  return levels.result(frames.sources.front().frames->gain);
 }
 
 }  // namespace malus

@@ -22,16 +22,22 @@ struct MeasuredLevels {
   std::vector<double> bias_dn;  ///< of dark pixels above black, where physics told it; else 0
 };
 
+/// One gain's frames. first: of the first source; tells the format of all, and the codes' lattice.
+struct LevelFrames {
+  std::vector<NoiseSource> sources;
+  RawFrame first;
+};
+
 /// Clean is the mean of the frames themselves, averaged with the reference where there is one
 /// (measure_clean): the fixed pattern is not noise. Row-group means of noisy - clean are taken off
 /// first: row noise is in sigma_row. The channel's dark bias stays in, as the distributions' mean.
 /// Integer bias frames make the dark level code by code, fixed pattern included, with row noise
 /// deconvolved: unequal steps of the converter stay visible. physics: the same gain's bias results,
 /// for the dark level, row noise and K; null: the black level is dark and row noise comes from the
-/// darkest source. step_dn: quantization_step of first. Two passes over each source. Throws
-/// InputError when fewer than two levels of a channel have enough samples.
-MeasuredLevels measure_levels(const std::vector<NoiseSource>& sources, const RawFrame& first,
-                              double step_dn, const PhysicsCalibration* physics, int row_group,
-                              const CalibrationSettings& settings, Progress& progress);
+/// darkest source. Two passes over each source. Throws InputError when fewer than two levels of a
+/// channel have enough samples.
+MeasuredLevels measure_levels(const LevelFrames& frames, const PhysicsCalibration* physics,
+                              int row_group, const CalibrationSettings& settings,
+                              Progress& progress);
 
 }  // namespace malus

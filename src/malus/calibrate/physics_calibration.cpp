@@ -8,6 +8,7 @@
 #include "malus/calibrate/internal/fixed_pattern.h"
 #include "malus/calibrate/internal/flat_calibration.h"
 #include "malus/calibrate/internal/flat_checks.h"
+#include "malus/calibrate/internal/gain_run.h"
 #include "malus/calibrate/internal/matching_dark.h"
 #include "malus/calibrate/internal/row_group.h"
 #include "malus/image/quantization.h"
@@ -21,21 +22,6 @@
 
 namespace malus {
 namespace {
-
-// The sets of one gain. The bias set is the largest dark one; the others are dark partners of flats
-// with their exposure. Flats of the bias frames' own exposure have them as their dark point anyway.
-struct GainPlan {
-  GainSetting gain;
-  const FrameSet* bias = nullptr;
-  std::vector<const FrameSet*> darks, flats;
-
-  std::int64_t frames() const {
-    std::int64_t total = bias ? 2 * std::int64_t{bias->count} : 0;
-    for (const FrameSet* set : darks) total += set->count;
-    for (const FrameSet* set : flats) total += set->count;
-    return total;
-  }
-};
 
 // Highest gain first: there row noise is largest against rounding, and the row group is decided.
 std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
@@ -112,18 +98,20 @@ int update_row_group(const DarkPass& dark, RowGroupDecision& decision,
 }
 
 // Row noise is the spread of a channel's row groups.
-void require_row_groups(const RawFrame& first, int row_group) {
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), row_group);
+void require_row_groups(const GainRun& run) {
+  const MosaicGeometry& geometry = run.geometry();
   for (int c = 0; c < geometry.channels(); ++c)
     if (geometry.channel_groups(c) < 2)
-      throw InputError(first.source,
+      throw InputError(run.format().source,
                        fmt::format("its {} rows are one row group of {}: nothing to compare",
-                                   first.dn.rows(), row_group),
+                                   geometry.rows(), geometry.row_group()),
                        "correct row_group, or leave it out");
 }
 
-void warn_of_many_defects(std::size_t defects, const RawFrame& first, PhysicsCalibration& out) {
-  const double share = static_cast<double>(defects) / static_cast<double>(first.dn.size());
+void warn_of_many_defects(std::size_t defects, const MosaicGeometry& geometry,
+                          PhysicsCalibration& out) {
+  const double pixels = static_cast<double>(geometry.rows()) * geometry.cols();
+  const double share = static_cast<double>(defects) / pixels;
   if (share > kManyDefects)
     out.warnings.push_back(fmt::format(
         "{} pixels, {} % of the sensor, are listed as defects, and denoise fills them all: are "
@@ -162,46 +150,48 @@ void warn_of_unused_darks(const GainPlan& plan, PhysicsCalibration& out) {
         "frames or more whose exposure is a flat's, to 1 %");
 }
 
-PhysicsCalibration calibrate_gain(const GainPlan& plan, const RawFrame& first,
-                                  RowGroupDecision& row_group, double quantization_dn,
-                                  const CalibrationSettings& settings, Progress& progress,
-                                  std::vector<DefectPixel>& defects) {
-  PhysicsCalibration out;
-  out.gain = plan.gain;
-  DarkPass dark = measure_dark(*plan.bias, first, quantization_dn, progress);
-  const bool temporal = plan.bias->count >= 2;
-  warn_of_unused_darks(plan, out);
-  const int group = update_row_group(dark, row_group, out.warnings);
-  require_row_groups(first, group);
-  measure_bias(*plan.bias, first, dark, {group, row_group.origin() != "assumed"}, settings,
-               progress, out);
-  if (!temporal) {
+struct CalibratedGain {
+  PhysicsCalibration physics;
+  std::vector<DefectPixel> defects;
+};
+
+CalibratedGain calibrate_gain(GainRun& run, double step_dn, RowGroupDecision& row_group) {
+  CalibratedGain result;
+  PhysicsCalibration& out = result.physics;
+  out.gain = run.plan().gain;
+  DarkPass dark = measure_dark(run, step_dn);
+  warn_of_unused_darks(run.plan(), out);
+  const int rows = update_row_group(dark, row_group, out.warnings);
+  run.set_row_group({rows, row_group.origin() != "assumed"});
+  require_row_groups(run);
+  measure_bias(run, dark, out);
+  if (run.bias().count < 2) {
     out.warnings.push_back(
         "only one bias frame: its fixed pattern is part of the read noise, and the gain K cannot "
         "be measured; take 20 or more");
-    return out;
+    return result;
   }
   warn_of_temporal_filter(dark.successive, out);
-  const MosaicGeometry geometry(first.layout, first.dn.rows(), first.dn.cols(), group);
-  if (plan.flats.empty()) {
+  const MosaicGeometry& geometry = run.geometry();
+  if (run.plan().flats.empty()) {
     out.warnings.emplace_back(kWithoutFlats);
     warn_of_alike_neighbours(dark.neighbours, NeighbourCorrelation(geometry), out);
     warn_of_scaled_codes({}, {.codes = dark.codes}, out);
   } else {
-    measure_flats(plan.flats, plan.darks, *plan.bias, first, dark, group, settings, progress, out);
+    measure_flats(run, dark, out);
   }
   DarkPixels pixels = dark_pixels(dark, out.dark_shading_dn);
   for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
     pixels.tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
-  defects = find_defects(pixels, out.prnu_map, geometry);
-  warn_of_many_defects(defects.size(), first, out);
-  leave_defects_out(pixels, defects, geometry, out);
+  result.defects = find_defects(pixels, out.prnu_map, geometry);
+  warn_of_many_defects(result.defects.size(), geometry, out);
+  leave_defects_out(pixels, result.defects, geometry, out);
   restore_dsnu(dark, out);
-  if (!settings.maps) {
+  if (!run.settings().maps) {
     out.dark_shading_dn = Image();
     out.prnu_map = Image();
   }
-  return out;
+  return result;
 }
 
 // What concerns the whole calibration is said at once, and kept for who reads the model later.
@@ -301,7 +291,8 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
   if (std::any_of(plans.begin(), plans.end(), [](const GainPlan& p) { return !p.flats.empty(); }))
     model.saturation_limit = settings.saturation_limit;
   RowGroupDecision row_group(input.row_group);
-  RawFrame first;
+  RawFrame first;  // of the highest gain
+  FrameFormat format;
   std::vector<double> steps_dn;
   for (const GainPlan& plan : plans) {
     if (!plan.bias) {
@@ -315,19 +306,20 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
     if (model.physics.empty()) {
       first = own_first;
       settle_levels(plans, first, model, progress);
+      format = format_of(first);
       model.layout = first.layout;
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;
     }
-    std::vector<DefectPixel> defects;
-    model.physics.push_back(
-        calibrate_gain(plan, first, row_group, steps_dn.back(), settings, progress, defects));
+    GainRun run(plan, format, first.dn, settings, progress);
+    CalibratedGain gain = calibrate_gain(run, steps_dn.back(), row_group);
+    model.physics.push_back(std::move(gain.physics));
     warn_of_own_black(own_first, first, model.physics.back());
     // The response belongs to the sensor, not to a gain: the map of the lowest gain is kept.
     if (!model.physics.back().prnu_map.empty())
       for (std::size_t i = 0; i + 1 < model.physics.size(); ++i)
         model.physics[i].prnu_map = Image();
-    if (defects.size() > model.defects.size()) model.defects = std::move(defects);
+    if (gain.defects.size() > model.defects.size()) model.defects = std::move(gain.defects);
   }
   settle_step(steps_dn, model);
   model.row_group = row_group.value();

@@ -43,6 +43,7 @@ set(calibrate_SOURCES
   saturation.cpp
   temporal.cpp
   temporal_filter.cpp
+  transfer_results.cpp
   tukey_fit.cpp
   warnings_of_gains.cpp
 )

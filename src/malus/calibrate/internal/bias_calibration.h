@@ -1,12 +1,11 @@
 // Everything that one gain's bias frames tell: level, row, column and read noise (000, 3.2).
 #pragma once
 
-#include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/internal/cut_off_noise.h"
 #include "malus/calibrate/internal/defects.h"
 #include "malus/calibrate/internal/flat_checks.h"
 #include "malus/calibrate/internal/frame_components.h"
+#include "malus/calibrate/internal/gain_run.h"
 #include "malus/calibrate/internal/neighbour_correlation.h"
 #include "malus/calibrate/internal/rounded_noise.h"
 #include "malus/calibrate/internal/temporal_filter.h"
@@ -36,21 +35,13 @@ struct DarkPass {
 /// To judge its pixels by; shading_dn: the mean frame, from any level of each channel.
 DarkPixels dark_pixels(const DarkPass& dark, View<const float> shading_dn);
 
-/// `first` gives size, layout and black level; step_dn: quantization_step of the set's first frame.
-DarkPass measure_dark(const FrameSet& set, const RawFrame& first, double step_dn,
-                      Progress& progress);
-
-/// Row group in force, and whether it was declared or detected: a wrong one looks like drift.
-struct RowGroup {
-  int rows = 1;
-  bool known = false;
-};
+/// step_dn: quantization_step of the bias set's first frame. The row group need not be known.
+DarkPass measure_dark(const GainRun& run, double step_dn);
 
 /// Second pass: takes every frame apart and fills mu, sigma_row, row_drift (white unless the row
 /// group is known and the fixed pattern removed), sigma_column, sigma_tl, lambda,
 /// temporal_sd_dark, dsnu, dark_shading, row_correlation, bias_frames and warnings of `out`. Takes
 /// the mean frame of `dark`.
-void measure_bias(const FrameSet& set, const RawFrame& first, DarkPass& dark, RowGroup row_group,
-                  const CalibrationSettings& settings, Progress& progress, PhysicsCalibration& out);
+void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out);
 
 }  // namespace malus

@@ -1,12 +1,12 @@
 // What bias frames say against themselves, as warnings with numbers.
 #pragma once
 
+#include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/internal/across_frames.h"
 #include "malus/calibrate/internal/residual_histogram.h"
 #include "malus/calibrate/internal/rounded_noise.h"
 #include "malus/image/layout.h"
-#include "malus/image/raw_frame.h"
 #include "malus/noise/calibration.h"
 
 #include <vector>
@@ -33,7 +33,7 @@ void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& r
 /// A dark level more than a tenth of the range above black; or, where black is declared, more than
 /// twenty deviations of the dark noise; or a tenth of black (1 DN at least) below it. Reads mu and
 /// temporal_sd_dark_dn.
-void warn_of_high_level(const RawFrame& first, PhysicsCalibration& out);
+void warn_of_high_level(const FrameFormat& format, PhysicsCalibration& out);
 
 /// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
 /// noise: light, or amplifier glow.
@@ -43,7 +43,7 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
 /// A dark level more than four deviations of the dark noise above a declared black, of which the
 /// shot noise of as much light would make from 0.6 to 1.15 of the variance. Reads mu, K and
 /// temporal_sd_dark_dn.
-void warn_of_lit_darkness(const RawFrame& first, PhysicsCalibration& out);
+void warn_of_lit_darkness(const FrameFormat& format, PhysicsCalibration& out);
 
 /// Channels with more than a thousandth of the dark pixels at the floor, where the camera
 /// cuts the noise off. Fills dark_zero_share then.

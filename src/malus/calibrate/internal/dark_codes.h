@@ -3,7 +3,7 @@
 
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/level_histograms.h"
-#include "malus/image/raw_frame.h"
+#include "malus/image/view.h"
 
 #include <cstdint>
 #include <vector>
@@ -16,8 +16,8 @@ namespace malus {
 /// declared.
 class DarkCodes {
  public:
-  /// `first` tells where the codes' lattice of step_dn (above zero) begins.
-  DarkCodes(const MosaicGeometry& geometry, const RawFrame& first, double step_dn);
+  /// Any frame tells where the codes' lattice of step_dn (above zero) begins.
+  DarkCodes(const MosaicGeometry& geometry, View<const float> frame_dn, double step_dn);
   void add(View<const float> dn);
   int frames() const { return frames_; }
   CodeGrid grid(double black_dn) const { return {step_dn_, origin_dn_ - black_dn}; }

@@ -7,7 +7,6 @@
 #include "malus/calibrate/internal/fixed_pattern.h"
 #include "malus/calibrate/internal/frame_components.h"
 #include "malus/calibrate/internal/rounded_noise.h"
-#include "malus/image/raw_frame.h"
 #include "malus/noise/calibration.h"
 
 #include <vector>
@@ -16,9 +15,8 @@ namespace malus {
 
 /// Fills hidden of `dark`; where the step hides a channel's noise, mu, sigma_row and sigma_column
 /// of `out` are what its pairs of codes tell, else they get the error that rounding may make.
-/// step_dn: of the codes; mean_frame: its ordinary pixels.
-void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& first,
-                       const OrdinaryPixels& mean_frame, const MosaicGeometry& geometry,
+/// mean_frame: its ordinary pixels.
+void take_hidden_noise(const GainRun& run, CodePairCounter& pairs, const OrdinaryPixels& mean_frame,
                        DarkPass& dark, PhysicsCalibration& out);
 
 /// Level, variances and residuals as they were before the camera cut the noise off at 0, in
@@ -26,7 +24,7 @@ void take_hidden_noise(CodePairCounter& pairs, double step_dn, const RawFrame& f
 /// share of the pixels that are not cut off (Stein's lemma). dsnu_dn: per channel, as the frames
 /// show it.
 void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analyzer,
-                  const RawFrame& first, DarkPass& dark, BiasFrames& frames,
+                  const std::vector<double>& black_dn, DarkPass& dark, BiasFrames& frames,
                   PhysicsCalibration& out);
 
 /// dsnu of `out`, which measure_dsnu made of values that are rounded and perhaps cut off: as

@@ -47,9 +47,9 @@ std::vector<double> dsnu_dn(std::vector<double> spatial_variance_dn2,
                             const std::vector<double>& temporal_variance_dn2, int frames);
 
 /// Sampling variance that rows and columns of these variances add to the spatial variance of a
-/// channel's pixels: there are fewer of them than of pixels. `out` tells the rows' drift.
+/// channel's pixels: there are fewer of them than of pixels.
 double line_error_dn4(double row_dn2, double column_dn2, const MosaicGeometry& geometry,
-                      int channel, const PhysicsCalibration& out);
+                      int channel, const RowDrift& drift);
 
 /// dsnu_dn and its standard error, that of a sensor's DSNU of which these pixels, rows and columns
 /// are a sample, into `out`, whose bias_frames, row and column noise and temporal noise are known.
@@ -59,10 +59,10 @@ void measure_dsnu(const OrdinaryPixels& mean_frame,
                   PhysicsCalibration& out);
 
 /// Sampling variance [DN²] of each channel's mean dark level as the bias of all such pixels: a
-/// frame has few pixels, fewer rows and columns, and a fixed pattern of each. `out`: as in
-/// measure_dsnu, with dsnu_dn.
+/// frame has few pixels, fewer rows and columns, and a fixed pattern of each. `bias`: as
+/// measure_dsnu leaves it.
 std::vector<double> pattern_error_of_mean(const OrdinaryPixels& mean_frame,
                                           const MosaicGeometry& geometry,
-                                          const PhysicsCalibration& out);
+                                          const PhysicsCalibration& bias);
 
 }  // namespace malus

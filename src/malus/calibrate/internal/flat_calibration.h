@@ -1,21 +1,14 @@
 // What one gain's flat frames tell: K by photon transfer, PRNU (000, 3.2).
 #pragma once
 
-#include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/internal/bias_calibration.h"
-
-#include <vector>
+#include "malus/calibrate/internal/gain_run.h"
 
 namespace malus {
 
 /// Fills K, its intercepts, transfer, flat_levels, prnu, prnu_map and warnings of `out`. Contract:
-/// its sigma_row and dark_shading_dn, which measure_bias fills, are there. flats: sets of one gain,
-/// one light level each. darks: sets of dark frames of the flats' own exposures (may be empty);
-/// `dark`, of the set `bias`, serves the others.
-void measure_flats(const std::vector<const FrameSet*>& flats,
-                   const std::vector<const FrameSet*>& darks, const FrameSet& bias,
-                   const RawFrame& first, const DarkPass& dark, int row_group,
-                   const CalibrationSettings& settings, Progress& progress,
-                   PhysicsCalibration& out);
+/// measure_bias filled it, of two bias frames or more. Each flat set of the run is one light level.
+/// `dark`, of the bias frames, serves flats that have no dark set of their own exposure.
+void measure_flats(const GainRun& run, const DarkPass& dark, PhysicsCalibration& out);
 
 }  // namespace malus

@@ -3,6 +3,7 @@
 
 #include "malus/calibrate/internal/flat_checks.h"
 #include "malus/calibrate/internal/gain_map.h"
+#include "malus/calibrate/internal/gain_run.h"
 #include "malus/calibrate/internal/matching_dark.h"
 #include "malus/calibrate/internal/neighbour_correlation.h"
 #include "malus/calibrate/temporal.h"
@@ -23,10 +24,8 @@ struct FlatLevel {
   GainBlocks gains;
 };
 
-/// first: tells layout, size, black and white; dark: what belongs to these flats without light.
-/// Errors as for_each_frame.
-FlatLevel measure_level(const FrameSet& flat, const RawFrame& first, const MatchingDark& dark,
-                        Progress& progress);
+/// dark: what belongs to these flats without light. Errors as for_each_frame.
+FlatLevel measure_level(const GainRun& run, const FrameSet& flat, const MatchingDark& dark);
 
 /// Variance of frames that had all been of their mean light, DN². Scaling a frame by a, to that
 /// mean, makes a times of its shot noise what such a frame has, and a² times of the noise without

@@ -23,15 +23,15 @@ struct FlatPatterns {
   ResponseAccumulator response;
   NeighbourCorrelation neighbours;
   std::vector<DarklessLevel> darkless;
+
+  /// Adds a level and takes its mean frame. good: which channels count for K in it; each one's
+  /// response is that of its own bright levels, for in coloured or polarized light another may be
+  /// at white before this one is. Neighbours are of several channels: they are taken of levels that
+  /// are good in all.
+  void add(const FrameFormat& format, const FrameSet& flat, FlatLevel& level,
+           const MatchingDark& dark, const std::vector<bool>& good);
+  /// Why PRNU is not known: which channels have no bright level.
+  std::string response_missing(const FrameFormat& format) const;
 };
-
-/// Adds a level. good: which channels count for K in it; each one's response is that of its own
-/// bright levels, for in coloured or polarized light another may be at white before this one is.
-/// Neighbours are of several channels: they are taken of levels that are good in all.
-void add_patterns(const FrameSet& flat, FlatLevel& level, const MatchingDark& dark,
-                  const RawFrame& first, const std::vector<bool>& good, FlatPatterns& patterns);
-
-/// Why PRNU is not known: which channels have no bright level.
-std::string response_missing(const FlatPatterns& patterns, const RawFrame& first);
 
 }  // namespace malus

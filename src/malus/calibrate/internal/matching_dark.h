@@ -3,6 +3,7 @@
 
 #include "malus/calibrate/frame_set.h"
 #include "malus/calibrate/internal/bias_calibration.h"
+#include "malus/calibrate/internal/gain_run.h"
 
 #include <optional>
 #include <vector>
@@ -43,10 +44,13 @@ struct MatchingDark {
 /// exposure within a hundredth of the flat's.
 std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks);
 
-/// darks: the dark sets besides the bias frames. common: of the bias frames, whose shading `bias`
-/// holds and must keep.
-MatchingDark matching_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks,
-                           const RawFrame& first, const DarkPass& common,
-                           const PhysicsCalibration& bias, Progress& progress);
+/// What the bias frames tell of flats that have no dark frames of their own. All is referred to.
+struct CommonDark {
+  const DarkPass& pass;
+  View<const float> shading_dn;  ///< mean bias frame minus its channels' means
+};
+
+/// The result refers to `common`. Reads the flat's own dark frames, if there are any.
+MatchingDark matching_dark(const GainRun& run, const FrameSet& flat, const CommonDark& common);
 
 }  // namespace malus

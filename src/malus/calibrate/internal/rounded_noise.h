@@ -29,6 +29,7 @@ class CodePairCounter {
  public:
   CodePairCounter(const MosaicGeometry& geometry, double step_dn);
   void add(View<const float> dn);
+  double step_dn() const { return step_dn_; }
   const std::vector<CodePairs>& pairs() const { return pairs_; }
   /// DN of the code that a channel's pairs are counted from. Contract: frames were added.
   double usual_code_dn(int channel) const;

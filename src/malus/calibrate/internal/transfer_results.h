@@ -1,0 +1,24 @@
+// From the photon-transfer lines of a gain's channels to what its calibration tells of K.
+#pragma once
+
+#include "malus/base/estimate.h"
+#include "malus/calibrate/internal/photon_transfer.h"
+#include "malus/image/layout.h"
+#include "malus/noise/calibration.h"
+
+#include <vector>
+
+namespace malus {
+
+/// One channel's levels into transfer of `out`. fit: of these levels.
+void append_transfer(int channel, const Estimate<TransferFit>& fit,
+                     const std::vector<TransferLevel>& levels, PhysicsCalibration& out);
+
+/// The fits of all channels into K and its intercepts, which stay empty where one has none; one
+/// warning for all channels that have the same trouble. levels: [channel][level]. Contract: all
+/// channels' transfer is appended.
+void append_fits(const std::vector<Estimate<TransferFit>>& fits,
+                 const std::vector<std::vector<TransferLevel>>& levels, const SensorLayout& layout,
+                 PhysicsCalibration& out);
+
+}  // namespace malus

@@ -1,0 +1,110 @@
+#include "malus/calibrate/internal/transfer_results.h"
+
+#include "malus/base/index.h"
+#include "malus/calibrate/internal/channel_words.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include <fmt/format.h>
+
+namespace malus {
+namespace {
+
+constexpr std::size_t kFewLevels = 5;
+
+// The reason against the most levels, of a channel with too few.
+std::string most_frequent_reason(const std::vector<TransferLevel>& levels) {
+  std::map<Refusal, std::vector<const std::string*>> reasons;
+  std::size_t used = 0;
+  for (const TransferLevel& level : levels)
+    if (level.refused.empty())
+      ++used;
+    else
+      reasons[level.refused.reason].push_back(&level.refused.words);
+  const auto most = std::max_element(
+      reasons.begin(), reasons.end(),
+      [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
+  if (used >= 2 || most == reasons.end()) return {};
+  return fmt::format("; {} of {}: {}", most->second.size(), levels.size(), *most->second.front());
+}
+
+}  // namespace
+
+void append_transfer(int channel, const Estimate<TransferFit>& fit,
+                     const std::vector<TransferLevel>& levels, PhysicsCalibration& out) {
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    PhotonTransferPoint point;
+    point.channel = channel;
+    point.exposure_s = levels[i].exposure_s;
+    point.mean_dn = levels[i].mean_dn;
+    if (levels[i].frames >= 2)
+      point.variance_dn2 = levels[i].variance_dn2 - levels[i].dark_variance_dn2;
+    point.variance_stderr_dn2 =
+        fit ? fit->variance_stderr_dn2[i] : std::numeric_limits<double>::quiet_NaN();
+    point.used = levels[i].refused.empty();
+    point.why_not = levels[i].refused.words;
+    point.saturated = levels[i].saturated;
+    point.at_white = levels[i].at_white;
+    point.dark_variance_dn2 = levels[i].dark_variance_dn2;
+    out.transfer.push_back(std::move(point));
+  }
+}
+
+void append_fits(const std::vector<Estimate<TransferFit>>& fits,
+                 const std::vector<std::vector<TransferLevel>>& levels, const SensorLayout& layout,
+                 PhysicsCalibration& out) {
+  std::vector<std::string> scattered, bent;
+  double most_chi_square = 0.0, most_excess_dn2 = 0.0, most_percent = 0.0;
+  for (int c = 0; c < layout.channels(); ++c) {
+    const auto& fit = fits[as_index(c)];
+    if (!fit) {
+      out.warnings.push_back(
+          fmt::format("{}: the gain K is not known{}: {}{}", layout.channel_name(c),
+                      layout.channels() > 1 ? ", so K of no channel is kept" : "", fit.reason(),
+                      most_frequent_reason(levels[as_index(c)])));
+      out.K = {};
+      out.K_intercept_dn2.clear();
+      out.K_intercept_stderr_dn2.clear();
+      return;
+    }
+    out.K.mean.push_back(fit->slope_dn_per_e);
+    out.K.standard_error.push_back(fit->slope_stderr);
+    out.K_intercept_dn2.push_back(fit->intercept_dn2);
+    out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
+    if (fit->bend_dn_per_e != 0.0) {
+      bent.push_back(layout.channel_name(c));
+      const double percent = 100 * fit->bend_dn_per_e / fit->slope_dn_per_e;
+      if (std::abs(percent) > std::abs(most_percent)) most_percent = percent;
+      continue;
+    }
+    if (!(fit->excess_deviation_dn2 > 0)) continue;
+    scattered.push_back(layout.channel_name(c));
+    most_chi_square = std::max(most_chi_square, fit->chi_square_per_level);
+    most_excess_dn2 = std::max(most_excess_dn2, fit->excess_deviation_dn2);
+  }
+  std::size_t used = 0;
+  for (const PhotonTransferPoint& point : out.transfer) used += point.channel == 0 && point.used;
+  if (used < kFewLevels)
+    out.warnings.push_back(
+        fmt::format("K rests on {} light levels; {} or more show whether the sensor is linear",
+                    used, kFewLevels));
+  if (!bent.empty())
+    out.warnings.push_back(fmt::format(
+        "{}: the sensor is not linear (or its light or dark frames do not match the session file): "
+        "K "
+        "of all levels differs by up to {:+.1f} % from "
+        "that without light, which its standard error now holds; K is nearer to it with a lower "
+        "saturation limit",
+        channels_text(bent, layout), most_percent));
+  if (!scattered.empty())
+    out.warnings.push_back(fmt::format(
+        "{}: the photon-transfer curve is not a straight line within its sampling errors (χ² per "
+        "level up to {:.1f}); K's standard error is widened by a scatter of up to {:.3g} DN² per "
+        "level",
+        channels_text(scattered, layout), most_chi_square, most_excess_dn2));
+}
+
+}  // namespace malus
