@@ -22,7 +22,7 @@ namespace {
 
 struct CalibrateArguments {
   std::filesystem::path session, output, report;
-  std::vector<std::string> kinds = {"physics"};
+  std::vector<std::string> kinds = {std::string(model_kind_name(ModelKind::kPhysics))};
   CalibrationSettings settings;
 };
 
@@ -41,8 +41,8 @@ void calibrate_session(const Common& common, const CalibrateArguments& arguments
   check_output_apart("-o", arguments.output, read, {}, common.force);
   check_output_apart("--report", arguments.report, read, {arguments.output}, common.force);
   const auto progress = make_progress(common);
-  const NoiseModel model =
-      calibrate(calibration_input(session), arguments.settings, arguments.kinds, *progress);
+  const NoiseModel model = calibrate(calibration_input(session), arguments.settings,
+                                     model_kinds(arguments.kinds), *progress);
   save_model(model, arguments.output, common.force);
   if (!arguments.report.empty()) write_calibration_report(model, arguments.report, common.force);
   for (const std::string& line : warnings_of_gains(model)) warn(line);
@@ -68,7 +68,7 @@ void add_calibrate(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->output, "noise model to write (HDF5)")->required();
   command->add_option("--kind", arguments->kinds, "kinds of model, separated by commas")
       ->delimiter(',')
-      ->check(one_of(calibrated_kinds()))
+      ->check(one_of(model_kind_names()))
       ->capture_default_str();
   command->add_option("--report", arguments->report, "also a report page (HTML)");
   add_flags(*command, arguments->settings);

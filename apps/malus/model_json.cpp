@@ -244,7 +244,7 @@ Json model_json(const NoiseModel& model) {
       {"channels", model.layout.channel_names()},
       {"row_group", model.row_group},
       {"row_group_origin", model.row_group_origin},
-      {"kinds", model.kinds()},
+      {"kinds", model_kind_names(model.kinds())},
       {"origin", model.origin},
       {"saturation_limit", model.saturation_limit > 0 ? Json(model.saturation_limit) : Json()},
       {"warnings", model.warnings},

@@ -96,7 +96,7 @@ void add_sensor(Lines& lines, const NoiseModel& m) {
   lines.add("  black      {} DN (mean of the channels), white {:g} DN, step {:g} DN",
             mean_cell(m.black_dn, 2), m.white_dn, m.quantization_dn);
   lines.add("  row group  {} ({})", m.row_group, m.row_group_origin);
-  lines.add("  kinds      {}", joined(m.kinds()));
+  lines.add("  kinds      {}", joined(model_kind_names(m.kinds())));
   lines.add("  origin     {}", m.origin.empty() ? "not stated" : m.origin);
   if (!m.defects.empty()) lines.add("  defects    {}", counted(std::ssize(m.defects), "pixel"));
 }

@@ -1,5 +1,6 @@
 // Calibration, of sessions and of arrays.
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/warnings_of_gains.h"
 #include "malus/io/session.h"
@@ -154,10 +155,8 @@ CalibrationInput input_of(const Session& session, const ArraySensor& sensor) {
 }
 
 // In the words of arrays: the library's are those of session files.
-void require_bias_frames(const std::vector<ArraySet>& sets, const std::vector<std::string>& kinds) {
-  const bool needed = std::any_of(kinds.begin(), kinds.end(), [](const std::string& kind) {
-    return kind == "physics" || kind == "dark-frames";
-  });
+void require_bias_frames(const std::vector<ArraySet>& sets, const std::vector<ModelKind>& kinds) {
+  const bool needed = std::ranges::any_of(kinds, needs_bias_frames);
   const bool given = std::any_of(sets.begin(), sets.end(), [](const ArraySet& each) {
     return each.set.kind == FrameKind::kBias;
   });
@@ -173,7 +172,8 @@ ModelWithSampler calibrated(const Frames& frames,
                             const ArraySensor& sensor, const py::kwargs& kwargs) {
   const auto settings = settings_from<CalibrationSettings>(kwargs);
   const auto* one = std::get_if<std::string>(&given_kinds);
-  const auto kinds = one ? std::vector{*one} : std::get<std::vector<std::string>>(given_kinds);
+  const std::vector<ModelKind> kinds =
+      model_kinds(one ? std::vector{*one} : std::get<std::vector<std::string>>(given_kinds));
   PythonProgress progress;
   std::optional<CalibrationInput> input;
   if (const auto* sets = std::get_if<std::vector<ArraySet>>(&frames)) {
@@ -241,11 +241,12 @@ void bind_calibrate(py::module_& m) {
         return calibrated(frames_from(session), kinds, {sensor, {layout, black, white}, row_group},
                           kwargs);
       },
-      py::arg("session"), py::arg("kinds") = std::vector<std::string>{"physics"}, py::kw_only(),
+      py::arg("session"), py::arg("kinds") = model_kind_names({ModelKind::kPhysics}), py::kw_only(),
       py::arg("sensor") = "", py::arg("layout") = py::none(), py::arg("black") = py::none(),
       py::arg("white") = py::none(), py::arg("row_group") = py::none(),
-      ("A Session, the path of a session file, or a list of FrameSet -> Model. kinds: of physics, "
-       "gaussian, nonparametric, dark-frames.\n\n"
+      ("A Session, the path of a session file, or a list of FrameSet -> Model. kinds: of " +
+       joined(model_kind_names()) +
+       ".\n\n"
        "Of arrays alone: sensor (its name), layout, black and white [DN], row_group (mosaic rows "
        "that are read out together; None: found in the frames)." +
        settings_help<CalibrationSettings>())

@@ -238,7 +238,7 @@ void add_file(ModelClass& model_class) {
 
 std::string summary_of(const NoiseModel& model) {
   return fmt::format("<malus.Model {}: {}, {}>", model.sensor.empty() ? "unnamed" : model.sensor,
-                     model.layout.name(), fmt::join(model.kinds(), ", "));
+                     model.layout.name(), fmt::join(model_kind_names(model.kinds()), ", "));
 }
 
 void add_description(ModelClass& model_class) {
@@ -263,7 +263,10 @@ void add_description(ModelClass& model_class) {
           [](const ModelWithSampler& model) { return model.description().layout.channel_names(); },
           "Names of the channels in the order of packed planes: row by row of the layout's cell.")
       .def_property_readonly(
-          "kinds", [](const ModelWithSampler& model) { return model.description().kinds(); },
+          "kinds",
+          [](const ModelWithSampler& model) {
+            return model_kind_names(model.description().kinds());
+          },
           "Kinds of noise model that it holds.");
 }
 

@@ -235,7 +235,8 @@ TEST(RealCamera, NonparametricDarkLevelMatchesHeldOutFrames) {
                std::erfc(-(k - 0.5 - moments.mean()) / sd / std::sqrt(2.0)));
   CalibrationSettings settings;
   settings.level_samples = 50000;
-  const NoiseModel model = calibrate(input, settings, {"nonparametric"}, silent_progress());
+  const NoiseModel model =
+      calibrate(input, settings, {ModelKind::kNonparametric}, silent_progress());
   const NonparametricCalibration& n = model.nonparametric.at(0);
   const double found =
       root_jensen_shannon(held, code_distribution(n.channels[0], 0, n.sigma_row_dn[0], kCodes));

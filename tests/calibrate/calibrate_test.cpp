@@ -304,7 +304,7 @@ TEST(CalibratePhysics, AStopIsHeeded) {
 // model that contradicts itself, never NaN where a number is promised.
 TEST(CalibratePhysics, PoorSessionsGiveAConsistentModel) {
   const auto consistent = [](const CalibrationInput& input) {
-    const NoiseModel model = calibrate(input, {}, {"physics"}, silent_progress());
+    const NoiseModel model = calibrate(input, {}, {ModelKind::kPhysics}, silent_progress());
     EXPECT_EQ(contradiction_in(model), "");
     EXPECT_FALSE(model.physics[0].warnings.empty());
     for (const double sigma : model.physics[0].sigma_tl.mean) EXPECT_GE(sigma, 0.0);

@@ -39,7 +39,7 @@ TEST(DarkCodes, LevelsWithoutRoomAreRefusedWithTheFlag) {
   camera.bias_frames = 4;
   camera.gains.push_back(testing::polar_gain(12, "mono", 1));
   const auto problem = testing::problem_of([&] {
-    calibrate(testing::simulated_session(camera), {.level_step = 1e-4}, {"nonparametric"},
+    calibrate(testing::simulated_session(camera), {.level_step = 1e-4}, {ModelKind::kNonparametric},
               silent_progress());
   });
   EXPECT_THAT(problem, ::testing::HasSubstr("level_step: "));

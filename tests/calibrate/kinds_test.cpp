@@ -41,8 +41,8 @@ double pixel_variance(const PhysicsChannel& c, double signal_dn) {
 TEST(CalibrateKinds, GaussianIsTheLineOfTheWholeVariance) {
   const SimulatedCamera camera = polar_mono_camera();
   const NoiseModel model =
-      calibrate(simulated_session(camera), {}, {"gaussian"}, silent_progress());
-  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("gaussian"));
+      calibrate(simulated_session(camera), {}, {ModelKind::kGaussian}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre(ModelKind::kGaussian));
   ASSERT_EQ(model.gaussian.size(), 1u);
   const GaussianCalibration& g = model.gaussian[0];
   for (std::size_t c = 0; c < 4; ++c) {
@@ -57,9 +57,11 @@ TEST(CalibrateKinds, GaussianIsTheLineOfTheWholeVariance) {
 // Variance of every level against the truth; the row part is not in it.
 TEST(CalibrateKinds, NonparametricLevelsHoldTheNoiseOfTheirSignal) {
   const SimulatedCamera camera = polar_mono_camera();
-  const NoiseModel model = calibrate(simulated_session(camera), small_levels(),
-                                     {"physics", "nonparametric"}, silent_progress());
-  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("physics", "nonparametric"));
+  const NoiseModel model =
+      calibrate(simulated_session(camera), small_levels(),
+                {ModelKind::kPhysics, ModelKind::kNonparametric}, silent_progress());
+  EXPECT_THAT(model.kinds(),
+              ::testing::ElementsAre(ModelKind::kPhysics, ModelKind::kNonparametric));
   EXPECT_EQ(contradiction_in(model), "");
   const NonparametricCalibration& n = model.nonparametric.at(0);
   for (std::size_t c = 0; c < 4; ++c) {
@@ -138,8 +140,8 @@ TEST(CalibrateKinds, OnlyBiasFramesMakeTheDarkLevel) {
     for (float& v : frame.dn.values()) v += 12;
   });
   input.sets.insert(input.sets.begin() + 1, darks);
-  const NoiseModel model =
-      calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress());
+  const NoiseModel model = calibrate(
+      input, small_levels(), {ModelKind::kPhysics, ModelKind::kNonparametric}, silent_progress());
   expect_dark_level(model.nonparametric.at(0), camera);
 }
 
@@ -151,8 +153,8 @@ TEST(CalibrateKinds, FramesWithoutTheirBlackLevelHaveNegativeCodes) {
     frame.black_dn.assign(4, 0.0);
     frame.white_dn -= 80;
   });
-  const NoiseModel model =
-      calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress());
+  const NoiseModel model = calibrate(
+      input, small_levels(), {ModelKind::kPhysics, ModelKind::kNonparametric}, silent_progress());
   expect_dark_level(model.nonparametric.at(0), camera);
   EXPECT_THAT(model.physics[0].warnings,
               ::testing::Not(::testing::Contains(::testing::HasSubstr("dark pixels are 0"))));
@@ -161,7 +163,8 @@ TEST(CalibrateKinds, FramesWithoutTheirBlackLevelHaveNegativeCodes) {
 TEST(CalibrateKinds, MissingBrightFramesAreSaid) {
   CalibrationInput input = simulated_session(polar_mono_camera());
   const auto warnings = [&] {
-    return calibrate(input, small_levels(), {"physics", "nonparametric"}, silent_progress())
+    return calibrate(input, small_levels(), {ModelKind::kPhysics, ModelKind::kNonparametric},
+                     silent_progress())
         .nonparametric.at(0)
         .warnings;
   };
@@ -176,7 +179,7 @@ TEST(CalibrateKinds, LevelsTooFarApartAreSaid) {
   SimulatedCamera camera = polar_mono_camera();
   camera.flat_levels = 3;
   const auto warnings = [&] {
-    return calibrate(simulated_session(camera), small_levels(), {"nonparametric"},
+    return calibrate(simulated_session(camera), small_levels(), {ModelKind::kNonparametric},
                      silent_progress())
         .nonparametric.at(0)
         .warnings;
@@ -195,7 +198,8 @@ TEST(CalibrateKinds, LevelsWithFewSamplesAreNotMissingFrames) {
   input.sets[2].count = input.sets[3].count = 20;  // only these have samples enough
   CalibrationSettings settings = small_levels();
   settings.level_samples = 200000;
-  const auto warnings = calibrate(input, settings, {"physics", "nonparametric"}, silent_progress())
+  const auto warnings = calibrate(input, settings, {ModelKind::kPhysics, ModelKind::kNonparametric},
+                                  silent_progress())
                             .nonparametric.at(0)
                             .warnings;
   EXPECT_THAT(warnings, Not(Contains(HasSubstr("no frames"))));
@@ -207,7 +211,8 @@ TEST(CalibrateKinds, LevelsWithFewSamplesAreNotMissingFrames) {
 TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
   const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
   const CalibrationInput input = burst_with_reference(noise);
-  const NoiseModel model = calibrate(input, small_levels(), {"nonparametric"}, silent_progress());
+  const NoiseModel model =
+      calibrate(input, small_levels(), {ModelKind::kNonparametric}, silent_progress());
   const NonparametricChannel& channel = model.nonparametric.at(0).channels.at(0);
   ASSERT_GT(channel.level_dn.size(), 30u);
   EXPECT_GT(channel.level_dn.back(), 2900);
@@ -225,9 +230,9 @@ TEST(CalibrateKinds, BurstsWithAReferenceNeedNoFlats) {
 TEST(CalibrateKinds, GaussianFromBurstsAlone) {
   const PhysicsNoise noise = polar_gain(12, "mono", 1).noise;
   const PhysicsChannel& truth = noise.channels[0];
-  const NoiseModel model =
-      calibrate(burst_with_reference(noise), small_levels(), {"gaussian"}, silent_progress());
-  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("gaussian"));
+  const NoiseModel model = calibrate(burst_with_reference(noise), small_levels(),
+                                     {ModelKind::kGaussian}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre(ModelKind::kGaussian));
   EXPECT_EQ(contradiction_in(model), "");
   const GaussianCalibration& g = model.gaussian.at(0);
   EXPECT_GT(g.levels, 30);
@@ -258,11 +263,11 @@ TEST(CalibrateKinds, GaussianFromBurstsAndBiasFramesLacksNoGain) {
   input.sets.push_back(ramp_burst(noise, 0, 64, 10, 6, true).sets[0]);
   input.sets[1].kind = FrameKind::kBias;
   const auto told = ::testing::Contains(::testing::HasSubstr("K is not known"));
-  const auto model = [&](const std::vector<std::string>& kinds) {
+  const auto model = [&](const std::vector<ModelKind>& kinds) {
     return calibrate(input, {.level_samples = 500}, kinds, silent_progress());
   };
-  EXPECT_THAT(model({"gaussian"}).gaussian.at(0).warnings, ::testing::Not(told));
-  EXPECT_THAT(model({"physics", "gaussian"}).physics.at(0).warnings, told);
+  EXPECT_THAT(model({ModelKind::kGaussian}).gaussian.at(0).warnings, ::testing::Not(told));
+  EXPECT_THAT(model({ModelKind::kPhysics, ModelKind::kGaussian}).physics.at(0).warnings, told);
 }
 
 // Levels that borrowed each other's samples were once taken for independent: the truth scattered by
@@ -277,7 +282,7 @@ TEST(CalibrateKinds, GaussianFromBurstsStatesItsError) {
     for (std::uint64_t i = 0; i < kSessions; ++i) {
       const CalibrationInput input = ramp_burst(noise, 2600, 64, frames, 50 + i, true);
       const NoiseModel model =
-          calibrate(input, {.level_samples = 500}, {"gaussian"}, silent_progress());
+          calibrate(input, {.level_samples = 500}, {ModelKind::kGaussian}, silent_progress());
       const GaussianCalibration& g = model.gaussian.at(0);
       slope.add((g.slope_dn[0] - truth.gain_dn_per_e) / g.slope_stderr_dn[0]);
       offset.add(
@@ -300,7 +305,8 @@ TEST(CalibrateKinds, TheOffsetHoldsTheRoundingOfTheFramesAndNothingElse) {
   const double offset = read_variance_dn2(noise.channels[0]) + 0.05 * 0.05;
   for (const bool rounded : {false, true}) {
     const CalibrationInput input = ramp_burst(noise, 100, 128, 30, 4, rounded);
-    const NoiseModel model = calibrate(input, small_levels(), {"gaussian"}, silent_progress());
+    const NoiseModel model =
+        calibrate(input, small_levels(), {ModelKind::kGaussian}, silent_progress());
     const GaussianCalibration& g = model.gaussian.at(0);
     EXPECT_NEAR(g.offset_dn2[0], offset + (rounded ? 1.0 / 12 : 0.0), 4 * g.offset_stderr_dn2[0]);
     EXPECT_LT(g.offset_stderr_dn2[0], 0.01);
@@ -312,14 +318,15 @@ TEST(CalibrateKinds, ABurstOfOneLevelGivesNoLine) {
   testing::change_frames(input, [](RawFrame& frame, int i) {
     for (float& v : frame.dn.values()) v = 300.0f + static_cast<float>(i % 3);
   });
-  EXPECT_THROW(calibrate(input, small_levels(), {"gaussian"}, silent_progress()), InputError);
+  EXPECT_THROW(calibrate(input, small_levels(), {ModelKind::kGaussian}, silent_progress()),
+               InputError);
 }
 
 TEST(CalibrateKinds, TooFewSamplesAreRefusedWithTheNumber) {
   SimulatedCamera camera = polar_mono_camera();
   camera.rows = camera.cols = 64;
   try {
-    calibrate(simulated_session(camera), {}, {"nonparametric"}, silent_progress());
+    calibrate(simulated_session(camera), {}, {ModelKind::kNonparametric}, silent_progress());
     FAIL() << "was accepted";
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("200000 samples"));
@@ -335,8 +342,8 @@ TEST(CalibrateKinds, DarkFramesAreKeptWholeWithoutBlack) {
   CalibrationSettings settings;
   settings.dark_frames = 4;
   const CalibrationInput input = simulated_session(camera);
-  const NoiseModel model = calibrate(input, settings, {"dark-frames"}, silent_progress());
-  EXPECT_THAT(model.kinds(), ::testing::ElementsAre("dark-frames"));
+  const NoiseModel model = calibrate(input, settings, {ModelKind::kDarkFrames}, silent_progress());
+  EXPECT_THAT(model.kinds(), ::testing::ElementsAre(ModelKind::kDarkFrames));
   EXPECT_EQ(contradiction_in(model), "");
   ASSERT_EQ(model.dark_frames.size(), 1u);
   ASSERT_EQ(model.dark_frames[0].frames_dn.size(), 4u);
@@ -360,20 +367,20 @@ TEST(CalibrateKinds, WarningsOfACameraThatTellsNoGainBeginWithWhatIsWrong) {
   camera.flat_levels = 0;
   camera.bias_frames = 1;
   HeardWarnings heard;
-  calibrate(simulated_session(camera), {}, {"dark-frames"}, heard);
+  calibrate(simulated_session(camera), {}, {ModelKind::kDarkFrames}, heard);
   EXPECT_THAT(heard.lines, ::testing::Contains(::testing::StartsWith("only one bias frame")));
   EXPECT_THAT(heard.lines, ::testing::Contains(::testing::HasSubstr("gain_db or iso")).Times(1));
   EXPECT_THAT(heard.lines, ::testing::Each(::testing::Not(::testing::HasSubstr("unknown gain"))));
 }
 
-TEST(CalibrateKinds, UnknownKindsAndMissingFramesAreNamed) {
+TEST(CalibrateKinds, NoKindsAndMissingFramesAreNamed) {
   SimulatedCamera camera = polar_mono_camera();
   camera.flat_levels = 0;
   camera.bias_frames = 4;
   const CalibrationInput input = simulated_session(camera);
-  EXPECT_THROW(calibrate(input, {}, {"poisson"}, silent_progress()), InputError);
-  EXPECT_THROW(calibrate(input, {}, {"gaussian"}, silent_progress()), InputError);
-  EXPECT_THROW(calibrate(input, {}, {"nonparametric"}, silent_progress()), InputError);
+  EXPECT_THROW(calibrate(input, {}, std::vector<ModelKind>(), silent_progress()), InputError);
+  EXPECT_THROW(calibrate(input, {}, {ModelKind::kGaussian}, silent_progress()), InputError);
+  EXPECT_THROW(calibrate(input, {}, {ModelKind::kNonparametric}, silent_progress()), InputError);
 }
 
 // Noise that falls with the light is chance: the line is level then, at the weighted mean.

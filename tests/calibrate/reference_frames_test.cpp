@@ -60,13 +60,15 @@ CalibrationSettings few_samples() {
 // A reference's own noise was once taken for the burst's: up to a quarter of the variance here.
 TEST(ReferenceFrames, TheirNoiseIsNotTheBursts) {
   for (const int frames : {2, 4, 20}) {
-    const NoiseModel without = calibrate(RampSession{.frames = frames, .references = 0}.input(),
-                                         few_samples(), {"nonparametric"}, silent_progress());
+    const NoiseModel without =
+        calibrate(RampSession{.frames = frames, .references = 0}.input(), few_samples(),
+                  {ModelKind::kNonparametric}, silent_progress());
     for (const int references : {1, 2, 20}) {
       RampSession session{.frames = frames, .references = references};
       const PhysicsChannel& truth = session.noise.channels[0];
-      const NoiseModel model = calibrate(session.input(), few_samples(),
-                                         {"gaussian", "nonparametric"}, silent_progress());
+      const NoiseModel model =
+          calibrate(session.input(), few_samples(),
+                    {ModelKind::kGaussian, ModelKind::kNonparametric}, silent_progress());
       const GaussianCalibration& g = model.gaussian.at(0);
       EXPECT_NEAR(g.slope_dn[0], truth.gain_dn_per_e, 4 * g.slope_stderr_dn[0])
           << frames << " " << references;
@@ -95,8 +97,8 @@ TEST(ReferenceFrames, StatedErrorsHold) {
     for (std::uint64_t i = 0; i < kSessions; ++i) {
       RampSession session{.size = 64, .frames = frames, .references = 2, .seed = 50 + i};
       const PhysicsChannel& truth = session.noise.channels[0];
-      const NoiseModel model =
-          calibrate(session.input(), {.level_samples = 500}, {"gaussian"}, silent_progress());
+      const NoiseModel model = calibrate(session.input(), {.level_samples = 500},
+                                         {ModelKind::kGaussian}, silent_progress());
       const GaussianCalibration& g = model.gaussian.at(0);
       slope.add((g.slope_dn[0] - truth.gain_dn_per_e) / g.slope_stderr_dn[0]);
       offset.add((g.offset_dn2[0] - pixel_variance_dn2(truth, 0, 1.0) -
@@ -123,7 +125,8 @@ TEST(ReferenceFrames, TheirDarkBiasMovesNoLevel) {
     return session.frame(session.noise, 0.0, static_cast<std::uint32_t>(i), session.seed + 2000);
   };
   input.sets.push_back(bias);
-  const NoiseModel model = calibrate(input, few_samples(), {"gaussian"}, silent_progress());
+  const NoiseModel model =
+      calibrate(input, few_samples(), {ModelKind::kGaussian}, silent_progress());
   const GaussianCalibration& g = model.gaussian.at(0);
   const PhysicsChannel& truth = session.noise.channels[0];
   EXPECT_NEAR(g.offset_dn2[0],
@@ -143,8 +146,8 @@ TEST(ReferenceFrames, AReferenceThatMovedDoesNoHarm) {
         if ((r * 7 + c) % 501 == 0) frame.dn(r, c) += 200;
       }
   });
-  const NoiseModel model =
-      calibrate(input, few_samples(), {"gaussian", "nonparametric"}, silent_progress());
+  const NoiseModel model = calibrate(
+      input, few_samples(), {ModelKind::kGaussian, ModelKind::kNonparametric}, silent_progress());
   const GaussianCalibration& g = model.gaussian.at(0);
   const PhysicsChannel& truth = session.noise.channels[0];
   EXPECT_NEAR(g.slope_dn[0], truth.gain_dn_per_e, 4 * g.slope_stderr_dn[0]);

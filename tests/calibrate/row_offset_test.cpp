@@ -101,8 +101,9 @@ TEST(RowOffset, DarkPixelsKeepTheirNoiseBesideBrightOnesOfTheirRow) {
         return out;
       };
       input.sets.push_back(burst);
-      const NoiseModel model = calibrate(input, {.level_samples = 5000},
-                                         {"physics", "nonparametric"}, silent_progress());
+      const NoiseModel model =
+          calibrate(input, {.level_samples = 5000},
+                    {ModelKind::kPhysics, ModelKind::kNonparametric}, silent_progress());
       const NonparametricChannel& channel = model.nonparametric.at(0).channels.at(0);
       for (std::size_t level = 1; level < 8; ++level) {
         const double truth = pixel_variance_dn2(noise.channels[0], channel.level_dn[level], 1.0);

@@ -92,7 +92,8 @@ TEST(SessionChecks, GainsInTwoUnitsAreRefusedAtOnce) {
                             .load = [](int) -> RawFrame { throw std::logic_error("read"); },
                             .name = ""});
   const auto line = [&] {
-    return problem_of([&] { (void)calibrate(input, {}, {"gaussian"}, silent_progress()); });
+    return problem_of(
+        [&] { (void)calibrate(input, {}, {ModelKind::kGaussian}, silent_progress()); });
   };
   EXPECT_THAT(line(), AllOf(HasSubstr("0 dB"), HasSubstr("ISO 100")));
   std::erase_if(input.sets, [](const FrameSet& set) { return set.kind == FrameKind::kBias; });
@@ -239,7 +240,7 @@ TEST(SessionChecks, ASmallBurstGivesAGaussianModel) {
   };
   CalibrationInput input;
   input.sets = {burst};
-  const NoiseModel model = calibrate(input, {}, {"gaussian"}, silent_progress());
+  const NoiseModel model = calibrate(input, {}, {ModelKind::kGaussian}, silent_progress());
   const GaussianCalibration& g = model.gaussian.at(0);
   EXPECT_NEAR(g.slope_dn[0], noise.channels[0].gain_dn_per_e, 4 * g.slope_stderr_dn[0]);
 }

@@ -193,12 +193,12 @@ TEST(SessionFaults, AreToldWhateverTheKind) {
   const auto told = Contains(HasSubstr("over the frame, the light by"));
   CalibrationSettings settings;
   settings.level_samples = 1000;
-  const auto model_of = [&](const std::vector<std::string>& kinds) {
+  const auto model_of = [&](const std::vector<ModelKind>& kinds) {
     return calibrate(input, settings, kinds, silent_progress());
   };
-  EXPECT_THAT(model_of({"gaussian"}).gaussian.at(0).warnings, told);
-  EXPECT_THAT(model_of({"nonparametric"}).nonparametric.at(0).warnings, told);
-  const NoiseModel both = model_of({"physics", "gaussian"});
+  EXPECT_THAT(model_of({ModelKind::kGaussian}).gaussian.at(0).warnings, told);
+  EXPECT_THAT(model_of({ModelKind::kNonparametric}).nonparametric.at(0).warnings, told);
+  const NoiseModel both = model_of({ModelKind::kPhysics, ModelKind::kGaussian});
   EXPECT_THAT(both.physics.at(0).warnings, told);
   EXPECT_THAT(both.gaussian.at(0).warnings, Not(told));
 }

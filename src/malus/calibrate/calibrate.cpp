@@ -15,7 +15,7 @@
 namespace malus {
 namespace {
 
-bool contains(const std::vector<std::string>& kinds, const char* kind) {
+bool contains(const std::vector<ModelKind>& kinds, ModelKind kind) {
   return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
 }
 
@@ -193,22 +193,13 @@ void warn_of_untold_gain(const CalibrationInput& input, NoiseModel& model, Progr
 
 }  // namespace
 
-std::vector<std::string> calibrated_kinds() {
-  return {"physics", "gaussian", "nonparametric", "dark-frames"};
-}
-
 NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
-                     const std::vector<std::string>& kinds, Progress& progress) {
+                     const std::vector<ModelKind>& kinds, Progress& progress) {
   if (kinds.empty())
     throw InputError(setting_name("kinds"), "names no kind of model",
-                     "choose of " + joined(calibrated_kinds()));
-  for (const std::string& kind : kinds)
-    if (!contains(calibrated_kinds(), kind.c_str()))
-      throw InputError(setting_name("kinds"), fmt::format("{} is not a kind of model", kind),
-                       "choose of " + joined(calibrated_kinds()));
+                     "choose of " + joined(model_kind_names()));
   NoiseModel model;
-  if (contains(kinds, "physics") || contains(kinds, "dark-frames") ||
-      has_frames(input, FrameKind::kBias)) {
+  if (std::ranges::any_of(kinds, needs_bias_frames) || has_frames(input, FrameKind::kBias)) {
     model = calibrate_physics(input, settings, progress);
   } else {
     require_one_gain_unit(input);
@@ -218,13 +209,13 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
     model.row_group_origin = input.row_group ? "declared" : "assumed";
   }
   warn_of_untold_gain(input, model, progress);
-  if (contains(kinds, "gaussian")) add_gaussian(input, settings, progress, model);
-  if (contains(kinds, "nonparametric"))
+  if (contains(kinds, ModelKind::kGaussian)) add_gaussian(input, settings, progress, model);
+  if (contains(kinds, ModelKind::kNonparametric))
     for (MeasuredLevels& levels : measure_gains(input, required_lit_gains(input, "non-parametric"),
                                                 settings, progress, model))
       model.nonparametric.push_back(std::move(levels.distributions));
-  if (contains(kinds, "dark-frames")) add_dark_frames(input, settings, progress, model);
-  if (!contains(kinds, "physics")) {
+  if (contains(kinds, ModelKind::kDarkFrames)) add_dark_frames(input, settings, progress, model);
+  if (!contains(kinds, ModelKind::kPhysics)) {
     keep_warnings_of_physics(model, progress);
     model.physics.clear();
     model.joint.reset();

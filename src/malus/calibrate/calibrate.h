@@ -71,16 +71,13 @@ inline constexpr const char* kWithoutFlats = "no flat frames at this gain: K is 
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
                              Progress& progress);
 
-/// The kinds of model asked for, of "physics", "gaussian", "nonparametric", "dark-frames".
+/// The kinds of model asked for, one or more; another order or a repetition changes nothing.
 /// Gaussian: slope K and the whole temporal dark variance, from the physics results; at gains
 /// without flats a line through the variances of a burst's signal levels.
 /// Non-parametric: from bias frames, flats and bursts of each gain (001, S1-S2); bias frames may be
-/// missing when nothing else but Gaussian is asked for. Throws InputError as calibrate_physics, and
-/// where no gain has frames for a kind.
+/// missing when nothing that needs_bias_frames is asked for. Throws InputError as
+/// calibrate_physics, and where no gain has frames for a kind.
 NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
-                     const std::vector<std::string>& kinds, Progress& progress);
-
-/// The kinds that calibrate() knows.
-std::vector<std::string> calibrated_kinds();
+                     const std::vector<ModelKind>& kinds, Progress& progress);
 
 }  // namespace malus

@@ -136,11 +136,12 @@ const JointSegment& segment_at(const NoiseModel& model, const GainSetting& gain,
 
 template <class Calibration>
 void require_kind(const NoiseModel& model, const std::vector<Calibration>& calibrations,
-                  const char* kind) {
+                  ModelKind kind) {
+  const std::string_view name = model_kind_name(kind);
   if (calibrations.empty())
-    throw InputError(model.name(), fmt::format("holds no {} model", kind),
-                     fmt::format("calibrate with {}, or use one of: {}", setting("kinds", kind),
-                                 joined(model.kinds())));
+    throw InputError(model.name(), fmt::format("holds no {} model", name),
+                     fmt::format("calibrate with {}, or use one of: {}", setting("kinds", name),
+                                 joined(model_kind_names(model.kinds()))));
 }
 
 // The physics part knows a break between the two gains.
@@ -156,17 +157,17 @@ bool broken_between(const JointGainModel& joint, const GainSetting& below,
 // The measured calibration, or one interpolated between its neighbours.
 template <class Calibration>
 Calibration calibration_at(const NoiseModel& model, const std::vector<Calibration>& calibrations,
-                           const char* kind, const GainSetting& gain) {
+                           ModelKind kind, const GainSetting& gain) {
   require_kind(model, calibrations, kind);
   if (const Calibration* found = find_gain(model, calibrations, gain)) return *found;
   const auto above =
       std::find_if(calibrations.begin(), calibrations.end(),
                    [&](const Calibration& c) { return *c.gain.decibel() > *gain.decibel(); });
   if (above == calibrations.begin() || above == calibrations.end())
-    throw InputError(
-        gain.text(),
-        fmt::format("outside the gains of the {} model: {}", kind, gains_text(calibrations)),
-        "use a gain inside them");
+    throw InputError(gain.text(),
+                     fmt::format("outside the gains of the {} model: {}", model_kind_name(kind),
+                                 gains_text(calibrations)),
+                     "use a gain inside them");
   const auto below = above - 1;
   for (int i : conversion_gain_breaks(calibrations))
     if (below - calibrations.begin() == i) throw_between(gain, below->gain, above->gain);
@@ -192,13 +193,13 @@ LevelMoments level_moments(const NonparametricChannel& channel, std::size_t leve
 
 std::string NoiseModel::name() const { return sensor.empty() ? "noise model" : sensor; }
 
-std::vector<std::string> NoiseModel::kinds() const {
-  std::vector<std::string> names;
-  if (!physics.empty()) names.emplace_back("physics");
-  if (!gaussian.empty()) names.emplace_back("gaussian");
-  if (!nonparametric.empty()) names.emplace_back("nonparametric");
-  if (!dark_frames.empty()) names.emplace_back("dark-frames");
-  return names;
+std::vector<ModelKind> NoiseModel::kinds() const {
+  std::vector<ModelKind> held;
+  if (!physics.empty()) held.push_back(ModelKind::kPhysics);
+  if (!gaussian.empty()) held.push_back(ModelKind::kGaussian);
+  if (!nonparametric.empty()) held.push_back(ModelKind::kNonparametric);
+  if (!dark_frames.empty()) held.push_back(ModelKind::kDarkFrames);
+  return held;
 }
 
 GainSetting NoiseModel::setting_of(double gain) const {
@@ -215,8 +216,9 @@ GainSetting NoiseModel::setting_of(double gain) const {
 
 GainParameters NoiseModel::parameters_at(const GainSetting& gain, GainRange range) const {
   if (physics.empty())
-    throw InputError(name(), "holds no physics model, which tells the gain in DN/e-",
-                     "calibrate with " + setting("kinds", "physics") + " too");
+    throw InputError(
+        name(), "holds no physics model, which tells the gain in DN/e-",
+        "calibrate with " + setting("kinds", model_kind_name(ModelKind::kPhysics)) + " too");
   const PhysicsCalibration* calibration = find_gain(*this, physics, gain);
   if (calibration && (!calibration->K.mean.empty() || !segment_around(*this, gain)))
     return measured_parameters(*calibration, layout.channels());
@@ -296,15 +298,15 @@ PhysicsNoise NoiseModel::physics_at(const GainSetting& gain, GainRange range) co
 }
 
 GaussianCalibration NoiseModel::gaussian_at(const GainSetting& gain) const {
-  return calibration_at(*this, gaussian, "gaussian", gain);
+  return calibration_at(*this, gaussian, ModelKind::kGaussian, gain);
 }
 
 NonparametricCalibration NoiseModel::nonparametric_at(const GainSetting& gain) const {
-  return calibration_at(*this, nonparametric, "nonparametric", gain);
+  return calibration_at(*this, nonparametric, ModelKind::kNonparametric, gain);
 }
 
 const DarkFrameBank& NoiseModel::dark_frames_at(const GainSetting& gain) const {
-  require_kind(*this, dark_frames, "dark-frames");
+  require_kind(*this, dark_frames, ModelKind::kDarkFrames);
   if (const DarkFrameBank* found = find_gain(*this, dark_frames, gain)) return *found;
   throw InputError(gain.text(),
                    fmt::format("the model has dark frames of {} only", gains_text(dark_frames)),

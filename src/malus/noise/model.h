@@ -7,6 +7,7 @@
 #include "malus/image/raw_frame.h"
 #include "malus/noise/calibration.h"
 #include "malus/noise/joint_gain.h"
+#include "malus/noise/model_kind.h"
 #include "malus/noise/physics.h"
 #include "malus/noise/profile.h"
 
@@ -52,8 +53,8 @@ struct NoiseModel {
   /// The sensor's, for messages; "noise model" where it has none.
   std::string name() const;
 
-  /// Contained kinds, of "physics", "gaussian", "nonparametric", "dark-frames".
-  std::vector<std::string> kinds() const;
+  /// Those that it holds.
+  std::vector<ModelKind> kinds() const;
 
   /// The number as a setting in the unit that the model was measured in: ISO, or dB.
   GainSetting setting_of(double gain) const;

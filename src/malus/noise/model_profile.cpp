@@ -115,7 +115,7 @@ NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, Ga
   if (!model.nonparametric.empty())
     return nonparametric_profile(model, model.nonparametric_at(gain));
   throw InputError(model.name(), "holds no model of the pixel noise",
-                   "calibrate with " + setting("kinds", "physics"));
+                   "calibrate with " + setting("kinds", model_kind_name(ModelKind::kPhysics)));
 }
 
 }  // namespace

@@ -111,10 +111,8 @@ PhysicsParts parts_of(SynthesisKind kind, const SynthesisSettings& settings) {
 }
 
 void require_kind(const NoiseModel& model, SynthesisKind kind) {
-  const auto drawn = kind == SynthesisKind::kPoissonGaussian ? SynthesisKind::kPhysics : kind;
-  const std::string needed = synthesis_kind_name(drawn);
-  const auto kinds = model.kinds();
-  if (std::find(kinds.begin(), kinds.end(), needed) == kinds.end())
+  const std::string_view needed = model_kind_name(drawn_from(kind));
+  if (!std::ranges::count(model.kinds(), drawn_from(kind)))
     throw InputError(model.name(), fmt::format("holds no {} model", needed),
                      fmt::format("calibrate with {}, or give another {}", setting("kinds", needed),
                                  setting("kind")));
