@@ -35,7 +35,7 @@ namespace fs = std::filesystem;
 struct RenoiseExperimentArguments {
   RawOptions raw;
   fs::path clean;
-  std::string model = "imx250myr-simulated", weak_guide = "paper-bm3d";
+  std::string model = "imx250myr-simulated", weak_guide = "plane-bm3d";
   double from = 12, to = 18;
   int frames = 8;
 };

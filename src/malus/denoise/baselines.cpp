@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include <Eigen/Eigenvalues>
 
@@ -31,6 +32,67 @@ void filter_each(Planes& planes, const std::vector<float>& sigma, const Bm3dSett
     one[0] = std::move(planes[k]);
     planes[k] = std::move(
         bm3d(one, std::span(&sigma[static_cast<std::size_t>(k)], 1), settings, {}, progress)[0]);
+  }
+}
+
+// The channels of one grey picture of 000 Table 1, row by row of its cell: the four angles of one
+// colour (either green for itself), or one channel without companions.
+using GreyPicture = std::vector<int>;
+
+// The nearest sites to the right of, below and aslant of a channel's that are not taken and
+// complete the four angles of its colour.
+GreyPicture angles_around(const SensorLayout& layout, int channel, const std::vector<bool>& taken) {
+  const Site& first = layout.site(channel);
+  const int row = channel / layout.cols(), col = channel % layout.cols();
+  for (int r = row + 1; first.angle_deg && r < layout.rows(); ++r)
+    for (int c = col + 1; c < layout.cols(); ++c) {
+      const GreyPicture four{channel, layout.channel_at(row, c), layout.channel_at(r, col),
+                             layout.channel_at(r, c)};
+      std::set<int> angles;
+      for (const int k : four)
+        if (const Site& site = layout.site(k);
+            !taken[static_cast<std::size_t>(k)] && site.color == first.color && site.angle_deg)
+          angles.insert(*site.angle_deg);
+      if (angles.size() == 4) return four;
+    }
+  return {channel};
+}
+
+std::vector<GreyPicture> grey_pictures(const SensorLayout& layout) {
+  std::vector<bool> taken(static_cast<std::size_t>(layout.channels()));
+  std::vector<GreyPicture> pictures;
+  for (int k = 0; k < layout.channels(); ++k) {
+    if (taken[static_cast<std::size_t>(k)]) continue;
+    pictures.push_back(angles_around(layout, k, taken));
+    for (const int channel : pictures.back()) taken[static_cast<std::size_t>(channel)] = true;
+  }
+  return pictures;
+}
+
+// "BM3D, taking each color channel containing 4 polarization channels as a grayscale input" (000,
+// 6.1), its noise estimated from the picture.
+void filter_grey_pictures(Planes& planes, const SensorLayout& layout, double strength,
+                          const Bm3dSettings& settings, Progress& progress) {
+  for (const GreyPicture& channels : grey_pictures(layout)) {
+    const int side = channels.size() == 4 ? 2 : 1;
+    const int rows = planes[channels[0]].rows(), cols = planes[channels[0]].cols();
+    Planes grey(1, side * rows, side * cols);
+    const auto pixel = [&](std::size_t k, int r, int c) -> float& {
+      const int i = static_cast<int>(k);
+      return grey[0](side * r + i / side, side * c + i % side);
+    };
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < cols; ++c) pixel(k, r, c) = planes[channels[k]](r, c);
+      planes[channels[k]] = Image();  // not held while the filter runs
+    }
+    const auto sigma = static_cast<float>(strength * estimated_deviation(grey[0]));
+    grey = bm3d(grey, std::span(&sigma, 1), settings, {}, progress);
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+      planes[channels[k]] = Image(rows, cols);
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < cols; ++c) planes[channels[k]](r, c) = pixel(k, r, c);
+    }
   }
 }
 
@@ -138,7 +200,12 @@ double bytes_needed(const std::string& name, const PreparedFrame& frame) {
   constexpr double kFrames = 12, kMixed = 4, kAligned = 12, kFilter = 20;
   const bool joint = name == "paper-mbm3d" || name == "vst-stokes-bm3d";
   const bool mixes = name == "vst-pca-bm3d" || name == "vst-pfcd" || name == "vst-stokes-bm3d";
-  const double at_once = joint ? 1.0 : 1.0 / frame.layout.channels();
+  std::size_t planes_at_once = 1;
+  if (name == "paper-bm3d")
+    for (const GreyPicture& p : grey_pictures(frame.layout))
+      planes_at_once = std::max(planes_at_once, p.size());
+  const double at_once =
+      joint ? 1.0 : static_cast<double>(planes_at_once) / frame.layout.channels();
   const double aligned = name == "vst-pfcd" ? kAligned : 0.0;
   return (kFrames + (mixes ? kMixed : 0.0) + aligned + kFilter * at_once) *
          static_cast<double>(frame.dn.size());
@@ -156,7 +223,9 @@ Image run_baseline(const std::string& name, const PreparedFrame& frame, const No
   Planes planes = pack(frame.dn, frame.layout);
   const auto channels = static_cast<std::size_t>(planes.channels());
   std::vector<float> sigma(channels, 1.0f);
-  if (name == "paper-bm3d" || name == "paper-mbm3d") {
+  if (name == "paper-bm3d") {
+    filter_grey_pictures(planes, frame.layout, settings.strength, bm3d_settings, progress);
+  } else if (name == "plane-bm3d" || name == "paper-mbm3d") {
     for (std::size_t k = 0; k < channels; ++k)
       sigma[k] =
           static_cast<float>(settings.strength * estimated_deviation(planes[static_cast<int>(k)]));

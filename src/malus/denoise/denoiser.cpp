@@ -174,7 +174,10 @@ const std::vector<DenoiseMethod>& denoise_methods() {
       {"vst-bm3d", "baseline: stabilised, each plane filtered alone", MosaicFilter::kNone},
       {"paper-mbm3d", "baseline: all planes jointly with one estimated deviation",
        MosaicFilter::kNone, false},
-      {"paper-bm3d", "baseline: each plane alone with its estimated deviation", MosaicFilter::kNone,
+      {"paper-bm3d",
+       "baseline: each colour's four angles as one grey picture with its estimated deviation",
+       MosaicFilter::kNone, false},
+      {"plane-bm3d", "baseline: each plane alone with its estimated deviation", MosaicFilter::kNone,
        false},
   };
   return methods;
