@@ -189,6 +189,28 @@ TEST(CalibrateKinds, LevelsTooFarApartAreSaid) {
   EXPECT_THAT(warnings(), Not(Contains(HasSubstr("no frames between"))));
 }
 
+// (1 - 2/N) / sqrt(1 - 1/N) of the skewness is left by N frames about their own mean.
+TEST(CalibrateKinds, SkewnessThatFewFlatsLoseIsSaid) {
+  using ::testing::Contains, ::testing::HasSubstr, ::testing::Not;
+  const auto said = [](CalibrationInput input, int flats) {
+    for (FrameSet& set : input.sets)
+      if (set.kind == FrameKind::kFlat) set.count = flats;
+    return calibrate(input, small_levels(), {ModelKind::kNonparametric}, silent_progress())
+        .nonparametric.at(0)
+        .warnings;
+  };
+  CalibrationInput input = simulated_session(polar_mono_camera());
+  EXPECT_THAT(said(input, 2), Contains(HasSubstr("flats of 2 frames: compared with their own "
+                                                 "mean, 100 % of the noise's skewness is lost")));
+  EXPECT_THAT(said(input, 4), Contains(HasSubstr("flats of 4 frames: compared with their own "
+                                                 "mean, 42 % of the noise's skewness is lost")));
+  EXPECT_THAT(said(input, 8), Not(Contains(HasSubstr("skewness"))));
+  // A burst of a scene holds the levels' shape.
+  input.sets.push_back(input.sets[6]);
+  input.sets.back().kind = FrameKind::kBurst;
+  EXPECT_THAT(said(input, 4), Not(Contains(HasSubstr("skewness"))));
+}
+
 // Levels that were left out for few samples are not said to be missing in the frames.
 TEST(CalibrateKinds, LevelsWithFewSamplesAreNotMissingFrames) {
   using ::testing::AllOf, ::testing::Contains, ::testing::HasSubstr, ::testing::Not;

@@ -192,6 +192,33 @@ void finish_channels(const std::vector<LevelHistograms>& histograms, const Frame
   warn_of_missing_light(format.mean_range_dn(), refused, settings.level_samples, out);
 }
 
+// How many frames tell the noise's shape where they are compared with their own mean.
+class ShapeFrames {
+ public:
+  void add(const NoiseSource& source) {
+    if (source.frames->kind == FrameKind::kBias) return;
+    const bool is_enough = source.frames->count >= kEnough;
+    told_apart_ =
+        told_apart_ || source.reference || (is_enough && source.frames->kind == FrameKind::kBurst);
+    fewest_ = std::min(fewest_, source.frames->count);
+  }
+  // Each frame has its share in the mean of N: of x - mean the third cumulant has (1 - 1/N)
+  // (1 - 2/N) of the noise's, the variance 1 - 1/N.
+  void warn(NonparametricCalibration& out) const {
+    if (told_apart_ || fewest_ >= kEnough) return;
+    const double lost = 1.0 - (1.0 - 2.0 / fewest_) / std::sqrt(1.0 - 1.0 / fewest_);
+    out.warnings.push_back(fmt::format(
+        "flats of {} frames: compared with their own mean, {:.0f} % of the noise's skewness is "
+        "lost; take {} frames or more a level, or a burst with a reference",
+        fewest_, 100 * lost, kEnough));
+  }
+
+ private:
+  static constexpr int kEnough = 8;  // a fifth is lost
+  int fewest_ = std::numeric_limits<int>::max();
+  bool told_apart_ = false;
+};
+
 // One gain's noise, source by source.
 class GainLevels {
  public:
@@ -218,6 +245,7 @@ class GainLevels {
 
   void add(const NoiseSource& source, Progress& progress) {
     frames_ += source.frames->count;
+    shape_frames_.add(source);
     if (by_code() && source.frames->kind == FrameKind::kBias) {
       for_each_frame(*source.frames, &format_, progress,
                      [&](const RawFrame& frame, int) { codes_.add(frame.dn); });
@@ -247,6 +275,7 @@ class GainLevels {
     if (codes_.frames() > 0)
       add_dark_codes(codes_, format_.black_dn, physics_->sigma_row.mean, step_dn_, histograms_);
     finish_channels(histograms_, format_, settings_, out);
+    shape_frames_.warn(out);
     for (const LevelHistograms& channel : histograms_) measured.noise.push_back(channel.noise());
     fill_rows(measured);
     measured.bias_dn = bias_dn_;
@@ -300,6 +329,7 @@ class GainLevels {
   std::vector<double> row_prior_dn2_;
   std::vector<LevelHistograms> histograms_;
   LevelPass pass_;
+  ShapeFrames shape_frames_;
   int frames_ = 0;
   double darkest_dn_ = std::numeric_limits<double>::infinity();
   std::vector<double> row_variance_dn2_, row_error_dn2_;
