@@ -160,12 +160,13 @@ NoiseDivergence divergence(const std::vector<RecordedPair>& made,
     const NoiseFrames test{1, [&](int) { return drawn_dn; }};
     const NoiseComparison c = compare_noise(reference, test, real.clean_dn, model.layout, {});
     sum.jsd += c.pooled.jsd_bits;
+    sum.jsd_floor += c.pooled.sqrt_jsd_floor * c.pooled.sqrt_jsd_floor;
     sum.sqrt_jsd += c.pooled.sqrt_jsd;
     sum.sqrt_jsd_floor += c.pooled.sqrt_jsd_floor;
     ++sum.captures;
   }
   const double n = std::max(sum.captures, 1);
-  return {sum.jsd / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.captures};
+  return {sum.jsd / n, sum.jsd_floor / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.captures};
 }
 
 void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,

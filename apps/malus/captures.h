@@ -44,9 +44,10 @@ Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded
 
 /// Divergence of made noise from the captured one: the mean over the captures whose scene has a
 /// made frame, of which the one of the nearest light counts. Its own clean mosaic is exchanged for
-/// the captured one's, which may be lit a little differently.
+/// the captured one's, which may be lit a little differently. Floors: what two samples of one
+/// distribution have.
 struct NoiseDivergence {
-  double jsd = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
+  double jsd = 0, jsd_floor = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
   int captures = 0;
 };
 NoiseDivergence divergence(const std::vector<RecordedPair>& made,

@@ -48,6 +48,7 @@ def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
         ("captured (upper bound)", "-", "ISO 3200")]
     for row in first["rows"][:4]:
         assert 0 <= row["jsd"] < 0.5 and row["sqrt_jsd"] ** 2 == pytest.approx(row["jsd"], rel=1e-6)
+        assert row["sqrt_jsd_floor"] ** 2 == pytest.approx(row["jsd_floor"], rel=1e-6)
     assert (experiments / "page.html").stat().st_size > 10000
     # Noise on noise of the right noise ends nearer to the camera's than noise on what a network of three steps left.
     assert first["rows"][0]["jsd"] < first["rows"][2]["jsd"]
@@ -56,7 +57,7 @@ def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
     written = weights.read_bytes()
     text = malus(*run).out
     assert weights.read_bytes() == written
-    assert text.splitlines()[0] == "| ISO 3200 noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD |"
+    assert text.splitlines()[0] == "| ISO 3200 noise model | denoiser | input image | neural ISP PSNR [dB] | SSIM | JSD | its floor |"
     assert "belongs to a run with other files of data.pairs" in refused(*run[:-1], "48", "-q")
     malus(*run, "-q")
     again = malus("experiment", "table-s1", experiments / "table-s1.toml", "--pairs", experiments / "out/captures/pairs.json",
