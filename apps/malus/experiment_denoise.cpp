@@ -71,11 +71,11 @@ void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const C
   if (arguments.row_noise) model = with_row_noise(model, *arguments.row_noise);
   const auto progress = make_progress(common);
   arguments.runs.for_each(
-      model, common.seed, *progress, [&](NoisyScene& noisy, const std::string&) {
+      model, common.seed, *progress, [&](NoisyScene& noisy, const std::string& light) {
         if (arguments.estimate_noise)
           noisy.profile = require_estimate(noisy.frame, kEstimateRemedy).profile;
         for (std::size_t m = 0; m < scores.size(); ++m)
-          add_to_score(scores[m], noisy, denoisers[m].get());
+          add_to_score(scores[m], noisy, light, denoisers[m].get());
       });
   const Json json{{"model", arguments.runs.model},
                   {"cases", arguments.runs.cases},

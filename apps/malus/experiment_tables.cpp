@@ -45,9 +45,10 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   std::vector<SceneScore> scores;
   const auto score = [&](const std::string& name, DenoiserByRatio* denoiser) {
     SceneScore& row = scores.emplace_back(SceneScore{.name = name});
-    arguments.runs.for_each(
-        model, common.seed, *progress,
-        [&](const NoisyScene& noisy, const std::string&) { add_to_score(row, noisy, denoiser); });
+    arguments.runs.for_each(model, common.seed, *progress,
+                            [&](const NoisyScene& noisy, const std::string& light) {
+                              add_to_score(row, noisy, light, denoiser);
+                            });
   };
   score("noisy", nullptr);
   for (const TableRow& row : rows) {
@@ -67,7 +68,7 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   if (!arguments.report.empty())
     write_record_report(score_record(title, arguments.runs, model, scores), arguments.report,
                         common.force);
-  print_result(common, json, score_text(scores));
+  print_result(common, json, score_text_by_case(scores, model));
 }
 
 void add_table(CLI::App& experiment, Common& common, const std::string& name,

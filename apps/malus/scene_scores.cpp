@@ -52,6 +52,102 @@ NoiseProfile profile_at(const NoiseModel& model, const GainSetting& gain, const 
   }
 }
 
+SceneSums& sums_of_case(SceneScore& score, const std::string& light) {
+  const auto found =
+      std::ranges::find(score.by_case, light, &decltype(score.by_case)::value_type::first);
+  return found != score.by_case.end() ? found->second
+                                      : score.by_case.emplace_back(light, SceneSums{}).second;
+}
+
+void add_to_sums(SceneSums& sums, const Evaluation& e, double seconds) {
+  sums.image_psnr_db += *e.image_psnr_db;
+  sums.image_ssim.add(e.image_ssim);
+  sums.dolp_psnr_db.add(e.dolp_psnr_db);
+  sums.aolp_psnr_db.add(e.aolp_psnr_db);
+  sums.aolp_deg.add(e.aolp_circular_deg);
+  sums.seconds += seconds;
+  ++sums.count;
+}
+
+// The columns of 000 Table 1, and what its linear AoLP is no good measure for.
+struct ScoreColumn {
+  const char *key, *name, *unit;
+  int digits;
+};
+constexpr ScoreColumn kScoreColumns[] = {{"image_psnr_db", "image PSNR", "dB", 2},
+                                         {"image_ssim", "image SSIM", "1", 3},
+                                         {"dolp_psnr_db", "DoLP PSNR", "dB", 2},
+                                         {"aolp_psnr_db", "AoLP PSNR", "dB", 2},
+                                         {"aolp_circular_deg", "AoLP circular RMS", "deg", 2},
+                                         {"seconds", "time per frame", "s", 2}};
+
+Json means_json(const SceneSums& sums) {
+  const double n = std::max(sums.count, 1);
+  const auto decided = [](const MeanOfDecided& m) { return m.mean() ? Json(*m.mean()) : Json(); };
+  return {
+      {"image_psnr_db", sums.image_psnr_db / n},     {"image_ssim", decided(sums.image_ssim)},
+      {"dolp_psnr_db", decided(sums.dolp_psnr_db)},  {"aolp_psnr_db", decided(sums.aolp_psnr_db)},
+      {"aolp_circular_deg", decided(sums.aolp_deg)}, {"seconds", sums.seconds / n}};
+}
+
+// In the order of the columns; nothing is done to the noisy frame, which takes no time.
+Json score_cells(const SceneSums& sums) {
+  const Json means = means_json(sums);
+  Json cells = Json::array();
+  for (const ScoreColumn& column : kScoreColumns)
+    cells.push_back(column.key == std::string("seconds") && sums.seconds <= 0 ? Json()
+                                                                              : means[column.key]);
+  return cells;
+}
+
+using NamedSums = std::vector<std::pair<std::string, SceneSums>>;
+
+std::string table_text(const NamedSums& rows) {
+  std::string table = "| method |", line = "|---|";
+  for (const ScoreColumn& column : kScoreColumns) {
+    table += column.unit == std::string("1") ? fmt::format(" {} |", column.name)
+                                             : fmt::format(" {} [{}] |", column.name, column.unit);
+    line += "---|";
+  }
+  table += "\n" + line + "\n";
+  for (const auto& [name, sums] : rows) {
+    table += fmt::format("| {} |", name);
+    const Json cells = score_cells(sums);
+    for (std::size_t i = 0; i < cells.size(); ++i)
+      table += cells[i].is_null()
+                   ? std::string(" - |")
+                   : fmt::format(" {:.{}f} |", cells[i].get<double>(), kScoreColumns[i].digits);
+    table += "\n";
+  }
+  return table;
+}
+
+NamedSums all_sums(const std::vector<SceneScore>& scores) {
+  NamedSums rows;
+  for (const SceneScore& score : scores) rows.emplace_back(score.name, score.sums);
+  return rows;
+}
+
+// Every case with all rows' sums of it, where there are several.
+std::vector<std::pair<std::string, NamedSums>> sums_by_case(const std::vector<SceneScore>& scores) {
+  std::vector<std::pair<std::string, NamedSums>> cases;
+  if (scores.empty() || scores.front().by_case.size() < 2) return cases;
+  for (std::size_t i = 0; i < scores.front().by_case.size(); ++i) {
+    cases.emplace_back(scores.front().by_case[i].first, NamedSums{});
+    for (const SceneScore& score : scores)
+      cases.back().second.emplace_back(score.name, score.by_case[i].second);
+  }
+  return cases;
+}
+
+Json sums_table(const std::string& title, const std::string& note, const NamedSums& rows) {
+  std::vector<std::pair<std::string, std::string>> columns;
+  for (const ScoreColumn& column : kScoreColumns) columns.emplace_back(column.name, column.unit);
+  Json table = record_table(title, note, "method", columns);
+  for (const auto& [name, sums] : rows) add_record_row(table, name, score_cells(sums));
+  return table;
+}
+
 }  // namespace
 
 CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
@@ -152,13 +248,15 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light,
           white_above_black(model.white_dn, model.black_dn)};
 }
 
-void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* denoiser) {
+void add_to_score(SceneScore& score, const NoisyScene& scene, const std::string& light,
+                  DenoiserByRatio* denoiser) {
   Image test_dn;
+  double seconds = 0;
   if (denoiser) {
     const FrameDenoiser& opened = denoiser->at(scene.ratio);
     const Stopwatch stopwatch;
     test_dn = opened(scene.frame, scene.profile, silent_progress()).dn_above_black;
-    score.seconds += stopwatch.seconds();
+    seconds = stopwatch.seconds();
   } else {
     test_dn = above_black(scene.frame);
     subtract_bias(test_dn, scene.profile);
@@ -166,40 +264,35 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* d
   for (float& v : test_dn.values()) v *= static_cast<float>(scene.ratio);
   const Evaluation e =
       evaluate_mosaics(scene.clean->clean_dn, test_dn, scene.frame.layout, scene.range_dn);
-  score.image_psnr_db += *e.image_psnr_db;
-  score.dolp_psnr_db.add(e.dolp_psnr_db);
-  score.aolp_deg.add(e.aolp_circular_deg);
-  ++score.count;
+  add_to_sums(score.sums, e, seconds);
+  add_to_sums(sums_of_case(score, light), e, seconds);
 }
 
 Json score_json(const std::vector<SceneScore>& scores) {
   Json list = Json::array();
   for (const SceneScore& score : scores) {
-    const double n = std::max(score.count, 1);
-    Json row{{"name", score.name}, {"image_psnr_db", score.image_psnr_db / n}};
-    const auto decided = [](const MeanOfDecided& m) { return m.mean() ? Json(*m.mean()) : Json(); };
-    row["dolp_psnr_db"] = decided(score.dolp_psnr_db);
-    row["aolp_circular_deg"] = decided(score.aolp_deg);
-    row["seconds"] = score.seconds / n;
+    Json row{{"name", score.name}};
+    row.update(means_json(score.sums));
+    row["by_case"] = Json::array();
+    for (const auto& [light, sums] : score.by_case) {
+      Json one{{"case", light}};
+      one.update(means_json(sums));
+      row["by_case"].push_back(std::move(one));
+    }
     list.push_back(std::move(row));
   }
   return list;
 }
 
 std::string score_text(const std::vector<SceneScore>& scores) {
-  std::string table =
-      "| method | image PSNR [dB] | DoLP PSNR [dB] | AoLP circular RMS [deg] | s per frame |\n"
-      "|---|---|---|---|---|\n";
-  for (const SceneScore& score : scores) {
-    const double n = std::max(score.count, 1);
-    const auto decided = [](const MeanOfDecided& m) {
-      return m.mean() ? fmt::format("{:.2f}", *m.mean()) : std::string("-");
-    };
-    table += fmt::format("| {} | {:.2f} | {} | {} | {} |\n", score.name, score.image_psnr_db / n,
-                         decided(score.dolp_psnr_db), decided(score.aolp_deg),
-                         score.seconds > 0 ? fmt::format("{:.2f}", score.seconds / n) : "-");
-  }
-  return table;
+  return table_text(all_sums(scores));
+}
+
+std::string score_text_by_case(const std::vector<SceneScore>& scores, const NoiseModel& model) {
+  std::string text = score_text(scores);
+  for (const auto& [light, rows] : sums_by_case(scores))
+    text += fmt::format("\n{}:\n\n{}", cases_text({light}, model), table_text(rows));
+  return text;
 }
 
 std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model) {
@@ -226,22 +319,15 @@ Json score_record(const std::string& title, const SceneRuns& runs, const NoiseMo
                   const std::vector<SceneScore>& scores) {
   std::vector<std::string> scenes;
   for (const fs::path& scene : runs.scenes) scenes.push_back(name_of_scene(scene));
-  Json table = record_table(
+  Json tables = Json::array({sums_table(
       "Means over scenes and cases",
       fmt::format("Scenes: {}, of each at most the middle {} x {} pixels. {}; noise of {}.",
                   joined(scenes), runs.crop, runs.crop, cases_text(runs.cases, model), runs.model),
-      "method",
-      {{"image PSNR", "dB"},
-       {"DoLP PSNR", "dB"},
-       {"AoLP circular error", "deg"},
-       {"time per frame", "s"}});
-  for (const Json& method : score_json(scores)) {
-    const bool timed = method["seconds"].get<double>() > 0;  // nothing is done to the noisy frame
-    add_record_row(table, method["name"].get<std::string>(),
-                   {method["image_psnr_db"], method["dolp_psnr_db"], method["aolp_circular_deg"],
-                    timed ? method["seconds"] : Json()});
-  }
-  return {{"title", title}, {"tables", Json::array({table})}};
+      all_sums(scores))});
+  for (const auto& [light, rows] : sums_by_case(scores))
+    tables.push_back(
+        sums_table(fmt::format("Means over scenes, {}", cases_text({light}, model)), "", rows));
+  return {{"title", title}, {"tables", std::move(tables)}};
 }
 
 }  // namespace malus::app

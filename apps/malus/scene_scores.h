@@ -10,6 +10,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "denoiser_by_ratio.h"
@@ -25,12 +26,18 @@ LightCase light_case_of(const std::string& text);
 /// floats: linear). Throws InputError.
 CleanScene load_scene(const std::filesystem::path& path, const NoiseModel& model, int crop);
 
-/// Sums over scenes and cases.
+/// Sums over frames.
+struct SceneSums {
+  double image_psnr_db = 0, seconds = 0;
+  MeanOfDecided image_ssim = {}, dolp_psnr_db = {}, aolp_psnr_db = {}, aolp_deg = {};
+  int count = 0;
+};
+
+/// Of all scenes and cases, and of each case's scenes.
 struct SceneScore {
   std::string name;
-  double image_psnr_db = 0, seconds = 0;
-  MeanOfDecided dolp_psnr_db = {}, aolp_deg = {};
-  int count = 0;
+  SceneSums sums = {};
+  std::vector<std::pair<std::string, SceneSums>> by_case = {};  ///< of light_case_of; as drawn
 };
 
 /// One noisy frame of a scene. The same seed gives the same frame.
@@ -64,12 +71,16 @@ struct SceneRuns {
                 const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const;
 };
 
-/// Adds what is left of the frame's noise: of the frame itself without a denoiser.
-void add_to_score(SceneScore& score, const NoisyScene& scene, DenoiserByRatio* denoiser);
+/// Adds what is left of the frame's noise: of the frame itself without a denoiser. light: its case.
+void add_to_score(SceneScore& score, const NoisyScene& scene, const std::string& light,
+                  DenoiserByRatio* denoiser);
 
-/// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md).
+/// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md): over
+/// all cases and, but in the first table, of each.
 nlohmann::ordered_json score_json(const std::vector<SceneScore>& scores);
 std::string score_text(const std::vector<SceneScore>& scores);
+/// The same, and where there are several cases a table of each.
+std::string score_text_by_case(const std::vector<SceneScore>& scores, const NoiseModel& model);
 nlohmann::ordered_json score_record(const std::string& title, const SceneRuns& runs,
                                     const NoiseModel& model, const std::vector<SceneScore>& scores);
 

@@ -24,6 +24,18 @@ def test_methods_are_scored_against_the_clean_scene(malus, scene):
     assert scored[1]["image_psnr_db"] > scored[0]["image_psnr_db"] + 3
 
 
+def test_every_metric_of_the_papers_table_is_told_case_by_case(malus, scene):
+    run = ["experiment", "denoise", scene, "--methods", "bm3d/fast", "--json", "--cases"]
+    both = malus(*run, "12:10", "12:60").json["methods"]
+    for row in both:
+        assert [case["case"] for case in row["by_case"]] == ["12:10", "12:60"]
+        for key in ("image_psnr_db", "image_ssim", "dolp_psnr_db", "aolp_psnr_db", "aolp_circular_deg"):
+            assert row[key] == pytest.approx(np.mean([case[key] for case in row["by_case"]]))
+    first = malus(*run, "12:10").json["methods"]  # the seeds count up from the first case
+    assert [row["by_case"][0]["image_ssim"] for row in both] == [row["image_ssim"] for row in first]
+    assert first[0]["image_ssim"] < first[1]["image_ssim"] < 1 and first[0]["aolp_psnr_db"] < first[1]["aolp_psnr_db"]
+
+
 @pytest.mark.parametrize("ending", ["png", "jpg"])
 def test_a_camera_without_polarizers_takes_pictures(malus, refused, scene, tmp_path, ending):
     rows, cols = np.mgrid[0:64, 0:96]
@@ -46,7 +58,8 @@ def test_unpolarized_light_has_no_error_of_aolp(malus, scene, tmp_path):
     for scenes in ([scene], [plain], [scene, plain]):
         run = ["experiment", "denoise", *scenes, "--methods", "bm3d/fast", "--cases", "12:10"]
         errors.append([row["aolp_circular_deg"] for row in malus(*run, "--json").json["methods"]])
-        shown.append(malus(*run).out.splitlines()[-1].split("|")[4].strip())
+        head, _, *rows = [[cell.strip() for cell in line.split("|")] for line in malus(*run).out.splitlines()]
+        shown.append(rows[-1][head.index("AoLP circular RMS [deg]")])
     assert errors[1] == [None, None] and shown[1] == "-"
     assert errors[2] == errors[0] and shown[2] == shown[0]  # the seeds count up from the first scene
 

@@ -62,6 +62,19 @@ def test_a_network_that_amplifies_by_the_ratio_is_given_that_of_each_case(malus,
         assert scored[1]["image_psnr_db"] == pytest.approx(scored[0]["image_psnr_db"], abs=0.5)
 
 
+def test_the_light_cases_have_tables_of_their_own(malus, experiment):
+    (experiment / "rows.toml").write_text('[[rows]]\nname = "classical"\nmethod = "bm3d/fast"\n')
+    run = ["experiment", "table1", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out"]
+    text = malus(*run, "--report", experiment / "page.html").out
+    mean, first, second = text.split("12 dB at 1/")
+    assert first.startswith("10 of the light:\n") and second.startswith("60 of the light:\n")
+    for table in (mean, first, second):
+        assert "| method | image PSNR [dB] | image SSIM | DoLP PSNR [dB] | AoLP PSNR [dB] |" in table
+        assert table.count("\n| noisy |") == table.count("\n| classical |") == 1
+    page = (experiment / "page.html").read_text()
+    assert "Means over scenes, 12 dB at 1/60 of the light" in page and "AoLP PSNR" in page
+
+
 def test_one_process_trains_an_experiments_rows(refused, experiment):
     line = refused("experiment", "table2", experiment / "rows.toml", "--scenes", experiment / "scene", "-o", experiment / "out",
                    "-q", env={**os.environ, "RANK": "1", "WORLD_SIZE": "2"})
