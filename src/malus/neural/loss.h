@@ -1,4 +1,6 @@
-// Training losses of 000, section 5.3.
+// Training losses of 000, section 5.3: of a network's own planes. In domain "linear" these are
+// light, and Eq. 9 is the paper's. In "stabilised" they are variance-stabilised: their sums and
+// differences are no Stokes parameters, and bright places count less (docs/training.md).
 #pragma once
 
 #include "malus/image/layout.h"
@@ -11,9 +13,9 @@ namespace malus {
 /// Eq. 8: mean |y - x| over all values.
 torch::Tensor l1_distance(const torch::Tensor& output, const torch::Tensor& target);
 
-/// Eq. 9: over the colours of the layout, the mean L1 distance of (S0, S1, S2). Planes are [batch,
-/// channel, row, col] in the layout's channel order. Contract: layout.polarized() and as many
-/// channels.
+/// Eq. 9: over the colours of the layout, the mean L1 distance of (S0, S1, S2), where the planes
+/// are light. Planes are [batch, channel, row, col] in the layout's channel order. Contract:
+/// layout.polarized() and as many channels.
 torch::Tensor stokes_loss(const torch::Tensor& output, const torch::Tensor& target,
                           const SensorLayout& layout);
 
