@@ -109,17 +109,25 @@ Measured channel_mean(const Quantity& quantity) {
                              static_cast<double>(values.count())};
 }
 
+// ", mean of the channels", or of how many, where the others' value is not known.
+std::string mean_of_what(const Quantity& quantity) {
+  const auto all = std::ssize(quantity.value);
+  const auto known = std::count_if(quantity.value.begin(), quantity.value.end(),
+                                   [](double value) { return std::isfinite(value); });
+  if (all == 1) return "";
+  if (known == all || known == 0) return ", mean of the channels";
+  return fmt::format(", mean of {} of {} channels", known, all);
+}
+
 FiguresBlock key_figures(const NoiseModel& model) {
   FiguresBlock figures;
   const PhysicsCalibration& p = model.physics.front();
-  const std::string note =
-      fmt::format("{}{}", p.gain.decibel() ? p.gain.text() : "camera gain not told",
-                  model.layout.channels() > 1 ? ", mean of the channels" : "");
+  const std::string gain = p.gain.decibel() ? p.gain.text() : "camera gain not told";
   for (const Quantity& quantity : data_sheet(model, p))
     if (quantity.name == "overall_gain" || quantity.name == "read_noise" ||
         quantity.name == "saturation" || quantity.name == "dynamic_range")
-      figures.items.push_back(
-          {quantity.description, quantity.symbol, quantity.unit, note, channel_mean(quantity)});
+      figures.items.push_back({quantity.description, quantity.symbol, quantity.unit,
+                               gain + mean_of_what(quantity), channel_mean(quantity)});
   return figures;
 }
 
@@ -133,7 +141,9 @@ TableBlock sheet_over_gains(const NoiseModel& model) {
                    .note = fmt::format(
                        "Terms of the EMVA Standard 1288, means of the channels. Saturation is {}. "
                        "Quantum efficiency is not measured, so the threshold is in electrons.",
-                       below_white ? "where the temporal noise is largest, else the white level's"
+                       below_white ? "where the temporal noise is largest, and the mean is of the "
+                                     "channels whose flats get there; at gains where none does it "
+                                     "is the white level's"
                                    : "the white level's"),
                    .head = "quantity",
                    .columns = {},

@@ -90,6 +90,33 @@ TEST(DataSheet, FullWellIsWhereTheVarianceFallsNotWhite) {
               20 * std::log10(5000 / (std::sqrt(16.25) + 0.5)), 1e-12);
 }
 
+// Red and blue get less light than green, so their flats end before the full well that the greens
+// show: their own may be anything up to white, which is not theirs to claim.
+TEST(DataSheet, WhiteIsNoFullWellWhereAnotherChannelsLiesBelowIt) {
+  NoiseModel model = sensor_of_4000_dn();
+  model.layout = SensorLayout::named("bayer-rggb");
+  model.black_dn = {95, 95, 95, 95};
+  PhysicsCalibration p;
+  p.K.mean = {0.5, 0.5, 0.5, 0.5};
+  p.K.standard_error = {0, 0, 0, 0};
+  p.temporal_sd_dark_dn = {2, 2, 2, 2};
+  p.transfer.resize(4);
+  for (int channel = 0; channel < 4; ++channel) {
+    p.transfer[static_cast<std::size_t>(channel)].channel = channel;
+    p.transfer[static_cast<std::size_t>(channel)].mean_dn = channel == 1 ? 2500 : 1200;
+  }
+  EXPECT_DOUBLE_EQ(named(data_sheet(model, p), "saturation").value[0], 8000);
+  p.transfer[1].saturated = true;
+  p.transfer[3].at_white = true;
+  const auto sheet = data_sheet(model, p);
+  EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[1], 5000);
+  EXPECT_DOUBLE_EQ(named(sheet, "saturation").value[3], 8000);
+  for (const char* name : {"saturation", "dynamic_range", "snr_max"})
+    for (const std::size_t unknown : {0U, 2U})
+      EXPECT_TRUE(std::isnan(named(sheet, name).value[unknown])) << name;
+  EXPECT_DOUBLE_EQ(named(sheet, "threshold").value[0], std::sqrt(16.25) + 0.5);
+}
+
 // Rounded normal noise of 0.8 DN has a variance of 0.64 + 1/12 DN².
 TEST(DataSheet, DarkNoiseIsThatOfTheSensorAndNotOfTheStep) {
   NoiseModel model = sensor_of_4000_dn();

@@ -100,6 +100,15 @@ double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& p,
   return saturation;
 }
 
+bool saturation_is_known(const PhysicsCalibration& p, int channel) {
+  bool any_below_white = false;
+  for (const PhotonTransferPoint& point : p.transfer) {
+    if (point.channel == channel && (point.saturated || point.at_white)) return true;
+    any_below_white = any_below_white || point.saturated;
+  }
+  return !any_below_white;
+}
+
 bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn) {
   return !point.at_white && point.exposure_s > 0 && point.mean_dn >= 0.05 * saturation_dn &&
          point.mean_dn <= 0.95 * saturation_dn;
@@ -201,7 +210,8 @@ std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibrati
     const double dark_dn = at(p.temporal_sd_dark_dn, c);
     const auto [dark_e, dark_error] = dark_noise_e(dark_dn, at(p.temporal_sd_dark_stderr_dn, c),
                                                    model.quantization_dn, gain, gain_error);
-    const auto [full_e, full_error] = in_electrons(reach_dn, 0, gain, gain_error);
+    const auto [full_e, full_error] =
+        in_electrons(saturation_is_known(p, channel) ? reach_dn : kNone, 0, gain, gain_error);
     const double limit_e = threshold_e(dark_dn, model.quantization_dn, gain);
     K.value.push_back(gain);
     K.standard_error.push_back(gain_error);
