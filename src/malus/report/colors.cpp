@@ -44,14 +44,14 @@ std::string css_color(const PaletteColor& color) {
 
 const std::vector<std::string>& series_colors() {
   static const std::vector<std::string> kColors = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                   "#b07700", "#3a9bd1", "#7f7f7f"};
+                                                   "#6072fc", "#3a9bd1", "#666c6c"};
   return kColors;
 }
 
 Tone tone_of(std::string_view channel, std::size_t order) {
   static constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kFilters = {
       {{"G1", "#009e73"},
-       {"G2", "#7a9e2e"},
+       {"G2", "#247872"},
        {"R", "#d55e00"},
        {"B", "#0072b2"},
        {"mono", "#7f7f7f"}}};
