@@ -239,6 +239,82 @@ TEST(WriteFigures, PointsOfUnknownErrorCountForTheAxis) {
   EXPECT_THAT(labels, ::testing::IsSupersetOf({"500", "700", "900"}));
 }
 
+// σ_b of a camera without row noise is 0 within its error: the bar ends where the axis does.
+TEST(WriteFigures, ErrorBarsThatReachBelowALogarithmicAxisEndThere) {
+  PointSeries points{.name = "p"};
+  points.x = {1, 2, 3};
+  points.y = {0.0136, 0.05, 0};
+  points.error = {0.0205, 0.01, 0.02};
+  const std::string svg =
+      chart_svg({"Points", "", {"x"}, {"y", "1", AxisScale::kLogarithmic}, {points}});
+  const std::size_t at = svg.find("fill=\"none\" stroke=\"#0072b2\"");
+  ASSERT_NE(at, std::string::npos);
+  double x[2], from[2], to[2];
+  ASSERT_EQ(std::sscanf(svg.substr(svg.rfind("d=\"", at)).c_str(), "d=\"M%lf %lfV%lfM%lf %lfV%lf",
+                        x, from, to, x + 1, from + 1, to + 1),
+            6);
+  EXPECT_GT(from[0], from[1]);  // down to the axis
+  EXPECT_DOUBLE_EQ(from[0], 460 - 62);
+  EXPECT_THAT(svg, Not(HasSubstr("nan")));
+  EXPECT_THAT(svg, Not(HasSubstr("inf")));
+}
+
+TEST(WriteFigures, PointsThatNoLineReachesAreDots) {
+  const PointSeries line{
+      .name = "l", .mark = Mark::kLine, .x = {1, 2, 3, 4, 5}, .y = {1, 2, NAN, 2, NAN}};
+  const std::string svg = chart_svg({"Line", "", {"x"}, {"y"}, {line}});
+  const auto dots = [](const std::string& text) {
+    static const std::regex kDot(R"(a2\.2 2\.2 0 1 0 4\.4 0)");
+    return std::distance(std::sregex_iterator(text.begin(), text.end(), kDot), {});
+  };
+  EXPECT_EQ(dots(svg), 1);
+  const PointSeries lone{.name = "l", .mark = Mark::kLine, .x = {3}, .y = {0.5}};
+  EXPECT_EQ(dots(chart_svg({"Line", "", {"x"}, {"y"}, {lone}})), 1);
+}
+
+std::vector<std::string> key_labels(const std::string& svg) {
+  static const std::regex kLabel(
+      R"x(<text x="620\.0"[^>]*text-anchor="start"[^>]*>([^<]*)</text>)x");
+  std::vector<std::string> labels;
+  for (std::sregex_iterator at(svg.begin(), svg.end(), kLabel), end; at != end; ++at)
+    labels.push_back((*at)[1]);
+  return labels;
+}
+
+// Sixteen channels with their fits and what was left out: fifty entries were cut off at twenty.
+TEST(WriteFigures, TheKeyHasEveryChannelWithItsSymbolAndExplainsLinesOnce) {
+  Chart chart{"Transfer", "", {"x"}, {"y"}, {}};
+  std::vector<std::string> names;
+  for (const char* filter : {"R", "G1_", "G2_", "B"})
+    for (const char* angle : {"90", "45", "135", "0"}) {
+      names.push_back(std::string(filter) + angle);
+      PointSeries points{.name = names.back(),
+                         .mark = Mark::kPoints,
+                         .tone = names.back(),
+                         .x = {1, 2},
+                         .y = {1, 2}};
+      chart.series.emplace_back(points);
+      points.name += ", fit";
+      points.mark = Mark::kLine;
+      chart.series.emplace_back(points);
+      points.name = names.back() + ", left out";
+      points.mark = Mark::kCrosses;
+      chart.series.emplace_back(points);
+    }
+  names.insert(names.end(), {"fit", "left out"});
+  const std::string svg = chart_svg(chart);
+  EXPECT_EQ(key_labels(svg), names);
+  EXPECT_THAT(svg, Not(HasSubstr("<rect x=\"6")));  // no square stands for a circle or a line
+  // A key that cannot hold all says how many it left out.
+  chart.series.clear();
+  for (int i = 0; i < 100; ++i)
+    chart.series.emplace_back(PointSeries{
+        .name = "run " + std::to_string(i), .mark = Mark::kLine, .x = {1, 2}, .y = {1, 2}});
+  const auto many = key_labels(chart_svg(chart));
+  EXPECT_GT(many.size(), 30U);
+  EXPECT_EQ(many.back(), "and " + std::to_string(101 - many.size()) + " more");
+}
+
 Report three_charts() {
   Chart first = box_chart(), second = box_chart();
   first.text = "first";

@@ -98,6 +98,11 @@ bool PlotAxis::shows(double value) const {
   return at >= low_ - slack && at <= high_ + slack;
 }
 
+double PlotAxis::place_within(double value) const {
+  if (logarithmic_ && value <= 0) return from_;
+  return std::clamp(place(value), std::min(from_, to_), std::max(from_, to_));
+}
+
 double PlotAxis::category_width() const {
   const double pieces = categories_ > 0 ? static_cast<double>(categories_) : 100;
   return std::abs(to_ - from_) / pieces;

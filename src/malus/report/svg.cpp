@@ -4,6 +4,7 @@
 #include "malus/report/internal/plot_area.h"
 
 #include <algorithm>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -16,7 +17,7 @@ using internal::xml_safe;
 
 constexpr double kWidth = 720, kHeight = 460, kLeft = 78, kTop = 34, kBottom = 62;
 constexpr double kRightPlain = 20, kRightLegend = 130;
-constexpr std::size_t kLegendRows = 20;
+constexpr const char* kInk = "#1c2430";
 
 std::string axis_title(const Axis& axis) {
   if (axis.unit == "1" || axis.unit.empty()) return xml_safe(axis.name);
@@ -64,17 +65,48 @@ std::string frame(const Chart& chart, const PlotArea& area) {
   return svg;
 }
 
-std::string legend(const Chart& chart) {
-  std::string svg;
-  const double x = kWidth - kRightLegend + 12;
-  for (std::size_t i = 0; i < std::min(chart.series.size(), kLegendRows); ++i) {
+// What the key explains: channels by their colour and symbol, and once what their lines and crosses
+// are ("R, fit" beside "R").
+struct KeyEntry {
+  std::string name;
+  Mark mark = Mark::kPoints;
+  Tone tone;
+};
+
+std::vector<KeyEntry> key_entries(const Chart& chart) {
+  std::set<std::string> names, listed;
+  for (const Series& series : chart.series)
+    if (const auto* points = std::get_if<PointSeries>(&series)) names.insert(points->name);
+  std::vector<KeyEntry> own, common;
+  for (std::size_t i = 0; i < chart.series.size(); ++i) {
     const auto* series = std::get_if<PointSeries>(&chart.series[i]);
     if (series == nullptr) continue;
-    const double y = kTop + 10 + 18 * static_cast<double>(i);
-    svg += fmt::format(R"(<rect x="{:.1f}" y="{:.1f}" width="10" height="10" fill="{}"/>)"
-                       "\n",
-                       x, y - 9, tone_of(series->tone, i).color);
-    svg += text(x + 15, y, "start", xml_safe(series->name));
+    const std::size_t comma = series->name.rfind(", ");
+    const bool of_another =
+        comma != std::string::npos && names.contains(series->name.substr(0, comma));
+    const std::string name = of_another ? series->name.substr(comma + 2) : series->name;
+    if (!listed.insert(name).second) continue;
+    (of_another ? common : own)
+        .push_back({name, series->mark, of_another ? Tone{kInk} : tone_of(series->tone, i)});
+  }
+  own.insert(own.end(), common.begin(), common.end());
+  return own;
+}
+
+std::string legend(const Chart& chart) {
+  constexpr double kRow = 18, kNarrowestRow = 10.5, kBelow = 12;
+  const std::vector<KeyEntry> entries = key_entries(chart);
+  const double x = kWidth - kRightLegend + 18, height = kHeight - kTop - kBelow;
+  const double row = std::clamp(height / static_cast<double>(entries.size()), kNarrowestRow, kRow);
+  const auto fit = static_cast<std::size_t>(height / row + 1e-9);
+  const std::string size = row < 13 ? fmt::format(R"( font-size="{:.1f}")", row - 0.5) : "";
+  std::string svg;
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    const double y = kTop + 10 + row * static_cast<double>(i);
+    if (i + 1 == fit && entries.size() > fit)
+      return svg + text(x + 12, y, "start", fmt::format("and {} more", entries.size() - i), size);
+    svg += internal::key_mark_svg(entries[i].mark, entries[i].tone, x, y - 4);
+    svg += text(x + 12, y, "start", xml_safe(entries[i].name), size);
   }
   return svg;
 }

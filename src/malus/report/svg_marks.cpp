@@ -16,21 +16,6 @@ std::string path(const std::string& steps, const std::string& color, bool dashed
                      steps, color, dashed ? R"( stroke-dasharray="6 4")" : "");
 }
 
-std::string line(const PointSeries& series, const std::string& color, const PlotArea& area) {
-  std::string steps;
-  bool pen_down = false;
-  for (std::size_t i = 0; i < series.x.size(); ++i) {
-    if (!area.x.shows(series.x[i]) || !area.y.shows(series.y[i])) {
-      pen_down = false;
-      continue;
-    }
-    steps += fmt::format("{}{:.1f} {:.1f}", pen_down ? 'L' : 'M', area.x.place(series.x[i]),
-                         area.y.place(series.y[i]));
-    pen_down = true;
-  }
-  return path(steps, color, series.mark == Mark::kDashed);
-}
-
 std::string symbol_path(Symbol symbol, double x, double y, double r) {
   switch (symbol) {
     case Symbol::kTriangle:
@@ -49,6 +34,29 @@ std::string symbol_path(Symbol symbol, double x, double y, double r) {
       fmt::arg("r", r), fmt::arg("d", 2 * r), fmt::arg("m", -2 * r));
 }
 
+// Crosses of the plot, and of its key.
+std::string cross_path(double x, double y) {
+  return fmt::format("M{:.1f} {:.1f}l7 7m0 -7l-7 7", x - 3.5, y - 3.5);
+}
+
+// A curve of one point, or a point between two gaps, has no line to be seen by: it gets a dot.
+std::string line(const PointSeries& series, const std::string& color, const PlotArea& area) {
+  std::string steps, dots;
+  const auto shown = [&](std::size_t i) {
+    return i < series.x.size() && area.x.shows(series.x[i]) && area.y.shows(series.y[i]);
+  };
+  for (std::size_t i = 0; i < series.x.size(); ++i) {
+    if (!shown(i)) continue;
+    const bool from_last = i > 0 && shown(i - 1);
+    const double x = area.x.place(series.x[i]), y = area.y.place(series.y[i]);
+    steps += fmt::format("{}{:.1f} {:.1f}", from_last ? 'L' : 'M', x, y);
+    if (!from_last && !shown(i + 1)) dots += symbol_path(Symbol::kCircle, x, y, 2.2);
+  }
+  std::string svg = path(steps, color, series.mark == Mark::kDashed);
+  if (!dots.empty()) svg += fmt::format("<path d=\"{}\" fill=\"{}\"/>\n", dots, color);
+  return svg;
+}
+
 std::string points(const PointSeries& series, const Tone& tone, const PlotArea& area) {
   constexpr std::size_t kMany = 300;
   const double radius = series.x.size() > kMany ? 1.2 : 2.8;
@@ -57,14 +65,14 @@ std::string points(const PointSeries& series, const Tone& tone, const PlotArea& 
     if (!area.x.shows(series.x[i]) || !area.y.shows(series.y[i])) continue;
     const double x = area.x.place(series.x[i]), y = area.y.place(series.y[i]);
     if (series.mark == Mark::kCrosses)
-      strokes += fmt::format("M{:.1f} {:.1f}l7 7m0 -7l-7 7", x - 3.5, y - 3.5);
+      strokes += cross_path(x, y);
     else
       filled += symbol_path(tone.symbol, x, y, radius);
-    if (i < series.error.size() && area.y.shows(series.y[i] - series.error[i]) &&
-        area.y.shows(series.y[i] + series.error[i]))
-      strokes +=
-          fmt::format("M{:.1f} {:.1f}V{:.1f}", x, area.y.place(series.y[i] - series.error[i]),
-                      area.y.place(series.y[i] + series.error[i]));
+    if (i < series.error.size() && std::isfinite(series.error[i]))
+      // On a logarithmic axis a bar may reach down to 0 and below: it ends where the axis does.
+      strokes += fmt::format("M{:.1f} {:.1f}V{:.1f}", x,
+                             area.y.place_within(series.y[i] - series.error[i]),
+                             area.y.place_within(series.y[i] + series.error[i]));
   }
   std::string svg;
   if (!filled.empty())
@@ -149,6 +157,25 @@ std::string heat_svg(const HeatSeries& series, const PlotArea& area) {
 }
 
 }  // namespace
+
+std::string key_mark_svg(Mark mark, const Tone& tone, double x, double y) {
+  switch (mark) {
+    case Mark::kLine:
+    case Mark::kDashed:
+      return path(fmt::format("M{:.1f} {:.1f}h16", x - 8, y), tone.color, mark == Mark::kDashed);
+    case Mark::kCrosses:
+      return path(cross_path(x, y), tone.color, false);
+    case Mark::kBars:
+      return fmt::format(
+          R"(<rect x="{:.1f}" y="{:.1f}" width="10" height="10" fill="{}" fill-opacity="0.55"/>)"
+          "\n",
+          x - 5, y - 5, tone.color);
+    case Mark::kPoints:
+      break;
+  }
+  return fmt::format("<path d=\"{}\" fill=\"{}\"/>\n", symbol_path(tone.symbol, x, y, 3.4),
+                     tone.color);
+}
 
 std::string series_svg(const Series& series, std::size_t order, const PlotArea& area) {
   if (const auto* points = std::get_if<PointSeries>(&series))

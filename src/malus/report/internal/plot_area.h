@@ -1,9 +1,11 @@
 // Where values lie on the paper: axes with their ticks.
 #pragma once
 
+#include "malus/report/internal/colors.h"
 #include "malus/report/report.h"
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace malus::internal {
@@ -20,6 +22,8 @@ class PlotAxis {
   PlotAxis(const Axis& axis, double low, double high, double from, double to);
   double place(double value) const;
   bool shows(double value) const;
+  /// Its place, or the nearer end of the axis for what lies beyond.
+  double place_within(double value) const;
   /// Width of a category, or of a hundredth of the axis.
   double category_width() const;
   const std::vector<Tick>& ticks() const { return ticks_; }
@@ -50,6 +54,9 @@ Range range_of(const Chart& chart, bool horizontal);
 
 /// The marks of one series as SVG elements; order gives the colour where no tone does.
 std::string series_svg(const Series& series, std::size_t order, const PlotArea& area);
+
+/// A mark as the key shows it, its middle at x and y.
+std::string key_mark_svg(Mark mark, const Tone& tone, double x, double y);
 
 std::string xml_safe(std::string_view text);
 
