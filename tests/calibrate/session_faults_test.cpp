@@ -293,6 +293,8 @@ TEST(Layout, OfAnotherColourOrderIsTold) {
   EXPECT_THAT(told("bayer-bggr", rggb), IsEmpty());  // nothing tells red from blue
   for (const char* other : {"bayer-gbrg", "bayer-grbg"})
     EXPECT_THAT(told(other, rggb), Contains(HasSubstr("another order of the colours?")));
+  // One line for all gains: how red and blue differ is noise, and another digit at each.
+  EXPECT_EQ(told("bayer-gbrg", {500, 300, 410, 500.2}), told("bayer-gbrg", {500, 300, 410, 501}));
 }
 
 // Malus's law, channels that respond differently by up to 3 %.

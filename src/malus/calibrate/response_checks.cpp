@@ -138,9 +138,9 @@ void warn_of_colors(const SensorLayout& layout, const std::vector<std::vector<do
                others = std::abs(red->light - blue->light);
   if (greens > kGreens && greens > kOfOthers * others)
     out.warnings.push_back(fmt::format(
-        "the two greens of {} differ by {:.2g} % of the light, red and blue by {:.2g} %: is it "
-        "another order of the colours?",
-        layout.name(), 100 * greens, 100 * others));
+        "the two greens of {} differ by {:.0f} % of the light, red and blue by less than a third "
+        "of that: is it another order of the colours?",
+        layout.name(), 100 * greens));
 }
 
 void warn_of_angles(const SensorLayout& layout, const std::vector<std::vector<double>>& light_dn,
