@@ -137,6 +137,17 @@ def test_library_code_never_prints_or_exits():
     assert not wrong, wrong
 
 
+def test_numbers_are_read_with_a_decimal_point_in_any_locale():
+    """The C library's functions stop at the point where the locale of the program around sets a comma."""
+    wrong = []
+    for path in own_files(".h", ".cpp", ".cu"):
+        if path.relative_to(ROOT).parts[0] in ("src", "apps", "python"):
+            code = re.sub(r"//.*", "", path.read_text())
+            if re.search(r"\b(?:sto(?:f|d|ld)|strto(?:f|d|ld)|atof|sscanf)\s*\(", code):
+                wrong.append(str(path.relative_to(ROOT)))
+    assert not wrong, wrong
+
+
 def test_random_numbers_have_one_home():
     """A number typed in place may be taken already: two things would then be drawn of the same words."""
     for path in own_files(".h", ".cpp", ".cu"):

@@ -3,11 +3,22 @@
 #include "malus/base/text.h"
 
 #include <algorithm>
+#include <charconv>
 #include <regex>
 
 #include <fmt/format.h>
 
 namespace malus {
+namespace {
+
+// With a decimal point in any locale: where a comma is set, the C library's functions stop there.
+double number_of(const std::string& text) {
+  double number = 0;
+  std::from_chars(text.data(), text.data() + text.size(), number);
+  return number;
+}
+
+}  // namespace
 
 std::string channels_text(const std::vector<std::string>& names, const SensorLayout& layout) {
   if (names.size() > 1 && std::ssize(names) == layout.channels())
@@ -30,8 +41,8 @@ void ChannelTroubles::add(const std::string& channel, const std::string& text) {
   same->channels.push_back(channel);
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     Number& range = same->numbers[i];
-    if (std::stod(numbers[i]) < std::stod(range.low)) range.low = numbers[i];
-    if (std::stod(numbers[i]) > std::stod(range.high)) range.high = numbers[i];
+    if (number_of(numbers[i]) < number_of(range.low)) range.low = numbers[i];
+    if (number_of(numbers[i]) > number_of(range.high)) range.high = numbers[i];
   }
 }
 
