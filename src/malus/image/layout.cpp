@@ -116,11 +116,11 @@ SensorLayout SensorLayout::named(std::string_view name) {
 }
 
 SensorLayout SensorLayout::from_sites(const SiteNames& rows) {
-  constexpr std::size_t kLargestCell = 8;
-  const char* remedy =
-      "give 1 to 8 rows of equal length with sites such as R90, G1_45, B, 135 or mono";
-  if (rows.empty() || rows[0].empty() || rows.size() > kLargestCell ||
-      rows[0].size() > kLargestCell)
+  const std::string remedy =
+      fmt::format("give 1 to {} rows of equal length with sites such as R90, G1_45, B, 135 or mono",
+                  kLargestCell);
+  if (rows.empty() || rows[0].empty() || std::ssize(rows) > kLargestCell ||
+      std::ssize(rows[0]) > kLargestCell)
     throw InputError(
         "sensor cell",
         fmt::format("has {} rows and {} columns", rows.size(), rows.empty() ? 0 : rows[0].size()),

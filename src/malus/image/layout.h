@@ -29,6 +29,9 @@ struct CellPhase {
 /// the cell, one per site.
 class SensorLayout {
  public:
+  /// Rows or columns of the largest cell, and how many channels that has.
+  static constexpr int kLargestCell = 8, kMostChannels = kLargestCell * kLargestCell;
+
   /// One mono channel.
   SensorLayout();
   /// Named: mono, bayer-{rggb,bggr,grbg,gbrg}, polar-mono, polar-bayer-{rggb,bggr,grbg,gbrg}.
@@ -36,7 +39,7 @@ class SensorLayout {
   static SensorLayout named(std::string_view name);
   /// Custom cell from site names, e.g. {{"R0","R45"},{"R135","R90"}} or {{"0","45"},{"135","90"}}
   /// or {{"R","G1"},{"G2","B"}}. Throws InputError on an unknown site, a ragged or empty cell, or
-  /// one larger than 8x8.
+  /// one larger than kLargestCell a side.
   static SensorLayout from_sites(const std::vector<std::vector<std::string>>& rows);
   static std::vector<std::string> known_names();
 

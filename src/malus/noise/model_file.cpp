@@ -143,7 +143,8 @@ void transfer_points(const Hdf5Reader& parent, std::vector<PhotonTransferPoint>&
                            t.saturated.size(), t.at_white.size(), t.dark_variance_dn2.size()})
     if (size != n) archive.fail("", "has columns of different lengths");
   for (std::size_t i = 0; i < n; ++i) {
-    if (t.channel[i] < 0 || t.channel[i] >= 64) archive.fail("channel", "is out of range");
+    if (t.channel[i] < 0 || t.channel[i] >= SensorLayout::kMostChannels)
+      archive.fail("channel", "is out of range");
     points.push_back({static_cast<int>(t.channel[i]), t.exposure_s[i], t.mean_dn[i],
                       t.variance_dn2[i], t.stderr_dn2[i], t.used[i] != 0, t.why_not[i],
                       t.saturated[i] != 0, t.at_white[i] != 0, t.dark_variance_dn2[i]});
@@ -258,7 +259,8 @@ void transfer_layout(const Hdf5Reader& archive, SensorLayout& layout) {
   archive.integer({"cell_rows", "", ""}, rows);
   archive.integer({"cell_cols", "", ""}, cols);
   archive.texts({"channels", "", ""}, sites);
-  if (rows < 1 || cols < 1 || rows > 64 || cols > 64 ||
+  if (rows < 1 || cols < 1 || rows > SensorLayout::kLargestCell ||
+      cols > SensorLayout::kLargestCell ||
       sites.size() != static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols))
     archive.fail("channels",
                  fmt::format("holds {} names for a cell of {} x {}", sites.size(), rows, cols));
