@@ -1,6 +1,7 @@
 #include "report_plots.h"
 
 #include "malus/base/index.h"
+#include "malus/base/statistics.h"
 #include "malus/noise/data_sheet.h"
 
 #include <algorithm>
@@ -143,30 +144,75 @@ Chart box_chart(const NoiseModel& model, const PhysicsCalibration& p, const std:
   return chart;
 }
 
-std::vector<std::vector<double>> rows_of(const SquareMatrix& matrix) {
+constexpr double kShownErrors = 2.0;  // a variance below this many of its errors is not seen
+
+// Channels that change from frame to frame by more than sampling explains. All where the frames'
+// own values are not known.
+std::vector<bool> changing_channels(const ChannelStatistics& statistics) {
+  const SquareMatrix& real = statistics.covariance;
+  std::vector<bool> changing(as_index(real.n), true);
+  const std::size_t frames = statistics.per_frame.size();
+  if (frames < 2) return changing;
+  for (int c = 0; c < real.n; ++c) {
+    Moments values;
+    for (const auto& frame : statistics.per_frame) values.add(frame[as_index(c)]);
+    const double sampling = std::max(values.variance() - real(c, c), 0.0);
+    const double error = sampling * std::sqrt(2.0 / static_cast<double>(frames - 1));
+    changing[as_index(c)] = real(c, c) > kShownErrors * error;
+  }
+  return changing;
+}
+
+// Channels whose row noise is above two of its errors.
+std::vector<bool> channels_with_rows(const PhysicsCalibration& p) {
+  std::vector<bool> seen;
+  for (int c = 0; c < p.row_correlation.n; ++c) {
+    const double error = value_at(p.sigma_row.standard_error, c);
+    seen.push_back(!(value_at(p.sigma_row.mean, c) <= kShownErrors * error));
+  }
+  return seen;
+}
+
+// No value where one of the two channels has nothing to correlate.
+std::vector<std::vector<double>> correlations(const SquareMatrix& matrix,
+                                              const std::vector<bool>& known) {
+  const SquareMatrix correlation = correlation_of(matrix);
   std::vector<std::vector<double>> rows;
   for (int r = 0; r < matrix.n; ++r) {
     auto& row = rows.emplace_back();
-    for (int c = 0; c < matrix.n; ++c) row.push_back(matrix(r, c));
+    for (int c = 0; c < matrix.n; ++c)
+      row.push_back(known[as_index(r)] && known[as_index(c)] ? correlation(r, c) : Measured::kNone);
   }
   return rows;
 }
 
 void add_correlation(Variants& variants, const NoiseModel& model, const PhysicsCalibration& p,
-                     const std::string& of, const std::string& text, const SquareMatrix& matrix) {
+                     const std::string& of, std::string text, const SquareMatrix& matrix,
+                     const std::vector<bool>& known) {
   if (matrix.n < 2) return;
   const Axis axis = channel_axis(model.layout);
-  Chart chart{title_at("Correlation of " + of, p.gain), text, axis, axis, {}};
+  Chart chart{title_at("Correlation of " + of, p.gain), std::move(text), axis, axis, {}};
   chart.series.emplace_back(
-      HeatSeries{"correlation", "1", rows_of(correlation_of(matrix)), -1, 1, Palette::kDiverging});
+      HeatSeries{"correlation", "1", correlations(matrix, known), -1, 1, Palette::kDiverging});
   variants.push_back({p.gain.text(), std::move(chart)});
+}
+
+void add_frame_correlation(Variants& variants, const NoiseModel& model, const PhysicsCalibration& p,
+                           const std::string& of, const ChannelStatistics& statistics) {
+  const std::size_t frames = statistics.per_frame.size();
+  add_correlation(
+      variants, model, p, of,
+      fmt::format("Over {}, sampling error taken out. Empty where a channel changes "
+                  "no more than sampling explains (two standard errors).",
+                  frames > 0 ? fmt::format("{} bias frames", frames) : "the bias frames"),
+      statistics.covariance, changing_channels(statistics));
 }
 
 Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, int b) {
   const std::string first = model.layout.channel_name(a), second = model.layout.channel_name(b);
   Chart chart{title_at(fmt::format("μ of {} against μ of {}", first, second), p.gain),
               "Points are frames. The curves hold 68 and 95 % of the fitted Gaussian, sampling "
-              "error taken out.",
+              "error taken out; none where one of the two changes no more than sampling explains.",
               {"μ " + first, "DN"},
               {"μ " + second, "DN"},
               {}};
@@ -176,6 +222,8 @@ Chart pair_chart(const NoiseModel& model, const PhysicsCalibration& p, int a, in
     frames.y.push_back(frame[as_index(b)]);
   }
   if (!frames.x.empty()) chart.series.emplace_back(std::move(frames));
+  const std::vector<bool> changing = changing_channels(p.mu);
+  if (!changing[as_index(a)] || !changing[as_index(b)]) return chart;
   // Radii that hold 68.3 and 95.4 % in two dimensions: sqrt(-2 ln(1 - share)).
   for (const auto& [share, label] : {std::pair{0.683, "68 %"}, {0.954, "95 %"}})
     chart.series.emplace_back(gaussian_ellipse(
@@ -250,13 +298,12 @@ std::vector<Block> correlation_plots(const NoiseModel& model) {
   Variants mu, sigma, rows, pairs;
   const int n = model.layout.channels();
   for (const PhysicsCalibration& p : model.physics) {
-    add_correlation(mu, model, p, "μ between channels",
-                    "Over the bias frames, sampling error taken out.", p.mu.covariance);
-    add_correlation(sigma, model, p, "σ_b between channels",
-                    "Over the bias frames, sampling error taken out.", p.sigma_row.covariance);
+    add_frame_correlation(mu, model, p, "μ between channels", p.mu);
+    add_frame_correlation(sigma, model, p, "σ_b between channels", p.sigma_row);
     add_correlation(rows, model, p, "row offsets inside a frame",
-                    "Channels that are read out in one row group share their offset.",
-                    p.row_correlation);
+                    "Channels that are read out in one row group share their offset. Empty where a "
+                    "channel shows no row noise (two standard errors).",
+                    p.row_correlation, channels_with_rows(p));
     if (n < 2 || p.mu.covariance.n != n) continue;
     std::vector<int> partners{1, n / 4, n / 2, n - 1};
     partners.erase(std::unique(partners.begin(), partners.end()), partners.end());

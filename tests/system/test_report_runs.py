@@ -352,3 +352,44 @@ def test_names_of_figures_are_plain_and_say_the_gain_once(malus, tmp_path):
     assert not [name for name in names if not name.isascii() or name.count("_dB") > 1]
     assert len(names) == len(set(names))
     shutil.rmtree(tmp_path / "figures")
+
+
+@pytest.fixture(scope="module")
+def bias_of_four_gains(malus, tmp_path_factory):
+    """Bias frames with no row noise; their level is steady, or rises and falls for all channels at once."""
+    folder = tmp_path_factory.mktemp("gains")
+    rng = np.random.default_rng(3)
+
+    def made(name, drift_dn):
+        text = f'[sensor]\nlayout = "bayer-rggb"\nblack = {BLACK}\nwhite = {WHITE}\n'
+        (folder / name).mkdir()
+        for gain_db in (0, 6, 12, 24):
+            K_here, read_dn = 0.25 * 10 ** (gain_db / 20), 0.6 + 0.4 * 10 ** (gain_db / 20)
+            for kind, level, count in (("bias", 0, 20), *(("flat", 2000 * (i + 1), 2) for i in range(4))):
+                for n in range(count):
+                    light = rng.poisson(level / 10 ** (gain_db / 20), (64, 64)) * K_here
+                    dn = BLACK + 0.3 + drift_dn * rng.normal() + light + rng.normal(0, read_dn, (64, 64))
+                    np.save(folder / name / f"{kind}_{gain_db}_{level}_{n:02}.npy", np.clip(np.round(dn), 0, WHITE).astype(np.uint16))
+                text += f'[[frames]]\nkind = "{kind}"\ngain_db = {gain_db}\nlevel = {level // 2000}\n' \
+                        f'paths = ["{name}/{kind}_{gain_db}_{level}_*.npy"]\n'
+        (folder / f"{name}.toml").write_text(text)
+        malus("calibrate", folder / f"{name}.toml", "-o", folder / f"{name}.h5", "--report", folder / f"{name}.html")
+        return page_data(folder / f"{name}.html"), folder / f"{name}.h5"
+
+    return {"steady": made("steady", 0), "drifting": made("drifting", 1)}
+
+
+def cells_of(page, title):
+    return [np.array(chart["series"][0]["cells"], float) for chart in charts_of(page, title)]
+
+
+def test_correlations_are_empty_where_nothing_changes(bias_of_four_gains):
+    """Of frames that differ by sampling error alone, +-1 was shown between all channels."""
+    steady, drifting = bias_of_four_gains["steady"][0], bias_of_four_gains["drifting"][0]
+    for title in ("Correlation of μ", "Correlation of σ_b", "Correlation of row offsets"):
+        cells = cells_of(steady, title)
+        assert len(cells) == 4 and np.mean(np.isnan(cells)) > 0.9, cells
+    assert min(cells.min() for cells in cells_of(drifting, "Correlation of μ")) > 0.9
+    assert all(len(chart["series"]) == 3 for chart in charts_of(drifting, "μ of R against"))
+    assert {len(chart["series"]) for chart in charts_of(steady, "μ of R against")} & {1}
+    assert all("Over 20 bias frames" in chart["text"] for chart in charts_of(steady, "Correlation of μ"))
