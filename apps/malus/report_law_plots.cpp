@@ -17,6 +17,7 @@ struct Law {
   std::string title, symbol, unit;
   ChannelStatistics PhysicsCalibration::*measured;
   std::vector<LogLinear> JointSegment::*lines;
+  std::vector<double> GainParameters::*between;  // what the joint model makes of the lines
   double sign;
 };
 
@@ -36,9 +37,35 @@ PointSeries measured_points(const NoiseModel& model, const Law& law, int channel
   return points;
 }
 
+// What the joint model gives at the knots of a segment and between them, one series per channel.
+std::vector<PointSeries> model_curves(const JointSegment& segment, const SensorLayout& layout,
+                                      const Law& law) {
+  constexpr int kPoints = 24;  // over the segment; more where it has more gains
+  std::vector<PointSeries> curves;
+  for (int channel = 0; channel < layout.channels(); ++channel) {
+    const std::string name = layout.channel_name(channel);
+    curves.push_back({.name = name + ", model", .mark = Mark::kLine, .tone = name});
+  }
+  const auto add = [&](double gain_db) {
+    const GainParameters p = joint_parameters(segment, gain_db);
+    for (std::size_t c = 0; c < curves.size(); ++c) {
+      curves[c].x.push_back(mean_of(p.K));
+      curves[c].y.push_back(law.sign * (p.*law.between)[c]);
+    }
+  };
+  const std::vector<double>& knots = segment.knots_db;
+  add(knots.front());
+  for (std::size_t i = 1; i < knots.size(); ++i) {
+    const int steps = 1 + kPoints / static_cast<int>(knots.size());
+    for (int k = 1; k <= steps; ++k) add(knots[i - 1] + (knots[i] - knots[i - 1]) * k / steps);
+  }
+  return curves;
+}
+
 Chart law_chart(const NoiseModel& model, const Law& law) {
   Chart chart{law.title + " over gain",
-              "Measured values with standard errors, and the joint model's log-linear law (Eq. 7). "
+              "Measured values with standard errors, and what the joint model gives between them: "
+              "its law (Eq. 7) with the part of the residuals that errors do not explain. "
               "The horizontal axis is the mean gain of the channels.",
               {"mean gain K̂", "DN/e-", AxisScale::kLogarithmic},
               {law.symbol, law.unit, AxisScale::kLogarithmic},
@@ -46,21 +73,12 @@ Chart law_chart(const NoiseModel& model, const Law& law) {
   for (int channel = 0; channel < model.layout.channels(); ++channel)
     chart.series.emplace_back(measured_points(model, law, channel));
   if (!model.joint) return chart;
-  for (const JointSegment& segment : model.joint->segments)
-    for (int channel = 0; channel < model.layout.channels(); ++channel) {
-      const std::string name = model.layout.channel_name(channel);
-      const LogLinear& line = (segment.*law.lines)[as_index(channel)];
-      if (line.signed_linear) chart.y.scale = AxisScale::kLinear;
-      PointSeries curve{.name = name + ", law", .mark = Mark::kLine, .tone = name};
-      constexpr int kPoints = 12;
-      for (int i = 0; i <= kPoints; ++i) {
-        const double log_K =
-            segment.log_K_low() + (segment.log_K_high() - segment.log_K_low()) * i / kPoints;
-        curve.x.push_back(std::exp(log_K));
-        curve.y.push_back(line.law(log_K));
-      }
+  for (const JointSegment& segment : model.joint->segments) {
+    if (std::ranges::any_of(segment.*law.lines, &LogLinear::signed_linear))
+      chart.y.scale = AxisScale::kLinear;
+    for (PointSeries& curve : model_curves(segment, model.layout, law))
       chart.series.emplace_back(std::move(curve));
-    }
+  }
   return chart;
 }
 
@@ -235,9 +253,11 @@ std::vector<Block> law_plots(const NoiseModel& model) {
   std::vector<Block> blocks;
   const std::vector<Law> laws = {
       {"Read noise scale σ_TL", "σ_TL", "DN", &PhysicsCalibration::sigma_tl,
-       &JointSegment::sigma_tl, 1},
-      {"Row noise σ_b", "σ_b", "DN", &PhysicsCalibration::sigma_row, &JointSegment::sigma_row, 1},
-      {"Negative bias −μ", "−μ", "DN", &PhysicsCalibration::mu, &JointSegment::minus_mu, -1}};
+       &JointSegment::sigma_tl, &GainParameters::sigma_tl_dn, 1},
+      {"Row noise σ_b", "σ_b", "DN", &PhysicsCalibration::sigma_row, &JointSegment::sigma_row,
+       &GainParameters::sigma_row_dn, 1},
+      {"Negative bias −μ", "−μ", "DN", &PhysicsCalibration::mu, &JointSegment::minus_mu,
+       &GainParameters::mu_dn, -1}};
   if (model.physics.size() < 2) return blocks;
   for (const Law& law : laws) blocks.emplace_back(ChartsBlock{"", {{"", law_chart(model, law)}}});
   return blocks;

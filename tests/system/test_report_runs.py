@@ -393,3 +393,14 @@ def test_correlations_are_empty_where_nothing_changes(bias_of_four_gains):
     assert all(len(chart["series"]) == 3 for chart in charts_of(drifting, "μ of R against"))
     assert {len(chart["series"]) for chart in charts_of(steady, "μ of R against")} & {1}
     assert all("Over 20 bias frames" in chart["text"] for chart in charts_of(steady, "Correlation of μ"))
+
+
+@pytest.mark.parametrize("title, name, sign", [("Read noise scale σ_TL over gain", "sigma_tl", 1), ("Negative bias", "mu", -1)])
+def test_curves_over_gain_are_what_the_model_gives(malus, bias_of_four_gains, title, name, sign):
+    page, model = bias_of_four_gains["steady"]
+    (chart,) = charts_of(page, title)
+    curve = next(series for series in chart["series"] if series["name"] == "R, model")
+    for gain_db in (3, 9, 18):
+        at = json.loads(malus("model", "show", model, "--gain", gain_db, "--json").out)["gains"][0]
+        drawn = np.interp(np.log(np.mean(at["K"]["value"])), np.log(curve["x"]), curve["y"])
+        assert drawn == pytest.approx(sign * at[name]["mean"][0], rel=0.005, abs=0.002)
