@@ -6,6 +6,7 @@
 #include "tiff_directory.h"
 #include <fmt/format.h>
 #include <gmock/gmock.h>
+#include <zlib.h>
 
 namespace malus {
 namespace {
@@ -80,6 +81,140 @@ TEST(Tiff, SignedAndWideSamplesAreRefusedNotReinterpreted) {
   write_file(folder / "wide.tif", tiff(1, 1, 32, 1, {1, 0, 0, 0}), false);
   EXPECT_THAT([&] { load_frame(folder / "wide.tif"); },
               ThrowsMessage<InputError>(HasSubstr("samples of type uint")));
+}
+
+std::string deflated(const std::string& bytes) {
+  uLongf size = compressBound(static_cast<uLong>(bytes.size()));
+  std::string out(size, '\0');
+  compress(reinterpret_cast<Bytef*>(out.data()), &size,
+           reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uLong>(bytes.size()));
+  out.resize(size);
+  return out;
+}
+
+// One channel of 16 bits in strips or tiles of Deflate.
+struct DeflatedTiff {
+  std::uint32_t rows = 10, cols = 64, block_rows = 4, tile_cols = 0;
+  std::uint16_t predictor = 1, compression = 8;
+  bool pad_last = false;
+  std::vector<std::string> blocks = {};
+
+  static std::uint16_t value(std::uint32_t r, std::uint32_t c) {
+    return static_cast<std::uint16_t>(900 + 37 * r * c % 101);
+  }
+  void fill() {
+    const std::uint32_t block_cols = tile_cols > 0 ? tile_cols : cols;
+    for (std::uint32_t row0 = 0; row0 < rows; row0 += block_rows)
+      for (std::uint32_t col0 = 0; col0 < cols; col0 += block_cols) {
+        const bool whole = pad_last || tile_cols > 0;
+        const std::uint32_t row1 = whole ? row0 + block_rows : std::min(rows, row0 + block_rows);
+        std::string bytes;
+        for (std::uint32_t r = row0; r < row1; ++r)
+          for (std::uint32_t c = col0; c < col0 + block_cols; ++c) {
+            const int before = predictor == 2 && c > col0 ? value(r, c - 1) : 0;
+            const auto stored = static_cast<std::uint16_t>(value(r, c) - before);
+            bytes += {static_cast<char>(stored & 0xff), static_cast<char>(stored >> 8)};
+          }
+        blocks.push_back(deflated(bytes));
+      }
+  }
+  std::string file() const {
+    std::vector<std::uint32_t> places, sizes;
+    const auto build = [&] {
+      TiffDirectory d;
+      d.longs(256, {cols});
+      d.longs(257, {rows});
+      d.shorts(258, {16});
+      d.shorts(259, {compression});
+      d.shorts(262, {kBlackIsZero});
+      if (tile_cols == 0) d.longs(273, places);
+      d.shorts(277, {1});
+      if (tile_cols == 0) d.longs(278, {block_rows});
+      if (tile_cols == 0) d.longs(279, sizes);
+      d.shorts(317, {predictor});
+      if (tile_cols > 0) {
+        d.longs(322, {tile_cols});
+        d.longs(323, {block_rows});
+        d.longs(324, places);
+        d.longs(325, sizes);
+      }
+      return d;
+    };
+    std::string pixels;
+    places.assign(blocks.size(), 0);
+    for (const std::string& block : blocks)
+      sizes.push_back(static_cast<std::uint32_t>(block.size()));
+    const std::size_t at = 8 + build().size();
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      places[i] = static_cast<std::uint32_t>(at + pixels.size());
+      pixels += blocks[i];
+    }
+    return std::string("II*\0\x08\0\0\0", 8) + build().write(8) + pixels;
+  }
+};
+
+std::vector<DeflatedTiff> deflated_pictures() {
+  std::vector<DeflatedTiff> all;
+  for (const std::uint16_t predictor : std::initializer_list<std::uint16_t>{1, 2})
+    for (const std::uint16_t compression : std::initializer_list<std::uint16_t>{8, 32946}) {
+      for (const std::uint32_t block_rows : {1, 4, 10})
+        for (const bool pad : {false, true})
+          all.push_back({.block_rows = block_rows,
+                         .predictor = predictor,
+                         .compression = compression,
+                         .pad_last = pad});
+      all.push_back(
+          {.block_rows = 16, .tile_cols = 48, .predictor = predictor, .compression = compression});
+    }
+  for (DeflatedTiff& picture : all) picture.fill();
+  return all;
+}
+
+TEST(Tiff, WholeDeflatedStripsAndTilesAreRead) {
+  const testing::TemporaryFolder folder;
+  for (const DeflatedTiff& picture : deflated_pictures()) {
+    write_file(folder / "a.tif", picture.file(), true);
+    const RawFrame frame = load_frame(folder / "a.tif");
+    for (int r = 0; r < frame.dn.rows(); ++r)
+      for (int c = 0; c < frame.dn.cols(); ++c)
+        ASSERT_EQ(frame.dn(r, c), DeflatedTiff::value(static_cast<std::uint32_t>(r),
+                                                      static_cast<std::uint32_t>(c)));
+  }
+}
+
+TEST(Tiff, DamagedDeflatedStripsAndTilesAreRefused) {
+  const testing::TemporaryFolder folder;
+  const auto refused = [&](const DeflatedTiff& picture, const std::string& why) {
+    write_file(folder / "a.tif", picture.file(), true);
+    EXPECT_THAT([&] { load_frame(folder / "a.tif"); },
+                ThrowsMessage<InputError>(
+                    ::testing::AllOf(HasSubstr("cannot be decoded"), HasSubstr(why))));
+    EXPECT_EQ(probe_frame(folder / "a.tif").rows, 10);
+  };
+  for (const DeflatedTiff& picture : deflated_pictures()) {
+    const std::size_t last = picture.blocks.size() - 1;
+    const std::string place = fmt::format(
+        "{} {} of {} is damaged (", picture.tile_cols > 0 ? "tile" : "strip", last + 1, last + 1);
+    for (std::size_t i : {0, 2, 4, 6}) {  // a sixth of the block on each time
+      DeflatedTiff flipped = picture;
+      std::string& block = flipped.blocks[last];
+      const std::size_t at = i == 0 ? block.size() / 2 : i * block.size() / 7;
+      block[at] = static_cast<char>(block[at] ^ 0x55);
+      refused(flipped, place);
+    }
+    DeflatedTiff checksum = picture;
+    checksum.blocks[last].back() = static_cast<char>(checksum.blocks[last].back() ^ 1);
+    refused(checksum, place + "incorrect data check");
+    DeflatedTiff cut = picture;
+    cut.blocks[last].resize(cut.blocks[last].size() / 2);
+    refused(cut, place + "it ends too early");
+    DeflatedTiff little = picture;
+    little.blocks[last] = deflated("few");
+    refused(little, place + "it holds less than its pixels");
+    DeflatedTiff much = picture;
+    much.blocks[last] = deflated(std::string(100000, '\0'));
+    refused(much, place + "it holds more than its pixels");
+  }
 }
 
 TEST(Tiff, SeveralPagesAreRefused) {

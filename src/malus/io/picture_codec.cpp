@@ -9,6 +9,7 @@
 #include "malus/io/internal/png_check.h"
 #include "malus/io/internal/stored_value.h"
 #include "malus/io/internal/tiff_check.h"
+#include "malus/io/internal/tiff_inflate.h"
 
 #include <algorithm>
 #include <cctype>
@@ -191,6 +192,7 @@ Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels
   decoded.camera = spec.get_string_attribute("Model");
   const float exposure_s = spec.get_float_attribute("ExposureTime", 0.0f);
   if (exposure_s > 0 && std::isfinite(exposure_s)) decoded.exposure_s = exposure_s;
+  if (pixels && codec == "tiff") check_deflated(path, file_bytes);
   if (pixels) read_pixels(path, *input, spec, decoded);
   input->close();
   return decoded;

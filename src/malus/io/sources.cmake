@@ -23,6 +23,7 @@ set(io_SOURCES
   shard.cpp
   shard_read.cpp
   tiff_check.cpp
+  tiff_inflate.cpp
 )
 # A library of their own (malus/io/codecs.h).
 set(codecs_SOURCES

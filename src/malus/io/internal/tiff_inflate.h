@@ -1,0 +1,16 @@
+// The pixels of a TIFF file that are compressed by Deflate. OpenImageIO (seen with
+// 2.4.7) inflates strips itself and is silent where zlib finds damage; libtiff stops before the
+// checksum.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+
+namespace malus::internal {
+
+/// Throws InputError unless each strip or tile of the first directory is a whole Deflate stream
+/// with the right checksum, as long as its pixels need (the last strip may be longer). Other
+/// compressions pass. Contract: check_tiff has passed.
+void check_deflated(const std::filesystem::path& path, std::uintmax_t file_bytes);
+
+}  // namespace malus::internal
