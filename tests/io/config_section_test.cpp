@@ -3,6 +3,7 @@
 #include "malus/io/config_section.h"
 
 #include "../problem_of.h"
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace malus {
@@ -62,6 +63,35 @@ TEST(ConfigSettings, MistakesNameTheSetting) {
               (void)with({"train.steps=3"}).section("train")->whole_number("loss", 0, 9);
             }).find("file.toml:4: loss"),
             0u);
+}
+
+TEST(ConfigSection, KeysOfEndlessPartsAreRefused) {
+  std::string parts = "a";
+  for (int i = 0; i < 200000; ++i) parts += i % 2 == 0 ? ".a" : " . \"b.c\"";
+  const auto problem = [&](const std::string& text) {
+    return problem_of([&] { ConfigSection::parse(text, "file.toml", "the file"); });
+  };
+  const std::string refused = "a key has too many parts; correct the TOML";
+  EXPECT_EQ(problem("b = 1\n" + parts + " = 1"), "file.toml:2: " + refused);
+  EXPECT_EQ(problem("[" + parts + "]"), "file.toml:1: " + refused);
+  EXPECT_EQ(problem("x = {y = 1, " + parts + " = 1}"), "file.toml:1: " + refused);
+  EXPECT_EQ(problem("t = \"\"\"x\n\"\"\"\"\" # it's\n" + parts + " = 1"),
+            "file.toml:3: " + refused);
+  EXPECT_THAT(problem_of([&] { with({parts + "=1"}); }), ::testing::HasSubstr("is no setting"));
+}
+
+TEST(ConfigSection, DotsElsewhereAreNoParts) {
+  std::string numbers, dots(500, '.');
+  for (int i = 0; i < 500; ++i) numbers += "0.5, ";
+  const ConfigSection root =
+      ConfigSection::parse("n = [" + numbers + "] # " + dots + "\nt = \"it's \\\"" + dots +
+                               "\"\nl = '''\n" + dots + "'''\na.\"" + dots + "\".c = 1",
+                           "file.toml", "the file", {"t2=" + dots});
+  EXPECT_EQ(root.numbers("n").size(), 500u);
+  EXPECT_EQ(root.text("t"), "it's \"" + dots);
+  EXPECT_EQ(root.text("l"), dots);
+  EXPECT_EQ(root.text("t2"), dots);
+  EXPECT_EQ(root.section("a")->section(dots)->whole_number("c", 0, 9), 1);
 }
 
 TEST(ConfigSection, WhatAValueWasUsedForNamesItsPlace) {

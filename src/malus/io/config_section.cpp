@@ -30,7 +30,51 @@ struct ConfigSection::Table {
 
 namespace {
 
+// Where the quoted text that begins at `at` ends.
+std::size_t behind_quotes(std::string_view text, std::size_t at) {
+  const char quote = text[at];
+  const std::string triple(3, quote);
+  const bool has_lines = text.substr(at, 3) == triple;
+  for (std::size_t i = at + (has_lines ? 3 : 1); i < text.size(); ++i) {
+    if (quote == '"' && text[i] == '\\') {
+      ++i;
+    } else if (has_lines && text.substr(i, 3) == triple) {
+      for (i += 3; i < text.size() && text[i] == quote;) ++i;  // one or two belong to the text
+      return i;
+    } else if (!has_lines && (text[i] == quote || text[i] == '\n')) {
+      return i + (text[i] == quote);
+    }
+  }
+  return text.size();
+}
+
+// The line of a key of more parts (a.b.c) than any has. toml++ makes a table of each part and frees
+// them by recursion: some ten thousand are more than the stack holds. It bounds nested values
+// alone, to 256, whose keys may be as long.
+std::optional<std::ptrdiff_t> line_of_deep_key(std::string_view text) {
+  constexpr int kMostParts = 32;
+  int parts = 1;
+  for (std::size_t i = 0; i < text.size();) {
+    const char c = text[i];
+    if (c == '"' || c == '\'') {
+      i = behind_quotes(text, i);
+      continue;
+    }
+    if (c == '#')
+      i = std::min(text.find('\n', i), text.size());
+    else
+      ++i;
+    if (c == '.' && ++parts > kMostParts)
+      return 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(i), '\n');
+    if (std::string_view("=,[]{}\n").find(c) != std::string_view::npos) parts = 1;
+  }
+  return std::nullopt;
+}
+
 toml::table parsed(std::string_view text, const std::string& source) {
+  if (const auto line = line_of_deep_key(text))
+    throw InputError(fmt::format("{}:{}", source, *line), "a key has too many parts",
+                     "correct the TOML");
   try {
     return toml::parse(text, source);
   } catch (const toml::parse_error& error) {
@@ -47,7 +91,8 @@ toml::table parsed_setting(const std::string& given) {
   if (equals != std::string::npos) {
     const std::string value = given.substr(equals + 1);
     for (const std::string& text : {value, "'''" + value + "'''"}) try {
-        return toml::parse(key + " = " + text, source);
+        const std::string line = key + " = " + text;
+        if (!line_of_deep_key(line)) return toml::parse(line, source);
       } catch (const toml::parse_error&) {  // the other one, or the line below
       }
   }
