@@ -2,11 +2,15 @@
 
 import os
 import shutil
+import subprocess
+import tempfile
 import zlib
 
 import numpy as np
 import pytest
 from PIL import Image
+
+from conftest import PROGRAM
 
 LAYOUT = ["--layout", "polar-mono", "--black", "0", "--white", "255"]
 
@@ -198,6 +202,20 @@ def test_refused_runs_leave_no_folder(refused, tmp_path, command):
 def test_output_folder_that_is_a_file(refused, frame, tmp_path):
     blocked = write(tmp_path / "blocked", "a file")
     assert "blocked" in refused("stokes", frame, *LAYOUT, "-o", blocked)
+
+
+def test_a_model_without_rights_tells_the_cause(tmp_path):
+    """Also where root runs the tests, who may read everything."""
+    folder = tempfile.mkdtemp(dir="/tmp")
+    try:
+        os.chmod(folder, 0o755)
+        shutil.copy(write(tmp_path / "model.h5", b"any"), f"{folder}/model.h5")
+        os.chmod(f"{folder}/model.h5", 0)
+        done = subprocess.run([PROGRAM, "model", "show", f"{folder}/model.h5"], capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"},
+                              **({"user": 65534} if os.geteuid() == 0 else {}))
+    finally:
+        shutil.rmtree(folder)
+    assert (done.returncode, done.stderr) == (1, f"malus: {folder}/model.h5: cannot be opened: Permission denied; check its permissions\n")
 
 
 def test_output_folder_without_rights(refused, frame, tmp_path):

@@ -7,6 +7,9 @@
 
 namespace malus {
 
+/// Whether it opens for reading; errno tells why not.
+bool can_be_opened(const std::filesystem::path& path);
+
 /// To be thrown where `path` could not be opened or read: it is missing, a folder, or may not be
 /// read.
 InputError unreadable_file(const std::filesystem::path& path);

@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/base/unreadable_file.h"
 #include "malus/base/wording.h"
 #include "malus/noise/builtin_models.h"
 #include "malus/noise/internal/hdf5_archive.h"
@@ -39,15 +40,17 @@ std::string shape_text(const std::vector<std::size_t>& shape) {
 
 Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : path_(path.string()) {
   std::error_code error;
-  if (!std::filesystem::exists(path, error))
+  const bool exists = std::filesystem::exists(path, error);
+  if (error) throw unreadable_file(path);
+  if (!exists)
     throw InputError(path_, "does not exist",
                      did_you_mean(path_, builtin_model_names()) + "check the path, or see " +
                          command("model list") + " for built-in models");
   if (std::filesystem::is_directory(path, error))
     throw InputError(path_, "is a folder", "name a noise model file");
+  if (!can_be_opened(path)) throw unreadable_file(path);
   if (H5Fis_hdf5(path.c_str()) <= 0)
-    throw InputError(path_, "is not an HDF5 file or cannot be read",
-                     "give a noise model that malus calibrate wrote");
+    throw InputError(path_, "is not an HDF5 file", "give a noise model that malus calibrate wrote");
   file_ = {H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose};
   if (!file_.valid()) fail("the file", "cannot be opened");
   group_ = {H5Gopen2(file_.id(), "/", H5P_DEFAULT), H5Gclose};
