@@ -55,20 +55,15 @@ TEST(SensorWindow, RefusesWhatIsNoPartOfTheSensor) {
 TEST(SensorWindow, NoOriginHelpsAFrameLargerThanTheSensor) {
   NoiseProfile profile = profile_of_sensor();
   for (const auto& [rows, cols] : {std::pair(24, 32), {32, 26}, {36, 24}}) {
+    const auto cut_out = [&, rows = rows, cols = cols] {
+      cut_to_window(profile, {0, 0}, rows, cols, "f.tif");
+    };
     const std::string said = left_out_of_window(profile, rows, cols);
     EXPECT_THAT(said, HasSubstr("more than the model's sensor has, 24 x 32: its 4 defect pixels"));
     EXPECT_THAT(said, HasSubstr("use the model of this sensor"));
     EXPECT_THAT(said, ::testing::Not(HasSubstr("origin")));
-    EXPECT_THAT(
-        [&] {
-          cut_to_window(profile, {0, 0}, rows, cols, "f.tif");
-        },
-        ThrowsMessage<InputError>(HasSubstr("f.tif: ")));
-    EXPECT_THAT(
-        [&] {
-          cut_to_window(profile, {0, 0}, rows, cols, "f.tif");
-        },
-        ThrowsMessage<InputError>(HasSubstr("more than the model's sensor has")));
+    EXPECT_THAT(cut_out, ThrowsMessage<InputError>(HasSubstr("f.tif: ")));
+    EXPECT_THAT(cut_out, ThrowsMessage<InputError>(HasSubstr("more than the model's sensor has")));
   }
   EXPECT_THAT(left_out_of_window(profile, 32, 22), HasSubstr("origin"));
 }
