@@ -32,12 +32,14 @@ Chart profile_chart(const PhysicsCalibration& p) {
   return chart;
 }
 
+// temporal: what else is in the map than the pattern, said behind the text.
 Chart spectrum_chart(const Image& map, const std::string& what, const std::string& unit,
-                     const GainSetting& gain) {
+                     const std::string& temporal, const GainSetting& gain) {
   Chart chart{
       title_at("Spectrogram of " + what, gain),
       "EMVA 1288 spectrogram: amplitude against spatial frequency, averaged over the rows "
-      "and over the columns. Pixels that differ at random give a level line, stripes a peak.",
+      "and over the columns. Pixels that differ at random give a level line, stripes a peak. " +
+          temporal,
       {"frequency", "periods/px"},
       {"amplitude", unit, AxisScale::kLogarithmic},
       {}};
@@ -122,12 +124,21 @@ std::vector<Block> pattern_plots(const NoiseModel& model) {
     if (!p.dark_shading_dn.empty()) {
       profiles.push_back({p.gain.text(), profile_chart(p)});
       dark.push_back(
-          {p.gain.text(), spectrum_chart(p.dark_shading_dn, "the dark pattern", "DN", p.gain)});
+          {p.gain.text(),
+           spectrum_chart(p.dark_shading_dn, "the dark pattern", "DN",
+                          fmt::format("What is left of the temporal noise of {} bias frames is in "
+                                      "it too, which the data sheet's DSNU is without.",
+                                      p.bias_frames),
+                          p.gain)});
     }
     if (!p.prnu_map.empty()) {
       Image deviation = p.prnu_map;  // the mean would hide everything at frequency 0
       for (float& value : deviation.values()) value = 100 * (value - 1);
-      response.push_back({p.gain.text(), spectrum_chart(deviation, "the response", "%", p.gain)});
+      response.push_back(
+          {p.gain.text(),
+           spectrum_chart(deviation, "the response", "%",
+                          "What is left of the flat frames' temporal noise is in it too.",
+                          p.gain)});
     }
     add_layer(maps, p.dark_shading_dn, title_at("dark shading", p.gain), "DN", 0);
     add_layer(maps, p.prnu_map, title_at("response", p.gain), "1", 1);

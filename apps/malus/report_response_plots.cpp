@@ -29,7 +29,8 @@ FlatPoint signal_to_noise_point(const PhysicsCalibration& p, const PhotonTransfe
   const double signal_e = point.mean_dn / p.K.mean[as_index(point.channel)];
   const double ratio = point.mean_dn / std::sqrt(variance_dn2);
   if (ratio > kMostOfLight * std::sqrt(signal_e)) return {signal_e, Measured::kNone, 0};
-  return {signal_e, ratio, 0.5 * ratio * point.variance_stderr_dn2 / variance_dn2};
+  // A level may lie below black by its noise; its error has no sign.
+  return {signal_e, ratio, 0.5 * std::abs(ratio) * point.variance_stderr_dn2 / variance_dn2};
 }
 
 Chart signal_to_noise_chart(const NoiseModel& model, const PhysicsCalibration& p) {

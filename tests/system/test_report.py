@@ -213,6 +213,14 @@ def test_levels_without_counts_are_drawn_whole(malus, tmp_path):
     assert "Noise per level" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
+def test_a_level_below_black_has_an_error_without_a_sign(malus, tmp_path):
+    malus("report", changed_model(tmp_path, "physics/000/photon_transfer/mean_dn", -0.5), "-o", tmp_path / "page.html")
+    charts = [entry["chart"] for s in page_data(tmp_path / "page.html")["sections"] for b in s["blocks"] if b["kind"] == "charts" for entry in b["charts"]]
+    series = [one for c in charts if c["title"].startswith("Signal to noise") for one in c["series"] if one["error"]]
+    assert any(y is not None and y < 0 for one in series for y in one["y"])
+    assert all(error >= 0 for one in series for error in one["error"])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("value", [None, 0, 1e-300, np.nan])
 def test_any_one_damage_is_one_line_or_a_page(tmp_path, value):
