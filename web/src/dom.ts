@@ -41,10 +41,11 @@ export function save(name: string, content: Blob): void {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
-/** A file name from a title. */
-/** As src/malus/report/write_report.cpp names figures. */
+// File names are those that src/malus/report/write_report.cpp gives to figures.
 const kGreek: Record<string, string> = { "μ": "mu", "σ": "sigma", "λ": "lambda", "χ": "chi" };
 
+/** A file name from a title; "at -3 dB" keeps its sign, "0-3 dB" has none. */
 export function fileStem(title: string): string {
-  return title.normalize("NFKD").replace(/[μσλχ]/g, (letter) => kGreek[letter]).replace(/[^\w.-]+/g, "_").replace(/^_+|_+$/g, "").slice(0, 80) || "malus";
+  const words = title.normalize("NFKD").replace(/[μσλχ]/g, (letter) => kGreek[letter]).replace(/(^|[^A-Za-z0-9])-(?=[0-9])/g, "$1_minus");
+  return words.replace(/[^A-Za-z0-9.]+/g, "_").replace(/^_+|_+$/g, "").slice(0, 80) || "malus";
 }

@@ -19,9 +19,15 @@ function bytesOf(base64: string): Uint8Array<ArrayBuffer> {
   return bytes;
 }
 
+const kDamaged = "a picture in this file is damaged";
+
 async function inflate(bytes: Uint8Array<ArrayBuffer>): Promise<Uint8Array> {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
+  try {
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  } catch {
+    throw new Error(kDamaged);  // the browser would speak of a failed fetch
+  }
 }
 
 /** Integers of all planes: zigzag, seven bits a byte, low bits first. */
@@ -37,7 +43,7 @@ function integers(bytes: Uint8Array, count: number): Int32Array {
     }
     out[i] = (value >>> 1) ^ -(value & 1);
   }
-  if (at !== bytes.length) throw new Error("a picture in this file is damaged");
+  if (at !== bytes.length) throw new Error(kDamaged);
   return out;
 }
 
