@@ -59,6 +59,13 @@ test("sixteen simulated channels: the page's numbers are the model file's", { sk
   assert.equal(await page.evaluate(() => window.hacked), undefined);
   assert.ok((await page.locator("h1").textContent()).includes(kHostile));
   assert.deepEqual(await accessibilityFaults(page), []);
+  // The saved plot's key names every channel, and once what lines are; the screen's is leafed through.
+  const saved = (await download(page, page.locator("#transfer figure").first().getByRole("button", { name: "SVG" }))).bytes.toString();
+  const key = [...saved.matchAll(/>([^<>]+)<\/text>/g)].map(([, text]) => text);
+  for (const name of [...shown.channels, "fit"]) assert.equal(key.filter((text) => text === name).length, 1, name);
+  assert.ok(!key.some((text) => /, fit$|^\d+\/\d+$/.test(text)), key.join(" | "));
+  const bar = await page.locator("#correlation figure .plot svg").first().locator("text").allTextContents();
+  assert.ok(bar.includes("1") && bar.includes("\u22121"), `a colour bar without numbers: ${bar.join(" | ")}`);
   for (const id of ["transfer", "bias", "correlation", "laws", "distribution", "pattern"])
     assert.ok((await page.locator(`#${id} figure`).count()) > 0, `section ${id} has figures`);
 });
@@ -100,6 +107,21 @@ test("emva001: real camera's page, plots can be chosen and saved", { skip: noBro
   assert.equal(await read.count(), 1);
   const shading = Number(await read.locator("td").last().getAttribute("data-value"));
   assert.ok(Number.isFinite(shading) && shading !== 0 && Math.abs(shading) < 5, `dark shading ${shading} DN`);
+
+  // A pointer tells the standard error that the bar shows.
+  const residuals = page.locator("#transfer figure .plot").nth(1);
+  await residuals.scrollIntoViewIfNeeded();
+  const marks = await residuals.locator('svg path[fill="#7f7f7f"]').evaluateAll((all) =>
+    all.map((e) => e.getBoundingClientRect()).map((box) => [box.x + box.width / 2, box.y + box.height / 2, box.width]).filter(([, , width]) => width < 10));
+  const told = [];
+  for (const [x, y] of marks) {
+    await page.mouse.move(x - 2, y);
+    await page.mouse.move(x, y);
+    await page.waitForTimeout(50);
+    told.push(...(await residuals.locator("svg text").allTextContents()).filter((text) => text.includes("\u00b1")));
+  }
+  assert.ok(told.length > 0 && told.every((text) => / DN, .* \u00b1 .* %$/.test(text)), told.join(" | "));
+  await page.mouse.move(0, 0);
 
   await plot.locator("summary").click();
   await plot.locator("details tbody tr").first().waitFor();  // filled when it is opened

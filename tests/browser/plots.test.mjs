@@ -32,6 +32,36 @@ const drawn = (plot) =>
     };
   });
 
+test("a 0 on a logarithmic axis leaves a gap and is told, the axis is that of the others", { skip: noBrowser }, async (t) => {
+  const x = Array.from({ length: 200 }, (_, i) => i + 1), y = x.map((i) => (i === 50 ? 0 : 1 / i));
+  const page = await open(t, pageOf(t, [
+    chart("Loss", { name: "loss", log: true }, [{ name: "a", x, y }]),
+    chart("None", { name: "loss", log: true }, [{ name: "a", x: [1, 2], y: [0, -1] }]),
+  ]));
+  await drawAll(page);
+  const { texts, curves } = await drawn(figure(page, "Loss"));
+  for (const label of ["1", "0.1", "0.01"]) assert.ok(texts.some(({ text }) => text === label), texts.map(({ text }) => text).join(" "));
+  assert.ok(curves.some(({ top, bottom }) => bottom - top > 100), "the curve is a sliver");
+  assert.match(await figure(page, "Loss").locator("figcaption").textContent(), /One point is 0 or below/);
+  assert.match(await figure(page, "None").locator("figcaption").textContent(), /2 points are 0 or below/);
+  assert.deepEqual(page.problems, []);
+});
+
+test("a curve of one point is seen, axis titles and the last label have their room", { skip: noBrowser }, async (t) => {
+  const page = await open(t, pageOf(t, [
+    chart("Validation", { name: "loss" }, [{ name: "a", x: [30], y: [0.3] }]),
+    chart("Rate", { name: "Learning rate" }, [{ name: "a", x: [0, 50_000, 100_000], y: [0.000123, 0.000121, 0.00012] }]),
+  ]));
+  await drawAll(page);
+  assert.equal((await drawn(figure(page, "Validation"))).dots, 1);
+  const { texts, right } = await drawn(figure(page, "Rate"));
+  const last = texts.find(({ text }) => text === "100000"), title = texts.find(({ text }) => text === "Learning rate");
+  assert.ok(last && last.right <= right, `the last label ends at ${last?.right} of ${right} px`);
+  const labels = texts.filter(({ text }) => text.startsWith("0.00012"));
+  assert.ok(labels.length > 1);
+  for (const label of labels) assert.ok(label.left >= title.right, `${label.text} begins at ${label.left} px, the title ends at ${title.right}`);
+});
+
 test("names of files are those of the program's figures", { skip: noBrowser }, async (t) => {
   const page = await open(t, pageOf(t, [chart("Loss at -3 dB, 0-1 DN", { name: "loss" }, [{ name: "a", x: [1, 2], y: [1, 2] }])]));
   await drawAll(page);

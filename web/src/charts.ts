@@ -3,7 +3,7 @@ import { BoxplotChart, CustomChart, HeatmapChart, LineChart, ScatterChart } from
 import { GridComponent, LegendScrollComponent, TooltipComponent, VisualMapContinuousComponent } from "echarts/components";
 import * as echarts from "echarts/core";
 import { SVGRenderer } from "echarts/renderers";
-import { chartOption, type Colors } from "./chart_option";
+import { chartOption, withoutPlace, type Colors } from "./chart_option";
 import type { Chart, ChartsBlock } from "./contract";
 import { chartRows, csv } from "./csv";
 import { button, choice, element, fileStem, save } from "./dom";
@@ -28,7 +28,7 @@ const kPaperSize = { width: 720, height: 460 };
 /** The plot on white at a fixed size, as SVG text: the same whatever the screen. */
 function paperSvg(chart: Chart): string {
   const plot = echarts.init(null, null, { renderer: "svg", ssr: true, ...kPaperSize });
-  plot.setOption(chartOption(chart, kPaper));
+  plot.setOption(chartOption(chart, kPaper, kPaperSize.width));
   const svg = plot.renderToSVGString();
   plot.dispose();
   return svg;
@@ -94,7 +94,7 @@ export function liveChart(first: Chart, wide: boolean): { root: HTMLElement; too
   const show = (next: Chart) => {
     chart = next;
     title.textContent = chart.title;
-    text.textContent = chart.text;
+    text.textContent = [chart.text, withoutPlace(chart)].filter(Boolean).join(" ");
     canvas.setAttribute("aria-label", `Plot: ${chart.title}. ${chart.text} The numbers follow as a table.`);
     draw();
     fillNumbers();
