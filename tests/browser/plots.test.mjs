@@ -87,3 +87,35 @@ test("a damaged picture is told as such", { skip: noBrowser }, async (t) => {
   assert.equal(await page.locator(".viewer [role=alert]").textContent({ timeout: 10_000 }), "The pictures cannot be shown: a picture in this file is damaged");
 });
 
+test("paper is light, holds plots and tables whole, and pictures that nobody scrolled to", { skip: noBrowser }, async (t) => {
+  const charts = Array.from({ length: 6 }, (_, i) => chart(`Loss ${i}`, { name: "loss" }, [{ name: "a", x: [1, 2], y: [1, 2] }, { name: "b", x: [1, 2], y: [2, 1] }]));
+  const columns = Array.from({ length: 12 }, (_, i) => ({ name: `quantity ${i}`, unit: "DN/e-" }));
+  const cells = columns.map((_, i) => ({ value: 0.12345 + i, stderr: 0.0012 }));
+  const html = pageOf(t, charts, { pictures: kPictures, tables: [{ title: "T", head: "channel", columns, rows: [{ name: "G1_135", cells }] }] });
+  for (const options of [{}, { colorScheme: "dark" }]) {
+    const page = await open(t, html, options);
+    await page.locator(".viewer[data-ready]").waitFor({ state: "attached", timeout: 10_000 });
+    if (!options.colorScheme) await page.locator("header button").click();  // dark by the page's own switch
+    const ground = () => page.evaluate(() => [getComputedStyle(document.body).backgroundColor, getComputedStyle(document.body).color]);
+    const before = await ground();
+    await page.evaluate(() => dispatchEvent(new Event("beforeprint")));
+    await page.emulateMedia({ media: "print" });
+    await page.setViewportSize({ width: 718, height: 1000 });  // A4 with margins of 1 cm
+    await page.waitForTimeout(200);
+    assert.deepEqual(await ground(), ["rgb(255, 255, 255)", "rgb(28, 36, 48)"]);
+    const { plots, tables } = await page.evaluate(() => ({
+      plots: [...document.querySelectorAll("main > section .chart > .plot svg")].map((svg) => {
+        const own = svg.getBoundingClientRect(), room = svg.closest("figure").getBoundingClientRect();
+        return { fits: own.right <= room.right && own.bottom <= room.bottom, drawn: own.height > 200, ground: svg.querySelector("rect").getAttribute("fill"), box: svg.getAttribute("viewBox") };
+      }),
+      tables: [...document.querySelectorAll("section > .grid > .table table")].map((e) => e.getBoundingClientRect().right),
+    }));
+    assert.ok(plots.length >= 6);
+    for (const plot of plots.slice(0, 6)) assert.deepEqual(plot, { fits: true, drawn: true, ground: "#ffffff", box: "0 0 680 380" });
+    for (const right of tables) assert.ok(right <= 718, `a table ends at ${right} px`);
+    await page.emulateMedia({ media: null, ...options });
+    await page.evaluate(() => dispatchEvent(new Event("afterprint")));
+    assert.deepEqual(await ground(), before);
+    assert.deepEqual(page.problems, []);
+  }
+});

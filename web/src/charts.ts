@@ -61,6 +61,35 @@ function numbersTable(chart: Chart): HTMLElement {
   return made;
 }
 
+// Known before any listener of a plot runs.
+let printing = false;
+addEventListener("beforeprint", () => (printing = true));
+addEventListener("afterprint", () => (printing = false));
+
+/** A plot that is printed: drawn for paper at a size of its own, which the style sheet fits to the page; the page's is not known yet. */
+class PrintedPlot {
+  private static readonly size = { width: 680, height: 380 };
+  constructor(private readonly plot: echarts.ECharts, private readonly chart: () => Chart, private readonly redraw: () => void) {
+    addEventListener("beforeprint", () => this.begin());
+    addEventListener("afterprint", () => this.end());
+    if (printing) this.begin();
+  }
+  private svg(): Element | null {
+    return this.plot.getDom().querySelector("svg");
+  }
+  private begin(): void {
+    const { width, height } = PrintedPlot.size;
+    this.plot.resize({ width, height });
+    this.plot.setOption(chartOption(this.chart(), kPaper, width), { notMerge: true });
+    this.svg()?.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  }
+  private end(): void {
+    this.svg()?.removeAttribute("viewBox");
+    this.plot.resize({ width: "auto", height: "auto" });
+    this.redraw();
+  }
+}
+
 /** Draws when the figure comes near the screen, and before printing. */
 export function whenNear(target: HTMLElement, draw: () => void): void {
   let drawn = false;
@@ -111,9 +140,9 @@ export function liveChart(first: Chart, wide: boolean): { root: HTMLElement; too
   whenNear(canvas, () => {
     plot = echarts.init(canvas, null, { renderer: "svg" });
     draw();
-    new ResizeObserver(() => plot!.resize()).observe(canvas);
+    new ResizeObserver(() => printing || plot!.resize()).observe(canvas);
     addEventListener("malus-theme", draw);
-    addEventListener("beforeprint", () => plot!.resize());
+    new PrintedPlot(plot, () => chart, draw);
   });
   const root = element("figure", { class: wide ? "chart wide" : "chart" }, title, canvas, element("figcaption", {}, text), tools, details);
   return { root, tools, show };

@@ -45,6 +45,24 @@ function themeSwitch(): HTMLElement {
   return made;
 }
 
+/** Paper is light, whatever the screen is. */
+function printLight(): void {
+  const root = document.documentElement;
+  let theme: string | undefined, onPaper = false;
+  addEventListener("beforeprint", () => {
+    if (!onPaper) theme = root.dataset.theme;
+    onPaper = true;
+    root.dataset.theme = "light";
+    dispatchEvent(new Event("malus-theme"));
+  });
+  addEventListener("afterprint", () => {
+    onPaper = false;
+    if (theme) root.dataset.theme = theme;
+    else delete root.dataset.theme;
+    dispatchEvent(new Event("malus-theme"));
+  });
+}
+
 /** Marks the section in view in the navigation. */
 function followScroll(links: Map<string, HTMLElement>, sections: HTMLElement[]): void {
   const observer = new IntersectionObserver(
@@ -63,6 +81,7 @@ function followScroll(links: Map<string, HTMLElement>, sections: HTMLElement[]):
 export function showReport(report: Report, page: HTMLElement): void {
   document.title = report.title;
   usePalettes(report.palettes);
+  printLight();
   const links = new Map<string, HTMLElement>();
   const list = element("ul");
   for (const { id, title } of report.sections) {

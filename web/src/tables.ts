@@ -34,7 +34,7 @@ function showCell(cell: Cell): HTMLElement {
   return element(
     "td",
     { class: "number", "data-value": cell.value ?? "", "data-error": cell.error ?? "" },
-    measured(cell),
+    measured(cell).replace("± ", "±\u00a0"),
   );
 }
 
@@ -44,7 +44,7 @@ export function showTable(block: TableBlock): HTMLElement {
   const body = element("tbody");
   for (const row of block.rows)
     body.append(element("tr", {}, element("th", { scope: "row" }, row.name), ...row.cells.map(showCell)));
-  const table = element("table", {}, element("caption", {}, block.title), element("thead", {}, head), body);
+  const table = element("table", { style: `--columns: ${block.columns.length}` }, element("caption", {}, block.title), element("thead", {}, head), body);
   const download = button("CSV", `Save the table ${block.title} as CSV`, () =>
     save(`${fileStem(block.title)}.csv`, new Blob([csv(tableRows(block))], { type: "text/csv" })),
   );

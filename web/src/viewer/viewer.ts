@@ -21,6 +21,15 @@ function roundUp(value: number): number {
   return power * ([1, 2, 5, 10].find((lead) => lead * power >= value) ?? 10);
 }
 
+/** When the page has been read, viewers get ready one after the other, seen or not: printing waits for none. */
+let lastInLine: Promise<void> = new Promise((done) =>
+  document.readyState === "complete" ? done() : addEventListener("load", () => done(), { once: true }),
+);
+function whenIdle(work: () => Promise<void>): void {
+  const idle = () => new Promise<void>((done) => (window.requestIdleCallback ?? setTimeout)(() => done()));
+  lastInLine = lastInLine.then(idle).then(work);
+}
+
 class Viewer {
   readonly root: HTMLElement;
   private readonly stage: Stage;
@@ -37,6 +46,7 @@ class Viewer {
   private shown: (Shown | null)[] = [];
   private light = 1;
   private reach = 1;
+  private loading?: Promise<void>;
 
   constructor(private readonly block: PicturesBlock) {
     this.stage = new Stage(block.title, block.cols, block.rows);
@@ -50,7 +60,9 @@ class Viewer {
     this.root.append(this.tools, this.stage.root, this.wipe(), element("div", { class: "below" }, this.values, this.legend), this.spoken);
     this.root.append(element("details", { open: true }, element("summary", {}, "Histogram"), this.chart.root));
     this.brightness.id = freshId("brightness");
-    whenNear(this.root, () => void this.load(wait));
+    const start = () => (this.loading ??= this.load(wait));
+    whenNear(this.root, () => void start());
+    whenIdle(start);
   }
 
   private async load(wait: HTMLElement): Promise<void> {
