@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/internal/table_at.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,6 +20,20 @@ double real_share(const Values& residual, const Values& error, double degrees) {
   for (double e : error) error2 += e * e;
   if (residual2 <= 0 || degrees <= 0) return 0;
   return std::max(0.0, 1.0 - error2 / static_cast<double>(error.size()) / (residual2 / degrees));
+}
+
+// Where an error is unknown, what the gains around tell of it; 0 where none is known.
+Values known_errors(const Values& x, const Values& error) {
+  Values known_x, known;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (error[i] > 0) {
+      known_x.push_back(x[i]);
+      known.push_back(error[i]);
+    }
+  Values all(x.size(), 0.0);
+  for (std::size_t i = 0; i < x.size() && !known.empty(); ++i)
+    all[i] = error[i] > 0 ? error[i] : table_at(known_x, known, x[i]);
+  return all;
 }
 
 LogLinear constant_law(double value, std::size_t knots) {
@@ -68,15 +83,35 @@ LogLinear fit_line_law(const Values& x, const Values& y, const Values& error,
   return law;
 }
 
+// In DN, where errors grow with the gain: equal weights would let that of the highest, which may be
+// fifty times that of the lowest, turn the line and decide how much of all residuals is real.
+LogLinear fit_signed_law(const Values& x, const Series& series) {
+  const Values error = known_errors(x, series.error);
+  const bool known = error.front() > 0;
+  Values weight;
+  for (std::size_t i = 0; known && i < x.size(); ++i) weight.push_back(1 / (error[i] * error[i]));
+  const LineFit fit = fit_line(x, series.value, weight);
+  LogLinear law{.slope = fit.slope, .intercept = fit.intercept, .signed_linear = true};
+  double chi_square = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    law.residual.push_back(series.value[i] - fit.intercept - fit.slope * x[i]);
+    if (known) chi_square += weight[i] * law.residual[i] * law.residual[i];
+  }
+  if (x.size() > 2) {
+    const double degrees = static_cast<double>(x.size()) - 2.0;
+    law.slope_stderr = fit.slope_standard_error;
+    law.intercept_stderr = fit.intercept_standard_error;
+    law.residual_sd = fit.residual_deviation;
+    law.residual_weight = !known ? 1.0 : chi_square > degrees ? 1.0 - degrees / chi_square : 0.0;
+  }
+  return law;
+}
+
 LogLinear fit_law(const Values& log_K, const Series& series, Logarithm logarithm) {
   const std::size_t n = log_K.size();
   const auto [lowest, highest] = std::minmax_element(series.value.begin(), series.value.end());
   if (*lowest == *highest) return constant_law(*lowest, n);  // one gain, or published as constant
-  if (logarithm == Logarithm::kNone) {
-    LogLinear law = fit_line_law(log_K, series.value, series.error, std::vector<bool>(n, true));
-    law.signed_linear = true;
-    return law;
-  }
+  if (logarithm == Logarithm::kNone) return fit_signed_law(log_K, series);
   std::vector<bool> positive(n);
   for (std::size_t i = 0; i < n; ++i) positive[i] = series.value[i] > 0;
   const auto count = static_cast<std::size_t>(std::count(positive.begin(), positive.end(), true));

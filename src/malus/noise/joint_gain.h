@@ -20,12 +20,13 @@ namespace malus {
 struct LogLinear {
   double slope = 0, intercept = 0;
   double slope_stderr = 0, intercept_stderr = 0;  ///< 0 with fewer than three gains
-  double residual_sd = 0;                         ///< about the law, with n - 2 in the divisor
+  double residual_sd = 0;  ///< about the law, with n - 2 in the divisor; weighted as the fit
   /// x is not positive at every gain, or no power of K̂ (-mu): x = slope log K̂ + intercept instead,
-  /// and linear in K̂ between the gains (joint_parameters).
+  /// fitted with weights 1/error², and linear in K̂ between the gains (joint_parameters).
   bool signed_linear = false;
   std::vector<double> residual;  ///< per knot, in log x (or x); 0 where x had no logarithm
-  double residual_weight = 0;  ///< share of the residuals that is real: 1 - error²/residual², >= 0
+  double residual_weight = 0;  ///< share of the residuals that is real: 1 - error²/residual², >= 0;
+                               ///< of signed_linear laws 1 - (n - 2)/χ²
 
   /// The bare law of Eq. 7, in units of x.
   double law(double log_K) const;
