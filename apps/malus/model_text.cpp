@@ -146,30 +146,39 @@ void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p
   add_warnings(lines, p.warnings, warnings);
 }
 
-double mean_member(const std::vector<LogLinear>& laws, double LogLinear::*member) {
-  Values values;
-  for (const LogLinear& law : laws) values.push_back(law.*member);
-  return mean_of(values);
+// Rows of one parameter: means over the channels whose logarithm was fitted, and over those that
+// were fitted themselves.
+void add_law(const std::string& name, const std::vector<LogLinear>& laws, Table& table) {
+  for (const bool is_signed : {false, true}) {
+    Values slope, intercept, residual;
+    for (const LogLinear& law : laws) {
+      if (law.signed_linear != is_signed) continue;
+      slope.push_back(law.slope);
+      intercept.push_back(law.intercept);
+      residual.push_back(law.residual_sd);
+    }
+    if (!slope.empty())
+      table.push_back({"", is_signed ? name : fmt::format("log({})", name), mean_cell(slope, 3),
+                       mean_cell(intercept, 3), mean_cell(residual, 3)});
+  }
 }
 
 std::string gain_text(double db, bool in_iso) { return GainSetting::at_decibel(db, in_iso).text(); }
 
 void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
-  lines.add("\nJoint model over gain: log x = slope log K + intercept, means over the channels");
+  lines.add("\nJoint model over gain: y = slope log K + intercept, means over the channels");
   for (const JointSegment& s : joint.segments) {
     lines.add("  {} to {}, K {:.4g} to {:.4g} DN/e-: K x{:.4f} per 6 dB",
               gain_text(s.knots_db.front(), in_iso), gain_text(s.knots_db.back(), in_iso),
               std::exp(s.log_K_low()), std::exp(s.log_K_high()), std::exp(6.0 * s.K_of_gain.slope));
     if (s.knots_db.size() < 2) continue;
-    Table table{{"", "x", "slope", "intercept", "residual"}};
+    Table table{{"", "y", "slope", "intercept", "residual"}};
     for (const auto& [name, laws] :
          {std::pair("-mu", &s.minus_mu), std::pair("variance of mu", &s.mu_variance),
           std::pair("sigma_row", &s.sigma_row),
           std::pair("variance of s_row", &s.sigma_row_variance), std::pair("sigma_TL", &s.sigma_tl),
           std::pair("spread of s_TL", &s.sigma_tl_spread)})
-      table.push_back({"", name, fmt::format("{:.3f}", mean_member(*laws, &LogLinear::slope)),
-                       fmt::format("{:.3f}", mean_member(*laws, &LogLinear::intercept)),
-                       fmt::format("{:.3f}", mean_member(*laws, &LogLinear::residual_sd))});
+      add_law(name, *laws, table);
     add_table(lines, table);
   }
   for (const auto& note : joint.notes) lines.add("  note: {}", note);

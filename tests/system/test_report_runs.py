@@ -404,3 +404,12 @@ def test_curves_over_gain_are_what_the_model_gives(malus, bias_of_four_gains, ti
         at = json.loads(malus("model", "show", model, "--gain", gain_db, "--json").out)["gains"][0]
         drawn = np.interp(np.log(np.mean(at["K"]["value"])), np.log(curve["x"]), curve["y"])
         assert drawn == pytest.approx(sign * at[name]["mean"][0], rel=0.005, abs=0.002)
+
+
+def test_the_text_of_a_model_says_of_what_its_lines_over_gain_are(malus, bias_of_four_gains):
+    """A bias that is no power of K is fitted itself; the table called it a logarithm."""
+    text = malus("model", "show", bias_of_four_gains["steady"][1]).out
+    assert "y = slope log K + intercept" in text
+    assert re.search(r"^ +-mu( +-?[\d.]+){3}$", text, re.M) and "log(-mu)" not in text
+    assert re.search(r"^ +log\(sigma_TL\)( +-?[\d.]+){3}$", text, re.M)
+    assert "log(-mu)" in malus("model", "show", "imx250myr-simulated").out
