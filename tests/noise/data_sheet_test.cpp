@@ -173,6 +173,17 @@ TEST(LinearityError, IsNotOfLevelsAtWhite) {
   EXPECT_NEAR(linearity_error_percent(points, 0, 4000), 0, 1e-9);
 }
 
+// EMVA 1288 counts 5 to 95 % of saturation; what bends outside is no error.
+TEST(LinearityError, CountsFiveToNinetyFivePercent) {
+  for (const auto& [share, counts] :
+       {std::pair{0.045, false}, {0.055, true}, {0.945, true}, {0.955, false}}) {
+    auto points = ladder([](double t) { return 20000 * t + 1000; });
+    points.front().mean_dn = share * 4000;
+    points.front().exposure_s = 1.3 * (points.front().mean_dn - 1000) / 20000 + 0.2;
+    EXPECT_EQ(linearity_error_percent(points, 0, 4000) > 0.1, counts) << share;
+  }
+}
+
 // Two settings of a lamp at every exposure: 27 % was said of a straight camera.
 TEST(LinearityError, IsNotKnownWhereLevelsOfOneExposureDiffer) {
   for (const double second_lamp : {1.7, 1.25, 1.03}) {

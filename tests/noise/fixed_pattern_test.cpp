@@ -55,6 +55,31 @@ TEST(FixedPatternAt, SamplingErrorIsTakenOutOfAMapAndOutliersStay) {
   EXPECT_EQ(fixed_pattern_at(model, {})->response, p.prnu_map);
 }
 
+// Maps are of the nearest gain that has one.
+TEST(FixedPatternAt, IsOfTheNearestGain) {
+  NoiseModel model;
+  model.layout = SensorLayout::named("mono");
+  for (const double gain_db : {0.0, 12.0, 24.0}) {
+    PhysicsCalibration p;
+    p.gain.gain_db = gain_db;
+    p.dark_shading_dn = Image(4, 4);
+    for (float& value : p.dark_shading_dn.values()) value = static_cast<float>(1 + gain_db / 12);
+    model.physics.push_back(p);
+  }
+  model.physics[0].prnu_map = Image(4, 4);
+  for (float& value : model.physics[0].prnu_map.values()) value = 1.5F;
+  const auto at = [&](double gain_db) {
+    GainSetting gain;
+    gain.gain_db = gain_db;
+    return fixed_pattern_at(model, gain);
+  };
+  for (const auto& [gain_db, expected] :
+       {std::pair{0.0, 1.0F}, {5.0, 1.0F}, {7.0, 2.0F}, {13.0, 2.0F}, {19.0, 3.0F}, {40.0, 3.0F}}) {
+    EXPECT_EQ(at(gain_db)->dark_dn(1, 2), expected) << gain_db;
+    EXPECT_EQ(at(gain_db)->response(1, 2), 1.5F) << gain_db;
+  }
+}
+
 // Dark columns of a third of the pixels' sampling error, told by 100 pixels each: they are kept,
 // while the pixels' pattern, a tenth of that error, is not. Column noise of as much that the frames
 // left in the map is no pattern, and a map without columns has none apart.

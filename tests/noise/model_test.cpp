@@ -142,6 +142,28 @@ TEST(ModelAtGain, NeverAcrossConversionGains) {
             0.5 * model.physics_at(iso(1600)).channels[0].sigma_tl_dn);
 }
 
+// Gaussian noise whose own lines are smooth over the break that read noise shows.
+TEST(ModelAtGain, NeverAcrossABreakThatThePhysicsPartKnows) {
+  NoiseModel model = testing::full_model();
+  model.gaussian.clear();
+  for (const double gain_db : {0.0, 6.0, 12.0}) {
+    GaussianCalibration gaussian;
+    gaussian.gain = db(gain_db);
+    gaussian.slope_dn.assign(2, 0.4 * std::pow(10.0, gain_db / 20));
+    gaussian.offset_dn2 = gaussian.bias_dn = {1.0, 1.0};
+    model.gaussian.push_back(gaussian);
+  }
+  EXPECT_NO_THROW((void)model.gaussian_at(db(3)));
+  EXPECT_NO_THROW((void)model.gaussian_at(db(9)));
+  JointSegment low, high;
+  low.knots_db = {0, 6};
+  high.knots_db = {12};
+  model.joint->segments = {low, high};
+  EXPECT_NO_THROW((void)model.gaussian_at(db(3)));
+  EXPECT_NE(problem_of([&] { (void)model.gaussian_at(db(9)); }).find("between 6 dB and 12 dB"),
+            std::string::npos);
+}
+
 TEST(BuiltinModels, AreConsistentAndFoundByName) {
   ASSERT_GE(builtin_models().size(), 7U);
   for (const BuiltinModel& entry : builtin_models()) {
