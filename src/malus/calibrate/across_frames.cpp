@@ -23,12 +23,29 @@ double mean_variance(double scatter, double sampling, std::size_t frames, double
   return per_frame / (kept * static_cast<double>(frames));
 }
 
+// Roots of what sampling leaves of the variances, negative ones as 0. That adds to their sum where
+// they are all sampling error, and the sum is what is known best: the others are made smaller until
+// it is as it was.
+std::vector<double> real_deviations(const SquareMatrix& remaining) {
+  double sum = 0, positive = 0;
+  for (int c = 0; c < remaining.n; ++c) {
+    sum += remaining(c, c);
+    positive += std::max(remaining(c, c), 0.0);
+  }
+  const double share = positive > 0 ? std::max(sum, 0.0) / positive : 0.0;
+  std::vector<double> deviations;
+  for (int c = 0; c < remaining.n; ++c)
+    deviations.push_back(std::sqrt(share * std::max(0.0, remaining(c, c))));  // no -0
+  return deviations;
+}
+
+// The projection only ever adds to variances, so it gives the correlations alone.
 void take_sampling_out(ChannelStatistics& statistics, const SquareMatrix& sampling) {
-  for (std::size_t i = 0; i < statistics.covariance.values.size(); ++i)
-    statistics.covariance.values[i] -= sampling.values[i];
-  statistics.covariance = nearest_semidefinite(statistics.covariance);
-  for (int c = 0; c < statistics.covariance.n; ++c)
-    statistics.spread.push_back(std::sqrt(std::max(0.0, statistics.covariance(c, c))));  // no -0
+  SquareMatrix& covariance = statistics.covariance;
+  for (std::size_t i = 0; i < covariance.values.size(); ++i)
+    covariance.values[i] -= sampling.values[i];
+  statistics.spread = real_deviations(covariance);
+  covariance = covariance_of(correlation_of(nearest_semidefinite(covariance)), statistics.spread);
 }
 
 }  // namespace
@@ -75,14 +92,12 @@ ChannelStatistics deviation_statistics(const FrameSeries& variances, const Squar
     const double error =
         std::sqrt(mean_variance(scatter(c, c), sampling(c, c), variances.size(), kept));
     const double positive = std::max(mean, 0.0);
-    const double spread2 =  // Var(σ²) = 4 σ² τ² to first order
-        positive > 2.0 * error ? std::max(scatter(c, c) - sampling(c, c), 0.0) / (4.0 * positive)
-                               : 0.0;
-    out.mean.push_back(std::sqrt(std::max(positive - spread2, 0.0)));
+    out.mean.push_back(positive);
     const double root = std::sqrt(positive);
     out.standard_error.push_back(0.5 *
                                  std::max(std::sqrt(positive + 2.0 * error) - root,
                                           root - std::sqrt(std::max(positive - 2.0 * error, 0.0))));
+    // Var(σ²) = 4 σ² τ² to first order.
     derivative.push_back(positive > 2.0 * error ? 0.5 / std::sqrt(positive) : 0.0);
   }
   for (int a = 0; a < channels; ++a)
@@ -91,6 +106,8 @@ ChannelStatistics deviation_statistics(const FrameSeries& variances, const Squar
                              derivative[static_cast<std::size_t>(a)] *
                              derivative[static_cast<std::size_t>(b)];
   take_sampling_out(out, SquareMatrix(channels));
+  for (std::size_t c = 0; c < out.mean.size(); ++c)
+    out.mean[c] = std::sqrt(std::max(out.mean[c] - out.spread[c] * out.spread[c], 0.0));
   out.per_frame = variances;
   for (auto& frame : out.per_frame)
     for (double& value : frame) value = std::sqrt(std::max(value, 0.0));
