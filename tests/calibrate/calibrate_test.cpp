@@ -135,6 +135,31 @@ TEST(CalibratePhysics, SingleFramesShowNoDrift) {
   EXPECT_TRUE(calibrated(camera, {.single_frame = true}).physics[0].row_drift.drift.white());
 }
 
+// The cells of the low gain were as wide as the noise of the high one asks for.
+TEST(CalibratePhysics, SingleFramesOfAGainAreNotMeasuredByAnothers) {
+  for (const bool one : {true, false}) {
+    SimulatedCamera camera;
+    camera.rows = camera.cols = 64;
+    camera.bias_frames = one ? 1 : 3;
+    camera.flat_levels = 0;
+    camera.rounded = false;  // else cells are as wide as the step
+    camera.gains = {testing::polar_gain(0, "polar-mono", 1),
+                    testing::polar_gain(30, "polar-mono", 1)};
+    const CalibrationInput both = simulated_session(camera);
+    CalibrationInput low = both;
+    std::erase_if(low.sets, [](const FrameSet& set) { return set.gain.gain_db != 0.0; });
+    const CalibrationSettings settings{.single_frame = !one};
+    const PhysicsCalibration alone =
+        calibrate_physics(low, settings, silent_progress()).physics.front();
+    const PhysicsCalibration beside =
+        calibrate_physics(both, settings, silent_progress()).physics.front();
+    EXPECT_EQ(beside.gain.gain_db, 0.0);
+    EXPECT_EQ(beside.residual_cell_dn, alone.residual_cell_dn);
+    EXPECT_EQ(beside.lambda.mean, alone.lambda.mean);
+    EXPECT_EQ(beside.sigma_tl.mean, alone.sigma_tl.mean);
+  }
+}
+
 TEST(CalibratePhysics, FixedPatternIsMeasured) {
   SimulatedCamera camera = small_camera();
   camera.rows = camera.cols = 256;

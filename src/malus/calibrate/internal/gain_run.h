@@ -41,9 +41,8 @@ struct RowGroup {
 /// over the bias frames tells the row group; all later steps take the geometry from here.
 class GainRun {
  public:
-  /// All but the plan is the whole sensor's, and all is referred to. first_dn: pixels of the frame
-  /// that told the format, which is of the sensor's highest gain. Contract: the plan has bias
-  /// frames.
+  /// Format and settings are the whole sensor's; all is referred to. first_dn: pixels of the first
+  /// of the plan's bias frames. Contract: the plan has bias frames.
   GainRun(const GainPlan& plan, const FrameFormat& format, View<const float> first_dn,
           const CalibrationSettings& settings, Progress& progress)
       : plan_(plan),
