@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
-#include "malus/denoise/column_noise.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/evaluate/noise_comparison.h"
 #include "malus/image/middle.h"

@@ -5,6 +5,7 @@
 #include "malus/base/stopwatch.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/denoise/saturated_pixels.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
@@ -42,21 +43,31 @@ struct ProfileChoice {
   std::string origin;
 };
 
+// The frame's, at its gain. Errors name the model's file too, but for those of the frame alone.
+NoiseProfile profile_by_model(const RawFrame& frame, const NoiseModel& model,
+                              const DenoiseArguments& arguments) {
+  std::optional<SensorPlace> place;
+  if (!arguments.origin.empty()) place = SensorPlace{arguments.origin[0], arguments.origin[1]};
+  try {
+    FrameProfile made = frame_profile(frame, model, frame.gain, arguments.settings, place,
+                                      gain_range(arguments.extrapolate_gain));
+    if (!made.left_out.empty()) warn_of(frame.source, made.left_out);
+    return std::move(made.profile);
+  } catch (const InputError& error) {
+    if (error.subject() == frame.source) throw;
+    throw InputError(
+        fmt::format("{}: {}: {}", arguments.model.string(), frame.source, error.subject()),
+        error.problem(), error.remedy());
+  }
+}
+
 ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseModel>& model,
                              const DenoiseArguments& arguments, const FrameDenoiser& denoiser) {
   if (model) {
     GainSetting gain = frame.gain;
     if (!gain.decibel() && model->physics.size() == 1) gain = model->physics.front().gain;
-    const GainRange range = gain_range(arguments.extrapolate_gain);
-    ProfileChoice choice{
-        naming_model(arguments.model, [&] { return denoising_profile_for(frame, *model, range); }),
-        fmt::format("model {} at {}", arguments.model.string(), gain.text())};
-    if (arguments.settings.fixed_pattern) choice.profile.pattern = fixed_pattern_at(*model, gain);
-    std::optional<SensorPlace> place;
-    if (!arguments.origin.empty()) place = SensorPlace{arguments.origin[0], arguments.origin[1]};
-    const std::string left_out =
-        fit_to_sensor(choice.profile, frame, place, arguments.settings.defects);
-    if (!left_out.empty()) warn_of(frame.source, left_out);
+    ProfileChoice choice{profile_by_model(frame, *model, arguments),
+                         fmt::format("model {} at {}", arguments.model.string(), gain.text())};
     warn_of_model(*model, gain, arguments.model, denoiser.undoes_cut_off());
     return choice;
   }

@@ -1,8 +1,8 @@
 // malus renoise: noisy frames taken at one gain, made to look like frames of a noisier gain (001,
 // S6).
 #include "malus/base/atomic_file.h"
-#include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/model.h"

@@ -3,7 +3,6 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
-#include "malus/denoise/column_noise.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
@@ -87,26 +86,12 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
   return result;
 }
 
-namespace {
-
-template <class Make>
-NoiseProfile naming_frame(const RawFrame& frame, Make&& make) {
+NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range) {
   try {
-    return make();
+    return model.profile_at(frame.gain, range);
   } catch (const InputError& error) {
     throw InputError(frame.source + ": " + error.subject(), error.problem(), error.remedy());
   }
-}
-
-}  // namespace
-
-NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range) {
-  return naming_frame(frame, [&] { return model.profile_at(frame.gain, range); });
-}
-
-NoiseProfile denoising_profile_for(const RawFrame& frame, const NoiseModel& model,
-                                   GainRange range) {
-  return naming_frame(frame, [&] { return denoising_profile(frame, model, frame.gain, range); });
 }
 
 void check_finite(const Image& dn, const std::string& source, std::string_view what_comes) {

@@ -54,8 +54,6 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 /// The noise at the frame's gain (of a model of one gain, at that one). Throws InputError, which
 /// names the frame, where the model tells none there.
 NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range);
-/// The same for its denoising (denoising_profile).
-NoiseProfile denoising_profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range);
 
 /// work(), whose InputError then names the model's file: a model does not know its own.
 template <class Work>

@@ -14,8 +14,11 @@ int main() {
   frame.black_dn.assign(16, 0.0);
   frame.white_dn = 4013;
   frame.white_known = true;
-  const auto profile = model.description().profile_at(model.gain_setting(24));
-  const auto result = malus::denoise_frame(frame, profile, {});
+  const malus::DenoiseSettings settings;
+  const auto [profile, left_out] =
+      malus::frame_profile(frame, model.description(), model.gain_setting(24), settings);
+  if (!left_out.empty()) std::cerr << left_out << "\n";
+  const auto result = malus::denoise_frame(frame, profile, settings);
   std::cout << "pixel (100, 100): clean 200 DN, noisy " << noisy(100, 100) << " DN, denoised "
             << result.dn_above_black(100, 100) << " DN\n";
 }

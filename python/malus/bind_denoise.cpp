@@ -1,9 +1,9 @@
 // Denoising, and the noise of a picture.
 #include "malus/base/error.h"
-#include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/denoise/frame_complaints.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/image/black_levels.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/sensor_window.h"
@@ -59,12 +59,12 @@ NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
   }
   const NoiseModel& model = told.model->description();
   const GainSetting gain = told.gain ? told.model->gain_setting(*told.gain) : frame.gain;
-  NoiseProfile profile = denoising_profile(frame, model, gain, gain_range(told.extrapolate_gain));
-  if (settings.fixed_pattern) profile.pattern = fixed_pattern_at(model, gain);
+  FrameProfile made = frame_profile(frame, model, gain, settings, place_of(told.origin),
+                                    gain_range(told.extrapolate_gain));
   for (std::string& line : model_complaints(model, gain, cut_off_undone))
     complaints.push_back(std::move(line));
-  add(fit_to_sensor(profile, frame, place_of(told.origin), settings.defects));
-  return profile;
+  add(made.left_out);
+  return std::move(made.profile);
 }
 
 // Facts about the frame, its noise and what was done.

@@ -1,8 +1,8 @@
 // Clean mosaics from pictures, and frames of one gain as if taken at another.
 #include "malus/base/error.h"
 #include "malus/base/text.h"
-#include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/synthesize/model_renoiser.h"

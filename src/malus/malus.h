@@ -4,6 +4,7 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"

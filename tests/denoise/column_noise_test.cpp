@@ -3,6 +3,7 @@
 
 #include "malus/base/random.h"
 #include "malus/denoise/denoiser.h"
+#include "malus/denoise/frame_profile.h"
 
 #include <algorithm>
 #include <cmath>
@@ -276,6 +277,24 @@ TEST(ColumnNoise, IsToldApartWhereTheFrameShowsIt) {
   // Too few columns tell nothing: the calibration is believed.
   EXPECT_TRUE(
       denoising_profile(raw_of(apart, Image(256, 40, 30.0f)), model, gain).has_column_noise());
+}
+
+// What the profile of synthesis leaves in, frame_profile's takes out.
+TEST(ColumnNoise, IsTakenOutWithTheFramesProfile) {
+  const NoiseModel model = striped_model();
+  const GainSetting gain{0.0, {}};
+  Image waves(256, 256);
+  for (int r = 0; r < waves.rows(); ++r)
+    for (int c = 0; c < waves.cols(); ++c)
+      waves(r, c) = static_cast<float>(40 + 20 * std::sin(r / 37.0) + 15 * std::cos(c / 51.0));
+  const NoiseProfile camera = striped_profile("polar-mono", 0, kReadDn);
+  const RawFrame frame = raw_of(camera, striped_frame(camera, waves).dn);
+  const auto squared_error = [&](const NoiseProfile& profile) {
+    return error_of(denoise_frame(frame, profile, {}, silent_progress(), true), waves).squared;
+  };
+  const FrameProfile made = frame_profile(frame, model, gain);
+  EXPECT_EQ(made.left_out, "");
+  EXPECT_LT(squared_error(made.profile), 0.25 * squared_error(model.profile_at(gain)));
 }
 
 // As of a camera whose picture fills only a part of its frame: what fills the rest is no row's or

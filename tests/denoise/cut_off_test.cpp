@@ -1,9 +1,9 @@
 #include "malus/denoise/cut_off.h"
 
-#include "malus/denoise/column_noise.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/estimate_noise.h"
 #include "malus/denoise/frame_complaints.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/noise/physics.h"
 
 #include <cmath>

@@ -1,10 +1,7 @@
 #include "malus/denoise/column_noise.h"
 
 #include "malus/base/parallel.h"
-#include "malus/denoise/cut_off.h"
-#include "malus/denoise/internal/channel_levels.h"
 #include "malus/denoise/internal/line_offsets.h"
-#include "malus/image/black_levels.h"
 
 #include <algorithm>
 #include <cmath>
@@ -80,20 +77,6 @@ void leave_what_columns_share(RowNoise& columns) {
     deviation = std::min(std::sqrt(deviation * deviation + missed), 1.0);
 }
 
-// Clearly so: by three errors.
-bool shows_less_than_half(const RawFrame& frame, const NoiseProfile& profile) {
-  constexpr double kHalf = 0.5, kErrors = 3.0;
-  const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
-  Image above_dn = frame.dn;
-  for (int r = 0; r < above_dn.rows(); ++r)
-    for (int c = 0; c < above_dn.cols(); ++c)
-      above_dn(r, c) -= levels.zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
-  const ExchangedProfile exchanged = with_axes_exchanged(profile, levels.saturated_dn);
-  const auto shown =
-      shown_row_variance(with_axes_exchanged(above_dn), exchanged.profile, exchanged.saturated_dn);
-  return shown && shown->value + kErrors * shown->error < kHalf * kHalf;
-}
-
 }  // namespace
 
 RowNoise estimate_column_noise(View<const float> dn, const NoiseProfile& profile,
@@ -113,15 +96,11 @@ void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowN
       [&](int, int col) { return columns.offset[static_cast<std::size_t>(col)]; });
 }
 
-NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
-                               const GainSetting& gain, GainRange range) {
-  require_levels(frame);
-  NoiseProfile apart =
-      with_shown_dark(model.profile_at(gain, range, ColumnNoise::kApart), model, gain);
-  if (!apart.has_column_noise() || !(frame.layout == apart.layout) ||
-      !shows_less_than_half(frame, apart))
-    return apart;
-  return with_shown_dark(model.profile_at(gain, range), model, gain);
+std::optional<ShownRowVariance> shown_column_variance(View<const float> dn,
+                                                      const NoiseProfile& profile,
+                                                      const std::vector<float>& saturated_dn) {
+  const ExchangedProfile exchanged = with_axes_exchanged(profile, saturated_dn);
+  return shown_row_variance(with_axes_exchanged(dn), exchanged.profile, exchanged.saturated_dn);
 }
 
 }  // namespace malus

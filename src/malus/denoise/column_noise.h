@@ -3,9 +3,11 @@
 // tell rows are taken inside columns, where a column's offset cancels, and the reverse.
 #pragma once
 
+#include "malus/denoise/frame_profile.h"
 #include "malus/denoise/row_noise.h"
-#include "malus/image/raw_frame.h"
-#include "malus/noise/model.h"
+
+#include <optional>
+#include <vector>
 
 namespace malus {
 
@@ -17,12 +19,10 @@ RowNoise estimate_column_noise(View<const float> dn, const NoiseProfile& profile
 void remove_column_noise(View<float> dn, const NoiseProfile& profile, const RowNoise& columns,
                          const SaturatedPixels& saturated);
 
-/// The model's profile for a frame that is to be denoised: with column noise apart, unless the
-/// frame shows clearly less than half of its deviation. Such a frame is of another state of the
-/// camera, or of synthesis, which draws column noise as noise of pixels. Throws InputError as
-/// NoiseModel::profile_at and require_levels (image/black_levels.h).
-NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
-                               const GainSetting& gain,
-                               GainRange range = GainRange::kCalibratedOnly);
+/// As shown_row_variance, of the columns' offsets in units of the channels' sigma_column². dn:
+/// above black and bias.
+std::optional<ShownRowVariance> shown_column_variance(View<const float> dn,
+                                                      const NoiseProfile& profile,
+                                                      const std::vector<float>& saturated_dn);
 
 }  // namespace malus

@@ -152,10 +152,11 @@ const std::vector<DenoiseMethod>& denoise_methods();
 /// takes: this library runs none. A caller that does says so in `also`: what it takes besides.
 const DenoiseMethod& denoise_method(const std::string& name, const std::string& also = "");
 
-/// The frame is taken by value: its pixels become working memory. `profile` has the frame's layout;
-/// its bias is subtracted, its defects are filled, its fixed pattern is taken out. Pixels that hold
-/// no light (light_range) are filled from their neighbours for the filter's sake and come back as
-/// they are, above black.
+/// The frame is taken by value: its pixels become working memory. `profile` is that of
+/// frame_profile (denoise/frame_profile.h), which takes it from a model, or of estimate_noise
+/// (denoise/estimate_noise.h); it has the frame's layout, its bias is subtracted, its defects are
+/// filled, its fixed pattern is taken out. Pixels that hold no light (light_range) are filled from
+/// their neighbours for the filter's sake and come back as they are, above black.
 /// Float pixels (bits 0) are saturated at white where white_known says so, else where they pile up.
 /// Throws InputError on an unknown method or profile name, an empty frame, a layout that differs
 /// from the profile's, black levels that are not one per channel, a white that is not above black

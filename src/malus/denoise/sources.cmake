@@ -21,6 +21,7 @@ set(denoise_SOURCES
     estimate_noise.cpp
     frame_complaints.cpp
     frame_filter.cpp
+    frame_profile.cpp
     gaussian_means.cpp
     impulses.cpp
     joint_bilateral.cpp

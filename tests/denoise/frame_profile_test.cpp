@@ -1,0 +1,98 @@
+// What a frame's profile holds of the model's single pixels: by settings, size and place.
+#include "malus/denoise/frame_profile.h"
+
+#include "malus/base/error.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr int kMappedSide = 32;
+
+// Of a sensor of kMappedSide x kMappedSide: a defect and a dark step where its lower half begins.
+NoiseModel mapped_model() {
+  NoiseModel model;
+  model.layout = SensorLayout::named("polar-mono");
+  model.black_dn.assign(4, 0.0);
+  model.white_dn = 4000;
+  PhysicsCalibration p;
+  p.gain.gain_db = 0;
+  p.K.mean.assign(4, 0.5);
+  p.lambda.mean.assign(4, 0.14);
+  p.mu.mean.assign(4, 0.0);
+  p.sigma_tl.mean.assign(4, 3.0);
+  p.dark_shading_dn = Image(kMappedSide, kMappedSide, 1.0f);
+  for (int r = kMappedSide / 2; r < kMappedSide; ++r)
+    for (int c = 0; c < kMappedSide; ++c) p.dark_shading_dn(r, c) = -1;
+  p.dsnu_dn.assign(4, 1.0);
+  model.physics.push_back(p);
+  model.defects.push_back({20, 21, "hot", 50});
+  return model;
+}
+
+RawFrame frame_of_size(int rows, int cols) {
+  RawFrame frame;
+  frame.source = "frame.tif";
+  frame.layout = SensorLayout::named("polar-mono");
+  frame.black_dn.assign(4, 0.0);
+  frame.white_dn = 4000;
+  frame.white_known = true;
+  frame.dn = Image(rows, cols, 100.0f);
+  return frame;
+}
+
+FrameProfile made_of(const RawFrame& frame, const DenoiseSettings& settings = {},
+                     std::optional<SensorPlace> place = std::nullopt) {
+  return frame_profile(frame, mapped_model(), {0.0, {}}, settings, place);
+}
+
+TEST(FrameProfile, HoldsDefectsAndPatternAsTheSettingsAsk) {
+  const RawFrame whole = frame_of_size(kMappedSide, kMappedSide);
+  const FrameProfile all = made_of(whole);
+  ASSERT_NE(all.profile.pattern, nullptr);
+  EXPECT_EQ(all.profile.pattern->dark_dn.rows(), kMappedSide);
+  EXPECT_EQ(all.profile.defects.places.size(), 1u);
+  EXPECT_EQ(all.left_out, "");
+  const FrameProfile none = made_of(whole, {.defects = false, .fixed_pattern = false});
+  EXPECT_EQ(none.profile.pattern, nullptr);
+  EXPECT_TRUE(none.profile.defects.places.empty());
+}
+
+TEST(FrameProfile, OfAPartOfTheSensorIsCutOrSaysWhatIsLeftOut) {
+  const RawFrame part = frame_of_size(16, 12);
+  const FrameProfile cut = made_of(part, {}, SensorPlace{12, 12});
+  EXPECT_EQ(cut.left_out, "");
+  ASSERT_EQ(cut.profile.defects.places.size(), 1u);
+  EXPECT_EQ(cut.profile.defects.places[0].row, 8);
+  EXPECT_EQ(cut.profile.defects.places[0].col, 9);
+  ASSERT_NE(cut.profile.pattern, nullptr);
+  ASSERT_EQ(cut.profile.pattern->dark_dn.cols(), 12);
+  EXPECT_GT(cut.profile.pattern->dark_dn(3, 0), 0);
+  EXPECT_LT(cut.profile.pattern->dark_dn(4, 0), 0);
+  EXPECT_THAT(made_of(part).left_out, HasSubstr("12 x 16 pixels of a sensor of 32 x 32"));
+}
+
+TEST(FrameProfile, RefusesAPlaceInTheFramesNameAndAGainInTheModels) {
+  try {
+    made_of(frame_of_size(16, 12), {}, SensorPlace{1, 0});
+    FAIL() << "a place inside a cell";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.subject(), "frame.tif");
+  }
+  NoiseModel model = mapped_model();
+  model.physics.push_back(model.physics.front());
+  model.physics.back().gain.gain_db = 12;
+  try {
+    frame_profile(frame_of_size(kMappedSide, kMappedSide), model, {48.0, {}});
+    FAIL() << "a gain far outside";
+  } catch (const InputError& error) {
+    EXPECT_NE(error.subject(), "frame.tif");
+  }
+}
+
+}  // namespace
+}  // namespace malus
