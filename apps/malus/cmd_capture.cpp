@@ -3,7 +3,9 @@
 #include "malus/capture/camera.h"
 #include "malus/capture/capture.h"
 
+#include <algorithm>
 #include <cstdio>
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -86,14 +88,21 @@ void take(const Common& common, const std::string& plan_path, const std::string&
                .watch = [&](const StepReport& step) { remark->set(live_text(step)); }},
               *progress);
   Json steps = Json::array();
-  std::string text = fmt::format("{}, {}, {:g} frames per second\n", report.camera,
-                                 report.pixel_format, report.frame_rate_hz);
+  double lowest_hz = std::numeric_limits<double>::infinity(), highest_hz = 0;
+  for (const auto& step : report.steps) {
+    lowest_hz = std::min(lowest_hz, step.frame_rate_hz);
+    highest_hz = std::max(highest_hz, step.frame_rate_hz);
+  }
+  std::string text =
+      fmt::format("{}, {}, {}{:g} frames per second\n", report.camera, report.pixel_format,
+                  lowest_hz < highest_hz ? fmt::format("{:g} to ", lowest_hz) : "", highest_hz);
   text += fmt::format("{:28} {:>6} {:>5} {:>5} {:>10} {:>12} {:>10}\n", "frames", "taken", "kept",
                       "lost", "mean [DN]", "noise sd [DN]", "saturated");
   for (const auto& step : report.steps) {
     steps.push_back({{"folder", step.step.folder()},
                      {"gain_db", step.gain_db},
                      {"exposure_s", step.exposure_s},
+                     {"frame_rate_hz", step.frame_rate_hz},
                      {"taken", step.taken},
                      {"kept", step.kept},
                      {"lost", step.lost},
@@ -109,7 +118,7 @@ void take(const Common& common, const std::string& plan_path, const std::string&
   print_result(common,
                {{"camera", report.camera},
                 {"pixel_format", report.pixel_format},
-                {"frame_rate_hz", report.frame_rate_hz},
+                {"frame_rate_hz", highest_hz},
                 {"steps", steps},
                 {"session", report.session.string()}},
                text);

@@ -4,6 +4,7 @@ The fake camera draws a ramp that moves by one step with every frame: pixel (0, 
 doubled frames can be seen in the pictures themselves.
 """
 
+import ctypes
 import json
 import os
 import shutil
@@ -253,6 +254,80 @@ def network_camera():
     for process in started:
         process.kill()
         process.wait()
+
+
+def fake_description():
+    """What the fake camera tells of its features (GenICam XML), with its bounds as fixed numbers."""
+    library = ctypes.CDLL("libaravis-0.8.so.0")
+    library.arv_fake_camera_new.restype = library.arv_fake_camera_get_genicam_xml.restype = ctypes.c_void_p
+    library.arv_fake_camera_get_genicam_xml.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
+    size = ctypes.c_size_t()
+    text = library.arv_fake_camera_get_genicam_xml(library.arv_fake_camera_new(b"X"), ctypes.byref(size))
+    return ctypes.string_at(text, size.value).decode()
+
+
+def bound_camera(tmp_path, rate_follows):
+    """A description of the fake camera whose exposure ends 100 us before its frame does, as on many cameras. Its highest rate is that at
+    its exposure, or is the same always: then the exposure gives way to the rate."""
+    text = fake_description()
+    swaps = {
+        "<Min>10.0</Min>\n\t\t<Max>10000000.0</Max>": "<Min>10.0</Min>\n\t\t<pMax>AcquisitionFramePeriod</pMax>",
+        "<FormulaTo>FROM</FormulaTo>\n\t\t<FormulaFrom>TO</FormulaFrom>\n\t\t<pValue>ExposureTimeAbsRegister</pValue>":
+            '<pVariable Name="P">AcquisitionFramePeriodRegister</pVariable>\n'
+            "\t\t<FormulaTo>(FROM &gt; (P - 100)) ? (P - 100) : FROM</FormulaTo>\n"
+            "\t\t<FormulaFrom>(TO &gt; (P - 100)) ? (P - 100) : TO</FormulaFrom>\n"
+            "\t\t<pValue>ExposureTimeAbsRegister</pValue>",
+    }
+    if rate_follows:
+        swaps["<Min>1000</Min>\n\t  <Max>10000000</Max>\n\t</Integer>"] = (
+            "<pMin>ShortestFramePeriod</pMin>\n\t  <Max>10000000</Max>\n\t</Integer>\n"
+            '\t<IntSwissKnife Name="ShortestFramePeriod" NameSpace="Custom">\n'
+            '\t\t<pVariable Name="E">ExposureTimeAbsRegister</pVariable>\n'
+            "\t\t<Formula>(E &gt; 900) ? (E + 100) : 1000</Formula>\n\t</IntSwissKnife>")
+    for old, new in swaps.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = tmp_path / "bound.xml"
+    path.write_text(text)
+    return "-g", str(path)
+
+
+EXPOSURES = "[0.0005, 0.005, 0.01, 0.02]"
+
+
+def flats(plan, camera, rate=""):
+    path = plan(2, camera)
+    path.write_text(path.read_text().replace("[[capture]]", f"settle_frames = 0\n{rate}\n[[capture]]") +
+                    f'[[capture]]\nkind = "flat"\ngain_db = 0\nexposure_s = {EXPOSURES}\nframes = 2\n')
+    return path
+
+
+@pytest.mark.slow
+def test_exposures_are_the_plans_where_a_frames_length_bounds_them(malus, plan, tmp_path, network_camera):
+    """Without a rate in the plan the camera's highest was set before the exposures, which it shortened to 0.0009 s."""
+    camera, _, _ = network_camera(*bound_camera(tmp_path, rate_follows=True))
+    report = malus("capture", flats(plan, camera), "-o", tmp_path / "out", "--json").json
+    session = tomllib.loads((tmp_path / "out/session.toml").read_text())
+    assert [group["exposure_s"] for group in session["frames"]] == pytest.approx([0.01, 0.0005, 0.005, 0.01, 0.02])
+    rates = [step["frame_rate_hz"] for step in report["steps"]]
+    assert rates == pytest.approx([99, 1000, 196, 99, 49.75], rel=0.01)
+    assert report["frame_rate_hz"] == max(rates)
+
+
+@pytest.mark.slow
+def test_settings_that_the_camera_takes_otherwise_are_refused(refused, malus, plan, tmp_path, network_camera):
+    camera, _, _ = network_camera(*bound_camera(tmp_path, rate_follows=False))
+    path = flats(plan, camera, "frame_rate_hz = 500")
+    told = refused("capture", path, "-o", tmp_path / "out")
+    assert "asks for an exposure of 0.01 s, the camera takes 0.0019 s at 500 frames per second; lower frame_rate_hz" in told
+    assert "give a lower frame_rate_hz" in refused("capture", flats(plan, camera), "-o", tmp_path / "out")
+    path = flats(plan, camera, "frame_rate_hz = 40")
+    path.write_text(path.read_text().replace('"flat"\ngain_db = 0', '"flat"\ngain_db = 5.5'))
+    assert "asks for a gain of 5.5 dB, the camera takes 5 dB; give a gain that it has" in refused("capture", path, "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    malus("capture", flats(plan, camera, "frame_rate_hz = 40"), "-o", tmp_path / "out")
+    session = tomllib.loads((tmp_path / "out/session.toml").read_text())
+    assert session["frames"][-1]["exposure_s"] == pytest.approx(0.02)
 
 
 @pytest.mark.slow

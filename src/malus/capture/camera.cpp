@@ -286,27 +286,21 @@ void Camera::set_feature(const std::string& name, const std::string& value) {
   handle_->check(error, fmt::format("setting {} = {}", name, value));
 }
 
-double Camera::set_gain_db(double gain_db) {
+void Camera::set_gain_db(double gain_db) {
   ErrorSlot error;
   arv_camera_set_gain(handle_->camera, gain_db, error.out());
   handle_->check(error, fmt::format("setting the gain {:g} dB", gain_db));
-  const double gain = arv_camera_get_gain(handle_->camera, error.out());
-  handle_->check(error, "reading the gain back");
-  return gain;
 }
 
-double Camera::set_exposure_s(double exposure_s) {
+void Camera::set_exposure_s(double exposure_s) {
   ErrorSlot error;
   arv_camera_set_exposure_time(handle_->camera, exposure_s * 1e6, error.out());
   handle_->check(error, fmt::format("setting the exposure {:g} s", exposure_s));
-  const double microseconds = arv_camera_get_exposure_time(handle_->camera, error.out());
-  handle_->check(error, "reading the exposure back");
-  return microseconds / 1e6;
 }
 
-double Camera::set_frame_rate_hz(double rate_hz) {
+void Camera::set_frame_rate_hz(double rate_hz) {
   ErrorSlot error;
-  if (!arv_camera_is_frame_rate_available(handle_->camera, error.out())) return 0;
+  if (!arv_camera_is_frame_rate_available(handle_->camera, error.out())) return;
   if (rate_hz == 0) {
     double low = 0;
     arv_camera_get_frame_rate_bounds(handle_->camera, &low, &rate_hz, error.out());
@@ -314,9 +308,39 @@ double Camera::set_frame_rate_hz(double rate_hz) {
   }
   arv_camera_set_frame_rate(handle_->camera, rate_hz, error.out());
   handle_->check(error, fmt::format("setting the frame rate {:g} Hz", rate_hz));
-  const double in_force_hz = arv_camera_get_frame_rate(handle_->camera, error.out());
+}
+
+void Camera::make_room_for(double exposure_s) {
+  constexpr double kSlow_hz = 1.0;  // leaves any camera the time to read a frame out
+  constexpr double kShare = 0.5;    // of a frame's time
+  ErrorSlot error;
+  if (!arv_camera_is_frame_rate_available(handle_->camera, error.out())) return;
+  double low = 0, high = 0;
+  arv_camera_get_frame_rate_bounds(handle_->camera, &low, &high, error.out());
+  handle_->check(error, "reading the range of frame rates");
+  set_frame_rate_hz(std::min(std::max(low, std::min(kSlow_hz, kShare / exposure_s)), high));
+}
+
+double Camera::gain_db() const {
+  ErrorSlot error;
+  const double gain = arv_camera_get_gain(handle_->camera, error.out());
+  handle_->check(error, "reading the gain back");
+  return gain;
+}
+
+double Camera::exposure_s() const {
+  ErrorSlot error;
+  const double microseconds = arv_camera_get_exposure_time(handle_->camera, error.out());
+  handle_->check(error, "reading the exposure back");
+  return microseconds / 1e6;
+}
+
+double Camera::frame_rate_hz() const {
+  ErrorSlot error;
+  if (!arv_camera_is_frame_rate_available(handle_->camera, error.out())) return 0;
+  const double rate_hz = arv_camera_get_frame_rate(handle_->camera, error.out());
   handle_->check(error, "reading the frame rate back");
-  return in_force_hz;
+  return rate_hz;
 }
 
 void Camera::start(std::size_t buffer_bytes) {

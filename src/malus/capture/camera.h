@@ -69,11 +69,17 @@ class Camera {
   void set_size(int width, int height);
   void set_black_level(double level);
   void set_feature(const std::string& name, const std::string& value);
-  /// Each returns what the camera then reports.
-  double set_gain_db(double gain_db);
-  double set_exposure_s(double exposure_s);
-  /// 0 = the highest.
-  double set_frame_rate_hz(double rate_hz);
+  void set_gain_db(double gain_db);
+  void set_exposure_s(double exposure_s);
+  /// 0 = the highest that the camera has at its exposure. A camera may bind the exposure to the
+  /// time of a frame, so the one that is set last may change the other.
+  void set_frame_rate_hz(double rate_hz);
+  /// A rate so low that this exposure fits into a frame.
+  void make_room_for(double exposure_s);
+  /// What the camera reports. Of the frame rate 0 where it tells none.
+  double gain_db() const;
+  double exposure_s() const;
+  double frame_rate_hz() const;
 
   /// Starts streaming with 8 to 1024 frames in flight, as many as fit into so much memory.
   void start(std::size_t buffer_bytes);

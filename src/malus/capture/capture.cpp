@@ -57,17 +57,62 @@ void check_range(const CapturePlan& plan, const char* what, double value, ValueR
                    fmt::format("this camera has {:g} to {:g} {}", range.low, range.high, unit));
 }
 
+// What a camera reports of itself at a step's settings.
+struct SettingsInForce {
+  double gain_db = 0, exposure_s = 0, frame_rate_hz = 0;
+};
+
+// What a camera rounds to its own steps, lines of the sensor for short exposures, is as good; what
+// it takes beyond that is another measurement than the plan's.
+void require_in_force(const CapturePlan& plan, const CaptureStep& step,
+                      const SettingsInForce& now) {
+  constexpr double kGainStep_db = 0.1, kExposureStep = 0.02, kLine_s = 30e-6;
+  if (std::abs(now.gain_db - step.gain_db) > kGainStep_db)
+    throw InputError(plan.source.string(),
+                     fmt::format("asks for a gain of {:g} dB, the camera takes {:g} dB",
+                                 step.gain_db, now.gain_db),
+                     "give a gain that it has");
+  if (std::abs(now.exposure_s - step.exposure_s) <=
+      std::max(kExposureStep * step.exposure_s, kLine_s))
+    return;
+  const bool shorter = now.exposure_s < step.exposure_s && now.frame_rate_hz > 0;
+  throw InputError(
+      plan.source.string(),
+      fmt::format("asks for an exposure of {:g} s, the camera takes {:g} s{}", step.exposure_s,
+                  now.exposure_s,
+                  shorter ? fmt::format(" at {:g} frames per second", now.frame_rate_hz) : ""),
+      !shorter             ? "give an exposure that it has"
+      : plan.frame_rate_hz ? "lower frame_rate_hz"
+                           : "give a lower frame_rate_hz");
+}
+
+// On many cameras the exposure must fit into a frame's time, and the highest rate is that at the
+// exposure in force: the rate makes room first, and is set after the exposure.
+SettingsInForce set_up(const CapturePlan& plan, const CaptureStep& step, Camera& camera) {
+  camera.make_room_for(step.exposure_s);
+  camera.set_gain_db(step.gain_db);
+  camera.set_exposure_s(step.exposure_s);
+  camera.set_frame_rate_hz(plan.frame_rate_hz.value_or(0));
+  const SettingsInForce now{camera.gain_db(), camera.exposure_s(), camera.frame_rate_hz()};
+  require_in_force(plan, step, now);
+  return now;
+}
+
 std::string prepare_camera(const CapturePlan& plan, Camera& camera) {
   camera.turn_automatics_off();
   const std::string pixel_format = camera.set_pixel_format(plan.pixel_format);
   camera.set_size(plan.width, plan.height);
   if (plan.black_level) camera.set_black_level(*plan.black_level);
   for (const auto& [name, value] : plan.features) camera.set_feature(name, value);
+  double longest_s = 0;
+  for (const auto& step : plan.steps) longest_s = std::max(longest_s, step.exposure_s);
+  camera.make_room_for(longest_s);
   const ValueRange gains = camera.gain_range_db(), exposures = camera.exposure_range_s();
   for (const auto& step : plan.steps) {
     check_range(plan, "a gain of", step.gain_db, gains, "dB");
     check_range(plan, "an exposure of", step.exposure_s, exposures, "s");
   }
+  for (const auto& step : plan.steps) set_up(plan, step, camera);
   return pixel_format;
 }
 
@@ -170,8 +215,10 @@ class Run {
     make_output_folder(folder);
     remove_unfinished(folder, [](std::string_view name) { return name.ends_with(".tif"); });
     report.kept = whole_frames(folder, step.frames);
-    report.gain_db = camera_.set_gain_db(step.gain_db);
-    report.exposure_s = camera_.set_exposure_s(step.exposure_s);
+    const SettingsInForce now = set_up(plan_, step, camera_);
+    report.gain_db = now.gain_db;
+    report.exposure_s = now.exposure_s;
+    report.frame_rate_hz = now.frame_rate_hz;
     progress_.begin(
         fmt::format("{} {:g} dB {:g} s", frame_kind_name(step.kind), step.gain_db, step.exposure_s),
         step.frames);
@@ -286,7 +333,6 @@ CaptureReport capture(const CapturePlan& plan, const fs::path& folder,
   report.pixel_format = prepare_camera(plan, camera);
   // After the camera's checks: a plan that it refuses can be corrected and given the same folder.
   claim_folder(plan, folder);
-  report.frame_rate_hz = camera.set_frame_rate_hz(plan.frame_rate_hz.value_or(0));
   Run run(plan, folder, camera, watcher, progress);
   const CaptureStep* first = nullptr;  // of its entry
   bool asked = false;

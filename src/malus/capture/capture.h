@@ -16,16 +16,15 @@ namespace malus {
 /// What one step gave: the live check, from every frame.
 struct StepReport {
   CaptureStep step;
-  double gain_db = 0, exposure_s = 0;  ///< as the camera reports them
-  int taken = 0, kept = 0;             ///< new frames; frames of an earlier run
-  std::int64_t lost = 0;               ///< frames that the camera sent in vain; others replace them
+  double gain_db = 0, exposure_s = 0, frame_rate_hz = 0;  ///< as the camera reports them
+  int taken = 0, kept = 0;                                ///< new frames; frames of an earlier run
+  std::int64_t lost = 0;  ///< frames that the camera sent in vain; others replace them
   /// Of the new frames; none without one, and no noise of a single one.
   std::optional<double> mean_dn, temporal_sd_dn, saturated_share;
 };
 
 struct CaptureReport {
   std::string camera, pixel_format;
-  double frame_rate_hz = 0;
   std::vector<StepReport> steps;
   std::filesystem::path session;
 };
@@ -39,7 +38,8 @@ struct CaptureWatcher {
   std::function<void(const StepReport&)> watch = [](const StepReport&) {};
 };
 
-/// Checks the plan against the camera (ranges, pixel format) before the first frame; sets black
+/// Checks the plan against the camera before the first frame: ranges, pixel format, and that every
+/// step's gain and exposure are taken at the plan's frame rate; sets black
 /// level, size and features, turns automatic functions off; at each step waits for settings to
 /// settle, streams, and writes <folder>/<kind>/g<gain>/e<exposure>/f000001.tif. Whole frames of an
 /// interrupted run of the same plan are kept. Memory does not grow with the number of frames.

@@ -30,7 +30,7 @@ struct CapturePlan {
   std::string camera;                 ///< as the list of cameras names it; empty = the first found
   std::string pixel_format;           ///< empty = the deepest that can be read
   std::optional<double> black_level;  ///< in the camera's own unit
-  std::optional<double> frame_rate_hz;  ///< empty = the camera's highest
+  std::optional<double> frame_rate_hz;  ///< empty = the highest at each exposure
   int settle_frames = 3;                ///< thrown away after each change of settings
   int width = 0, height = 0;            ///< 0 = the whole sensor
   std::vector<std::pair<std::string, std::string>>
