@@ -1,10 +1,8 @@
 #include "malus/base/statistics.h"
 #include "malus/calibrate/calibrate.h"
-#include "malus/calibrate/gaussian_calibration.h"
 
 #include <cmath>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "simulated_session.h"
@@ -15,18 +13,10 @@ namespace malus {
 namespace {
 
 using testing::polar_gain;
+using testing::polar_mono_camera;
 using testing::ramp_frame;
 using testing::simulated_session;
 using testing::SimulatedCamera;
-
-SimulatedCamera polar_mono_camera() {
-  SimulatedCamera camera;
-  camera.rows = camera.cols = 128;
-  camera.bias_frames = 40;
-  camera.flat_frames = 8;
-  camera.gains.push_back(polar_gain(12, "polar-mono", 1));
-  return camera;
-}
 
 CalibrationSettings small_levels() {
   CalibrationSettings settings;
@@ -372,57 +362,6 @@ TEST(CalibrateKinds, DarkFramesAreKeptWholeWithoutBlack) {
   const Image& kept = model.dark_frames[0].frames_dn[3];
   EXPECT_EQ(kept.rows(), 66);
   EXPECT_EQ(kept(65, 20), input.sets[0].load(3).dn(65, 20) - 80);
-}
-
-class HeardWarnings final : public Progress {
- public:
-  void begin(std::string_view, std::int64_t) override {}
-  void advance(std::int64_t) override {}
-  void warn(std::string_view message) override { lines.emplace_back(message); }
-  bool stop_requested() const override { return false; }
-  std::vector<std::string> lines;
-};
-
-TEST(CalibrateKinds, WarningsOfACameraThatTellsNoGainBeginWithWhatIsWrong) {
-  SimulatedCamera camera = polar_mono_camera();
-  camera.gains[0].gain = {};
-  camera.flat_levels = 0;
-  camera.bias_frames = 1;
-  HeardWarnings heard;
-  calibrate(simulated_session(camera), {}, {ModelKind::kDarkFrames}, heard);
-  EXPECT_THAT(heard.lines, ::testing::Contains(::testing::StartsWith("only one bias frame")));
-  EXPECT_THAT(heard.lines, ::testing::Contains(::testing::HasSubstr("gain_db or iso")).Times(1));
-  EXPECT_THAT(heard.lines, ::testing::Each(::testing::Not(::testing::HasSubstr("unknown gain"))));
-}
-
-TEST(CalibrateKinds, NoKindsAndMissingFramesAreNamed) {
-  SimulatedCamera camera = polar_mono_camera();
-  camera.flat_levels = 0;
-  camera.bias_frames = 4;
-  const CalibrationInput input = simulated_session(camera);
-  EXPECT_THROW(calibrate(input, {}, std::vector<ModelKind>(), silent_progress()), InputError);
-  EXPECT_THROW(calibrate(input, {}, {ModelKind::kGaussian}, silent_progress()), InputError);
-  EXPECT_THROW(calibrate(input, {}, {ModelKind::kNonparametric}, silent_progress()), InputError);
-}
-
-// Noise that falls with the light is chance: the line is level then, at the weighted mean.
-TEST(GaussianCalibration, LinesNeverFall) {
-  MeasuredLevels measured;
-  measured.distributions.gain.gain_db = 0;
-  measured.row_variance_dn2 = {0.5, 0.5};
-  measured.row_variance_stderr_dn2 = {0.1, 0.1};
-  measured.bias_dn = {0, 0};
-  measured.noise = {{{0, 4.2, 4000}, {10, 4.0, 2000}, {20, 3.9, 2000}},
-                    {{0, 4.0, 4000}, {10, 4.5, 2000}, {20, 5.0, 2000}}};
-  const auto line = gaussian_of(measured, 100);
-  ASSERT_TRUE(line);
-  EXPECT_EQ(line->slope_dn[0], 0);
-  // Equal variances on the line: the levels weigh by their freedom alone.
-  EXPECT_NEAR(line->offset_dn2[0], (2 * 4.2 + 4.0 + 3.9) / 4 + 0.5, 1e-9);
-  // Weights 0.5 f / 4.075², 240.9 in all; χ² about the mean 4.065 of one degree of freedom.
-  EXPECT_NEAR(line->offset_stderr_dn2[0], std::hypot(std::sqrt(4.065 / 240.9), 0.1), 1e-4);
-  EXPECT_NEAR(line->slope_dn[1], 0.05, 1e-9);
-  EXPECT_NEAR(line->offset_dn2[1], 4.5, 1e-9);
 }
 
 }  // namespace

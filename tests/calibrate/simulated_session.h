@@ -181,6 +181,16 @@ inline SimulatedCamera small_camera(std::uint64_t seed = 0) {
   return camera;
 }
 
+/// A mono polarization camera of one gain, 40 bias frames and 8 flats a level.
+inline SimulatedCamera polar_mono_camera() {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 128;
+  camera.bias_frames = 40;
+  camera.flat_frames = 8;
+  camera.gains.push_back(polar_gain(12, "polar-mono", 1));
+  return camera;
+}
+
 /// A mono camera of one gain and 20 bias frames, without bias; read_dn: deviation of its read
 /// noise.
 inline SimulatedCamera mono_camera(double gain_dn_per_e, double lambda, double read_dn,
