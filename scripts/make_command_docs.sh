@@ -22,6 +22,7 @@ document() {
   echo "Results go to standard output: text, or one JSON object with \`--json\`. Notes, warnings, errors and the progress bar (on a"
   echo "terminal only) go to standard error; an error is one line: which file, what is wrong, what to do. Exit codes: 0 done; 1 the"
   echo "input or the machine is at fault; 2 wrong usage: flags that exclude each other, or a value that is wrong whatever the files"
-  echo "hold; 130 stopped by Ctrl-C or SIGTERM. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only."
+  echo "hold; 130 stopped by SIGTERM, or by Ctrl-C as a shell sees it: the program then ends by SIGINT itself, so that a shell's loop"
+  echo "ends with it. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only."
   document
 } > docs/commands.md

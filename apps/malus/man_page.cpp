@@ -86,7 +86,7 @@ constexpr const char* kExitStatus =
     ".TP\n1\nthe input or the environment is at fault: one line says which file, what is wrong and "
     "what to do\n"
     ".TP\n2\nwrong usage\n"
-    ".TP\n130\nstopped on request\n";
+    ".TP\n130\nstopped on request (after Ctrl-C by SIGINT itself, which a shell calls 130)\n";
 
 std::string references(const CliCommand& command) {
   std::string text = ".SH SEE ALSO\n";

@@ -31,9 +31,10 @@ namespace {
 
 constexpr int kExitInput = 1, kExitUsage = 2, kExitStopped = 130;
 
-// Set by a signal handler and read by the workers: a lock-free atomic alone may serve both.
-std::atomic<bool> g_stop_requested = false;
-static_assert(std::atomic<bool>::is_always_lock_free);
+// The signal that asks for a stop, 0 before. Set by a signal handler and read by the workers: a
+// lock-free atomic alone may serve both.
+std::atomic<int> g_stop_signal = 0;
+static_assert(std::atomic<int>::is_always_lock_free);
 
 // What warn_of said, of which files; in its order.
 struct SaidOfFiles {
@@ -62,8 +63,19 @@ void say_how_often() {
 
 // The second Ctrl-C ends the program at once.
 void request_stop(int signal) {
-  g_stop_requested = true;
+  g_stop_signal = signal;
   std::signal(signal, SIG_DFL);
+}
+
+// After Ctrl-C a shell ends its loop only where the program died of the signal; it calls that 130,
+// too. SIGTERM is for this program alone.
+int end_as_stopped() {
+  if (g_stop_signal == SIGINT) {
+    std::fflush(nullptr);
+    std::signal(SIGINT, SIG_DFL);
+    std::raise(SIGINT);
+  }
+  return kExitStopped;
 }
 
 class TerminalProgress final : public Progress {
@@ -101,7 +113,7 @@ class TerminalProgress final : public Progress {
     erase();
     tell(fmt::format("{}\n", message));
   }
-  bool stop_requested() const override { return g_stop_requested; }
+  bool stop_requested() const override { return g_stop_signal != 0; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -325,7 +337,7 @@ int run_program(CLI::App& app, int argc, char** argv) {
     return kExitInput;
   } catch (const Cancelled&) {
     tell("malus: stopped on request; finished outputs are whole, none is half-written\n");
-    return kExitStopped;
+    return end_as_stopped();
   } catch (const std::filesystem::filesystem_error& error) {
     tell(fmt::format("malus: {}: {}; check the name, the folder and its permissions\n",
                      error.path1().string(), error.code().message()));

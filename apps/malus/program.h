@@ -66,6 +66,7 @@ std::unique_ptr<Progress> make_progress(const Common& common);
 
 /// Runs the parsed program; returns the exit code: 0 done, 1 input or environment at fault, 2 wrong
 /// usage (flags that do not go together, and a value that no file could make right), 130 stopped.
+/// By Ctrl-C it does not return: the process ends by SIGINT, which a shell calls 130.
 int run_program(CLI::App& app, int argc, char** argv);
 
 }  // namespace malus::app

@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import signal
 import subprocess
 import time
 
@@ -47,6 +48,72 @@ def test_an_interrupted_run_leaves_whole_files_only(tmp_path):
     assert len(written) >= 2
     for path in written:
         assert np.array(Image.open(path)).shape == (64, 64)
+
+
+@pytest.fixture
+def long_run(tmp_path):
+    """Arguments of a run that writes into tmp_path / out for seconds; `started` waits for its second file."""
+    for i in range(200):
+        Image.fromarray(np.random.default_rng(1).integers(20, 200, (64, 64), dtype=np.uint8)).save(tmp_path / f"f{i:03}.png")
+    run = [PROGRAM, "denoise", *sorted(tmp_path.glob("f*.png")), "--layout", "polar-mono", "--black", "0", "--white", "255",
+           "--model", "imx250mzr-simulated", "--gain", "12", "-q", "-o"]
+
+    def started(out, process):
+        while len(list(out.glob("f*_denoised.tif"))) < 2:
+            assert process.poll() is None
+            time.sleep(0.001)
+
+    return list(map(str, run)), started
+
+
+def check_stopped(out, err):
+    """Whole files alone, and one line."""
+    assert err == "malus: stopped on request; finished outputs are whole, none is half-written\n"
+    assert 2 <= len(list(out.glob("f*_denoised.tif"))) < 200
+    assert not list(out.glob(".*"))
+    for path in out.glob("f*_denoised.tif"):
+        assert np.array(Image.open(path)).shape == (64, 64)
+
+
+@pytest.mark.alone
+def test_ctrl_c_ends_a_shells_loop(long_run, tmp_path):
+    run, started = long_run
+    loop = 'for i in 0 1 2; do "$@" "out$i"; done; echo went on'
+    shell = subprocess.Popen(["bash", "-c", loop, "bash", *run], cwd=tmp_path, start_new_session=True,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    started(tmp_path / "out0", shell)
+    os.killpg(shell.pid, signal.SIGINT)
+    out, err = shell.communicate(timeout=60)
+    assert shell.returncode == -signal.SIGINT and "went on" not in out
+    check_stopped(tmp_path / "out0", err)
+    assert not (tmp_path / "out1").exists()
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("sent,code", [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 130)])
+def test_stopped_by_a_signal(long_run, tmp_path, sent, code):
+    run, started = long_run
+    process = subprocess.Popen([*run, tmp_path / "out"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    started(tmp_path / "out", process)
+    process.send_signal(sent)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert out.count("\n") == len(list((tmp_path / "out").glob("f*_denoised.tif")))
+    check_stopped(tmp_path / "out", err)
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("sent", ["INT", "TERM"])
+def test_a_shell_calls_it_130(long_run, tmp_path, sent):
+    run, started = long_run
+    shell = subprocess.Popen(["bash", "-c", 'bash -c "echo \\$\\$; exec \\"\\$@\\"" bash "$@"; echo $?', "bash", *run, tmp_path / "out"],
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    program = int(shell.stdout.readline())
+    started(tmp_path / "out", shell)
+    os.kill(program, getattr(signal, f"SIG{sent}"))
+    out, err = shell.communicate(timeout=60)
+    assert out.splitlines()[-1] == "130"
+    check_stopped(tmp_path / "out", err)
 
 
 def test_a_list_of_pairs_speaks_for_no_frames_of_another_run(malus, refused, tmp_path):
