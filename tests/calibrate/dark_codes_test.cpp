@@ -38,12 +38,18 @@ TEST(DarkCodes, LevelsWithoutRoomAreRefusedWithTheFlag) {
   testing::SimulatedCamera camera;
   camera.bias_frames = 4;
   camera.gains.push_back(testing::polar_gain(12, "mono", 1));
-  const auto problem = testing::problem_of([&] {
-    calibrate(testing::simulated_session(camera), {.level_step = 1e-4}, {ModelKind::kNonparametric},
-              silent_progress());
-  });
-  EXPECT_THAT(problem, ::testing::HasSubstr("level_step: "));
-  EXPECT_THAT(problem, ::testing::HasSubstr("raise it to"));
+  const auto problem = [&](double level_step) {
+    return testing::problem_of([&] {
+      calibrate(testing::simulated_session(camera), {.level_step = level_step},
+                {ModelKind::kNonparametric}, silent_progress());
+    });
+  };
+  for (const double level_step : {1e-4, 0.04}) {
+    EXPECT_THAT(problem(level_step), ::testing::HasSubstr("level_step: "));
+    EXPECT_THAT(problem(level_step), ::testing::HasSubstr("raise it to"));
+  }
+  EXPECT_THAT(problem(1e-4), ::testing::HasSubstr("GB of counts"));
+  EXPECT_THAT(problem(0.04), ::testing::HasSubstr("numbers of a channel that a model file holds"));
 }
 
 }  // namespace

@@ -9,8 +9,10 @@
 #include <iterator>
 #include <limits>
 
+#include "../problem_of.h"
 #include "sample_model.h"
 #include "support.h"
+#include <gmock/gmock.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -68,6 +70,30 @@ TEST(ModelFile, KeepsALongListOfDefects) {
   for (int i = 0; i < 100000; ++i) model.defects.push_back({i / 2448, i % 2448, "hot", 9.0});
   save_model(model, folder / "m.h5");
   EXPECT_EQ(load_model(folder / "m.h5"), model);
+}
+
+TEST(ModelFile, WhatReadingWouldRefuseIsNotWritten) {
+  const TemporaryFolder folder;
+  const auto refused = [&](const NoiseModel& model) {
+    const std::string problem = testing::problem_of([&] { save_model(model, folder / "m.h5"); });
+    EXPECT_FALSE(std::filesystem::exists(folder / "m.h5"));
+    return problem;
+  };
+  NoiseModel many = testing::full_model();
+  many.gaussian.assign(1000, many.gaussian.at(0));
+  for (std::size_t i = 0; i < many.gaussian.size(); ++i)
+    many.gaussian[i].gain.gain_db = 0.01 * static_cast<double>(i);
+  EXPECT_THAT(refused(many),
+              ::testing::HasSubstr("gaussian has 1000 values, more than a model file holds"));
+  NoiseModel large = testing::full_model();
+  NonparametricChannel& channel = large.nonparametric.at(0).channels.at(0);
+  constexpr std::size_t kLevels = 4096, kBins = 4097;
+  channel = {};
+  for (std::size_t i = 0; i < kLevels; ++i) channel.level_dn.push_back(static_cast<double>(i));
+  for (std::size_t i = 0; i <= kBins; ++i) channel.bin_edges_dn.push_back(static_cast<double>(i));
+  channel.samples.assign(kLevels, 1000);
+  channel.pmf.assign(kLevels, std::vector<double>(kBins, 1.0 / kBins));
+  EXPECT_THAT(refused(large), ::testing::HasSubstr("channels/000/pmf has 4096 x 4097 values"));
 }
 
 TEST(ModelFile, NamedLayoutsKeepTheirName) {

@@ -8,6 +8,7 @@
 #include "malus/calibrate/internal/dark_codes.h"
 #include "malus/calibrate/internal/level_pass.h"
 #include "malus/image/quantization.h"
+#include "malus/noise/model_limits.h"
 
 #include <algorithm>
 #include <cmath>
@@ -43,16 +44,23 @@ std::vector<double> row_prior_dn2(const PhysicsCalibration* physics, std::size_t
   return out;
 }
 
-// Levels times bins of all channels, four bytes each.
-void require_room(double levels, std::size_t channels, const CalibrationSettings& settings) {
-  constexpr double kMostCounts = 1 << 28;
-  const double counts = levels * settings.bins * static_cast<double>(channels);
-  if (counts > kMostCounts)
-    throw InputError(setting_name("level_step"),
-                     fmt::format("{:g} DN makes {:.0f} levels of {} bins: {:.1f} GB of counts",
-                                 settings.level_step, levels, settings.bins, 4e-9 * counts),
-                     fmt::format("raise it to {:.3g} DN or more",
-                                 1.01 * settings.level_step * counts / kMostCounts));
+// Levels times bins: of all channels as counts of four bytes, of one as a model file's numbers.
+void require_room(double levels, std::size_t bins, std::size_t channels,
+                  const CalibrationSettings& settings) {
+  constexpr double kMostCounts = 1 << 28, kMostOfChannel = static_cast<double>(kMostModelValues);
+  const double of_channel = levels * static_cast<double>(bins),
+               counts = of_channel * static_cast<double>(channels);
+  const double excess = std::max(counts / kMostCounts, of_channel / kMostOfChannel);
+  if (excess > 1)
+    throw InputError(
+        setting_name("level_step"),
+        fmt::format("{:g} DN makes {:.0f} levels of {} bins: {}", settings.level_step, levels, bins,
+                    counts > kMostCounts
+                        ? fmt::format("{:.1f} GB of counts", 4e-9 * counts)
+                        : fmt::format("more than the {} numbers of a channel that a model file "
+                                      "holds",
+                                      kMostModelValues)),
+        fmt::format("raise it to {:.3g} DN or more", 1.01 * settings.level_step * excess));
 }
 
 // Histograms whose bins suit the darkest and the brightest noise that can be expected.
@@ -66,11 +74,10 @@ std::vector<LevelHistograms> make_histograms(const RawFrame& first,
     const CodeGrid codes{step_dn,
                          step_dn > 0 ? std::fmod(first.dn(0, 0), step_dn) - first.black_dn[c] : 0};
     const double step = settings.level_step > 0 ? settings.level_step : range / 256.0;
-    require_room(range / step, expected.size(), settings);
-    histograms.emplace_back(
-        noise_bin_edges(std::sqrt(expected[c].dark_dn2), std::sqrt(expected[c].at(range)),
-                        settings.bins, bias_dn[c], codes),
-        step, range);
+    auto edges = noise_bin_edges(std::sqrt(expected[c].dark_dn2), std::sqrt(expected[c].at(range)),
+                                 settings.bins, bias_dn[c], codes);
+    require_room(std::floor(range / step) + 2, edges.size() - 1, expected.size(), settings);
+    histograms.emplace_back(std::move(edges), step, range);
   }
   return histograms;
 }

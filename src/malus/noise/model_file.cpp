@@ -389,7 +389,11 @@ void save_model(const NoiseModel& model, const std::filesystem::path& path, bool
     transfer_model(archive, model);
     archive.close();
   } catch (const internal::Hdf5WriteError& error) {
-    file.fail(fmt::format("HDF5 refused {}", error.field));
+    if (error.too_large.empty()) file.fail(fmt::format("HDF5 refused {}", error.field));
+    throw InputError(
+        path.string(),
+        fmt::format("{} has {} values, more than a model file holds", error.field, error.too_large),
+        "calibrate with fewer levels, bins or frames");
   }
   file.commit();
 }

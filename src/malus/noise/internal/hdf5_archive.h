@@ -6,6 +6,7 @@
 
 #include "malus/image/view.h"
 #include "malus/noise/matrix.h"
+#include "malus/noise/model_limits.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -48,18 +49,19 @@ class Hdf5Session {
   std::unique_ptr<State> state_;
 };
 
-/// Lengths and sizes that a file may ask for, far above any real model: checked before allocation.
+/// Lengths and sizes beside kMostModelValues that a file may have.
 inline constexpr std::size_t kMaxListItems = 1000;
-inline constexpr std::size_t kMaxValues = std::size_t{1} << 24;
 inline constexpr std::size_t kMaxTexts = std::size_t{1} << 20;
 inline constexpr std::size_t kMaxTextBytes = std::size_t{1} << 16;
 inline constexpr std::size_t kMaxImagePixels = std::size_t{1} << 29;
 inline constexpr std::size_t kMaxImages = 1000;
 
 /// Writes into one group of a file. Empty vectors, matrices and images write nothing. Every
-/// function throws Hdf5WriteError when HDF5 refuses (a full disk).
+/// function throws Hdf5WriteError when HDF5 refuses (a full disk), and where a reader would refuse
+/// what was written.
 struct Hdf5WriteError {
   std::string field;
+  std::string too_large;  ///< its shape; empty where HDF5 refuses
 };
 
 class Hdf5Writer {
@@ -83,6 +85,7 @@ class Hdf5Writer {
   template <class T, class Each>
   void list(const std::string& name, const std::vector<T>& items, Each&& each) {
     if (items.empty()) return;
+    require_size(name, {items.size()}, kMaxListItems - 1);
     Hdf5Writer parent = group(name);
     for (std::size_t i = 0; i < items.size(); ++i) {
       Hdf5Writer child = parent.group(number_name(i));
@@ -97,6 +100,8 @@ class Hdf5Writer {
   static std::string number_name(std::size_t i);
   void data_set(const Field& field, std::int64_t type, const std::vector<std::size_t>& shape,
                 const void* values, std::size_t item_bytes);
+  void require_size(const std::string& name, const std::vector<std::size_t>& shape,
+                    std::size_t max_values) const;
   Hdf5Handle file_, group_;
   std::string where_;
 };

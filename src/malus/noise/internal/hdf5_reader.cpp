@@ -213,7 +213,7 @@ void Hdf5Reader::texts(const Field& field, std::vector<std::string>& values) con
 
 void Hdf5Reader::numbers(const Field& field, std::vector<double>& values) const {
   std::vector<std::size_t> shape;
-  const Hdf5Handle data = open(field, H5T_FLOAT, 1, kMaxValues, shape);
+  const Hdf5Handle data = open(field, H5T_FLOAT, 1, kMostModelValues, shape);
   if (!data.valid()) return;
   values.resize(shape[0]);
   read(data, field, H5T_NATIVE_DOUBLE, values.data());
@@ -221,7 +221,7 @@ void Hdf5Reader::numbers(const Field& field, std::vector<double>& values) const 
 
 void Hdf5Reader::integers(const Field& field, std::vector<std::int64_t>& values) const {
   std::vector<std::size_t> shape;
-  const Hdf5Handle data = open(field, H5T_INTEGER, 1, kMaxValues, shape);
+  const Hdf5Handle data = open(field, H5T_INTEGER, 1, kMostModelValues, shape);
   if (!data.valid()) return;
   values.resize(shape[0]);
   read(data, field, H5T_NATIVE_INT64, values.data());
@@ -229,7 +229,7 @@ void Hdf5Reader::integers(const Field& field, std::vector<std::int64_t>& values)
 
 void Hdf5Reader::table(const Field& field, std::vector<std::vector<double>>& rows) const {
   std::vector<std::size_t> shape;
-  const Hdf5Handle data = open(field, H5T_FLOAT, 2, kMaxValues, shape);
+  const Hdf5Handle data = open(field, H5T_FLOAT, 2, kMostModelValues, shape);
   if (!data.valid()) return;
   std::vector<double> flat(shape[0] * shape[1]);
   read(data, field, H5T_NATIVE_DOUBLE, flat.data());

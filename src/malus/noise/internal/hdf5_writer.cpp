@@ -2,7 +2,9 @@
 #include "malus/noise/internal/hdf5_archive.h"
 
 #include <algorithm>
+#include <functional>
 #include <mutex>
+#include <numeric>
 #include <type_traits>
 
 #include <fmt/format.h>
@@ -26,12 +28,12 @@ std::recursive_mutex& hdf5_mutex() {
 }
 
 Hdf5Handle checked(hid_t id, int (*close)(hid_t), const std::string& field) {
-  if (id < 0) throw Hdf5WriteError{field};
+  if (id < 0) throw Hdf5WriteError{field, {}};
   return {id, close};
 }
 
 void check(herr_t status, const std::string& field) {
-  if (status < 0) throw Hdf5WriteError{field};
+  if (status < 0) throw Hdf5WriteError{field, {}};
 }
 
 Hdf5Handle simple_space(const std::vector<std::size_t>& shape, const std::string& field) {
@@ -153,6 +155,15 @@ void Hdf5Writer::data_set(const Field& field, std::int64_t type,
   write_attribute(data.id(), "description", field.description.c_str());
 }
 
+// Of shapes that lie in memory: their products do not overflow.
+void Hdf5Writer::require_size(const std::string& name, const std::vector<std::size_t>& shape,
+                              std::size_t max_values) const {
+  const std::size_t values =
+      std::accumulate(shape.begin(), shape.end(), std::size_t{1}, std::multiplies<>());
+  if (values > max_values)
+    throw Hdf5WriteError{where_ + name, fmt::format("{}", fmt::join(shape, " x "))};
+}
+
 void Hdf5Writer::number(const Field& field, double value) {
   data_set(field, H5T_IEEE_F64LE, {}, &value, sizeof value);
 }
@@ -171,6 +182,7 @@ void Hdf5Writer::text(const Field& field, const std::string& value) {
 
 void Hdf5Writer::texts(const Field& field, const std::vector<std::string>& values) {
   if (values.empty()) return;
+  require_size(field.name, {values.size()}, kMaxTexts);
   std::size_t width = 1;
   for (const auto& value : values) width = std::max(width, std::min(value.size(), kMaxTextBytes));
   std::string packed(width * values.size(), '\0');
@@ -180,17 +192,20 @@ void Hdf5Writer::texts(const Field& field, const std::vector<std::string>& value
 }
 
 void Hdf5Writer::numbers(const Field& field, const std::vector<double>& values) {
-  if (!values.empty())
-    data_set(field, H5T_IEEE_F64LE, {values.size()}, values.data(), sizeof(double));
+  if (values.empty()) return;
+  require_size(field.name, {values.size()}, kMostModelValues);
+  data_set(field, H5T_IEEE_F64LE, {values.size()}, values.data(), sizeof(double));
 }
 
 void Hdf5Writer::integers(const Field& field, const std::vector<std::int64_t>& values) {
-  if (!values.empty())
-    data_set(field, H5T_STD_I64LE, {values.size()}, values.data(), sizeof(std::int64_t));
+  if (values.empty()) return;
+  require_size(field.name, {values.size()}, kMostModelValues);
+  data_set(field, H5T_STD_I64LE, {values.size()}, values.data(), sizeof(std::int64_t));
 }
 
 void Hdf5Writer::table(const Field& field, const std::vector<std::vector<double>>& rows) {
   if (rows.empty() || rows[0].empty()) return;
+  require_size(field.name, {rows.size(), rows[0].size()}, kMostModelValues);
   std::vector<double> flat;
   for (const auto& row : rows) {
     MALUS_REQUIRE(row.size() == rows[0].size());
@@ -201,27 +216,31 @@ void Hdf5Writer::table(const Field& field, const std::vector<std::vector<double>
 
 void Hdf5Writer::matrix(const Field& field, const SquareMatrix& matrix) {
   const auto n = static_cast<std::size_t>(matrix.n);
-  if (n > 0) data_set(field, H5T_IEEE_F64LE, {n, n}, matrix.values.data(), sizeof(double));
+  if (n == 0) return;
+  require_size(field.name, {n}, kMaxListItems);
+  data_set(field, H5T_IEEE_F64LE, {n, n}, matrix.values.data(), sizeof(double));
 }
 
 void Hdf5Writer::image(const Field& field, const Image& image) {
   if (image.empty()) return;
-  data_set(field, H5T_IEEE_F32LE,
-           {static_cast<std::size_t>(image.rows()), static_cast<std::size_t>(image.cols())},
-           image.values().data(), sizeof(float));
+  const std::vector<std::size_t> shape = {static_cast<std::size_t>(image.rows()),
+                                          static_cast<std::size_t>(image.cols())};
+  require_size(field.name, shape, kMaxImagePixels);
+  data_set(field, H5T_IEEE_F32LE, shape, image.values().data(), sizeof(float));
 }
 
 void Hdf5Writer::images(const Field& field, const std::vector<Image>& images) {
   if (images.empty() || images[0].empty()) return;
+  const auto rows = static_cast<std::size_t>(images[0].rows()),
+             cols = static_cast<std::size_t>(images[0].cols());
+  require_size(field.name, {images.size()}, kMaxImages);
+  require_size(field.name, {rows, cols}, kMaxImagePixels);
   std::vector<float> stack;
   for (const Image& image : images) {
     MALUS_REQUIRE(image.rows() == images[0].rows() && image.cols() == images[0].cols());
     stack.insert(stack.end(), image.values().begin(), image.values().end());
   }
-  data_set(field, H5T_IEEE_F32LE,
-           {images.size(), static_cast<std::size_t>(images[0].rows()),
-            static_cast<std::size_t>(images[0].cols())},
-           stack.data(), sizeof(float));
+  data_set(field, H5T_IEEE_F32LE, {images.size(), rows, cols}, stack.data(), sizeof(float));
 }
 
 void Hdf5Writer::close() {
