@@ -70,6 +70,16 @@ TEST(LayoutCheck, UnpolarizedNoiseStaysUndecided) {
   EXPECT_FALSE(check.decided()) << check.margin();
 }
 
+TEST(LayoutCheck, DecidesFromItsMarginAndItsBlocksOn) {
+  const auto decided = [](double second, std::int64_t blocks) {
+    return LayoutCheck{.diagonal = 0.1, .row = 0.3, .column = 0.1 * second, .blocks = blocks}
+        .decided();
+  };
+  EXPECT_TRUE(decided(1.16, 256));
+  EXPECT_FALSE(decided(1.14, 256));
+  EXPECT_FALSE(decided(1.16, 255));
+}
+
 TEST(LayoutCheck, DarkAndBrokenBlocksAreLeftOut) {
   Image mosaic(2, 9, 1.0f);  // the odd column belongs to no block
   mosaic(0, 0) = std::numeric_limits<float>::quiet_NaN();
