@@ -83,6 +83,24 @@ TEST(UncertaintyCheck, AnglesAreTheSameAfterHalfATurnAndNotAfterAQuarter) {
   EXPECT_EQ(far.aolp.share(), 0);
 }
 
+// S0 = 200 and DoLP 0.5. Of a variance v of every pixel, denoised ones being correlated by 0.35,
+// DoLP has (2 (1 - 0.35) + 0.25 (1 + 3 * 0.35)) v / 200²: half of its 0.5 at v = 1379.
+TEST(UncertaintyCheck, AnglesCountWhereDolpIsAboveTwoDeviations) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  Image mosaic(16, 16);
+  for (int r = 0; r < 16; ++r)
+    for (int c = 0; c < 16; ++c) {
+      const double site_deg = *layout.site(layout.channel_at(r, c)).angle_deg;
+      mosaic(r, c) = static_cast<float>(100 + 50 * std::cos(site_deg * std::numbers::pi / 90));
+    }
+  for (const float variance : {1340.0f, 1420.0f}) {
+    UncertaintyCheck check;
+    add_uncertainty(check, mosaic, mosaic, Image(16, 16, variance), layout);
+    EXPECT_EQ(check.dolp.all, 64);
+    EXPECT_EQ(check.aolp.all, variance < 1379 ? 64 : 0);
+  }
+}
+
 TEST(UncertaintyCheck, ErrorsOfDolpAreHeldToItsRange) {
   DolpError error;
   error.add(0.5, 0.3);

@@ -33,7 +33,7 @@ NoiseFrames flat_frames(const std::vector<double>& light_dn, const SensorLayout&
 // Four channels of 1024 pixels in 4 frames on both sides: a standard error of sqrt(2 / 4096) 2 DN.
 TEST(UniformScene, IsTheChannelsLightWithoutTheBias) {
   const SensorLayout layout = SensorLayout::named("polar-mono");
-  const std::vector<double> light = {100, 0.01, 50, 3}, dark(4);
+  const std::vector<double> light = {100, 0.01, 50, 0.4}, dark(4);
   const Image scene =
       uniform_scene(flat_frames(light, layout, 1), flat_frames(dark, layout, 2), layout);
   ASSERT_EQ(scene.rows(), kSide);
